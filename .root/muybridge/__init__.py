@@ -1,0 +1,3 @@
+"""Markerless motion capture from a few calibrated cameras."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,1 @@
+"""Cameras, calibration, triangulation, skeleton and inverse kinematics: pure functions on arrays."""

@@ -1,0 +1,1 @@
+"""Reading and writing of camera calibrations, one module a format."""

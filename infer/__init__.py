@@ -1,0 +1,1 @@
+"""From session folders to motion, on onnxruntime: never imports torch."""

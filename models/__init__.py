@@ -1,0 +1,1 @@
+"""The networks, the decoding of their outputs, and the shipped weights."""

@@ -1,0 +1,1 @@
+"""What motion capture is for: file formats and what is done with motion."""

@@ -1,0 +1,1 @@
+"""Synthetic people, the training loops and their evaluation. Needs the `train` extra."""
