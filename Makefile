@@ -1,0 +1,49 @@
+# make demo      base install into .venv, then the demo take through the whole pipeline
+# make test      adds the train and dev extras, then the quick tests and the linters
+# make test-all  the same with the slow tests and the type checker
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-all lint clean
+SHELL := /bin/bash
+
+VENV := .venv
+BIN := $(VENV)/bin
+# -c on every install: the versions that the tests ran with. pip's own configuration says where from.
+INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt
+export NUMBA_NUM_THREADS ?= $(shell nproc 2>/dev/null || echo 2)
+
+help:
+	@sed -n 's/^# make/make/p' Makefile
+
+demo: $(VENV)/.installed-base
+	$(BIN)/muybridge demo
+
+test: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest -m "not slow"
+	$(MAKE) --no-print-directory lint
+
+test-all: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest
+	$(MAKE) --no-print-directory lint
+	$(BIN)/mypy
+
+lint: $(VENV)/.installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/lint-imports
+
+$(BIN)/python:
+	@scripts/make_venv.sh $(VENV)
+
+# The stamps lie inside the environment, so that deleting it starts over.
+$(VENV)/.installed-base: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "Installing muybridge into $(VENV) (a minute or two)"
+	$(INSTALL) -e .
+	@touch $@
+
+$(VENV)/.installed-dev: $(VENV)/.installed-base
+	@echo "Installing the train and dev extras into $(VENV) (a few minutes)"
+	$(INSTALL) -e ".[train,dev]"
+	@scripts/ensure_egl.sh $(BIN)/python
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info
