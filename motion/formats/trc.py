@@ -1,0 +1,124 @@
+"""TRC, the tab-separated marker file of Motion Analysis that OpenSim reads.
+
+Y is up in it, as OpenSim wants: x_trc = y_world, y_trc = z_world, z_trc = x_world. The header has the eight
+keys that OpenSim insists on, and every cell ends with a tab, because OpenSim counts the cells of a row and
+drops a last one that is empty. A missing point is three empty cells.
+"""
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import FormatError
+from muybridge.files import replacing
+from muybridge.geometry.landmarks import Points3D
+from muybridge.motion.formats.points3d import points_of_file
+
+WORLD_AXIS_OF_TRC = (1, 2, 0)
+TRC_AXIS_OF_WORLD = (2, 0, 1)
+METRES_OF_UNIT = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_KEYS = (
+    "DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units",
+    "OrigDataRate", "OrigDataStartFrame", "OrigNumFrames",
+)  # fmt: skip
+
+
+def write_trc(path: Path, points: Points3D) -> None:
+    """Write one row per frame, in metres.
+
+    Args:
+        path: the file to write; replaced only once it is complete.
+        points: (T, J, 3) metres, Z up; a point with any coordinate missing becomes three empty cells.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    xyz = np.asarray(points.points_world, dtype=np.float64)[..., WORLD_AXIS_OF_TRC]
+    frames, markers = xyz.shape[:2]
+    rate = f"{points.fps:.10g}"
+    values = (rate, rate, str(frames), str(markers), "m", rate, "1", str(frames))
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}",
+        "\t".join(_KEYS),
+        "\t".join(values),
+        "Frame#\tTime\t" + "".join(f"{name}\t\t\t" for name in points.landmarks.names),
+        "\t\t" + "".join(f"X{i}\tY{i}\tZ{i}\t" for i in range(1, markers + 1)),
+        "",
+    ]
+    known = np.all(np.isfinite(xyz), axis=-1)
+    for t in range(frames):
+        cells = (
+            f"{p[0]:.6f}\t{p[1]:.6f}\t{p[2]:.6f}\t" if k else "\t\t\t"
+            for p, k in zip(xyz[t], known[t], strict=True)
+        )
+        lines.append(f"{t + 1}\t{t / points.fps:.6f}\t" + "".join(cells))
+    with replacing(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+
+
+def read_trc(path: Path) -> Points3D:
+    """Read points into metres, Z up.
+
+    Returns:
+        points_world (T, J, 3), NaN where a cell is empty; covariance NaN, since the format has none.
+
+    Raises:
+        FormatError: the file is not a TRC or a line of it is malformed; the message names the line.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror}); give an existing TRC file") from error
+    except UnicodeDecodeError as error:
+        raise FormatError(f"{path}: is not text, so not a TRC; give a tab-separated TRC file") from error
+    if not lines or not lines[0].startswith("PathFileType") or len(lines) < 5:
+        raise FormatError(
+            f"{path}: line 1 must begin with PathFileType, 5 lines of header in all; is it a TRC?"
+        )
+    head = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
+    head = {key.strip(): value.strip() for key, value in head.items()}
+    fps = _header_number(path, head, "DataRate")
+    unit = head.get("Units", "")
+    if unit not in METRES_OF_UNIT:
+        raise FormatError(f"{path}: line 3: Units is {unit!r}; valid are {', '.join(METRES_OF_UNIT)}")
+    names = [name.strip() for name in lines[3].split("\t")[2:] if name.strip()]
+    if not names:
+        raise FormatError(f"{path}: line 4 names no markers; it must be Frame#, Time, a name per 3 cells")
+    if head.get("NumMarkers") not in (None, str(len(names))):
+        raise FormatError(
+            f"{path}: line 3 says {head['NumMarkers']} markers, line 4 names {len(names)}; mend NumMarkers"
+        )
+    rows = [_row(path, i, line, len(names)) for i, line in enumerate(lines[5:], start=6) if line.strip()]
+    xyz = np.array(rows, dtype=np.float64).reshape(len(rows), len(names), 3)
+    xyz[~np.all(np.isfinite(xyz), axis=-1)] = np.nan
+    return points_of_file(path, names, xyz[..., TRC_AXIS_OF_WORLD] * METRES_OF_UNIT[unit], fps, "trc")
+
+
+def _header_number(path: Path, head: dict[str, str], key: str) -> float:
+    try:
+        value = float(head[key])
+    except (KeyError, ValueError):
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise FormatError(f"{path}: line 3: {key} is {head.get(key, 'missing')!r}; give a number above zero")
+    return value
+
+
+def _row(path: Path, number: int, line: str, markers: int) -> NDArray[np.float64]:
+    cells = line.split("\t")[2:]
+    if any(cell.strip() for cell in cells[3 * markers :]):
+        raise FormatError(f"{path}: line {number} has more cells than the {markers} markers of line 4 need")
+    out = np.full(3 * markers, np.nan)
+    for i, cell in enumerate(cells[: 3 * markers]):
+        if not cell.strip():
+            continue
+        try:
+            out[i] = float(cell)
+        except ValueError:
+            raise FormatError(
+                f"{path}: line {number}, cell {i + 3}: {cell.strip()!r} is no number; leave it empty if missing"
+            ) from None
+    return out
