@@ -1,0 +1,363 @@
+"""A session on disk: a folder with `videos/`, one file a camera, and a calibration.
+
+Opening a session looks at everything that can go wrong before any frame is worked on: which file is which
+camera, truncated recordings, frame rates, sizes, rotation flags and lengths that differ. What can be mended is
+mended and said in `Session.notices`; what cannot is an error with its remedy.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import SessionError
+from muybridge.geometry.calibration import find_calibration, fit_to_video, load_calibration
+from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.infer.video import VideoInfo, is_video, probe_video
+
+# A file of one of these kinds that cannot be opened is a broken video; any other is something else.
+VIDEO_SUFFIXES = frozenset(
+    ".mp4 .m4v .mov .avi .mkv .webm .mpg .mpeg .mts .m2ts .ts .mxf .wmv .flv .3gp .h264 .hevc .264 .265".split()
+)
+# Rates this close are one rate written down differently (29.97 and 30).
+_SAME_RATE = 0.005
+
+
+@dataclass(frozen=True)
+class SessionOptions:
+    """How a session folder is read.
+
+    Attributes:
+        calibration: file to use in place of the session's own.
+        cameras: only these cameras of the calibration take part; empty for all.
+        video_size: what a video whose size differs from its calibration is: `crop` or `scale` of the
+            calibrated image; `auto` decides and says so.
+        video_rotation: whether a file's rotation flag turns its frames; `auto` applies it unless only the
+            frames as coded have the calibration's size.
+    """
+
+    calibration: Path | None = None
+    cameras: tuple[str, ...] = ()
+    video_size: Literal["auto", "scale", "crop"] = "auto"
+    video_rotation: Literal["auto", "apply", "ignore"] = "auto"
+
+
+@dataclass(frozen=True)
+class Session:
+    """A take that is ready to be worked on.
+
+    Attributes:
+        path: the session's folder.
+        calibration: the calibration file.
+        cameras: C cameras, fitted to their videos' sizes.
+        videos: C videos, in the cameras' order.
+        frame_indices: (C, T) which frame of each video is frame t of the take.
+        fps: frames a second of the take.
+        notices: plain sentences about what was assumed or mended.
+    """
+
+    path: Path
+    calibration: Path
+    cameras: CameraGroup
+    videos: tuple[VideoInfo, ...]
+    frame_indices: NDArray[np.int64]
+    fps: float
+    notices: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """The folder's name."""
+        return self.path.resolve().name
+
+    @property
+    def frames(self) -> int:
+        """How many frames (T) every camera has part in."""
+        return int(self.frame_indices.shape[1])
+
+
+def open_session(path: Path, options: SessionOptions = SessionOptions()) -> Session:
+    """Read a session folder, its calibration and what its videos hold; no frame is worked on yet.
+
+    Raises:
+        SessionError: no folder, no videos, fewer than two cameras, or cameras and videos that do not pair up.
+        VideoError: a video that is truncated or cannot be decoded.
+        CalibrationError: no calibration, several, or one that cannot be read.
+    """
+    files, notices = find_videos(path)
+    calibration = options.calibration or find_calibration(path)
+    group = load_calibration(calibration)
+    if options.cameras:
+        group, files = _chosen(group, files, options.cameras, calibration)
+    if len(files) < 2 or len(group) < 2:
+        raise SessionError(_too_few(path, files, calibration, group))
+    order, said = match_cameras([f.stem for f in files], group.names, path, calibration)
+    notices += said
+    videos = [probe_video(files[k]) for k in order]
+    cameras: list[Camera] = []
+    for k, camera in enumerate(group):
+        videos[k], said = _turn(videos[k], camera, options.video_rotation)
+        notices += said
+        fitted, assumed = fit_to_video(camera, videos[k].width, videos[k].height, how=options.video_size)
+        cameras.append(fitted)
+        if assumed:
+            notices.append(assumed)
+    fps, indices, said = _common_time(videos)
+    notices += said + _oddities(videos)
+    return Session(
+        path=path,
+        calibration=calibration,
+        cameras=CameraGroup(tuple(cameras)),
+        videos=tuple(videos),
+        frame_indices=indices,
+        fps=fps,
+        notices=tuple(notices),
+    )
+
+
+def find_videos(path: Path) -> tuple[list[Path], list[str]]:
+    """The video files of a session in natural order, and what else was found among them.
+
+    Raises:
+        SessionError: no such folder, no `videos/` in it, no video there, or two files of one name.
+    """
+    layout = "a session is a folder with `videos/` (one file a camera) and a calibration"
+    if not path.is_dir():
+        what = "is a file" if path.exists() else "does not exist"
+        raise SessionError(f"{path} {what}; {layout}")
+    folder = path / "videos"
+    if not folder.is_dir():
+        raise SessionError(f"{path} has no folder `videos`: put the videos into {folder}, one file a camera")
+    found: list[Path] = []
+    ignored: list[str] = []
+    for entry in sorted(folder.iterdir(), key=lambda p: natural_key(p.name)):
+        if entry.name.startswith("."):
+            continue
+        if entry.is_file() and (entry.suffix.lower() in VIDEO_SUFFIXES or is_video(entry)):
+            found.append(entry)
+        else:
+            ignored.append(entry.name)
+    if not found:
+        beside = f" (it has {', '.join(ignored[:5])}, which are no videos)" if ignored else ""
+        raise SessionError(f"{folder} holds no videos{beside}: put one film a camera there")
+    twice = [stem for stem, n in Counter(f.stem.lower() for f in found).items() if n > 1]
+    if twice:
+        names = ", ".join(f.name for f in found if f.stem.lower() == twice[0])
+        raise SessionError(f"{folder} has more than one video named {twice[0]} ({names}): keep one file a camera")
+    notices = [f"{folder} also holds {', '.join(ignored)}: not videos, ignored"] if ignored else []
+    return found, notices
+
+
+def natural_key(text: str) -> tuple[tuple[int, int | str], ...]:
+    """Sorting key under which `cam2` comes before `cam10`."""
+    parts = re.findall(r"\d+|\D+", text.lower())
+    return tuple((0, int(p)) if p.isdigit() else (1, p) for p in parts)
+
+
+def _chosen(
+    group: CameraGroup, files: list[Path], names: tuple[str, ...], calibration: Path
+) -> tuple[CameraGroup, list[Path]]:
+    """Only the named cameras and, where videos pair with cameras by name, only their videos."""
+    unknown = [n for n in names if n not in group.names]
+    if unknown:
+        raise SessionError(
+            f"{calibration} has no camera {', '.join(unknown)}; --cameras may name {', '.join(group.names)}"
+        )
+    pairs = _pair_by_name([f.stem for f in files], group.names)
+    kept = [files[pairs[n]] for n in names if n in pairs]
+    return group.select(names), kept if kept else files
+
+
+def _too_few(path: Path, files: Sequence[Path], calibration: Path, group: CameraGroup) -> str:
+    if len(files) < 2:
+        what = f"{path / 'videos'} holds one video ({files[0].name})" if files else f"{path} has no usable video"
+        return f"{what}: motion needs at least two cameras that see the person; add another camera's video"
+    return f"{calibration} has one camera ({group.names[0]}): motion needs at least two; calibrate them together"
+
+
+def _tokens(name: str) -> tuple[str, ...]:
+    """Words and numbers of a name: `Take 2_cam01` -> take, 2, cam, 1."""
+    return tuple(str(int(t)) if t.isdigit() else t for t in re.findall(r"\d+|[^\W\d_]+", name.lower()))
+
+
+def _distinctive(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Each name's tokens without those that all names begin and end with."""
+    tokens = [_tokens(n) for n in names]
+    if len(tokens) < 2:
+        return tokens
+    while all(tokens) and len({t[0] for t in tokens}) == 1:
+        tokens = [t[1:] for t in tokens]
+    while all(tokens) and len({t[-1] for t in tokens}) == 1:
+        tokens = [t[:-1] for t in tokens]
+    return tokens
+
+
+def _pair_by_name(stems: Sequence[str], names: Sequence[str]) -> dict[str, int]:
+    """Camera name -> index of its video, by the strictest of four readings of the names that pairs any.
+
+    Names are the same; the same but for case, separators and leading zeros (`Cam 1`, `cam_01`); the
+    camera's name is a part of the file's (`take2_cam01`) or the reverse; what tells the cameras apart is the
+    same (`Miqus_1` and `video1`). A reading under which anything pairs twice counts for nothing.
+    """
+
+    def pairs(test: list[list[bool]]) -> dict[str, int]:
+        table = np.asarray(test, dtype=bool).reshape(len(names), len(stems))
+        if not table.any() or (table.sum(0) > 1).any() or (table.sum(1) > 1).any():
+            return {}
+        return {names[c]: int(np.argmax(row)) for c, row in enumerate(table) if row.any()}
+
+    files, cameras = [_tokens(s) for s in stems], [_tokens(n) for n in names]
+    file_parts, camera_parts = _distinctive(stems), _distinctive(names)
+    readings = [
+        [[s.lower() == n.lower() for s in stems] for n in names],
+        [[f == c and bool(f) for f in files] for c in cameras],
+        [[_within(c, f) or _within(f, c) for f in files] for c in cameras],
+        [[f == c and bool(f) for f in file_parts] for c in camera_parts],
+    ]
+    best: dict[str, int] = {}
+    for reading in readings:
+        found = pairs(reading)
+        if len(found) > len(best):
+            best = found
+    return best
+
+
+def _within(part: tuple[str, ...], whole: tuple[str, ...]) -> bool:
+    n = len(part)
+    return n > 0 and any(whole[k : k + n] == part for k in range(len(whole) - n + 1))
+
+
+def match_cameras(
+    stems: Sequence[str], names: Sequence[str], session: Path, calibration: Path
+) -> tuple[list[int], list[str]]:
+    """Which video belongs to which camera.
+
+    Args:
+        stems: the videos' names without their endings, in natural order.
+        names: the calibration's camera names.
+        session: for messages.
+        calibration: for messages.
+
+    Returns:
+        For each camera the index of its video, and a notice unless the names are plainly the same.
+
+    Raises:
+        SessionError: a camera has no video or a video no camera; both are named.
+    """
+    paired = _pair_by_name(stems, names)
+    lonely_cameras = [n for n in names if n not in paired]
+    lonely_videos = [s for k, s in enumerate(stems) if k not in paired.values()]
+    if paired and not lonely_cameras and not lonely_videos:
+        unlike = [(n, stems[k]) for n, k in paired.items() if n.lower() != stems[k].lower()]
+        said = [f"cameras and videos were paired by name: {_pairing(unlike)}"] if unlike else []
+        return [paired[n] for n in names], said
+    if not paired and len(stems) == len(names):
+        order = sorted(range(len(names)), key=lambda c: natural_key(names[c]))
+        indices = [order.index(c) for c in range(len(names))]
+        pairing = _pairing([(names[c], stems[indices[c]]) for c in range(len(names))])
+        return indices, [
+            f"no video has a camera's name, so they were paired in alphabetical order: {pairing}; "
+            "rename the videos if that is wrong"
+        ]
+    problems = []
+    if lonely_cameras:
+        problems.append(f"{calibration} has no video for camera {', '.join(lonely_cameras)}")
+    if lonely_videos:
+        problems.append(f"{session / 'videos'} has no camera for video {', '.join(lonely_videos)}")
+    remedy = "name each video after its camera"
+    if len(paired) >= 2:
+        remedy += f", or choose the cameras with --cameras {' '.join(n for n in names if n in paired)}"
+    raise SessionError(f"{' and '.join(problems)}; {remedy}")
+
+
+def _pairing(pairs: Sequence[tuple[str, str]]) -> str:
+    return ", ".join(f"{name} = {stem}" for name, stem in pairs)
+
+
+def _turn(video: VideoInfo, camera: Camera, how: str) -> tuple[VideoInfo, list[str]]:
+    """Decide about the file's rotation flag."""
+    flag = video.tagged_rotation_deg
+    if not flag:
+        return video, []
+    name, size = video.path.name, (camera.width, camera.height)
+    coded = video.unrotated()
+    only_coded_fits = size == (coded.width, coded.height) != (video.width, video.height)
+    if how == "ignore" or (how == "auto" and only_coded_fits):
+        why = "as asked" if how == "ignore" else "as the calibration has the size of its unturned frames"
+        return coded, [f"{name} has a rotation flag of {flag} degrees, which was ignored {why}"]
+    return video, [f"{name} has a rotation flag: its frames were turned by {flag} degrees counterclockwise"]
+
+
+def _common_time(videos: Sequence[VideoInfo]) -> tuple[float, NDArray[np.int64], list[str]]:
+    """The take's frame rate, which frames of each video make it up, and what had to be assumed."""
+    rates = np.array([v.fps for v in videos])
+    same_rate = rates.max() / rates.min() - 1 < _SAME_RATE
+    listed = ", ".join(f"{v.path.name} {v.fps:.4g}" for v in videos)
+    notices: list[str] = []
+    if same_rate:
+        fps = _commonest(rates)
+        if len(set(np.round(rates, 2))) > 1:
+            notices.append(f"frame rates differ slightly ({listed} fps): frames are paired by number at {fps:.4g} fps")
+    else:
+        fps = float(rates.min())
+        notices.append(
+            f"frame rates differ ({listed} fps): the take runs at the lowest, {fps:.4g} fps, with each camera's "
+            "frame that is nearest in time, all videos taken to start together"
+        )
+    wander = [v.path.name for v in videos if v.variable_rate]
+    if wander:
+        notices.append(
+            f"the frame rate of {', '.join(wander)} varies (frames were dropped or the camera adapts it): frames "
+            f"are taken at even steps of {fps:.4g} fps, the nearest in time"
+        )
+    by_time = not same_rate or bool(wander)
+    if by_time:
+        counts = [int(np.floor(v.times[-1] * fps + 0.5)) + 1 for v in videos]
+    else:
+        counts = [v.frames for v in videos]
+    frames = min(counts)
+    if len(set(counts)) > 1:
+        lengths = ", ".join(f"{v.path.name} {n}" for v, n in zip(videos, counts, strict=True))
+        notices.append(f"the videos differ in length ({lengths} frames): the first {frames} frames are used")
+    if by_time:
+        grid = np.arange(frames) / fps
+        indices = np.stack([_nearest(v.times, grid) for v in videos])
+    else:
+        indices = np.tile(np.arange(frames), (len(videos), 1))
+    return fps, indices, notices
+
+
+def _commonest(rates: NDArray[np.float64]) -> float:
+    return float(Counter(float(r) for r in rates).most_common(1)[0][0])
+
+
+def _nearest(times: NDArray[np.float64], grid: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Index of the time nearest to each grid point; both sorted, so the result never decreases."""
+    right = np.clip(np.searchsorted(times, grid), 1, len(times) - 1) if len(times) > 1 else np.zeros(len(grid), int)
+    left = np.maximum(right - 1, 0)
+    nearer_left = np.abs(grid - times[left]) <= np.abs(times[right] - grid)
+    return np.where(nearer_left, left, right).astype(np.int64)
+
+
+def _oddities(videos: Sequence[VideoInfo]) -> list[str]:
+    """Differences that are harmless but worth knowing."""
+    notices = []
+    if len({(v.width, v.height) for v in videos}) > 1:
+        sizes = ", ".join(f"{v.path.name} {v.width}x{v.height}" for v in videos)
+        notices.append(f"frame sizes differ ({sizes} px)")
+    for video in videos:
+        if abs(video.pixel_aspect - 1) > 0.01:
+            notices.append(
+                f"{video.path.name} says that its pixels are not square (aspect {video.pixel_aspect:.3f}): taken "
+                "as square, as calibrations are made on stored pixels"
+            )
+    return notices
+
+
+def with_frames(session: Session, frames: int) -> Session:
+    """The session's first `frames` frames."""
+    return replace(session, frame_indices=session.frame_indices[:, :frames])
