@@ -1,0 +1,280 @@
+"""Rendering of synthetic people with moderngl on EGL (llvmpipe where there is no GPU).
+
+A render is a person alone: colour with alpha, and the shadow that the person casts on the floor; backgrounds,
+occluders and the camera's faults come later (`augment.py`), so that one render serves many images.
+"""
+
+import pathlib
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from muybridge.train.bodies import BODY_VERTICES, BodyModel
+from muybridge.train.wardrobe import Outfit
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+SHADERS = pathlib.Path(__file__).parent / "shaders"
+SHADOW_MAP = 512
+NEAR, FAR = 0.1, 60.0
+
+# How far, in metres for a body of 1.7 m, a landmark lies under the skin: beyond it, something hides it.
+_DEPTH = {"face": 0.06, "shoulder": 0.11, "elbow": 0.08, "wrist": 0.07, "hip": 0.17, "knee": 0.10, "foot": 0.08}
+LANDMARK_DEPTH = np.array(
+    [_DEPTH["face"]] * 5 + [_DEPTH["shoulder"]] * 2 + [_DEPTH["elbow"]] * 2 + [_DEPTH["wrist"]] * 2
+    + [_DEPTH["hip"]] * 2 + [_DEPTH["knee"]] * 2 + [_DEPTH["foot"]] * 8
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class View:
+    """A pinhole view: `cam_from_world` (3, 4), OpenCV axes; `focal_px` and principal point in pixels with
+    (0, 0) the centre of the top-left pixel; `width`, `height` in pixels."""
+
+    cam_from_world: F64
+    focal_px: float
+    principal_px: tuple[float, float]
+    width: int
+    height: int
+
+    def project(self, points_world: NDArray[np.floating]) -> tuple[F64, F64]:
+        """(..., 3) -> pixels (..., 2) and depth (...)."""
+        cam = points_world @ self.cam_from_world[:, :3].T + self.cam_from_world[:, 3]
+        uv = cam[..., :2] / cam[..., 2:] * self.focal_px + np.array(self.principal_px)
+        return uv, cam[..., 2]
+
+    @property
+    def clip_from_world(self) -> F64:
+        """OpenGL's clip matrix; image row 0 is at the top of the read-back after a vertical flip."""
+        w, h, f = self.width, self.height, self.focal_px
+        cx, cy = self.principal_px[0] + 0.5, self.principal_px[1] + 0.5
+        clip = np.zeros((4, 4))
+        clip[0, 0], clip[0, 2] = 2 * f / w, 2 * cx / w - 1
+        clip[1, 1], clip[1, 2] = -2 * f / h, 1 - 2 * cy / h
+        clip[2, 2], clip[2, 3] = (FAR + NEAR) / (FAR - NEAR), -2 * FAR * NEAR / (FAR - NEAR)
+        clip[3, 2] = 1
+        return clip @ np.vstack([self.cam_from_world, [0, 0, 0, 1]])
+
+
+def look_at(center_world: F64, target_world: F64, roll: float = 0.0) -> F64:
+    """cam_from_world (3, 4), OpenCV axes, of a camera at `center_world` with no roll but `roll` radians."""
+    z = target_world - center_world
+    z = z / np.linalg.norm(z)
+    x = np.cross(z, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
+    c, s = np.cos(roll), np.sin(roll)
+    rotation = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ np.stack([x, y, z])
+    return np.concatenate([rotation, -rotation @ center_world[:, None]], 1)
+
+
+@dataclass(frozen=True)
+class Render:
+    """What a view shows.
+
+    Attributes:
+        rgba: (H, W, 4) uint8, not premultiplied; alpha is coverage.
+        shadow: (H, W) uint8, where the floor lies in the person's shadow.
+        landmarks_px: (23, 2) pixels.
+        visible: (23,) whether the landmark is not hidden by the person's own body and in the image.
+        box_px: (4,) left, top, right, bottom of the whole body, also outside of the image.
+    """
+
+    rgba: NDArray[np.uint8]
+    shadow: NDArray[np.uint8]
+    landmarks_px: F32
+    visible: NDArray[np.bool_]
+    box_px: F32
+
+
+class Renderer:
+    """An OpenGL context with the body's buffers in it; one a process."""
+
+    def __init__(self, body: BodyModel) -> None:
+        import moderngl
+
+        self.gl = moderngl
+        try:
+            self.ctx = moderngl.create_context(
+                standalone=True, backend="egl", libgl="libGL.so.1", libegl="libEGL.so.1"
+            )  # type: ignore[call-arg]
+        except Exception as error:
+            from muybridge.errors import MissingExtraError
+
+            raise MissingExtraError(
+                f"no OpenGL context through EGL ({error}): install libegl1 libgl1 libgles2 libgl1-mesa-dri "
+                "libegl-mesa0 (Debian's names)"
+            ) from error
+        self.body = body
+        self._programs()
+        self._buffers(body)
+        self._targets: dict[tuple[int, int], tuple[object, object, object]] = {}
+
+    @property
+    def device(self) -> str:
+        """The name of what renders: llvmpipe is the CPU."""
+        return str(self.ctx.info["GL_RENDERER"])
+
+    def _programs(self) -> None:
+        common = (SHADERS / "common.glsl").read_text()
+        vertex = common + (SHADERS / "person.vert").read_text()
+        fragment = {k: common + (SHADERS / f"{k}.frag").read_text() for k in ("person", "depth", "mask")}
+        camera = vertex.replace("PROJECTION", "clip_from_world")
+        light = vertex.replace("PROJECTION", "light_clip_from_world")
+        self.programs = {
+            "person": self.ctx.program(vertex_shader=camera, fragment_shader=fragment["person"]),
+            "depth": self.ctx.program(vertex_shader=light, fragment_shader=fragment["depth"]),
+            "mask": self.ctx.program(vertex_shader=camera, fragment_shader=fragment["mask"]),
+        }
+        rng = np.random.default_rng(1)
+        white = rng.random((32, 32, 32)).astype("f4")
+
+        def grow(a: F32, k: int) -> F32:
+            from scipy.ndimage import zoom
+
+            return np.asarray(zoom(a, k, order=1, mode="grid-wrap", grid_mode=True), np.float32)
+
+        fractal = 0.5 * grow(white[:16, :16, :16], 4) + 0.25 * grow(white, 2) + 0.25 * rng.random((64, 64, 64))
+        self.noise = [
+            self.ctx.texture3d((n,) * 3, 1, (a.clip(0, 1) * 255).astype("u1").tobytes())
+            for n, a in ((32, white), (64, fractal))
+        ]
+
+    def _buffers(self, body: BodyModel) -> None:
+        v = len(body.rest)
+        self.dynamic = self.ctx.buffer(reserve=v * 24, dynamic=True)
+        static = np.concatenate(
+            [body.rest, np.stack([body.is_head, body.is_eye, body.arm_weight], 1)], 1
+        ).astype("f4")
+        self.static = self.ctx.buffer(static.tobytes())
+        self.arrays: dict[str, list[object]] = {}
+        indices = [self.ctx.buffer(f.astype("i4").tobytes()) for f in body.parts]
+        for name, program in self.programs.items():
+            content = [
+                self._attributes(program, self.dynamic, (("position", 12), ("normal", 12))),
+                self._attributes(program, self.static, (("rest", 12), ("traits", 12))),
+            ]
+            self.arrays[name] = [self.ctx.vertex_array(program, content, i) for i in indices]
+        shadow = self.ctx.depth_texture((SHADOW_MAP, SHADOW_MAP))
+        shadow.compare_func = ""
+        shadow.repeat_x = shadow.repeat_y = False
+        self.shadow_texture = shadow
+        self.shadow_target = self.ctx.framebuffer([], shadow)
+        faces = np.concatenate(body.parts)
+        self._faces = faces
+        self._incidence = sp.csr_matrix(
+            (np.ones(faces.size, "f4"), (faces.reshape(-1), np.repeat(np.arange(len(faces)), 3))),
+            shape=(v, len(faces)),
+        )
+
+    @staticmethod
+    def _attributes(program: object, buffer: object, fields: tuple[tuple[str, int], ...]) -> tuple[object, ...]:
+        """A vertex array's content entry; attributes that the compiler dropped become padding."""
+        used = [n for n, _ in fields if n in program]  # type: ignore[operator]
+        layout = " ".join("3f" if n in used else f"{size}x" for n, size in fields)
+        return (buffer, layout, *used)
+
+    def normals(self, vertices: F32) -> F32:
+        """(V, 3) unit normals, area-weighted over all shells."""
+        t = vertices[self._faces]
+        n = self._incidence @ np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+        return np.asarray(n / (np.linalg.norm(n, axis=1, keepdims=True) + 1e-12), np.float32)
+
+    def load(self, vertices: F32) -> None:
+        """Makes `vertices` (V, 3) the person that the next renders show."""
+        self.vertices = vertices
+        self.dynamic.write(np.concatenate([vertices, self.normals(vertices)], 1).astype("f4").tobytes())
+
+    def _set(self, program: object, values: dict[str, object]) -> None:
+        for key, value in values.items():
+            if key in program:  # type: ignore[operator]
+                if isinstance(value, np.ndarray):
+                    program[key].write(value.T.astype("f4").tobytes())  # type: ignore[index]
+                else:
+                    program[key].value = value  # type: ignore[index]
+
+    def _draw(self, name: str, outfit: Outfit) -> None:
+        program = self.programs[name]
+        for part, array in enumerate(self.arrays[name]):
+            if (part == 2 and not outfit.skirt) or (part == 3 and not outfit.long_hair):
+                continue
+            if part == 0:
+                self.ctx.enable(self.gl.CULL_FACE)
+            else:
+                self.ctx.disable(self.gl.CULL_FACE)
+            program["part"].value = part
+            array.render()  # type: ignore[attr-defined]
+
+    def render(self, view: View, outfit: Outfit, landmarks_world: NDArray[np.floating]) -> Render:
+        """The loaded person in `outfit` as `view` sees it, floor at z = 0."""
+        body = self.vertices[:BODY_VERTICES]
+        center = ((body.min(0) + body.max(0)) / 2).astype(float)
+        radius = float(np.linalg.norm(body - center, axis=1).max())
+        light_clip = self._light(outfit.light, center, radius)
+        shear = np.eye(4)
+        # A shadow on the floor: every point slides along the light until z = 0.
+        shear[0, 2], shear[1, 2], shear[2, 2] = (
+            -outfit.light[0] / max(outfit.light[2], 0.15), -outfit.light[1] / max(outfit.light[2], 0.15), 0.0
+        )  # fmt: skip
+        common = outfit.uniforms() | {
+            "clip_from_world": view.clip_from_world, "light_clip_from_world": light_clip,
+            "eye_world": tuple(-view.cam_from_world[:, :3].T @ view.cam_from_world[:, 3]),
+        }  # fmt: skip
+        for program in self.programs.values():
+            self._set(program, common)
+        self.ctx.enable(self.gl.DEPTH_TEST)
+        self.shadow_target.use()
+        self.shadow_target.clear(depth=1.0)
+        self._draw("depth", outfit)
+        target, mask_target, depth_texture = self._target(view.width, view.height)
+        mask_target.use()  # type: ignore[attr-defined]
+        mask_target.clear(0, 0, 0, 0)  # type: ignore[attr-defined]
+        self.ctx.disable(self.gl.DEPTH_TEST)
+        self._set(self.programs["mask"], {"clip_from_world": view.clip_from_world @ shear})
+        self._draw("mask", outfit)
+        self.ctx.enable(self.gl.DEPTH_TEST)
+        target.use()  # type: ignore[attr-defined]
+        target.clear(0, 0, 0, 0, depth=1.0)  # type: ignore[attr-defined]
+        self.shadow_texture.use(0)
+        self.noise[0].use(1)
+        self.noise[1].use(2)
+        self._set(self.programs["person"], {"shadow_map": 0, "white3": 1, "fractal3": 2})
+        self._draw("person", outfit)
+        return self._read(view, target, mask_target, depth_texture, landmarks_world)
+
+    @staticmethod
+    def _light(light: tuple[float, float, float], center: F64, radius: float) -> F64:
+        pose = np.vstack([look_at(center + np.array(light) * radius, center), [0, 0, 0, 1]])
+        scale = np.diag([1 / (radius * 1.05), 1 / (radius * 1.05), 1 / (radius * 2), 1.0])
+        scale[2, 3] = -0.5
+        return np.asarray(scale @ pose)
+
+    def _target(self, width: int, height: int) -> tuple[object, object, object]:
+        if (width, height) not in self._targets:
+            depth = self.ctx.depth_texture((width, height))
+            colour = self.ctx.framebuffer([self.ctx.texture((width, height), 4)], depth)
+            mask = self.ctx.framebuffer([self.ctx.texture((width, height), 1)])
+            self._targets[(width, height)] = (colour, mask, depth)
+        return self._targets[(width, height)]
+
+    def _read(
+        self, view: View, target: object, mask: object, depth: object, landmarks_world: NDArray[np.floating]
+    ) -> Render:
+        w, h = view.width, view.height
+        rgba = np.frombuffer(target.read(components=4), "u1").reshape(h, w, 4)[::-1]  # type: ignore[attr-defined]
+        shadow = np.frombuffer(mask.read(components=1, alignment=1), "u1").reshape(h, w)[::-1]  # type: ignore[attr-defined]
+        z = np.frombuffer(depth.read(alignment=1), "f4").reshape(h, w)[::-1]  # type: ignore[attr-defined]
+        metres = 2 * FAR * NEAR / (FAR + NEAR - (2 * z - 1) * (FAR - NEAR))
+        px, depth_m = view.project(landmarks_world)
+        body_px, _ = view.project(self.vertices[:BODY_VERTICES])
+        box = np.concatenate([body_px.min(0), body_px.max(0)])
+        at = np.round(px).astype(int)
+        inside = ((at >= 1) & (at < np.array([w, h]) - 1)).all(1)
+        x, y = at[:, 0].clip(1, w - 2), at[:, 1].clip(1, h - 2)
+        # The farthest surface of 3 x 3 pixels, so that a landmark at a silhouette is not lost to aliasing.
+        front = np.max([metres[y + j, x + i] for i in (-1, 0, 1) for j in (-1, 0, 1)], 0)
+        height = float(np.ptp(self.vertices[:BODY_VERTICES], axis=0).max())
+        visible = inside & (depth_m - front < LANDMARK_DEPTH * min(height, 1.8) / 1.7 + 0.02)
+        return Render(rgba.copy(), shadow.copy(), px.astype(np.float32), visible, box.astype(np.float32))

@@ -1,0 +1,134 @@
+"""A store of renders on disk: made once, in seeded shards, composited many times.
+
+A shard is `renders-<number>.npz` (labels) beside `renders-<number>.npy` (pixels, memory-mapped). The label file
+is written last, so a shard with labels is whole. Shard k of a store with seed s depends on (s, k) alone.
+"""
+
+import os
+import pathlib
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.train.bodies import BODY_VERTICES, BodyModel
+from muybridge.train.render import Render, Renderer, View, look_at
+from muybridge.train.wardrobe import sample_outfit
+
+SHARD = 256  # renders
+SIZE = 256  # pixels
+# The crop spans the person's box times the network's padding (1.25) and a little more for the shadow.
+SPAN = 1.25 * 1.1
+
+
+def sample_view(
+    vertices: NDArray[np.float32], rng: np.random.Generator, size: int = SIZE, span: float = SPAN
+) -> View:
+    """A gravity-aligned view that looks at the middle of the person's box, as the virtual cameras of
+    `geometry.crops` do: rooms' cameras stand 1 to 8 m away, at knee height to under the ceiling."""
+    body = vertices[:BODY_VERTICES].astype(float)
+    center = (body.min(0) + body.max(0)) / 2
+    reach = float(np.linalg.norm(body - center, axis=1).max())
+    azimuth = rng.uniform(0, 2 * np.pi)
+    distance = reach * float(np.exp(rng.uniform(np.log(2.0), np.log(9.0))))
+    steep = rng.random() < 0.1
+    elevation = np.radians(rng.uniform(30, 65) if steep else rng.normal(13, 14))
+    elevation = max(elevation, -np.arcsin(min(0.95, max(center[2] - 0.05, 0.02) / distance)))
+    direction = np.array(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    )
+    eye = center + distance * direction
+    middle = (size - 1) / 2
+    target = center
+    focal = size
+    for _ in range(3):  # the box's middle moves a little as the camera turns to it
+        view = View(look_at(eye, target), focal, (middle, middle), size, size)
+        px, _ = view.project(body)
+        low, high = px.min(0), px.max(0)
+        focal = focal * size / (span * float((high - low).max()))
+        offset = ((low + high) / 2 - middle) / view.focal_px
+        ray = view.cam_from_world[:, :3].T @ np.array([offset[0], offset[1], 1.0])
+        target = eye + ray * distance
+    return View(look_at(eye, target, np.radians(rng.normal(0, 3))), float(focal), (middle, middle), size, size)
+
+
+@dataclass(frozen=True)
+class RenderSet:
+    """Renders of one or more shards; `pixels[i]` is (5, SIZE, SIZE) uint8: red, green, blue, alpha, shadow."""
+
+    pixels: list[NDArray[np.uint8]]
+    landmarks_px: NDArray[np.float32]  # (N, 23, 2)
+    visible: NDArray[np.bool_]  # (N, 23)
+    box_px: NDArray[np.float32]  # (N, 4)
+
+    def __len__(self) -> int:
+        return len(self.landmarks_px)
+
+    def pixels_of(self, index: int) -> NDArray[np.uint8]:
+        """(5, SIZE, SIZE) of one render."""
+        return self.pixels[index // SHARD][index % SHARD]
+
+
+def render_shard(body: BodyModel, renderer: Renderer, views_each: int = 2) -> list[Render]:
+    """One shard's renders: every body in `views_each` views and outfits."""
+    renders: list[Render] = []
+    while len(renders) < SHARD:
+        batch = body.sample(32)
+        for i in range(len(batch.height)):
+            renderer.load(batch.vertices[i])
+            for _ in range(views_each):
+                view = sample_view(batch.vertices[i], body.rng)
+                outfit = sample_outfit(body.rng, float(batch.gender[i]))
+                renders.append(renderer.render(view, outfit, batch.landmarks[i]))
+    return renders[:SHARD]
+
+
+def shard_path(folder: pathlib.Path, number: int) -> pathlib.Path:
+    """The label file of a shard; its pixels lie beside it as `.npy`."""
+    return folder / f"renders-{number:05d}.npz"
+
+
+def make_renders(folder: pathlib.Path, numbers: range, seed: int) -> None:
+    """Writes the shards `numbers` that are not there yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    body = BodyModel(seed)
+    renderer = Renderer(body)
+    for number in numbers:
+        path = shard_path(folder, number)
+        if path.exists():
+            continue
+        began = time.time()
+        body.rng = np.random.default_rng([seed, number])
+        body.poses.rng = body.rng
+        renders = render_shard(body, renderer)
+        pixels = np.stack(
+            [np.concatenate([r.rgba.transpose(2, 0, 1), r.shadow[None]]) for r in renders]
+        )
+        temporary = path.with_suffix(f".{os.getpid()}.tmp.npy")
+        np.save(temporary, pixels)
+        os.replace(temporary, path.with_suffix(".npy"))
+        temporary = path.with_suffix(f".{os.getpid()}.tmp.npz")
+        np.savez(
+            temporary,
+            landmarks_px=np.stack([r.landmarks_px for r in renders]),
+            visible=np.stack([r.visible for r in renders]),
+            box_px=np.stack([r.box_px for r in renders]),
+        )
+        os.replace(temporary, path)
+        print(f"{path.name}: {SHARD} renders, {SHARD / (time.time() - began):.1f} a second", flush=True)
+
+
+def load_renders(folder: pathlib.Path, numbers: range | None = None) -> RenderSet:
+    """All whole shards of `folder`, or those of `numbers`; pixels stay on disk until used."""
+    paths = sorted(p for p in folder.glob("renders-?????.npz"))
+    if numbers is not None:
+        wanted = {shard_path(folder, n).name for n in numbers}
+        paths = [p for p in paths if p.name in wanted]
+    labels = [np.load(p) for p in paths]
+    if not labels:
+        return RenderSet([], np.zeros((0, 23, 2), "f4"), np.zeros((0, 23), bool), np.zeros((0, 4), "f4"))
+    return RenderSet(
+        [np.load(p.with_suffix(".npy"), mmap_mode="r") for p in paths],
+        *(np.concatenate([f[k] for f in labels]) for k in ("landmarks_px", "visible", "box_px")),
+    )

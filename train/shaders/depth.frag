@@ -1,0 +1,3 @@
+in vec3 Q;
+in float arm;
+void main() { if (absent(Q, arm)) discard; }
