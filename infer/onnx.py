@@ -1,0 +1,195 @@
+"""The networks as functions: onnxruntime sessions whose files were checked before the first frame.
+
+One thread a session is the default: batches and threads within a network gain next to nothing on these small
+networks, whereas several cameras, each with its own sessions, run side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+
+from muybridge.errors import ModelError
+from muybridge.models.registry import KeypointModelCard, PeopleModelCard, keypoint_card, people_card
+
+_REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
+_ONLY_ERRORS = 4  # onnxruntime's "fatal": a damaged file is reported by us, in one line
+
+
+@dataclass(frozen=True)
+class OnnxOptions:
+    """How networks run.
+
+    Attributes:
+        threads: threads within one network.
+        batch: images in one call; it bounds memory, and speed hardly depends on it.
+        flip: run the keypoint network on the mirrored crop too and average: a little better, twice the time.
+    """
+
+    threads: int = 1
+    batch: int = 16
+    flip: bool = False
+
+    def __post_init__(self) -> None:
+        if self.threads < 1 or self.batch < 1:
+            raise ValueError("threads and batch must be at least 1")
+
+
+class KeypointNetwork:
+    """A keypoint network: crops to heatmaps.
+
+    Attributes:
+        path: of the file.
+        card: what the file says about itself.
+    """
+
+    def __init__(self, path: Path, options: OnnxOptions = OnnxOptions()) -> None:
+        """Open a network.
+
+        Raises:
+            ModelError: the file is missing, damaged, or not a keypoint network of ours.
+        """
+        self.path = path
+        self._options = options
+        self._session = _open_session(path, options)
+        self.card: KeypointModelCard = keypoint_card(_metadata(self._session), path)
+        count = len(self.card.landmarks)
+        _check_signature(
+            self._session, path, channels=3, outputs={"heatmaps": (4, count), "visibility": (2, count)}
+        )
+        self._mirror = np.array(self.card.landmarks.mirror)
+
+    def __call__(self, crops: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Run the network.
+
+        Args:
+            crops: (N, S, S, 3) RGB, S the card's `input_size`.
+
+        Returns:
+            heatmaps (N, J, S/stride, S/stride) and visibility (N, J), both logits.
+        """
+        size, count = self.card.input_size, len(self.card.landmarks)
+        if crops.shape[1:] != (size, size, 3):
+            raise ValueError(f"crops must be (N, {size}, {size}, 3), not {crops.shape}")
+        cells = size // self.card.stride
+        heatmaps = np.empty((len(crops), count, cells, cells), dtype=np.float32)
+        visibility = np.empty((len(crops), count), dtype=np.float32)
+        for part in _batches(len(crops), self._options.batch):
+            heatmaps[part], visibility[part] = self._run(crops[part])
+            if self._options.flip:
+                mirrored, seen = self._run(crops[part, :, ::-1])
+                heatmaps[part] = (heatmaps[part] + mirrored[:, self._mirror, :, ::-1]) / 2
+                visibility[part] = (visibility[part] + seen[:, self._mirror]) / 2
+        return heatmaps, visibility
+
+    def _run(self, crops: NDArray[np.uint8]) -> Sequence[NDArray[np.float32]]:
+        image = np.multiply(crops.transpose(0, 3, 1, 2), np.float32(1 / 255), dtype=np.float32)
+        return _run_session(self._session, self.path, ["heatmaps", "visibility"], np.ascontiguousarray(image))
+
+
+class PeopleNetwork:
+    """A person detector: small frames with a background difference to maps of people.
+
+    Attributes:
+        path: of the file.
+        card: what the file says about itself.
+    """
+
+    def __init__(self, path: Path, options: OnnxOptions = OnnxOptions()) -> None:
+        """Open a network; errors as `KeypointNetwork`."""
+        self.path = path
+        self._options = options
+        self._session = _open_session(path, options)
+        self.card: PeopleModelCard = people_card(_metadata(self._session), path)
+        _check_signature(self._session, path, channels=4, outputs={"heatmap": (4, 1), "box": (4, 4)})
+
+    def __call__(
+        self, frames: NDArray[np.uint8], difference: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Run the network.
+
+        Args:
+            frames: (N, h, w, 3) RGB at the network's resolution, h and w multiples of 32.
+            difference: (N, h, w) mean over RGB of |frame - background| in 0..1, zero where unknown.
+
+        Returns:
+            heatmap (N, 1, h/stride, w/stride) logits and box (N, 4, h/stride, w/stride) px.
+        """
+        if frames.shape[:3] != difference.shape or frames.shape[1] % 32 or frames.shape[2] % 32:
+            raise ValueError(f"frames (N, h, w, 3) and difference (N, h, w) expected, not {frames.shape}")
+        heatmaps, boxes = [], []
+        for part in _batches(len(frames), self._options.batch):
+            image = np.empty((len(frames[part]), 4, *frames.shape[1:3]), dtype=np.float32)
+            np.multiply(frames[part].transpose(0, 3, 1, 2), np.float32(1 / 255), out=image[:, :3])
+            image[:, 3] = difference[part]
+            heatmap, box = _run_session(self._session, self.path, ["heatmap", "box"], image)
+            heatmaps.append(heatmap)
+            boxes.append(box)
+        return np.concatenate(heatmaps), np.concatenate(boxes)
+
+
+def _batches(count: int, size: int) -> list[slice]:
+    return [slice(start, start + size) for start in range(0, count, size)]
+
+
+def _open_session(path: Path, options: OnnxOptions) -> onnxruntime.InferenceSession:
+    """A CPU session, or a ModelError in one line."""
+    if not path.is_file():
+        raise ModelError(f"{path}: no such model file; {_REMEDY}")
+    settings = onnxruntime.SessionOptions()
+    settings.intra_op_num_threads = options.threads
+    settings.inter_op_num_threads = 1
+    settings.log_severity_level = _ONLY_ERRORS
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"{path}: the model file cannot be read ({error.strerror}); {_REMEDY}") from error
+    try:
+        return onnxruntime.InferenceSession(data, settings, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's exceptions share no base but Exception
+        raise ModelError(f"{path}: not an ONNX model, or a damaged one; {_REMEDY}") from error
+
+
+def _metadata(session: onnxruntime.InferenceSession) -> dict[str, str]:
+    return dict(session.get_modelmeta().custom_metadata_map)
+
+
+def _check_signature(
+    session: onnxruntime.InferenceSession, path: Path, channels: int, outputs: dict[str, tuple[int, int]]
+) -> None:
+    """ModelError unless the graph has the input `image` and the outputs, by name: (axes, size of axis 1)."""
+
+    def check(what: str, found: list[Any], name: str, axes: int, size: int) -> None:
+        node = next((n for n in found if n.name == name), None)
+        if node is None:
+            raise ModelError(f"{path}: not a usable muybridge model: it has no {what} {name!r}; {_REMEDY}")
+        shape = list(node.shape)
+        fixed = len(shape) == axes and (not isinstance(shape[1], int) or shape[1] == size)
+        if not fixed or node.type != "tensor(float)":
+            raise ModelError(
+                f"{path}: not a usable muybridge model: {what} {name!r} is {node.type} {shape}, expected "
+                f"float with {axes} axes, {size} along the second; {_REMEDY}"
+            )
+
+    check("input", session.get_inputs(), "image", 4, channels)
+    for name, (axes, size) in outputs.items():
+        check("output", session.get_outputs(), name, axes, size)
+
+
+def _run_session(
+    session: onnxruntime.InferenceSession, path: Path, outputs: list[str], image: NDArray[np.float32]
+) -> Sequence[NDArray[np.float32]]:
+    try:
+        result: Sequence[NDArray[np.float32]] = session.run(outputs, {"image": image})
+    except Exception as error:  # onnxruntime's exceptions share no base but Exception
+        raise ModelError(
+            f"{path}: the network failed on an input of shape {image.shape}: {str(error).splitlines()[0]}; "
+            f"{_REMEDY}"
+        ) from error
+    return result

@@ -1,0 +1,199 @@
+"""Shipped weights and what a network's file says about itself.
+
+A network of ours is an ONNX file whose metadata names its kind, version, input and meaning. The metadata is
+read by whoever opens the file (`muybridge.infer.onnx`, or the exporter's own check) and parsed here, once,
+into a frozen card. Formats are described in docs/embedding.md.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal
+
+from muybridge.errors import ModelError
+from muybridge.geometry.landmarks import BODY23, LandmarkSet
+from muybridge.models.decode import SpreadCalibration
+
+ModelKind = Literal["keypoints", "people"]
+_KINDS: tuple[ModelKind, ...] = ("keypoints", "people")
+_REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
+
+
+@dataclass(frozen=True)
+class KeypointModelCard:
+    """What a keypoint network's file says about itself.
+
+    Attributes:
+        version: of the weights.
+        landmarks: the meaning of the `J` axis.
+        input_size: side of the square crops, px.
+        stride: crop px a heatmap cell.
+        spread: how a heatmap's spread becomes a variance.
+        box_padding: side of a crop over the longer side of the person's box.
+        metadata: everything the file says, as text.
+    """
+
+    version: str
+    landmarks: LandmarkSet
+    input_size: int
+    stride: int
+    spread: SpreadCalibration
+    box_padding: float
+    metadata: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class PeopleModelCard:
+    """What a person detector's file says about itself.
+
+    Attributes:
+        version: of the weights.
+        input_long_side: the longer side frames are resized to, px.
+        stride: input px a heatmap cell.
+        metadata: everything the file says, as text.
+    """
+
+    version: str
+    input_long_side: int
+    stride: int
+    metadata: Mapping[str, str]
+
+
+def shipped_model(kind: ModelKind) -> Path:
+    """Path of the weights that came with the package.
+
+    Raises:
+        ModelError: the installation has none.
+    """
+    if kind not in _KINDS:
+        raise ValueError(f"no model of kind {kind!r}; known: {', '.join(_KINDS)}")
+    path = Path(str(resources.files("muybridge.models"))) / "weights" / f"{kind}.onnx"
+    if not path.is_file():
+        raise ModelError(
+            f"{path}: the shipped {kind} model is missing; reinstall muybridge, or name a model file of yours"
+        )
+    return path
+
+
+def keypoint_card(metadata: Mapping[str, str], path: Path) -> KeypointModelCard:
+    """Parse the metadata of a keypoint network.
+
+    Args:
+        metadata: the ONNX file's custom metadata.
+        path: of the file, for messages.
+
+    Raises:
+        ModelError: not a keypoint network of ours, or its metadata is damaged.
+    """
+    read = _Reader(metadata, path)
+    read.kind("keypoints")
+    names = read.names()
+    spread = read.json_object("variance")
+    return KeypointModelCard(
+        version=read.text("version"),
+        landmarks=_landmark_set(read.text("landmark_set"), names, read),
+        input_size=read.integer("input_size", multiple_of=32),
+        stride=read.integer("stride"),
+        spread=SpreadCalibration(
+            scale=read.positive(spread.get("scale"), "variance.scale"),
+            floor_px2=read.positive(spread.get("floor_px2"), "variance.floor_px2"),
+        ),
+        box_padding=read.positive(read.text("box_padding"), "box_padding"),
+        metadata=dict(metadata),
+    )
+
+
+def people_card(metadata: Mapping[str, str], path: Path) -> PeopleModelCard:
+    """Parse the metadata of a person detector; arguments and errors as `keypoint_card`."""
+    read = _Reader(metadata, path)
+    read.kind("people")
+    return PeopleModelCard(
+        version=read.text("version"),
+        input_long_side=read.integer("input_long_side"),
+        stride=read.integer("stride"),
+        metadata=dict(metadata),
+    )
+
+
+def _landmark_set(name: str, names: tuple[str, ...], read: _Reader) -> LandmarkSet:
+    """The known set of that name, or a new one without bones."""
+    if name == BODY23.name:
+        if names != BODY23.names:
+            raise read.error(f"its landmark names are not those of {name}")
+        return BODY23
+    landmarks = LandmarkSet(name, names, edges=())
+    try:
+        landmarks.mirror  # noqa: B018
+    except ValueError:
+        raise read.error("a landmark's left or right twin is not among its landmark names") from None
+    return landmarks
+
+
+class _Reader:
+    """Typed access to a file's metadata; every complaint is a ModelError that names the file."""
+
+    def __init__(self, metadata: Mapping[str, str], path: Path) -> None:
+        self._metadata = metadata
+        self._path = path
+
+    def error(self, what: str) -> ModelError:
+        return ModelError(f"{self._path}: not a usable muybridge model: {what}; {_REMEDY}")
+
+    def kind(self, expected: ModelKind) -> None:
+        found = self._metadata.get("muybridge_kind")
+        if found is None:
+            raise ModelError(
+                f"{self._path}: an ONNX file, but not one of muybridge's (no muybridge_kind in its "
+                f"metadata); {_REMEDY}"
+            )
+        if found != expected:
+            raise ModelError(
+                f"{self._path}: a muybridge model of kind {found!r} where {expected!r} is needed; {_REMEDY}"
+            )
+
+    def text(self, key: str) -> str:
+        value = self._metadata.get(key, "")
+        if not value:
+            raise self.error(f"its metadata has no {key}")
+        return value
+
+    def integer(self, key: str, multiple_of: int = 1) -> int:
+        text = self.text(key)
+        if not text.isdecimal() or int(text) == 0 or int(text) % multiple_of:
+            wanted = "a positive whole number" + (f" divisible by {multiple_of}" if multiple_of > 1 else "")
+            raise self.error(f"{key} is {text!r}, not {wanted}")
+        return int(text)
+
+    def positive(self, value: Any, key: str) -> float:
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            raise self.error(f"{key} is {value!r}, not a number") from None
+        if not (math.isfinite(number) and number > 0):
+            raise self.error(f"{key} is {number}, not a positive number")
+        return number
+
+    def json_object(self, key: str) -> dict[str, Any]:
+        value = self._json(key)
+        if not isinstance(value, dict):
+            raise self.error(f"{key} is not a JSON object")
+        return value
+
+    def names(self) -> tuple[str, ...]:
+        value = self._json("names")
+        if not isinstance(value, list) or not value or not all(isinstance(n, str) for n in value):
+            raise self.error("names is not a JSON list of landmark names")
+        if len(set(value)) != len(value):
+            raise self.error("a landmark name is there twice")
+        return tuple(value)
+
+    def _json(self, key: str) -> Any:
+        try:
+            return json.loads(self.text(key))
+        except json.JSONDecodeError:
+            raise self.error(f"{key} is not JSON") from None
