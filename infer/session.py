@@ -1,8 +1,8 @@
 """A session on disk: a folder with `videos/`, one file a camera, and a calibration.
 
 Opening a session looks at everything that can go wrong before any frame is worked on: which file is which
-camera, truncated recordings, frame rates, sizes, rotation flags and lengths that differ. What can be mended is
-mended and said in `Session.notices`; what cannot is an error with its remedy.
+camera, truncated recordings, frame rates, sizes, rotation flags and lengths that differ. What can be mended
+is mended and said in `Session.notices`; what cannot is an error with its remedy.
 """
 
 import re
@@ -22,7 +22,7 @@ from muybridge.infer.video import VideoInfo, is_video, probe_video
 
 # A file of one of these kinds that cannot be opened is a broken video; any other is something else.
 VIDEO_SUFFIXES = frozenset(
-    ".mp4 .m4v .mov .avi .mkv .webm .mpg .mpeg .mts .m2ts .ts .mxf .wmv .flv .3gp .h264 .hevc .264 .265".split()
+    ".mp4 .m4v .mov .avi .mkv .webm .mpg .mpeg .mts .m2ts .ts .mxf .wmv .flv .3gp .h264 .hevc".split()
 )
 # Rates this close are one rate written down differently (29.97 and 30).
 _SAME_RATE = 0.005
@@ -147,7 +147,9 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
     twice = [stem for stem, n in Counter(f.stem.lower() for f in found).items() if n > 1]
     if twice:
         names = ", ".join(f.name for f in found if f.stem.lower() == twice[0])
-        raise SessionError(f"{folder} has more than one video named {twice[0]} ({names}): keep one file a camera")
+        raise SessionError(
+            f"{folder} has more than one video named {twice[0]} ({names}): keep one file a camera"
+        )
     notices = [f"{folder} also holds {', '.join(ignored)}: not videos, ignored"] if ignored else []
     return found, notices
 
@@ -174,9 +176,13 @@ def _chosen(
 
 def _too_few(path: Path, files: Sequence[Path], calibration: Path, group: CameraGroup) -> str:
     if len(files) < 2:
-        what = f"{path / 'videos'} holds one video ({files[0].name})" if files else f"{path} has no usable video"
+        what = (
+            f"{path / 'videos'} holds one video ({files[0].name})" if files else f"{path} has no usable video"
+        )
         return f"{what}: motion needs at least two cameras that see the person; add another camera's video"
-    return f"{calibration} has one camera ({group.names[0]}): motion needs at least two; calibrate them together"
+    return (
+        f"{calibration} has one camera ({group.names[0]}): motion needs at least two; calibrate them together"
+    )
 
 
 def _tokens(name: str) -> tuple[str, ...]:
@@ -301,18 +307,20 @@ def _common_time(videos: Sequence[VideoInfo]) -> tuple[float, NDArray[np.int64],
     if same_rate:
         fps = _commonest(rates)
         if len(set(np.round(rates, 2))) > 1:
-            notices.append(f"frame rates differ slightly ({listed} fps): frames are paired by number at {fps:.4g} fps")
+            notices.append(
+                f"frame rates differ slightly ({listed} fps): frames are paired by number at {fps:.4g} fps"
+            )
     else:
         fps = float(rates.min())
         notices.append(
-            f"frame rates differ ({listed} fps): the take runs at the lowest, {fps:.4g} fps, with each camera's "
-            "frame that is nearest in time, all videos taken to start together"
+            f"frame rates differ ({listed} fps): the take runs at the lowest, {fps:.4g} fps, with each "
+            "camera's frame that is nearest in time, all videos taken to start together"
         )
     wander = [v.path.name for v in videos if v.variable_rate]
     if wander:
         notices.append(
-            f"the frame rate of {', '.join(wander)} varies (frames were dropped or the camera adapts it): frames "
-            f"are taken at even steps of {fps:.4g} fps, the nearest in time"
+            f"the frame rate of {', '.join(wander)} varies (frames were dropped or the camera adapts it): "
+            f"frames are taken at even steps of {fps:.4g} fps, the nearest in time"
         )
     by_time = not same_rate or bool(wander)
     if by_time:
@@ -337,7 +345,11 @@ def _commonest(rates: NDArray[np.float64]) -> float:
 
 def _nearest(times: NDArray[np.float64], grid: NDArray[np.float64]) -> NDArray[np.int64]:
     """Index of the time nearest to each grid point; both sorted, so the result never decreases."""
-    right = np.clip(np.searchsorted(times, grid), 1, len(times) - 1) if len(times) > 1 else np.zeros(len(grid), int)
+    right = (
+        np.clip(np.searchsorted(times, grid), 1, len(times) - 1)
+        if len(times) > 1
+        else np.zeros(len(grid), int)
+    )
     left = np.maximum(right - 1, 0)
     nearer_left = np.abs(grid - times[left]) <= np.abs(times[right] - grid)
     return np.where(nearer_left, left, right).astype(np.int64)
@@ -352,8 +364,8 @@ def _oddities(videos: Sequence[VideoInfo]) -> list[str]:
     for video in videos:
         if abs(video.pixel_aspect - 1) > 0.01:
             notices.append(
-                f"{video.path.name} says that its pixels are not square (aspect {video.pixel_aspect:.3f}): taken "
-                "as square, as calibrations are made on stored pixels"
+                f"{video.path.name} says that its pixels are not square (aspect {video.pixel_aspect:.3f}): "
+                "taken as square, as calibrations are made on stored pixels"
             )
     return notices
 

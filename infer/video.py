@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import OutputError, VideoError
+from muybridge.infer.stages import partial_name
 
 # Containers whose frame count is an index that lists every frame, so that a shortfall means lost frames.
 _COUNTED = {"mov", "mp4", "m4a", "3gp", "3g2", "mj2"}
@@ -147,11 +148,13 @@ def _open(path: Path, **options: str) -> Any:
     except FileNotFoundError:
         raise VideoError(f"{path} does not exist") from None
     except PermissionError:
-        raise VideoError(f"{path} cannot be read: permission denied; give yourself read access to it") from None
+        raise VideoError(
+            f"{path} cannot be read: permission denied; give yourself read access to it"
+        ) from None
     except (av.error.FFmpegError, OSError, ValueError) as error:
         raise VideoError(
-            f"{path} cannot be decoded ({_reason(error)}): it is truncated, still being written or not a video; "
-            "copy or export it again"
+            f"{path} cannot be decoded ({_reason(error)}): it is truncated, still being written or not a "
+            "video; copy or export it again"
         ) from None
 
 
@@ -217,13 +220,17 @@ def _refuse_truncated(
             with _open(path, ignore_editlist="1") as container:
                 whole = _walk(path, container, container.streams.best("video")).total
             if whole < declared:
-                raise VideoError(f"{path} is truncated: it declares {declared} frames and holds {whole}; {remedy}")
+                raise VideoError(
+                    f"{path} is truncated: it declares {declared} frames and holds {whole}; {remedy}"
+                )
         return
     if declared_end is not None and rate:
         missing = (declared_end - (packets.times[-1] + 1 / float(rate))) * float(rate)
         if missing > 1.5:
             count = held + round(missing)
-            raise VideoError(f"{path} is truncated: it declares about {count} frames and holds {held}; {remedy}")
+            raise VideoError(
+                f"{path} is truncated: it declares about {count} frames and holds {held}; {remedy}"
+            )
 
 
 def _first_frame(path: Path) -> tuple[int, int, int, float]:
@@ -237,7 +244,7 @@ def _first_frame(path: Path) -> tuple[int, int, int, float]:
                 return frame.width, frame.height, turn, float(aspect) if aspect else 1.0
         except (av.error.FFmpegError, OSError) as error:
             raise VideoError(
-                f"{path} cannot be decoded from its first frame on ({_reason(error)}); copy or export it again"
+                f"{path} cannot be decoded from its first frame on ({_reason(error)}); copy it again"
             ) from None
     raise VideoError(f"{path} holds no frame that can be decoded; copy or export it again")
 
@@ -345,7 +352,9 @@ class VideoWriter:
     Used as a context manager: an exception inside leaves no file behind.
     """
 
-    def __init__(self, path: Path, width: int, height: int, fps: float, crf: int = 20, preset: str = "veryfast"):
+    def __init__(
+        self, path: Path, width: int, height: int, fps: float, crf: int = 20, preset: str = "veryfast"
+    ):
         """Open `path` for frames of `width` x `height` (even numbers) px."""
         self.path = path
         self._partial = partial_name(path)
@@ -386,8 +395,3 @@ class VideoWriter:
                 os.replace(self._partial, self.path)
         finally:
             self._partial.unlink(missing_ok=True)
-
-
-def partial_name(path: Path) -> Path:
-    """The temporary name beside `path` under which this process writes it."""
-    return path.with_name(f".{path.name}.{os.getpid()}.partial")

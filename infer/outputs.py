@@ -1,0 +1,139 @@
+"""The results folder: checked before any work, and nothing in it replaced that muybridge did not write.
+
+`work/manifest.json` remembers the digest of every file that was written here. A file that is not in it, or
+that was changed since, is someone else's and stays unless `--overwrite` is given.
+"""
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from muybridge.errors import OutputError
+from muybridge.infer.stages import file_digest, partial_name, write_whole
+
+WORK = "work"
+MANIFEST = "manifest.json"
+_REMEMBERED = 2  # digests a file: a run killed between manifest and rename leaves the earlier one in place
+
+
+class OutputFolder:
+    """A folder for one session's results."""
+
+    def __init__(self, path: Path):
+        """Use `open_output`, which checks the folder first."""
+        self.path = path
+        self.work = path / WORK
+        self._written = _read_manifest(self.work / MANIFEST)
+
+    def owns(self, name: str) -> bool:
+        """Whether the file of this name is as muybridge left it."""
+        known = self._written.get(name, [])
+        return bool(known) and (self.path / name).is_file() and file_digest(self.path / name) in known
+
+    def write(self, name: str, write: Callable[[Path], None]) -> Path:
+        """Let `write` make the file `name` under a temporary name, then put it in place."""
+        path = self.path / name
+
+        def write_and_note(partial: Path) -> None:
+            write(partial)
+            self._written[name] = [file_digest(partial), *self._written.get(name, [])][:_REMEMBERED]
+            text = json.dumps({"written_by": "muybridge", "files": self._written}, indent=1)
+            write_whole(self.work / MANIFEST, lambda p: _write_text(p, text))
+
+        write_whole(path, write_and_note)
+        return path
+
+    def write_text(self, name: str, text: str) -> Path:
+        """Write a text file (UTF-8)."""
+        return self.write(name, lambda path: _write_text(path, text))
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def open_output(
+    path: Path, names: Sequence[str], inputs: Iterable[Path], overwrite: bool = False
+) -> OutputFolder:
+    """Check that results can go to a folder, and make it.
+
+    Args:
+        path: the results folder; made if missing.
+        names: files that will be written there.
+        inputs: files that the run reads; none of their folders may receive results.
+        overwrite: replace files of these names that muybridge did not write.
+
+    Raises:
+        OutputError: the folder belongs to the input, cannot be written, or holds such files.
+    """
+    place = path.resolve()
+    default = "leave out --out to get the folder `muybridge` inside the session"
+    if (path / "videos").is_dir():
+        raise OutputError(f"{path} is a session's own folder: results never go over the input; {default}")
+    if any(_inside(place, folder) for folder in {i.resolve().parent for i in inputs}):
+        raise OutputError(f"{path} is where the input lies: results never go over the input; {default}")
+    if place.exists() and not place.is_dir():
+        raise OutputError(f"{path} is a file; --out must name a folder")
+    if _foreign_work(path / WORK):
+        raise OutputError(
+            f"{path / WORK} was not made by muybridge: choose another --out or move it"
+        )
+    _make_writable(path)
+    output = OutputFolder(path)
+    foreign = [n for n in names if (path / n).exists() and not output.owns(n)]
+    directories = [n for n in foreign if (path / n).is_dir()]
+    if directories or (foreign and not overwrite):
+        raise OutputError(
+            f"{path} already has {', '.join(directories or foreign)}, changed or made by something else: "
+            f"move it, choose another --out{'' if directories else ', or give --overwrite'}"
+        )
+    for name in names:
+        _sweep(path, name)
+    return output
+
+
+def _inside(place: Path, folder: Path) -> bool:
+    """Whether results at `place` would lie among the inputs in `folder`.
+
+    A folder of its own below a session (the default) is fine; below `videos/` or `calibration/` it is not.
+    """
+    if place == folder:
+        return True
+    return folder.name in ("videos", "calibration") and folder in place.parents
+
+
+def _foreign_work(work: Path) -> bool:
+    if not work.exists():
+        return False
+    return not work.is_dir() or (any(work.iterdir()) and not (work / MANIFEST).is_file())
+
+
+def _make_writable(path: Path) -> None:
+    try:
+        (path / WORK).mkdir(parents=True, exist_ok=True)
+        probe = partial_name(path / WORK / "probe")
+        probe.write_bytes(b"muybridge")
+        probe.unlink()
+        if not (path / WORK / MANIFEST).exists():
+            write_whole(
+                path / WORK / MANIFEST, lambda p: _write_text(p, '{"written_by": "muybridge", "files": {}}')
+            )
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise OutputError(f"{path} cannot be written ({reason}); choose another folder with --out") from None
+
+
+def _sweep(folder: Path, name: str) -> None:
+    """Remove what runs that were killed left half-written, here and in the work folder."""
+    for left in folder.glob(f".*{Path(name).stem}.*.partial*"):
+        left.unlink(missing_ok=True)
+    for left in (folder / WORK).glob(".*.partial*"):
+        left.unlink(missing_ok=True)
+
+
+def _read_manifest(path: Path) -> dict[str, list[str]]:
+    try:
+        files = json.loads(path.read_text(encoding="utf-8"))["files"]
+        return {str(name): [str(d) for d in digests] for name, digests in files.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
