@@ -1,9 +1,14 @@
 """What every test may use: where the repository is and where real recordings are, if there are any."""
 
 import os
+from collections.abc import Callable, Sequence
+from fractions import Fraction
 from pathlib import Path
 
+import av
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 
@@ -23,3 +28,63 @@ def real_data() -> Path:
     if not folder.is_dir():
         pytest.skip("no real recordings beside the checkout (../shared/data)")
     return folder
+
+
+def numbered_frame(number: int, width: int, height: int) -> NDArray[np.uint8]:
+    """A frame that shows its number as eight bright or dark stripes, and a square that moves."""
+    image = np.full((height, width, 3), 90, np.uint8)
+    for bit in range(8):
+        left, right = bit * width // 8, (bit + 1) * width // 8
+        image[: height // 3, left:right] = 230 if number >> bit & 1 else 20
+    x = 4 + number * 3 % (width - 16)
+    image[height // 2 : height // 2 + 8, x : x + 8] = (200, 60, 40)
+    return image
+
+
+@pytest.fixture
+def frame_number() -> Callable[[NDArray[np.uint8]], int]:
+    """Reads the number that a frame of `make_video` shows."""
+
+    def read(image: NDArray[np.uint8]) -> int:
+        height, width = image.shape[:2]
+        middles = [(2 * bit + 1) * width // 16 for bit in range(8)]
+        row = image[: height // 3 - 2].astype(float).mean(axis=(0, 2))
+        return sum(1 << bit for bit, x in enumerate(middles) if row[x] > 125)
+
+    return read
+
+
+@pytest.fixture
+def make_video() -> Callable[..., Path]:
+    """`make_video(path, frames=12, width=64, height=48, fps=30, ...)` writes a film of numbered frames."""
+
+    def make(
+        path: Path,
+        frames: int = 12,
+        width: int = 64,
+        height: int = 48,
+        fps: float = 30,
+        codec: str = "libx264",
+        pts: Sequence[int] | None = None,  # milliseconds
+        options: dict[str, str] | None = None,
+        muxer: dict[str, str] | None = None,
+    ) -> Path:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with av.open(str(path), "w", options=muxer or {}) as container:
+            stream = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001))
+            stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+            stream.options = options or ({"crf": "12", "preset": "veryfast"} if codec == "libx264" else {})
+            stream.bit_rate = 1_000_000
+            if pts is not None:
+                stream.codec_context.time_base = Fraction(1, 1000)
+            for number in range(frames):
+                frame = av.VideoFrame.from_ndarray(numbered_frame(number, width, height), format="rgb24")
+                if pts is not None:
+                    frame.pts, frame.time_base = pts[number], Fraction(1, 1000)
+                for packet in stream.encode(frame):
+                    container.mux(packet)
+            for packet in stream.encode(None):
+                container.mux(packet)
+        return path
+
+    return make
