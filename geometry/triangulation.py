@@ -2,8 +2,8 @@
 
 Every landmark of every frame is solved by itself: pairs of cameras propose a point, all cameras vote on it,
 the best proposal is refined by Gauss-Newton on a robust reprojection error, and the cameras within a gate are
-its inliers. The number of pairs tried does not grow with the number of cameras (as in RANSAC it depends on how
-many agree), so the cost is linear in cameras.
+its inliers. The number of pairs tried does not grow with the number of cameras (as in RANSAC it depends on
+how many agree), so the cost is linear in cameras.
 
 The 2D variances are taken at their relative value; their level is checked against the take (`take_noise`),
 since calibration and synchronisation err too and no network knows about those.
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.triangulation_kernel import solve_points
+from muybridge.geometry.triangulation_kernel import Limits, Rig, solve_points
 
 _RAYLEIGH_MEDIAN = 1.1774  # median length of a 2D Gaussian of unit variance
 _NOISE_SAMPLE = 1200
@@ -82,12 +82,9 @@ class Triangulation:
 class _Views:
     """The 2D points of N landmarks as the kernel takes them."""
 
-    poses: NDArray[np.float64]  # (C, 3, 4)
-    centers: NDArray[np.float64]  # (C, 3)
-    pairs: NDArray[np.int64]  # (Q, 2)
+    rig: Rig
     seen: NDArray[np.float64]  # (N, C, 2) normalised
     variance_px2: NDArray[np.float64]  # (N, C), NaN where missing
-    px_per_unit: NDArray[np.float64]  # (C,) focal lengths
     longer_side_px: float
 
 
@@ -254,8 +251,10 @@ def leave_one_out_summary(error_px: NDArray[np.float64], usable: NDArray[np.bool
 
 def usable_points(points_px: ArrayLike, variance_px2: ArrayLike) -> NDArray[np.bool_]:
     """(C, T, J) where a 2D point can be used: its pixels and its variance are finite."""
-    usable: NDArray[np.bool_] = np.isfinite(np.asarray(points_px)).all(axis=-1)
-    return usable & np.isfinite(np.asarray(variance_px2))
+    point: NDArray[np.bool_] = np.isfinite(np.asarray(points_px)).all(axis=-1)
+    variance: NDArray[np.bool_] = np.isfinite(np.asarray(variance_px2))
+    usable: NDArray[np.bool_] = point & variance
+    return usable
 
 
 def _checked(
@@ -287,21 +286,23 @@ def _views(cameras: CameraGroup, px: NDArray[np.float64], variance: NDArray[np.f
     flat_variance = variance.reshape(count, -1)
     seen = np.empty((flat_px.shape[1], count, 2))
     scaled = np.empty((flat_px.shape[1], count))
-    px_per_unit = np.empty(count)
+    px2_per_unit2 = np.empty(count)
     for c, camera in enumerate(cameras):
         slopes = camera.unproject(flat_px[c])
-        px_per_unit[c] = np.sqrt(camera.camera_matrix[0, 0] * camera.camera_matrix[1, 1])
+        px2_per_unit2[c] = camera.camera_matrix[0, 0] * camera.camera_matrix[1, 1]
         seen[:, c] = slopes
         scaled[:, c] = flat_variance[c]
         scaled[~np.isfinite(slopes).all(axis=-1), c] = np.nan
     longer_side_px = float(max(max(camera.width, camera.height) for camera in cameras))
     return _Views(
-        poses=np.ascontiguousarray(cameras.cam_from_world),
-        centers=np.ascontiguousarray(cameras.centers_world),
-        pairs=_pair_order(cameras),
+        rig=Rig(
+            poses=np.ascontiguousarray(cameras.cam_from_world),
+            centers=np.ascontiguousarray(cameras.centers_world),
+            px2_per_unit2=px2_per_unit2,
+            pairs=_pair_order(cameras),
+        ),
         seen=seen,
         variance_px2=scaled,
-        px_per_unit=px_per_unit,
         longer_side_px=longer_side_px,
     )
 
@@ -334,7 +335,7 @@ def _pair_order(cameras: CameraGroup) -> NDArray[np.int64]:
 def _information(views: _Views, noise_px: float, scale: float) -> NDArray[np.float64]:
     """(N, C) one over the variance in normalised units, zero where there is no 2D point."""
     total_px2 = scale * views.variance_px2 + noise_px**2
-    return np.where(np.isfinite(total_px2), views.px_per_unit**2 / total_px2, 0.0)
+    return np.where(np.isfinite(total_px2), views.rig.px2_per_unit2 / total_px2, 0.0)
 
 
 def _solve(
@@ -345,25 +346,23 @@ def _solve(
     points = np.full((count, 3), np.nan)
     covariances = np.full((count, 3, 3), np.nan)
     inliers = np.zeros((count, cameras), dtype=np.bool_)
-    statuses = np.zeros(count, dtype=np.int64)
     doubt_u = options.doubt_sigma**2
     tail2 = options.tail_sigma**2
-    # So that right and wrong are equally likely at `doubt_sigma`.
-    kappa = np.exp(-0.5 * doubt_u) * (1 + doubt_u / tail2) ** 1.5
-    limits = np.concatenate(
-        [
-            [kappa, tail2, options.gate_sigma**2, (options.gate_image * views.longer_side_px) ** 2],
-            [np.sin(np.radians(options.min_angle_deg)) ** 2, options.min_views, options.max_pairs, doubt_u],
-            1.0 / views.px_per_unit**2,
-        ]
+    limits = Limits(
+        # So that right and wrong are equally likely at `doubt_sigma`.
+        kappa=float(np.exp(-0.5 * doubt_u) * (1 + doubt_u / tail2) ** 1.5),
+        tail2=tail2,
+        gate_u=options.gate_sigma**2,
+        gate_px2=(options.gate_image * views.longer_side_px) ** 2,
+        agree_u=doubt_u,
+        min_sin2=float(np.sin(np.radians(options.min_angle_deg)) ** 2),
+        min_views=options.min_views,
+        max_pairs=options.max_pairs,
     )
 
     def run(begin: int) -> None:
         end = min(begin + _CHUNK, count)
-        solve_points(
-            views.poses, views.centers, views.seen, info, views.pairs, limits, begin, end,
-            points, covariances, inliers, statuses,
-        )  # fmt: skip
+        solve_points(views.rig, limits, views.seen, info, begin, end, points, covariances, inliers)
 
     begins = range(0, count, _CHUNK)
     threads = options.threads or int(os.environ.get("NUMBA_NUM_THREADS", 0)) or os.cpu_count() or 1
