@@ -1,0 +1,91 @@
+"""The keypoint network: a small dense U-shaped net from a crop to a distribution of every landmark's place.
+
+Dense 3x3 convolutions throughout: on a CPU in bfloat16 they train three times as fast as depthwise ones. The
+output is a classification over cells, not a regression: while left and right are ambiguous, a mode is right half
+of the time where a mean never is.
+"""
+
+import torch
+from torch import Tensor, nn
+
+MEAN = (0.45, 0.43, 0.41)
+STD = (0.26, 0.26, 0.26)
+STRIDE = 4
+
+
+class ConvUnit(nn.Sequential):
+    """3x3 convolution, batch normalisation, ReLU."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
+        super().__init__(
+            nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False), nn.BatchNorm2d(outputs), nn.ReLU(inplace=True)
+        )
+
+
+class Block(nn.Module):
+    """Residual block of two 3x3 convolutions."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.first = ConvUnit(channels, channels)
+        self.second = nn.Sequential(nn.Conv2d(channels, channels, 3, 1, 1, bias=False), nn.BatchNorm2d(channels))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, channels, h, w) -> the same shape."""
+        return torch.relu(x + self.second(self.first(x)))
+
+
+class Lateral(nn.Module):
+    """Brings coarse features up to a finer level: 1x1 convolution, bilinear upsampling, sum."""
+
+    def __init__(self, coarse: int, fine: int) -> None:
+        super().__init__()
+        self.reduce = nn.Conv2d(coarse, fine, 1)
+        self.block = Block(fine)
+
+    def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
+        """(N, coarse, h, w), (N, fine, 2h, 2w) -> (N, fine, 2h, 2w)."""
+        up = nn.functional.interpolate(self.reduce(coarse), scale_factor=2.0, mode="bilinear", align_corners=False)
+        out: Tensor = self.block(fine + up)
+        return out
+
+
+class KeypointNet(nn.Module):
+    """Landmark heatmaps and visibility from RGB crops.
+
+    Args:
+        landmarks: number of landmarks J.
+        widths: channels at 1/4, 1/8, 1/16 and 1/32 of the input's resolution.
+        depths: residual blocks on the way down at each of these.
+    """
+
+    def __init__(
+        self,
+        landmarks: int = 23,
+        widths: tuple[int, int, int, int] = (32, 64, 128, 160),
+        depths: tuple[int, int, int, int] = (1, 2, 3, 2),
+    ) -> None:
+        super().__init__()
+        self.config = {"landmarks": landmarks, "widths": widths, "depths": depths}
+        self.register_buffer("mean", torch.tensor(MEAN).view(1, 3, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor(STD).view(1, 3, 1, 1), persistent=False)
+        self.stem = nn.Sequential(ConvUnit(3, widths[0] // 2, 2), ConvUnit(widths[0] // 2, widths[0], 2))
+        self.levels = nn.ModuleList()
+        for i, (width, depth) in enumerate(zip(widths, depths, strict=True)):
+            down = [ConvUnit(widths[i - 1], width, 2)] if i else []
+            self.levels.append(nn.Sequential(*down, *(Block(width) for _ in range(depth))))
+        self.laterals = nn.ModuleList(Lateral(widths[i + 1], widths[i]) for i in (2, 1, 0))
+        self.head = nn.Conv2d(widths[0], landmarks, 1)
+        self.visibility = nn.Linear(widths[3], landmarks)
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, 3, S, S) RGB in 0..1 -> heatmap logits (N, J, S/4, S/4), visibility logits (N, J)."""
+        x = self.stem((image - self.mean) / self.std)
+        features = []
+        for level in self.levels:
+            x = level(x)
+            features.append(x)
+        visibility = self.visibility(x.mean((2, 3)))
+        for lateral, fine in zip(self.laterals, features[-2::-1], strict=True):
+            x = lateral(x, fine)
+        return self.head(x), visibility

@@ -1,0 +1,295 @@
+"""From renders to training images: composition on backgrounds, occlusion, and what a camera does to an image.
+
+Whole batches at a time with kornia; the random numbers come from a numpy generator, so that a seed gives the
+same labels anywhere and the same pixels on one machine.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import kornia
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from muybridge.geometry.landmarks import BODY23
+from muybridge.train.renders import RenderSet
+
+FACE = tuple(BODY23.index(n) for n in ("nose", "left_eye", "right_eye", "left_ear", "right_ear"))
+MIRROR = np.array(BODY23.mirror)
+
+
+@dataclass(frozen=True)
+class AugmentOptions:
+    """Probabilities and spreads of the augmentation.
+
+    Attributes:
+        padding: crop side over the longer side of the person's box.
+        scale_sd: spread of the log of the person's size in the crop.
+        shift_sd: spread of the person's place, as a share of the crop.
+        rotation_sd_deg: spread of the roll that gravity alignment leaves.
+        tumble: share of crops rolled by any angle up to 60 degrees.
+        second_person: share of crops with another person in or behind the scene.
+        occluder: share of crops with things in front of the person.
+        mosaic: share of crops with a pixelated face.
+        truncate: share of crops that reach over the image's border (black there).
+    """
+
+    padding: float = 1.25
+    scale_sd: float = 0.12
+    shift_sd: float = 0.045
+    rotation_sd_deg: float = 7.0
+    tumble: float = 0.06
+    second_person: float = 0.22
+    occluder: float = 0.35
+    mosaic: float = 0.08
+    truncate: float = 0.12
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Training images: `image` (B, 3, S, S) uint8 RGB, `landmarks_px` (B, 23, 2), `visible` (B, 23) bool."""
+
+    image: Tensor
+    landmarks_px: Tensor
+    visible: Tensor
+
+
+class Compositor:
+    """Makes batches of crops from renders and backgrounds."""
+
+    def __init__(
+        self,
+        renders: RenderSet,
+        backgrounds: NDArray[np.uint8],
+        size: int,
+        seed: int,
+        options: AugmentOptions = AugmentOptions(),  # noqa: B008 - frozen
+    ) -> None:
+        self.renders, self.backgrounds, self.size, self.options = renders, backgrounds, size, options
+        self.rng = np.random.default_rng(seed)
+
+    def batch(self, count: int, index: NDArray[np.intp] | None = None) -> Batch:
+        """`count` crops of random renders, or of the renders `index`."""
+        rng, opt = self.rng, self.options
+        index = rng.integers(0, len(self.renders), count) if index is None else index
+        matrix, flip = self._placement(index, 0.0)
+        person, landmarks, visible = self._warp(index, matrix, flip)
+        image = self._background(count)
+        image = image * (1 - person[:, 4:] * self._column(rng.uniform(0, 0.6, count)))
+        other = rng.random(count) < opt.second_person
+        in_front = rng.random(count) < 0.4
+        if other.any():
+            image, person, visible = self._second_person(image, person, visible, landmarks, other, in_front)
+        image = image * (1 - person[:, 3:4]) + person[:, :3]
+        image = self._front(image, visible, landmarks, other & in_front)
+        image, visible = self._occlude(image, visible, landmarks)
+        self._mosaic(image, landmarks)
+        image = self._camera(image)
+        image, visible = self._truncate(image, visible, landmarks)
+        inside = ((landmarks >= 0) & (landmarks <= self.size - 1)).all(-1)
+        pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8)
+        pixels = self._compress(pixels)
+        return Batch(pixels, torch.from_numpy(landmarks), torch.from_numpy(visible & inside))
+
+    def _column(self, values: NDArray[np.floating]) -> Tensor:
+        return torch.from_numpy(np.asarray(values, np.float32)).view(-1, 1, 1, 1)
+
+    def _placement(
+        self, index: NDArray[np.intp], offset: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """crop_from_render (B, 2, 3) affine maps in pixels, and which are mirrored. `offset` moves people
+        sideways by at least that share of the crop."""
+        rng, opt, n, size = self.rng, self.options, len(index), self.size
+        box = self.renders.box_px[index]
+        center = (box[:, :2] + box[:, 2:]) / 2
+        side = (box[:, 2:] - box[:, :2]).max(1)
+        scale = size / (opt.padding * side) * np.exp(rng.normal(0, opt.scale_sd, n).clip(-0.35, 0.35))
+        shift = rng.normal(0, opt.shift_sd, (n, 2)).clip(-0.12, 0.12) * size
+        if offset:
+            shift[:, 0] += rng.choice([-1, 1], n) * rng.uniform(offset, 0.75, n) * size
+            shift[:, 1] += rng.normal(0, 0.12, n) * size
+            scale *= np.exp(rng.normal(0, 0.25, n))
+        angle = np.radians(rng.normal(0, opt.rotation_sd_deg, n))
+        tumble = rng.random(n) < opt.tumble
+        angle = np.where(tumble, np.radians(rng.uniform(-60, 60, n)), angle)
+        flip = rng.random(n) < 0.5
+        cos, sin = np.cos(angle) * scale, np.sin(angle) * scale
+        linear = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
+        linear[:, :, 0] *= np.where(flip, -1, 1)[:, None]
+        middle = (size - 1) / 2 + shift
+        matrix = np.concatenate([linear, (middle - np.einsum("nij,nj->ni", linear, center))[..., None]], -1)
+        return matrix.astype(np.float32), flip
+
+    def _warp(
+        self, index: NDArray[np.intp], matrix: NDArray[np.float32], flip: NDArray[np.bool_]
+    ) -> tuple[Tensor, NDArray[np.float32], NDArray[np.bool_]]:
+        """Renders in the crop (B, 5, S, S) in 0..1, landmarks, visibility. Renders are black outside of the
+        person, so their colours are premultiplied by alpha as they stand."""
+        size = self.size
+        warped = np.empty((len(index), 5, size, size), np.uint8)
+        for k, i in enumerate(index):
+            for plane, out in zip(self.renders.pixels_of(i), warped[k], strict=True):
+                cv2.warpAffine(plane, matrix[k], (size, size), dst=out, flags=cv2.INTER_LINEAR)
+        landmarks = self.renders.landmarks_px[index]
+        landmarks = np.einsum("nij,nkj->nki", matrix[:, :, :2], landmarks) + matrix[:, None, :, 2]
+        visible = self.renders.visible[index].copy()
+        landmarks[flip], visible[flip] = landmarks[flip][:, MIRROR], visible[flip][:, MIRROR]
+        return torch.from_numpy(warped).float() / 255, landmarks.astype(np.float32), visible
+
+    def _background(self, count: int) -> Tensor:
+        """Random windows of the background pool."""
+        rng, size, pool = self.rng, self.size, self.backgrounds
+        source = pool.shape[-1]
+        out = np.empty((count, 3, size, size), np.uint8)
+        for i, b in enumerate(rng.integers(0, len(pool), count)):
+            window = int(rng.integers(size // 2, source + 1))
+            x, y = rng.integers(0, source - window + 1, 2)
+            patch = pool[b, :, y : y + window, x : x + window].transpose(1, 2, 0)
+            patch = patch[:, ::-1] if rng.random() < 0.5 else patch
+            interpolation = cv2.INTER_AREA if window > size else cv2.INTER_LINEAR
+            out[i] = cv2.resize(patch, (size, size), interpolation=interpolation).transpose(2, 0, 1)
+        return torch.from_numpy(out).float() / 255
+
+    def _alpha_at(self, alpha: NDArray[np.float32], landmarks: NDArray[np.float32]) -> NDArray[np.float32]:
+        at = np.round(landmarks).astype(int).clip(0, self.size - 1)
+        return alpha[np.arange(len(alpha))[:, None], at[..., 1], at[..., 0]]
+
+    def _second_person(
+        self, image: Tensor, person: Tensor, visible: NDArray[np.bool_], landmarks: NDArray[np.float32],
+        other: NDArray[np.bool_], in_front: NDArray[np.bool_],
+    ) -> tuple[Tensor, Tensor, NDArray[np.bool_]]:  # fmt: skip
+        """Another person beside the subject: behind (into `image`) or in front (kept for `_front`)."""
+        chosen = np.nonzero(other)[0]
+        index = self.rng.integers(0, len(self.renders), len(chosen))
+        matrix, flip = self._placement(index, 0.3)
+        layer, _, _ = self._warp(index, matrix, flip)
+        self._front_layer = torch.zeros(len(image), 4, self.size, self.size)
+        for k, i in enumerate(chosen):
+            if in_front[i]:
+                self._front_layer[i] = layer[k, :4]
+            else:
+                image[i] = image[i] * (1 - layer[k, 3:4]) + layer[k, :3]
+        return image, person, visible
+
+    def _front(
+        self, image: Tensor, visible: NDArray[np.bool_], landmarks: NDArray[np.float32], front: NDArray[np.bool_]
+    ) -> Tensor:
+        if not front.any():
+            return image
+        alpha = self._front_layer[:, 3].numpy()
+        visible &= ~((self._alpha_at(alpha, landmarks) > 0.5) & front[:, None])
+        return image * (1 - self._front_layer[:, 3:4]) + self._front_layer[:, :3]
+
+    def _occlude(
+        self, image: Tensor, visible: NDArray[np.bool_], landmarks: NDArray[np.float32]
+    ) -> tuple[Tensor, NDArray[np.bool_]]:
+        """Things in front of the person: polygons and bars with the texture of another background."""
+        rng, size = self.rng, self.size
+        chosen = np.nonzero(rng.random(len(image)) < self.options.occluder)[0]
+        if not len(chosen):
+            return image, visible
+        texture = self._background(len(chosen))
+        mask = np.zeros((len(image), size, size), np.float32)
+        for i in chosen:
+            canvas = np.zeros((size, size), np.uint8)
+            for _ in range(int(rng.integers(1, 4))):
+                center = rng.uniform(0, size, 2)
+                if rng.random() < 0.5:
+                    reach = rng.uniform(0.04, 0.2) * size
+                    angle = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(4, 8))))
+                    corners = center + reach * np.stack([np.cos(angle), np.sin(angle)], 1) * rng.uniform(0.5, 1.6, 2)
+                    cv2.fillPoly(canvas, [corners.astype(np.int32)], 255, cv2.LINE_AA)
+                else:
+                    end = center + rng.normal(0, 0.5, 2) * size
+                    width = int(rng.integers(1, max(2, size // 12)))
+                    cv2.line(canvas, center.astype(int).tolist(), end.astype(int).tolist(), 255, width, cv2.LINE_AA)
+            mask[i] = canvas / 255.0
+        visible = visible & ~(self._alpha_at(mask, landmarks) > 0.5)
+        alpha = torch.from_numpy(mask)[:, None]
+        full = torch.zeros_like(image)
+        full[torch.from_numpy(chosen)] = texture
+        return image * (1 - alpha) + full * alpha, visible
+
+    def _mosaic(self, image: Tensor, landmarks: NDArray[np.float32]) -> None:
+        """Pixelated faces, as published recordings have them, in place."""
+        for i in np.nonzero(self.rng.random(len(image)) < self.options.mosaic)[0]:
+            face = landmarks[i, list(FACE)]
+            center, reach = face.mean(0), 1.2 * float(np.abs(face - face.mean(0)).max()) + 2
+            low = np.clip(center - reach, 0, self.size - 2).astype(int)
+            high = np.clip(center + reach, low + 2, self.size).astype(int)
+            patch = image[i : i + 1, :, low[1] : high[1], low[0] : high[0]]
+            cells = int(self.rng.integers(2, 6))
+            small = torch.nn.functional.adaptive_avg_pool2d(patch, cells)
+            image[i : i + 1, :, low[1] : high[1], low[0] : high[0]] = torch.nn.functional.interpolate(
+                small, patch.shape[-2:], mode="nearest"
+            )
+
+    def _some(self, share: float, image: Tensor) -> Tensor:
+        return torch.from_numpy(np.nonzero(self.rng.random(len(image)) < share)[0])
+
+    def _uniform(self, low: float, high: float, count: int) -> Tensor:
+        return torch.from_numpy(self.rng.uniform(low, high, count).astype(np.float32))
+
+    def _camera(self, image: Tensor) -> Tensor:
+        """Image formation: defocus, motion blur, low resolution, colour, tone, noise."""
+        rng = self.rng
+        some = self._some(0.45, image)
+        if len(some):
+            sigma = self._uniform(0.3, 1.6, len(some)).view(-1, 1).expand(-1, 2) * (self.size / 192)
+            image[some] = kornia.filters.gaussian_blur2d(image[some], (7, 7), sigma)
+        some = self._some(0.15, image)
+        if len(some):
+            angle = self._uniform(0, 180, len(some))
+            length = int(rng.choice([3, 5, 7, 9]))
+            image[some] = kornia.filters.motion_blur(image[some], length, angle, torch.zeros(len(some)))
+        some = self._some(0.15, image)
+        if len(some):
+            small = int(self.size * rng.uniform(0.3, 0.8))
+            low = torch.nn.functional.interpolate(image[some], (small, small), mode="area")
+            image[some] = torch.nn.functional.interpolate(low, (self.size,) * 2, mode="bilinear")
+        some = self._some(0.35, image)
+        if len(some):
+            image[some] = kornia.enhance.adjust_hue(image[some].clamp(0, 1), self._uniform(-0.25, 0.25, len(some)))
+        grey = image.mean(1, keepdim=True)
+        saturation = self._column(np.exp(rng.normal(0, 0.35, len(image))) * (rng.random(len(image)) > 0.1))
+        image = grey + (image - grey) * saturation
+        image = image * self._column(np.exp(rng.normal(0, 0.12, len(image))))
+        balance = torch.from_numpy(np.exp(rng.normal(0, 0.06, (len(image), 3, 1, 1))).astype(np.float32))
+        contrast = self._column(np.exp(rng.normal(0, 0.22, len(image))))
+        level = image.mean((1, 2, 3), keepdim=True)
+        image = ((image - level) * contrast + level) * balance + self._column(rng.normal(0, 0.05, len(image)))
+        gamma = self._column(np.exp(rng.normal(0, 0.25, len(image))))
+        image = image.clamp(1e-4, 1) ** gamma
+        noise = rng.gamma(1.2, 0.014, len(image)).clip(0, 0.08)
+        grain = torch.from_numpy(rng.standard_normal(image.shape, np.float32))
+        return image + grain * self._column(noise)
+
+    def _truncate(
+        self, image: Tensor, visible: NDArray[np.bool_], landmarks: NDArray[np.float32]
+    ) -> tuple[Tensor, NDArray[np.bool_]]:
+        """The crop reaches over the border of the video: black there."""
+        visible = visible.copy()
+        for i in np.nonzero(self.rng.random(len(image)) < self.options.truncate)[0]:
+            cut = int(self.size * self.rng.beta(1.0, 3.0) * 0.5)
+            side = int(self.rng.integers(4))
+            axis, far = side % 2, side >= 2
+            edge = self.size - cut if far else cut
+            hidden = landmarks[i, :, axis] >= edge if far else landmarks[i, :, axis] < edge
+            visible[i] &= ~hidden
+            span = slice(edge, None) if far else slice(None, edge)
+            if axis == 0:
+                image[i, :, :, span] = 0
+            else:
+                image[i, :, span] = 0
+        return image, visible
+
+    def _compress(self, pixels: Tensor) -> Tensor:
+        """JPEG, which stands for the video codec's losses too."""
+        for i in np.nonzero(self.rng.random(len(pixels)) < 0.3)[0]:
+            quality = int(self.rng.uniform(15, 85))
+            picture = np.ascontiguousarray(pixels[i].numpy().transpose(1, 2, 0))
+            _, code = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
+            pixels[i] = torch.from_numpy(cv2.imdecode(code, cv2.IMREAD_COLOR).transpose(2, 0, 1).copy())
+        return pixels
