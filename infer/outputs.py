@@ -5,6 +5,9 @@ that was changed since, is someone else's and stays unless `--overwrite` is give
 """
 
 import json
+import os
+import shutil
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -13,6 +16,7 @@ from muybridge.infer.stages import file_digest, partial_name, write_whole
 
 WORK = "work"
 MANIFEST = "manifest.json"
+_PARTIAL = ".partial"
 _REMEMBERED = 2  # digests a file: a run killed between manifest and rename leaves the earlier one in place
 
 
@@ -24,6 +28,7 @@ class OutputFolder:
         self.path = path
         self.work = path / WORK
         self._written = _read_manifest(self.work / MANIFEST)
+        self._lock = threading.Lock()
 
     def owns(self, name: str) -> bool:
         """Whether the file of this name is as muybridge left it."""
@@ -31,16 +36,29 @@ class OutputFolder:
         return bool(known) and (self.path / name).is_file() and file_digest(self.path / name) in known
 
     def write(self, name: str, write: Callable[[Path], None]) -> Path:
-        """Let `write` make the file `name` under a temporary name, then put it in place."""
+        """Let `write` make the file `name` in a temporary folder, then put it in place.
+
+        Raises:
+            OutputError: the folder cannot be written or is full.
+        """
         path = self.path / name
-
-        def write_and_note(partial: Path) -> None:
+        partial = self.work / f".{os.getpid()}{_PARTIAL}" / name
+        try:
+            partial.parent.mkdir(exist_ok=True)
             write(partial)
-            self._written[name] = [file_digest(partial), *self._written.get(name, [])][:_REMEMBERED]
-            text = json.dumps({"written_by": "muybridge", "files": self._written}, indent=1)
-            write_whole(self.work / MANIFEST, lambda p: _write_text(p, text))
-
-        write_whole(path, write_and_note)
+            digest = file_digest(partial)
+            with self._lock:
+                self._written[name] = [digest, *self._written.get(name, [])][:_REMEMBERED]
+                text = json.dumps({"written_by": "muybridge", "files": self._written}, indent=1)
+                write_whole(self.work / MANIFEST, lambda p: _write_text(p, text))
+            os.replace(partial, path)
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            raise OutputError(
+                f"{path} cannot be written ({reason}); free its disk or choose another --out"
+            ) from None
+        finally:
+            partial.unlink(missing_ok=True)
         return path
 
     def write_text(self, name: str, text: str) -> Path:
@@ -75,9 +93,7 @@ def open_output(
     if place.exists() and not place.is_dir():
         raise OutputError(f"{path} is a file; --out must name a folder")
     if _foreign_work(path / WORK):
-        raise OutputError(
-            f"{path / WORK} was not made by muybridge: choose another --out or move it"
-        )
+        raise OutputError(f"{path / WORK} was not made by muybridge: choose another --out or move it")
     _make_writable(path)
     output = OutputFolder(path)
     foreign = [n for n in names if (path / n).exists() and not output.owns(n)]
@@ -87,8 +103,7 @@ def open_output(
             f"{path} already has {', '.join(directories or foreign)}, changed or made by something else: "
             f"move it, choose another --out{'' if directories else ', or give --overwrite'}"
         )
-    for name in names:
-        _sweep(path, name)
+    _sweep(path / WORK)
     return output
 
 
@@ -123,12 +138,13 @@ def _make_writable(path: Path) -> None:
         raise OutputError(f"{path} cannot be written ({reason}); choose another folder with --out") from None
 
 
-def _sweep(folder: Path, name: str) -> None:
-    """Remove what runs that were killed left half-written, here and in the work folder."""
-    for left in folder.glob(f".*{Path(name).stem}.*.partial*"):
-        left.unlink(missing_ok=True)
-    for left in (folder / WORK).glob(".*.partial*"):
-        left.unlink(missing_ok=True)
+def _sweep(work: Path) -> None:
+    """Remove what runs that were killed left half-written."""
+    for left in work.glob(f".*{_PARTIAL}*"):
+        if left.is_dir():
+            shutil.rmtree(left, ignore_errors=True)
+        else:
+            left.unlink(missing_ok=True)
 
 
 def _read_manifest(path: Path) -> dict[str, list[str]]:

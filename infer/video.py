@@ -27,7 +27,7 @@ from muybridge.infer.stages import partial_name
 _COUNTED = {"mov", "mp4", "m4a", "3gp", "3g2", "mj2"}
 # Demuxers that take a picture or a text for a film of one frame.
 _STILLS = ("image2", "_pipe", "tty", "gif")
-CHUNK_BYTES = 64 * 2**20
+CHUNK_BYTES = 100 * 2**20
 MAX_CHUNK = 16
 
 

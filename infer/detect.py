@@ -1,0 +1,234 @@
+"""2D landmarks of every camera: each video is read once, and a small copy of it is kept for the overlays.
+
+Each camera is a stage of its own. Two cameras are worked on side by side (decoding, the networks and the
+encoder all leave Python's lock alone), each in bounded memory.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from muybridge.errors import OutputError
+from muybridge.geometry.landmarks import LandmarkSet
+from muybridge.infer.keypoints import CameraTracks, KeypointOptions, PoseEstimator
+from muybridge.infer.onnx import KeypointNetwork, PeopleNetwork
+from muybridge.infer.progress import Progress, Task
+from muybridge.infer.session import Session
+from muybridge.infer.stages import StageResult, StageStore, code_digest, digest, file_digest
+from muybridge.infer.video import VideoWriter, fit_inside, read_chunks
+from muybridge.models.registry import shipped_model
+
+PROXY_LONG_SIDE_PX = 960
+# The code that a camera's 2D landmarks depend on.
+_CODE = (
+    "muybridge.models.decode",
+    "muybridge.models.registry",
+    "muybridge.geometry.cameras",
+    "muybridge.geometry.crops",
+    "muybridge.infer.crops",
+    "muybridge.infer.keypoints",
+    "muybridge.infer.onnx",
+    "muybridge.infer.people",
+    "muybridge.infer.tracking",
+    "muybridge.infer.video",
+)
+
+
+@dataclass(frozen=True)
+class DetectOptions:
+    """How 2D landmarks are found.
+
+    Attributes:
+        keypoint_model: keypoint network to use in place of the shipped one.
+        people_model: person detector to use in place of the shipped one.
+        workers: cameras worked on at the same time; each takes about half a gigabyte.
+        keypoints: how each camera's landmarks are found.
+    """
+
+    keypoint_model: Path | None = None
+    people_model: Path | None = None
+    workers: int = 2
+    keypoints: KeypointOptions = field(default_factory=KeypointOptions)
+
+    def __post_init__(self) -> None:
+        if self.workers < 1:
+            raise ValueError("workers must be at least 1")
+
+
+@dataclass(frozen=True)
+class Models:
+    """The networks of a run, opened once to see that they are ours.
+
+    Attributes:
+        keypoints, people: the files.
+        landmarks: what the keypoint network finds.
+        metadata: what the files say about themselves, and their digests; for `run.json`.
+    """
+
+    keypoints: Path
+    people: Path
+    landmarks: LandmarkSet
+    metadata: dict[str, dict[str, str]]
+
+
+@dataclass(frozen=True)
+class CameraResult:
+    """A camera's finished 2D stage.
+
+    Attributes:
+        tracks: its landmarks.
+        proxy: the small copy of its video.
+        stage: key and timing.
+    """
+
+    tracks: CameraTracks
+    proxy: Path
+    stage: StageResult
+
+
+def open_models(options: DetectOptions) -> Models:
+    """Find and check the networks.
+
+    Raises:
+        ModelError: a file is missing or not one of ours.
+    """
+    keypoints = options.keypoint_model or shipped_model("keypoints")
+    people = options.people_model or shipped_model("people")
+    keypoint_card = KeypointNetwork(keypoints, options.keypoints.onnx).card
+    people_card = PeopleNetwork(people, options.keypoints.onnx).card
+    metadata = {
+        "keypoints": {**keypoint_card.metadata, "file": keypoints.name, "sha256": file_digest(keypoints)},
+        "people": {**people_card.metadata, "file": people.name, "sha256": file_digest(people)},
+    }
+    return Models(keypoints, people, keypoint_card.landmarks, metadata)
+
+
+def detect(
+    session: Session, models: Models, store: StageStore, options: DetectOptions, progress: Progress
+) -> list[CameraResult]:
+    """2D landmarks of every camera, from disk where they are there already.
+
+    Returns:
+        C results. Where a container does not list its frames, a camera may have found fewer than
+        `session.frames`.
+
+    Raises:
+        VideoError: a video cannot be read to its end.
+    """
+    stop = threading.Event()
+    cameras = range(len(session.cameras))
+    with progress.task("2D landmarks", len(cameras) * session.frames) as task:
+        work = [_CameraWork(session, c, models, store, options, progress, task, stop) for c in cameras]
+        return _in_threads([w.run for w in work], options.workers, stop)
+
+
+def _in_threads(
+    jobs: Sequence[Callable[[], CameraResult]], workers: int, stop: threading.Event
+) -> list[CameraResult]:
+    """The jobs' results; the first failure, or Ctrl-C, stops the others at their next chunk."""
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        futures: list[Future[CameraResult]] = [pool.submit(job) for job in jobs]
+        try:
+            wait(futures, return_when=FIRST_EXCEPTION)
+        finally:
+            stop.set()
+            for future in futures:
+                future.cancel()
+    errors = [f.exception() for f in futures if f.done() and not f.cancelled()]
+    for error in errors:
+        if error is not None and not isinstance(error, _Stopped):
+            raise error
+    return [future.result() for future in futures]
+
+
+class _Stopped(Exception):
+    """Another camera failed, or the user stopped the run."""
+
+
+@dataclass(frozen=True)
+class _CameraWork:
+    """One camera's 2D stage."""
+
+    session: Session
+    index: int
+    models: Models
+    store: StageStore
+    options: DetectOptions
+    progress: Progress
+    task: Task
+    stop: threading.Event
+
+    @property
+    def name(self) -> str:
+        return self.session.cameras.names[self.index]
+
+    @property
+    def proxy(self) -> Path:
+        return self.store.folder / f"video-{file_name(self.name)}.mp4"
+
+    def run(self) -> CameraResult:
+        stage, key = f"landmarks-{file_name(self.name)}", self._key()
+        stored = self.store.load(stage, key)
+        if stored is not None and self.proxy.is_file():
+            self.progress.say(
+                f"{self.name}: 2D landmarks resumed from {self.store.folder / (stage + '.npz')}"
+            )
+            self.task.advance(self.session.frames)
+            return CameraResult(_tracks(stored, self.models.landmarks), self.proxy, stored)
+        start = time.perf_counter()
+        tracks = self._compute()
+        arrays = {
+            "points_px": tracks.points_px.astype(np.float32),
+            "variance_px2": tracks.variance_px2.astype(np.float32),
+            "score": tracks.score.astype(np.float32),
+            "visibility": tracks.visibility.astype(np.float32),
+            "boxes_px": tracks.boxes_px.astype(np.float32),
+            "ids": tracks.ids,
+        }
+        result = self.store.save(stage, key, arrays, {}, time.perf_counter() - start)
+        return CameraResult(_tracks(result, self.models.landmarks), self.proxy, result)
+
+    def _key(self) -> str:
+        video, camera = self.session.videos[self.index], self.session.cameras[self.index]
+        return digest(
+            [video.path.name, video.size_bytes, video.mtime_ns, video.rotation_deg],
+            self.session.frame_indices[self.index],
+            self.session.fps,
+            camera,
+            self.options.keypoints,
+            self.models.metadata,
+            code_digest(*_CODE),
+        )
+
+    def _compute(self) -> CameraTracks:
+        video, camera = self.session.videos[self.index], self.session.cameras[self.index]
+        estimator = PoseEstimator(self.models.keypoints, self.models.people, camera, self.options.keypoints)
+        size = fit_inside(video.width, video.height, PROXY_LONG_SIDE_PX)
+        with VideoWriter(self.proxy, *size, fps=self.session.fps) as writer:
+            for frames in read_chunks(video, self.session.frame_indices[self.index]):
+                if self.stop.is_set():
+                    raise _Stopped
+                estimator.process(frames)
+                for frame in frames:
+                    writer.write(frame)
+                self.task.advance(len(frames))
+        return estimator.finish()
+
+
+def _tracks(stage: StageResult, landmarks: LandmarkSet) -> CameraTracks:
+    """Tracks from a stored or just computed stage: the same to the bit in both cases."""
+    values = {n: a if n == "ids" else a.astype(np.float64) for n, a in stage.arrays.items()}
+    return CameraTracks(landmarks=landmarks, **values)
+
+
+def file_name(camera: str) -> str:
+    """A camera's name with what file systems dislike replaced."""
+    kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in camera).lstrip(".")
+    if not kept:
+        raise OutputError(f"camera name {camera!r} makes no file name; rename it in the calibration")
+    return kept
