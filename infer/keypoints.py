@@ -16,7 +16,7 @@ from muybridge.geometry.landmarks import Keypoints2D, LandmarkSet
 from muybridge.infer.crops import extract_crops
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions, PeopleNetwork
 from muybridge.infer.people import PeopleDetector, PeopleOptions
-from muybridge.infer.tracking import BoxSmoother, TrackedFrame, Tracker, TrackOptions
+from muybridge.infer.tracking import BoxSmoother, Tracker, TrackOptions
 from muybridge.models.decode import box_overlap, decode_heatmaps
 
 # Frames worked on together: it bounds memory and is how far the boxes' smoothing may look ahead.

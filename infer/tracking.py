@@ -88,6 +88,7 @@ class Tracker:
         self._ids = np.full(slots, -1, dtype=np.int64)
         self._hits = np.zeros(slots, dtype=np.int64)
         self._misses = np.zeros(slots, dtype=np.int64)
+        self._gap = np.zeros(slots, dtype=np.int64)  # frames since the box was last known
         self._ended_at = np.full(slots, -1, dtype=np.int64)
         self._clock = 0
         self._started = 0
@@ -95,6 +96,7 @@ class Tracker:
     def step(self, detected: DetectedPeople | None) -> TrackedFrame:
         """Advance by one frame; None if nobody looked at it."""
         self._clock += 1
+        self._gap += 1
         self._boxes += np.tile(self._velocity, 2)
         seen = np.zeros(len(self._ids), dtype=np.bool_)
         if detected is not None:
@@ -115,7 +117,7 @@ class Tracker:
     def confirm(self, slot: int, box_px: NDArray[np.float64]) -> None:
         """Other evidence (its keypoints) says that the track of a slot is at this box now."""
         self._boxes[slot] = box_px
-        self._misses[slot] = 0
+        self._misses[slot] = self._gap[slot] = 0
 
     def end(self, slot: int) -> None:
         """End a slot's track."""
@@ -128,7 +130,7 @@ class Tracker:
         overlap = box_overlap(tracks, boxes)
         sides = (tracks[:, 2:] - tracks[:, :2]).max(axis=1)
         away = np.linalg.norm(_centers(tracks)[:, None] - _centers(boxes)[None], axis=-1) / sides[:, None]
-        reach = np.minimum(_MAX_DISTANCE + _MAX_DISTANCE_GROWTH * self._misses[active], _MAX_DISTANCE_EVER)
+        reach = np.minimum(_MAX_DISTANCE + _MAX_DISTANCE_GROWTH * (self._gap[active] - 1), _MAX_DISTANCE_EVER)
         allowed = (overlap >= _MIN_OVERLAP) | (away <= reach[:, None])
         cost = np.where(allowed, 1 - overlap + away, _APART)
         rows, columns = linear_sum_assignment(cost)
@@ -137,11 +139,12 @@ class Tracker:
 
     def _observe(self, slots: NDArray[np.intp], boxes: NDArray[np.float64]) -> None:
         surprise = _centers(boxes) - _centers(self._boxes[slots])
-        # A step after a gap is spread over the gap.
-        self._velocity[slots] += _VELOCITY_GAIN * surprise / (1 + self._misses[slots])[:, None]
+        # A step after a gap is spread over the gap; a young track learns faster.
+        gain = np.maximum(_VELOCITY_GAIN, 1 / (1 + self._hits[slots])) / self._gap[slots]
+        self._velocity[slots] += gain[:, None] * surprise
         self._boxes[slots] = boxes
         self._hits[slots] += 1
-        self._misses[slots] = 0
+        self._misses[slots] = self._gap[slots] = 0
 
     def _miss(self, slots: NDArray[np.bool_]) -> None:
         self._misses[slots] += 1
@@ -156,7 +159,8 @@ class Tracker:
         free = np.flatnonzero(~active)
         slot = int(free[np.argmin(self._ended_at[free])])
         self._boxes[slot], self._velocity[slot] = box, 0.0
-        self._ids[slot], self._hits[slot], self._misses[slot] = self._started, 1, 0
+        self._ids[slot], self._hits[slot] = self._started, 1
+        self._misses[slot] = self._gap[slot] = 0
         self._started += 1
         return slot
 

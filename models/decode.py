@@ -73,10 +73,10 @@ def decode_heatmaps(logits: NDArray[np.float32], stride: int, spread: SpreadCali
     flat = np.ascontiguousarray(logits, dtype=np.float32).reshape(count * landmarks, height * width)
     best = flat.argmax(axis=1)
     rows = np.arange(len(flat))
-    probability = flat - flat[rows, best][:, None]
-    np.exp(probability, out=probability)
-    moments = probability @ _moment_basis(height, width)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # maps that are not finite come out as missing
+        probability = flat - flat[rows, best][:, None]
+        np.exp(probability, out=probability)
+        moments = probability @ _moment_basis(height, width)
         moments = moments.astype(np.float64)
         moments[:, 1:] /= moments[:, :1]
         point_uv, mass = _refine(probability.reshape(-1, height, width), best)

@@ -1,0 +1,142 @@
+"""Decoding: sub-cell points, two hypotheses, variances, boxes."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from muybridge.models.decode import (
+    SpreadCalibration,
+    box_overlap,
+    decode_heatmaps,
+    decode_people,
+    suppress_overlaps,
+)
+
+_PLAIN = SpreadCalibration(scale=1.0, floor_px2=0.5)
+
+
+def _peak(u: float, v: float, sigma: float, size: int = 32) -> NDArray[np.float64]:
+    """Probability (size, size) of a Gaussian about cell (u, v)."""
+    rows, columns = np.mgrid[:size, :size]
+    p = np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / (2 * sigma**2)) + 1e-12
+    return np.asarray(p / p.sum())
+
+
+def _logits(*maps: NDArray[np.float64]) -> NDArray[np.float32]:
+    return np.log(np.stack(maps)).astype(np.float32)[None]
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    u=st.floats(6, 25), v=st.floats(6, 25), sigma=st.floats(0.6, 1.6), shift=st.floats(-80, 80),
+    stride=st.sampled_from([4, 8]),
+)  # fmt: skip
+def test_a_peak_is_found_between_cells(u: float, v: float, sigma: float, shift: float, stride: int) -> None:
+    decoded = decode_heatmaps(_logits(_peak(u, v, sigma)) + np.float32(shift), stride, _PLAIN)
+    expected = np.array([u, v]) * stride + (stride - 1) / 2
+    assert np.abs(decoded.points_crop_px[0, 0] - expected).max() < 0.1 * stride
+    assert decoded.variance_crop_px2[0, 0] == pytest.approx(sigma**2 * stride**2 + 0.5, rel=0.1, abs=0.2)
+    # The mass of a Gaussian within 2.5 cells, up to the cells that the circle cuts.
+    assert decoded.score[0, 0] == pytest.approx(1 - np.exp(-(2.5**2) / (2 * sigma**2)), abs=0.12)
+
+
+def test_two_hypotheses_are_not_averaged() -> None:
+    two = 0.55 * _peak(10, 16, 1.0) + 0.45 * _peak(22, 16, 1.0)
+    decoded = decode_heatmaps(_logits(two, _peak(10, 16, 1.0)), 4, _PLAIN)
+    np.testing.assert_allclose(decoded.points_crop_px[0, 0], [41.5, 65.5], atol=0.2)
+    # Half of the mass is 12 cells away: 0.45 * 144 / 2 cells^2 more.
+    assert decoded.variance_crop_px2[0, 0] == pytest.approx((0.45 * 72 + 1) * 16 + 0.5, rel=0.02)
+    assert decoded.score[0, 0] == pytest.approx(0.55 * decoded.score[0, 1], rel=0.01)
+
+
+def test_flat_and_broken_maps() -> None:
+    logits = np.zeros((2, 3, 32, 32), dtype=np.float32)
+    logits[0, 1, 3, 4] = np.nan
+    logits[1, 2] = -np.inf
+    decoded = decode_heatmaps(logits, 4, _PLAIN)
+    missing = np.zeros((2, 3), dtype=bool)
+    missing[0, 1] = missing[1, 2] = True
+    for values in (decoded.points_crop_px[..., 0], decoded.variance_crop_px2):
+        np.testing.assert_array_equal(np.isnan(values), missing)
+    assert (decoded.score[missing] == 0).all() and (decoded.score[~missing] < 0.05).all()
+    # A map that knows nothing: the spread of the whole crop about wherever it points.
+    assert decoded.variance_crop_px2[0, 0] > 16 * 32**2 / 12
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (31, 0), (0, 31), (31, 31)])
+def test_peaks_at_the_border_stay_there(corner: tuple[int, int]) -> None:
+    decoded = decode_heatmaps(_logits(_peak(*corner, 0.8)), 4, _PLAIN)
+    cell = (decoded.points_crop_px[0, 0] - 1.5) / 4
+    assert np.abs(cell - corner).max() <= 1.0 and (cell >= 0).all() and (cell <= 31).all()
+
+
+def test_calibration_scales_the_variance() -> None:
+    logits = _logits(_peak(12.3, 15.2, 1.2))
+    plain = decode_heatmaps(logits, 4, SpreadCalibration(1.0, 0.0)).variance_crop_px2
+    scaled = decode_heatmaps(logits, 4, SpreadCalibration(2.5, 3.0)).variance_crop_px2
+    np.testing.assert_allclose(scaled, 2.5 * plain + 3.0)
+
+
+def test_batches_and_single_maps_agree() -> None:
+    logits = np.random.default_rng(0).normal(0, 3, (7, 5, 24, 32)).astype(np.float32)
+    whole = decode_heatmaps(logits, 4, _PLAIN)
+    for index in range(7):
+        one = decode_heatmaps(logits[index : index + 1], 4, _PLAIN)
+        np.testing.assert_allclose(one.points_crop_px[0], whole.points_crop_px[index], atol=1e-4)
+        np.testing.assert_allclose(one.variance_crop_px2[0], whole.variance_crop_px2[index], rtol=1e-3)
+    with pytest.raises(ValueError, match=r"\(N, J, h, w\)"):
+        decode_heatmaps(logits[0], 4, _PLAIN)
+
+
+def _detector_maps(
+    people: list[tuple[float, float, float, float, float]], shape: tuple[int, int] = (24, 40)
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Maps as the detector gives them for people (left, top, right, bottom, logit)."""
+    rows, columns = np.mgrid[: shape[0], : shape[1]]
+    x, y = columns * 8 + 3.5, rows * 8 + 3.5
+    heatmap, box = np.full((1, 1, *shape), -8.0), np.zeros((1, 4, *shape))
+    for left, top, right, bottom, logit in people:
+        away = np.hypot(x - (left + right) / 2, y - (top + bottom) / 2)
+        bump = logit - 0.05 * away
+        mine = bump > heatmap[0, 0]
+        heatmap[0, 0][mine] = bump[mine]
+        for channel, distance in enumerate((x - left, y - top, right - x, bottom - y)):
+            box[0, channel][mine] = distance[mine]
+    return heatmap.astype(np.float32), box.astype(np.float32)
+
+
+def test_people_are_found_best_first() -> None:
+    people = [
+        (40.0, 30.0, 100.0, 160.0, 2.0),
+        (180.0, 20.0, 250.0, 180.0, 4.0),
+        (280.0, 20.0, 300.0, 60.0, -3.0),
+    ]
+    (found,) = decode_people(*_detector_maps(people), stride=8, threshold=0.3)
+    np.testing.assert_allclose(found.boxes_px, [people[1][:4], people[0][:4]], atol=1e-3)
+    assert found.scores[0] > found.scores[1] > 0.8
+    (one,) = decode_people(*_detector_maps(people), stride=8, threshold=0.3, max_people=1)
+    np.testing.assert_allclose(one.boxes_px, [people[1][:4]], atol=1e-3)
+    (nobody,) = decode_people(*_detector_maps([]), stride=8)
+    assert nobody.boxes_px.shape == (0, 4) and nobody.scores.shape == (0,)
+
+
+def test_two_peaks_of_one_person_become_one_detection() -> None:
+    heatmap, box = _detector_maps([(40.0, 30.0, 100.0, 160.0, 2.0)])
+    heatmap[0, 0, 14, 8] = 1.9  # a second peak, two cells below, with the same person's box
+    (found,) = decode_people(heatmap, box, stride=8, threshold=0.3)
+    assert len(found.scores) == 1
+    box[:] = -1.0
+    (found,) = decode_people(heatmap, box, stride=8, threshold=0.3)
+    assert len(found.scores) == 0
+
+
+def test_overlaps() -> None:
+    boxes = np.array([[0.0, 0, 10, 10], [5, 0, 15, 10], [100, 100, 120, 120]])
+    overlap = box_overlap(boxes, boxes)
+    np.testing.assert_allclose(np.diag(overlap), 1)
+    assert overlap[0, 1] == pytest.approx(1 / 3) and overlap[0, 2] == 0
+    scores = np.array([0.5, 0.9, 0.1])
+    assert suppress_overlaps(boxes, scores, 0.3).tolist() == [1, 2]
+    assert suppress_overlaps(boxes, scores, 0.4).tolist() == [1, 0, 2]
