@@ -1,1 +1,22 @@
 """Reading and writing of camera calibrations, one module a format."""
+
+from muybridge.geometry.calibration.common import Calibration
+from muybridge.geometry.calibration.files import (
+    KNOWN_FORMATS,
+    find_calibration,
+    load_calibration,
+    read_calibration,
+    save_calibration,
+)
+from muybridge.geometry.calibration.video_size import VideoFit, fit_to_video
+
+__all__ = [
+    "KNOWN_FORMATS",
+    "Calibration",
+    "VideoFit",
+    "find_calibration",
+    "fit_to_video",
+    "load_calibration",
+    "read_calibration",
+    "save_calibration",
+]

@@ -1,0 +1,211 @@
+"""Finding, recognising, reading and writing calibration files."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from muybridge.errors import CalibrationError, OutputError
+from muybridge.geometry.calibration.colmap import colmap_files, is_colmap_file, read_colmap
+from muybridge.geometry.calibration.common import Calibration, Malformed, upright_note
+from muybridge.geometry.calibration.native import native_text, read_native
+from muybridge.geometry.calibration.opencv_yaml import MATRIX_KEYS, read_opencv_yaml
+from muybridge.geometry.calibration.qualisys import read_qualisys
+from muybridge.geometry.calibration.rig_toml import read_rig_toml
+from muybridge.geometry.cameras import CameraGroup
+
+KNOWN_FORMATS = (
+    "Muybridge TOML",
+    "Qualisys (.qca.txt)",
+    "Pose2Sim/Anipose TOML",
+    "Caliscope TOML",
+    "OpenCV YAML",
+    "COLMAP model (text or binary: cameras and images)",
+)
+"""The formats that `load_calibration` reads."""
+
+_KNOWN = "known formats: " + ", ".join(KNOWN_FORMATS)
+# The largest rigs make files of some 100 KB; this is to not swallow a video that was taken for one.
+_MAX_BYTES = 16 * 2**20
+
+# Marks that survive a truncated or damaged file, so that its reader can say what is wrong with it. The first
+# that matches counts: our own TOML says what it is; XML and YAML have a first line; the rest is TOML.
+_Reader = Callable[[str, Path], Calibration]
+_MARKS: tuple[tuple[str, re.Pattern[str], _Reader], ...] = (
+    ("Muybridge TOML", re.compile(r"^\s*muybridge_calibration\s*=", re.M), lambda text, _: read_native(text)),
+    (
+        "Qualisys",
+        re.compile(
+            r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*<(?:QTM_Parameters[^>]*>\s*<)?calibration\b", re.S
+        ),
+        lambda text, _: read_qualisys(text),
+    ),
+    (
+        "OpenCV YAML",
+        re.compile(r"\A%YAML|!!opencv-matrix|^\s*(?:-\s+)?(?:" + "|".join(MATRIX_KEYS) + r")\s*:", re.M),
+        lambda text, path: read_opencv_yaml(text, path.stem),
+    ),
+    (
+        "Pose2Sim, Anipose or Caliscope TOML",
+        re.compile(r"^\s*\[cameras\.|^\s*matrix\s*=", re.M),
+        lambda text, _: read_rig_toml(text),
+    ),
+)
+
+
+def load_calibration(path: Path) -> CameraGroup:
+    """The cameras of a calibration file of any known format; see `read_calibration`."""
+    return read_calibration(path).cameras
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Read a calibration file of any known format, recognised by its content.
+
+    Args:
+        path: a file; or, for a COLMAP model, its folder or one of its files.
+
+    Returns:
+        The cameras (metres, world to camera), the format's name and notes on what was assumed.
+
+    Raises:
+        CalibrationError: the file cannot be read, is of no known format, or is damaged; the message names the
+            file, what is wrong (line, camera, field) and what would be valid.
+    """
+    path = Path(path)
+    try:
+        calibration = _read(path)
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot be read: {error.strerror or error}; {_KNOWN}") from None
+    return replace(calibration, notes=(*calibration.notes, *upright_note(calibration.cameras)))
+
+
+def _read(path: Path) -> Calibration:
+    if not path.exists():
+        raise CalibrationError(f"{path}: there is no such calibration file; {_KNOWN}")
+    model = colmap_files(path if path.is_dir() else path.parent)
+    if path.is_dir() or (model and is_colmap_file(path)):
+        if model is None:
+            raise CalibrationError(
+                f"{path}: the folder holds no COLMAP model (cameras and images, .bin or .txt); name a file; "
+                f"{_KNOWN}"
+            )
+        try:
+            return read_colmap(*model)
+        except Malformed as error:
+            raise CalibrationError(f"{model[0].parent}: damaged COLMAP model: {error}") from None
+    text = _text(path)
+    found = _recognise(text)
+    if found is None:
+        hint = ""
+        if is_colmap_file(path):
+            hint = " (of a COLMAP model both cameras and images are needed, in one folder)"
+        raise CalibrationError(f"{path}: not a calibration file of a known format{hint}; {_KNOWN}")
+    name, reader = found
+    try:
+        return reader(text or "", path)
+    except Malformed as error:
+        raise CalibrationError(f"{path}: damaged or incomplete {name} calibration: {error}") from None
+
+
+def _text(path: Path) -> str | None:
+    """The file as text; None if it is binary or too large for a calibration."""
+    if not path.is_file() or path.stat().st_size > _MAX_BYTES:
+        return None
+    data = path.read_bytes()
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        if not data.lstrip().startswith(b"<?xml"):
+            return None
+        text = data.decode("latin-1")  # older XML exports; only names could differ
+    return None if "\0" in text else text
+
+
+def _recognise(text: str | None) -> tuple[str, _Reader] | None:
+    for name, mark, reader in _MARKS:
+        if text is not None and mark.search(text):
+            return name, reader
+    return None
+
+
+def find_calibration(session_dir: Path) -> Path:
+    """The calibration of a session folder.
+
+    That is `calibration.toml` in it; else the one file of a known format directly in its folder
+    `calibration` (a COLMAP model, which is several files, counts as one and is returned as that folder).
+
+    Raises:
+        CalibrationError: none, or several (they are named).
+    """
+    session_dir = Path(session_dir)
+    own = session_dir / "calibration.toml"
+    if own.is_file():
+        return own
+    expected = (
+        f"put calibration.toml into {session_dir}, or one file of a known format into "
+        f"{session_dir / 'calibration'}, or name one with --calibration; {_KNOWN}"
+    )
+    folder = session_dir / "calibration"
+    if not folder.is_dir():
+        raise CalibrationError(f"{session_dir}: no calibration; {expected}")
+    try:
+        found, others = _candidates(folder)
+    except OSError as error:
+        raise CalibrationError(f"{folder}: cannot be read: {error.strerror or error}; {expected}") from None
+    if len(found) > 1:
+        names = ", ".join(p.name if p != folder else "a COLMAP model" for p in found)
+        raise CalibrationError(
+            f"{folder}: several calibrations ({names}); leave one there, or name one with --calibration"
+        )
+    if not found:
+        listed = (
+            f" ({', '.join(others[:5])}{', ...' if len(others) > 5 else ''} is of none)" if others else ""
+        )
+        raise CalibrationError(f"{folder}: no calibration file of a known format{listed}; {expected}")
+    return found[0]
+
+
+def _candidates(folder: Path) -> tuple[list[Path], list[str]]:
+    """Calibrations directly in a folder, and the names of its other files."""
+    found: list[Path] = []
+    others: list[str] = []
+    has_model = colmap_files(folder) is not None
+    if has_model:
+        found.append(folder)
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(".") or not path.is_file() or (has_model and is_colmap_file(path)):
+            continue
+        if _recognise(_text(path)):
+            found.append(path)
+        else:
+            others.append(path.name)
+    return found, others
+
+
+def save_calibration(cameras: CameraGroup, path: Path) -> None:
+    """Write cameras as our own TOML, which reads back to the same bits.
+
+    The file is written under a temporary name and renamed, so that a killed run leaves no half file.
+
+    Raises:
+        OutputError: the file cannot be written.
+        ValueError: a camera's name cannot be written as UTF-8.
+    """
+    path = Path(path)
+    text = native_text(cameras).encode("utf-8")
+    temporary = None
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(text)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except OSError as error:
+        if temporary and os.path.exists(temporary):
+            os.unlink(temporary)
+        why = error.strerror or error
+        raise OutputError(f"{path}: cannot be written: {why}; choose a folder that exists") from None
