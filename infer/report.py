@@ -1,0 +1,281 @@
+"""`report.html`: one file that shows a take and says what went wrong and where. It opens without a network.
+
+The page holds the motion (16-bit integers in base64), its figures, the styles and the scripts of
+`assets/`. A content security policy inside it forbids every request.
+"""
+
+import base64
+import html
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import OutputError
+from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.landmarks import Points3D
+from muybridge.infer.overlay import side_of
+from muybridge.infer.report_figures import bone_figures, camera_figures, timeline
+from muybridge.infer.report_findings import findings
+from muybridge.infer.report_sections import (
+    bones_section,
+    cameras_section,
+    findings_section,
+    heading_section,
+    landmarks_section,
+    run_section,
+    thumbnails_section,
+)
+
+Floats = NDArray[np.float64]
+
+# Beyond this many frames the 3D view shows every second, third, ... frame.
+_MOST_FRAMES = 40_000
+_MISSING = -32768
+
+
+@dataclass(frozen=True)
+class Thumbnail:
+    """One picture of an overlay.
+
+    Attributes:
+        camera: the camera's name.
+        frame: its frame number; a click shows it in the 3D view.
+        jpeg: the picture, as `overlay.write_overlay` hands it back.
+    """
+
+    camera: str
+    frame: int
+    jpeg: bytes
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """Everything a report shows. Only the first three are needed.
+
+    Attributes:
+        title: the session's name.
+        cameras: C cameras, as used (after crops and scalings).
+        points: T frames of J landmarks.
+        keypoints_px: (C, T, J, 2) the person's 2D points, NaN where missing; they tell a shifted, lagging or
+            left-right-swapping camera.
+        leave_one_out_px: (C, T, J) distance of a 2D point to what the other cameras say; NaN where unknown.
+        joint_positions_world: (T, Jm, 3) the fitted motion's joints, metres.
+        joint_names: (Jm,) their names.
+        joint_parents: (Jm,) index of the parent joint, -1 for the root.
+        person: one sentence: who was picked as the person, and why.
+        warnings: what the run warned of, as sentences.
+        timings_s: seconds by stage, in order.
+        quality: figures to list as they are (also in `run.json`).
+        options: the resolved options, nested by stage.
+        versions: what the run was made with.
+        thumbnails: pictures from the overlays.
+        files: names of the other results, relative to the report.
+    """
+
+    title: str
+    cameras: CameraGroup
+    points: Points3D
+    keypoints_px: Floats | None = None
+    leave_one_out_px: Floats | None = None
+    joint_positions_world: Floats | None = None
+    joint_names: tuple[str, ...] = ()
+    joint_parents: tuple[int, ...] = ()
+    person: str = ""
+    warnings: tuple[str, ...] = ()
+    timings_s: Mapping[str, float] = field(default_factory=dict)
+    quality: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    thumbnails: tuple[Thumbnail, ...] = ()
+    files: tuple[str, ...] = ()
+
+
+def write_report(path: Path, data: ReportData) -> Path:
+    """Write the page; it appears under `path` only when it is complete.
+
+    Raises:
+        OutputError: the file cannot be written.
+        ValueError: arrays of `data` do not fit each other.
+    """
+    page = render_report(data)
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        partial.write_text(page, encoding="utf-8", newline="\n")
+        partial.replace(path)
+    except OSError as error:
+        raise OutputError(
+            f"{path}: the report cannot be written ({error.strerror}); choose a writable folder with --out or "
+            f"free some space"
+        ) from error
+    finally:
+        partial.unlink(missing_ok=True)
+    return path
+
+
+def render_report(data: ReportData) -> str:
+    """The page as text."""
+    _check(data)
+    points = data.points
+    cameras = camera_figures(data.cameras, points, data.keypoints_px, data.leave_one_out_px)
+    bones = bone_figures(points)
+    said = findings(points, cameras, bones, data.warnings)
+    pictures = [(t.camera, t.frame, base64.b64encode(t.jpeg).decode("ascii")) for t in data.thumbnails]
+    parts = {
+        "title": html.escape(data.title),
+        "css": _asset("report.css"),
+        "heading": heading_section(data.title, points, cameras, data.timings_s, data.files),
+        "findings": findings_section(said, data.person),
+        "cameras": cameras_section(cameras),
+        "landmarks": landmarks_section(points, cameras),
+        "bones": bones_section(bones),
+        "thumbnails": thumbnails_section(pictures),
+        "run": run_section(data.timings_s, data.quality, data.options, data.versions),
+        "data": _script_json(_scene(data)),
+        "js": _asset("report_view.js") + "\n" + _asset("report.js"),
+    }
+    page = _asset("report.html")
+    for name, text in parts.items():
+        page = page.replace(f"<!--@{name}-->", text, 1)
+    return page
+
+
+def _check(data: ReportData) -> None:
+    count, frames = len(data.cameras), len(data.points.points_world)
+    landmarks = len(data.points.landmarks)
+    shapes: list[tuple[str, Any, tuple[int, ...]]] = [
+        ("points.points_world", data.points.points_world, (frames, landmarks, 3)),
+        ("points.residual_px", data.points.residual_px, (count, frames, landmarks)),
+        ("points.inlier", data.points.inlier, (count, frames, landmarks)),
+        ("keypoints_px", data.keypoints_px, (count, frames, landmarks, 2)),
+        ("leave_one_out_px", data.leave_one_out_px, (count, frames, landmarks)),
+        ("joint_positions_world", data.joint_positions_world, (frames, len(data.joint_names), 3)),
+    ]
+    if frames == 0:
+        raise ValueError("a report needs at least one frame")
+    for name, array, shape in shapes:
+        if array is not None and array.shape != shape:
+            raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
+    if len(data.joint_parents) != len(data.joint_names):
+        raise ValueError("joint_parents and joint_names differ in length")
+
+
+def _asset(name: str) -> str:
+    return resources.files("muybridge.infer").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def _script_json(value: object) -> str:
+    """JSON that may stand inside a script element: no `</script>` or `<!--` can close or open anything."""
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def _scene(data: ReportData) -> dict[str, Any]:
+    """What the scripts draw: cameras, landmarks, joints and the timeline."""
+    points = data.points
+    names = points.landmarks.names
+    stride = -(-len(points.points_world) // _MOST_FRAMES)
+    line = timeline(points)
+    scene: dict[str, Any] = {
+        "frames": len(points.points_world),
+        "stride": stride,
+        "fps": round(points.fps, 4),
+        "cameras": [_camera(camera) for camera in data.cameras],
+        "landmarks": {
+            "names": list(names),
+            "sides": [side_of(name) for name in names],
+            "edges": [list(edge) for edge in points.landmarks.edge_indices],
+            "positions": _packed(points.points_world[::stride]),
+        },
+        "joints": None,
+        "timeline": {
+            "first": line.first_frame.tolist(),
+            "missing": _bytes(line.missing * 100.0),
+            "cameras": _bytes(np.nan_to_num(line.cameras) / len(data.cameras) * 100.0),
+            "residual": [[_rounded(v) for v in column] for column in line.residual_px.T],
+        },
+    }
+    if data.joint_positions_world is not None and data.joint_names:
+        scene["joints"] = {
+            "names": list(data.joint_names),
+            "sides": [side_of(name) for name in data.joint_names],
+            "edges": [[p, j] for j, p in enumerate(data.joint_parents) if p >= 0],
+            "positions": _packed(data.joint_positions_world[::stride]),
+        }
+    return scene
+
+
+def _camera(camera: Camera) -> dict[str, Any]:
+    """Centre, the four image corners as points one metre deep, axes and field of view, in world axes."""
+    right, bottom = camera.width - 0.5, camera.height - 0.5
+    corners = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+    normalised = camera.unproject(corners)
+    rays = np.concatenate([normalised, np.ones((4, 1))], axis=1) @ camera.rotation
+    return {
+        "name": camera.name,
+        "center": [_rounded(v, 4) for v in camera.center_world],
+        "corners": [[_rounded(v, 4) for v in ray] for ray in rays],
+        "rotation": [[_rounded(v, 5) for v in row] for row in camera.rotation],
+        "focal": _rounded(camera.camera_matrix[1, 1] / camera.height, 5),
+        "principal": [
+            _rounded((camera.camera_matrix[0, 2] + 0.5) / camera.width, 5),
+            _rounded((camera.camera_matrix[1, 2] + 0.5) / camera.height, 5),
+        ],
+        "aspect": _rounded(camera.width / camera.height, 5),
+    }
+
+
+def _rounded(value: float, digits: int = 2) -> float | None:
+    return round(float(value), digits) if np.isfinite(value) else None
+
+
+def _packed(positions: Floats) -> dict[str, Any]:
+    """(T, J, 3) metres as 16-bit integers: an offset, a step and base64 in little-endian order.
+
+    One point a hundred metres away would cost everybody else their precision (0.3 mm in a room of 20 m), so
+    what lies beyond 12 interquartile ranges of the middle counts as missing here.
+    """
+    finite = np.isfinite(positions).all(axis=-1)
+    seen = positions[finite]
+    if not len(seen):
+        seen = np.zeros((1, 3))
+    low, middle, high = np.quantile(seen, [0.25, 0.5, 0.75], axis=0)
+    reach = 12.0 * np.maximum(high - low, 0.5)
+    near = finite & (np.abs(np.nan_to_num(positions) - middle) <= reach).all(axis=-1)
+    seen = positions[near] if near.any() else seen
+    center = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
+    step = max(float((seen.max(axis=0) - seen.min(axis=0)).max()) / 65000.0, 1e-5)
+    codes = np.full(positions.shape, _MISSING, "<i2")
+    codes[near] = np.round((positions[near] - center) / step)
+    return {
+        "offset": [_rounded(v, 5) for v in center],
+        "step": step,
+        "data": base64.b64encode(codes.tobytes()).decode("ascii"),
+    }
+
+
+def _bytes(values: Floats) -> str:
+    """Percentages as bytes in base64."""
+    return base64.b64encode(np.clip(np.round(values), 0, 100).astype(np.uint8).tobytes()).decode("ascii")
+
+
+def pick_thumbnail_frames(points: Points3D, count: int = 4) -> Sequence[int]:
+    """Frames worth a picture: spread over the take, and the one that the cameras agree on least.
+
+    Args:
+        points: the take.
+        count: how many frames in all.
+
+    Returns:
+        Sorted frame numbers, at most `count`.
+    """
+    frames = len(points.points_world)
+    spread = np.linspace(0, frames - 1, count + 1)[1:-1] if count > 1 else np.array([frames // 2])
+    chosen = {int(t) for t in spread}
+    residual = np.where(np.isfinite(points.residual_px), points.residual_px, 0.0).mean(axis=(0, 2))
+    chosen.add(int(residual.argmax()))
+    return sorted(chosen)[:count]

@@ -1,0 +1,248 @@
+"""The report's sections as HTML: headline figures, findings, tables, pictures and how the run was made."""
+
+import html
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from muybridge.geometry.landmarks import Points3D
+from muybridge.infer.report_figures import (
+    BoneFigures,
+    CameraFigures,
+    coverage,
+    nanmedian,
+    readable,
+)
+from muybridge.infer.report_findings import Finding, agreement_mm, verdict
+
+_FILES = {
+    ".trc": "3D points (OpenSim, Pose2Sim)",
+    ".c3d": "3D points (biomechanics software)",
+    ".bvh": "moving skeleton (Blender, Maya, Unreal)",
+    ".mp4": "video with what was found drawn in",
+    ".json": "figures, options and versions",
+}
+
+
+def _number(value: float, digits: int = 1, unit: str = "") -> str:
+    """A number with its unit, a dash where there is none."""
+    if not np.isfinite(value):
+        return '<span class="none">–</span>'
+    return f"{value:.{digits}f}{unit}"
+
+
+def _percent(value: float, digits: int = 0) -> str:
+    return _number(100.0 * value, digits, " %")
+
+
+def heading_section(
+    title: str,
+    points: Points3D,
+    cameras: Sequence[CameraFigures],
+    timings_s: Mapping[str, float],
+    files: Sequence[str],
+) -> str:
+    """Title, verdict, the four headline figures and links to the other results."""
+    rating, sentence = verdict(points, cameras)
+    frames = len(points.points_world)
+    label = {"good": "Good take", "fair": "Usable, with care", "poor": "Needs attention"}[rating]
+    residual = float(nanmedian(np.array([c.residual_px for c in cameras])))
+    loo = float(nanmedian(np.array([c.leave_one_out_px for c in cameras])))
+    total = sum(timings_s.values())
+    per_camera_frame = total / max(frames * len(cameras), 1)
+    tiles = [
+        _tile("Coverage", _percent(coverage(points), 1), "of all landmarks and frames have a 3D position"),
+        _tile(
+            "Agreement",
+            _number(agreement_mm(cameras), 0, " mm"),
+            "from one camera to the others, at the person",
+        ),
+        _tile(
+            "Reprojection", _number(residual, 1, " px"), "median distance of 2D points to the projected 3D"
+        ),
+        _tile("Leave one out", _number(loo, 1, " px"), "the same, with the camera itself left out"),
+    ]
+    if total > 0:
+        tiles.append(_tile("Time taken", f"{total:.0f} s", f"{1000 * per_camera_frame:.0f} ms an image"))
+    facts = (
+        f"{len(cameras)} cameras · {frames} frames · {points.fps:g} frames/s · {frames / points.fps:.2f} s"
+    )
+    links = "".join(
+        f'<li><a href="{html.escape(name, quote=True)}">{html.escape(name)}</a> '
+        f"<span>{_FILES.get(name[name.rfind('.') :], '')}</span></li>"
+        for name in files
+    )
+    files_block = f'<details class="files"><summary>Files of this run</summary><ul>{links}</ul></details>'
+    return (
+        f'<header><p class="kicker">muybridge report</p><h1>{html.escape(title)}</h1>'
+        f'<p class="facts">{facts}</p>'
+        f'<p class="verdict {rating}"><strong>{label}</strong> {html.escape(sentence)}</p>'
+        f'<dl class="tiles">{"".join(tiles)}</dl>{files_block if files else ""}</header>'
+    )
+
+
+def _tile(name: str, value: str, meaning: str) -> str:
+    return f'<div class="tile"><dt>{name}</dt><dd class="value">{value}</dd><dd class="meaning">{meaning}</dd></div>'
+
+
+def findings_section(said: Sequence[Finding], person: str) -> str:
+    """The sentences, each with its severity in words and a button that shows the frame."""
+    names = {"bad": "Problem", "look": "Look", "note": "Note"}
+    items = []
+    for finding in said:
+        button = ""
+        if finding.frame >= 0:
+            button = f' <button type="button" class="jump" data-frame="{finding.frame}">show frame {finding.frame}</button>'
+        items.append(
+            f'<li class="{finding.severity}"><span class="mark">{names[finding.severity]}</span>'
+            f"<p>{html.escape(finding.text)}{button}</p></li>"
+        )
+    if not items:
+        items = [
+            '<li class="fine"><span class="mark">Fine</span><p>Nothing stands out in this take.</p></li>'
+        ]
+    who = f'<p class="person"><strong>Who was captured.</strong> {html.escape(person)}</p>' if person else ""
+    return f'<ul class="findings">{"".join(items)}</ul>{who}'
+
+
+def cameras_section(cameras: Sequence[CameraFigures]) -> str:
+    """One row a camera."""
+    head = (
+        ("Camera", ""),
+        ("seen", "share of frames and landmarks with a 2D point"),
+        ("left out", "share of those that the other cameras overruled"),
+        ("residual", "median distance of the 2D point to the projected 3D point"),
+        ("95 %", "95th percentile of the residual"),
+        ("leave one out", "median distance to what the other cameras alone say"),
+        ("at the person", "the same in millimetres"),
+        ("unanswered", "share for which the others gave no point"),
+        ("shift", "constant offset of the 2D points: a sign of calibration"),
+        ("out of step", "frames ahead of (+) or behind (-) the other cameras"),
+    )
+    loo = np.array([c.leave_one_out_px * c.mm_per_px for c in cameras])
+    rows = []
+    for camera, error in zip(cameras, loo, strict=True):
+        rows.append(
+            f'<tr><th scope="row">{html.escape(camera.name)}</th><td>{_percent(camera.seen)}</td>'
+            f"<td>{_percent(camera.rejected)}</td>{_heat(camera.residual_px * camera.mm_per_px, camera.residual_px, ' px')}"
+            f"<td>{_number(camera.residual_p95_px, 1, ' px')}</td>"
+            f"{_heat(error, camera.leave_one_out_px, ' px')}<td>{_number(error, 0, ' mm')}</td>"
+            f"<td>{_percent(camera.unanswered, 1)}</td>"
+            f"<td>{_number(float(np.linalg.norm(camera.bias_px)), 1, ' px')}</td>"
+            f"<td>{_signed(camera.lag_frames)}</td></tr>"
+        )
+    return f'<div class="scroll"><table class="figures">{_head(head)}<tbody>{"".join(rows)}</tbody></table></div>'
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.1f}" if np.isfinite(value) else '<span class="none">–</span>'
+
+
+def _head(columns: Sequence[tuple[str, str]]) -> str:
+    cells = "".join(
+        f'<th scope="col"{f" title={json.dumps(html.escape(meaning))}" if meaning else ""}>{html.escape(name)}</th>'
+        for name, meaning in columns
+    )
+    return f"<thead><tr>{cells}</tr></thead>"
+
+
+def _heat(mm: float, value: float, unit: str = "") -> str:
+    """A cell whose tint grows with the error at the person: none at 0 mm, full at 60 mm."""
+    if not np.isfinite(value):
+        return '<td class="heat none">–</td>'
+    tint = 100.0 * min(max(mm, 0.0) / 60.0, 1.0) if np.isfinite(mm) else 0.0
+    return f'<td class="heat" style="--h:{tint:.0f}%">{value:.1f}{unit}</td>'
+
+
+def landmarks_section(points: Points3D, cameras: Sequence[CameraFigures]) -> str:
+    """Median residual of every landmark in every camera, and its coverage."""
+    landmarks = points.landmarks
+    median = nanmedian(points.residual_px, axis=1)
+    overall = nanmedian(points.residual_px, axis=(0, 1))
+    scale = np.array([c.mm_per_px for c in cameras])
+    overall_mm = nanmedian(points.residual_px * scale[:, None, None], axis=(0, 1))
+    found = np.isfinite(points.points_world).all(axis=-1).mean(axis=0)
+    head = [("Landmark", ""), *((c.name, "median residual, px") for c in cameras)]
+    head += [("all", "median over all cameras, px"), ("coverage", "share of frames with a 3D position")]
+    rows = []
+    for j, name in enumerate(landmarks.names):
+        cells = "".join(_heat(median[c, j] * scale[c], median[c, j]) for c in range(len(cameras)))
+        rows.append(
+            f'<tr><th scope="row">{readable(name)}</th>{cells}{_heat(overall_mm[j], overall[j])}'
+            f"<td>{_percent(float(found[j]))}</td></tr>"
+        )
+    return f'<div class="scroll"><table class="figures dense">{_head(head)}<tbody>{"".join(rows)}</tbody></table></div>'
+
+
+def bones_section(bones: Sequence[BoneFigures]) -> str:
+    """Length and spread of every bone; left and right in one row."""
+    rows = []
+    for i, bone in enumerate(bones):
+        if bone.twin >= 0 and bone.twin < i:
+            continue
+        pair = [bone, bones[bone.twin]] if bone.twin >= 0 else [bone]
+        name = bone.name.replace("left ", "") if len(pair) == 2 else bone.name
+        cells = "".join(
+            f"<td>{_number(1000 * b.median_m, 0, ' mm')}</td>"
+            f'<td class="heat" style="--h:{_bone_tint(b):.0f}%">±{_number(1000 * b.spread_m, 0, " mm")}</td>'
+            for b in pair
+        )
+        if len(pair) == 1:
+            cells += '<td class="none">–</td><td class="none">–</td><td class="none">–</td>'
+        else:
+            cells += f"<td>{_number(1000 * (pair[0].median_m - pair[1].median_m), 0, ' mm')}</td>"
+        rows.append(f'<tr><th scope="row">{html.escape(name)}</th>{cells}</tr>')
+    head = (
+        ("Bone", ""), ("left or single", "median length"), ("spread", "half the range of the middle 68 %"),
+        ("right", "median length"), ("spread", "half the range of the middle 68 %"), ("left − right", ""),
+    )  # fmt: skip
+    return f'<div class="scroll"><table class="figures">{_head(head)}<tbody>{"".join(rows)}</tbody></table></div>'
+
+
+def _bone_tint(bone: BoneFigures) -> float:
+    if not bone.median_m > 0:
+        return 0.0
+    return 100.0 * min(bone.spread_m / bone.median_m / 0.2, 1.0)
+
+
+def thumbnails_section(pictures: Sequence[tuple[str, int, str]]) -> str:
+    """Pictures from the overlays: (camera, frame, base64 JPEG)."""
+    if not pictures:
+        return ""
+    figures = "".join(
+        f'<figure><button type="button" class="jump" data-frame="{frame}" '
+        f'title="show frame {frame} in the 3D view"><img alt="{html.escape(camera, quote=True)}, frame {frame}, '
+        f'with the figure drawn in" src="data:image/jpeg;base64,{data}"></button>'
+        f"<figcaption>{html.escape(camera)}, frame {frame}</figcaption></figure>"
+        for camera, frame, data in pictures
+    )
+    return (
+        '<section id="pictures"><h2>Does the figure sit on the person?</h2>'
+        '<p class="lead">Bright: the 3D landmarks seen from this camera. Rings: the 2D points they came from, '
+        "crosses: 2D points left out. Rings on the person but the figure beside it: the calibration is off. "
+        "Rings beside the person: the network was wrong.</p>"
+        f'<div class="gallery">{figures}</div></section>'
+    )
+
+
+def run_section(
+    timings_s: Mapping[str, float],
+    quality: Mapping[str, Any],
+    options: Mapping[str, Any],
+    versions: Mapping[str, str],
+) -> str:
+    """Timings as bars; figures, options and versions to unfold."""
+    longest = max(timings_s.values(), default=0.0) or 1.0
+    bars = "".join(
+        f"<tr><th scope='row'>{html.escape(readable(stage))}</th><td class='bar'>"
+        f"<span style='width:{100 * seconds / longest:.1f}%'></span></td><td>{seconds:.1f} s</td></tr>"
+        for stage, seconds in timings_s.items()
+    )
+    blocks = [f'<table class="bars"><tbody>{bars}</tbody></table>'] if bars else []
+    for name, value in (("Quality figures", quality), ("Options", options), ("Versions", versions)):
+        if value:
+            text = html.escape(json.dumps(value, indent=2, default=str, ensure_ascii=False))
+            blocks.append(f"<details><summary>{name}</summary><pre>{text}</pre></details>")
+    return "".join(blocks)
