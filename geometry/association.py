@@ -1,0 +1,309 @@
+"""Who is who between cameras, and who of them is the person of interest.
+
+Every camera brings tracks (a slot of `Keypoints2D`). They are cut where they jump or pause; the pieces of
+different cameras are compared by the epipolar distance of their landmarks, measured in body sizes, and
+grouped into people so that the evidence within a group is positive as a whole (a group in which a third
+camera contradicts does not form, which is what cycle consistency asks for). No appearance is used.
+
+The groups are then followed frame by frame: the person triangulated from all its cameras says which detection
+of each camera is the one, so a tracker that lost its person or jumped to another is put right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import SessionError
+from muybridge.geometry.affinity import (
+    Piece,
+    Scene,
+    SelectOptions,
+    affinities,
+    cut_tracks,
+    extent,
+    group_pieces,
+    row_median,
+    scene_of,
+)
+from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.landmarks import Keypoints2D
+from muybridge.geometry.triangulation import TriangulateOptions, triangulate
+
+__all__ = ["Person", "PersonSelection", "SelectOptions", "find_people", "select_person", "take_person"]
+
+
+@dataclass(frozen=True)
+class Person:
+    """One person as the cameras follow it.
+
+    Attributes:
+        slots: (C, T) index into P, -1 where the camera does not see the person.
+        cameras: names of the cameras that see it.
+        seen_share: share of the frames in which two cameras or more see it.
+        size_px: median size in the image.
+        motion: how far it moves about, in body sizes.
+        agreement: 0..1, how well the cameras agree on it (1: exactly).
+        rank: the product that decides who is of interest.
+    """
+
+    slots: NDArray[np.int64]
+    cameras: tuple[str, ...]
+    seen_share: float
+    size_px: float
+    motion: float
+    agreement: float
+    rank: float
+
+
+@dataclass(frozen=True)
+class PersonSelection:
+    """The person of interest.
+
+    Attributes:
+        slots: (C, T) index into P, or -1 where this camera does not see the person in this frame.
+        reason: one plain sentence: why this person, and how many others there are.
+        people: everyone that was found, the person of interest first, those seen by one camera last.
+    """
+
+    slots: NDArray[np.int64]
+    reason: str
+    people: tuple[Person, ...]
+
+
+def find_people(
+    cameras: CameraGroup, keypoints: Keypoints2D, options: SelectOptions | None = None
+) -> tuple[Person, ...]:
+    """Groups the cameras' tracks into people.
+
+    Args:
+        cameras: C calibrated cameras.
+        keypoints: their tracks.
+        options: see `SelectOptions`.
+
+    Returns:
+        Everyone, by falling rank; people whom only one camera sees have a rank of zero.
+
+    Raises:
+        ValueError: keypoints that do not have one row for each camera.
+    """
+    options = options or SelectOptions()
+    if keypoints.points_px.shape[0] != len(cameras):
+        raise ValueError(
+            f"keypoints have {keypoints.points_px.shape[0]} cameras, the calibration {len(cameras)}"
+        )
+    scene = scene_of(cameras, keypoints)
+    pieces = cut_tracks(scene, options)
+    affinity, weight = affinities(cameras, scene, pieces, options)
+    groups = group_pieces(pieces, affinity * weight, weight)
+    people = []
+    for group in groups:
+        slots = _slots_of([pieces[i] for i in group], keypoints)
+        if (slots >= 0).any(axis=1).sum() >= 2:
+            slots = _followed(cameras, keypoints, slots, options)
+        inside = np.ix_(group, group)
+        total = weight[inside].sum()
+        mean = float((affinity * weight)[inside].sum() / total) if total > 0 else 0.0
+        people.append(_described(cameras, keypoints, scene, slots, max(mean, 0.0)))
+    people.sort(key=lambda person: (-person.rank, -float((person.slots >= 0).sum() * person.size_px)))
+    return tuple(people)
+
+
+def select_person(
+    cameras: CameraGroup, keypoints: Keypoints2D, options: SelectOptions | None = None
+) -> PersonSelection:
+    """Chooses the person that the take is about: followed by most cameras, large, moving.
+
+    Args:
+        cameras: C calibrated cameras.
+        keypoints: their tracks.
+        options: see `SelectOptions`.
+
+    Raises:
+        SessionError: nobody was found, or only one camera sees anybody.
+        ValueError: keypoints that do not have one row for each camera.
+    """
+    people = find_people(cameras, keypoints, options)
+    frames = keypoints.points_px.shape[1]
+    seen_by = {name for person in people for name in person.cameras}
+    if not people:
+        raise SessionError(
+            f"no person was found in any of the {len(cameras)} cameras ({', '.join(cameras.names)}): the "
+            "whole person should be in view, upright and at least 100 px tall; look at the videos"
+        )
+    if len(seen_by) < 2:
+        raise SessionError(
+            f"a person was found only by camera {next(iter(seen_by))}, and 3D needs two cameras: check that "
+            f"the others ({', '.join(n for n in cameras.names if n not in seen_by)}) have the person in view"
+        )
+    best = people[0]
+    if best.rank > 0:
+        reason = _reason(best, people[1:], len(cameras), frames)
+        return PersonSelection(best.slots, reason, people)
+    # Nobody is seen consistently by two cameras: the most conspicuous track of each camera is all there is.
+    fallback = _one_from_each(people)
+    reason = (
+        "no two cameras agree on a person, so the most conspicuous one of each camera was taken: "
+        "the calibration or the synchronisation is probably wrong"
+    )
+    return PersonSelection(fallback, reason, people)
+
+
+def take_person(
+    keypoints: Keypoints2D, selection: PersonSelection | Person
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The 2D landmarks of one person.
+
+    Returns:
+        points_px (C, T, J, 2) and variance_px2 (C, T, J), NaN where missing, and score (C, T, J), zero there.
+    """
+    slots = selection.slots
+    at = np.maximum(slots, 0)[:, :, None, None]
+    gone = (slots < 0)[:, :, None]
+    points = np.take_along_axis(keypoints.points_px, at[..., None], axis=2)[:, :, 0]
+    variance = np.take_along_axis(keypoints.variance_px2, at, axis=2)[:, :, 0]
+    score = np.take_along_axis(keypoints.score, at, axis=2)[:, :, 0]
+    return (
+        np.where(gone[..., None], np.nan, points),
+        np.where(gone, np.nan, variance),
+        np.where(gone, 0.0, score),
+    )
+
+
+def _reason(best: Person, others: tuple[Person, ...], cameras: int, frames: int) -> str:
+    """One plain sentence."""
+    share = round(100 * best.seen_share)
+    sentence = f"followed by {len(best.cameras)} of {cameras} cameras in {share} % of {frames} frames"
+    if not others:
+        return sentence + "; nobody else was found"
+    several = [p for p in others if len(p.cameras) > 1]
+    single = len(others) - len(several)
+    if all(best.motion >= p.motion for p in others):
+        sentence += ", moves most"
+    elif all(best.size_px >= p.size_px for p in others):
+        sentence += ", largest in the image"
+    ignored = []
+    if several:
+        most = max(len(p.cameras) for p in several)
+        who = "1 other person is" if len(several) == 1 else f"{len(several)} other people are"
+        ignored.append(f"{who} seen by {'up to ' if len(several) > 1 else ''}{most} cameras")
+    if single:
+        who = "1 track is" if single == 1 else f"{single} tracks are"
+        ignored.append(f"{who} seen by one camera only")
+    return f"{sentence}; {' and '.join(ignored)}, ignored"
+
+
+def _one_from_each(people: tuple[Person, ...]) -> NDArray[np.int64]:
+    """(C, T) the largest, most moving person of each camera."""
+    slots = np.full_like(people[0].slots, -1)
+    for c in range(slots.shape[0]):
+        conspicuous = [p for p in people if (p.slots[c] >= 0).any()]
+        if conspicuous:
+            best = max(
+                conspicuous, key=lambda p: p.size_px * (0.05 + p.motion) * float((p.slots[c] >= 0).sum())
+            )
+            slots[c] = best.slots[c]
+    return slots
+
+
+def _slots_of(pieces: list[Piece], keypoints: Keypoints2D) -> NDArray[np.int64]:
+    """(C, T) slots of a group; where two pieces overlap, the one with the better score."""
+    cameras, frames = keypoints.points_px.shape[:2]
+    slots = np.full((cameras, frames), -1, dtype=np.int64)
+    score = np.nansum(keypoints.score, axis=-1)
+    best = np.full((cameras, frames), -np.inf)
+    for piece in pieces:
+        here = score[piece.camera, piece.frames, piece.slot]
+        better = here > best[piece.camera, piece.frames]
+        slots[piece.camera, piece.frames[better]] = piece.slot
+        best[piece.camera, piece.frames[better]] = here[better]
+    return slots
+
+
+def _followed(
+    cameras: CameraGroup, keypoints: Keypoints2D, slots: NDArray[np.int64], options: SelectOptions
+) -> NDArray[np.int64]:
+    """The slots, put right frame by frame by where the person, triangulated from all cameras, is."""
+    person = _person(slots)
+    points, variance, _ = take_person(keypoints, person)
+    result = triangulate(cameras, points, variance, TriangulateOptions(gate_sigma=8.0))
+    expected_px = cameras.project(result.points_world)[:, :, None]  # (C, T, 1, J, 2)
+    twins = np.array(keypoints.landmarks.mirror)
+    away = np.stack(
+        [
+            row_median(np.linalg.norm(seen - expected_px, axis=-1))
+            for seen in (keypoints.points_px, keypoints.points_px[..., twins, :])
+        ]
+    )
+    away_px = np.where(np.isnan(away), np.inf, away).min(axis=0)  # (C, T, P)
+    size_px = extent(expected_px)[:, :, 0]
+    distance = away_px / np.maximum(size_px, 1e-9)[..., None]
+    nearest = np.argmin(distance, axis=-1)
+    nearest_distance = np.take_along_axis(distance, nearest[..., None], axis=-1)[..., 0]
+    own = np.take_along_axis(distance, np.maximum(slots, 0)[..., None], axis=-1)[..., 0]
+    own = np.where(slots >= 0, own, np.inf)
+    known = np.isfinite(size_px) & (size_px > 0)
+    # A track is left only for one that fits clearly better: two readings of one person are equally good.
+    switch = known & (nearest_distance < options.follow) & (nearest_distance < 0.5 * own)
+    lost = known & (slots >= 0) & np.isfinite(own) & (own > 2 * options.follow) & ~switch
+    return np.where(switch, nearest, np.where(lost, -1, slots))
+
+
+def _person(slots: NDArray[np.int64]) -> Person:
+    return Person(slots, (), 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def _described(
+    cameras: CameraGroup,
+    keypoints: Keypoints2D,
+    scene: Scene,
+    slots: NDArray[np.int64],
+    agreement: float,
+) -> Person:
+    """A person with everything that decides whether it is of interest."""
+    person = _person(slots)
+    points, _, _ = take_person(keypoints, person)
+    seen = slots >= 0
+    names = tuple(name for name, s in zip(cameras.names, seen, strict=True) if s.any())
+    size_px = extent(points)
+    motions = [_wander(p, s) for p, s in zip(points, size_px, strict=True) if np.isfinite(s).any()]
+    motion = float(np.median(motions)) if motions else 0.0
+    median_size = float(np.nanmedian(size_px)) if np.isfinite(size_px).any() else 0.0
+    views = seen.sum(axis=0)
+    # Views beyond the first, because one view gives no 3D.
+    support = float(np.maximum(views - 1, 0).mean())
+    longer = max(max(camera.width, camera.height) for camera in cameras)
+    rank = support * (median_size / longer) * (0.02 + motion) * (0.1 + agreement)
+    return replace(
+        person,
+        cameras=names,
+        seen_share=float((views >= 2).mean()),
+        size_px=median_size,
+        motion=motion,
+        agreement=agreement,
+        rank=rank,
+    )
+
+
+def _wander(points: NDArray[np.float64], size_px: NDArray[np.float64]) -> float:
+    """How far the landmarks (T, J, 2) of one camera travel, in body sizes, their jitter averaged away."""
+    frames = np.flatnonzero(np.isfinite(size_px))
+    windows = np.array_split(frames, max(1, min(20, frames.size // 5)))
+    means = np.stack([_column_median(points[w]) for w in windows])
+    known = np.isfinite(means)
+    low = np.where(known, means, np.inf).min(axis=0)
+    high = np.where(known, means, -np.inf).max(axis=0)
+    seen = known.any(axis=(0, 2))
+    travelled = np.linalg.norm((high - low)[seen], axis=-1)
+    return float(np.median(travelled) / np.nanmedian(size_px)) if travelled.size else 0.0
+
+
+def _column_median(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(J, 2) medians over frames of (F, J, 2); NaN for a landmark that is never there."""
+    result = np.full(points.shape[1:], np.nan)
+    there = np.isfinite(points).all(axis=2).any(axis=0)
+    if there.any():
+        result[there] = np.nanmedian(points[:, there], axis=0)
+    return result
