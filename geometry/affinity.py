@@ -19,7 +19,7 @@ _PRIOR_FRAMES = 5.0
 
 
 @dataclass(frozen=True)
-class SelectOptions:
+class AssociateOptions:
     """How tracks of several cameras become people. Sizes are the longer side of a person's landmarks, px.
 
     Attributes:
@@ -68,7 +68,7 @@ def scene_of(cameras: CameraGroup, keypoints: Keypoints2D) -> Scene:
     return Scene(slopes, 0.5 * (low + high), size, np.array(keypoints.landmarks.mirror))
 
 
-def cut_tracks(scene: Scene, options: SelectOptions) -> list[Piece]:
+def cut_tracks(scene: Scene, options: AssociateOptions) -> list[Piece]:
     """The tracks, cut at pauses and jumps; the longest and largest."""
     pieces: list[Piece] = []
     cameras, total, people = scene.size.shape
@@ -93,7 +93,7 @@ def cut_tracks(scene: Scene, options: SelectOptions) -> list[Piece]:
 
 
 def affinities(
-    cameras: CameraGroup, scene: Scene, pieces: list[Piece], options: SelectOptions
+    cameras: CameraGroup, scene: Scene, pieces: list[Piece], options: AssociateOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(N, N) how well pieces agree, in -1..1, and (N, N) the frames on which that rests (zero: unknown)."""
     count = len(pieces)
@@ -119,7 +119,7 @@ def _agreement(
     a: Piece,
     b: Piece,
     frames: NDArray[np.int64],
-    options: SelectOptions,
+    options: AssociateOptions,
 ) -> tuple[float, float]:
     """How well two pieces agree over the frames, in -1..1, and how much that can be trusted, 0..1."""
     points_a, points_b = scene.slopes[a.camera, frames, a.slot], scene.slopes[b.camera, frames, b.slot]

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
 from muybridge.geometry.affinity import (
+    AssociateOptions,
     Piece,
     Scene,
-    SelectOptions,
     affinities,
     cut_tracks,
     extent,
@@ -32,7 +32,7 @@ from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import Keypoints2D
 from muybridge.geometry.triangulation import TriangulateOptions, triangulate
 
-__all__ = ["Person", "PersonSelection", "SelectOptions", "find_people", "select_person", "take_person"]
+__all__ = ["Person", "PersonSelection", "AssociateOptions", "find_people", "select_person", "take_person"]
 
 
 @dataclass(frozen=True)
@@ -74,14 +74,14 @@ class PersonSelection:
 
 
 def find_people(
-    cameras: CameraGroup, keypoints: Keypoints2D, options: SelectOptions | None = None
+    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions | None = None
 ) -> tuple[Person, ...]:
     """Groups the cameras' tracks into people.
 
     Args:
         cameras: C calibrated cameras.
         keypoints: their tracks.
-        options: see `SelectOptions`.
+        options: see `AssociateOptions`.
 
     Returns:
         Everyone, by falling rank; people whom only one camera sees have a rank of zero.
@@ -89,7 +89,7 @@ def find_people(
     Raises:
         ValueError: keypoints that do not have one row for each camera.
     """
-    options = options or SelectOptions()
+    options = options or AssociateOptions()
     if keypoints.points_px.shape[0] != len(cameras):
         raise ValueError(
             f"keypoints have {keypoints.points_px.shape[0]} cameras, the calibration {len(cameras)}"
@@ -112,14 +112,14 @@ def find_people(
 
 
 def select_person(
-    cameras: CameraGroup, keypoints: Keypoints2D, options: SelectOptions | None = None
+    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions | None = None
 ) -> PersonSelection:
     """Chooses the person that the take is about: followed by most cameras, large, moving.
 
     Args:
         cameras: C calibrated cameras.
         keypoints: their tracks.
-        options: see `SelectOptions`.
+        options: see `AssociateOptions`.
 
     Raises:
         SessionError: nobody was found, or only one camera sees anybody.
@@ -223,7 +223,7 @@ def _slots_of(pieces: list[Piece], keypoints: Keypoints2D) -> NDArray[np.int64]:
 
 
 def _followed(
-    cameras: CameraGroup, keypoints: Keypoints2D, slots: NDArray[np.int64], options: SelectOptions
+    cameras: CameraGroup, keypoints: Keypoints2D, slots: NDArray[np.int64], options: AssociateOptions
 ) -> NDArray[np.int64]:
     """The slots, put right frame by frame by where the person, triangulated from all cameras, is."""
     person = _person(slots)

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
-from muybridge.geometry.association import SelectOptions, find_people, select_person, take_person
+from muybridge.geometry.association import AssociateOptions, find_people, select_person, take_person
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.landmarks import BODY23, Keypoints2D
 
@@ -207,6 +207,6 @@ def test_cameras_that_never_agree_fall_back_to_what_is_conspicuous() -> None:
         + rng.normal(0, 400, (3, 1, 1, 1, 2))
         + 500 * np.arange(3)[:, None, None, None, None]
     )
-    selection = select_person(cameras, replace(keypoints, points_px=px), SelectOptions(max_epipolar=0.02))
+    selection = select_person(cameras, replace(keypoints, points_px=px), AssociateOptions(max_epipolar=0.02))
     assert "calibration or the synchronisation" in selection.reason
     np.testing.assert_array_equal(selection.slots, np.zeros((3, 30)))
