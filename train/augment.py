@@ -1,19 +1,19 @@
 """From renders to training images: composition on backgrounds, occlusion, and what a camera does to an image.
 
-Whole batches at a time with kornia; the random numbers come from a numpy generator, so that a seed gives the
+Whole batches at a time; the random numbers come from a numpy generator, so that a seed gives the
 same labels anywhere and the same pixels on one machine.
 """
 
 from dataclasses import dataclass
 
 import cv2
-import kornia
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
 from muybridge.geometry.landmarks import BODY23
+from muybridge.train.camera_faults import CameraFaults
 from muybridge.train.renders import RenderSet
 
 FACE = tuple(BODY23.index(n) for n in ("nose", "left_eye", "right_eye", "left_ear", "right_ear"))
@@ -69,6 +69,7 @@ class Compositor:
     ) -> None:
         self.renders, self.backgrounds, self.size, self.options = renders, backgrounds, size, options
         self.rng = np.random.default_rng(seed)
+        self.faults = CameraFaults(self.rng)
 
     def batch(self, count: int, index: NDArray[np.intp] | None = None) -> Batch:
         """`count` crops of random renders, or of the renders `index`."""
@@ -86,11 +87,11 @@ class Compositor:
         image = self._front(image, visible, landmarks, other & in_front)
         image, visible = self._occlude(image, visible, landmarks)
         self._mosaic(image, landmarks)
-        image = self._camera(image)
+        image = self.faults.apply(image)
         image, visible = self._truncate(image, visible, landmarks)
         inside = ((landmarks >= 0) & (landmarks <= self.size - 1)).all(-1)
         pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8)
-        pixels = self._compress(pixels)
+        pixels = self.faults.compress(pixels)
         return Batch(pixels, torch.from_numpy(landmarks), torch.from_numpy(visible & inside))
 
     def _column(self, values: NDArray[np.floating]) -> Tensor:
@@ -226,46 +227,6 @@ class Compositor:
                 small, patch.shape[-2:], mode="nearest"
             )
 
-    def _some(self, share: float, image: Tensor) -> Tensor:
-        return torch.from_numpy(np.nonzero(self.rng.random(len(image)) < share)[0])
-
-    def _uniform(self, low: float, high: float, count: int) -> Tensor:
-        return torch.from_numpy(self.rng.uniform(low, high, count).astype(np.float32))
-
-    def _camera(self, image: Tensor) -> Tensor:
-        """Image formation: defocus, motion blur, low resolution, colour, tone, noise."""
-        rng = self.rng
-        some = self._some(0.45, image)
-        if len(some):
-            sigma = self._uniform(0.3, 1.6, len(some)).view(-1, 1).expand(-1, 2) * (self.size / 192)
-            image[some] = kornia.filters.gaussian_blur2d(image[some], (7, 7), sigma)
-        some = self._some(0.15, image)
-        if len(some):
-            angle = self._uniform(0, 180, len(some))
-            length = int(rng.choice([3, 5, 7, 9]))
-            image[some] = kornia.filters.motion_blur(image[some], length, angle, torch.zeros(len(some)))
-        some = self._some(0.15, image)
-        if len(some):
-            small = int(self.size * rng.uniform(0.3, 0.8))
-            low = torch.nn.functional.interpolate(image[some], (small, small), mode="area")
-            image[some] = torch.nn.functional.interpolate(low, (self.size,) * 2, mode="bilinear")
-        some = self._some(0.35, image)
-        if len(some):
-            image[some] = kornia.enhance.adjust_hue(image[some].clamp(0, 1), self._uniform(-0.25, 0.25, len(some)))
-        grey = image.mean(1, keepdim=True)
-        saturation = self._column(np.exp(rng.normal(0, 0.35, len(image))) * (rng.random(len(image)) > 0.1))
-        image = grey + (image - grey) * saturation
-        image = image * self._column(np.exp(rng.normal(0, 0.12, len(image))))
-        balance = torch.from_numpy(np.exp(rng.normal(0, 0.06, (len(image), 3, 1, 1))).astype(np.float32))
-        contrast = self._column(np.exp(rng.normal(0, 0.22, len(image))))
-        level = image.mean((1, 2, 3), keepdim=True)
-        image = ((image - level) * contrast + level) * balance + self._column(rng.normal(0, 0.05, len(image)))
-        gamma = self._column(np.exp(rng.normal(0, 0.25, len(image))))
-        image = image.clamp(1e-4, 1) ** gamma
-        noise = rng.gamma(1.2, 0.014, len(image)).clip(0, 0.08)
-        grain = torch.from_numpy(rng.standard_normal(image.shape, np.float32))
-        return image + grain * self._column(noise)
-
     def _truncate(
         self, image: Tensor, visible: NDArray[np.bool_], landmarks: NDArray[np.float32]
     ) -> tuple[Tensor, NDArray[np.bool_]]:
@@ -284,12 +245,3 @@ class Compositor:
             else:
                 image[i, :, span] = 0
         return image, visible
-
-    def _compress(self, pixels: Tensor) -> Tensor:
-        """JPEG, which stands for the video codec's losses too."""
-        for i in np.nonzero(self.rng.random(len(pixels)) < 0.3)[0]:
-            quality = int(self.rng.uniform(15, 85))
-            picture = np.ascontiguousarray(pixels[i].numpy().transpose(1, 2, 0))
-            _, code = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
-            pixels[i] = torch.from_numpy(cv2.imdecode(code, cv2.IMREAD_COLOR).transpose(2, 0, 1).copy())
-        return pixels

@@ -1,0 +1,51 @@
+"""The person detector: box centres and extents on a coarse grid (CenterNet, Zhou et al. 2019), from RGB and the
+difference to the background plate that a static camera gives."""
+
+import torch
+from torch import Tensor, nn
+
+from muybridge.models.keypoint_net import MEAN, STD, Block, ConvUnit, Lateral
+
+STRIDE = 8
+
+
+class PeopleNet(nn.Module):
+    """Heatmap of box centres and distances to the box's edges.
+
+    Args:
+        widths: channels at 1/8, 1/16 and 1/32 of the input's resolution.
+        depths: residual blocks at each of these.
+    """
+
+    def __init__(
+        self, widths: tuple[int, int, int] = (48, 96, 128), depths: tuple[int, int, int] = (1, 2, 2)
+    ) -> None:
+        super().__init__()
+        self.config = {"widths": widths, "depths": depths}
+        # The plate difference is mostly near zero: it is only stretched.
+        self.register_buffer("mean", torch.tensor((*MEAN, 0.0)).view(1, 4, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor((*STD, 0.2)).view(1, 4, 1, 1), persistent=False)
+        self.stem = nn.Sequential(ConvUnit(4, 16, 2), ConvUnit(16, 32, 2), ConvUnit(32, widths[0], 2))
+        self.levels = nn.ModuleList()
+        for i, (width, depth) in enumerate(zip(widths, depths, strict=True)):
+            down = [ConvUnit(widths[i - 1], width, 2)] if i else []
+            self.levels.append(nn.Sequential(*down, *(Block(width) for _ in range(depth))))
+        self.laterals = nn.ModuleList(Lateral(widths[i + 1], widths[i]) for i in (1, 0))
+        self.heatmap = nn.Conv2d(widths[0], 1, 1)
+        self.box = nn.Conv2d(widths[0], 4, 1)
+        # Few cells are centres: start from the belief that none is (Lin et al. 2017).
+        nn.init.constant_(self.heatmap.bias, -4.0)
+        nn.init.constant_(self.box.bias, 3.5)
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, 4, H, W) in 0..1 -> centre logits (N, 1, H/8, W/8), distances in pixels from the cell's centre to
+        the left, top, right and bottom edge (N, 4, H/8, W/8)."""
+        x = self.stem((image - self.mean) / self.std)
+        features = []
+        for level in self.levels:
+            x = level(x)
+            features.append(x)
+        for lateral, fine in zip(self.laterals, features[-2::-1], strict=True):
+            x = lateral(x, fine)
+        # The network speaks of log distances, so that near and far people weigh alike.
+        return self.heatmap(x), torch.exp(self.box(x).float().clamp(-2.0, 6.5))

@@ -1,0 +1,147 @@
+"""Training of the keypoint network: one loop, from renders on disk to checkpoints.
+
+The loss is the cross-entropy between the softmax over a landmark's cells and a small Gaussian at its true place
+(the classification form of SimCC, Li et al. 2022, in two dimensions), plus a binary one for visibility.
+"""
+
+import pathlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.utils.data import DataLoader, IterableDataset
+
+from muybridge.errors import SessionError
+from muybridge.geometry.landmarks import BODY23
+from muybridge.models.keypoint_net import STRIDE, KeypointNet
+from muybridge.train import loop
+from muybridge.train.augment import Batch, Compositor
+from muybridge.train.renders import load_renders
+
+MIRROR = list(BODY23.mirror)
+
+
+@dataclass(frozen=True)
+class KeypointTraining(loop.Training):
+    """How the keypoint network is trained; see `loop.Training`.
+
+    Attributes:
+        size: side of the crops in pixels, a multiple of 32.
+    """
+
+    size: int = 128
+
+
+class _Stream(IterableDataset[tuple[Tensor, Tensor, Tensor]]):
+    """Endless batches; new shards are picked up while they are being made."""
+
+    def __init__(self, options: KeypointTraining, pool: pathlib.Path, start: int) -> None:
+        self.options, self.pool, self.start = options, pool, start
+
+    def __iter__(self) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
+        torch.set_num_threads(1)
+        info = torch.utils.data.get_worker_info()
+        worker = info.id if info else 0
+        pool = np.load(self.pool, mmap_mode="r")
+        count = 0
+        while True:
+            renders = load_renders(self.options.renders, range(loop.HELD_OUT.stop, 100000))
+            seed = loop.worker_seed(self.options.seed, self.start, worker, count)
+            compositor = Compositor(renders, pool, self.options.size, seed)
+            for _ in range(500):
+                batch = compositor.batch(self.options.batch)
+                yield batch.image, batch.landmarks_px, batch.visible
+                count += 1
+
+
+def heatmap_loss(logits: Tensor, landmarks_px: Tensor, sigma: float = 0.8) -> Tensor:
+    """Cross-entropy (B, J) of heatmap logits (B, J, h, w) against Gaussians of `sigma` cells; NaN-free, zero for
+    landmarks outside of the crop."""
+    h, w = logits.shape[-2:]
+    cell = (landmarks_px - (STRIDE - 1) / 2) / STRIDE
+    x = torch.exp(-((torch.arange(w, device=cell.device) - cell[..., :1]) ** 2) / (2 * sigma**2))
+    y = torch.exp(-((torch.arange(h, device=cell.device) - cell[..., 1:]) ** 2) / (2 * sigma**2))
+    inside = ((cell > -0.5) & (cell < torch.tensor([w - 0.5, h - 0.5], device=cell.device))).all(-1)
+    x, y = x / (x.sum(-1, keepdim=True) + 1e-9), y / (y.sum(-1, keepdim=True) + 1e-9)
+    log_p = torch.log_softmax(logits.float().flatten(2), -1).view_as(logits)
+    expected = torch.einsum("bjyx,bjx,bjy->bj", log_p, x, y)
+    return torch.where(inside, -expected, torch.zeros_like(expected))
+
+
+def loss_of(net: nn.Module, batch: tuple[Tensor, Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+    """Total loss, and the mean cross-entropy of the visible landmarks for the log."""
+    image, landmarks_px, visible = batch
+    with torch.autocast(image.device.type, dtype=torch.bfloat16):
+        heatmaps, visibility = net(image.float().div(255).contiguous(memory_format=torch.channels_last))
+    each = heatmap_loss(heatmaps, landmarks_px)
+    seen = visible.float()
+    # Hidden landmarks count too, less: the network shall guess them and know that it guesses.
+    weight = 0.35 + 0.65 * seen
+    see = torch.nn.functional.binary_cross_entropy_with_logits(visibility.float(), seen)
+    return (each * weight).mean() + 0.2 * see, (each * seen).sum().detach() / seen.sum()
+
+
+@torch.no_grad()
+def predict_mode(net: nn.Module, image: Tensor) -> Tensor:
+    """(B, J, 2) crop pixels: the centre of the most probable cell, moved to the mean of its 3 x 3 cells."""
+    with torch.autocast(image.device.type, dtype=torch.bfloat16):
+        heatmaps, _ = net(image.float().div(255).contiguous(memory_format=torch.channels_last))
+    p = heatmaps.float().flatten(2).softmax(-1).view_as(heatmaps)
+    h, w = p.shape[-2:]
+    best = p.flatten(2).argmax(-1)
+    total, x_sum, y_sum = 0.0, 0.0, 0.0
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            x, y = (best % w + dx).clamp(0, w - 1), (best // w + dy).clamp(0, h - 1)
+            mass = p.flatten(2).gather(2, (y * w + x)[..., None])[..., 0]
+            total, x_sum, y_sum = total + mass, x_sum + mass * x, y_sum + mass * y
+    return torch.stack([x_sum / total, y_sum / total], -1) * STRIDE + (STRIDE - 1) / 2
+
+
+def evaluate(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
+    """Errors on held-out crops: median and mean in crop pixels of visible landmarks, PCK at 5 % of the crop,
+    and the share of visible limb landmarks that lie nearer to their mirror twin (left-right swaps)."""
+    where = next(net.parameters()).device
+    errors, swaps = [], []
+    side = batches[0].image.shape[-1]
+    for batch in batches:
+        at = predict_mode(net, batch.image.to(where)).cpu()
+        distance = (at - batch.landmarks_px).norm(dim=-1)
+        twin = batch.landmarks_px[:, MIRROR]
+        to_twin = (at - twin).norm(dim=-1)
+        paired = (torch.arange(at.shape[1]) != torch.tensor(MIRROR)) & (torch.arange(at.shape[1]) >= 5)
+        apart = (batch.landmarks_px - twin).norm(dim=-1) > 0.06 * side
+        errors.append(distance[batch.visible])
+        swaps.append((to_twin < distance)[batch.visible & paired & apart])
+    error, swap = torch.cat(errors), torch.cat(swaps).float()
+    return {
+        "median_px": float(error.median()), "mean_px": float(error.mean()),
+        "pck05": float((error < 0.05 * side).float().mean()), "swaps": float(swap.mean()),
+    }  # fmt: skip
+
+
+def held_out_batches(renders: pathlib.Path, pool: pathlib.Path, size: int, count: int = 8) -> list[Batch]:
+    """The same held-out crops for every call: seeded, from shards and backgrounds that are never trained on."""
+    store = load_renders(renders, loop.HELD_OUT)
+    backgrounds = np.load(pool, mmap_mode="r")
+    return [Compositor(store, backgrounds, size, 10_000 + i).batch(64) for i in range(count)]
+
+
+def train(options: KeypointTraining) -> pathlib.Path:
+    """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
+    if not len(load_renders(options.renders, range(loop.HELD_OUT.stop, 100000))):
+        raise SessionError(
+            f"{options.renders}: no renders to train on (the first {loop.HELD_OUT.stop} shards are held out); "
+            "make some with `muybridge synth`"
+        )
+    torch.manual_seed(options.seed)
+    torch.set_num_threads(options.threads)
+    pool = loop.background_pool(options)
+    validation = held_out_batches(options.renders, pool, options.size)
+    fit = loop.Fit(options, KeypointNet(len(BODY23)), lambda net: evaluate(net, validation))
+    stream = _Stream(options, pool, fit.state["step"])
+    loader = DataLoader(stream, batch_size=None, num_workers=options.workers, prefetch_factor=4)
+    fit.run(iter(loader), loss_of)
+    return fit.checkpoint

@@ -1,0 +1,215 @@
+"""What the training loops share: time budget, learning rate, averaged weights, checkpoints, logs."""
+
+import json
+import os
+import pathlib
+import platform
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from torch import Tensor, nn
+
+from muybridge.train.backgrounds import make_backgrounds
+from muybridge.train.renders import SIZE
+
+
+# The first shards of a store are never trained on.
+HELD_OUT = range(0, 4)
+
+
+@dataclass(frozen=True)
+class Training:
+    """How a network is trained.
+
+    Attributes:
+        renders: folder of the render store (`muybridge synth`).
+        out: folder of checkpoints and logs; a run there is resumed.
+        minutes: wall-clock time of this call.
+        batch: images a step.
+        rate: peak learning rate.
+        decay: share of the time, at its end, over which the learning rate falls.
+        threads: torch threads of the network; further processes make the images.
+        workers: processes that make the images.
+        backgrounds: how many backgrounds are drawn for the pool.
+        seed: of everything.
+    """
+
+    renders: pathlib.Path = pathlib.Path("runs/renders")
+    out: pathlib.Path = pathlib.Path("runs/keypoints")
+    minutes: float = 60.0
+    batch: int = 64
+    rate: float = 2e-3
+    decay: float = 0.2
+    threads: int = 2
+    workers: int = 1
+    backgrounds: int = 3000
+    seed: int = 0
+
+
+def device() -> torch.device:
+    """A GPU when there is one, else the CPU: the same loop serves both."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def learning_rate(peak: float, step: int, elapsed: float, budget: float, decay: float) -> float:
+    """Warm-up over 300 steps, then constant, then falling linearly to a hundredth over the last `decay` share of
+    the time `budget` (seconds). A constant rate lets a later run go on from the same weights."""
+    warm = min(1.0, (step + 1) / 300)
+    left = max(0.0, (budget - elapsed) / max(budget * decay, 1e-9))
+    return peak * warm * max(0.01, min(1.0, left))
+
+
+class AveragedWeights:
+    """Exponential moving average of a network's parameters and buffers (Polyak averaging)."""
+
+    def __init__(self, net: nn.Module, decay: float = 0.998) -> None:
+        self.decay = decay
+        self.state = {k: v.detach().clone() for k, v in net.state_dict().items()}
+
+    @torch.no_grad()
+    def update(self, net: nn.Module, step: int) -> None:
+        """Moves the average towards the network; faster in the first steps."""
+        decay = min(self.decay, (1 + step) / (10 + step))
+        for key, value in net.state_dict().items():
+            if value.dtype.is_floating_point:
+                self.state[key].lerp_(value.to(self.state[key].dtype), 1 - decay)
+            else:
+                self.state[key].copy_(value)
+
+
+def save_atomically(path: pathlib.Path, content: Mapping[str, Any]) -> None:
+    """A killed run leaves the last whole checkpoint."""
+    temporary = path.with_suffix(".tmp")
+    torch.save(dict(content), temporary)
+    os.replace(temporary, path)
+
+
+def log_line(path: pathlib.Path, record: Mapping[str, Any]) -> None:
+    """Appends one JSON line."""
+    with path.open("a") as file:
+        file.write(json.dumps(dict(record)) + "\n")
+
+
+def machine() -> dict[str, Any]:
+    """What a throughput figure depends on."""
+    return {
+        "machine": platform.machine(), "python": platform.python_version(), "torch": torch.__version__,
+        "cpus": os.cpu_count(), "device": str(device()),
+        "gpu": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
+    }  # fmt: skip
+
+
+class Throughput:
+    """Images a second since the last call."""
+
+    def __init__(self, images: int = 0) -> None:
+        self.time, self.images = time.monotonic(), images
+
+    def __call__(self, images: int) -> float:
+        now = time.monotonic()
+        rate = (images - self.images) / max(now - self.time, 1e-9)
+        self.time, self.images = now, images
+        return rate
+
+
+def background_pool(options: Training) -> pathlib.Path:
+    """The background pool on disk beside the run's folder, made on the first call."""
+    path = options.out.parent / f"backgrounds-{options.backgrounds}-{options.seed}.npy"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_suffix(".tmp.npy")
+        np.save(temporary, make_backgrounds(options.backgrounds, SIZE, options.seed))
+        temporary.rename(path)
+    return path
+
+
+class Fit:
+    """One training run: network, optimiser, averaged weights and counters, resumed where there is a checkpoint.
+
+    Args:
+        options: the training's options.
+        net: the network; its `config` goes into the checkpoint.
+        score: figures of merit of the averaged network, for the log and the checkpoint.
+    """
+
+    def __init__(self, options: Training, net: nn.Module, score: Callable[[nn.Module], dict[str, float]]) -> None:
+        self.options, self.score = options, score
+        options.out.mkdir(parents=True, exist_ok=True)
+        self.checkpoint, self.log = options.out / "checkpoint.pt", options.out / "log.jsonl"
+        self.net = net.to(device()).to(memory_format=torch.channels_last)
+        self.optimiser = torch.optim.AdamW(net.parameters(), options.rate, weight_decay=0.02)
+        self.average = AveragedWeights(self.net)
+        self.state: dict[str, Any] = {"step": 0, "images": 0, "seconds": 0.0}
+        if self.checkpoint.exists():
+            saved = torch.load(self.checkpoint, map_location=device(), weights_only=False)
+            self.net.load_state_dict(saved["net"])
+            self.optimiser.load_state_dict(saved["optimiser"])
+            self.average.state = saved["average"]
+            self.state = saved["state"]
+        log_line(self.log, {"options": {k: str(v) for k, v in asdict(options).items()}} | machine() | self.state)
+
+    def run(self, stream: Iterator[Any], loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]]) -> None:
+        """Trains for `options.minutes`. `loss_of(net, batch)` gives the loss and a figure for the log; a batch is
+        a tuple that begins with the images."""
+        budget, began = self.options.minutes * 60, time.monotonic()
+        before, first = self.state["seconds"], self.state["step"]
+        rate, losses, saved_at = Throughput(self.state["images"]), [], began
+        columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+        with Progress(*columns, transient=True) as progress:
+            bar = progress.add_task("training", total=budget)
+            while (elapsed := time.monotonic() - began) < budget:
+                step = self.state["step"] - first
+                for group in self.optimiser.param_groups:
+                    group["lr"] = learning_rate(self.options.rate, step, elapsed, budget, self.options.decay)
+                batch = tuple(t.to(device(), non_blocking=True) for t in next(stream))
+                losses.append(self._step(batch, loss_of))
+                self.state["images"] += len(batch[0])
+                self.state["seconds"] = before + elapsed
+                done = f"{self.state['images']:,} images, loss {losses[-1]:.2f}"
+                progress.update(bar, completed=elapsed, description=done)
+                if time.monotonic() - saved_at > 180:
+                    self._save(losses, rate)
+                    losses, saved_at = [], time.monotonic()
+        self._save(losses, rate)
+
+    def _step(self, batch: Any, loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]]) -> float:
+        self.net.train()
+        self.optimiser.zero_grad(set_to_none=True)
+        loss, shown = loss_of(self.net, batch)
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
+        self.optimiser.step()
+        self.average.update(self.net, self.state["step"])
+        self.state["step"] += 1
+        return float(shown)
+
+    def averaged(self) -> nn.Module:
+        """The network with averaged weights, in evaluation mode."""
+        net = type(self.net)(**self.net.config)
+        net.load_state_dict(self.average.state)
+        return net.to(device()).to(memory_format=torch.channels_last).eval()
+
+    def _save(self, losses: list[float], rate: "Throughput") -> None:
+        speed = rate(self.state["images"])
+        scores = self.score(self.averaged())
+        save_atomically(self.checkpoint, {
+            "net": self.net.state_dict(), "optimiser": self.optimiser.state_dict(), "average": self.average.state,
+            "state": dict(self.state), "config": self.net.config, "scores": scores,
+            "options": {k: str(v) for k, v in asdict(self.options).items()},
+        })  # fmt: skip
+        loss = float(np.mean(losses)) if losses else float("nan")
+        log_line(self.log, dict(self.state) | {"loss": loss, "images_a_second": round(speed, 1)} | scores)
+        shown = "  ".join(f"{k} {v:.3f}" for k, v in scores.items())
+        minutes = self.state["seconds"] / 60
+        print(f"{self.state['images']:>9,} images {minutes:6.1f} min  loss {loss:.3f}  {shown}  {speed:.0f} images/s",
+              flush=True)  # fmt: skip
+
+
+def worker_seed(seed: int, *parts: int) -> int:
+    """A 32-bit seed from several numbers."""
+    return int(np.random.SeedSequence([seed, *parts]).generate_state(1)[0])

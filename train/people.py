@@ -1,0 +1,171 @@
+"""Training of the person detector: centres by the focal loss of CenterNet (Zhou et al. 2019), boxes by the
+generalised IoU (Rezatofighi et al. 2019) at the cells round each centre."""
+
+import pathlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.utils.data import DataLoader, IterableDataset
+
+from muybridge.errors import SessionError
+from muybridge.models.people_net import STRIDE, PeopleNet
+from muybridge.train import loop
+from muybridge.train.renders import load_renders
+from muybridge.train.scenes import SHAPES, SceneBatch, SceneCompositor
+
+
+@dataclass(frozen=True)
+class PeopleTraining(loop.Training):
+    """How the person detector is trained; see `loop.Training`."""
+
+    out: pathlib.Path = pathlib.Path("runs/people")
+    minutes: float = 30.0
+    batch: int = 32
+
+
+@dataclass(frozen=True)
+class _Targets:
+    heat: NDArray[np.float32]  # (B, h, w): 1 at centres, falling off round them
+    weight: NDArray[np.float32]  # (B, h, w): 0 where a hidden person may or may not be found
+    box: NDArray[np.float32]  # (B, 4, h, w)
+    has_box: NDArray[np.float32]  # (B, h, w)
+
+
+def make_targets(batch: SceneBatch) -> _Targets:
+    """What the network should say for the boxes of `batch`."""
+    count, _, height, width = batch.image.shape
+    h, w = height // STRIDE, width // STRIDE
+    heat, weight = np.zeros((count, h, w), np.float32), np.ones((count, h, w), np.float32)
+    box, has_box = np.zeros((count, 4, h, w), np.float32), np.zeros((count, h, w), np.float32)
+    y, x = np.mgrid[:h, :w] * STRIDE + (STRIDE - 1) / 2
+    for i in range(count):
+        for b in batch.ignore[i]:
+            weight[i][(x >= b[0]) & (x <= b[2]) & (y >= b[1]) & (y <= b[3])] = 0
+        order = np.argsort([-(b[2] - b[0]) * (b[3] - b[1]) for b in batch.boxes[i]])
+        for b in batch.boxes[i][order]:  # small people last: they keep the cells that they share with large ones
+            # A centre outside of the image is moved to its border.
+            cx, cy = np.clip((b[0] + b[2]) / 2, 0, width - 1), np.clip((b[1] + b[3]) / 2, 0, height - 1)
+            spread = np.maximum(0.12 * (b[2:] - b[:2]), 0.6 * STRIDE)
+            bump = np.exp(-(((x - cx) / spread[0]) ** 2 + ((y - cy) / spread[1]) ** 2) / 2)
+            at = int(np.clip(cy // STRIDE, 0, h - 1)), int(np.clip(cx // STRIDE, 0, w - 1))
+            bump[at] = 1
+            heat[i] = np.maximum(heat[i], bump)
+            weight[i][bump > 0.5] = 1
+            near = bump > 0.6
+            box[i][:, near] = np.stack([x - b[0], y - b[1], b[2] - x, b[3] - y])[:, near]
+            has_box[i][near] = 1
+    # A box edge can't be on the wrong side of the cell's centre by more than the exponential can say.
+    return _Targets(heat, weight, np.maximum(box, 0.2), has_box)
+
+
+class _Stream(IterableDataset[tuple[Tensor, ...]]):
+    def __init__(self, options: PeopleTraining, pool: pathlib.Path, start: int) -> None:
+        self.options, self.pool, self.start = options, pool, start
+
+    def __iter__(self) -> Iterator[tuple[Tensor, ...]]:
+        torch.set_num_threads(1)
+        info = torch.utils.data.get_worker_info()
+        worker = info.id if info else 0
+        pool = np.load(self.pool, mmap_mode="r")
+        count = 0
+        while True:
+            renders = load_renders(self.options.renders, range(loop.HELD_OUT.stop, 100000))
+            compositor = SceneCompositor(renders, pool, loop.worker_seed(self.options.seed, self.start, worker, count))
+            for _ in range(500):
+                yield as_tensors(compositor.batch(self.options.batch))
+                count += 1
+
+
+def as_tensors(batch: SceneBatch) -> tuple[Tensor, ...]:
+    """Images and targets for `loss_of`."""
+    t = make_targets(batch)
+    return (batch.image, *(torch.from_numpy(a) for a in (t.heat, t.weight, t.box, t.has_box)))
+
+
+def generalised_iou(a: Tensor, b: Tensor) -> Tensor:
+    """(...) of two boxes given as distances (..., 4) from one common point to left, top, right, bottom."""
+    low, high = torch.minimum(a, b), torch.maximum(a, b)
+    both = (low[..., 0] + low[..., 2]) * (low[..., 1] + low[..., 3])
+    hull = (high[..., 0] + high[..., 2]) * (high[..., 1] + high[..., 3])
+    areas = [(t[..., 0] + t[..., 2]) * (t[..., 1] + t[..., 3]) for t in (a, b)]
+    union = areas[0] + areas[1] - both
+    return both / (union + 1e-6) - (hull - union) / (hull + 1e-6)
+
+
+def loss_of(net: nn.Module, batch: tuple[Tensor, ...]) -> tuple[Tensor, Tensor]:
+    """Total loss, and the box loss for the log."""
+    image, heat, weight, box, has_box = batch
+    with torch.autocast(image.device.type, dtype=torch.bfloat16):
+        logits, distance = net(image.float().div(255).contiguous(memory_format=torch.channels_last))
+    logits = logits[:, 0].float()
+    p = torch.sigmoid(logits).clamp(1e-5, 1 - 1e-5)
+    positive = (heat >= 0.999).float()
+    found = -((1 - p) ** 2) * torch.log(p) * positive
+    rejected = -(p**2) * torch.log(1 - p) * (1 - heat) ** 4 * (1 - positive) * weight
+    centres = (found.sum() + rejected.sum()) / positive.sum().clamp(min=1)
+    iou = generalised_iou(distance.float().permute(0, 2, 3, 1), box.permute(0, 2, 3, 1))
+    boxes = ((1 - iou) * has_box).sum() / has_box.sum().clamp(min=1)
+    return centres + boxes, boxes.detach()
+
+
+@torch.no_grad()
+def evaluate(net: nn.Module, batches: list[SceneBatch], threshold: float = 0.3) -> dict[str, float]:
+    """Recall of people, precision of detections at IoU 0.5, and mean IoU of those found."""
+    from muybridge.models.decode import decode_people
+
+    where = next(net.parameters()).device
+    found, people, false, total, overlap = 0, 0, 0, 0, []
+    for batch in batches:
+        with torch.autocast(where.type, dtype=torch.bfloat16):
+            logits, distance = net(batch.image.to(where).float().div(255))
+        detected = decode_people(
+            logits.float().cpu().numpy(), distance.float().cpu().numpy(), STRIDE, threshold, max_people=8
+        )
+        for i in range(len(batch.image)):
+            guess = detected[i].boxes_px
+            iou = box_iou(guess, batch.boxes[i])
+            hidden = box_iou(guess, batch.ignore[i]).max(1, initial=0) > 0.3
+            best = iou.max(0, initial=0)
+            found, people = found + int((best > 0.5).sum()), people + len(best)
+            overlap.extend(best[best > 0.5].tolist())
+            wrong = (iou.max(1, initial=0) < 0.5) & ~hidden
+            false, total = false + int(wrong.sum()), total + int((~hidden).sum())
+    return {
+        "recall": found / max(people, 1), "precision": 1 - false / max(total, 1),
+        "iou": float(np.mean(overlap)) if overlap else 0.0,
+    }  # fmt: skip
+
+
+def box_iou(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(n, m) intersection over union of boxes (n, 4), (m, 4): left, top, right, bottom."""
+    a, b = np.asarray(a, float).reshape(-1, 1, 4), np.asarray(b, float).reshape(1, -1, 4)
+    side = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
+    both = np.clip(side, 0, None).prod(-1)
+    area = [(t[..., 2:] - t[..., :2]).prod(-1) for t in (a, b)]
+    return np.asarray(both / (area[0] + area[1] - both + 1e-9))
+
+
+def train(options: PeopleTraining) -> pathlib.Path:
+    """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
+    if not len(load_renders(options.renders, range(loop.HELD_OUT.stop, 100000))):
+        raise SessionError(
+            f"{options.renders}: no renders to train on (the first {loop.HELD_OUT.stop} shards are held out); "
+            "make some with `muybridge synth`"
+        )
+    torch.manual_seed(options.seed)
+    torch.set_num_threads(options.threads)
+    pool = loop.background_pool(options)
+    held_out = SceneCompositor(
+        load_renders(options.renders, loop.HELD_OUT), np.load(pool, mmap_mode="r"), 10_000
+    )
+    validation = [held_out.batch(32, shape) for shape in SHAPES]
+    fit = loop.Fit(options, PeopleNet(), lambda net: evaluate(net, validation))
+    loader = DataLoader(
+        _Stream(options, pool, fit.state["step"]), batch_size=None, num_workers=options.workers, prefetch_factor=4
+    )
+    fit.run(iter(loader), loss_of)
+    return fit.checkpoint

@@ -1,0 +1,155 @@
+"""Scenes for the person detector: several people of any size before one background, with its plate."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from muybridge.train.camera_faults import CameraFaults
+from muybridge.train.renders import RenderSet
+
+SHAPES = ((192, 320), (320, 192), (256, 320), (320, 256))  # height, width
+
+
+@dataclass(frozen=True)
+class SceneBatch:
+    """`image` (B, 4, H, W) uint8: RGB and plate difference; `boxes` a list of (n, 4) pixels: left, top, right,
+    bottom; `ignore` a list of (m, 4): people too hidden to be asked for."""
+
+    image: Tensor
+    boxes: list[NDArray[np.float32]]
+    ignore: list[NDArray[np.float32]]
+
+
+class SceneCompositor:
+    """Makes batches of scenes from renders and backgrounds."""
+
+    def __init__(self, renders: RenderSet, backgrounds: NDArray[np.uint8], seed: int) -> None:
+        self.renders, self.backgrounds = renders, backgrounds
+        self.rng = np.random.default_rng(seed)
+        self.faults = CameraFaults(self.rng)
+
+    def batch(self, count: int, shape: tuple[int, int] | None = None) -> SceneBatch:
+        """`count` scenes of one shape (height, width)."""
+        height, width = shape or SHAPES[self.rng.integers(len(SHAPES))]
+        scenes = [self._scene(height, width) for _ in range(count)]
+        frame = torch.from_numpy(np.stack([s[0] for s in scenes])).permute(0, 3, 1, 2).float() / 255
+        plate = torch.from_numpy(np.stack([s[1] for s in scenes])).permute(0, 3, 1, 2).float() / 255
+        gain = torch.from_numpy(np.exp(self.rng.normal(0, 0.3, count)).astype(np.float32)).view(-1, 1, 1, 1)
+        known = torch.from_numpy(self.rng.random(count) < 0.5).view(-1, 1, 1, 1)
+        noise = torch.from_numpy(np.abs(self.rng.standard_normal((count, 1, height, width), np.float32)))
+        difference = (frame - plate).abs().mean(1, keepdim=True) * gain
+        difference = (difference + 0.01 * gain * noise) * known
+        image = torch.cat([self.faults.apply(frame), difference], 1)
+        pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8)
+        pixels[:, :3] = self.faults.compress(pixels[:, :3].contiguous())
+        return SceneBatch(pixels, [s[2] for s in scenes], [s[3] for s in scenes])
+
+    def _scene(
+        self, height: int, width: int
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
+        rng = self.rng
+        plate = self._plate(height, width)
+        frame = plate.copy()
+        count = int(rng.choice(6, p=[0.06, 0.4, 0.26, 0.14, 0.09, 0.05]))
+        size = np.exp(rng.uniform(np.log(28), np.log(300), count)) if count else np.zeros(0)
+        boxes, owners = [], np.full((height, width), -1, np.int16)
+        areas = []
+        roll = np.radians(rng.normal(0, 8))
+        for number, side in enumerate(np.sort(size)):  # far people first
+            rgba, box = self._person(float(side), roll)
+            box, area = self._paste(frame, owners, rgba, box, number)
+            if rng.random() < 0.15:  # stood still long enough to be in the plate
+                self._copy_owner(frame, plate, owners, number)
+            boxes.append(box)
+            areas.append(area)
+        if rng.random() < 0.35:
+            self._occluder(frame, plate, owners)
+        visible = np.array([(owners == k).sum() for k in range(count)])
+        share = visible / np.maximum(np.array(areas), 1)
+        good = (share > 0.3) & (visible > 60)
+        stack = np.array(boxes, np.float32).reshape(-1, 4)
+        return frame, plate, stack[good], stack[~good]
+
+    def _plate(self, height: int, width: int) -> NDArray[np.uint8]:
+        rng = self.rng
+        pool = self.backgrounds
+        source = pool.shape[-1]
+        window = int(rng.integers(source * 2 // 3, source + 1))
+        x, y = rng.integers(0, source - window + 1, 2)
+        patch = pool[rng.integers(len(pool)), :, y : y + window, x : x + window].transpose(1, 2, 0)
+        patch = patch[:, ::-1] if rng.random() < 0.5 else patch
+        return np.ascontiguousarray(cv2.resize(patch, (width, height), interpolation=cv2.INTER_LINEAR))
+
+    def _person(self, side: float, roll: float) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+        """A render with its box's longer side `side` pixels: (h, w, 5) and the box in it."""
+        rng = self.rng
+        index = int(rng.integers(len(self.renders)))
+        planes = self.renders.pixels_of(index)
+        extent = self.renders.box_px[index]
+        scale = side / float((extent[2:] - extent[:2]).max())
+        out = max(8, round(planes.shape[-1] * scale))
+        interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+        middle = (out - 1) / 2
+        turn = cv2.getRotationMatrix2D((middle, middle), float(np.degrees(roll)), 1.0)
+        small = np.empty((out, out, 5), np.uint8)
+        for c, plane in enumerate(planes):
+            resized = cv2.resize(plane, (out, out), interpolation=interpolation)
+            small[..., c] = cv2.warpAffine(resized, turn, (out, out), flags=cv2.INTER_LINEAR)
+        if rng.random() < 0.5:
+            small = small[:, ::-1]
+        rows, columns = np.nonzero(small[..., 3] > 127)
+        if not len(rows):  # a person of a few pixels
+            return small, np.array([0.0, 0.0, out - 1, out - 1])
+        return small, np.array([columns.min(), rows.min(), columns.max(), rows.max()], float)
+
+    def _paste(
+        self, frame: NDArray[np.uint8], owners: NDArray[np.int16], person: NDArray[np.uint8],
+        box: NDArray[np.float64], number: int,
+    ) -> tuple[NDArray[np.float64], int]:  # fmt: skip
+        """Draws the person into `frame` at a random place; returns the box there and the silhouette's area."""
+        rng = self.rng
+        height, width = owners.shape
+        center = rng.uniform(0.02, 0.98, 2) * [width, height]
+        if rng.random() < 0.75:  # whole in the image where that is possible
+            half = (box[2:] - box[:2]) / 2
+            low, high = half, np.array([width, height]) - half
+            center = np.where(low < high, rng.uniform(np.minimum(low, high), np.maximum(low, high)), center)
+        shift = np.round(center - (box[:2] + box[2:]) / 2).astype(int)
+        size = person.shape[0]
+        x0, y0 = np.maximum(shift, 0)
+        x1, y1 = np.minimum(shift + size, [width, height])
+        area = int((person[..., 3] > 127).sum())
+        if x0 < x1 and y0 < y1:
+            part = person[y0 - shift[1] : y1 - shift[1], x0 - shift[0] : x1 - shift[0]]
+            alpha = part[..., 3:4].astype(np.float32) / 255
+            shade = 1 - part[..., 4:].astype(np.float32) / 255 * rng.uniform(0, 0.6)
+            target = frame[y0:y1, x0:x1]
+            target[:] = (target * shade * (1 - alpha) + part[..., :3]).clip(0, 255).astype(np.uint8)
+            owners[y0:y1, x0:x1][alpha[..., 0] > 0.5] = number
+        return box + np.tile(shift, 2), area
+
+    @staticmethod
+    def _copy_owner(
+        frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16], number: int
+    ) -> None:
+        mine = owners == number
+        plate[mine] = frame[mine]
+
+    def _occluder(self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]) -> None:
+        """Something of the room in front of people, in the frame and in the plate."""
+        rng = self.rng
+        height, width = owners.shape
+        mask = np.zeros((height, width), np.uint8)
+        center = rng.uniform(0, 1, 2) * [width, height]
+        reach = rng.uniform(0.04, 0.3) * max(width, height)
+        angle = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))))
+        corners = center + reach * np.stack([np.cos(angle), np.sin(angle)], 1) * rng.uniform(0.4, 1.6, 2)
+        cv2.fillPoly(mask, [corners.astype(np.int32)], 1)
+        texture = self._plate(height, width)
+        inside = mask > 0
+        frame[inside] = plate[inside] = texture[inside]
+        owners[inside] = -1
