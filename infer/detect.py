@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.errors import OutputError
 from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.infer.keypoints import CameraTracks, KeypointOptions, PoseEstimator
 from muybridge.infer.onnx import KeypointNetwork, PeopleNetwork
@@ -109,9 +108,22 @@ def open_models(options: DetectOptions) -> Models:
 
 
 def detect(
-    session: Session, models: Models, store: StageStore, options: DetectOptions, progress: Progress
+    session: Session,
+    file_names: Sequence[str],
+    models: Models,
+    store: StageStore,
+    options: DetectOptions,
+    progress: Progress,
 ) -> list[CameraResult]:
     """2D landmarks of every camera, from disk where they are there already.
+
+    Args:
+        session: C cameras and their videos.
+        file_names: (C,) the cameras' names as file names.
+        models: the networks.
+        store: where finished stages are, and the small copies of the videos.
+        options: how.
+        progress: whom to tell.
 
     Returns:
         C results. Where a container does not list its frames, a camera may have found fewer than
@@ -121,9 +133,11 @@ def detect(
         VideoError: a video cannot be read to its end.
     """
     stop = threading.Event()
-    cameras = range(len(session.cameras))
-    with progress.task("2D landmarks", len(cameras) * session.frames) as task:
-        work = [_CameraWork(session, c, models, store, options, progress, task, stop) for c in cameras]
+    with progress.task("2D landmarks", len(file_names) * session.frames) as task:
+        work = [
+            _CameraWork(session, c, name, models, store, options, progress, task, stop)
+            for c, name in enumerate(file_names)
+        ]
         return _in_threads([w.run for w in work], options.workers, stop)
 
 
@@ -156,6 +170,7 @@ class _CameraWork:
 
     session: Session
     index: int
+    name: str
     models: Models
     store: StageStore
     options: DetectOptions
@@ -164,15 +179,11 @@ class _CameraWork:
     stop: threading.Event
 
     @property
-    def name(self) -> str:
-        return self.session.cameras.names[self.index]
-
-    @property
     def proxy(self) -> Path:
-        return self.store.folder / f"video-{file_name(self.name)}.mp4"
+        return self.store.folder / f"video-{self.name}.mp4"
 
     def run(self) -> CameraResult:
-        stage, key = f"landmarks-{file_name(self.name)}", self._key()
+        stage, key = f"landmarks-{self.name}", self._key()
         stored = self.store.load(stage, key)
         if stored is not None and self.proxy.is_file():
             self.progress.say(
@@ -226,9 +237,14 @@ def _tracks(stage: StageResult, landmarks: LandmarkSet) -> CameraTracks:
     return CameraTracks(landmarks=landmarks, **values)
 
 
-def file_name(camera: str) -> str:
-    """A camera's name with what file systems dislike replaced."""
-    kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in camera).lstrip(".")
-    if not kept:
-        raise OutputError(f"camera name {camera!r} makes no file name; rename it in the calibration")
-    return kept
+def file_names(cameras: Sequence[str]) -> tuple[str, ...]:
+    """The cameras' names with what file systems dislike replaced, all different."""
+    names: list[str] = []
+    for camera in cameras:
+        kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in camera).lstrip(".") or "camera"
+        name, count = kept, 1
+        while name.lower() in (n.lower() for n in names):
+            count += 1
+            name = f"{kept}-{count}"
+        names.append(name)
+    return tuple(names)

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
-from muybridge.geometry.calibration import find_calibration, fit_to_video, load_calibration
+from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, read_calibration
 from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.infer.video import VideoInfo, is_video, probe_video
+from muybridge.infer.video import VideoInfo, is_video, probe_video, read_chunks
 
 # A file of one of these kinds that cannot be opened is a broken video; any other is something else.
 VIDEO_SUFFIXES = frozenset(
@@ -35,15 +35,15 @@ class SessionOptions:
     Attributes:
         calibration: file to use in place of the session's own.
         cameras: only these cameras of the calibration take part; empty for all.
-        video_size: what a video whose size differs from its calibration is: `crop` or `scale` of the
-            calibrated image; `auto` decides and says so.
+        video_size: what was done to the calibrated picture where a video has another size; `auto` decides
+            and says so.
         video_rotation: whether a file's rotation flag turns its frames; `auto` applies it unless only the
             frames as coded have the calibration's size.
     """
 
     calibration: Path | None = None
     cameras: tuple[str, ...] = ()
-    video_size: Literal["auto", "scale", "crop"] = "auto"
+    video_size: VideoFit = "auto"
     video_rotation: Literal["auto", "apply", "ignore"] = "auto"
 
 
@@ -90,7 +90,9 @@ def open_session(path: Path, options: SessionOptions = SessionOptions()) -> Sess
     """
     files, notices = find_videos(path)
     calibration = options.calibration or find_calibration(path)
-    group = load_calibration(calibration)
+    read = read_calibration(calibration)
+    group = read.cameras
+    notices += [f"{calibration.name}: {note}" for note in read.notes]
     if options.cameras:
         group, files = _chosen(group, files, options.cameras, calibration)
     if len(files) < 2 or len(group) < 2:
@@ -102,7 +104,7 @@ def open_session(path: Path, options: SessionOptions = SessionOptions()) -> Sess
     for k, camera in enumerate(group):
         videos[k], said = _turn(videos[k], camera, options.video_rotation)
         notices += said
-        fitted, assumed = fit_to_video(camera, videos[k].width, videos[k].height, how=options.video_size)
+        fitted, assumed = _fitted(camera, videos[k], options.video_size)
         cameras.append(fitted)
         if assumed:
             notices.append(assumed)
@@ -296,6 +298,15 @@ def _turn(video: VideoInfo, camera: Camera, how: str) -> tuple[VideoInfo, list[s
         why = "as asked" if how == "ignore" else "as the calibration has the size of its unturned frames"
         return coded, [f"{name} has a rotation flag of {flag} degrees, which was ignored {why}"]
     return video, [f"{name} has a rotation flag: its frames were turned by {flag} degrees counterclockwise"]
+
+
+def _fitted(camera: Camera, video: VideoInfo, how: VideoFit) -> tuple[Camera, str | None]:
+    """The camera at its video's size, and what was assumed."""
+    size = (video.width, video.height)
+    image = None
+    if how == "auto" and size != (camera.width, camera.height):
+        image = next(read_chunks(video, np.zeros(1, np.int64)))[0]
+    return fit_to_video(camera, *size, how, image)
 
 
 def _common_time(videos: Sequence[VideoInfo]) -> tuple[float, NDArray[np.int64], list[str]]:

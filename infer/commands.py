@@ -1,0 +1,132 @@
+"""The commands `run` and `demo`."""
+
+import sys
+import traceback
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from muybridge.errors import MuybridgeError, SessionError
+from muybridge.geometry.association import AssociateOptions
+from muybridge.geometry.ik import FitOptions
+from muybridge.geometry.smoothing import SmoothOptions
+from muybridge.geometry.triangulation import TriangulateOptions
+from muybridge.infer.cli import one_line
+from muybridge.infer.demo import run_demo
+from muybridge.infer.detect import DetectOptions
+from muybridge.infer.overlay import OverlayOptions
+from muybridge.infer.pipeline import RunOptions, run_session, summary
+from muybridge.infer.progress import Progress
+from muybridge.infer.session import SessionOptions
+from muybridge.infer.solve import SolveOptions
+
+_Flat = tyro.conf.arg(prefix_name=False)
+
+
+def run(
+    sessions: tyro.conf.Positional[tuple[Path, ...]],
+    /,
+    out: Path | None = None,
+    overwrite: bool = False,
+    quiet: bool = False,
+    session: Annotated[SessionOptions, _Flat] = SessionOptions(),  # noqa: B008 - frozen
+    detect: Annotated[DetectOptions, _Flat] = DetectOptions(),  # noqa: B008
+    person: AssociateOptions = AssociateOptions(),  # noqa: B008
+    triangulate: TriangulateOptions = TriangulateOptions(),  # noqa: B008
+    smooth: SmoothOptions = SmoothOptions(),  # noqa: B008
+    fit: FitOptions = FitOptions(),  # noqa: B008
+    overlay: OverlayOptions = OverlayOptions(),  # noqa: B008
+) -> int:
+    """Motion from session folders: videos and a calibration in; points, motion, overlays and a report out.
+
+    Args:
+        sessions: one or more folders, each with `videos/` (one file a camera) and a calibration.
+        out: results folder (default: `muybridge/` inside the session). With several sessions, each gets a
+            folder of its name in it.
+        overwrite: replace files in the results folder that muybridge did not write or that were changed.
+        quiet: say only what should be known and the results.
+        session: how session folders are read.
+        detect: 2D landmarks.
+        person: which person is followed.
+        triangulate: 3D points.
+        smooth: points over time.
+        fit: skeleton and joint angles.
+        overlay: videos with what was found drawn in.
+    """
+    if not sessions:
+        raise SessionError("name at least one session folder: muybridge run FOLDER [FOLDER ...]")
+    solve = SolveOptions(person, triangulate, smooth, fit)
+    options = RunOptions(session, detect, solve, overlay, overwrite)
+    jobs = plan(sessions, out)
+    if len(jobs) == 1:
+        with Progress(quiet=quiet) as progress:
+            result = run_session(*jobs[0], options, progress)
+        print(summary(result))
+        return 0
+    return _run_many(jobs, options, quiet)
+
+
+def plan(sessions: Sequence[Path], out: Path | None) -> list[tuple[Path, Path | None]]:
+    """Each session with its results folder; a session that is named twice is worked on once."""
+    unique = list({path.resolve(): path for path in reversed(sessions)}.values())[::-1]
+    if out is None or len(unique) == 1:
+        return [(path, out) for path in unique]
+    names = [path.resolve().name for path in unique]
+    twice = {name for name, n in Counter(names).items() if n > 1}
+    named = [
+        f"{path.resolve().parent.name}-{name}" if name in twice else name
+        for path, name in zip(unique, names, strict=True)
+    ]
+    seen: Counter[str] = Counter()
+    jobs: list[tuple[Path, Path | None]] = []
+    for path, name in zip(unique, named, strict=True):
+        seen[name] += 1
+        jobs.append((path, out / (name if seen[name] == 1 else f"{name}-{seen[name]}")))
+    return jobs
+
+
+def _run_many(jobs: Sequence[tuple[Path, Path | None]], options: RunOptions, quiet: bool) -> int:
+    """Work on every session, whatever happens to the others; returns the exit code."""
+    failed: list[Path] = []
+    bug = False
+    for path, out in jobs:
+        try:
+            with Progress(quiet=quiet) as progress:
+                print(summary(run_session(path, out, options, progress)), flush=True)
+        except MuybridgeError as error:
+            print(f"error: {one_line(error)}", file=sys.stderr, flush=True)
+            failed.append(path)
+        except Exception:
+            traceback.print_exc()
+            failed.append(path)
+            bug = True
+    print(f"{len(jobs) - len(failed)} of {len(jobs)} sessions done", flush=True)
+    if failed:
+        names = ", ".join(str(p) for p in failed)
+        print(f"error: {len(failed)} of {len(jobs)} sessions failed: {names}; see above", file=sys.stderr)
+    return 1 if bug else 2 if failed else 0
+
+
+def demo(out: Path = Path("muybridge-demo"), overwrite: bool = False, quiet: bool = False) -> int:
+    """Run everything on the small take that comes along, and say how far it is from the truth.
+
+    Args:
+        out: where the take and its results go.
+        overwrite: replace files in the results folder that muybridge did not write or that were changed.
+        quiet: say only the figures.
+    """
+    options = replace(RunOptions(), overwrite=overwrite)
+    with Progress(quiet=quiet) as progress:
+        result, score = run_demo(out, options, progress)
+    if not quiet:
+        print(summary(result))
+    print(f"MPJPE {score.mpjpe_mm:.1f} mm")
+    print(
+        f"That is the mean distance to the truth, over the {score.coverage:.1%} of landmarks and frames that "
+        f"were found. Results: {result.out}"
+    )
+    return 0

@@ -1,0 +1,198 @@
+"""The files of a result."""
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from muybridge.motion.formats.bvh import write_bvh
+from numpy.typing import NDArray
+
+from muybridge.geometry.calibration import save_calibration
+from muybridge.infer.detect import CameraResult
+from muybridge.infer.outputs import OutputFolder
+from muybridge.infer.overlay import OverlayOptions, write_overlay
+from muybridge.infer.progress import Progress, Task
+from muybridge.infer.quality import Quality, plain
+from muybridge.infer.report import ReportData, Thumbnail, write_report
+from muybridge.infer.session import Session
+from muybridge.infer.solve import Solution
+from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.video import probe_video, read_chunks
+from muybridge.motion.formats.c3d import write_c3d
+from muybridge.motion.formats.trc import write_trc
+
+POINTS_TRC, POINTS_C3D, MOTION_BVH = "points.trc", "points.c3d", "motion.bvh"
+CALIBRATION, REPORT, RUN = "calibration.toml", "report.html", "run.json"
+THUMBNAILS = 4
+_OVERLAY_CODE = ("muybridge.infer.overlay", "muybridge.infer.video", "muybridge.geometry.cameras")
+
+
+def overlay_name(camera_file: str) -> str:
+    """Name of a camera's overlay."""
+    return f"overlay_{camera_file}.mp4"
+
+
+def result_names(camera_files: Sequence[str]) -> tuple[str, ...]:
+    """Every file that a run writes into its results folder.
+
+    Args:
+        camera_files: the cameras' names as file names.
+    """
+    overlays = tuple(overlay_name(name) for name in camera_files)
+    return (POINTS_TRC, POINTS_C3D, MOTION_BVH, *overlays, REPORT, RUN, CALIBRATION)
+
+
+def write_motion(output: OutputFolder, session: Session, solution: Solution) -> list[str]:
+    """Write the points, the motion and the calibration as used; returns their names."""
+    writers: dict[str, Callable[[Path], object]] = {
+        POINTS_TRC: lambda path: write_trc(path, solution.points),
+        POINTS_C3D: lambda path: write_c3d(path, solution.points),
+        CALIBRATION: lambda path: save_calibration(session.cameras, path),
+    }
+    motion = solution.motion
+    if motion is not None:
+        writers[MOTION_BVH] = lambda path: write_bvh(path, motion)
+    for name, write in writers.items():
+        output.write(name, write)
+    return list(writers)
+
+
+def write_overlays(
+    output: OutputFolder,
+    store: StageStore,
+    session: Session,
+    camera_files: Sequence[str],
+    detected: Sequence[CameraResult],
+    solution: Solution,
+    options: OverlayOptions,
+    workers: int,
+    progress: Progress,
+) -> tuple[dict[str, StageResult], list[Thumbnail]]:
+    """Draw what was found into the small copies of the videos.
+
+    Returns:
+        The stages by name, and pictures for the report.
+    """
+    frames = len(solution.points.points_world)
+    with progress.task("overlays", len(detected) * frames) as task, ThreadPoolExecutor(workers) as pool:
+        jobs = [
+            pool.submit(
+                _write_overlay, output, store, session, camera_files[c], result, c, solution, options, task
+            )
+            for c, result in enumerate(detected)
+        ]
+        stages = [job.result() for job in jobs]
+    thumbnails = [
+        Thumbnail(session.cameras.names[c], int(key), stage.arrays[key].tobytes())
+        for c, stage in enumerate(stages)
+        for key in sorted(stage.arrays, key=int)
+    ]
+    return {f"overlay {camera_files[c]}": stage for c, stage in enumerate(stages)}, thumbnails
+
+
+def _write_overlay(
+    output: OutputFolder,
+    store: StageStore,
+    session: Session,
+    camera_file: str,
+    detected: CameraResult,
+    index: int,
+    solution: Solution,
+    options: OverlayOptions,
+    task: Task,
+) -> StageResult:
+    name, camera = overlay_name(camera_file), session.cameras[index]
+    projected = camera.project(solution.points.points_world)
+    residual, inlier = solution.measured.residual_px[index], solution.measured.inlier[index]
+    key = digest(
+        code_digest(*_OVERLAY_CODE), detected.stage.key, camera, options, solution.points_px[index],
+        projected, residual, inlier, session.fps,
+    )  # fmt: skip
+    stored = store.load(f"overlay-{camera_file}", key)
+    if stored is not None and output.owns(name):
+        task.advance(len(projected))
+        return stored
+    start = time.perf_counter()
+    proxy = probe_video(detected.proxy)
+    pictures: dict[int, bytes] = {}
+
+    def write(path: Path) -> None:
+        pictures.update(
+            write_overlay(
+                path,
+                _counted(read_chunks(proxy), task),
+                session.fps,
+                (proxy.width / camera.width, proxy.height / camera.height),
+                solution.points_px[index],
+                projected,
+                solution.points.landmarks,
+                camera.name,
+                residual,
+                inlier,
+                thumbnail_frames=thumbnail_frames(len(projected)),
+                options=options,
+            ).thumbnails
+        )
+
+    output.write(name, write)
+    arrays = {str(t): np.frombuffer(jpeg, np.uint8) for t, jpeg in pictures.items()}
+    return store.save(f"overlay-{camera_file}", key, arrays, {}, time.perf_counter() - start)
+
+
+def _counted(chunks: Iterator[NDArray[np.uint8]], task: Task) -> Iterator[NDArray[np.uint8]]:
+    for chunk in chunks:
+        yield from chunk
+        task.advance(len(chunk))
+
+
+def thumbnail_frames(frames: int) -> tuple[int, ...]:
+    """Frames spread evenly over a take, neither its first nor its last."""
+    return tuple(sorted({int((k + 0.5) * frames / THUMBNAILS) for k in range(THUMBNAILS)}))
+
+
+def write_report_page(
+    output: OutputFolder,
+    session: Session,
+    solution: Solution,
+    quality: Quality,
+    thumbnails: Sequence[Thumbnail],
+    timings: Mapping[str, float],
+    options: Mapping[str, Any],
+    versions: Mapping[str, str],
+    files: Sequence[str],
+) -> None:
+    """Write `report.html`."""
+    motion = solution.motion
+    data = ReportData(
+        title=session.name,
+        cameras=session.cameras,
+        points=solution.points,
+        keypoints_px=solution.points_px,
+        leave_one_out_px=solution.leave_one_out_px,
+        joint_positions_world=None if motion is None else motion.joint_positions_world(),
+        joint_names=() if motion is None else motion.skeleton.names,
+        joint_parents=() if motion is None else tuple(motion.skeleton.parents),
+        person=solution.person,
+        warnings=session.notices,
+        timings_s=timings,
+        quality=plain(
+            {
+                k: v for k, v in asdict(quality).items() if k not in ("cameras", "landmarks")
+            }  # has its own tables
+        ),
+        options=plain(options),
+        versions=versions,
+        thumbnails=tuple(thumbnails),
+        files=tuple(files),
+    )
+    output.write(REPORT, lambda path: write_report(path, data))
+
+
+def write_run(output: OutputFolder, facts: Mapping[str, Any]) -> None:
+    """Write `run.json`."""
+    output.write_text(RUN, json.dumps(plain(facts), indent=2, ensure_ascii=False, allow_nan=False) + "\n")

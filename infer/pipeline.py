@@ -1,0 +1,255 @@
+"""The whole chain for one session: videos to 2D landmarks, to 3D points, to motion, to files."""
+
+import importlib.metadata
+import os
+import platform
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from muybridge import __version__
+from muybridge.errors import SessionError
+from muybridge.geometry.landmarks import Keypoints2D
+from muybridge.infer import exports
+from muybridge.infer.detect import CameraResult, DetectOptions, detect, file_names, open_models
+from muybridge.infer.keypoints import CameraTracks, merge_tracks
+from muybridge.infer.outputs import WORK, open_output
+from muybridge.infer.overlay import OverlayOptions
+from muybridge.infer.progress import Progress
+from muybridge.infer.quality import Quality, assess
+from muybridge.infer.session import Session, SessionOptions, open_session, with_frames
+from muybridge.infer.solve import Solution, SolveOptions, solve
+from muybridge.infer.stages import StageResult, StageStore, digest
+
+RUN_FORMAT = 1
+DEFAULT_OUT = "muybridge"
+_PACKAGES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "opencv-contrib-python-headless",
+    "onnxruntime",
+    "pycolmap",
+    "av",
+    "ezc3d",
+)
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Every stage's options.
+
+    Attributes:
+        session: how the session folder is read.
+        detect: 2D landmarks.
+        solve: 3D points and motion.
+        overlay: the videos with what was found.
+        overwrite: replace files of our names in the results folder that muybridge did not write.
+    """
+
+    session: SessionOptions = field(default_factory=SessionOptions)
+    detect: DetectOptions = field(default_factory=DetectOptions)
+    solve: SolveOptions = field(default_factory=SolveOptions)
+    overlay: OverlayOptions = field(default_factory=OverlayOptions)
+    overwrite: bool = False
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """A finished run.
+
+    Attributes:
+        out: the results folder.
+        session: what was worked on.
+        solution: what was found.
+        quality: how good it is.
+        seconds: how long this run took.
+    """
+
+    out: Path
+    session: Session
+    solution: Solution
+    quality: Quality
+    seconds: float
+
+
+def run_session(path: Path, out: Path | None, options: RunOptions, progress: Progress) -> RunResult:
+    """Work on one session folder.
+
+    Args:
+        path: the session's folder.
+        out: the results folder; None for `muybridge/` inside the session.
+        options: how.
+        progress: whom to tell.
+
+    Raises:
+        MuybridgeError: of some kind, for everything that the user can mend. Everything that can be known
+            beforehand is checked before the first frame is worked on, and before anything is written.
+    """
+    start, began = time.perf_counter(), datetime.now(UTC)
+    session = open_session(path, options.session)
+    models = open_models(options.detect)
+    out = path / DEFAULT_OUT if out is None else out
+    files = file_names(session.cameras.names)
+    inputs = [session.calibration, *(v.path for v in session.videos)]
+    output = open_output(out, exports.result_names(files), inputs, options.overwrite)
+    store = StageStore(output.work)
+    progress.say(
+        f"{session.name}: {len(session.cameras)} cameras, {session.frames} frames at {session.fps:.4g} fps"
+    )
+    for notice in session.notices:
+        progress.notice(notice)
+    detected = detect(session, files, models, store, options.detect, progress)
+    session, keypoints = _common(session, detected, progress)
+    key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras)
+    solution = solve(session.cameras, keypoints, session.fps, key, store, options.solve, progress)
+    progress.say(solution.person)
+    quality = assess(session.cameras, solution)
+    stages = {f"2D {files[c]}": d.stage for c, d in enumerate(detected)} | solution.stages
+    written = exports.write_motion(output, session, solution)
+    drawn, thumbnails = exports.write_overlays(
+        output, store, session, files, detected, solution, options.overlay, options.detect.workers, progress
+    )
+    stages |= drawn
+    written += [exports.overlay_name(name) for name in files]
+    timings = {name: stage.seconds for name, stage in stages.items()}
+    exports.write_report_page(
+        output, session, solution, quality, thumbnails, timings, asdict(options), versions(), written
+    )
+    written.append(exports.REPORT)
+    seconds = time.perf_counter() - start
+    exports.write_run(
+        output,
+        {
+            "format": RUN_FORMAT,
+            "muybridge": __version__,
+            "started": began.isoformat(timespec="seconds"),
+            "seconds": seconds,
+            "session": session_facts(session),
+            "results": [*written, exports.RUN],
+            "quality": asdict(quality),
+            "person": solution.person,
+            "notices": session.notices,
+            "stages": stage_facts(stages),
+            "options": asdict(options),
+            "models": models.metadata,
+            "versions": versions(),
+            "machine": machine(),
+        },
+    )
+    if solution.motion is None:
+        raise SessionError(
+            f"{path}: no landmark could be triangulated in any frame, so there is no motion; see "
+            f"{output.path / exports.REPORT} and the overlays beside it: if the marks are on the person, the "
+            "calibration does not belong to these videos"
+        )
+    return RunResult(output.path, session, solution, quality, seconds)
+
+
+def _common(
+    session: Session, detected: Sequence[CameraResult], progress: Progress
+) -> tuple[Session, Keypoints2D]:
+    """Everyone's 2D landmarks over the frames that every camera really had."""
+    counts = [len(d.tracks.points_px) for d in detected]
+    frames = min(counts)
+    if frames == 0:
+        empty = session.videos[counts.index(0)].path
+        raise SessionError(f"{empty} gave no frame; export it again")
+    if frames < session.frames:
+        shortest = session.videos[counts.index(frames)].path.name
+        notice = (
+            f"{shortest} has {frames} frames, fewer than its header suggests: the first {frames} are used"
+        )
+        progress.notice(notice)
+        session = replace(with_frames(session, frames), notices=(*session.notices, notice))
+    return session, merge_tracks([_first(d.tracks, frames) for d in detected])
+
+
+def _first(tracks: CameraTracks, frames: int) -> CameraTracks:
+    if len(tracks.points_px) == frames:
+        return tracks
+    return replace(
+        tracks,
+        points_px=tracks.points_px[:frames],
+        variance_px2=tracks.variance_px2[:frames],
+        score=tracks.score[:frames],
+        visibility=tracks.visibility[:frames],
+        boxes_px=tracks.boxes_px[:frames],
+        ids=tracks.ids[:frames],
+    )
+
+
+def session_facts(session: Session) -> dict[str, Any]:
+    """What went in, for `run.json`."""
+    return {
+        "name": session.name,
+        "path": session.path.resolve(),
+        "calibration": session.calibration,
+        "frames": session.frames,
+        "fps": session.fps,
+        "cameras": {
+            name: {
+                "video": video.path.name,
+                "width": video.width,
+                "height": video.height,
+                "fps": video.fps,
+                "frames": video.frames,
+                "codec": video.codec,
+                "container": video.container,
+                "rotation_deg": video.rotation_deg,
+                "size_bytes": video.size_bytes,
+            }
+            for name, video in zip(session.cameras.names, session.videos, strict=True)
+        },
+    }
+
+
+def stage_facts(stages: Mapping[str, StageResult]) -> dict[str, dict[str, Any]]:
+    """Seconds by stage, and whether this run found it finished."""
+    return {name: {"seconds": s.seconds, "resumed": s.resumed} for name, s in stages.items()}
+
+
+def versions() -> dict[str, str]:
+    """Of everything that computes."""
+    found = {"muybridge": __version__, "python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def machine() -> dict[str, Any]:
+    """Where it ran: system, processors, and the most memory that the process has used so far."""
+    facts: dict[str, Any] = {"system": platform.platform(), "processors": os.cpu_count()}
+    if sys.platform != "win32":
+        import resource
+
+        unit = 1 if sys.platform == "darwin" else 1024
+        facts["peak_memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit // 2**20
+    return facts
+
+
+def summary(result: RunResult) -> str:
+    """A few plain lines about a finished run."""
+    quality, session = result.quality, result.session
+    rows = [
+        f"{session.name}: {session.frames} frames, {len(session.cameras)} cameras, {result.seconds:.0f} s",
+        f"  3D points for {quality.coverage:.1%} of all frames and landmarks",
+        f"  they project {quality.reprojection_px:.1f} px (median) from the 2D landmarks",
+        f"  a camera left out is missed by {quality.leave_one_out_px:.1f} px (median)",
+    ]
+    width = max(len(name) for name in quality.cameras)
+    for name, camera in quality.cameras.items():
+        rows.append(
+            f"    {name:<{width}}  sees {camera['seen']:6.1%}   reprojection "
+            f"{camera['reprojection_px']:6.1f} px   left out {camera['leave_one_out_px']:6.1f} px"
+        )
+    rows.append(f"  results: {result.out} ({exports.REPORT} shows them; {WORK}/ may be deleted)")
+    return "\n".join(rows)
+

@@ -1,0 +1,211 @@
+"""From the cameras' 2D landmarks to one person's motion: the stages that need no video."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.association import AssociateOptions, select_person, take_person
+from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.ik import FitOptions, fit_motion
+from muybridge.geometry.landmarks import Keypoints2D, Points3D
+from muybridge.geometry.skeleton import Motion, Skeleton
+from muybridge.geometry.smoothing import SmoothOptions, smooth_points
+from muybridge.geometry.triangulation import TriangulateOptions, leave_one_out_error, triangulate
+from muybridge.infer.progress import Progress
+from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
+
+Floats = NDArray[np.float64]
+Arrays = Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """How 2D landmarks become motion.
+
+    Attributes:
+        person: which person is followed.
+        triangulate: 3D points.
+        smooth: points over time.
+        fit: the skeleton and its joint angles.
+    """
+
+    person: AssociateOptions = field(default_factory=AssociateOptions)
+    triangulate: TriangulateOptions = field(default_factory=TriangulateOptions)
+    smooth: SmoothOptions = field(default_factory=SmoothOptions)
+    fit: FitOptions = field(default_factory=FitOptions)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What was made of a take.
+
+    Attributes:
+        person: one sentence: who was followed, and why.
+        points_px: (C, T, J, 2) the person's 2D landmarks; NaN where missing.
+        variance_px2: (C, T, J).
+        measured: the triangulated points.
+        points: the same, smoothed.
+        leave_one_out_px: (C, T, J) see `geometry.triangulation.leave_one_out_error`.
+        noise_px: noise that the take shows beyond the network's own variance.
+        motion: the fitted skeleton; None where no point was found in the whole take.
+        stages: the stages by name, in order, for their timings.
+    """
+
+    person: str
+    points_px: Floats
+    variance_px2: Floats
+    measured: Points3D
+    points: Points3D
+    leave_one_out_px: Floats
+    noise_px: float
+    motion: Motion | None
+    stages: dict[str, StageResult]
+
+
+def solve(
+    cameras: CameraGroup,
+    keypoints: Keypoints2D,
+    fps: float,
+    inputs: str,
+    store: StageStore,
+    options: SolveOptions,
+    progress: Progress,
+) -> Solution:
+    """Follow one person through the take.
+
+    Args:
+        cameras: C cameras, as the videos are.
+        keypoints: everyone who was found.
+        fps: frames a second.
+        inputs: digest of what the keypoints were made from.
+        store: where finished stages are.
+        options: how.
+        progress: whom to tell.
+    """
+    code = code_digest("muybridge.geometry")
+    stages: dict[str, StageResult] = {}
+
+    def stage(name: str, given: Any, compute: Callable[[], tuple[Arrays, Mapping[str, Any]]]) -> StageResult:
+        key = digest(name, inputs, code, fps, given)
+        found = store.load(name, key)
+        if found is not None:
+            progress.say(f"{name}: resumed from {store.folder / (name + '.npz')}")
+        else:
+            start = time.perf_counter()
+            arrays, facts = compute()
+            found = store.save(name, key, arrays, facts, time.perf_counter() - start)
+            progress.say(f"{name}: {found.seconds:.1f} s")
+        stages[name] = found
+        return found
+
+    person = stage("person", options.person, lambda: _select(cameras, keypoints, options.person))
+    px, variance = person.arrays["points_px"], person.arrays["variance_px2"]
+    cloud = stage(
+        "points",
+        [person.key, options.triangulate],
+        lambda: _points(cameras, px, variance, options.triangulate),
+    )
+    measured = Points3D(
+        landmarks=keypoints.landmarks,
+        points_world=cloud.arrays["points_world"],
+        covariance_world=cloud.arrays["covariance_world"],
+        residual_px=cloud.arrays["residual_px"],
+        inlier=cloud.arrays["inlier"],
+        fps=fps,
+    )
+    smooth = stage("smooth", [cloud.key, options.smooth], lambda: _smooth(measured, options.smooth))
+    points = Points3D(
+        landmarks=measured.landmarks,
+        points_world=smooth.arrays["points_world"],
+        covariance_world=smooth.arrays["covariance_world"],
+        residual_px=measured.residual_px,
+        inlier=measured.inlier,
+        fps=fps,
+    )
+    motion = None
+    if np.isfinite(measured.points_world).any():
+        fitted = stage("motion", [cloud.key, options.fit], lambda: _pack(fit_motion(measured, options.fit)))
+        motion = _unpack(fitted)
+    return Solution(
+        person=str(person.facts["reason"]),
+        points_px=px,
+        variance_px2=variance,
+        measured=measured,
+        points=points,
+        leave_one_out_px=cloud.arrays["leave_one_out_px"],
+        noise_px=float(cloud.facts["noise_px"]),
+        motion=motion,
+        stages=stages,
+    )
+
+
+def _select(
+    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions
+) -> tuple[Arrays, Mapping[str, Any]]:
+    selection = select_person(cameras, keypoints, options)
+    points_px, variance_px2, score = take_person(keypoints, selection)
+    arrays = {
+        "slots": selection.slots,
+        "points_px": points_px,
+        "variance_px2": variance_px2,
+        "score": score,
+    }
+    return arrays, {"reason": selection.reason}
+
+
+def _points(
+    cameras: CameraGroup, points_px: Floats, variance_px2: Floats, options: TriangulateOptions
+) -> tuple[Arrays, Mapping[str, Any]]:
+    found = triangulate(cameras, points_px, variance_px2, options)
+    arrays = {
+        "points_world": found.points_world,
+        "covariance_world": found.covariance_world,
+        "residual_px": found.residual_px,
+        "inlier": found.inlier,
+        "leave_one_out_px": leave_one_out_error(cameras, points_px, variance_px2, options),
+    }
+    return arrays, {"noise_px": found.noise_px}
+
+
+def _smooth(points: Points3D, options: SmoothOptions) -> tuple[Arrays, Mapping[str, Any]]:
+    smoothed = smooth_points(points, options)
+    arrays = {"points_world": smoothed.points_world, "covariance_world": smoothed.covariance_world}
+    return arrays, {}
+
+
+def _pack(motion: Motion) -> tuple[Arrays, Mapping[str, Any]]:
+    """A motion as arrays and facts."""
+    skeleton = motion.skeleton
+    arrays = {
+        "root_positions_world": motion.root_positions_world,
+        "quat_wxyz": motion.quat_wxyz,
+        "offsets": skeleton.offsets,
+        "tips": skeleton.tips,
+        "lower": skeleton.lower,
+        "upper": skeleton.upper,
+    }
+    facts = {
+        "fps": motion.fps,
+        "names": skeleton.names,
+        "parents": [int(p) for p in skeleton.parents],
+        "twist_axis": [int(a) for a in skeleton.twist_axis],
+    }
+    return arrays, facts
+
+
+def _unpack(stage: StageResult) -> Motion:
+    arrays, facts = stage.arrays, stage.facts
+    skeleton = Skeleton(
+        names=tuple(facts["names"]),
+        parents=tuple(facts["parents"]),
+        offsets=arrays["offsets"],
+        tips=arrays["tips"],
+        twist_axis=tuple(facts["twist_axis"]),
+        lower=arrays["lower"],
+        upper=arrays["upper"],
+    )
+    return Motion(skeleton, facts["fps"], arrays["root_positions_world"], arrays["quat_wxyz"])
