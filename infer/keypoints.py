@@ -234,7 +234,7 @@ class PoseEstimator:
         """The poses, those whose landmarks' box differs much from the cropped one estimated once more."""
         own = body_boxes(poses.points_px, self.landmarks)
         used = poses.boxes_px
-        side, own_side = _longer_sides(used), _longer_sides(own)
+        side, own_side = _longer_sides(used), np.maximum(_longer_sides(own), _MIN_BOX_PX)
         moved = np.linalg.norm((own[:, :2] + own[:, 2:] - used[:, :2] - used[:, 2:]) / 2, axis=1) / side
         limit = self._options.refine_change
         differs = (moved > limit) | (np.abs(np.log(own_side / side)) > np.log1p(limit))

@@ -1,0 +1,391 @@
+"""Networks, model files and the pose estimator, on tiny networks that see coloured blobs."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from muybridge.errors import ModelError
+from muybridge.geometry.cameras import Camera
+from muybridge.geometry.crops import crops_for_boxes
+from muybridge.geometry.landmarks import BODY23
+from muybridge.infer.crops import extract_crops
+from muybridge.infer.keypoints import KeypointOptions, PoseEstimator, body_boxes, merge_tracks
+from muybridge.infer.onnx import KeypointNetwork, OnnxOptions, PeopleNetwork
+from muybridge.infer.people import BackgroundPlate, Letterbox, PeopleDetector, PeopleOptions
+from muybridge.infer.tracking import TrackOptions
+from muybridge.models.decode import SpreadCalibration, decode_heatmaps
+from muybridge.models.registry import keypoint_card, shipped_model
+
+onnx = pytest.importorskip("onnx", reason="onnx is in the train extra")
+
+# A "person" is a grey ellipse with a red, a green and a blue blob on it.
+NAMES = ("nose", "left_wrist", "right_wrist")
+OFFSETS_PX = np.array([[0.0, -34.0], [18.0, 6.0], [-18.0, 6.0]])
+PERSON_PX = (60.0, 100.0)
+WIDTH, HEIGHT, CROP = 640, 480, 96
+
+
+def _save(path: Path, nodes: list[Any], weights: dict[str, NDArray[Any]], outputs: dict[str, list[Any]],
+          channels: int, metadata: dict[str, str]) -> Path:  # fmt: skip
+    helper, floats = onnx.helper, onnx.TensorProto.FLOAT
+    graph = helper.make_graph(
+        nodes, "tiny",
+        [helper.make_tensor_value_info("image", floats, ["n", channels, "h", "w"])],
+        [helper.make_tensor_value_info(name, floats, shape) for name, shape in outputs.items()],
+        [onnx.numpy_helper.from_array(np.asarray(value), name) for name, value in weights.items()],
+    )  # fmt: skip
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    helper.set_model_props(model, metadata)
+    onnx.checker.check_model(model)
+    onnx.save(model, path)
+    return path
+
+
+def _keypoint_metadata(**changes: str) -> dict[str, str]:
+    metadata = {
+        "muybridge_kind": "keypoints", "version": "0.0.1", "landmark_set": "blobs3",
+        "names": json.dumps(NAMES), "input_size": str(CROP), "stride": "4", "normalisation": "none",
+        "variance": json.dumps({"scale": 1.5, "floor_px2": 0.25}), "box_padding": "1.25",
+        "training_command": "none", "seed": "0", "licence": "Apache-2.0",
+    }  # fmt: skip
+    return {key: value for key, value in {**metadata, **changes}.items() if value}
+
+
+def _tiny_keypoints(path: Path, **changes: str) -> Path:
+    """Each landmark's map is the average over a cell of one colour minus the other two."""
+    kernel = np.full((3, 3, 4, 4), -0.5) + 1.5 * np.eye(3)[:, :, None, None]
+    weights = {"w": (kernel * 20 / 16).astype(np.float32)}
+    make = onnx.helper.make_node
+    nodes = [
+        make("Conv", ["image", "w"], ["heatmaps"], strides=[4, 4]),
+        make("GlobalMaxPool", ["heatmaps"], ["pooled"]),
+        make("Flatten", ["pooled"], ["visibility"]),
+    ]
+    outputs = {"heatmaps": ["n", 3, "y", "x"], "visibility": ["n", 3]}
+    return _save(path, nodes, weights, outputs, 3, _keypoint_metadata(**changes))
+
+
+def _tiny_people(path: Path, **changes: str) -> Path:
+    """A person's middle is where a person-sized window is bright; every box has the blob people's size."""
+    rows, columns = np.mgrid[:48, :32]
+    window = np.exp(-(((columns - 15.5) / 10) ** 2) - ((rows - 23.5) / 16) ** 2)
+    heat = np.repeat((window / window.sum())[None, None] * 20, 4, axis=1)
+    heat[:, 3] = 0.0
+    half = np.array(PERSON_PX) / 4  # half a person at half the resolution
+    weights = {
+        "w": heat.astype(np.float32), "b": np.array([-6.0], dtype=np.float32),
+        "w0": np.zeros((4, 4, 8, 8), dtype=np.float32), "b0": np.tile(half, 2).astype(np.float32),
+    }  # fmt: skip
+    make = onnx.helper.make_node
+    nodes = [
+        make("Conv", ["image", "w", "b"], ["heatmap"], strides=[8, 8], pads=[20, 12, 20, 12]),
+        make("Conv", ["image", "w0", "b0"], ["box"], strides=[8, 8]),
+    ]
+    metadata = {"muybridge_kind": "people", "version": "0.0.1", "input_long_side": "320", "stride": "8"}
+    outputs = {"heatmap": ["n", 1, "y", "x"], "box": ["n", 4, "y", "x"]}
+    return _save(path, nodes, weights, outputs, 4, {**metadata, **changes})
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("models")
+    return _tiny_keypoints(folder / "keypoints.onnx"), _tiny_people(folder / "people.onnx")
+
+
+def _frame(centers: list[NDArray[np.float64]], noise: np.random.Generator | None = None) -> NDArray[np.uint8]:
+    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
+    image = np.full((HEIGHT, WIDTH, 3), 20.0)
+    for center in centers:
+        inside = ((x - center[0]) / 30) ** 2 + ((y - center[1]) / 50) ** 2 < 1
+        image[inside] = 110
+        for channel, (dx, dy) in enumerate(OFFSETS_PX):
+            blob = np.exp(-((x - center[0] - dx) ** 2 + (y - center[1] - dy) ** 2) / (2 * 4.0**2))[..., None]
+            color = 255.0 * np.eye(3)[channel]
+            image = image * (1 - blob) + color * blob
+    if noise is not None:
+        image += noise.normal(0, 4, image.shape)
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def _two_people(frames: int) -> NDArray[np.float64]:
+    """(T, 2, 2) middles of two people who walk past each other at different heights."""
+    t = np.arange(frames)[:, None]
+    first = np.concatenate([120 + 3.0 * t, 140 + 0.5 * t], axis=1)
+    second = np.concatenate([500 - 3.0 * t, 330 + 20 * np.sin(t / 8)], axis=1)
+    return np.stack([first, second], axis=1)
+
+
+def _rolled_camera() -> Camera:
+    """Portrait: turned by 90 degrees, 4 m from the wall y = 0."""
+    rotation = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    pose = np.column_stack([rotation, -rotation @ np.array([0.0, -4.0, 1.0])])
+    return Camera("rolled", "OPENCV", WIDTH, HEIGHT, (600.0, 600.0, 320.0, 240.0, -0.1, 0.02, 0, 0), pose)
+
+
+@pytest.mark.parametrize("camera", [None, _rolled_camera()], ids=["uncalibrated", "calibrated"])
+@pytest.mark.parametrize("chunk", [7, 40])
+def test_two_people_are_followed(models: tuple[Path, Path], camera: Camera | None, chunk: int) -> None:
+    truth = _two_people(40)
+    rng = np.random.default_rng(0)
+    estimator = PoseEstimator(*models, camera=camera)
+    for start in range(0, 40, chunk):
+        estimator.process(np.stack([_frame(list(c), rng) for c in truth[start : start + chunk]]))
+    tracks = estimator.finish()
+    assert tracks.points_px.shape == (40, 2, 3, 2) and tracks.boxes_px.shape == (40, 2, 4)
+    assert np.isfinite(tracks.points_px).all() and (tracks.ids == tracks.ids[0]).all()
+    order = np.argsort(tracks.points_px[0, :, 0, 1])
+    error = np.linalg.norm(tracks.points_px[:, order] - (truth[:, :, None] + OFFSETS_PX), axis=-1)
+    assert error.max() < 2.5 and np.median(error) < 0.7
+    # A sigma of the right size: the blobs' own, as this network's maps follow them.
+    assert 1.0 < np.sqrt(np.median(tracks.variance_px2)) < 8.0
+    assert tracks.score.min() > 0.5 and tracks.visibility.min() > 0.9
+
+
+def test_a_person_who_is_gone_is_missing(models: tuple[Path, Path]) -> None:
+    estimator = PoseEstimator(*models)
+    for t in range(30):
+        there = [np.array([200.0 + t, 200.0])] if t < 12 else []
+        estimator.process(_frame(there)[None])
+    tracks = estimator.finish()
+    assert tracks.points_px.shape == (30, 1, 3, 2)
+    assert np.isfinite(tracks.points_px[:12]).all()
+    assert np.isnan(tracks.points_px[12:]).all() and np.isnan(tracks.variance_px2[12:]).all()
+    assert (tracks.score[12:] == 0).all() and (tracks.ids[12:] == -1).all()
+
+
+def test_landmarks_keep_a_track_that_the_detector_loses(models: tuple[Path, Path]) -> None:
+    """Looked for in every frame, seen in none of 60, moving: the landmarks carry the box along."""
+    options = KeypointOptions(track=TrackOptions(max_coast=8))
+    estimator = PoseEstimator(*models, options=options)
+    detector = estimator._detector
+    positions = [np.array([100.0 + 3 * t, 200.0]) for t in range(120)]
+    for start in range(0, 120, 4):
+        frames = np.stack([_frame([c]) for c in positions[start : start + 4]])
+
+        def blinded(frames: NDArray[np.uint8], first: int = start) -> list[Any]:
+            found = detector(frames)
+            empty = found[0]._replace(boxes_px=np.empty((0, 4)), scores=np.empty(0))  # type: ignore[union-attr]
+            return [empty if 30 <= first + i < 90 else f for i, f in enumerate(found)]
+
+        estimator._detector = blinded  # type: ignore[assignment]
+        estimator.process(frames)
+    tracks = estimator.finish()
+    error = np.linalg.norm(tracks.points_px[:, 0] - (np.stack(positions)[:, None] + OFFSETS_PX), axis=-1)
+    assert tracks.points_px.shape[1] == 1 and error.max() < 3.0
+
+
+def test_nobody_at_all(models: tuple[Path, Path]) -> None:
+    estimator = PoseEstimator(*models)
+    assert estimator.finish().points_px.shape == (0, 1, 3, 2)
+    estimator.process(np.stack([_frame([])] * 3))
+    tracks = estimator.finish()
+    assert tracks.points_px.shape == (3, 1, 3, 2) and np.isnan(tracks.points_px).all()
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_looking_less_often_follows_as_well(models: tuple[Path, Path], every: int) -> None:
+    options = KeypointOptions(people=PeopleOptions(every=every, background=False))
+    estimator = PoseEstimator(*models, options=options)
+    positions = np.stack([[150.0 + 3 * t, 200.0] for t in range(40)])
+    for start in range(0, 40, 8):
+        estimator.process(np.stack([_frame([c]) for c in positions[start : start + 8]]))
+    tracks = estimator.finish()
+    error = np.linalg.norm(tracks.points_px[:, 0] - (positions[:, None] + OFFSETS_PX), axis=-1)
+    assert error.max() < 2.5
+
+
+def test_a_poor_box_is_cropped_again(models: tuple[Path, Path]) -> None:
+    """A detector whose boxes are twice too large: the second crop follows the landmarks."""
+    truth = np.array([300.0, 200.0]) + OFFSETS_PX
+    errors, sides = [], []
+    for refine in (False, True):
+        estimator = PoseEstimator(*models, options=KeypointOptions(refine_crop=refine, min_sure=0.1))
+        detector = estimator._detector
+
+        def enlarged(frames: NDArray[np.uint8], detector: PeopleDetector = detector) -> list[Any]:
+            grow = np.array([-80.0, -60, 40, 60])
+            return [f._replace(boxes_px=f.boxes_px + grow) for f in detector(frames) if f is not None]
+
+        estimator._detector = enlarged  # type: ignore[assignment]
+        estimator.process(np.stack([_frame([np.array([300.0, 200.0])])] * 8))
+        tracks = estimator.finish()
+        errors.append(np.linalg.norm(tracks.points_px[:, 0] - truth, axis=-1).mean())
+        sides.append((tracks.boxes_px[:, 0, 3] - tracks.boxes_px[:, 0, 1]).mean())
+    assert sides[1] < 0.7 * sides[0]
+    assert errors[1] <= errors[0] + 0.2
+
+
+def test_frames_that_do_not_fit_are_refused(models: tuple[Path, Path]) -> None:
+    estimator = PoseEstimator(*models, camera=_rolled_camera())
+    with pytest.raises(ValueError, match="fit the calibration to the video first"):
+        estimator.process(np.zeros((1, 100, 100, 3), dtype=np.uint8))
+    with pytest.raises(ValueError, match="uint8"):
+        estimator.process(np.zeros((1, HEIGHT, WIDTH, 3), dtype=np.float32))  # type: ignore[arg-type]
+
+
+def test_cameras_merge_with_padded_slots(models: tuple[Path, Path]) -> None:
+    results = []
+    for people in ([np.array([200.0, 200.0])], [np.array([200.0, 150.0]), np.array([450.0, 300.0])]):
+        estimator = PoseEstimator(*models)
+        estimator.process(np.stack([_frame(people)] * 6))
+        results.append(estimator.finish())
+    merged = merge_tracks(results, estimator.landmarks)
+    assert merged.points_px.shape == (2, 6, 2, 3, 2)
+    np.testing.assert_array_equal(merged.points_px[0, :, 0], results[0].points_px[:, 0])
+    assert np.isnan(merged.points_px[0, :, 1]).all() and (merged.score[0, :, 1] == 0).all()
+    with pytest.raises(ValueError, match="landmarks"):
+        merge_tracks(results, BODY23)
+
+
+def test_body_boxes_reach_beyond_the_landmarks() -> None:
+    points = np.full((2, 23, 2), np.nan)
+    points[0, BODY23.index("nose")] = [100, 50]
+    points[0, BODY23.index("left_heel")] = [110, 250]
+    box = body_boxes(points, BODY23)
+    np.testing.assert_allclose(box[0], [78, 28, 122, 258])
+    assert np.isnan(box[1]).all()
+
+
+def test_flip_averages_the_mirrored_crop(models: tuple[Path, Path]) -> None:
+    crops = np.random.default_rng(0).integers(0, 256, (5, CROP, CROP, 3), dtype=np.uint8)
+    plain = KeypointNetwork(models[0], OnnxOptions(batch=2))
+    heatmaps, visibility = plain(crops)
+    mirrored, mirrored_visibility = plain(np.ascontiguousarray(crops[:, :, ::-1]))
+    both, both_visibility = KeypointNetwork(models[0], OnnxOptions(flip=True))(crops)
+    swap = [0, 2, 1]
+    np.testing.assert_allclose(both, (heatmaps + mirrored[:, swap, :, ::-1]) / 2, atol=1e-5)
+    np.testing.assert_allclose(both_visibility, (visibility + mirrored_visibility[:, swap]) / 2, atol=1e-5)
+
+
+def test_background_plate_forgets_who_moves() -> None:
+    rng = np.random.default_rng(0)
+    scene = rng.integers(0, 200, (48, 64, 3), dtype=np.uint8)
+    plate = BackgroundPlate()
+    assert plate.difference(scene[None]).max() == 0
+    for t in range(300):
+        frame = scene.copy()
+        frame[10:30, (t * 2) % 60 : (t * 2) % 60 + 8] = 255
+        plate.add(frame[None])
+        assert len(plate._kept) <= 25
+    assert plate.plate is not None
+    np.testing.assert_array_equal(plate.plate, scene)
+    difference = plate.difference(frame[None])[0]
+    expected = np.abs(frame.astype(float) - scene).mean(axis=-1) / 255
+    np.testing.assert_allclose(difference, expected, atol=1e-6)
+
+
+def test_letterbox_boxes_come_back() -> None:
+    for width, height in ((1920, 1080), (1080, 1920), (320, 200), (1088, 1920), (3840, 2160)):
+        letterbox = Letterbox(width, height, 320)
+        assert all(side % 32 == 0 for side in letterbox.canvas) and max(letterbox.inner) == 320
+        frame = np.zeros((height, width, 3), dtype=np.uint8)
+        left, top, right, bottom = width // 4, height // 4, width // 2, height // 2
+        frame[top:bottom, left:right] = 255
+        small = letterbox.apply(frame)[..., 0] / 255
+        edges = np.array([small.max(axis=0).argmax(), small.max(axis=1).argmax()])
+        assert small.shape == letterbox.canvas[::-1]
+        back = letterbox.boxes_to_frame(np.array([[*edges, *edges]]) - 0.5)[0]
+        assert np.abs(back[:2] - np.array([left - 0.5, top - 0.5])).max() <= max(width, height) / 320 + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"muybridge_kind": ""}, "not one of muybridge's"),
+        ({"muybridge_kind": "people"}, "of kind 'people' where 'keypoints' is needed"),
+        ({"landmark_set": "body23"}, "landmark names are not those of body23"),
+        ({"names": '["nose", "left_wrist", "navel"]'}, "twin"),
+        ({"names": '["a", "b"]'}, "heatmaps"),
+        ({"names": "nose"}, "names is not JSON"),
+        ({"names": '["a", "a", "b"]'}, "twice"),
+        ({"input_size": "100"}, "divisible by 32"),
+        ({"stride": "four"}, "stride is 'four'"),
+        ({"variance": "[1]"}, "not a JSON object"),
+        ({"variance": '{"scale": 0, "floor_px2": 1}'}, "variance.scale"),
+        ({"box_padding": ""}, "no box_padding"),
+    ],
+)
+def test_keypoint_files_that_are_not_ours(tmp_path: Path, changes: dict[str, str], message: str) -> None:
+    path = _tiny_keypoints(tmp_path / "other.onnx", **changes)
+    with pytest.raises(ModelError, match=re.escape(message)) as caught:
+        KeypointNetwork(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("network", [KeypointNetwork, PeopleNetwork])
+def test_files_that_are_no_networks(
+    network: Callable[[Path], object], tmp_path: Path, models: tuple[Path, Path]
+) -> None:
+    whole = models[0 if network is KeypointNetwork else 1].read_bytes()
+    files = {"empty": b"", "text": b"hello, world\n" * 50, "truncated": whole[: len(whole) // 2]}
+    for name, content in files.items():
+        path = tmp_path / f"{name}.onnx"
+        path.write_bytes(content)
+        with pytest.raises(ModelError, match="not an ONNX model, or a damaged one") as caught:
+            network(path)
+        assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+    for path in (tmp_path / "absent.onnx", tmp_path):
+        with pytest.raises(ModelError, match="no such model file"):
+            network(path)
+    other = models[1 if network is KeypointNetwork else 0]
+    with pytest.raises(ModelError, match="is needed"):
+        network(other)
+
+
+def test_card_says_what_the_file_says(models: tuple[Path, Path]) -> None:
+    card = KeypointNetwork(models[0]).card
+    assert card.landmarks.names == NAMES and card.input_size == CROP and card.version == "0.0.1"
+    assert card.spread == SpreadCalibration(1.5, 0.25) and card.box_padding == 1.25
+    body = keypoint_card(_keypoint_metadata(landmark_set="body23", names=json.dumps(BODY23.names)), Path("x"))
+    assert body.landmarks == BODY23
+    assert PeopleNetwork(models[1]).card.input_long_side == 320
+
+
+@pytest.mark.parametrize("kind", ["keypoints", "people"])
+def test_shipped_models_open_or_say_that_they_are_missing(kind: Any) -> None:
+    try:
+        path = shipped_model(kind)
+    except ModelError as error:
+        assert kind in str(error) and "reinstall" in str(error)
+        pytest.skip(f"no shipped {kind} model yet")
+    network = KeypointNetwork(path) if kind == "keypoints" else PeopleNetwork(path)
+    assert network.card.metadata["training_command"] and network.card.metadata["licence"]
+    if isinstance(network, KeypointNetwork):
+        assert network.card.landmarks == BODY23
+
+
+def _python_blocks(path: Path) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
+def test_the_guides_code_agrees_with_ours(models: tuple[Path, Path], repository: Path) -> None:
+    code, crop_code = _python_blocks(repository / "docs" / "embedding.md")
+    session = pytest.importorskip("onnxruntime").InferenceSession(
+        str(models[0]), providers=["CPUExecutionProvider"]
+    )
+    scope: dict[str, Any] = {
+        "frame": _frame([np.array([300.0, 200.0])]), "boxes_px": np.array([[270.0, 150.0, 330.0, 250.0]]),
+        "input_size": CROP, "camera": None, "points_crop_px": np.zeros((1, 3, 2)),
+    }  # fmt: skip
+    exec(crop_code, scope)
+    exec(code, scope)
+    found = scope["find_landmarks"](session, scope["pixels"][0])
+    network = KeypointNetwork(models[0])
+    heatmaps, _ = network(scope["pixels"])
+    ours = decode_heatmaps(heatmaps, 4, network.card.spread)
+    assert tuple(found) == NAMES
+    values = np.array(list(found.values()))
+    np.testing.assert_allclose(values[:, :2], ours.points_crop_px[0], atol=0.7)
+    np.testing.assert_allclose(values[:, 2], np.sqrt(ours.variance_crop_px2[0]), rtol=0.05)
+    truth = np.array([300.0, 200.0]) + OFFSETS_PX
+    crops = crops_for_boxes(scope["boxes_px"], CROP)
+    np.testing.assert_allclose(crops.to_image(values[None, :, :2])[0], truth, atol=2.0)
+    np.testing.assert_array_equal(scope["pixels"], extract_crops(scope["frame"], crops))
