@@ -252,4 +252,3 @@ def summary(result: RunResult) -> str:
         )
     rows.append(f"  results: {result.out} ({exports.REPORT} shows them; {WORK}/ may be deleted)")
     return "\n".join(rows)
-

@@ -41,7 +41,7 @@ class VideoInfo:
         width, height: size of a frame as it is delivered, in pixels (after rotation).
         rotation_deg: counterclockwise turn applied to the coded frames: 0, 90, 180 or 270.
         tagged_rotation_deg: the turn that the file's rotation flag asks for.
-        fps: frames a second, measured from the time stamps.
+        fps: frames a second, measured from the time stamps; the usual rate where it varies.
         frames: how many frames are to be expected.
         declares_count: whether the container lists its frames, so that fewer would mean damage.
         times: (frames,) seconds since the first frame; not the same as index / fps where `variable_rate`.
@@ -258,8 +258,13 @@ def _rate(times: NDArray[np.float64], nominal: Fraction | None) -> tuple[float, 
     # Containers round their stamps (Matroska to milliseconds): the nominal rate is the cleaner figure.
     if nominal and abs(float(nominal) / fps - 1) < 2e-3:
         fps = float(nominal)
-    variable = bool(np.any(np.abs(steps * fps - 1) > 0.25 + 1e-3 * fps))
-    return fps, variable
+    if np.all(np.abs(steps * fps - 1) <= 0.25 + 1e-3 * fps):
+        return fps, False
+    # Where frames were dropped, the usual step is the camera's rate; the mean is not.
+    usual = float(1 / np.median(steps)) if np.median(steps) > 0 else fps
+    if nominal and abs(float(nominal) / usual - 1) < 0.02:
+        usual = float(nominal)
+    return usual, True
 
 
 def chunk_frames(info: VideoInfo) -> int:

@@ -4,11 +4,15 @@ import os
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
+from muybridge.geometry.calibration import save_calibration
+from muybridge.geometry.cameras import Camera, CameraGroup
 
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 
@@ -86,5 +90,49 @@ def make_video() -> Callable[..., Path]:
             for packet in stream.encode(None):
                 container.mux(packet)
         return path
+
+    return make
+
+
+def ring_of_cameras(names: Sequence[str], width: int = 64, height: int = 48) -> CameraGroup:
+    """Cameras on a circle of 4 m, 1.5 m high, looking at a point 1 m above the origin."""
+    cameras = []
+    for k, name in enumerate(names):
+        angle = 2 * np.pi * k / len(names) + 0.3
+        center = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.5])
+        forward = np.array([0, 0, 1.0]) - center
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        pose = np.concatenate([rotation, -rotation @ center[:, None]], axis=1)
+        focal = 1.1 * width
+        params = (focal, focal, (width - 1) / 2, (height - 1) / 2)
+        cameras.append(Camera(name, "PINHOLE", width, height, params, pose))
+    return CameraGroup(tuple(cameras))
+
+
+@pytest.fixture
+def make_session(tmp_path: Path, make_video: Callable[..., Path]) -> Callable[..., Path]:
+    """`make_session(["cam1", "cam2"], ...)` writes a session folder: calibration and videos.
+
+    `videos` names the files where they are not the cameras' names with `.mp4`; other arguments go to
+    `make_video`.
+    """
+
+    def make(
+        cameras: Sequence[str] = ("cam1", "cam2", "cam3"),
+        videos: Sequence[str] | None = None,
+        name: str = "session",
+        width: int = 64,
+        height: int = 48,
+        **how: Any,
+    ) -> Path:
+        folder = tmp_path / name
+        folder.mkdir()
+        save_calibration(ring_of_cameras(cameras, width, height), folder / "calibration.toml")
+        for video in videos if videos is not None else [f"{c}.mp4" for c in cameras]:
+            make_video(folder / "videos" / video, width=width, height=height, **how)
+        return folder
 
     return make

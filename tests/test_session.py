@@ -1,0 +1,227 @@
+"""Session folders: what is paired with what, what is mended and said, what is refused."""
+
+import shutil
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from muybridge.errors import CalibrationError, MuybridgeError, SessionError, VideoError
+from muybridge.geometry.calibration import load_calibration
+from muybridge.infer.session import SessionOptions, find_videos, match_cameras, natural_key, open_session
+
+HERE, FILE = Path("session"), Path("session/calibration.toml")
+
+
+def paired(stems, names):
+    order, said = match_cameras(stems, names, HERE, FILE)
+    return [stems[k] for k in order], said
+
+
+def test_a_session_is_videos_and_a_calibration(make_session):
+    session = open_session(make_session(frames=9, fps=25))
+    assert session.cameras.names == ("cam1", "cam2", "cam3")
+    assert [v.path.stem for v in session.videos] == ["cam1", "cam2", "cam3"]
+    assert (session.frames, session.fps, session.name) == (9, 25.0, "session")
+    assert session.frame_indices.tolist() == [list(range(9))] * 3
+    assert session.notices == ()
+
+
+@pytest.mark.parametrize(
+    ("stems", "names"),
+    [
+        (["cam1", "CAM2"], ["Cam1", "cam2"]),
+        (["cam_01", "Cam-02"], ["cam1", "cam2"]),
+        (["take3_cam1", "take3_cam10", "take3_cam2"], ["cam1", "cam10", "cam2"]),
+        (["1_cam1", "1_cam2"], ["1", "2"]),
+        (["left side", "right side"], ["left", "right"]),
+        (["video1", "video2"], ["Miqus_1_20871", "Miqus_2_20871"]),
+        (["b", "a"], ["b", "a"]),
+    ],
+)
+def test_cameras_and_videos_pair_by_name(stems, names):
+    videos, said = paired(stems, names)
+    assert videos == stems
+    assert all("by name" in text for text in said)
+    assert bool(said) == any(s.lower() != n.lower() for s, n in zip(stems, names, strict=True))
+
+
+def test_names_pair_in_the_calibrations_order():
+    assert paired(["cam1", "cam2", "cam3"], ["cam3", "cam1", "cam2"])[0] == ["cam3", "cam1", "cam2"]
+
+
+def test_without_common_names_the_order_decides_and_is_said():
+    videos, said = paired(["GX010019", "GX010020", "GX010101"], ["c10", "c9", "b"])
+    assert videos == ["GX010101", "GX010020", "GX010019"]
+    assert len(said) == 1 and "c10 = GX010101, c9 = GX010020, b = GX010019" in said[0]
+
+
+@pytest.mark.parametrize(
+    ("stems", "names", "said"),
+    [
+        (["cam1", "cam2"], ["cam1", "cam2", "cam3"], "no video for camera cam3"),
+        (["cam1", "cam2", "cam3"], ["cam1", "cam2"], "no camera for video cam3"),
+        (["cam1", "cam2", "cam4"], ["cam1", "cam2", "cam3"], "camera cam3 and .* video cam4"),
+        (["cam0", "cam1", "cam2"], ["cam1", "cam2", "cam3"], "camera cam3 and .* video cam0"),
+        (["x", "y", "z"], ["cam1", "cam2"], "camera cam1, cam2 and .* video x, y, z"),
+    ],
+)
+def test_what_has_no_partner_is_named(stems, names, said):
+    with pytest.raises(SessionError, match=f"{said}.*name each video after its camera"):
+        match_cameras(stems, names, HERE, FILE)
+
+
+def test_a_choice_of_cameras_leaves_the_others_out(make_session):
+    folder = make_session(("a", "b", "c"), videos=("a.mp4", "c.mp4", "d.mp4"))
+    with pytest.raises(SessionError, match="--cameras a c"):
+        open_session(folder)
+    session = open_session(folder, SessionOptions(cameras=("c", "a")))
+    assert [v.path.stem for v in session.videos] == ["c", "a"] == list(session.cameras.names)
+    with pytest.raises(SessionError, match="no camera x; .* a, b, c"):
+        open_session(folder, SessionOptions(cameras=("a", "x")))
+
+
+def test_numbers_sort_as_numbers():
+    assert sorted(["cam10", "cam2", "Cam1", "a3b"], key=natural_key) == ["a3b", "Cam1", "cam2", "cam10"]
+
+
+def test_other_files_among_the_videos_are_said_and_left(make_session):
+    folder = make_session()
+    (folder / "videos" / ".DS_Store").write_bytes(b"\0\1")
+    (folder / "videos" / "notes.txt").write_text("take 2 was better")
+    (folder / "videos" / "raw").mkdir()
+    files, said = find_videos(folder)
+    assert [f.name for f in files] == ["cam1.mp4", "cam2.mp4", "cam3.mp4"]
+    assert len(said) == 1 and "notes.txt, raw" in said[0] and "DS_Store" not in said[0]
+
+
+def test_lengths_that_differ_leave_the_common_part(make_session, make_video):
+    folder = make_session(frames=20)
+    make_video(folder / "videos" / "cam2.mp4", frames=14)
+    session = open_session(folder)
+    assert session.frames == 14
+    assert any("cam2.mp4 14" in text and "first 14 frames" in text for text in session.notices)
+
+
+def test_rates_that_differ_are_paired_by_time(make_session, make_video):
+    folder = make_session(frames=20, fps=30)
+    make_video(folder / "videos" / "cam3.mp4", frames=60, fps=60)
+    session = open_session(folder)
+    assert session.fps == 30
+    assert session.frames == 20
+    assert session.frame_indices[2].tolist() == list(range(0, 40, 2))
+    assert any("frame rates differ" in text and "cam3.mp4 60" in text for text in session.notices)
+
+
+def test_rates_that_nearly_agree_are_paired_by_number(make_session, make_video):
+    folder = make_session(frames=20, fps=30)
+    make_video(folder / "videos" / "cam3.mp4", frames=20, fps=29.97)
+    session = open_session(folder)
+    assert (session.fps, session.frames) == (30, 20)
+    assert session.frame_indices[2].tolist() == list(range(20))
+    assert any("differ slightly" in text for text in session.notices)
+
+
+def test_dropped_frames_are_made_up_by_time(make_session, make_video):
+    folder = make_session(frames=20, fps=25)
+    kept = [0, 1, 2, 3, 4, 5, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19]
+    make_video(folder / "videos" / "cam2.mp4", frames=16, pts=[40 * k for k in kept])
+    session = open_session(folder)
+    assert any("cam2.mp4 varies" in text for text in session.notices)
+    assert (session.fps, session.frames) == (25, 20)
+    # In the gap the nearest frame stands in; after it the frames are those of the same moment.
+    assert session.frame_indices[1].tolist() == [0, 1, 2, 3, 4, 5, 5, 5, 6, 6, *range(6, 16)]
+
+
+def test_sizes_that_differ_are_said(make_session, make_video):
+    folder = make_session()
+    make_video(folder / "videos" / "cam2.mp4", width=128, height=96)
+    session = open_session(folder)
+    camera = session.cameras["cam2"]
+    assert (camera.width, camera.height) == (128, 96)
+    assert any("cam2" in text and "64x48" in text and "--video-size" in text for text in session.notices)
+    assert any("frame sizes differ" in text for text in session.notices)
+
+
+def _flag_rotation(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    upright = struct.pack(">9I", 0x10000, 0, 0, 0, 0x10000, 0, 0, 0, 0x40000000)
+    at = data.index(upright, data.index(b"tkhd"))
+    data[at : at + 36] = struct.pack(">9i", 0, 0x10000, 0, -0x10000, 0, 0, 0, 0, 0x40000000)
+    path.write_bytes(data)
+
+
+def test_a_rotation_flag_is_applied_unless_the_calibration_was_made_without(make_session, make_video):
+    folder = make_session()
+    make_video(folder / "videos" / "cam2.mp4", width=48, height=64)
+    _flag_rotation(folder / "videos" / "cam2.mp4")
+    session = open_session(folder)
+    assert (session.videos[1].width, session.videos[1].height) == (64, 48)
+    assert any("cam2.mp4 has a rotation flag: its frames were turned" in text for text in session.notices)
+
+    make_video(folder / "videos" / "cam2.mp4", width=64, height=48)
+    _flag_rotation(folder / "videos" / "cam2.mp4")
+    session = open_session(folder)
+    assert (session.videos[1].width, session.videos[1].height, session.videos[1].rotation_deg) == (64, 48, 0)
+    assert any("ignored as the calibration" in text for text in session.notices)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind", "said"),
+    [
+        (lambda f: shutil.rmtree(f), SessionError, "does not exist"),
+        (lambda f: shutil.rmtree(f / "videos"), SessionError, "no folder `videos`"),
+        (lambda f: [v.unlink() for v in (f / "videos").iterdir()], SessionError, "holds no videos"),
+        (
+            lambda f: [(f / "videos" / n).unlink() for n in ("cam1.mp4", "cam3.mp4")],
+            SessionError,
+            r"one video \(cam2.mp4\).*two cameras",
+        ),
+        (lambda f: (f / "videos/cam2.mp4").write_bytes(b""), VideoError, r"cam2\.mp4 is empty"),
+        (lambda f: (f / "videos/cam2.mp4").write_bytes(b"x" * 999), VideoError, r"cam2\.mp4 cannot be"),
+        (
+            lambda f: shutil.copy(f / "videos/cam2.mp4", f / "videos/cam2.mov"),
+            SessionError,
+            r"more than one video named cam2 \(cam2\.mov, cam2\.mp4\)",
+        ),
+        (lambda f: (f / "calibration.toml").unlink(), CalibrationError, "no calibration"),
+        (lambda f: (f / "calibration.toml").write_text("[cameras"), CalibrationError, "calibration.toml"),
+    ],
+)
+def test_a_spoilt_session_is_refused_in_one_line(make_session, spoil, kind, said):
+    folder = make_session()
+    spoil(folder)
+    with pytest.raises(kind, match=said) as caught:
+        open_session(folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_session_that_is_a_file_is_refused(tmp_path):
+    (tmp_path / "take.mp4").write_bytes(b"")
+    with pytest.raises(SessionError, match="is a file; a session is a folder"):
+        open_session(tmp_path / "take.mp4")
+
+
+def test_one_calibrated_camera_is_too_few(make_session):
+    folder = make_session(("cam1",), videos=("cam1.mp4", "cam2.mp4"))
+    with pytest.raises(MuybridgeError, match=r"one camera \(cam1\)"):
+        open_session(folder)
+
+
+def test_a_calibration_from_elsewhere(make_session, tmp_path):
+    folder = make_session()
+    moved = folder.parent / "other.toml"
+    (folder / "calibration.toml").rename(moved)
+    session = open_session(folder, SessionOptions(calibration=moved))
+    assert session.calibration == moved
+    assert session.cameras.names == load_calibration(moved).names
+
+
+def test_the_real_take_opens_with_its_letterboxes_said(real_data):
+    session = open_session(real_data / "balancing")
+    assert session.cameras.names == ("cam01", "cam02", "cam03", "cam04")
+    assert (session.frames, session.fps) == (100, 60.0)
+    assert [(c.width, c.height) for c in session.cameras] == [(1080, 1920)] * 2 + [(1088, 1920)] * 2
+    assert np.array_equal(session.frame_indices, np.tile(np.arange(100), (4, 1)))
+    assert sum("video is 1080x1920" in text for text in session.notices) == 2
