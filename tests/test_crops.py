@@ -143,16 +143,17 @@ def _centroids(crop: NDArray[np.uint8], near: NDArray[np.float64], radius: float
     return np.array(found)
 
 
-@pytest.mark.parametrize("side", [90.0, 128.0, 205.0, 330.0, 512.0, 777.0])
+@pytest.mark.parametrize("side", [90.0, 128.0, 205.0, 330.0, 512.0, 777.0, 1901.0])
 @pytest.mark.parametrize("calibrated", [False, True])
 def test_pixels_lie_where_the_homography_says(side: float, calibrated: bool) -> None:
-    camera = _camera(0.3) if calibrated else None
-    center = np.array([640.3, 480.8])
+    lens = (2400.0, 2410.0, 1260.0, 970.0)
+    camera = Camera("c", "PINHOLE", 2481, 1961, lens, _camera(0.3).cam_from_world) if calibrated else None
+    center = np.array([1240.3, 980.8])
     box = np.concatenate([center - side / 2.5, center + side / 2.5])[None]
     crops = crops_for_boxes(box, 128, camera)
     wanted = np.array([[40.0, 35.0], [90.2, 50.7], [63.5, 63.5], [34.1, 95.6], [97.0, 96.3]])
     centers = crops.to_image(wanted[None])[0]
-    frame = _blob_image(960, 1280, centers, sigma=2.5 * max(side / 128, 0.8))
+    frame = _blob_image(1961, 2481, centers, sigma=2.5 * max(side / 128, 0.8))
     crop = extract_crops(frame, crops)[0]
     assert np.abs(_centroids(crop, wanted, 11) - wanted).max() < 0.1
 
