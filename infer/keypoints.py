@@ -62,6 +62,7 @@ class CameraTracks:
     """Landmarks of the people in one camera's video; a slot `p` is one track (see `Keypoints2D`).
 
     Attributes:
+        landmarks: the meaning of the `J` axis.
         points_px: (T, P, J, 2) px of the video; NaN where missing.
         variance_px2: (T, P, J) variance of each coordinate; NaN where missing.
         score: (T, P, J) in 0..1, zero where missing.
@@ -70,6 +71,7 @@ class CameraTracks:
         ids: (T, P) number of the track, -1 where there is none. A slot may hold several, one after another.
     """
 
+    landmarks: LandmarkSet
     points_px: NDArray[np.float64]
     variance_px2: NDArray[np.float64]
     score: NDArray[np.float64]
@@ -174,7 +176,7 @@ class PoseEstimator:
         """Everything found so far; T is the number of frames processed, P the slots that were used."""
         looks = -(-self._frames // self._options.people.every)
         min_seen = min(self._options.track.min_seen, looks)
-        return _assemble(self._found, self._frames, len(self.landmarks), min_seen)
+        return _assemble(self._found, self._frames, self.landmarks, min_seen)
 
     def _process_part(self, frames: NDArray[np.uint8], tracker: Tracker) -> None:
         tracked = [tracker.step(detected) for detected in self._detector(frames)]
@@ -318,7 +320,7 @@ def _duplicates(poses: _Poses, frame: NDArray[np.intp], missed: NDArray[np.bool_
     return duplicate
 
 
-def _assemble(found: list[_Found], frames: int, count: int, min_seen: int) -> CameraTracks:
+def _assemble(found: list[_Found], frames: int, landmarks: LandmarkSet, min_seen: int) -> CameraTracks:
     """Dense arrays from the chunks' poses, without tracks that were hardly ever seen."""
     frame, slot, track, seen = (
         np.concatenate([getattr(f, name) for f in found]) if found else np.empty(0, dtype=np.int64)
@@ -328,7 +330,7 @@ def _assemble(found: list[_Found], frames: int, count: int, min_seen: int) -> Ca
     keep = np.flatnonzero(times_seen[track] >= min_seen)
     frame, slot, track = frame[keep], slot[keep], track[keep]
     used, slot = np.unique(slot, return_inverse=True)
-    slots = max(1, len(used))
+    count, slots = len(landmarks), max(1, len(used))
 
     def dense(which: int, shape: tuple[int, ...], missing: float) -> NDArray[np.float64]:
         values = np.full((frames, slots, *shape), missing)
@@ -339,6 +341,7 @@ def _assemble(found: list[_Found], frames: int, count: int, min_seen: int) -> Ca
     ids = np.full((frames, slots), -1, dtype=np.int64)
     ids[frame, slot] = track
     return CameraTracks(
+        landmarks=landmarks,
         points_px=dense(0, (count, 2), np.nan),
         variance_px2=dense(1, (count,), np.nan),
         score=dense(2, (count,), 0.0),
@@ -348,12 +351,8 @@ def _assemble(found: list[_Found], frames: int, count: int, min_seen: int) -> Ca
     )
 
 
-def merge_tracks(tracks: Sequence[CameraTracks], landmarks: LandmarkSet) -> Keypoints2D:
+def merge_tracks(tracks: Sequence[CameraTracks]) -> Keypoints2D:
     """The cameras' tracks as one set of arrays, slots padded to the most that a camera has.
-
-    Args:
-        tracks: one a camera.
-        landmarks: the meaning of their `J` axis.
 
     Raises:
         ValueError: no camera, or numbers of frames or landmarks that differ.
@@ -361,8 +360,8 @@ def merge_tracks(tracks: Sequence[CameraTracks], landmarks: LandmarkSet) -> Keyp
     if not tracks:
         raise ValueError("no camera's tracks to merge")
     frames = sorted({len(t.points_px) for t in tracks})
-    if len(frames) > 1 or any(t.points_px.shape[2] != len(landmarks) for t in tracks):
-        raise ValueError(f"cameras differ in frames ({frames}) or have not {len(landmarks)} landmarks")
+    if len(frames) > 1 or any(t.landmarks != tracks[0].landmarks for t in tracks):
+        raise ValueError(f"the cameras differ in frames ({frames}) or landmarks")
     slots = max(t.points_px.shape[1] for t in tracks)
 
     def merged(parts: list[NDArray[np.float64]], missing: float) -> NDArray[np.float64]:
@@ -372,7 +371,7 @@ def merge_tracks(tracks: Sequence[CameraTracks], landmarks: LandmarkSet) -> Keyp
         return result
 
     return Keypoints2D(
-        landmarks=landmarks,
+        landmarks=tracks[0].landmarks,
         points_px=merged([t.points_px for t in tracks], np.nan),
         variance_px2=merged([t.variance_px2 for t in tracks], np.nan),
         score=merged([t.score for t in tracks], 0.0),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -237,12 +238,12 @@ def test_cameras_merge_with_padded_slots(models: tuple[Path, Path]) -> None:
         estimator = PoseEstimator(*models)
         estimator.process(np.stack([_frame(people)] * 6))
         results.append(estimator.finish())
-    merged = merge_tracks(results, estimator.landmarks)
+    merged = merge_tracks(results)
     assert merged.points_px.shape == (2, 6, 2, 3, 2)
     np.testing.assert_array_equal(merged.points_px[0, :, 0], results[0].points_px[:, 0])
     assert np.isnan(merged.points_px[0, :, 1]).all() and (merged.score[0, :, 1] == 0).all()
     with pytest.raises(ValueError, match="landmarks"):
-        merge_tracks(results, BODY23)
+        merge_tracks([results[0], replace(results[1], landmarks=BODY23)])
 
 
 def test_body_boxes_reach_beyond_the_landmarks() -> None:
