@@ -1,0 +1,282 @@
+"""Labelled 3D points over time: swapped sides, outliers, gaps and noise.
+
+The smoother is a Kalman filter run forwards and backwards (Rauch, Tung, Striebel 1965) on position and
+velocity with white-noise acceleration: it has no lag, weighs every point by its covariance, fills gaps
+with growing uncertainty and gives a covariance for what comes out. Its bandwidth follows the noise: about
+`sqrt(acceleration / noise) / 2 pi` Hz.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.landmarks import LandmarkSet, Points3D
+
+Array = NDArray[np.float64]
+
+_CHI2_3_MEDIAN = 2.366  # median of the squared length of a standard normal vector in 3D
+
+
+@dataclass(frozen=True)
+class SmoothOptions:
+    """How points are cleaned.
+
+    Attributes:
+        unswap: exchange a left and a right landmark where they have changed places for a while.
+        swap_share: prior probability that a pair is swapped in a frame; smaller leaves longer bursts alone.
+        hampel_window: seconds to each side of a point that its running median sees; 0 switches it off.
+        hampel_sigmas: a point further from it than this many robust standard deviations is dropped.
+        hampel_floor: metres; nearer ones are never dropped.
+        max_gap: seconds; a longer stretch without a point stays NaN, as do the ends beyond the first and the
+            last known point, unless `extrapolate`. Infinity fills everything between known points.
+        extrapolate: hold the first and the last known position towards the ends of the take.
+        acceleration: metres per second squared, standard deviation of a landmark's acceleration: larger
+            follows faster motion and lets more noise through.
+        passes: how often the smoother is run; after each, noise is measured again and outliers lose weight.
+        default_sigma: metres, noise of a coordinate where the covariance is unknown.
+    """
+
+    unswap: bool = True
+    swap_share: float = 0.3
+    hampel_window: float = 0.2
+    hampel_sigmas: float = 4.0
+    hampel_floor: float = 0.04
+    max_gap: float = 0.5
+    extrapolate: bool = False
+    acceleration: float = 20.0
+    passes: int = 3
+    default_sigma: float = 0.03
+
+
+def smooth_points(points: Points3D, options: SmoothOptions | None = None) -> Points3D:
+    """Clean and smooth points over time.
+
+    Args:
+        points: (T, J, 3) metres, NaN where missing, with their covariance (NaN: unknown).
+        options: see SmoothOptions.
+
+    Returns:
+        Points3D with the same landmarks and frames, its covariance that of the smoothed position.
+        Residuals and inliers are the input's: they belong to the measurement.
+    """
+    options = options or SmoothOptions()
+    cleaned = clean_points(points, options)
+    xyz, covariance = known_points(cleaned, options.default_sigma)
+    out, out_covariance = _smooth(xyz, covariance, points.fps, options)
+    unknown = ~_within_reach(np.isfinite(xyz[..., 0]), points.fps, options)
+    out[unknown], out_covariance[unknown] = np.nan, np.nan
+    return replace(points, points_world=out, covariance_world=out_covariance)
+
+
+def clean_points(points: Points3D, options: SmoothOptions | None = None) -> Points3D:
+    """The part of `smooth_points` that moves nothing: sides exchanged back, outliers NaN, gaps left open.
+
+    Its residuals and inliers are still the input's, in the input's columns.
+    """
+    options = options or SmoothOptions()
+    if not points.fps > 0:
+        raise ValueError(f"fps must be above zero, not {points.fps}")
+    xyz, covariance = known_points(points, options.default_sigma)
+    if options.unswap:
+        xyz, covariance = _unswap(points.landmarks, xyz, covariance, points.fps, options.swap_share)
+    xyz = np.where(_outliers(xyz, points.fps, options)[..., None], np.nan, xyz)
+    return replace(points, points_world=xyz, covariance_world=covariance)
+
+
+def known_points(points: Points3D, default_sigma: float) -> tuple[Array, Array]:
+    """Positions (T, J, 3), NaN in all coordinates where missing, and a usable covariance (T, J, 3, 3) for
+    each.
+
+    A covariance that is unknown, not positive or absurdly small becomes `default_sigma` squared, or is
+    floored at one square millimetre.
+    """
+    xyz = np.array(points.points_world, dtype=np.float64)
+    xyz[~np.all(np.isfinite(xyz), axis=-1)] = np.nan
+    covariance = np.array(points.covariance_world, dtype=np.float64)
+    usable = np.all(np.isfinite(covariance), axis=(-2, -1))
+    covariance[~usable] = np.eye(3) * default_sigma**2
+    values, vectors = np.linalg.eigh(0.5 * (covariance + np.swapaxes(covariance, -1, -2)))
+    bad = values[..., 2] <= 0
+    values = np.clip(values, 1e-6, 1e4)
+    values[bad] = default_sigma**2
+    return xyz, (vectors * values[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+
+
+def _unswap(
+    landmarks: LandmarkSet, xyz: Array, covariance: Array, fps: float, swap_share: float
+) -> tuple[Array, Array]:
+    """Exchange each pair of sides where that makes both paths smoother: per pair a two-state Viterbi path."""
+    pairs = np.array(
+        [
+            (i, landmarks.index("right_" + name[5:]))
+            for i, name in enumerate(landmarks.names)
+            if name.startswith("left_") and "right_" + name[5:] in landmarks.names
+        ],
+        dtype=np.intp,
+    ).reshape(-1, 2)
+    xyz, covariance = xyz.copy(), covariance.copy()
+    for left, right in pairs:
+        frames = np.flatnonzero(np.isfinite(xyz[:, left, 0]) & np.isfinite(xyz[:, right, 0]))
+        if len(frames) < 3:
+            continue
+        a, b = xyz[frames, left], xyz[frames, right]
+        spread = np.trace(covariance[frames][:, [left, right]], axis1=-2, axis2=-1).mean(axis=1) / 3
+        swapped = frames[_swap_path(a, b, spread, np.diff(frames) / fps, swap_share)]
+        for array in (xyz, covariance):
+            array[swapped, left], array[swapped, right] = array[swapped, right], array[swapped, left]
+    return xyz, covariance
+
+
+def _swap_path(a: Array, b: Array, variance: Array, gaps: Array, swap_share: float) -> NDArray[np.bool_]:
+    """(N,) whether a and b, (N, 3) each, are exchanged; `gaps` (N - 1,) seconds between them."""
+    speed, cap = 1.5, 8.0
+    scale = variance[1:] + variance[:-1] + (speed * gaps) ** 2
+    step = [np.sum((q[1:] - p[:-1]) ** 2, axis=1) / (2 * scale) for p, q in ((a, a), (b, b), (a, b), (b, a))]
+    step = [np.minimum(s, cap) for s in step]
+    stay, change = step[0] + step[1], step[2] + step[3]
+    prior = np.log((1 - swap_share) / swap_share)
+    cost = np.array([0.0, prior])
+    came = np.zeros((len(a), 2), dtype=np.intp)
+    for t in range(len(stay)):
+        options = cost[:, None] + np.array([[stay[t], change[t]], [change[t], stay[t]]])
+        came[t + 1] = np.argmin(options, axis=0)
+        cost = np.min(options, axis=0) + (0.0, prior)
+    state = int(np.argmin(cost))
+    path = np.zeros(len(a), dtype=np.bool_)
+    for t in range(len(a) - 1, -1, -1):
+        path[t] = state == 1
+        state = int(came[t, state])
+    return path
+
+
+def _outliers(xyz: Array, fps: float, options: SmoothOptions) -> NDArray[np.bool_]:
+    """(T, J) points far from their running median (Hampel 1974), in units of the running median distance."""
+    half = round(options.hampel_window * fps)
+    if half < 1 or len(xyz) < 3:
+        return np.zeros(xyz.shape[:2], dtype=np.bool_)
+    centre = _running_median(xyz, half)
+    distance = np.linalg.norm(xyz - centre, axis=-1)
+    # The median length of an isotropic normal vector is 1.54 standard deviations of a coordinate.
+    sigma = _running_median(distance[..., None], half)[..., 0] / 1.54
+    bound = np.maximum(options.hampel_sigmas * sigma * np.sqrt(3), options.hampel_floor)
+    return np.asarray(distance > bound)
+
+
+def _running_median(values: Array, half: int) -> Array:
+    """(T, J, K): median over 2 half + 1 frames of what is not NaN."""
+    padded = np.pad(values, ((half, half), (0, 0), (0, 0)), constant_values=np.nan)
+    windows = np.sort(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0), axis=-1)
+    count = np.isfinite(windows).sum(axis=-1)
+    low, high = np.maximum(count - 1, 0) // 2, count // 2
+    high = np.minimum(high, windows.shape[-1] - 1)
+    picked = [np.take_along_axis(windows, k[..., None], axis=-1)[..., 0] for k in (low, high)]
+    return np.where(count > 0, 0.5 * (picked[0] + picked[1]), np.nan)
+
+
+def _smooth(xyz: Array, covariance: Array, fps: float, options: SmoothOptions) -> tuple[Array, Array]:
+    """The smoother in `passes`, with the noise's scale measured and far points weighed down between them.
+
+    The scale is one factor a landmark, by which the squared distance from what the filter predicts exceeds
+    what the covariances say; weights are those of Student's t with four degrees of freedom.
+    """
+    known = np.isfinite(xyz[..., 0])
+    scale, weight = np.ones(xyz.shape[1]), np.ones(known.shape)
+    freedom = 4.0
+    out = out_covariance = np.empty(0)
+    for k in range(max(options.passes, 1)):
+        noise = covariance * (scale / weight)[..., None, None]
+        out, out_covariance, surprise = _kalman_smoother(xyz, noise, known, 1 / fps, options.acceleration)
+        if k == options.passes - 1:
+            break
+        with np.errstate(invalid="ignore"):
+            ratio = _median_known(surprise) / _CHI2_3_MEDIAN
+        scale = np.clip(scale * np.where(np.isfinite(ratio), ratio, 1.0), 0.02, 400.0)
+        error = np.where(known[..., None], xyz - out, 0.0)
+        solved = np.linalg.solve(covariance * scale[:, None, None], error[..., None])[..., 0]
+        weight = (freedom + 3) / (freedom + np.sum(error * solved, axis=-1))
+    return out, out_covariance
+
+
+def _median_known(values: Array) -> Array:
+    """(T, J) -> (J,) median of what is finite; NaN where nothing is."""
+    ordered = np.sort(values, axis=0)
+    count = np.isfinite(ordered).sum(axis=0)
+    middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[None] // 2, axis=0)[0]
+    return np.where(count > 0, middle, np.nan)
+
+
+def _kalman_smoother(
+    xyz: Array, noise: Array, known: NDArray[np.bool_], dt: float, acceleration: float
+) -> tuple[Array, Array, Array]:
+    """Constant velocity with white-noise acceleration, all landmarks at once.
+
+    Args:
+        xyz: (T, J, 3); read only where `known`.
+        noise: (T, J, 3, 3) covariance of each point.
+        known: (T, J).
+        dt: seconds a frame.
+        acceleration: standard deviation of each frame's acceleration, metres per second squared.
+
+    Returns:
+        (T, J, 3) positions and (T, J, 3, 3) covariances, NaN for a landmark that is never known; (T, J)
+        squared Mahalanobis distance of each point to its prediction, NaN where there was none.
+    """
+    t_count, j_count = known.shape
+    eye = np.eye(3)
+    step = np.block([[eye, dt * eye], [np.zeros((3, 3)), eye]])
+    gain = np.concatenate([eye * dt**2 / 2, eye * dt])
+    process = gain @ gain.T * acceleration**2 + np.eye(6) * 1e-12
+    first = np.argmax(known, axis=0)
+    mean = np.zeros((j_count, 6))
+    mean[:, :3] = np.nan_to_num(xyz[first, np.arange(j_count)])
+    spread = np.tile(np.diag([4.0] * 3 + [9.0] * 3), (j_count, 1, 1))
+    means, spreads = np.empty((t_count, j_count, 6)), np.empty((t_count, j_count, 6, 6))
+    ahead, ahead_spread = np.empty_like(means), np.empty_like(spreads)
+    surprise = np.full((t_count, j_count), np.nan)
+    for t in range(t_count):
+        if t:
+            mean, spread = mean @ step.T, step @ spread @ step.T + process
+        ahead[t], ahead_spread[t] = mean, spread
+        j = np.flatnonzero(known[t])
+        if len(j):
+            innovation = xyz[t, j] - mean[j, :3]
+            inverse = np.linalg.inv(spread[j, :3, :3] + noise[t, j])
+            kalman = spread[j, :, :3] @ inverse
+            far = np.einsum("ji,jik,jk->j", innovation, inverse, innovation)
+            surprise[t, j] = np.where(t > first[j], far, np.nan)
+            mean, spread = mean.copy(), spread.copy()
+            mean[j] += np.einsum("jik,jk->ji", kalman, innovation)
+            spread[j] -= kalman @ spread[j, :3, :]
+            spread[j] = 0.5 * (spread[j] + np.swapaxes(spread[j], -1, -2))
+        means[t], spreads[t] = mean, spread
+    # The backward gains need nothing of the backward pass: all at once.
+    back = spreads[:-1] @ step.T @ np.linalg.inv(ahead_spread[1:])
+    for t in range(t_count - 2, -1, -1):
+        means[t] += np.einsum("jik,jk->ji", back[t], means[t + 1] - ahead[t + 1])
+        spreads[t] += back[t] @ (spreads[t + 1] - ahead_spread[t + 1]) @ np.swapaxes(back[t], -1, -2)
+    never = ~known.any(axis=0)
+    positions, covariances = means[..., :3], spreads[..., :3, :3]
+    positions[:, never], covariances[:, never] = np.nan, np.nan
+    return _hold_ends(positions, known), covariances, surprise
+
+
+def _hold_ends(positions: Array, known: NDArray[np.bool_]) -> Array:
+    """Before the first and after the last known point a path holds still: constant velocity would fly off."""
+    out = positions.copy()
+    frames, columns = np.arange(len(known))[:, None], np.arange(known.shape[1])
+    first = np.argmax(known, axis=0)
+    last = len(known) - 1 - np.argmax(known[::-1], axis=0)
+    return np.asarray(out[np.clip(frames, first, last), columns])
+
+
+def _within_reach(known: NDArray[np.bool_], fps: float, options: SmoothOptions) -> NDArray[np.bool_]:
+    """(T, J): known, or in a gap of at most `max_gap`, or at an end that is to be extrapolated."""
+    t_count = len(known)
+    frames = np.arange(t_count)[:, None]
+    before = np.maximum.accumulate(np.where(known, frames, -1), axis=0)
+    after = np.minimum.accumulate(np.where(known, frames, t_count)[::-1], axis=0)[::-1]
+    inside = (before >= 0) & (after < t_count)
+    short = inside & (after - before - 1 <= options.max_gap * fps)
+    ends = ~inside & ((before >= 0) | (after < t_count))
+    return np.asarray(known | short | (ends if options.extrapolate else False))
