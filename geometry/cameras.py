@@ -91,8 +91,8 @@ class Camera:
         cam_from_world: (3, 4) rotation | translation, metres, OpenCV camera axes. Stored read-only.
 
     Raises:
-        ValueError: unknown model, wrong number of parameters, size or focal length not positive, a rotation
-            that is none, anything not finite.
+        ValueError: no name, unknown model, wrong number of parameters, size or focal length not positive, a
+            rotation that is none, anything not finite.
     """
 
     name: str
@@ -287,6 +287,8 @@ class Camera:
 
 def _check_camera(camera: Camera) -> None:
     """ValueError, saying what is wrong, unless the camera's numbers make a camera."""
+    if not isinstance(camera.name, str) or not camera.name:
+        raise ValueError("a camera needs a name")
     if camera.model not in _PARAM_COUNT:
         raise ValueError(f"unknown camera model {camera.model!r}; known: {', '.join(CAMERA_MODELS)}")
     expected = _PARAM_COUNT[camera.model]

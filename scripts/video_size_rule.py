@@ -17,9 +17,10 @@ from typing import Any, get_args
 import av
 import cv2
 import numpy as np
+from numpy.typing import NDArray
+
 from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, load_calibration
 from muybridge.geometry.cameras import Camera
-from numpy.typing import NDArray
 
 MIN_SCORE = 0.3
 

@@ -59,7 +59,7 @@ def read_colmap(cameras_path: Path, images_path: Path) -> Calibration:
     """Cameras of a COLMAP model, in the order of the images' names.
 
     A camera's name is its image's file name without ending; where those repeat (cam01/0.png, cam02/0.png),
-    the folder's name; where those repeat too, the whole path without ending.
+    the folder's name; where those repeat too, the whole path without ending, with _ for /.
 
     Raises:
         Malformed: what is wrong, with file and line or record.
@@ -98,7 +98,7 @@ def _camera_names(image_names: Sequence[str]) -> list[str]:
     for names in ([p.stem for p in paths], [p.parent.name for p in paths]):
         if len(set(names)) == len(names) and all(names):
             return names
-    return [str(p.with_suffix("")) if p.name else str(p) for p in paths]
+    return [str(p.parent / p.stem).replace("/", "_") for p in paths]
 
 
 def _lens(model: str, width: int, height: int, params: Sequence[float]) -> Any:
@@ -119,7 +119,7 @@ def _pose(quat_wxyz: Sequence[float], translation: Sequence[float]) -> NDArray[n
     quat, moved = np.array(quat_wxyz, dtype=np.float64), np.array(translation, dtype=np.float64)
     if not np.isfinite(quat).all() or not np.isfinite(moved).all():
         raise Malformed("the pose is not finite")
-    if abs(float(np.linalg.norm(quat)) - 1.0) > 1e-3:
+    if np.abs(quat).max() > 2 or abs(float(np.linalg.norm(quat)) - 1.0) > 1e-3:
         raise Malformed("the rotation is not a unit quaternion")
     xyzw = quat[[1, 2, 3, 0]] / np.linalg.norm(quat)
     return pose_from(np.asarray(pycolmap.Rotation3d(xyzw).matrix()), moved)
@@ -130,7 +130,7 @@ def _pose(quat_wxyz: Sequence[float], translation: Sequence[float]) -> NDArray[n
 
 def _lines(data: bytes) -> list[str]:
     try:
-        return data.decode("utf-8-sig").splitlines()
+        return data.decode("utf-8-sig").split("\n")
     except UnicodeDecodeError as error:
         raise Malformed(f"it is not a text file (byte {error.start} is no UTF-8)") from None
 

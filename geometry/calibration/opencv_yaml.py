@@ -139,12 +139,12 @@ def _is_fisheye(item: dict[str, Any]) -> bool:
 
 
 def _is_camera(item: dict[str, Any]) -> bool:
-    return _key(item, _MATRIX) is not None
+    return any(key in item for key in _MATRIX)
 
 
 def _has_pose(item: dict[str, Any]) -> bool:
-    pair = _key(item, _ROTATION) is not None and _key(item, _TRANSLATION) is not None
-    return pair or _key(item, _EXTRINSIC) is not None
+    pair = any(key in item for key in _ROTATION) and any(key in item for key in _TRANSLATION)
+    return pair or any(key in item for key in _EXTRINSIC)
 
 
 def _label(item: dict[str, Any], default: str) -> str:

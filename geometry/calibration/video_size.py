@@ -40,7 +40,8 @@ VideoFit = Literal["auto", "scale", "letterbox", "fill", "crop", "crop-corner", 
 - ``fill``: scaled by one factor so that no bars are left, centred; what hangs over was cut.
 - ``crop``: not scaled; the video is the middle of the picture (or the picture the middle of the video).
 - ``crop-corner``: not scaled; the top-left corner was kept (the codec's padding was cut, or added).
-- ``rotate-cw``, ``rotate-ccw``: turned by 90 degrees clockwise or counterclockwise, then as ``auto``.
+- ``rotate-cw``, ``rotate-ccw``: turned by 90 degrees clockwise or counterclockwise, then as ``auto``; cameras
+  whose shape is not turned stay as they are.
 """
 
 # Encoders want even sizes, so a proportional resize may be off by up to two pixels a side.
@@ -99,17 +100,15 @@ def fit_to_video(
 def _fit_turned(
     camera: Camera, width: int, height: int, how: VideoFit, image: NDArray[Any] | None
 ) -> tuple[Camera, str | None]:
+    """Turn the camera, unless its shape says that this one was not turned."""
+    if camera.width != camera.height and not _is_turned(camera, width, height):
+        return fit_to_video(camera, width, height, "auto", image)
     try:
         turned = camera.turned(1 if how == "rotate-cw" else -1)
     except ValueError as error:
         raise CalibrationError(
             f"camera {camera.name}: {error}; calibrate with the camera as it films"
         ) from None
-    if _is_turned(turned, width, height):
-        raise CalibrationError(
-            f"camera {camera.name}: calibrated at {camera.width}x{camera.height}, which {how} makes "
-            f"{turned.width}x{turned.height}, but the video is {width}x{height}: leave {how} away"
-        )
     return fit_to_video(turned, width, height, "auto", image)
 
 
@@ -188,11 +187,13 @@ def _has_bars(camera: Camera, image: NDArray[Any]) -> bool | None:
     thickness = int((lines.shape[0] - scale * length) / 2)
     if thickness < 1:
         return None
-    brightness = np.percentile(lines.reshape(lines.shape[0], -1), 95, axis=1)
-    ends = (brightness[:thickness], brightness[-thickness:])
-    beside = (brightness[thickness + 1 : 2 * thickness + 9], brightness[-2 * thickness - 9 : -thickness - 1])
-    if any(np.median(end) > _BLACK for end in ends):
+
+    def brightness(part: NDArray[Any]) -> float:
+        # Nearly all of a line must be black, but not all of it: captions and glitches reach into bars.
+        return float(np.median(np.percentile(part.reshape(part.shape[0], -1), 95, axis=1)))
+
+    if max(brightness(lines[:thickness]), brightness(lines[-thickness:])) > _BLACK:
         return False
-    if all(np.median(inner) <= _BLACK for inner in beside):
-        return None
-    return True
+    first = lines[thickness + 1 : 2 * thickness + 9]
+    last = lines[-2 * thickness - 9 : -thickness - 1]
+    return True if max(brightness(first), brightness(last)) > _BLACK else None
