@@ -31,6 +31,7 @@ RIGHT: Colour = (86, 190, 255)
 MIDDLE: Colour = (250, 250, 250)
 REJECTED: Colour = (255, 64, 96)
 DIM: Colour = (190, 190, 190)
+PALE: Colour = (222, 222, 222)
 DARK: Colour = (16, 16, 16)
 
 # cv2 draws at 1/16 px with this many fractional bits.
@@ -299,33 +300,40 @@ def _draw_figure(image: Image, points: Floats, landmarks: LandmarkSet, unit: flo
 
 
 def _text(image: Image, text: str, at: tuple[int, int], size: float, colour: Colour = MIDDLE) -> int:
-    """Text with a dark edge, `at` its lower left corner; its width."""
+    """Text of about `size` px in height, `at` its lower left corner; its width."""
     font, height = cv2.FONT_HERSHEY_SIMPLEX, size / 22.0
-    width = max(1, round(size / 12.0))
-    cv2.putText(image, text, at, font, height, DARK, width + max(2, round(size / 6)), cv2.LINE_AA)
+    width = max(1, round(size / 14.0))
     cv2.putText(image, text, at, font, height, colour, width, cv2.LINE_AA)
     return int(cv2.getTextSize(text, font, height, width)[0][0])
+
+
+def _shade(image: Image, top: int, bottom: int) -> None:
+    """Darken a band of rows, so that text on it is legible on any picture."""
+    band = image[max(top, 0) : bottom]
+    band[:] = (band * 0.3).astype(np.uint8)
 
 
 def _draw_caption(
     image: Image, t: int, fps: float, name: str, projected: Floats, residual_px: Floats | None, unit: float
 ) -> None:
-    size = max(10.0, 20.0 * unit)
-    margin = round(0.8 * size)
-    _text(image, f"{name}   frame {t}   {t / fps:.2f} s", (margin, margin + round(size)), size)
+    size = max(11.0, 20.0 * unit)
+    margin = round(0.6 * size)
+    _shade(image, 0, margin + round(2.5 * size))
+    _text(image, f"{name}   frame {t}   {t / fps:.2f} s", (margin, margin + round(0.8 * size)), size)
     found = int(np.isfinite(projected).all(axis=-1).sum())
     parts = [f"{found} of {len(projected)} landmarks"]
     if residual_px is not None and np.isfinite(residual_px).any():
         parts.append(f"median residual {float(np.nanmedian(residual_px)):.1f} px")
-    _text(image, "   ".join(parts), (margin, margin + round(2.4 * size)), 0.75 * size, DIM)
+    _text(image, "   ".join(parts), (margin, margin + round(2.0 * size)), 0.8 * size, PALE)
 
 
 def _draw_legend(image: Image, unit: float, with_keypoints: bool) -> None:
-    size = max(9.0, 14.0 * unit)
-    x, y = round(1.2 * size), image.shape[0] - round(1.1 * size)
+    size = max(10.0, 16.0 * unit)
+    x, y = round(0.9 * size), image.shape[0] - round(0.7 * size)
+    _shade(image, image.shape[0] - round(2.0 * size), image.shape[0])
     entries: list[tuple[str, Colour, str]] = [("subject's left", LEFT, "dot"), ("right", RIGHT, "dot")]
     if with_keypoints:
-        entries += [("2D", DIM, "ring"), ("rejected", REJECTED, "cross")]
+        entries += [("2D", DIM, "ring"), ("2D, left out", REJECTED, "cross")]
     for label, colour, mark in entries:
         centre = np.array([x, y - 0.35 * size])
         if mark == "cross":
@@ -334,5 +342,5 @@ def _draw_legend(image: Image, unit: float, with_keypoints: bool) -> None:
             _line(image, centre + [-arm, arm], centre + [arm, -arm], colour, size / 8)
         else:
             _circle(image, centre, 0.36 * size, colour, -1 if mark == "dot" else size / 10)
-        x += round(0.7 * size)
-        x += _text(image, label, (x, y), size) + round(1.1 * size)
+        x += round(0.8 * size)
+        x += _text(image, label, (x, y), size) + round(1.3 * size)

@@ -20,7 +20,7 @@ from muybridge.errors import OutputError
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.landmarks import Points3D
 from muybridge.infer.overlay import side_of
-from muybridge.infer.report_figures import bone_figures, camera_figures, timeline
+from muybridge.infer.report_figures import bone_figures, camera_figures, headline, timeline
 from muybridge.infer.report_findings import findings
 from muybridge.infer.report_sections import (
     bones_section,
@@ -54,14 +54,15 @@ class Thumbnail:
     jpeg: bytes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ReportData:
     """Everything a report shows. Only the first three are needed.
 
     Attributes:
         title: the session's name.
         cameras: C cameras, as used (after crops and scalings).
-        points: T frames of J landmarks.
+        points: T frames of J landmarks, as triangulated: what is missing and what disagrees is theirs.
+        delivered: the points as they were written (smoothed, gaps filled), shown in 3D; None: `points`.
         keypoints_px: (C, T, J, 2) the person's 2D points, NaN where missing; they tell a shifted, lagging or
             left-right-swapping camera.
         leave_one_out_px: (C, T, J) distance of a 2D point to what the other cameras say; NaN where unknown.
@@ -81,6 +82,7 @@ class ReportData:
     title: str
     cameras: CameraGroup
     points: Points3D
+    delivered: Points3D | None = None
     keypoints_px: Floats | None = None
     leave_one_out_px: Floats | None = None
     joint_positions_world: Floats | None = None
@@ -110,8 +112,8 @@ def write_report(path: Path, data: ReportData) -> Path:
         partial.replace(path)
     except OSError as error:
         raise OutputError(
-            f"{path}: the report cannot be written ({error.strerror}); choose a writable folder with --out or "
-            f"free some space"
+            f"{path}: the report cannot be written ({error.strerror}); choose a writable folder with --out "
+            f"or free some space"
         ) from error
     finally:
         partial.unlink(missing_ok=True)
@@ -123,13 +125,14 @@ def render_report(data: ReportData) -> str:
     _check(data)
     points = data.points
     cameras = camera_figures(data.cameras, points, data.keypoints_px, data.leave_one_out_px)
+    summary = headline(data.cameras, points, data.delivered or points, data.leave_one_out_px)
     bones = bone_figures(points)
     said = findings(points, cameras, bones, data.warnings)
     pictures = [(t.camera, t.frame, base64.b64encode(t.jpeg).decode("ascii")) for t in data.thumbnails]
     parts = {
         "title": html.escape(data.title),
         "css": _asset("report.css"),
-        "heading": heading_section(data.title, points, cameras, data.timings_s, data.files),
+        "heading": heading_section(data.title, points, summary, len(cameras), data.timings_s, data.files),
         "findings": findings_section(said, data.person),
         "cameras": cameras_section(cameras),
         "landmarks": landmarks_section(points, cameras),
@@ -152,6 +155,11 @@ def _check(data: ReportData) -> None:
         ("points.points_world", data.points.points_world, (frames, landmarks, 3)),
         ("points.residual_px", data.points.residual_px, (count, frames, landmarks)),
         ("points.inlier", data.points.inlier, (count, frames, landmarks)),
+        (
+            "delivered.points_world",
+            None if data.delivered is None else data.delivered.points_world,
+            (frames, landmarks, 3),
+        ),
         ("keypoints_px", data.keypoints_px, (count, frames, landmarks, 2)),
         ("leave_one_out_px", data.leave_one_out_px, (count, frames, landmarks)),
         ("joint_positions_world", data.joint_positions_world, (frames, len(data.joint_names), 3)),
@@ -176,7 +184,7 @@ def _script_json(value: object) -> str:
 
 def _scene(data: ReportData) -> dict[str, Any]:
     """What the scripts draw: cameras, landmarks, joints and the timeline."""
-    points = data.points
+    points, shown = data.points, data.delivered or data.points
     names = points.landmarks.names
     stride = -(-len(points.points_world) // _MOST_FRAMES)
     line = timeline(points)
@@ -189,7 +197,7 @@ def _scene(data: ReportData) -> dict[str, Any]:
             "names": list(names),
             "sides": [side_of(name) for name in names],
             "edges": [list(edge) for edge in points.landmarks.edge_indices],
-            "positions": _packed(points.points_world[::stride]),
+            "positions": _packed(shown.points_world[::stride]),
         },
         "joints": None,
         "timeline": {

@@ -18,6 +18,25 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
+class Headline:
+    """The take in five numbers.
+
+    Attributes:
+        coverage: share of frames and landmarks with a 3D position in the results.
+        measured_coverage: the same before gaps were filled.
+        residual_px: median distance of a 2D point to its reprojection, over all cameras.
+        leave_one_out_px: median distance of a 2D point to what the other cameras say; NaN if unknown.
+        agreement_mm: the latter at the person, mm; the former where it is unknown.
+    """
+
+    coverage: float
+    measured_coverage: float
+    residual_px: float
+    leave_one_out_px: float
+    agreement_mm: float
+
+
+@dataclass(frozen=True)
 class CameraFigures:
     """What one camera contributed and how well it agrees.
 
@@ -126,6 +145,29 @@ def readable(name: str) -> str:
 def coverage(points: Points3D) -> float:
     """Share of frames and landmarks that have a 3D position."""
     return _share(_finite(points.points_world))
+
+
+def headline(
+    cameras: CameraGroup, measured: Points3D, delivered: Points3D, leave_one_out_px: Floats | None
+) -> Headline:
+    """The figures at the top of a report.
+
+    Args:
+        cameras: C cameras.
+        measured: the triangulated points.
+        delivered: the points as they were written.
+        leave_one_out_px: (C, T, J), NaN where unknown.
+    """
+    residual = measured.residual_px
+    loo = np.full(residual.shape, np.nan) if leave_one_out_px is None else leave_one_out_px
+    told = loo if np.isfinite(loo).any() else residual
+    return Headline(
+        coverage=coverage(delivered),
+        measured_coverage=coverage(measured),
+        residual_px=float(nanmedian(residual)),
+        leave_one_out_px=float(nanmedian(loo)),
+        agreement_mm=float(nanmedian(told * mm_per_px(cameras, measured)[:, None, None])),
+    )
 
 
 def mm_per_px(cameras: CameraGroup, points: Points3D) -> Floats:

@@ -9,6 +9,7 @@ from muybridge.geometry.landmarks import Points3D
 from muybridge.infer.report_figures import (
     BoneFigures,
     CameraFigures,
+    Headline,
     coverage,
     gaps,
     jumps,
@@ -71,31 +72,21 @@ def findings(
     return tuple(sorted(found, key=lambda finding: order[finding.severity]))
 
 
-def agreement_mm(cameras: Sequence[CameraFigures]) -> float:
-    """Median over cameras of the leave-one-out error at the person, mm; the residual where that is unknown."""
-    loo = np.array([c.leave_one_out_px * c.mm_per_px for c in cameras])
-    residual = np.array([c.residual_px * c.mm_per_px for c in cameras])
-    return float(nanmedian(loo if np.isfinite(loo).any() else residual))
-
-
-def verdict(points: Points3D, cameras: Sequence[CameraFigures]) -> tuple[str, str]:
+def verdict(figures: Headline) -> tuple[str, str]:
     """(rating, sentence): ``"good"``, ``"fair"`` or ``"poor"``, and why."""
-    covered, error = coverage(points), agreement_mm(cameras)
+    covered, error = figures.coverage, figures.agreement_mm
     if not np.isfinite(error):
         return "poor", "Nothing was triangulated in this take."
     levels = ("good", "fair", "poor")
     by_error = 0 if error <= GOOD_MM else 1 if error <= FAIR_MM else 2
     by_coverage = 0 if covered >= GOOD_COVERAGE else 1 if covered >= FAIR_COVERAGE else 2
-    known = "to what the other cameras say" if _knows_loo(cameras) else "to its own reprojection"
+    alone = np.isfinite(figures.leave_one_out_px)
+    known = "from where the other cameras put it" if alone else "from its own reprojection"
     sentence = (
-        f"A landmark in one camera is typically {error:.0f} mm away {known} (measured at the person), "
-        f"and {100 * covered:.1f} % of all landmarks and frames have a 3D position."
+        f"What one camera sees of a landmark is typically {error:.0f} mm {known}, and "
+        f"{100 * covered:.1f} % of all landmarks and frames have a 3D position."
     )
     return levels[max(by_error, by_coverage)], sentence
-
-
-def _knows_loo(cameras: Sequence[CameraFigures]) -> bool:
-    return any(np.isfinite(c.leave_one_out_px) for c in cameras)
 
 
 def _error_mm(camera: CameraFigures) -> float:
@@ -140,17 +131,19 @@ def _camera_findings(cameras: Sequence[CameraFigures]) -> list[Finding]:
 def _sign_findings(cameras: Sequence[CameraFigures]) -> list[Finding]:
     """What the residuals of a camera give away about their cause: a constant shift, a lag, swapped sides."""
     found = []
-    for camera in cameras:
-        bias = float(np.linalg.norm(camera.bias_px))
-        if bias > 0.6 * camera.residual_px and bias * camera.mm_per_px > 8.0:
-            found.append(
-                Finding(
-                    "look",
-                    f"Everything in {camera.name} is shifted by {bias:.0f} px ({_direction(camera)}), the "
-                    f"whole take through. Wrong 2D points scatter; a constant shift comes from the "
-                    f"calibration, or from a video that was cropped or scaled after it.",
-                )
+    shifted = [c for c in cameras if _is_shifted(c)]
+    if shifted:
+        each = _listed([f"{c.name} by {np.linalg.norm(c.bias_px):.0f} px ({_direction(c)})" for c in shifted])
+        most_mm = max(float(np.linalg.norm(c.bias_px)) * c.mm_per_px for c in shifted)
+        found.append(
+            Finding(
+                "bad" if most_mm > 25.0 else "look",
+                f"The calibration looks off. The 2D points are shifted the whole take through, in {each}. "
+                f"Wrong 2D points would scatter; a constant shift comes from the calibration, or from a "
+                f"video that was cropped or scaled after it.",
             )
+        )
+    for camera in cameras:
         if abs(camera.lag_frames) >= 0.5:
             ahead = "ahead of" if camera.lag_frames > 0 else "behind"
             found.append(
@@ -172,6 +165,11 @@ def _sign_findings(cameras: Sequence[CameraFigures]) -> list[Finding]:
     return found
 
 
+def _is_shifted(camera: CameraFigures) -> bool:
+    bias = float(np.linalg.norm(camera.bias_px))
+    return bias > 0.6 * camera.residual_px and bias * camera.mm_per_px > 8.0
+
+
 def _direction(camera: CameraFigures) -> str:
     x, y = camera.bias_px
     parts = []
@@ -180,6 +178,11 @@ def _direction(camera: CameraFigures) -> str:
     if abs(y) > 0.4 * abs(x):
         parts.append("down" if y > 0 else "up")
     return " and ".join(parts)
+
+
+def _listed(items: Sequence[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return items[0] if len(items) == 1 else ", ".join(items[:-1]) + " and " + items[-1]
 
 
 def _gap_findings(points: Points3D, most: int = 5) -> list[Finding]:

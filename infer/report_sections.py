@@ -11,11 +11,11 @@ from muybridge.geometry.landmarks import Points3D
 from muybridge.infer.report_figures import (
     BoneFigures,
     CameraFigures,
-    coverage,
+    Headline,
     nanmedian,
     readable,
 )
-from muybridge.infer.report_findings import Finding, agreement_mm, verdict
+from muybridge.infer.report_findings import Finding, verdict
 
 _FILES = {
     ".trc": "3D points (OpenSim, Pose2Sim)",
@@ -40,51 +40,72 @@ def _percent(value: float, digits: int = 0) -> str:
 def heading_section(
     title: str,
     points: Points3D,
-    cameras: Sequence[CameraFigures],
+    figures: Headline,
+    camera_count: int,
     timings_s: Mapping[str, float],
     files: Sequence[str],
 ) -> str:
-    """Title, verdict, the four headline figures and links to the other results."""
-    rating, sentence = verdict(points, cameras)
+    """Title, verdict, the headline figures and links to the other results."""
+    rating, sentence = verdict(figures)
     frames = len(points.points_world)
     label = {"good": "Good take", "fair": "Usable, with care", "poor": "Needs attention"}[rating]
-    residual = float(nanmedian(np.array([c.residual_px for c in cameras])))
-    loo = float(nanmedian(np.array([c.leave_one_out_px for c in cameras])))
-    total = sum(timings_s.values())
-    per_camera_frame = total / max(frames * len(cameras), 1)
+    filled = figures.coverage - figures.measured_coverage
+    covered = "of all landmarks and frames have a 3D position"
+    if filled >= 0.0005:
+        covered += f", {100 * filled:.1f} % of them by filling gaps"
+    agreement = "from one camera to what the others say, at the person"
     tiles = [
-        _tile("Coverage", _percent(coverage(points), 1), "of all landmarks and frames have a 3D position"),
+        _tile("Coverage", _percent(figures.coverage, 1), covered),
+        _tile("Agreement", _number(figures.agreement_mm, 0, " mm"), agreement),
+        _tile("Leave one out", _number(figures.leave_one_out_px, 1, " px"), "the same, in the image"),
         _tile(
-            "Agreement",
-            _number(agreement_mm(cameras), 0, " mm"),
-            "from one camera to the others, at the person",
+            "Reprojection", _number(figures.residual_px, 1, " px"), "of the 3D points, to their own 2D points"
         ),
-        _tile(
-            "Reprojection", _number(residual, 1, " px"), "median distance of 2D points to the projected 3D"
-        ),
-        _tile("Leave one out", _number(loo, 1, " px"), "the same, with the camera itself left out"),
     ]
+    total = sum(timings_s.values())
     if total > 0:
-        tiles.append(_tile("Time taken", f"{total:.0f} s", f"{1000 * per_camera_frame:.0f} ms an image"))
+        per_image = f"{1000 * total / (frames * camera_count):.0f} ms an image"
+        tiles.append(_tile("Time taken", f"{total:.0f} s" if total >= 10 else f"{total:.1f} s", per_image))
     facts = (
-        f"{len(cameras)} cameras · {frames} frames · {points.fps:g} frames/s · {frames / points.fps:.2f} s"
+        f"{camera_count} cameras · {frames} frames · {points.fps:g} frames/s · {frames / points.fps:.2f} s"
     )
+    return (
+        f'<header><p class="kicker">muybridge report</p><h1>{html.escape(title)}</h1>'
+        f'<p class="facts">{facts}</p>'
+        f'<p class="verdict {rating}"><strong>{label}</strong> {html.escape(sentence)}</p>'
+        f'<dl class="tiles">{"".join(tiles)}</dl>{_file_list(files)}</header>'
+    )
+
+
+def _file_list(files: Sequence[str]) -> str:
+    if not files:
+        return ""
     links = "".join(
         f'<li><a href="{html.escape(name, quote=True)}">{html.escape(name)}</a> '
         f"<span>{_FILES.get(name[name.rfind('.') :], '')}</span></li>"
         for name in files
     )
-    files_block = f'<details class="files"><summary>Files of this run</summary><ul>{links}</ul></details>'
-    return (
-        f'<header><p class="kicker">muybridge report</p><h1>{html.escape(title)}</h1>'
-        f'<p class="facts">{facts}</p>'
-        f'<p class="verdict {rating}"><strong>{label}</strong> {html.escape(sentence)}</p>'
-        f'<dl class="tiles">{"".join(tiles)}</dl>{files_block if files else ""}</header>'
-    )
+    return f'<details class="files"><summary>Files of this run</summary><ul>{links}</ul></details>'
 
 
 def _tile(name: str, value: str, meaning: str) -> str:
-    return f'<div class="tile"><dt>{name}</dt><dd class="value">{value}</dd><dd class="meaning">{meaning}</dd></div>'
+    return (
+        f'<div class="tile"><dt>{name}</dt><dd class="value">{value}</dd>'
+        f'<dd class="meaning">{meaning}</dd></div>'
+    )
+
+
+def _table(columns: Sequence[tuple[str, str]], rows: Sequence[str], kind: str = "figures") -> str:
+    """A table that scrolls sideways where it is too wide; columns are (name, meaning)."""
+    cells = "".join(
+        f'<th scope="col"{f" title={json.dumps(html.escape(meaning))}" if meaning else ""}>'
+        f"{html.escape(name)}</th>"
+        for name, meaning in columns
+    )
+    return (
+        f'<div class="scroll"><table class="{kind}"><thead><tr>{cells}</tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
 
 
 def findings_section(said: Sequence[Finding], person: str) -> str:
@@ -94,7 +115,10 @@ def findings_section(said: Sequence[Finding], person: str) -> str:
     for finding in said:
         button = ""
         if finding.frame >= 0:
-            button = f' <button type="button" class="jump" data-frame="{finding.frame}">show frame {finding.frame}</button>'
+            button = (
+                f' <button type="button" class="jump" data-frame="{finding.frame}">'
+                f"show frame {finding.frame}</button>"
+            )
         items.append(
             f'<li class="{finding.severity}"><span class="mark">{names[finding.severity]}</span>'
             f"<p>{html.escape(finding.text)}{button}</p></li>"
@@ -124,28 +148,23 @@ def cameras_section(cameras: Sequence[CameraFigures]) -> str:
     loo = np.array([c.leave_one_out_px * c.mm_per_px for c in cameras])
     rows = []
     for camera, error in zip(cameras, loo, strict=True):
-        rows.append(
-            f'<tr><th scope="row">{html.escape(camera.name)}</th><td>{_percent(camera.seen)}</td>'
-            f"<td>{_percent(camera.rejected)}</td>{_heat(camera.residual_px * camera.mm_per_px, camera.residual_px, ' px')}"
-            f"<td>{_number(camera.residual_p95_px, 1, ' px')}</td>"
-            f"{_heat(error, camera.leave_one_out_px, ' px')}<td>{_number(error, 0, ' mm')}</td>"
-            f"<td>{_percent(camera.unanswered, 1)}</td>"
-            f"<td>{_number(float(np.linalg.norm(camera.bias_px)), 1, ' px')}</td>"
-            f"<td>{_signed(camera.lag_frames)}</td></tr>"
+        cells = (
+            f"<td>{_percent(camera.seen)}</td>",
+            f"<td>{_percent(camera.rejected)}</td>",
+            _heat(camera.residual_px * camera.mm_per_px, camera.residual_px, " px"),
+            f"<td>{_number(camera.residual_p95_px, 1, ' px')}</td>",
+            _heat(error, camera.leave_one_out_px, " px"),
+            f"<td>{_number(error, 0, ' mm')}</td>",
+            f"<td>{_percent(camera.unanswered, 1)}</td>",
+            f"<td>{_number(float(np.linalg.norm(camera.bias_px)), 1, ' px')}</td>",
+            f"<td>{_signed(camera.lag_frames)}</td>",
         )
-    return f'<div class="scroll"><table class="figures">{_head(head)}<tbody>{"".join(rows)}</tbody></table></div>'
+        rows.append(f'<tr><th scope="row">{html.escape(camera.name)}</th>{"".join(cells)}</tr>')
+    return _table(head, rows)
 
 
 def _signed(value: float) -> str:
     return f"{value:+.1f}" if np.isfinite(value) else '<span class="none">–</span>'
-
-
-def _head(columns: Sequence[tuple[str, str]]) -> str:
-    cells = "".join(
-        f'<th scope="col"{f" title={json.dumps(html.escape(meaning))}" if meaning else ""}>{html.escape(name)}</th>'
-        for name, meaning in columns
-    )
-    return f"<thead><tr>{cells}</tr></thead>"
 
 
 def _heat(mm: float, value: float, unit: str = "") -> str:
@@ -173,7 +192,7 @@ def landmarks_section(points: Points3D, cameras: Sequence[CameraFigures]) -> str
             f'<tr><th scope="row">{readable(name)}</th>{cells}{_heat(overall_mm[j], overall[j])}'
             f"<td>{_percent(float(found[j]))}</td></tr>"
         )
-    return f'<div class="scroll"><table class="figures dense">{_head(head)}<tbody>{"".join(rows)}</tbody></table></div>'
+    return _table(head, rows, "figures dense")
 
 
 def bones_section(bones: Sequence[BoneFigures]) -> str:
@@ -185,20 +204,21 @@ def bones_section(bones: Sequence[BoneFigures]) -> str:
         pair = [bone, bones[bone.twin]] if bone.twin >= 0 else [bone]
         name = bone.name.replace("left ", "") if len(pair) == 2 else bone.name
         cells = "".join(
-            f"<td>{_number(1000 * b.median_m, 0, ' mm')}</td>"
-            f'<td class="heat" style="--h:{_bone_tint(b):.0f}%">±{_number(1000 * b.spread_m, 0, " mm")}</td>'
+            f"<td>{_number(1000 * b.median_m, 0)}</td>"
+            f'<td class="heat" style="--h:{_bone_tint(b):.0f}%">±{_number(1000 * b.spread_m, 0)}</td>'
             for b in pair
         )
         if len(pair) == 1:
             cells += '<td class="none">–</td><td class="none">–</td><td class="none">–</td>'
         else:
-            cells += f"<td>{_number(1000 * (pair[0].median_m - pair[1].median_m), 0, ' mm')}</td>"
+            cells += f"<td>{_number(1000 * (pair[0].median_m - pair[1].median_m), 0)}</td>"
         rows.append(f'<tr><th scope="row">{html.escape(name)}</th>{cells}</tr>')
+    spread = "half the range of the middle 68 % of the frames, mm"
     head = (
-        ("Bone", ""), ("left or single", "median length"), ("spread", "half the range of the middle 68 %"),
-        ("right", "median length"), ("spread", "half the range of the middle 68 %"), ("left − right", ""),
+        ("Bone (mm)", ""), ("left", "median length; for a bone without a twin the only one"), ("±", spread),
+        ("right", "median length"), ("±", spread), ("differ", "left minus right"),
     )  # fmt: skip
-    return f'<div class="scroll"><table class="figures">{_head(head)}<tbody>{"".join(rows)}</tbody></table></div>'
+    return _table(head, rows)
 
 
 def _bone_tint(bone: BoneFigures) -> float:
@@ -208,22 +228,27 @@ def _bone_tint(bone: BoneFigures) -> float:
 
 
 def thumbnails_section(pictures: Sequence[tuple[str, int, str]]) -> str:
-    """Pictures from the overlays: (camera, frame, base64 JPEG)."""
+    """Pictures from the overlays, (camera, frame, base64 JPEG), one row a frame."""
     if not pictures:
         return ""
-    figures = "".join(
-        f'<figure><button type="button" class="jump" data-frame="{frame}" '
-        f'title="show frame {frame} in the 3D view"><img alt="{html.escape(camera, quote=True)}, frame {frame}, '
-        f'with the figure drawn in" src="data:image/jpeg;base64,{data}"></button>'
-        f"<figcaption>{html.escape(camera)}, frame {frame}</figcaption></figure>"
-        for camera, frame, data in pictures
-    )
+    rows = []
+    for frame in sorted({frame for _, frame, _ in pictures}):
+        figures = "".join(
+            f'<figure><img alt="{html.escape(camera, quote=True)} with the figure drawn in" '
+            f'src="data:image/jpeg;base64,{data}"><figcaption>{html.escape(camera)}</figcaption></figure>'
+            for camera, at, data in pictures
+            if at == frame
+        )
+        rows.append(
+            f"<h3>Frame {frame} "
+            f'<button type="button" class="jump" data-frame="{frame}">show in 3D</button></h3>'
+            f'<div class="gallery">{figures}</div>'
+        )
     return (
         '<section id="pictures"><h2>Does the figure sit on the person?</h2>'
-        '<p class="lead">Bright: the 3D landmarks seen from this camera. Rings: the 2D points they came from, '
-        "crosses: 2D points left out. Rings on the person but the figure beside it: the calibration is off. "
-        "Rings beside the person: the network was wrong.</p>"
-        f'<div class="gallery">{figures}</div></section>'
+        '<p class="lead">Bright: the 3D landmarks seen from this camera. Rings: the 2D points they came '
+        "from, crosses: 2D points left out. Rings on the person but the figure beside it: the calibration is "
+        f"off. Rings beside the person: the network was wrong.</p>{''.join(rows)}</section>"
     )
 
 

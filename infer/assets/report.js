@@ -66,7 +66,7 @@
     byId(name).addEventListener("change", (event) => { view.show[name] = event.target.checked; view.draw(); });
   }
   const from = byId("from");
-  const options = [["free", "Free view"], ["front", "Front"], ["left", "Their left"], ["right", "Their right"], ["back", "Back"], ["top", "Above"]];
+  const options = [["free", "Free view"], ["room", "Whole room"], ["front", "Front"], ["left", "Their left"], ["right", "Their right"], ["back", "Back"], ["top", "Above"]];
   for (const [value, text] of options.concat(scene.cameras.map((c) => ["camera:" + c.name, c.name]))) from.add(new Option(text, value));
   from.addEventListener("change", () => view.lookFrom(from.value));
   view.onleave = () => { from.value = "free"; };
@@ -197,7 +197,9 @@
   timeline.addEventListener("pointermove", (event) => { read(event); if (event.buttons & 1) jump(frameAt(event)); });
 
   function restyle() { view.readColours(); drawStill(); view.draw(); drawTimeline(); }
-  new ResizeObserver(() => { if (!layout || layout.width !== timeline.parentElement.clientWidth) { drawStill(); drawTimeline(); } }).observe(timeline.parentElement);
+  new ResizeObserver(() => requestAnimationFrame(() => {
+    if (!layout || layout.width !== timeline.parentElement.clientWidth) { drawStill(); drawTimeline(); }
+  })).observe(timeline.parentElement);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", restyle);
   addEventListener("beforeprint", () => { document.documentElement.dataset.theme = "light"; restyle(); });
   addEventListener("afterprint", () => { delete document.documentElement.dataset.theme; restyle(); });

@@ -55,7 +55,8 @@ class View {
     this.reset();
     this.readColours();
     this.listen();
-    new ResizeObserver(() => this.draw()).observe(canvas);
+    // In the next frame: drawing inside the observer could resize what it observes.
+    new ResizeObserver(() => requestAnimationFrame(() => this.draw())).observe(canvas);
   }
 
   measureTake() {
@@ -108,8 +109,17 @@ class View {
     const poses = { front: [front, 0.08], left: [front + Math.PI / 2, 0.08], right: [front - Math.PI / 2, 0.08], back: [front + Math.PI, 0.08], top: [front, 1.52] };
     this.reset();
     if (poses[name]) [this.yaw, this.pitch] = poses[name];
+    if (name === "room") this.wholeRoom();
     this.through = this.scene.cameras.findIndex((camera) => "camera:" + camera.name === name);
     this.draw();
+  }
+
+  // Far enough for every camera to be in the picture.
+  wholeRoom() {
+    const centres = this.scene.cameras.map((camera) => camera.center).concat([this.middle]);
+    this.target = mul(centres.reduce(add), 1 / centres.length);
+    this.pitch = 0.5;
+    this.distance = 1.1 + 1.65 * Math.max(...centres.map((c) => Math.hypot(...sub(c, this.target))));
   }
 
   readColours() {
@@ -223,11 +233,14 @@ class View {
     const both = this.show.points && this.show.joints && this.joints;
     const thick = solid ? 0.05 : both ? 0.008 : 0.016, ball = solid ? 0.03 : both ? 0.016 : 0.022;
     const edges = solid ? body.edges : body.edges.concat(this.neck());
+    const nearest = points.map((p) => (p ? this.toEye(hole, p)[2] : 0));
     for (const [i, j] of edges) {
       const p = this.at(points, i), q = this.at(points, j);
       if (!p || !q) continue;
       const s = this.segment(hole, p, q);
       if (!s) continue;
+      // A ball is drawn after every bone that ends in it.
+      for (const k of [i, j]) if (typeof k === "number") nearest[k] = Math.min(nearest[k], s.depth);
       const sides = [i, j].map((k) => (typeof k === "number" ? body.sides[k] : "middle"));
       const colour = this.colour[sides[0] === sides[1] ? sides[0] : solid ? sides[1] : "middle"];
       const width = Math.max(solid ? 3 : 1.5, (thick * hole.f) / s.depth);
@@ -244,7 +257,7 @@ class View {
       const e = this.toEye(hole, p);
       if (e[2] < NEAR) return;
       const px = this.toPixel(hole, e), radius = Math.max(2.2, (ball * hole.f) / e[2]);
-      parts.push({ depth: e[2] - 0.03, draw: (g) => {
+      parts.push({ depth: nearest[j] - 0.001, draw: (g) => {
         g.beginPath(); g.arc(px[0], px[1], radius, 0, 2 * Math.PI);
         g.fillStyle = this.colour[body.sides[j]]; g.strokeStyle = this.colour["figure-edge"]; g.lineWidth = 1.5;
         g.fill(); g.stroke();
