@@ -102,17 +102,18 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def _frame(centers: list[NDArray[np.float64]], noise: np.random.Generator | None = None) -> NDArray[np.uint8]:
-    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
-    image = np.full((HEIGHT, WIDTH, 3), 20.0)
+    image = np.full((HEIGHT, WIDTH, 3), 20.0, dtype=np.float32)
+    if noise is not None:
+        image += noise.normal(0, 4, image.shape).astype(np.float32)
     for center in centers:
-        inside = ((x - center[0]) / 30) ** 2 + ((y - center[1]) / 50) ** 2 < 1
-        image[inside] = 110
+        left, top = np.maximum(center.astype(int) - 70, 0)
+        part = image[top : top + 140, left : left + 140]
+        y, x = np.mgrid[top : top + part.shape[0], left : left + part.shape[1]].astype(np.float32)
+        part[((x - center[0]) / 30) ** 2 + ((y - center[1]) / 50) ** 2 < 1] += 90
         for channel, (dx, dy) in enumerate(OFFSETS_PX):
             blob = np.exp(-((x - center[0] - dx) ** 2 + (y - center[1] - dy) ** 2) / (2 * 4.0**2))[..., None]
-            color = 255.0 * np.eye(3)[channel]
-            image = image * (1 - blob) + color * blob
-    if noise is not None:
-        image += noise.normal(0, 4, image.shape)
+            part *= 1 - blob
+            part += blob * 255 * np.eye(3, dtype=np.float32)[channel]
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
