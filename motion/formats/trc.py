@@ -119,6 +119,6 @@ def _row(path: Path, number: int, line: str, markers: int) -> NDArray[np.float64
             out[i] = float(cell)
         except ValueError:
             raise FormatError(
-                f"{path}: line {number}, cell {i + 3}: {cell.strip()!r} is no number; leave it empty if missing"
+                f"{path}: line {number}, cell {i + 3}: {cell.strip()!r} is no number; empty means missing"
             ) from None
     return out
