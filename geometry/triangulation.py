@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.triangulation_kernel import Limits, Rig, solve_points
 
 _RAYLEIGH_MEDIAN = 1.1774  # median length of a 2D Gaussian of unit variance
@@ -85,6 +85,7 @@ class _Views:
     rig: Rig
     seen: NDArray[np.float64]  # (N, C, 2) normalised
     variance_px2: NDArray[np.float64]  # (N, C), NaN where missing
+    px2_per_unit2: NDArray[np.float64]  # (N, C) or (1, C) pixels to normalised units, areas
     longer_side_px: float
 
 
@@ -287,9 +288,11 @@ def _views(cameras: CameraGroup, px: NDArray[np.float64], variance: NDArray[np.f
     seen = np.empty((flat_px.shape[1], count, 2))
     scaled = np.empty((flat_px.shape[1], count))
     px2_per_unit2 = np.empty(count)
+    local = []
     for c, camera in enumerate(cameras):
         slopes = camera.unproject(flat_px[c])
         px2_per_unit2[c] = camera.camera_matrix[0, 0] * camera.camera_matrix[1, 1]
+        local.append(_local_scale(camera, flat_px[c], slopes))
         seen[:, c] = slopes
         scaled[:, c] = flat_variance[c]
         scaled[~np.isfinite(slopes).all(axis=-1), c] = np.nan
@@ -303,8 +306,31 @@ def _views(cameras: CameraGroup, px: NDArray[np.float64], variance: NDArray[np.f
         ),
         seen=seen,
         variance_px2=scaled,
+        px2_per_unit2=np.stack(np.broadcast_arrays(*local), axis=-1),
         longer_side_px=longer_side_px,
     )
+
+
+def _local_scale(
+    camera: Camera, points_px: NDArray[np.float64], slopes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(N,) or (1,) area of an image patch in px^2 over its area in normalised units, at each point.
+
+    It is the squared focal length in the middle of every image and, unless the lens is wide, everywhere.
+    """
+
+    def scale(px: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+        right, down = camera.unproject(px + [1.0, 0.0]) - at, camera.unproject(px + [0.0, 1.0]) - at
+        area: NDArray[np.float64] = np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0])
+        return 1.0 / np.maximum(area, 1e-18)
+
+    focal2 = camera.camera_matrix[0, 0] * camera.camera_matrix[1, 1]
+    across = np.linspace(0.0, 1.0, 5)
+    grid = np.stack(np.meshgrid(across * camera.width, across * camera.height), axis=-1).reshape(-1, 2)
+    ratio = scale(grid, camera.unproject(grid)) / focal2
+    if (np.abs(np.log(ratio[np.isfinite(ratio)])) < 0.2).all() and np.isfinite(ratio).all():
+        return np.array([focal2])
+    return scale(points_px, slopes)
 
 
 def _pair_order(cameras: CameraGroup) -> NDArray[np.int64]:
@@ -335,7 +361,7 @@ def _pair_order(cameras: CameraGroup) -> NDArray[np.int64]:
 def _information(views: _Views, noise_px: float, scale: float) -> NDArray[np.float64]:
     """(N, C) one over the variance in normalised units, zero where there is no 2D point."""
     total_px2 = scale * views.variance_px2 + noise_px**2
-    return np.where(np.isfinite(total_px2), views.rig.px2_per_unit2 / total_px2, 0.0)
+    return np.where(np.isfinite(total_px2), views.px2_per_unit2 / total_px2, 0.0)
 
 
 def _solve(

@@ -306,8 +306,8 @@ def _two_best_points(views: Views, rig: Rig, limits: Limits, scratch: Scratch) -
     if found == 1 or views.use.size == 2:
         return 1, 0.0
     _, agree = _score(views, starts[0], limits)
-    if agree == views.use.size:
-        return 1, 0.0
+    if agree >= 3 and 2 * agree > views.use.size:
+        return 1, 0.0  # a majority beyond what two cameras can always be made to agree on: no rival
     rival_loss = _refine(views, starts[1], limits, scratch)
     if rival_loss < loss:
         for k in range(3):

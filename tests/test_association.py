@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
 from muybridge.geometry.association import AssociateOptions, find_people, select_person, take_person
+from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.landmarks import BODY23, Keypoints2D
+from muybridge.geometry.landmarks import BODY23, Keypoints2D, LandmarkSet
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 
@@ -210,3 +211,31 @@ def test_cameras_that_never_agree_fall_back_to_what_is_conspicuous() -> None:
     selection = select_person(cameras, replace(keypoints, points_px=px), AssociateOptions(max_epipolar=0.02))
     assert "calibration or the synchronisation" in selection.reason
     np.testing.assert_array_equal(selection.slots, np.zeros((3, 30)))
+
+
+def test_balancing_man_among_a_still_double_and_false_detections() -> None:
+    folder = SHARED / "balancing"
+    if not folder.exists():
+        pytest.skip("balancing is not here")
+    cameras = load_calibration(folder / "calibration" / "Calib.qca.txt")
+    data = np.load(folder / "reference" / "openpose_body25b.npz")
+    landmarks = LandmarkSet("body25b", tuple(str(n) for n in data["names"]), ())
+    seen = data["keypoints2d_px"].astype(float)
+    rng = np.random.default_rng(4)
+    px = np.full((4, 100, 3, 25, 2), np.nan)
+    px[:, :, 0] = np.where(seen[..., 2:] > 0.05, seen[..., :2], np.nan)
+    still = np.nanmean(data["points3d_world"].astype(float), axis=0) + [0.7, -0.9, 0.0]
+    px[:, :, 1] = cameras.project(still)[:, None] + rng.normal(0, 6, (4, 100, 25, 2))
+    # Something that is taken for a person now and then, anywhere.
+    often = rng.random((4, 100)) < 0.3
+    px[:, :, 2][often] = rng.uniform(200, 1000, (int(often.sum()), 1, 2)) + rng.uniform(
+        -150, 150, (int(often.sum()), 25, 2)
+    )
+    order = np.stack([rng.permutation(3) for _ in range(4)])
+    px = np.take_along_axis(px, order[:, None, :, None, None], axis=2)
+    known = np.isfinite(px).all(axis=-1)
+    keypoints = Keypoints2D(landmarks, px, np.where(known, 25.0, np.nan), np.where(known, 0.5, 0.0))
+    selection = select_person(cameras, keypoints)
+    np.testing.assert_array_equal(selection.slots, np.repeat(np.argmin(order, axis=1)[:, None], 100, axis=1))
+    assert "4 of 4 cameras in 100 % of 100 frames" in selection.reason
+    assert selection.people[1].seen_share > 0.95

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.triangulation import (
     TriangulateOptions,
@@ -96,6 +97,25 @@ def test_covariance_predicts_the_error() -> None:
     squared = np.einsum("tji,tjik,tjk->tj", miss, np.linalg.inv(result.covariance_world), miss)
     # The median of a chi-squared of three degrees of freedom is 2.37.
     assert 1.9 < np.median(squared) < 2.9
+
+
+def test_wide_lens_counts_its_edge_for_what_it_is_worth() -> None:
+    wide = []
+    for camera in ring(4, radius=3.0):
+        # Turned aside by 50 degrees: the subject is near the edge of a fisheye's image.
+        cos, sin = np.cos(np.radians(50)), np.sin(np.radians(50))
+        turn = np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
+        pose = turn @ camera.cam_from_world
+        lens = (400.0, 400.0, 639.5, 479.5, 0.02, -0.005, 0.0, 0.0)
+        wide.append(Camera(camera.name, "OPENCV_FISHEYE", 1280, 960, lens, pose))
+    cameras, truth = CameraGroup(tuple(wide)), cloud(200, 10)
+    px = cameras.project(truth) + np.random.default_rng(6).normal(0, 1, (4, 200, 10, 2))
+    result = triangulate(cameras, px, np.ones(px.shape[:-1]), TriangulateOptions(noise_px=0.0))
+    miss = result.points_world - truth
+    squared = np.einsum("tji,tjik,tjk->tj", miss, np.linalg.inv(result.covariance_world), miss)
+    assert np.isfinite(result.points_world).all()
+    # 2.37 if pixels were square there too; the focal length of the image's middle would give 11.
+    assert 1.6 < np.median(squared) < 4.5
 
 
 def test_noise_of_the_take_is_estimated_and_can_be_given() -> None:
@@ -233,3 +253,22 @@ def test_real_rig_with_outliers(stated_px2: float) -> None:
     assert np.isfinite(error_mm).mean() > 0.999
     assert np.nanmedian(error_mm) < 6.8
     assert np.sqrt(np.nanmean(error_mm**2)) < 12.0
+
+
+def test_reference_keypoints_of_the_balancing_take() -> None:
+    folder = SHARED / "balancing"
+    if not folder.exists():
+        pytest.skip("balancing is not here")
+    cameras = load_calibration(folder / "calibration" / "Calib.qca.txt")
+    data = np.load(folder / "reference" / "openpose_body25b.npz")
+    seen = data["keypoints2d_px"].astype(float)
+    px = np.where(seen[..., 2:] > 0.05, seen[..., :2], np.nan)
+    variance = np.full(px.shape[:-1], 9.0)
+    result = triangulate(cameras, px, variance)
+    away_mm = 1000 * np.linalg.norm(result.points_world - data["points3d_world"], axis=-1)
+    assert np.isfinite(result.points_world).all(axis=-1).mean() > 0.99
+    assert np.nanmedian(away_mm) < 20 and np.nanquantile(away_mm, 0.95) < 100
+    summary = leave_one_out_summary(leave_one_out_error(cameras, px, variance), usable_points(px, variance))
+    assert summary.median_px < 24 and summary.no_point_share < 0.03
+    # Most of it is the calibration's, and the noise found in the take says so.
+    assert 8 < result.noise_px < 20
