@@ -148,9 +148,6 @@ def write(path: Path, text: str) -> Path:
     return path
 
 
-# --- round trips --------------------------------------------------------------------------------------------
-
-
 def test_qualisys(tmp_path: Path) -> None:
     calibration = read_calibration(write(tmp_path / "a.qca.txt", qualisys_text(rig())))
     assert calibration.format == "Qualisys" and calibration.notes == ()
