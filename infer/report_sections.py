@@ -66,8 +66,14 @@ def heading_section(
     if total > 0:
         per_image = f"{1000 * total / (frames * camera_count):.0f} ms an image"
         tiles.append(_tile("Time taken", f"{total:.0f} s" if total >= 10 else f"{total:.1f} s", per_image))
-    facts = (
-        f"{camera_count} cameras · {frames} frames · {points.fps:g} frames/s · {frames / points.fps:.2f} s"
+    facts = " · ".join(
+        fact.replace(" ", "&nbsp;")
+        for fact in (
+            f"{camera_count} cameras",
+            f"{frames} frames",
+            f"{points.fps:g} frames/s",
+            f"{frames / points.fps:.2f} s",
+        )
     )
     return (
         f'<header><p class="kicker">muybridge report</p><h1>{html.escape(title)}</h1>'

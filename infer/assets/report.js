@@ -210,6 +210,7 @@
   let best = middle, most = count(middle);
   for (let k = 1; k < Math.min(middle, 300) && most < landmarkCount; k++)
     for (const t of [middle - k, middle + k]) if (t < shown && count(t) > most) { best = t; most = count(t); }
+  drawStill();
   goTo(best * scene.stride);
   document.documentElement.dataset.ready = "yes";
 })();

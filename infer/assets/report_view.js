@@ -251,7 +251,10 @@ class View {
         g.globalAlpha = 1;
       } });
     }
-    if (solid) return;
+    if (solid) {
+      this.headPart(hole, parts, body, points, both);
+      return;
+    }
     points.forEach((p, j) => {
       if (!p) return;
       const e = this.toEye(hole, p);
@@ -263,6 +266,23 @@ class View {
         g.fill(); g.stroke();
       } });
     });
+  }
+
+  // A skeleton ends where the head begins: a ball there tells up from down.
+  headPart(hole, parts, body, points, faint) {
+    const j = body.names.findIndex((name) => name.toLowerCase() === "head");
+    const edge = body.edges.find(([, child]) => child === j);
+    if (j < 0 || !edge || !points[j] || !points[edge[0]]) return;
+    const e = this.toEye(hole, add(points[j], mul(norm(sub(points[j], points[edge[0]])), 0.09)));
+    if (e[2] < NEAR) return;
+    const px = this.toPixel(hole, e), radius = (0.095 * hole.f) / e[2];
+    parts.push({ depth: e[2], draw: (g) => {
+      g.globalAlpha = faint ? 0.5 : 1;
+      g.beginPath(); g.arc(px[0], px[1], radius, 0, 2 * Math.PI);
+      g.fillStyle = this.colour.middle; g.strokeStyle = this.colour["figure-edge"]; g.lineWidth = 1.5;
+      g.fill(); g.stroke();
+      g.globalAlpha = 1;
+    } });
   }
 
   // Landmarks have no neck: a line from between the shoulders to between the ears keeps the head in place.
