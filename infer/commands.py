@@ -14,6 +14,7 @@ from muybridge.errors import MuybridgeError, SessionError
 from muybridge.geometry.association import AssociateOptions
 from muybridge.geometry.ik import FitOptions
 from muybridge.geometry.smoothing import SmoothOptions
+from muybridge.geometry.swaps import SwapOptions
 from muybridge.geometry.triangulation import TriangulateOptions
 from muybridge.infer.cli import one_line
 from muybridge.infer.demo import run_demo
@@ -24,11 +25,11 @@ from muybridge.infer.progress import Progress
 from muybridge.infer.session import SessionOptions
 from muybridge.infer.solve import SolveOptions
 
-_Flat = tyro.conf.arg(prefix_name=False)
+_Flat = tyro.conf.arg(name="")
 
 
 def run(
-    sessions: tyro.conf.Positional[tuple[Path, ...]],
+    sessions: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="SESSION ...")],
     /,
     out: Path | None = None,
     overwrite: bool = False,
@@ -36,6 +37,7 @@ def run(
     session: Annotated[SessionOptions, _Flat] = SessionOptions(),  # noqa: B008 - frozen
     detect: Annotated[DetectOptions, _Flat] = DetectOptions(),  # noqa: B008
     person: AssociateOptions = AssociateOptions(),  # noqa: B008
+    swaps: SwapOptions = SwapOptions(),  # noqa: B008
     triangulate: TriangulateOptions = TriangulateOptions(),  # noqa: B008
     smooth: SmoothOptions = SmoothOptions(),  # noqa: B008
     fit: FitOptions = FitOptions(),  # noqa: B008
@@ -52,6 +54,7 @@ def run(
         session: how session folders are read.
         detect: 2D landmarks.
         person: which person is followed.
+        swaps: left and right, where one camera has exchanged them.
         triangulate: 3D points.
         smooth: points over time.
         fit: skeleton and joint angles.
@@ -59,7 +62,7 @@ def run(
     """
     if not sessions:
         raise SessionError("name at least one session folder: muybridge run FOLDER [FOLDER ...]")
-    solve = SolveOptions(person, triangulate, smooth, fit)
+    solve = SolveOptions(person, swaps, triangulate, smooth, fit)
     options = RunOptions(session, detect, solve, overlay, overwrite)
     jobs = plan(sessions, out)
     if len(jobs) == 1:
@@ -72,7 +75,10 @@ def run(
 
 def plan(sessions: Sequence[Path], out: Path | None) -> list[tuple[Path, Path | None]]:
     """Each session with its results folder; a session that is named twice is worked on once."""
-    unique = list({path.resolve(): path for path in reversed(sessions)}.values())[::-1]
+    by_place: dict[Path, Path] = {}
+    for path in sessions:
+        by_place.setdefault(path.resolve(), path)
+    unique = list(by_place.values())
     if out is None or len(unique) == 1:
         return [(path, out) for path in unique]
     names = [path.resolve().name for path in unique]

@@ -97,8 +97,8 @@ def open_models(options: DetectOptions) -> Models:
         ModelError: a file is missing or not one of ours.
     """
     keypoints = options.keypoint_model or shipped_model("keypoints")
-    people = options.people_model or shipped_model("people")
     keypoint_card = KeypointNetwork(keypoints, options.keypoints.onnx).card
+    people = options.people_model or shipped_model("people")
     people_card = PeopleNetwork(people, options.keypoints.onnx).card
     metadata = {
         "keypoints": {**keypoint_card.metadata, "file": keypoints.name, "sha256": file_digest(keypoints)},

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from muybridge.motion.formats.bvh import write_bvh
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import save_calibration
@@ -23,6 +22,7 @@ from muybridge.infer.session import Session
 from muybridge.infer.solve import Solution
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
 from muybridge.infer.video import probe_video, read_chunks
+from muybridge.motion.formats.bvh import write_bvh
 from muybridge.motion.formats.c3d import write_c3d
 from muybridge.motion.formats.trc import write_trc
 

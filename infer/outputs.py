@@ -42,7 +42,7 @@ class OutputFolder:
             OutputError: the folder cannot be written or is full.
         """
         path = self.path / name
-        partial = self.work / f".{os.getpid()}{_PARTIAL}" / name
+        partial = self.work / f".{name}.{os.getpid()}{_PARTIAL}" / name
         try:
             partial.parent.mkdir(exist_ok=True)
             write(partial)
@@ -58,7 +58,7 @@ class OutputFolder:
                 f"{path} cannot be written ({reason}); free its disk or choose another --out"
             ) from None
         finally:
-            partial.unlink(missing_ok=True)
+            shutil.rmtree(partial.parent, ignore_errors=True)
         return path
 
     def write_text(self, name: str, text: str) -> Path:

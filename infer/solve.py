@@ -14,6 +14,7 @@ from muybridge.geometry.ik import FitOptions, fit_motion
 from muybridge.geometry.landmarks import Keypoints2D, Points3D
 from muybridge.geometry.skeleton import Motion, Skeleton
 from muybridge.geometry.smoothing import SmoothOptions, smooth_points
+from muybridge.geometry.swaps import SwapOptions, repair_swaps
 from muybridge.geometry.triangulation import TriangulateOptions, leave_one_out_error, triangulate
 from muybridge.infer.progress import Progress
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
@@ -28,12 +29,14 @@ class SolveOptions:
 
     Attributes:
         person: which person is followed.
+        swaps: left and right, where one camera has exchanged them.
         triangulate: 3D points.
         smooth: points over time.
         fit: the skeleton and its joint angles.
     """
 
     person: AssociateOptions = field(default_factory=AssociateOptions)
+    swaps: SwapOptions = field(default_factory=SwapOptions)
     triangulate: TriangulateOptions = field(default_factory=TriangulateOptions)
     smooth: SmoothOptions = field(default_factory=SmoothOptions)
     fit: FitOptions = field(default_factory=FitOptions)
@@ -45,10 +48,11 @@ class Solution:
 
     Attributes:
         person: one sentence: who was followed, and why.
-        points_px: (C, T, J, 2) the person's 2D landmarks; NaN where missing.
+        points_px: (C, T, J, 2) the person's 2D landmarks, left and right put back; NaN where missing.
         variance_px2: (C, T, J).
         measured: the triangulated points.
         points: the same, smoothed.
+        swapped: (C, T, J) where left and right were put back.
         leave_one_out_px: (C, T, J) see `geometry.triangulation.leave_one_out_error`.
         noise_px: noise that the take shows beyond the network's own variance.
         motion: the fitted skeleton; None where no point was found in the whole take.
@@ -60,6 +64,7 @@ class Solution:
     variance_px2: Floats
     measured: Points3D
     points: Points3D
+    swapped: NDArray[np.bool_]
     leave_one_out_px: Floats
     noise_px: float
     motion: Motion | None
@@ -103,10 +108,13 @@ def solve(
         return found
 
     person = stage("person", options.person, lambda: _select(cameras, keypoints, options.person))
-    px, variance = person.arrays["points_px"], person.arrays["variance_px2"]
+    sides = stage(
+        "sides", [person.key, options.swaps], lambda: _sides(cameras, keypoints, person.arrays, options.swaps)
+    )
+    px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
     cloud = stage(
         "points",
-        [person.key, options.triangulate],
+        [sides.key, options.triangulate],
         lambda: _points(cameras, px, variance, options.triangulate),
     )
     measured = Points3D(
@@ -136,6 +144,7 @@ def solve(
         variance_px2=variance,
         measured=measured,
         points=points,
+        swapped=sides.arrays["swapped"],
         leave_one_out_px=cloud.arrays["leave_one_out_px"],
         noise_px=float(cloud.facts["noise_px"]),
         motion=motion,
@@ -155,6 +164,15 @@ def _select(
         "score": score,
     }
     return arrays, {"reason": selection.reason}
+
+
+def _sides(
+    cameras: CameraGroup, keypoints: Keypoints2D, person: Arrays, options: SwapOptions
+) -> tuple[Arrays, Mapping[str, Any]]:
+    points_px, variance_px2, swapped = repair_swaps(
+        cameras, person["points_px"], person["variance_px2"], keypoints.landmarks, options
+    )
+    return {"points_px": points_px, "variance_px2": variance_px2, "swapped": swapped}, {}
 
 
 def _points(

@@ -1,9 +1,12 @@
 """What every test may use: where the repository is and where real recordings are, if there are any."""
 
+import importlib.util
 import os
+import subprocess
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import av
@@ -13,6 +16,7 @@ from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.infer.cli import run_command
 
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 
@@ -136,3 +140,40 @@ def make_session(tmp_path: Path, make_video: Callable[..., Path]) -> Callable[..
         return folder
 
     return make
+
+
+@pytest.fixture(scope="session")
+def staged_people() -> ModuleType:
+    """The module `staged_people.py`."""
+    path = REPOSITORY / "tests" / "staged_people.py"
+    spec = importlib.util.spec_from_file_location("staged_people", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def staged(
+    staged_people: ModuleType, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """`staged("run", folder, ...)` runs the command line with a staged estimator, see `staged_people.py`.
+
+    Keyword arguments become environment variables.
+    """
+    staged_people.stage(monkeypatch.setattr)
+
+    def run(*arguments: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
+        given = [str(a) for a in arguments]
+        capfd.readouterr()
+        with monkeypatch.context() as context:
+            for name, value in environment.items():
+                context.setenv(name, value)
+            try:
+                code = run_command(given)
+            except SystemExit as stop:
+                code = int(stop.code or 0)
+        said = capfd.readouterr()
+        return subprocess.CompletedProcess(given, code, said.out, said.err)
+
+    return run

@@ -1,0 +1,101 @@
+"""The command line with a staged estimator in place of the networks: it sees a person who is not filmed.
+
+Everything but the networks is real. Run as a script it takes the arguments of `muybridge`; tests that need it
+in their own process load it by path (see the fixture `staged` in conftest.py).
+"""
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.cameras import Camera
+from muybridge.geometry.landmarks import BODY23
+from muybridge.infer import detect, pipeline
+from muybridge.infer.cli import run_command
+from muybridge.infer.keypoints import CameraTracks
+
+# A standing person who faces -Y, metres: the subject's left is +X.
+_MIDDLE = {"nose": (0.0, -0.12, 1.62)}
+_LEFT = {
+    "eye": (0.03, -0.10, 1.66), "ear": (0.07, 0.0, 1.64), "shoulder": (0.18, 0.0, 1.42),
+    "elbow": (0.24, 0.03, 1.13), "wrist": (0.26, -0.05, 0.88), "hip": (0.09, 0.0, 0.93),
+    "knee": (0.10, -0.02, 0.51), "ankle": (0.10, 0.02, 0.09), "big_toe": (0.11, -0.16, 0.03),
+    "small_toe": (0.16, -0.12, 0.03), "heel": (0.10, 0.06, 0.04),
+}  # fmt: skip
+
+
+def person(frames: int, fps: float = 30.0) -> NDArray[np.float64]:
+    """(T, 23, 3) metres: the person sways, turns a little and lifts the left arm."""
+    rest = np.array(
+        [
+            _MIDDLE[n] if n in _MIDDLE
+            else np.array(_LEFT[n.split("_", 1)[1]]) * ([1, 1, 1] if n.startswith("left") else [-1, 1, 1])
+            for n in BODY23.names
+        ]
+    )  # fmt: skip
+    time_s = np.arange(frames) / fps
+    turn = 0.4 * np.sin(2 * np.pi * 0.5 * time_s)
+    points = np.repeat(rest[None], frames, axis=0)
+    arm = [BODY23.index("left_elbow"), BODY23.index("left_wrist")]
+    shoulder = rest[BODY23.index("left_shoulder")]
+    for t, lift in enumerate(0.6 * (1 - np.cos(2 * np.pi * 0.7 * time_s))):
+        cos, sin = np.cos(lift), np.sin(lift)
+        about_y = np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
+        points[t, arm] = (points[t, arm] - shoulder) @ about_y.T + shoulder
+        cos, sin = np.cos(turn[t]), np.sin(turn[t])
+        points[t] = points[t] @ np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]]).T
+    points[..., 0] += 0.2 * np.sin(2 * np.pi * 0.4 * time_s)[:, None]
+    return points
+
+
+class StagedEstimator:
+    """Stands in for `PoseEstimator`: the person, projected into the camera, half a pixel of noise on it."""
+
+    def __init__(self, keypoints: Path, people: Path, camera: Camera, options: Any) -> None:
+        self._camera = camera
+        self._frames = 0
+
+    def process(self, frames: NDArray[np.uint8]) -> None:
+        assert frames.shape[1:] == (self._camera.height, self._camera.width, 3)
+        self._frames += len(frames)
+        time.sleep(float(os.environ.get("STAGED_SECONDS_PER_FRAME", "0")) * len(frames))
+
+    def finish(self) -> CameraTracks:
+        t, j = self._frames, len(BODY23)
+        noise = np.random.default_rng(len(self._camera.name)).normal(0, 0.3, (t, 1, j, 2))
+        points = self._camera.project(person(t))[:, None] + noise
+        if os.environ.get("STAGED_NOBODY"):
+            points[:] = np.nan
+        seen = np.isfinite(points).all(axis=-1)
+        boxes = np.concatenate([points.min(axis=2), points.max(axis=2)], axis=-1)
+        return CameraTracks(
+            landmarks=BODY23,
+            points_px=points,
+            variance_px2=np.where(seen, 0.25, np.nan),
+            score=np.where(seen, 0.9, 0.0),
+            visibility=np.where(seen, 0.9, 0.0),
+            boxes_px=boxes,
+            ids=np.zeros((t, 1), np.int64),
+        )
+
+
+def staged_models(options: detect.DetectOptions) -> detect.Models:
+    """Stands in for `open_models`."""
+    return detect.Models(Path("keypoints"), Path("people"), BODY23, {"keypoints": {"version": "staged"}})
+
+
+def stage(replace: Callable[[Any, str, Any], None] = setattr) -> None:
+    """Put the staged estimator and its models in place, by `replace(where, name, what)`."""
+    replace(detect, "PoseEstimator", StagedEstimator)
+    replace(pipeline, "open_models", staged_models)
+
+
+if __name__ == "__main__":
+    stage()
+    sys.exit(run_command(sys.argv[1:]))
