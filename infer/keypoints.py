@@ -136,7 +136,7 @@ class PoseEstimator:
         self._network = KeypointNetwork(keypoint_model, options.onnx)
         self._camera = camera
         self._options = options
-        self._detector = PeopleDetector(PeopleNetwork(people_model, options.onnx), options.people)
+        self._detector = PeopleDetector(PeopleNetwork(people_model, options.onnx), options.people, camera)
         self._smoother = BoxSmoother(options.track)
         self._tracker: Tracker | None = None
         self._frames = 0

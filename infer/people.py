@@ -8,11 +8,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.geometry.cameras import Camera
 from muybridge.infer.onnx import PeopleNetwork
 from muybridge.models.decode import DetectedPeople, decode_people
 
 # The detector takes sizes that are multiples of this.
 _GRID_PX = 32
+
+# A camera whose up is closer to its axis than this (sine) looks down on people: no side of its image is up.
+_STEEP = 0.35
 
 # With fewer frames than this there is no telling what is background.
 _PLATE_MIN_FRAMES = 3
@@ -84,45 +88,80 @@ class BackgroundPlate:
 
 @dataclass(frozen=True)
 class Letterbox:
-    """How a frame of `width` x `height` px becomes the detector's input: scaled to its long side, at the top
-    left of a canvas whose sides are multiples of 32, black elsewhere."""
+    """How a frame becomes the detector's input: scaled to its long side, turned upright, at the top left of a
+    canvas whose sides are multiples of 32, black elsewhere.
+
+    Attributes:
+        width: of the frame, px.
+        height: of the frame, px.
+        long_side: of the scaled frame, px.
+        turns: clockwise quarter turns that put people's heads up.
+    """
 
     width: int
     height: int
     long_side: int
+    turns: int = 0
 
     @property
-    def inner(self) -> tuple[int, int]:
-        """Width and height of the scaled frame, px."""
+    def scaled(self) -> tuple[int, int]:
+        """Width and height of the scaled frame before it is turned, px."""
         scale = self.long_side / max(self.width, self.height)
         return max(1, round(self.width * scale)), max(1, round(self.height * scale))
 
     @property
     def canvas(self) -> tuple[int, int]:
         """Width and height of the canvas, px."""
-        width, height = self.inner
+        width, height = self.scaled[:: -1 if self.turns % 2 else 1]
         return -(-width // _GRID_PX) * _GRID_PX, -(-height // _GRID_PX) * _GRID_PX
 
     def apply(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """(H, W, 3) to the canvas."""
-        (width, height), (canvas_width, canvas_height) = self.inner, self.canvas
-        result = np.zeros((canvas_height, canvas_width, 3), dtype=np.uint8)
+        width, height = self.canvas
+        result = np.zeros((height, width, 3), dtype=np.uint8)
         shrinks = max(self.width, self.height) >= self.long_side
-        method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-        result[:height, :width] = cv2.resize(frame, (width, height), interpolation=method)
+        small = cv2.resize(frame, self.scaled, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+        upright = np.rot90(small, -self.turns)
+        result[: upright.shape[0], : upright.shape[1]] = upright
         return result
 
     def boxes_to_frame(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(K, 4) boxes in canvas px to original px; pixel centres at whole numbers in both."""
-        scale = np.array([self.width / self.inner[0], self.height / self.inner[1]] * 2)
-        return np.asarray((boxes + 0.5) * scale - 0.5, dtype=np.float64)
+        left, top, right, bottom = boxes.T
+        for turn in range(self.turns % 4, 0, -1):
+            # The inverse of a clockwise turn, which takes (x, y) to (height - 1 - y, x).
+            last = self.scaled[1 if turn % 2 else 0] - 1
+            left, top, right, bottom = top, last - right, bottom, last - left
+        scale = np.array([self.width / self.scaled[0], self.height / self.scaled[1]] * 2)
+        return np.asarray((np.stack([left, top, right, bottom], axis=1) + 0.5) * scale - 0.5)
+
+
+def upright_turns(camera: Camera | None) -> int:
+    """Clockwise quarter turns after which world Z points up in the camera's image, as nearly as they can.
+
+    Zero without a camera, and for one that looks so steeply that people's heads point all ways.
+    """
+    if camera is None:
+        return 0
+    up_x, up_y = camera.rotation[:2, 2]
+    if np.hypot(up_x, up_y) < _STEEP:
+        return 0
+    # Clockwise from image up: a quarter turn more brings image right to the top than image left.
+    return int(-np.round(np.arctan2(up_x, -up_y) / (np.pi / 2))) % 4
 
 
 class PeopleDetector:
     """Finds people in one camera's frames, which it must see in order."""
 
-    def __init__(self, network: PeopleNetwork, options: PeopleOptions = PeopleOptions()) -> None:
+    def __init__(
+        self,
+        network: PeopleNetwork,
+        options: PeopleOptions = PeopleOptions(),
+        camera: Camera | None = None,
+    ) -> None:
+        """A detector; with a calibrated camera frames of a sideways or inverted one are turned upright."""
         self._network = network
+        self._turns = upright_turns(camera)
         self._options = options
         self._plate = BackgroundPlate()
         self._next = 0
@@ -143,7 +182,7 @@ class PeopleDetector:
         if not looked_at:
             return found
         card = self._network.card
-        letterbox = Letterbox(frames.shape[2], frames.shape[1], card.input_long_side)
+        letterbox = Letterbox(frames.shape[2], frames.shape[1], card.input_long_side, self._turns)
         small = np.stack([letterbox.apply(frames[index]) for index in looked_at])
         if self._options.background:
             self._plate.add(small)

@@ -20,7 +20,7 @@ from muybridge.geometry.landmarks import BODY23
 from muybridge.infer.crops import extract_crops
 from muybridge.infer.keypoints import KeypointOptions, PoseEstimator, body_boxes, merge_tracks
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions, PeopleNetwork
-from muybridge.infer.people import BackgroundPlate, Letterbox, PeopleDetector, PeopleOptions
+from muybridge.infer.people import BackgroundPlate, Letterbox, PeopleDetector, PeopleOptions, upright_turns
 from muybridge.infer.tracking import TrackOptions
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps
 from muybridge.models.registry import keypoint_card, shipped_model
@@ -284,18 +284,37 @@ def test_background_plate_forgets_who_moves() -> None:
     np.testing.assert_allclose(difference, expected, atol=1e-6)
 
 
-def test_letterbox_boxes_come_back() -> None:
+@pytest.mark.parametrize("turns", [0, 1, 2, 3])
+def test_letterbox_boxes_come_back(turns: int) -> None:
     for width, height in ((1920, 1080), (1080, 1920), (320, 200), (1088, 1920), (3840, 2160)):
-        letterbox = Letterbox(width, height, 320)
-        assert all(side % 32 == 0 for side in letterbox.canvas) and max(letterbox.inner) == 320
+        letterbox = Letterbox(width, height, 320, turns)
+        assert all(side % 32 == 0 for side in letterbox.canvas) and max(letterbox.scaled) == 320
         frame = np.zeros((height, width, 3), dtype=np.uint8)
-        left, top, right, bottom = width // 4, height // 4, width // 2, height // 2
-        frame[top:bottom, left:right] = 255
-        small = letterbox.apply(frame)[..., 0] / 255
-        edges = np.array([small.max(axis=0).argmax(), small.max(axis=1).argmax()])
+        box = np.array([width // 4, height // 8, width // 2, height // 3])
+        frame[box[1] : box[3], box[0] : box[2]] = 255
+        small = letterbox.apply(frame)[..., 0] > 127
         assert small.shape == letterbox.canvas[::-1]
-        back = letterbox.boxes_to_frame(np.array([[*edges, *edges]]) - 0.5)[0]
-        assert np.abs(back[:2] - np.array([left - 0.5, top - 0.5])).max() <= max(width, height) / 320 + 1e-6
+        rows, columns = np.nonzero(small.any(axis=1))[0], np.nonzero(small.any(axis=0))[0]
+        found = np.array([[columns[0] - 0.5, rows[0] - 0.5, columns[-1] + 0.5, rows[-1] + 0.5]])
+        # Edges lie half a pixel outside the first and last pixel's centre.
+        assert np.abs(letterbox.boxes_to_frame(found)[0] - (box - 0.5)).max() <= max(width, height) / 320
+
+
+@pytest.mark.parametrize("turns", [0, 1, 2, 3])
+@pytest.mark.parametrize("tilt", [-0.2, 0.0, 0.2])
+def test_frames_are_turned_so_that_world_up_is_up(turns: int, tilt: float) -> None:
+    rotation = np.array([[1.0, 0, 0], [0, -np.sin(tilt), -np.cos(tilt)], [0, np.cos(tilt), -np.sin(tilt)]])
+    pose = np.column_stack([rotation, -rotation @ np.array([0.0, -4.0, 1.0])])
+    camera = Camera("c", "PINHOLE", WIDTH, HEIGHT, (500.0, 500.0, 320.0, 240.0), pose).turned(turns)
+    letterbox = Letterbox(camera.width, camera.height, 320, upright_turns(camera))
+    frame = np.zeros((camera.height, camera.width, 3), dtype=np.uint8)
+    foot, head = np.round(camera.project([[0.1, 0.0, 0.7], [0.1, 0.0, 1.3]])).astype(int)
+    frame[foot[1] - 4 : foot[1] + 5, foot[0] - 4 : foot[0] + 5, 0] = 255
+    frame[head[1] - 4 : head[1] + 5, head[0] - 4 : head[0] + 5, 1] = 255
+    small = letterbox.apply(frame).astype(float)
+    y, x = np.mgrid[: small.shape[0], : small.shape[1]]
+    at = [[(small[..., c] * v).sum() / small[..., c].sum() for v in (x, y)] for c in (0, 1)]
+    assert at[0][1] - at[1][1] > 20 and abs(at[0][0] - at[1][0]) < 5
 
 
 @pytest.mark.parametrize(
