@@ -183,14 +183,16 @@ def _epipolar(
     return row_median(distance)
 
 
-def row_median(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(F,) medians over the last axis without its NaNs; NaN with fewer than `_MIN_LANDMARKS` numbers."""
-    known = np.isfinite(values)
-    enough = known.sum(axis=-1) >= min(_MIN_LANDMARKS, values.shape[-1])
-    result = np.full(values.shape[:-1], np.nan)
-    if enough.any():
-        result[enough] = np.nanmedian(np.where(known, values, np.nan)[enough], axis=-1)
-    return result
+def row_median(values: NDArray[np.float64], least: int = _MIN_LANDMARKS) -> NDArray[np.float64]:
+    """Medians over the last axis without its NaNs; NaN with fewer than `least` numbers (or all, if fewer)."""
+    count = np.isfinite(values).sum(axis=-1)
+    # Sorted, NaN come last. Many times faster than nanmedian.
+    ordered = np.sort(np.where(np.isfinite(values), values, np.nan), axis=-1)
+    last = np.maximum(count - 1, 0)
+    low = np.take_along_axis(ordered, (last // 2)[..., None], axis=-1)[..., 0]
+    high = np.take_along_axis(ordered, ((last + 1) // 2)[..., None], axis=-1)[..., 0]
+    enough = count >= max(1, min(least, values.shape[-1]))
+    return np.where(enough, 0.5 * (low + high), np.nan)
 
 
 def _depths(

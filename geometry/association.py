@@ -20,7 +20,6 @@ from muybridge.errors import SessionError
 from muybridge.geometry.affinity import (
     AssociateOptions,
     Piece,
-    Scene,
     affinities,
     cut_tracks,
     extent,
@@ -98,15 +97,14 @@ def find_people(
     pieces = cut_tracks(scene, options)
     affinity, weight = affinities(cameras, scene, pieces, options)
     groups = group_pieces(pieces, affinity * weight, weight)
+    slots = [_slots_of([pieces[i] for i in group], keypoints) for group in groups]
+    slots = _followed(slots, [_distance(cameras, keypoints, s) for s in slots], options)
     people = []
-    for group in groups:
-        slots = _slots_of([pieces[i] for i in group], keypoints)
-        if (slots >= 0).any(axis=1).sum() >= 2:
-            slots = _followed(cameras, keypoints, slots, options)
+    for group, followed in zip(groups, slots, strict=True):
         inside = np.ix_(group, group)
         total = weight[inside].sum()
         mean = float((affinity * weight)[inside].sum() / total) if total > 0 else 0.0
-        people.append(_described(cameras, keypoints, scene, slots, max(mean, 0.0)))
+        people.append(_described(cameras, keypoints, followed, max(mean, 0.0)))
     people.sort(key=lambda person: (-person.rank, -float((person.slots >= 0).sum() * person.size_px)))
     return tuple(people)
 
@@ -222,33 +220,47 @@ def _slots_of(pieces: list[Piece], keypoints: Keypoints2D) -> NDArray[np.int64]:
     return slots
 
 
-def _followed(
-    cameras: CameraGroup, keypoints: Keypoints2D, slots: NDArray[np.int64], options: AssociateOptions
-) -> NDArray[np.int64]:
-    """The slots, put right frame by frame by where the person, triangulated from all cameras, is."""
-    person = _person(slots)
-    points, variance, _ = take_person(keypoints, person)
+def _distance(cameras: CameraGroup, keypoints: Keypoints2D, slots: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(C, T, P) distance of every detection to a person triangulated from its slots, in body sizes.
+
+    Infinite where the person or the detection is not there.
+    """
+    if (slots >= 0).any(axis=1).sum() < 2:
+        return np.full(keypoints.points_px.shape[:3], np.inf)
+    points, variance, _ = take_person(keypoints, _person(slots))
     result = triangulate(cameras, points, variance, TriangulateOptions(gate_sigma=8.0))
     expected_px = cameras.project(result.points_world)[:, :, None]  # (C, T, 1, J, 2)
     twins = np.array(keypoints.landmarks.mirror)
-    away = np.stack(
-        [
-            row_median(np.linalg.norm(seen - expected_px, axis=-1))
-            for seen in (keypoints.points_px, keypoints.points_px[..., twins, :])
-        ]
-    )
-    away_px = np.where(np.isnan(away), np.inf, away).min(axis=0)  # (C, T, P)
-    size_px = extent(expected_px)[:, :, 0]
-    distance = away_px / np.maximum(size_px, 1e-9)[..., None]
-    nearest = np.argmin(distance, axis=-1)
-    nearest_distance = np.take_along_axis(distance, nearest[..., None], axis=-1)[..., 0]
-    own = np.take_along_axis(distance, np.maximum(slots, 0)[..., None], axis=-1)[..., 0]
-    own = np.where(slots >= 0, own, np.inf)
-    known = np.isfinite(size_px) & (size_px > 0)
-    # A track is left only for one that fits clearly better: two readings of one person are equally good.
-    switch = known & (nearest_distance < options.follow) & (nearest_distance < 0.5 * own)
-    lost = known & (slots >= 0) & np.isfinite(own) & (own > 2 * options.follow) & ~switch
-    return np.where(switch, nearest, np.where(lost, -1, slots))
+    readings = (keypoints.points_px, keypoints.points_px[..., twins, :])
+    away = np.stack([row_median(np.linalg.norm(seen - expected_px, axis=-1)) for seen in readings])
+    size_px = extent(expected_px)
+    distance = np.where(np.isnan(away), np.inf, away).min(axis=0) / np.where(size_px > 0, size_px, np.nan)
+    return np.where(np.isnan(distance), np.inf, distance)
+
+
+def _followed(
+    slots: list[NDArray[np.int64]], distances: list[NDArray[np.float64]], options: AssociateOptions
+) -> list[NDArray[np.int64]]:
+    """The slots (C, T) of all people, put right frame by frame, given `_distance` of each."""
+    # How well every detection fits the person that has it: nobody may take what is another's.
+    taken = np.full(distances[0].shape, np.inf) if distances else np.empty(0)
+    for own, distance in zip(slots, distances, strict=True):
+        at = np.maximum(own, 0)[..., None]
+        value = np.where(own >= 0, np.take_along_axis(distance, at, axis=-1)[..., 0], np.inf)
+        better = np.minimum(np.take_along_axis(taken, at, axis=-1)[..., 0], value)
+        np.put_along_axis(taken, at, better[..., None], axis=-1)
+    result = []
+    for own, distance in zip(slots, distances, strict=True):
+        own_distance = np.take_along_axis(distance, np.maximum(own, 0)[..., None], axis=-1)[..., 0]
+        own_distance = np.where(own >= 0, own_distance, np.inf)
+        free = np.where(distance < 0.5 * taken, distance, np.inf)
+        nearest = np.argmin(free, axis=-1)
+        nearest_distance = np.take_along_axis(free, nearest[..., None], axis=-1)[..., 0]
+        # A track is left only for one that fits clearly better: two readings of one person are equally good.
+        switch = (nearest_distance < options.follow) & (nearest_distance < 0.5 * own_distance)
+        lost = (own >= 0) & np.isfinite(own_distance) & (own_distance > 2 * options.follow) & ~switch
+        result.append(np.where(switch, nearest, np.where(lost, -1, own)))
+    return result
 
 
 def _person(slots: NDArray[np.int64]) -> Person:
@@ -258,7 +270,6 @@ def _person(slots: NDArray[np.int64]) -> Person:
 def _described(
     cameras: CameraGroup,
     keypoints: Keypoints2D,
-    scene: Scene,
     slots: NDArray[np.int64],
     agreement: float,
 ) -> Person:
@@ -291,19 +302,10 @@ def _wander(points: NDArray[np.float64], size_px: NDArray[np.float64]) -> float:
     """How far the landmarks (T, J, 2) of one camera travel, in body sizes, their jitter averaged away."""
     frames = np.flatnonzero(np.isfinite(size_px))
     windows = np.array_split(frames, max(1, min(20, frames.size // 5)))
-    means = np.stack([_column_median(points[w]) for w in windows])
+    means = np.stack([row_median(np.moveaxis(points[w], 0, -1), least=1) for w in windows])
     known = np.isfinite(means)
     low = np.where(known, means, np.inf).min(axis=0)
     high = np.where(known, means, -np.inf).max(axis=0)
     seen = known.any(axis=(0, 2))
     travelled = np.linalg.norm((high - low)[seen], axis=-1)
     return float(np.median(travelled) / np.nanmedian(size_px)) if travelled.size else 0.0
-
-
-def _column_median(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(J, 2) medians over frames of (F, J, 2); NaN for a landmark that is never there."""
-    result = np.full(points.shape[1:], np.nan)
-    there = np.isfinite(points).all(axis=2).any(axis=0)
-    if there.any():
-        result[there] = np.nanmedian(points[:, there], axis=0)
-    return result
