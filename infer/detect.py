@@ -10,8 +10,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.infer.keypoints import CameraTracks, KeypointOptions, PoseEstimator
@@ -193,7 +195,7 @@ class _CameraWork:
             return CameraResult(_tracks(stored, self.models.landmarks), self.proxy, stored)
         start = time.perf_counter()
         tracks = self._compute()
-        arrays = {
+        arrays: dict[str, NDArray[Any]] = {
             "points_px": tracks.points_px.astype(np.float32),
             "variance_px2": tracks.variance_px2.astype(np.float32),
             "score": tracks.score.astype(np.float32),
@@ -233,7 +235,7 @@ class _CameraWork:
 
 def _tracks(stage: StageResult, landmarks: LandmarkSet) -> CameraTracks:
     """Tracks from a stored or just computed stage: the same to the bit in both cases."""
-    values = {n: a if n == "ids" else a.astype(np.float64) for n, a in stage.arrays.items()}
+    values: dict[str, Any] = {n: a if n == "ids" else a.astype(np.float64) for n, a in stage.arrays.items()}
     return CameraTracks(landmarks=landmarks, **values)
 
 

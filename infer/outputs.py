@@ -35,7 +35,7 @@ class OutputFolder:
         known = self._written.get(name, [])
         return bool(known) and (self.path / name).is_file() and file_digest(self.path / name) in known
 
-    def write(self, name: str, write: Callable[[Path], None]) -> Path:
+    def write(self, name: str, write: Callable[[Path], object]) -> Path:
         """Let `write` make the file `name` in a temporary folder, then put it in place.
 
         Raises:

@@ -50,7 +50,7 @@ def assess(cameras: CameraGroup, solution: Solution) -> Quality:
     usable = usable_points(solution.points_px, solution.variance_px2)
     left_out = leave_one_out_summary(solution.leave_one_out_px, usable)
     residual = solution.measured.residual_px
-    known = np.isfinite(solution.points.points_world).all(axis=-1)
+    known = np.asarray(np.isfinite(solution.points.points_world).all(axis=-1), dtype=np.bool_)
     measured = np.isfinite(solution.measured.points_world).all(axis=-1)
     by_camera = {
         name: {

@@ -100,9 +100,8 @@ class StageStore:
 
         def write(path: Path) -> None:
             with path.open("wb") as file:
-                np.savez_compressed(
-                    file, stage=np.array(head), **{f"array_{n}": a for n, a in arrays.items()}
-                )
+                named: dict[str, Any] = {f"array_{n}": a for n, a in arrays.items()}
+                np.savez_compressed(file, stage=np.array(head), **named)
 
         write_whole(self.folder / f"{stage}.npz", write)
         return StageResult(dict(arrays), dict(facts), seconds, False, key)
