@@ -32,7 +32,7 @@ class PeopleOptions:
         background: use the difference to the camera's background plate; turn it off for moving cameras.
     """
 
-    min_score: float = 0.25
+    min_score: float = 0.2
     every: int = 1
     background: bool = True
 

@@ -32,6 +32,11 @@ _APART = 3.0
 # A new track does not begin on a person who already has one.
 _MAX_START_OVERLAP = 0.5
 
+# How fast a track's score follows its detections; a track with less than this part of a newcomer's score
+# makes room where all slots are taken.
+_SCORE_GAIN = 0.2
+_MUCH_WEAKER = 0.6
+
 # A track ends when less than this part of its box is in the image.
 _MIN_INSIDE = 0.1
 
@@ -49,7 +54,7 @@ class TrackOptions:
     """
 
     max_people: int = 4
-    start_score: float = 0.5
+    start_score: float = 0.35
     max_coast: int = 30
     smooth_frames: float = 1.5
     min_seen: int = 4
@@ -90,6 +95,7 @@ class Tracker:
         self._misses = np.zeros(slots, dtype=np.int64)
         self._gap = np.zeros(slots, dtype=np.int64)  # frames since the box was last known
         self._ended_at = np.full(slots, -1, dtype=np.int64)
+        self._score = np.zeros(slots)  # running mean of the detections' scores, zero where missed
         self._clock = 0
         self._started = 0
 
@@ -101,13 +107,13 @@ class Tracker:
         seen = np.zeros(len(self._ids), dtype=np.bool_)
         if detected is not None:
             slots, found = self._assign(detected)
-            self._observe(slots, detected.boxes_px[found])
+            self._observe(slots, detected.boxes_px[found], detected.scores[found])
             seen[slots] = True
             self._miss(~seen & (self._ids >= 0))
             unused = np.setdiff1d(np.arange(len(detected.scores)), found)
             for index in unused:
                 if detected.scores[index] >= self._options.start_score:
-                    slot = self._start(detected.boxes_px[index])
+                    slot = self._start(detected.boxes_px[index], float(detected.scores[index]))
                     if slot is not None:
                         seen[slot] = True
         self._end(self._outside() & (self._ids >= 0))
@@ -137,29 +143,41 @@ class Tracker:
         good = allowed[rows, columns]
         return active[rows[good]], columns[good]
 
-    def _observe(self, slots: NDArray[np.intp], boxes: NDArray[np.float64]) -> None:
+    def _observe(
+        self, slots: NDArray[np.intp], boxes: NDArray[np.float64], scores: NDArray[np.float64]
+    ) -> None:
         surprise = _centers(boxes) - _centers(self._boxes[slots])
         # A step after a gap is spread over the gap; a young track learns faster.
         gain = np.maximum(_VELOCITY_GAIN, 1 / (1 + self._hits[slots])) / self._gap[slots]
         self._velocity[slots] += gain[:, None] * surprise
         self._boxes[slots] = boxes
+        self._score[slots] += _SCORE_GAIN * (scores - self._score[slots])
         self._hits[slots] += 1
         self._misses[slots] = self._gap[slots] = 0
 
     def _miss(self, slots: NDArray[np.bool_]) -> None:
         self._misses[slots] += 1
+        self._score[slots] *= 1 - _SCORE_GAIN
         self._velocity[slots] *= _VELOCITY_DECAY
         self._end(slots & (self._misses > np.minimum(self._options.max_coast, self._hits)))
 
-    def _start(self, box: NDArray[np.float64]) -> int | None:
-        """Begin a track in the slot that was free longest; None if there is none or it is a duplicate."""
+    def _start(self, box: NDArray[np.float64], score: float) -> int | None:
+        """Begin a track in the slot that was free longest; None if there is none or it is a duplicate.
+
+        Where all slots are taken the weakest track ends if it is much weaker than this detection.
+        """
         active = self._ids >= 0
-        if active.all() or (box_overlap(self._boxes[active], box[None]) > _MAX_START_OVERLAP).any():
+        if (box_overlap(self._boxes[active], box[None]) > _MAX_START_OVERLAP).any():
             return None
-        free = np.flatnonzero(~active)
+        if active.all():
+            weakest = int(self._score.argmin())
+            if self._score[weakest] > _MUCH_WEAKER * score:
+                return None
+            self.end(weakest)
+        free = np.flatnonzero(self._ids < 0)
         slot = int(free[np.argmin(self._ended_at[free])])
         self._boxes[slot], self._velocity[slot] = box, 0.0
-        self._ids[slot], self._hits[slot] = self._started, 1
+        self._ids[slot], self._hits[slot], self._score[slot] = self._started, 1, score
         self._misses[slot] = self._gap[slot] = 0
         self._started += 1
         return slot

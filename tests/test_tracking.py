@@ -97,6 +97,18 @@ def test_slots_are_reused_only_after_a_track_ended() -> None:
     assert tracker.step(_detected(c)).ids.tolist() == [3, -1]
 
 
+def test_a_weak_track_makes_room_for_a_strong_newcomer() -> None:
+    tracker = _tracker(max_people=2)
+    doubtful, sure, strong, middling = _box(200), _box(600), _box(1000), _box(1100, y=600)
+    for _ in range(10):
+        frame = tracker.step(_detected(sure, doubtful, scores=[0.9, 0.4]))
+    assert frame.ids.tolist() == [0, 1]
+    assert tracker.step(_detected(sure, middling, doubtful, scores=[0.9, 0.5, 0.4])).ids.tolist() == [0, 1]
+    frame = tracker.step(_detected(sure, strong, doubtful, scores=[0.9, 0.85, 0.4]))
+    assert frame.ids.tolist() == [0, 2] and frame.seen.all()
+    assert _middle_x(frame, 2) == 1000
+
+
 def test_a_second_box_on_a_tracked_person_begins_nothing() -> None:
     tracker = _tracker()
     tracker.step(_detected(_box(200)))
