@@ -171,7 +171,8 @@ def write_report_page(
     data = ReportData(
         title=session.name,
         cameras=session.cameras,
-        points=solution.points,
+        points=solution.measured,
+        delivered=solution.points,
         keypoints_px=solution.points_px,
         leave_one_out_px=solution.leave_one_out_px,
         joint_positions_world=None if motion is None else motion.joint_positions_world(),

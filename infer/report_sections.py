@@ -64,8 +64,8 @@ def heading_section(
     ]
     total = sum(timings_s.values())
     if total > 0:
-        per_image = f"{1000 * total / (frames * camera_count):.0f} ms an image"
-        tiles.append(_tile("Time taken", f"{total:.0f} s" if total >= 10 else f"{total:.1f} s", per_image))
+        per_image = f"{1000 * total / (frames * camera_count):.0f} ms an image, all stages together"
+        tiles.append(_tile("Computing time", f"{total:.0f} s" if total >= 10 else f"{total:.1f} s", per_image))
     facts = " · ".join(
         fact.replace(" ", "&nbsp;")
         for fact in (
