@@ -36,7 +36,7 @@ def demo_folder() -> Traversable:
     Raises:
         SessionError: the installation has none.
     """
-    folder = resources.files("muybridge.infer").joinpath("demo")
+    folder = resources.files("muybridge.infer").joinpath("demo_take")
     if not folder.joinpath(TRUTH).is_file():
         raise SessionError(f"{folder}: the demo's take is missing; reinstall muybridge")
     return folder

@@ -175,7 +175,11 @@ class Compositor:
         return image, person, visible
 
     def _front(
-        self, image: Tensor, visible: NDArray[np.bool_], landmarks: NDArray[np.float32], front: NDArray[np.bool_]
+        self,
+        image: Tensor,
+        visible: NDArray[np.bool_],
+        landmarks: NDArray[np.float32],
+        front: NDArray[np.bool_],
     ) -> Tensor:
         if not front.any():
             return image
@@ -200,12 +204,16 @@ class Compositor:
                 if rng.random() < 0.5:
                     reach = rng.uniform(0.04, 0.2) * size
                     angle = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(4, 8))))
-                    corners = center + reach * np.stack([np.cos(angle), np.sin(angle)], 1) * rng.uniform(0.5, 1.6, 2)
+                    corners = center + reach * np.stack([np.cos(angle), np.sin(angle)], 1) * rng.uniform(
+                        0.5, 1.6, 2
+                    )
                     cv2.fillPoly(canvas, [corners.astype(np.int32)], 255, cv2.LINE_AA)
                 else:
                     end = center + rng.normal(0, 0.5, 2) * size
                     width = int(rng.integers(1, max(2, size // 12)))
-                    cv2.line(canvas, center.astype(int).tolist(), end.astype(int).tolist(), 255, width, cv2.LINE_AA)
+                    cv2.line(
+                        canvas, center.astype(int).tolist(), end.astype(int).tolist(), 255, width, cv2.LINE_AA
+                    )
             mask[i] = canvas / 255.0
         visible = visible & ~(self._alpha_at(mask, landmarks) > 0.5)
         alpha = torch.from_numpy(mask)[:, None]

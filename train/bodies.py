@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.geometry.landmarks import BODY23
 from muybridge.train.poses import Poses, PoseSampler
 
 F32 = NDArray[np.float32]
@@ -79,12 +80,23 @@ class BodyModel:
         weights, indices = self.model.vertex_bone_weights, self.model.vertex_bone_indices
         strongest = indices.gather(1, weights.argmax(1, keepdim=True))[:, 0].numpy()
         labels = np.array(self.bones)[strongest]
-        is_arm = np.array([b.startswith(("upperarm", "lowerarm", "wrist", "finger", "meta")) for b in self.bones])
+        is_arm = np.array(
+            [b.startswith(("upperarm", "lowerarm", "wrist", "finger", "meta")) for b in self.bones]
+        )
         self.arm_weight: F32 = (weights.numpy() * is_arm[indices.numpy()]).sum(1).astype(np.float32)
         self.is_head: F32 = np.char.startswith(labels.astype(str), ("head")).astype(np.float32)
         self.is_head += np.char.startswith(labels.astype(str), ("eye")).astype(np.float32)
         number = np.arange(len(self.rest))
         self.is_eye: F32 = ((number >= EYE_VERTICES[0]) & (number < EYE_VERTICES[1])).astype(np.float32)
+
+    def index(self, bone: str) -> int:
+        """Position of a bone in the arrays of rotations."""
+        return self.poses.index[bone]
+
+    @staticmethod
+    def landmark(name: str) -> int:
+        """Position of a landmark of `BODY23`."""
+        return BODY23.index(name)
 
     def sample_phenotypes(self, n: int) -> F32:
         """(n, phenotypes) in 0..1: mostly adults, builds near the middle with long tails."""
@@ -100,11 +112,12 @@ class BodyModel:
 
     def pose(self, rotvec: NDArray[np.float64], phenotypes: F32, kinds: NDArray[np.intp]) -> BodyBatch:
         """Bodies in the given poses, lowered or raised onto the floor."""
-        vertices, landmarks, height, _ = self._forward(rotvec, phenotypes)
+        vertices, landmarks, height, _ = self.forward(rotvec, phenotypes)
         gender = phenotypes[:, list(self.model.phenotype_labels).index("gender")]
         return BodyBatch(vertices, landmarks, height, gender, kinds)
 
-    def _forward(self, rotvec: NDArray[np.float64], phenotypes: F32) -> tuple[F32, F32, F32, F32]:
+    def forward(self, rotvec: NDArray[np.float64], phenotypes: F32) -> tuple[F32, F32, F32, F32]:
+        """Vertices (B, V, 3), landmarks (B, 23, 3), standing height (B,) and joints (B, bones, 3), on the floor."""
         from scipy.spatial.transform import Rotation
 
         torch = self._torch
@@ -133,7 +146,7 @@ class BodyModel:
         while count < n:
             poses: Poses = self.poses.sample(min(64, 2 * (n - count) + 8))
             phenotypes = self.sample_phenotypes(len(poses.kinds))
-            vertices, landmarks, height, joints = self._forward(poses.rotvec, phenotypes)
+            vertices, landmarks, height, joints = self.forward(poses.rotvec, phenotypes)
             good = np.nonzero(~self.penetrates(joints, height))[0]
             gender = phenotypes[:, list(self.model.phenotype_labels).index("gender")]
             batches.append(

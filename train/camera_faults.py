@@ -28,7 +28,9 @@ class CameraFaults:
         rng = self.rng
         some = self._some(0.45, image)
         if len(some):
-            sigma = self._uniform(0.3, 1.6, len(some)).view(-1, 1).expand(-1, 2) * (min(image.shape[-2:]) / 192)
+            sigma = self._uniform(0.3, 1.6, len(some)).view(-1, 1).expand(-1, 2) * (
+                min(image.shape[-2:]) / 192
+            )
             image[some] = kornia.filters.gaussian_blur2d(image[some], (7, 7), sigma)
         some = self._some(0.15, image)
         if len(some):
@@ -43,7 +45,9 @@ class CameraFaults:
             image[some] = torch.nn.functional.interpolate(low, image.shape[-2:], mode="bilinear")
         some = self._some(0.35, image)
         if len(some):
-            image[some] = kornia.enhance.adjust_hue(image[some].clamp(0, 1), self._uniform(-0.25, 0.25, len(some)))
+            image[some] = kornia.enhance.adjust_hue(
+                image[some].clamp(0, 1), self._uniform(-0.25, 0.25, len(some))
+            )
         grey = image.mean(1, keepdim=True)
         saturation = self._column(np.exp(rng.normal(0, 0.35, len(image))) * (rng.random(len(image)) > 0.1))
         image = grey + (image - grey) * saturation

@@ -6,7 +6,6 @@ The loss is the cross-entropy between the softmax over a landmark's cells and a 
 
 import pathlib
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -18,20 +17,10 @@ from muybridge.geometry.landmarks import BODY23
 from muybridge.models.keypoint_net import STRIDE, KeypointNet
 from muybridge.train import loop
 from muybridge.train.augment import Batch, Compositor
+from muybridge.train.options import KeypointTraining
 from muybridge.train.renders import load_renders
 
 MIRROR = list(BODY23.mirror)
-
-
-@dataclass(frozen=True)
-class KeypointTraining(loop.Training):
-    """How the keypoint network is trained; see `loop.Training`.
-
-    Attributes:
-        size: side of the crops in pixels, a multiple of 32.
-    """
-
-    size: int = 128
 
 
 class _Stream(IterableDataset[tuple[Tensor, Tensor, Tensor]]):

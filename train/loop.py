@@ -6,7 +6,7 @@ import pathlib
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -15,40 +15,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from torch import Tensor, nn
 
 from muybridge.train.backgrounds import make_backgrounds
+from muybridge.train.options import Training
 from muybridge.train.renders import SIZE
-
 
 # The first shards of a store are never trained on.
 HELD_OUT = range(0, 4)
-
-
-@dataclass(frozen=True)
-class Training:
-    """How a network is trained.
-
-    Attributes:
-        renders: folder of the render store (`muybridge synth`).
-        out: folder of checkpoints and logs; a run there is resumed.
-        minutes: wall-clock time of this call.
-        batch: images a step.
-        rate: peak learning rate.
-        decay: share of the time, at its end, over which the learning rate falls.
-        threads: torch threads of the network; further processes make the images.
-        workers: processes that make the images.
-        backgrounds: how many backgrounds are drawn for the pool.
-        seed: of everything.
-    """
-
-    renders: pathlib.Path = pathlib.Path("runs/renders")
-    out: pathlib.Path = pathlib.Path("runs/keypoints")
-    minutes: float = 60.0
-    batch: int = 64
-    rate: float = 2e-3
-    decay: float = 0.2
-    threads: int = 2
-    workers: int = 1
-    backgrounds: int = 3000
-    seed: int = 0
 
 
 def device() -> torch.device:
@@ -137,7 +108,9 @@ class Fit:
         score: figures of merit of the averaged network, for the log and the checkpoint.
     """
 
-    def __init__(self, options: Training, net: nn.Module, score: Callable[[nn.Module], dict[str, float]]) -> None:
+    def __init__(
+        self, options: Training, net: nn.Module, score: Callable[[nn.Module], dict[str, float]]
+    ) -> None:
         self.options, self.score = options, score
         options.out.mkdir(parents=True, exist_ok=True)
         self.checkpoint, self.log = options.out / "checkpoint.pt", options.out / "log.jsonl"
@@ -151,7 +124,9 @@ class Fit:
             self.optimiser.load_state_dict(saved["optimiser"])
             self.average.state = saved["average"]
             self.state = saved["state"]
-        log_line(self.log, {"options": {k: str(v) for k, v in asdict(options).items()}} | machine() | self.state)
+        log_line(
+            self.log, {"options": {k: str(v) for k, v in asdict(options).items()}} | machine() | self.state
+        )
 
     def run(self, stream: Iterator[Any], loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]]) -> None:
         """Trains for `options.minutes`. `loss_of(net, batch)` gives the loss and a figure for the log; a batch is

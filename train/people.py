@@ -14,17 +14,9 @@ from torch.utils.data import DataLoader, IterableDataset
 from muybridge.errors import SessionError
 from muybridge.models.people_net import STRIDE, PeopleNet
 from muybridge.train import loop
+from muybridge.train.options import PeopleTraining
 from muybridge.train.renders import load_renders
 from muybridge.train.scenes import SHAPES, SceneBatch, SceneCompositor
-
-
-@dataclass(frozen=True)
-class PeopleTraining(loop.Training):
-    """How the person detector is trained; see `loop.Training`."""
-
-    out: pathlib.Path = pathlib.Path("runs/people")
-    minutes: float = 30.0
-    batch: int = 32
 
 
 @dataclass(frozen=True)
@@ -46,7 +38,9 @@ def make_targets(batch: SceneBatch) -> _Targets:
         for b in batch.ignore[i]:
             weight[i][(x >= b[0]) & (x <= b[2]) & (y >= b[1]) & (y <= b[3])] = 0
         order = np.argsort([-(b[2] - b[0]) * (b[3] - b[1]) for b in batch.boxes[i]])
-        for b in batch.boxes[i][order]:  # small people last: they keep the cells that they share with large ones
+        for b in batch.boxes[i][
+            order
+        ]:  # small people last: they keep the cells that they share with large ones
             # A centre outside of the image is moved to its border.
             cx, cy = np.clip((b[0] + b[2]) / 2, 0, width - 1), np.clip((b[1] + b[3]) / 2, 0, height - 1)
             spread = np.maximum(0.12 * (b[2:] - b[:2]), 0.6 * STRIDE)
@@ -74,7 +68,9 @@ class _Stream(IterableDataset[tuple[Tensor, ...]]):
         count = 0
         while True:
             renders = load_renders(self.options.renders, range(loop.HELD_OUT.stop, 100000))
-            compositor = SceneCompositor(renders, pool, loop.worker_seed(self.options.seed, self.start, worker, count))
+            compositor = SceneCompositor(
+                renders, pool, loop.worker_seed(self.options.seed, self.start, worker, count)
+            )
             for _ in range(500):
                 yield as_tensors(compositor.batch(self.options.batch))
                 count += 1
@@ -165,7 +161,10 @@ def train(options: PeopleTraining) -> pathlib.Path:
     validation = [held_out.batch(32, shape) for shape in SHAPES]
     fit = loop.Fit(options, PeopleNet(), lambda net: evaluate(net, validation))
     loader = DataLoader(
-        _Stream(options, pool, fit.state["step"]), batch_size=None, num_workers=options.workers, prefetch_factor=4
+        _Stream(options, pool, fit.state["step"]),
+        batch_size=None,
+        num_workers=options.workers,
+        prefetch_factor=4,
     )
     fit.run(iter(loader), loss_of)
     return fit.checkpoint

@@ -21,7 +21,15 @@ SHADOW_MAP = 512
 NEAR, FAR = 0.1, 60.0
 
 # How far, in metres for a body of 1.7 m, a landmark lies under the skin: beyond it, something hides it.
-_DEPTH = {"face": 0.06, "shoulder": 0.11, "elbow": 0.08, "wrist": 0.07, "hip": 0.17, "knee": 0.10, "foot": 0.08}
+_DEPTH = {
+    "face": 0.06,
+    "shoulder": 0.11,
+    "elbow": 0.08,
+    "wrist": 0.07,
+    "hip": 0.17,
+    "knee": 0.10,
+    "foot": 0.08,
+}
 LANDMARK_DEPTH = np.array(
     [_DEPTH["face"]] * 5 + [_DEPTH["shoulder"]] * 2 + [_DEPTH["elbow"]] * 2 + [_DEPTH["wrist"]] * 2
     + [_DEPTH["hip"]] * 2 + [_DEPTH["knee"]] * 2 + [_DEPTH["foot"]] * 8
@@ -136,7 +144,9 @@ class Renderer:
 
             return np.asarray(zoom(a, k, order=1, mode="grid-wrap", grid_mode=True), np.float32)
 
-        fractal = 0.5 * grow(white[:16, :16, :16], 4) + 0.25 * grow(white, 2) + 0.25 * rng.random((64, 64, 64))
+        fractal = (
+            0.5 * grow(white[:16, :16, :16], 4) + 0.25 * grow(white, 2) + 0.25 * rng.random((64, 64, 64))
+        )
         self.noise = [
             self.ctx.texture3d((n,) * 3, 1, (a.clip(0, 1) * 255).astype("u1").tobytes())
             for n, a in ((32, white), (64, fractal))
@@ -170,7 +180,9 @@ class Renderer:
         )
 
     @staticmethod
-    def _attributes(program: object, buffer: object, fields: tuple[tuple[str, int], ...]) -> tuple[object, ...]:
+    def _attributes(
+        program: object, buffer: object, fields: tuple[tuple[str, int], ...]
+    ) -> tuple[object, ...]:
         """A vertex array's content entry; attributes that the compiler dropped become padding."""
         used = [n for n, _ in fields if n in program]  # type: ignore[operator]
         layout = " ".join("3f" if n in used else f"{size}x" for n, size in fields)

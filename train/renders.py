@@ -6,11 +6,11 @@ is written last, so a shard with labels is whole. Shard k of a store with seed s
 
 import os
 import pathlib
-import time
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.progress import track
 
 from muybridge.train.bodies import BODY_VERTICES, BodyModel
 from muybridge.train.render import Render, Renderer, View, look_at
@@ -50,7 +50,9 @@ def sample_view(
         offset = ((low + high) / 2 - middle) / view.focal_px
         ray = view.cam_from_world[:, :3].T @ np.array([offset[0], offset[1], 1.0])
         target = eye + ray * distance
-    return View(look_at(eye, target, np.radians(rng.normal(0, 3))), float(focal), (middle, middle), size, size)
+    return View(
+        look_at(eye, target, np.radians(rng.normal(0, 3))), float(focal), (middle, middle), size, size
+    )
 
 
 @dataclass(frozen=True)
@@ -92,19 +94,17 @@ def shard_path(folder: pathlib.Path, number: int) -> pathlib.Path:
 def make_renders(folder: pathlib.Path, numbers: range, seed: int) -> None:
     """Writes the shards `numbers` that are not there yet."""
     folder.mkdir(parents=True, exist_ok=True)
+    missing = [n for n in numbers if not shard_path(folder, n).exists()]
+    if not missing:
+        return
     body = BodyModel(seed)
     renderer = Renderer(body)
-    for number in numbers:
+    for number in track(missing, f"rendering on {renderer.device}"):
         path = shard_path(folder, number)
-        if path.exists():
-            continue
-        began = time.time()
         body.rng = np.random.default_rng([seed, number])
         body.poses.rng = body.rng
         renders = render_shard(body, renderer)
-        pixels = np.stack(
-            [np.concatenate([r.rgba.transpose(2, 0, 1), r.shadow[None]]) for r in renders]
-        )
+        pixels = np.stack([np.concatenate([r.rgba.transpose(2, 0, 1), r.shadow[None]]) for r in renders])
         temporary = path.with_suffix(f".{os.getpid()}.tmp.npy")
         np.save(temporary, pixels)
         os.replace(temporary, path.with_suffix(".npy"))
@@ -116,7 +116,6 @@ def make_renders(folder: pathlib.Path, numbers: range, seed: int) -> None:
             box_px=np.stack([r.box_px for r in renders]),
         )
         os.replace(temporary, path)
-        print(f"{path.name}: {SHARD} renders, {SHARD / (time.time() - began):.1f} a second", flush=True)
 
 
 def load_renders(folder: pathlib.Path, numbers: range | None = None) -> RenderSet:

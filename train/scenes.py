@@ -139,7 +139,9 @@ class SceneCompositor:
         mine = owners == number
         plate[mine] = frame[mine]
 
-    def _occluder(self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]) -> None:
+    def _occluder(
+        self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]
+    ) -> None:
         """Something of the room in front of people, in the frame and in the plate."""
         rng = self.rng
         height, width = owners.shape

@@ -1,0 +1,59 @@
+"""The commands `synth`, `train` and `eval`. torch is imported when a command runs, not for its help."""
+
+import shlex
+import sys
+from typing import Annotated
+
+import tyro
+
+from muybridge.train.options import Evaluation, KeypointTraining, PeopleTraining, Synthesis
+
+_Network = Annotated[
+    Annotated[KeypointTraining, tyro.conf.subcommand("keypoints")]
+    | Annotated[PeopleTraining, tyro.conf.subcommand("people")],
+    tyro.conf.arg(name=""),
+]
+
+
+def _command_line() -> str:
+    return shlex.join(["muybridge", *sys.argv[1:]])
+
+
+def synth(options: Annotated[Synthesis, tyro.conf.arg(name="")]) -> None:
+    """Make synthetic people to train on: a store of seeded renders and a contact sheet."""
+    from muybridge.train.renders import make_renders
+
+    make_renders(options.out, range(options.shards), options.seed)
+    if options.sheet:
+        from muybridge.train.sheet import write_sheet
+
+        print(f"contact sheet: {write_sheet(options.out)}")
+
+
+def train(network: _Network) -> None:
+    """Train a network on synthetic people, from renders to ONNX, on a CPU or a GPU; resumes a killed run."""
+    if isinstance(network, PeopleTraining):
+        from muybridge.train import people
+        from muybridge.train.publish import publish_people
+
+        path = network.out / "people.onnx"
+        publish_people(people.train(network), path, _command_line())
+    else:
+        from muybridge.train import keypoints, loop
+        from muybridge.train.publish import publish_keypoints
+
+        checkpoint = keypoints.train(network)
+        path = network.out / "keypoints.onnx"
+        pool = loop.background_pool(network)
+        publish_keypoints(
+            checkpoint, path, keypoints.held_out_batches(network.renders, pool, network.size), _command_line()
+        )
+    print(f"wrote {path}; use it with `muybridge run SESSION` and its model options")
+
+
+def evaluate(options: Annotated[Evaluation, tyro.conf.arg(name="")]) -> None:
+    """Score the keypoint network on held-out synthetic people: error, PCK, left-right swaps, sigma."""
+    from muybridge.train.evaluation import evaluate_onnx
+
+    for name, value in evaluate_onnx(options).items():
+        print(f"{name:<24} {value:.4g}")

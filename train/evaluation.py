@@ -1,0 +1,67 @@
+"""Scores of an exported keypoint network on held-out synthetic people, decoded as in use."""
+
+import pathlib
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from muybridge.errors import SessionError
+from muybridge.geometry.landmarks import BODY23
+from muybridge.models.decode import decode_heatmaps
+from muybridge.models.registry import KeypointModelCard, keypoint_card, shipped_model
+from muybridge.train.augment import Compositor
+from muybridge.train.backgrounds import make_backgrounds
+from muybridge.train.loop import HELD_OUT
+from muybridge.train.options import Evaluation
+from muybridge.train.renders import SIZE, load_renders
+
+MIRROR = np.array(BODY23.mirror)
+
+
+def load_model(path: pathlib.Path) -> tuple[onnxruntime.InferenceSession, KeypointModelCard]:
+    """A keypoint network and its card; ModelError where the file is none of ours."""
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    return session, keypoint_card(session.get_modelmeta().custom_metadata_map, path)
+
+
+def evaluate_onnx(options: Evaluation) -> dict[str, float]:
+    """Figures of merit on visible landmarks; pixels are the network's."""
+    path = options.model or shipped_model("keypoints")
+    session, card = load_model(path)
+    store = load_renders(options.renders, HELD_OUT)
+    if not len(store):
+        raise SessionError(f"{options.renders}: no held-out renders; make some with `muybridge synth`")
+    # Backgrounds of another seed than any training's pool.
+    compositor = Compositor(store, make_backgrounds(256, SIZE, options.seed), card.input_size, options.seed)
+    distances, twins, inside_sigma, visibles = [], [], [], []
+    for _ in range(-(-options.crops // 64)):
+        batch = compositor.batch(64)
+        heatmaps = session.run(["heatmaps"], {"image": batch.image.numpy().astype(np.float32) / 255})[0]
+        decoded = decode_heatmaps(heatmaps, card.stride, card.spread)
+        truth = batch.landmarks_px.numpy()
+        error = decoded.points_crop_px - truth
+        distances.append(np.linalg.norm(error, axis=-1))
+        twins.append(np.linalg.norm(decoded.points_crop_px - truth[:, MIRROR], axis=-1))
+        inside_sigma.append(np.abs(error) / np.sqrt(decoded.variance_crop_px2)[..., None])
+        visibles.append(batch.visible.numpy())
+    return _figures(*(np.concatenate(a) for a in (distances, twins, inside_sigma, visibles)), card.input_size)
+
+
+def _figures(
+    distance: NDArray[np.float64], twin: NDArray[np.float64], in_sigma: NDArray[np.float64],
+    visible: NDArray[np.bool_], size: int,
+) -> dict[str, float]:  # fmt: skip
+    paired = (MIRROR != np.arange(len(MIRROR))) & (np.arange(len(MIRROR)) >= 5)
+    # Twins that lie on each other can't be told apart by anyone.
+    swapped = (twin < distance) & visible & paired & (np.abs(twin - distance) > 0.03 * size)
+    box = size / 1.25
+    return {
+        "median error px": float(np.median(distance[visible])),
+        "mean error px": float(distance[visible].mean()),
+        "PCK@0.05 of the box": float((distance[visible] < 0.05 * box).mean()),
+        "PCK@0.1 of the box": float((distance[visible] < 0.1 * box).mean()),
+        "left-right swaps": float(swapped.sum() / (visible & paired).sum()),
+        "within 1 sigma (0.683)": float((in_sigma[visible] < 1).mean()),
+        "within 2 sigma (0.954)": float((in_sigma[visible] < 2).mean()),
+    }

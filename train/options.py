@@ -1,0 +1,87 @@
+"""Options of the training commands: no torch here, so that their help works without it."""
+
+import pathlib
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Synthesis:
+    """How the store of renders is made.
+
+    Attributes:
+        out: folder of the store; shards that are there already stay.
+        shards: how many shards of 256 renders there shall be; the first four are held out from training.
+        seed: shard k depends on the seed and k alone.
+        sheet: also composites a contact sheet of training images, `sheet.png`, into the folder.
+    """
+
+    out: pathlib.Path = pathlib.Path("runs/renders")
+    shards: int = 60
+    seed: int = 0
+    sheet: bool = True
+
+
+@dataclass(frozen=True)
+class Training:
+    """How a network is trained.
+
+    Attributes:
+        renders: folder of the render store (`muybridge synth`).
+        out: folder of checkpoints, logs and the finished ONNX file; a run there is resumed.
+        minutes: wall-clock time of this call.
+        batch: images a step.
+        rate: peak learning rate.
+        decay: share of the time, at its end, over which the learning rate falls.
+        threads: torch threads of the network; further processes make the images.
+        workers: processes that make the images.
+        backgrounds: how many backgrounds are drawn for the pool.
+        seed: of everything.
+    """
+
+    renders: pathlib.Path = pathlib.Path("runs/renders")
+    out: pathlib.Path = pathlib.Path("runs/keypoints")
+    minutes: float = 60.0
+    batch: int = 64
+    rate: float = 2e-3
+    decay: float = 0.2
+    threads: int = 1
+    workers: int = 1
+    backgrounds: int = 3000
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class KeypointTraining(Training):
+    """Train the keypoint network on crops of synthetic people.
+
+    Attributes:
+        size: side of the crops in pixels, a multiple of 32.
+    """
+
+    size: int = 128
+
+
+@dataclass(frozen=True)
+class PeopleTraining(Training):
+    """Train the person detector on scenes of synthetic people."""
+
+    out: pathlib.Path = pathlib.Path("runs/people")
+    minutes: float = 30.0
+    batch: int = 32
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Score a keypoint network on held-out synthetic crops.
+
+    Attributes:
+        model: the ONNX file; the shipped one by default.
+        renders: folder of the render store, whose first four shards nobody trains on.
+        crops: how many crops, rounded up to batches of 64.
+        seed: of the crops.
+    """
+
+    model: pathlib.Path | None = None
+    renders: pathlib.Path = pathlib.Path("runs/renders")
+    crops: int = 1024
+    seed: int = 10_000
