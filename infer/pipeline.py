@@ -108,6 +108,8 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras)
     solution = solve(session.cameras, keypoints, session.fps, key, store, options.solve, progress)
     progress.say(solution.person)
+    if solution.motion is None:
+        session = replace(session, notices=(*session.notices, f"there is no motion: {solution.no_motion}"))
     quality = assess(session.cameras, solution)
     stages = {f"2D {files[c]}": d.stage for c, d in enumerate(detected)} | solution.stages
     written = exports.write_motion(output, session, solution)
@@ -143,9 +145,8 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     )
     if solution.motion is None:
         raise SessionError(
-            f"{path}: no landmark could be triangulated in any frame, so there is no motion; see "
-            f"{output.path / exports.REPORT} and the overlays beside it: if the marks are on the person, the "
-            "calibration does not belong to these videos"
+            f"{path}: {solution.no_motion}; {output.path / exports.REPORT} and the overlays beside it show "
+            "what was found: if the marks are on the person, the calibration does not belong to these videos"
         )
     return RunResult(output.path, session, solution, quality, seconds)
 

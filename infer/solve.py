@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.errors import MuybridgeError
 from muybridge.geometry.association import AssociateOptions, select_person, take_person
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.ik import FitOptions, fit_motion
@@ -55,7 +56,8 @@ class Solution:
         swapped: (C, T, J) where left and right were put back.
         leave_one_out_px: (C, T, J) see `geometry.triangulation.leave_one_out_error`.
         noise_px: noise that the take shows beyond the network's own variance.
-        motion: the fitted skeleton; None where no point was found in the whole take.
+        motion: the fitted skeleton; None where the points did not suffice for one.
+        no_motion: why there is none.
         stages: the stages by name, in order, for their timings.
     """
 
@@ -68,6 +70,7 @@ class Solution:
     leave_one_out_px: Floats
     noise_px: float
     motion: Motion | None
+    no_motion: str
     stages: dict[str, StageResult]
 
 
@@ -134,10 +137,13 @@ def solve(
         inlier=measured.inlier,
         fps=fps,
     )
-    motion = None
-    if np.isfinite(measured.points_world).any():
+    motion, no_motion = None, ""
+    try:
         fitted = stage("motion", [cloud.key, options.fit], lambda: _pack(fit_motion(measured, options.fit)))
         motion = _unpack(fitted)
+    except MuybridgeError as error:
+        # The points and the pictures show what is wrong: they are worth having without a motion.
+        no_motion = str(error)
     return Solution(
         person=str(person.facts["reason"]),
         points_px=px,
@@ -148,6 +154,7 @@ def solve(
         leave_one_out_px=cloud.arrays["leave_one_out_px"],
         noise_px=float(cloud.facts["noise_px"]),
         motion=motion,
+        no_motion=no_motion,
         stages=stages,
     )
 

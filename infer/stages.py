@@ -6,6 +6,7 @@ is used again only under the same key.
 """
 
 import dataclasses
+import functools
 import hashlib
 import importlib.util
 import json
@@ -119,8 +120,12 @@ def file_digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+@functools.cache
 def code_digest(*modules: str) -> str:
-    """SHA-256 of the sources of modules, and of all modules in those that are packages; none is imported."""
+    """SHA-256 of the sources of modules, and of all modules in those that are packages; none is imported.
+
+    Read once in a process: what runs is what was there when it started.
+    """
     total = hashlib.sha256()
     for name in modules:
         spec = importlib.util.find_spec(name)
