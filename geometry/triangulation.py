@@ -46,8 +46,8 @@ class TriangulateOptions:
 
     min_views: int = 2
     min_angle_deg: float = 3.0
-    gate_sigma: float = 5.0
-    gate_image: float = 0.05
+    gate_sigma: float = 6.0
+    gate_image: float = 0.1
     doubt_sigma: float = 3.5
     tail_sigma: float = 20.0
     noise_px: float | None = None
