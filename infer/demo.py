@@ -1,6 +1,7 @@
 """The demo: a short take that the project rendered itself, and how far a result is from its truth."""
 
 from dataclasses import dataclass
+from functools import partial
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -8,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.errors import SessionError
+from muybridge.errors import OutputError, SessionError
 from muybridge.geometry.landmarks import Points3D
+from muybridge.infer.outputs import is_ours
 from muybridge.infer.pipeline import RunOptions, RunResult, run_session
 from muybridge.infer.progress import Progress
 from muybridge.infer.stages import write_whole
@@ -60,13 +62,17 @@ def run_demo(
     with folder.joinpath(TRUTH).open("rb") as file, np.load(file) as truth:
         points_world, names = truth["points_world"], [str(n) for n in truth["names"]]
     take = out / TAKE
-    _copy(folder, take)
+    _copy(folder, take, options.overwrite or is_ours(out))
     result = run_session(take, out, options, progress)
     return result, score(result.solution.points, points_world, names)
 
 
-def _copy(folder: Traversable, take: Path) -> None:
-    """The take as a session folder; what is there already and the same stays, so that runs can resume."""
+def _copy(folder: Traversable, take: Path, ours: bool) -> None:
+    """The take as a session folder; what is there already and the same stays, so that runs can resume.
+
+    `ours`: whether the folder is from an earlier demo, or may be overwritten; other files of these names stop
+    it.
+    """
     videos = sorted((v for v in folder.joinpath("videos").iterdir() if v.is_file()), key=lambda v: v.name)
     for source, target in [
         (folder.joinpath("calibration.toml"), take / "calibration.toml"),
@@ -75,17 +81,14 @@ def _copy(folder: Traversable, take: Path) -> None:
         data = source.read_bytes()
         if target.is_file() and target.read_bytes() == data:
             continue
+        if target.exists() and not ours:
+            raise OutputError(f"{target} exists and is not the demo's; choose another --out")
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise SessionError(
-                f"{target.parent} cannot be made ({error.strerror}); choose another --out"
-            ) from None
-        write_whole(target, lambda path, data=data: _write(path, data))  # type: ignore[misc]
-
-
-def _write(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
+            reason = (error.strerror or str(error)).lower()
+            raise OutputError(f"{target.parent} cannot be made ({reason}); choose another --out") from None
+        write_whole(target, partial(Path.write_bytes, data=data))
 
 
 def score(points: Points3D, truth_world: NDArray[np.float64], names: list[str]) -> Score:

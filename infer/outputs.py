@@ -54,9 +54,7 @@ class OutputFolder:
             os.replace(partial, path)
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
-            raise OutputError(
-                f"{path} cannot be written ({reason}); free its disk or choose another --out"
-            ) from None
+            raise OutputError(f"{path} cannot be written ({reason}); free its disk or choose another --out") from None
         finally:
             shutil.rmtree(partial.parent, ignore_errors=True)
         return path
@@ -70,9 +68,12 @@ def _write_text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8", newline="\n")
 
 
-def open_output(
-    path: Path, names: Sequence[str], inputs: Iterable[Path], overwrite: bool = False
-) -> OutputFolder:
+def is_ours(path: Path) -> bool:
+    """Whether a folder has results of muybridge."""
+    return (path / WORK / MANIFEST).is_file()
+
+
+def open_output(path: Path, names: Sequence[str], inputs: Iterable[Path], overwrite: bool = False) -> OutputFolder:
     """Check that results can go to a folder, and make it.
 
     Args:
@@ -130,9 +131,7 @@ def _make_writable(path: Path) -> None:
         probe.write_bytes(b"muybridge")
         probe.unlink()
         if not (path / WORK / MANIFEST).exists():
-            write_whole(
-                path / WORK / MANIFEST, lambda p: _write_text(p, '{"written_by": "muybridge", "files": {}}')
-            )
+            write_whole(path / WORK / MANIFEST, lambda p: _write_text(p, '{"written_by": "muybridge", "files": {}}'))
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise OutputError(f"{path} cannot be written ({reason}); choose another folder with --out") from None

@@ -47,7 +47,7 @@ def partial_name(path: Path) -> Path:
     return path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
 
 
-def write_whole(path: Path, write: Callable[[Path], None]) -> None:
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` fill a temporary file and rename it to `path` when it is complete.
 
     Raises:
@@ -61,9 +61,7 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
         os.replace(partial, path)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        raise OutputError(
-            f"{path} cannot be written ({reason}); choose another --out or free its disk"
-        ) from None
+        raise OutputError(f"{path} cannot be written ({reason}); choose another --out or free its disk") from None
     finally:
         partial.unlink(missing_ok=True)
 

@@ -1,6 +1,7 @@
 """Videos: probed without decoding, read once in order, written whole or not at all."""
 
 import struct
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -59,6 +60,18 @@ def test_chunks_are_bounded_and_the_callers_to_keep(tmp_path, make_video, frame_
     assert max(len(c) for c in chunks) <= chunk_frames(info)
     assert [frame_number(i) for c in chunks for i in c] == list(range(37))
     assert chunk_frames(replace(info, width=3840, height=2160)) * 3840 * 2160 * 3 <= 100 * 2**20
+
+
+def test_memory_does_not_grow_with_the_film(tmp_path, make_video):
+    peaks = []
+    for frames in (48, 240):
+        info = probe_video(make_video(tmp_path / f"{frames}.mp4", frames=frames, width=320, height=240))
+        tracemalloc.start()
+        for chunk in read_chunks(info):
+            assert chunk.nbytes <= 16 * 320 * 240 * 3
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0] < 240 * 320 * 240 * 3 / 2
 
 
 def test_chosen_frames_may_be_skipped_and_repeated(tmp_path, make_video, numbers):
