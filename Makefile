@@ -1,8 +1,9 @@
 # make demo      base install into .venv, then the demo take through the whole pipeline
 # make test      adds the train and dev extras, then the quick tests and the linters
-# make test-all  the same with the slow tests and the type checker
+# make test-all  the same with the slow tests
+# make types     the type checker
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all lint clean
+.PHONY: help demo test test-all types lint clean
 SHELL := /bin/bash
 
 VENV := .venv
@@ -24,6 +25,8 @@ test: $(VENV)/.installed-dev
 test-all: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest
 	$(MAKE) --no-print-directory lint
+
+types: $(VENV)/.installed-dev
 	$(BIN)/mypy
 
 lint: $(VENV)/.installed-dev
