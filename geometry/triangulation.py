@@ -54,6 +54,10 @@ class TriangulateOptions:
     max_pairs: int = 24
     threads: int | None = None
 
+    def __post_init__(self) -> None:
+        if self.min_views < 2:
+            raise ValueError(f"min_views must be at least 2, not {self.min_views}")
+
 
 @dataclass(frozen=True)
 class Triangulation:
@@ -268,8 +272,6 @@ def _checked(
         raise ValueError(f"points_px must be ({len(cameras)}, T, J, 2), not {px.shape}")
     if variance.shape != px.shape[:-1]:
         raise ValueError(f"variance_px2 must be {px.shape[:-1]} like points_px, not {variance.shape}")
-    if options.min_views < 2:
-        raise ValueError(f"min_views must be at least 2, not {options.min_views}")
     usable = usable_points(px, variance)
     if (variance[usable] <= 0).any():
         c, t, j = (int(i[0]) for i in np.nonzero(usable & (variance <= 0)))

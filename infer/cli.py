@@ -11,6 +11,7 @@ with its traceback.
 
 import ast
 import difflib
+import functools
 import importlib.metadata
 import importlib.util
 import os
@@ -78,10 +79,7 @@ def find_commands() -> dict[str, importlib.metadata.EntryPoint]:
 
 def _call(entry: importlib.metadata.EntryPoint, arguments: list[str]) -> int:
     try:
-        command: Callable[..., Any] = entry.load()
-        import tyro
-
-        result = tyro.cli(command, prog=f"muybridge {entry.name}", args=arguments)
+        result = _parsed(entry, arguments)()
     except ModuleNotFoundError as error:
         missing = error.name or ""
         extra = extra_of(missing)
@@ -92,11 +90,26 @@ def _call(entry: importlib.metadata.EntryPoint, arguments: list[str]) -> int:
             ) from None
         if missing and entry.module.startswith(missing):
             raise MuybridgeError(
-                f"`muybridge {entry.name}` is not part of this installation ({missing} is missing); "
-                "reinstall muybridge"
+                f"`muybridge {entry.name}` is not part of this installation ({missing} is missing); reinstall muybridge"
             ) from None
         raise
     return result if isinstance(result, int) else 0
+
+
+def _parsed(entry: importlib.metadata.EntryPoint, arguments: list[str]) -> Callable[[], Any]:
+    """The command with its arguments, ready to be called."""
+    command: Callable[..., Any] = entry.load()
+    import tyro
+
+    @functools.wraps(command)
+    def bind(*given: Any, **named: Any) -> Callable[[], Any]:
+        return functools.partial(command, *given, **named)
+
+    try:
+        call: Callable[[], Any] = tyro.cli(bind, prog=f"muybridge {entry.name}", args=arguments)
+    except ValueError as error:  # an options class refused what it was given
+        raise MuybridgeError(f"{error}; `muybridge {entry.name} --help` lists the options") from None
+    return call
 
 
 def extra_of(module: str) -> str | None:

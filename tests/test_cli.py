@@ -30,9 +30,7 @@ def python(code: str) -> subprocess.CompletedProcess[str]:
 
 def installed(*arguments: str) -> subprocess.CompletedProcess[str]:
     """The command line as a user has it."""
-    return subprocess.run(
-        [sys.executable, "-m", "muybridge", *arguments], capture_output=True, text=True, timeout=120
-    )
+    return subprocess.run([sys.executable, "-m", "muybridge", *arguments], capture_output=True, text=True, timeout=120)
 
 
 @pytest.fixture
@@ -102,6 +100,17 @@ def test_an_unknown_command_is_one_line():
 def test_an_option_that_does_not_exist_exits_with_2():
     done = installed("run", "somewhere", "--triangulat.min-views", "3")
     assert done.returncode == 2 and "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("flag", "value", "said"), [("--workers", "0", "workers must be"), ("--triangulate.min-views", "1", "min_views")]
+)
+def test_an_option_out_of_range_is_said(flag, value, said, capfd):
+    with pytest.raises(SystemExit) as stopped:
+        cli.main(["run", "somewhere", flag, value])
+    assert stopped.value.code == 2
+    error = capfd.readouterr().err
+    assert said in error and "--help" in error and "Traceback" not in error
 
 
 def test_known_errors_are_one_line(command, capsys):
