@@ -21,9 +21,8 @@ function decodeBytes(text) {
 // Positions of landmarks or joints: point(t, j) is [x, y, z] or null where it is missing.
 class Track {
   constructor(packed, count) {
-    const view = new DataView(decodeBytes(packed.data).buffer);
-    this.codes = new Int16Array(view.byteLength / 2);
-    for (let i = 0; i < this.codes.length; i++) this.codes[i] = view.getInt16(2 * i, true);
+    // Little-endian, as every machine with a browser is.
+    this.codes = new Int16Array(decodeBytes(packed.data).buffer);
     this.count = count;
     this.offset = packed.offset;
     this.step = packed.step;
