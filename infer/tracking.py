@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, median_filter  # type: ignore[import-untyped]
-from scipy.optimize import linear_sum_assignment  # type: ignore[import-untyped]
+from scipy.ndimage import gaussian_filter1d, median_filter
+from scipy.optimize import linear_sum_assignment
 
 from muybridge.models.decode import DetectedPeople, box_overlap
 
