@@ -249,3 +249,5 @@ def _build() -> BodyModel:
 
 
 BODY = _build()
+for _array in (a for a in vars(BODY).values() if isinstance(a, np.ndarray)):
+    _array.setflags(write=False)  # shared by every skeleton that is made of it

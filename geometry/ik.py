@@ -43,8 +43,8 @@ class FitOptions:
         clean: what is done to the points before; `smooth_points` itself is only used for the first guess.
     """
 
-    rounds: int = 4
-    steps: int = 3
+    rounds: int = 3
+    steps: int = 2
     freedom: float = 4.0
     model_sigma: float = 0.012
     root_acceleration: float = 6.0
@@ -118,9 +118,7 @@ def fit_body(points: Points3D, options: FitOptions | None = None) -> BodyFit:
         pose = solve_in_stretches(problem, pose, options.steps)
         if k < options.rounds:
             shape = _fit_shape(model, problem, pose, options.shape_frames)
-            problem = replace(
-                problem, landmark_offsets=model.landmark_offsets(shape), skeleton=model.skeleton(shape)
-            )
+            problem = replace(problem, landmark_offsets=model.landmark_offsets(shape), skeleton=model.skeleton(shape))
             scale, weight = _weights(problem, pose, covariance, known, scale, options)
     body = Body(
         skeleton=model.skeleton(shape),
@@ -288,9 +286,7 @@ def _fit_shape(model: BodyModel, problem: Problem, pose: Pose, shape_frames: int
     root = information.sum(axis=1) + np.eye(3) * 1e-6
     back = np.linalg.solve(root, by_root)
     residual = np.einsum("tlij,tlj->ti", information, target)
-    matrix = np.einsum("tlis,tlir->sr", design, pulled, optimize=True) - np.einsum(
-        "tis,tir->sr", by_root, back
-    )
+    matrix = np.einsum("tlis,tlir->sr", design, pulled, optimize=True) - np.einsum("tis,tir->sr", by_root, back)
     vector = np.einsum("tlis,tli->s", pulled, target) - np.einsum("tis,ti->s", back, residual)
     share = min(1.0, shape_frames / t_count)
     ratio, spread = np.array(list(SHAPE_PRIOR.values())).T

@@ -21,11 +21,11 @@ def _cross_matrix(vectors: Array) -> Array:
 
 def exp_so3(rotvec: Array) -> Array:
     """(..., 3) rotation vectors -> (..., 3, 3) matrices (Rodrigues)."""
-    angle_sq = np.sum(rotvec * rotvec, axis=-1)[..., None, None]
-    angle = np.sqrt(angle_sq)
-    cross = _cross_matrix(rotvec)
-    half_sinc = np.sinc(angle / (2 * np.pi))
-    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * half_sinc**2 * (cross @ cross))
+    angle = np.sqrt(np.sum(rotvec * rotvec, axis=-1))[..., None, None]
+    out = np.sinc(angle / np.pi) * _cross_matrix(rotvec)
+    out += 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (rotvec[..., :, None] * rotvec[..., None, :])
+    out += np.cos(angle) * np.eye(3)
+    return np.asarray(out)
 
 
 def left_jacobian_so3(rotvec: Array) -> Array:

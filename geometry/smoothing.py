@@ -28,6 +28,7 @@ class SmoothOptions:
         hampel_window: seconds to each side of a point that its running median sees; 0 switches it off.
         hampel_sigmas: a point further from it than this many robust standard deviations is dropped.
         hampel_floor: metres; nearer ones are never dropped.
+        top_speed: metres per second; a point that its neighbour reaches at this speed is no outlier.
         max_gap: seconds; a longer stretch without a point stays NaN, as do the ends beyond the first and the
             last known point, unless `extrapolate`. Infinity fills everything between known points.
         extrapolate: hold the first and the last known position towards the ends of the take.
@@ -42,9 +43,10 @@ class SmoothOptions:
     hampel_window: float = 0.2
     hampel_sigmas: float = 4.0
     hampel_floor: float = 0.04
+    top_speed: float = 8.0
     max_gap: float = 0.5
     extrapolate: bool = False
-    acceleration: float = 20.0
+    acceleration: float = 12.0
     passes: int = 3
     default_sigma: float = 0.03
 
@@ -62,6 +64,8 @@ def smooth_points(points: Points3D, options: SmoothOptions | None = None) -> Poi
     """
     options = options or SmoothOptions()
     cleaned = clean_points(points, options)
+    if not len(points.points_world):
+        return cleaned
     xyz, covariance = known_points(cleaned, options.default_sigma)
     out, out_covariance = _smooth(xyz, covariance, points.fps, options)
     unknown = ~_within_reach(np.isfinite(xyz[..., 0]), points.fps, options)
@@ -106,52 +110,91 @@ def known_points(points: Points3D, default_sigma: float) -> tuple[Array, Array]:
 def _unswap(
     landmarks: LandmarkSet, xyz: Array, covariance: Array, fps: float, swap_share: float
 ) -> tuple[Array, Array]:
-    """Exchange each pair of sides where that makes both paths smoother: per pair a two-state Viterbi path."""
-    pairs = np.array(
-        [
-            (i, landmarks.index("right_" + name[5:]))
-            for i, name in enumerate(landmarks.names)
-            if name.startswith("left_") and "right_" + name[5:] in landmarks.names
-        ],
-        dtype=np.intp,
-    ).reshape(-1, 2)
+    """Exchange sides where that makes both paths smoother, first of the whole body, then limbs, then pairs.
+
+    A network that takes the front for the back exchanges everything at once, and all pairs together show the
+    jump far better than one of them; what is left are crossed legs and single joints.
+    """
+    names = landmarks.names
+    pairs = [
+        (i, names.index("right_" + name[5:]))
+        for i, name in enumerate(names)
+        if name.startswith("left_") and "right_" + name[5:] in names
+    ]
+    if len(xyz) < 3 or not pairs:
+        return xyz, covariance
     xyz, covariance = xyz.copy(), covariance.copy()
-    for left, right in pairs:
-        frames = np.flatnonzero(np.isfinite(xyz[:, left, 0]) & np.isfinite(xyz[:, right, 0]))
-        if len(frames) < 3:
-            continue
-        a, b = xyz[frames, left], xyz[frames, right]
-        spread = np.trace(covariance[frames][:, [left, right]], axis1=-2, axis2=-1).mean(axis=1) / 3
-        swapped = frames[_swap_path(a, b, spread, np.diff(frames) / fps, swap_share)]
+    left, right = np.array(pairs, dtype=np.intp).T
+    limb = np.array([_limb_of(names[i]) for i in left])
+    for group in (np.zeros(len(left), dtype=np.intp), limb, np.arange(len(left))):
+        swapped = _swap_paths(xyz[:, left], xyz[:, right], covariance[:, left], group, fps, swap_share)
+        t, k = np.nonzero(swapped)
         for array in (xyz, covariance):
-            array[swapped, left], array[swapped, right] = array[swapped, right], array[swapped, left]
+            array[t, left[k]], array[t, right[k]] = array[t, right[k]], array[t, left[k]]
     return xyz, covariance
 
 
-def _swap_path(a: Array, b: Array, variance: Array, gaps: Array, swap_share: float) -> NDArray[np.bool_]:
-    """(N,) whether a and b, (N, 3) each, are exchanged; `gaps` (N - 1,) seconds between them."""
-    speed, cap = 1.5, 8.0
-    scale = variance[1:] + variance[:-1] + (speed * gaps) ** 2
-    step = [np.sum((q[1:] - p[:-1]) ** 2, axis=1) / (2 * scale) for p, q in ((a, a), (b, b), (a, b), (b, a))]
-    step = [np.minimum(s, cap) for s in step]
-    stay, change = step[0] + step[1], step[2] + step[3]
-    prior = np.log((1 - swap_share) / swap_share)
-    cost = np.array([0.0, prior])
-    came = np.zeros((len(a), 2), dtype=np.intp)
-    for t in range(len(stay)):
-        options = cost[:, None] + np.array([[stay[t], change[t]], [change[t], stay[t]]])
-        came[t + 1] = np.argmin(options, axis=0)
-        cost = np.min(options, axis=0) + (0.0, prior)
-    state = int(np.argmin(cost))
-    path = np.zeros(len(a), dtype=np.bool_)
-    for t in range(len(a) - 1, -1, -1):
+def _limb_of(name: str) -> int:
+    words = (("hip", "knee", "ankle", "heel", "toe", "foot"), ("shoulder", "elbow", "wrist", "hand"))
+    return next((i for i, limb in enumerate(words) if name.endswith(limb)), len(words))
+
+
+def _swap_paths(
+    a: Array, b: Array, covariance: Array, group: NDArray[np.intp], fps: float, swap_share: float
+) -> NDArray[np.bool_]:
+    """Per group of pairs the most likely two-state path (Viterbi 1967).
+
+    Args:
+        a, b: (T, N, 3) the left and the right landmark of each pair.
+        covariance: (T, N, 3, 3) of the left ones.
+        group: (N,) pairs with the same number are exchanged together.
+
+    Returns:
+        (T, N) whether a pair is exchanged.
+    """
+    known = np.isfinite(a[..., 0]) & np.isfinite(b[..., 0])
+    t_count = len(a)
+    latest = np.maximum.accumulate(np.where(known, np.arange(t_count)[:, None], -1), axis=0)
+    before = np.concatenate([np.full((1, a.shape[1]), -1), latest[:-1]])
+    usable = known & (before >= 0)
+    column = np.arange(a.shape[1])
+    variance = np.trace(covariance, axis1=-2, axis2=-1) / 3
+    # How far a landmark gets between two frames without a swap: its noise and 1.5 m/s; more than the cap
+    # of a mistaken step says nothing more.
+    seconds = (np.arange(t_count)[:, None] - before) / fps
+    scale = np.where(usable, variance + variance[before, column], 1.0) + (1.5 * seconds) ** 2
+
+    def step(now: Array, then: Array) -> Array:
+        far = np.sum((now - then[before, column]) ** 2, axis=-1) / (2 * scale)
+        return np.where(usable, np.minimum(far, 8.0), 0.0)
+
+    member = (group == np.unique(group)[:, None]).astype(np.float64).T
+    stay = (step(a, a) + step(b, b)) @ member
+    change = (step(b, a) + step(a, b)) @ member
+    prior = np.log((1 - swap_share) / swap_share) * (known @ member > 0)
+    move = np.stack([np.stack([stay, change], axis=-1), np.stack([change, stay], axis=-1)], axis=-2)
+    cost = np.zeros((member.shape[1], 2))
+    came = np.zeros((t_count, member.shape[1], 2), dtype=np.intp)
+    for t in range(t_count):
+        total = cost[:, :, None] + move[t]
+        came[t] = np.argmin(total, axis=1)
+        cost = np.min(total, axis=1)
+        cost[:, 1] += prior[t]
+    state = np.argmin(cost, axis=1)
+    path = np.empty((t_count, member.shape[1]), dtype=np.bool_)
+    each = np.arange(member.shape[1])
+    for t in range(t_count - 1, -1, -1):
         path[t] = state == 1
-        state = int(came[t, state])
-    return path
+        state = came[t, each, state]
+    return np.asarray((path @ member.T.astype(np.bool_)) & known)
 
 
 def _outliers(xyz: Array, fps: float, options: SmoothOptions) -> NDArray[np.bool_]:
-    """(T, J) points far from their running median (Hampel 1974), in units of the running median distance."""
+    """(T, J) points far from their running median (Hampel 1974) that no possible motion leads to.
+
+    Far is meant in units of the running median distance. A quick blow is far from the median too, but it comes
+    by way of its neighbours: what can be reached from one that is near enough stays.
+    """
     half = round(options.hampel_window * fps)
     if half < 1 or len(xyz) < 3:
         return np.zeros(xyz.shape[:2], dtype=np.bool_)
@@ -160,7 +203,27 @@ def _outliers(xyz: Array, fps: float, options: SmoothOptions) -> NDArray[np.bool
     # The median length of an isotropic normal vector is 1.54 standard deviations of a coordinate.
     sigma = _running_median(distance[..., None], half)[..., 0] / 1.54
     bound = np.maximum(options.hampel_sigmas * sigma * np.sqrt(3), options.hampel_floor)
-    return np.asarray(distance > bound)
+    far = distance > bound
+    known = np.isfinite(xyz[..., 0])
+    for _ in range(2 * half):
+        near = known & ~far
+        reached = far & (
+            _reached(xyz, near, sigma, fps, options.top_speed)
+            | _reached(xyz[::-1], near[::-1], sigma[::-1], fps, options.top_speed)[::-1]
+        )
+        if not reached.any():
+            break
+        far &= ~reached
+    return np.asarray(far)
+
+
+def _reached(xyz: Array, near: NDArray[np.bool_], sigma: Array, fps: float, top_speed: float) -> NDArray[np.bool_]:
+    """(T, J) whether `top_speed` and the noise explain the way from the latest `near` point before."""
+    frames, columns = np.arange(len(xyz))[:, None], np.arange(xyz.shape[1])
+    latest = np.maximum.accumulate(np.where(near, frames, -1), axis=0)
+    way = np.linalg.norm(xyz - xyz[latest, columns], axis=-1)
+    allowed = top_speed * (frames - latest) / fps + 2 * np.sqrt(3) * sigma
+    return np.asarray((latest >= 0) & (way <= allowed) & ((frames - latest) / fps < 0.1))
 
 
 def _running_median(values: Array, half: int) -> Array:

@@ -21,9 +21,7 @@ REFERENCE = SHARED / "data" / "balancing" / "reference" / "openpose_body25b.npz"
 
 def as_points(xyz: np.ndarray, fps: float = 60.0, sigma: float | None = None) -> Points3D:
     t, j = xyz.shape[:2]
-    covariance = (
-        np.full((t, j, 3, 3), np.nan) if sigma is None else np.tile(np.eye(3) * sigma**2, (t, j, 1, 1))
-    )
+    covariance = np.full((t, j, 3, 3), np.nan) if sigma is None else np.tile(np.eye(3) * sigma**2, (t, j, 1, 1))
     return Points3D(BODY23, xyz, covariance, np.empty((0, t, j)), np.empty((0, t, j), bool), fps)
 
 
@@ -71,10 +69,8 @@ def make_problem(seed: int = 0, frames: int = 5) -> tuple[Problem, Pose]:
 
 def test_jacobian_by_finite_differences():
     problem, pose = make_problem()
-    problem.skeleton.lower[:], problem.skeleton.upper[:] = (
-        -9 * (BODY.upper > BODY.lower),
-        9 * (BODY.upper > BODY.lower),
-    )
+    wide = 9.0 * (BODY.upper > BODY.lower)
+    problem = replace(problem, skeleton=replace(problem.skeleton, lower=-wide, upper=wide))
     points, jac = jacobian(problem, pose)
     rng = np.random.default_rng(1)
     for _ in range(20):
@@ -143,9 +139,7 @@ def test_gaps_ends_and_unseen_landmarks_leave_no_nan():
     points[:10] = np.nan
     points[60:80] = np.nan
     points[140:] = np.nan
-    points[:, [BODY23.index(n) for n in ("left_wrist", "nose", "left_eye", "right_ear", "right_heel")]] = (
-        np.nan
-    )
+    points[:, [BODY23.index(n) for n in ("left_wrist", "nose", "left_eye", "right_ear", "right_heel")]] = np.nan
     points[::7, 11:] = np.nan
     motion = fit_motion(as_points(points))
     at = motion.joint_positions_world()
