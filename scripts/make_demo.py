@@ -28,7 +28,8 @@ WIDTH, HEIGHT, FOCAL_PX = 640, 480, 560.0
 def cameras(target: np.ndarray) -> CameraGroup:
     """Four cameras round the person, on tripods of different heights, none quite level."""
     placed = []
-    for k, (azimuth, distance, height) in enumerate([(35, 3.6, 1.3), (130, 3.9, 2.1), (215, 3.5, 1.6), (310, 4.0, 2.3)]):
+    tripods = [(35, 3.6, 1.3), (130, 3.9, 2.1), (215, 3.5, 1.6), (310, 4.0, 2.3)]
+    for k, (azimuth, distance, height) in enumerate(tripods):
         a = np.radians(azimuth)
         center = np.array([distance * np.cos(a), distance * np.sin(a), height])
         pose = look_at(center, target, np.radians((3, -5, 2, -3)[k]))

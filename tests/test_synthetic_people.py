@@ -1,0 +1,197 @@
+"""Synthetic people: poses, bodies, renders and training images agree with their labels."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("anny")
+
+from muybridge.errors import MissingExtraError  # noqa: E402
+from muybridge.geometry.landmarks import BODY23  # noqa: E402
+from muybridge.train.augment import AugmentOptions, Compositor  # noqa: E402
+from muybridge.train.backgrounds import make_backgrounds  # noqa: E402
+from muybridge.train.bodies import BODY_VERTICES, BodyModel  # noqa: E402
+from muybridge.train.people import as_tensors, box_iou, generalised_iou, make_targets  # noqa: E402
+from muybridge.train.render import Renderer, View, look_at  # noqa: E402
+from muybridge.train.renders import SIZE, RenderSet, sample_view  # noqa: E402
+from muybridge.train.scenes import SceneBatch, SceneCompositor  # noqa: E402
+from muybridge.train.takes import choreograph, perform  # noqa: E402
+from muybridge.train.wardrobe import sample_outfit  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def body():
+    return BodyModel(5)
+
+
+@pytest.fixture(scope="module")
+def renderer(body):
+    try:
+        return Renderer(body)
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def renders(body, renderer):
+    """A store of 24 renders in memory."""
+    body.rng = body.poses.rng = np.random.default_rng(3)
+    batch = body.sample(24)
+    shots = []
+    for i in range(24):
+        renderer.load(batch.vertices[i])
+        view = sample_view(batch.vertices[i], body.rng)
+        shots.append(renderer.render(view, sample_outfit(body.rng, float(batch.gender[i])), batch.landmarks[i]))
+    pixels = np.stack([np.concatenate([s.rgba.transpose(2, 0, 1), s.shadow[None]]) for s in shots])
+    return RenderSet(
+        [pixels], *(np.stack([getattr(s, k) for s in shots]) for k in ("landmarks_px", "visible", "box_px"))
+    )
+
+
+def test_bodies_stand_on_the_floor_and_left_is_left(body):
+    body.rng = body.poses.rng = np.random.default_rng(0)
+    poses = body.poses.sample(32, kinds=("stand",))
+    batch = body.pose(poses.rotvec, body.sample_phenotypes(32), poses.kinds)
+    assert np.abs(batch.vertices[:, :BODY_VERTICES, 2].min(1)).max() < 1e-4
+    at = {n: batch.landmarks[:, i] for i, n in enumerate(BODY23.names)}
+    assert (at["nose"][:, 2] > at["left_hip"][:, 2] + 0.3).all()
+    assert (at["left_hip"][:, 0] > at["right_hip"][:, 0]).all()  # +x is the subject's left
+    toes = at["left_big_toe"] - at["left_heel"]
+    assert np.mean(toes[:, 1] < 0) == 1.0  # faces -y
+    assert ((batch.height > 1.0) & (batch.height < 2.3)).all()
+
+
+def test_body_samples_are_seeded(body):
+    def draw():
+        body.rng = body.poses.rng = np.random.default_rng(11)
+        return body.sample(6)
+
+    first, second = draw(), draw()
+    np.testing.assert_array_equal(first.landmarks, second.landmarks)
+    assert np.ptp(first.landmarks[:, 0, 2]) > 0.05  # they differ among themselves
+
+
+def test_view_projects_where_opengl_draws(body, renderer):
+    """A vertex that juts out most to the right is where the silhouette ends."""
+    body.rng = body.poses.rng = np.random.default_rng(2)
+    batch = body.sample(4)
+    outfit = sample_outfit(np.random.default_rng(0), 0.0)
+    for i in range(4):
+        renderer.load(batch.vertices[i])
+        center = batch.vertices[i, :BODY_VERTICES].mean(0).astype(float)
+        view = View(look_at(center + [2.5, -3.0, 0.8], center, 0.1), 300.0, (130.0, 118.0), 256, 240)
+        shot = renderer.render(view, outfit, batch.landmarks[i])
+        rows, columns = np.nonzero(shot.rgba[..., 3])
+        drawn = np.array([columns.min(), rows.min(), columns.max(), rows.max()])
+        # Clothes and shoes puff the body by up to 26 mm, that is 2 px here.
+        assert np.abs(drawn - shot.box_px).max() < 4.0
+        assert shot.visible.any()
+
+
+def test_visible_landmarks_lie_on_the_person(renders):
+    on = []
+    for i in range(len(renders)):
+        alpha = renders.pixels_of(i)[3]
+        at = np.round(renders.landmarks_px[i][renders.visible[i]]).astype(int)
+        on.extend(alpha[at[:, 1].clip(0, SIZE - 1), at[:, 0].clip(0, SIZE - 1)] > 0)
+    assert len(on) > 200
+    assert np.mean(on) > 0.97
+
+
+PLAIN = AugmentOptions(
+    scale_sd=0, shift_sd=0, rotation_sd_deg=0, tumble=0, second_person=0, occluder=0, mosaic=0, truncate=0
+)
+
+
+def test_crops_have_the_padding_they_promise(renders):
+    compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 0, PLAIN)
+    index = np.arange(16)
+    matrix, flip = compositor._placement(index, 0.0)
+    box = renders.box_px[index]
+    side = (box[:, 2:] - box[:, :2]).max(1)
+    scale = np.abs(np.linalg.det(matrix[:, :, :2])) ** 0.5
+    np.testing.assert_allclose(scale * side, 128 / 1.25, rtol=1e-5)
+    middle = np.einsum("nij,nj->ni", matrix[:, :, :2], (box[:, :2] + box[:, 2:]) / 2) + matrix[:, :, 2]
+    np.testing.assert_allclose(middle, 63.5, atol=1e-3)
+    assert flip.any() and not flip.all()
+
+
+def test_mirrored_crops_swap_left_and_right(renders):
+    """In a mirrored crop the labels keep their sides: a shoulder line that went right to left still does."""
+    compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 1, PLAIN)
+    index = np.arange(len(renders))
+    matrix, _ = compositor._placement(index, 0.0)
+    _, as_is, _ = compositor._warp(index, matrix, np.zeros(len(index), bool))
+    _, swapped, _ = compositor._warp(index, matrix, np.ones(len(index), bool))
+    np.testing.assert_array_equal(swapped[:, BODY23.index("left_knee")], as_is[:, BODY23.index("right_knee")])
+    np.testing.assert_array_equal(swapped[:, 0], as_is[:, 0])
+
+
+def test_labels_follow_pixels_through_the_augmentation(renders):
+    """The person's silhouette in the crop covers the visible landmarks after rotation, scale and mirroring."""
+    options = AugmentOptions(second_person=0, occluder=0, truncate=0, mosaic=0)
+    compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 2, options)
+    index = np.arange(len(renders))
+    matrix, flip = compositor._placement(index, 0.0)
+    person, landmarks, visible = compositor._warp(index, matrix, flip)
+    hits = compositor._alpha_at(person[:, 3].numpy(), landmarks)[visible]
+    assert np.mean(hits > 0.3) > 0.95
+
+
+def test_batches_are_seeded(renders):
+    pool = make_backgrounds(4, SIZE, 0)
+    a, b = (Compositor(renders, pool, 96, 7).batch(8) for _ in range(2))
+    assert (a.landmarks_px == b.landmarks_px).all() and (a.visible == b.visible).all()
+    assert (a.image == b.image).all()
+    assert (Compositor(renders, pool, 96, 8).batch(8).image != a.image).any()
+
+
+def test_scene_boxes_hold_their_people(renders):
+    compositor = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 0)
+    batch = compositor.batch(12, (192, 320))
+    assert tuple(batch.image.shape) == (12, 4, 192, 320)
+    assert sum(len(b) for b in batch.boxes) > 8
+    moving = [i for i in range(12) if batch.image[i, 3].max() > 60 and len(batch.boxes[i])]
+    assert moving, "no scene with a plate difference"
+    for i in moving:  # where the plate differs strongly, somebody is
+        y, x = np.nonzero(batch.image[i, 3].numpy() > 60)
+        boxes = np.concatenate([batch.boxes[i], batch.ignore[i]])
+        inside = [((x >= b[0] - 2) & (x <= b[2] + 2) & (y >= b[1] - 2) & (y <= b[3] + 2)) for b in boxes]
+        # Shadows differ too, outside of the boxes.
+        assert np.any(inside, axis=0).mean() > 0.5
+
+
+def test_detector_targets_say_where_the_box_is():
+    import torch
+
+    box = np.array([[40.0, 30.0, 99.0, 150.0]], np.float32)
+    batch = SceneBatch(torch.zeros(1, 4, 192, 320, dtype=torch.uint8), [box], [np.zeros((0, 4), np.float32)])
+    targets = make_targets(batch)
+    row, column = np.unravel_index(targets.heat[0].argmax(), targets.heat[0].shape)
+    center = np.array([column, row]) * 8 + 3.5
+    left, top, right, bottom = targets.box[0][:, row, column]
+    found = [center[0] - left, center[1] - top, center[0] + right, center[1] + bottom]
+    np.testing.assert_allclose(found, box[0], atol=1e-4)
+    assert targets.has_box[0].sum() > 1 and targets.weight.min() == 1
+    assert as_tensors(batch)[1].shape == (1, 24, 40)
+
+
+def test_generalised_iou():
+    import torch
+
+    a = torch.tensor([1.0, 1.0, 1.0, 1.0])
+    assert float(generalised_iou(a, a)) == pytest.approx(1, abs=1e-5)
+    half = torch.tensor([1.0, 1.0, 0.0, 1.0])
+    assert float(generalised_iou(a, half)) == pytest.approx(0.5, abs=1e-5)
+    np.testing.assert_allclose(box_iou(np.array([[0, 0, 2, 2]]), np.array([[1, 0, 3, 2], [5, 5, 6, 6]])), [[1 / 3, 0]])
+
+
+def test_a_take_keeps_the_stance_foot(body):
+    body.rng = body.poses.rng = np.random.default_rng(4)
+    motion = choreograph(body, 1.5, 12.0)
+    batch = perform(body, motion)
+    assert len(batch.landmarks) == 18
+    heel = batch.landmarks[:, BODY23.index("right_heel"), :2]
+    assert np.abs(heel - heel[0]).max() < 1e-5
+    speed = np.linalg.norm(np.diff(batch.landmarks, axis=0), axis=-1) * 12
+    assert 0.1 < speed.max() < 12.0

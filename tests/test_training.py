@@ -1,0 +1,175 @@
+"""The training loops, their losses, checkpoints and exports."""
+
+import json
+import pathlib
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("kornia")
+
+from muybridge.errors import ModelError, SessionError  # noqa: E402
+from muybridge.geometry.landmarks import BODY23  # noqa: E402
+from muybridge.models.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
+from muybridge.models.export import export_onnx, parity  # noqa: E402
+from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
+from muybridge.models.people_net import PeopleNet  # noqa: E402
+from muybridge.models.registry import keypoint_card, people_card, shipped_model  # noqa: E402
+from muybridge.train import keypoints, loop, people  # noqa: E402
+from muybridge.train.options import KeypointTraining, PeopleTraining  # noqa: E402
+from muybridge.train.publish import fit_spread, load_checkpoint, publish_keypoints, sigma_coverage  # noqa: E402
+from muybridge.train.renders import SHARD, SIZE, shard_path  # noqa: E402
+
+
+def write_store(folder: pathlib.Path, shards: int = 5) -> pathlib.Path:
+    """A render store of bright sticks: a vertical bar whose ends and middle are the landmarks."""
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    for number in range(shards):
+        pixels = np.zeros((SHARD, 5, SIZE, SIZE), np.uint8)
+        landmarks = np.zeros((SHARD, 23, 2), np.float32)
+        boxes = np.zeros((SHARD, 4), np.float32)
+        for i in range(SHARD):
+            x, top, bottom = rng.integers(90, 160), rng.integers(20, 60), rng.integers(190, 240)
+            pixels[i, :4, top:bottom, x - 12 : x + 12] = rng.integers(100, 255, 4)[:, None, None]
+            pixels[i, 3, top:bottom, x - 12 : x + 12] = 255
+            landmarks[i] = np.stack([np.full(23, x), np.linspace(top, bottom - 1, 23)], -1)
+            boxes[i] = x - 12, top, x + 11, bottom - 1
+        path = shard_path(folder, number)
+        np.save(path.with_suffix(".npy"), pixels)
+        np.savez(path, landmarks_px=landmarks, visible=np.ones((SHARD, 23), bool), box_px=boxes)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    return write_store(tmp_path_factory.mktemp("synthetic") / "renders")
+
+
+def test_heatmap_loss_is_least_at_the_truth():
+    truth = torch.tensor([[[13.5, 21.5]]])
+    scores = []
+    for shift in range(-2, 3):
+        logits = torch.full((1, 1, 16, 16), -8.0)
+        logits[0, 0, 5, 3 + shift] = 8.0
+        scores.append(float(keypoints.heatmap_loss(logits, truth)))
+    assert int(np.argmin(scores)) == 2
+    outside = torch.tensor([[[200.0, 5.0]]])
+    assert float(keypoints.heatmap_loss(torch.zeros(1, 1, 16, 16), outside)) == 0.0
+
+
+def test_heatmap_loss_is_least_for_what_the_decoder_reads_back():
+    """Loss, cells and decoder share one convention: the loss' own minimiser decodes to the label."""
+    truth = torch.tensor([[[22.3, 41.9]]])
+    logits = torch.zeros(1, 1, 16, 16, requires_grad=True)
+    optimiser = torch.optim.Adam([logits], 0.5)
+    for _ in range(300):
+        optimiser.zero_grad()
+        keypoints.heatmap_loss(logits, truth).sum().backward()
+        optimiser.step()
+    decoded = decode_heatmaps(logits.detach().numpy(), 4, SpreadCalibration())
+    np.testing.assert_allclose(decoded.points_crop_px[0, 0], truth[0, 0].numpy(), atol=0.2)
+
+
+def test_learning_rate_warms_up_stays_and_falls():
+    def rate(step, elapsed):
+        return loop.learning_rate(1.0, step, elapsed, 100.0, 0.2)
+
+    assert rate(0, 0.0) < 0.01
+    assert rate(500, 50.0) == 1.0
+    assert rate(500, 90.0) == pytest.approx(0.5)
+    assert rate(500, 100.0) == pytest.approx(0.01)
+
+
+def test_networks_are_small():
+    assert sum(p.numel() for p in KeypointNet().parameters()) < 3e6
+    assert sum(p.numel() for p in PeopleNet().parameters()) < 3e6
+
+
+@pytest.mark.parametrize(
+    ("net", "outputs", "shapes"),
+    [
+        (KeypointNet(23), ("heatmaps", "visibility"), [(3, 3, 64, 64), (1, 3, 160, 160)]),
+        (PeopleNet(), ("heatmap", "box"), [(2, 4, 96, 160), (1, 4, 320, 192)]),
+    ],
+)
+def test_export_says_the_same_as_torch(net, outputs, shapes, tmp_path):
+    torch.manual_seed(0)
+    path = tmp_path / "net.onnx"
+    example = (2, shapes[0][1], 64, 96)
+    export_onnx(net, path, example, outputs, {"muybridge_kind": "test", "names": ["a", "b"]})
+    for shape in shapes:
+        assert parity(net, path, shape) < 1e-3
+    import onnxruntime
+
+    metadata = onnxruntime.InferenceSession(str(path)).get_modelmeta().custom_metadata_map
+    assert json.loads(metadata["names"]) == ["a", "b"]
+    assert b"site-packages" not in path.read_bytes()  # no paths of the machine that exported it
+
+
+def test_spread_calibration_covers_errors():
+    rng = np.random.default_rng(0)
+    spread = rng.uniform(0.5, 40, 8000)
+    error = rng.normal(size=(8000, 2)) * np.sqrt(0.7 * spread + 1.5)[:, None]
+    fitted = fit_spread(error[:4000], spread[:4000])
+    assert fitted.scale == pytest.approx(0.7, rel=0.15)
+    one, two = sigma_coverage(error[4000:], spread[4000:], fitted)
+    assert one == pytest.approx(0.683, abs=0.03)
+    assert two == pytest.approx(0.954, abs=0.02)
+
+
+def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
+    options = KeypointTraining(
+        renders=store, out=tmp_path / "run", minutes=0.25, size=64, batch=16, backgrounds=8, threads=2, workers=0
+    )
+    checkpoint = keypoints.train(options)
+    first = load_checkpoint(checkpoint)
+    again = load_checkpoint(keypoints.train(options))
+    assert again["state"]["images"] > first["state"]["images"] > 0
+    assert again["state"]["step"] > first["state"]["step"]
+    lines = [json.loads(line) for line in (options.out / "log.jsonl").read_text().splitlines()]
+    losses = [line["loss"] for line in lines if "loss" in line]
+    assert losses[-1] < losses[0]
+    assert lines[0]["options"]["seed"] == "0" and "torch" in lines[0]
+    pool = loop.background_pool(options)
+    path = tmp_path / "out" / "keypoints.onnx"
+    publish_keypoints(checkpoint, path, keypoints.held_out_batches(store, pool, 64, 2), "a test")
+    import onnxruntime
+
+    session = onnxruntime.InferenceSession(str(path))
+    card = keypoint_card(session.get_modelmeta().custom_metadata_map, path)
+    assert card.landmarks is BODY23 and card.input_size == 64
+    assert card.metadata["training_command"] == "a test"
+
+
+def test_people_training_learns(store, tmp_path):
+    options = PeopleTraining(
+        renders=store, out=tmp_path / "run", minutes=0.2, batch=8, backgrounds=8, threads=2, workers=0
+    )
+    saved = load_checkpoint(people.train(options))
+    assert saved["state"]["images"] > 0
+    assert set(saved["scores"]) == {"recall", "precision", "iou"}
+
+
+def test_training_without_renders_says_what_to_do(tmp_path):
+    with pytest.raises(SessionError, match="muybridge synth"):
+        keypoints.train(KeypointTraining(renders=tmp_path, out=tmp_path / "run"))
+
+
+def test_a_file_that_is_no_checkpoint_is_refused(tmp_path):
+    path = tmp_path / "checkpoint.pt"
+    path.write_bytes(b"nothing of the kind")
+    with pytest.raises(ModelError, match="checkpoint"):
+        load_checkpoint(path)
+
+
+@pytest.mark.parametrize(("kind", "card"), [("keypoints", keypoint_card), ("people", people_card)])
+def test_shipped_weights_say_how_they_were_made(kind, card):
+    import onnxruntime
+
+    path = shipped_model(kind)
+    metadata = onnxruntime.InferenceSession(str(path)).get_modelmeta().custom_metadata_map
+    assert card(metadata, path).metadata["training_command"].startswith("muybridge train")
+    assert json.loads(metadata["training"])["images"] > 100_000
+    assert "scores" in metadata and "seed" in metadata and "synthetic" in metadata["licence"]
