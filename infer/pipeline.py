@@ -17,7 +17,7 @@ from muybridge.geometry.landmarks import Keypoints2D
 from muybridge.infer import exports
 from muybridge.infer.detect import CameraResult, DetectOptions, detect, file_names, open_models
 from muybridge.infer.keypoints import CameraTracks, merge_tracks
-from muybridge.infer.outputs import WORK, open_output
+from muybridge.infer.outputs import WORK, OutputFolder, open_output
 from muybridge.infer.overlay import OverlayOptions
 from muybridge.infer.progress import Progress
 from muybridge.infer.quality import Quality, assess
@@ -93,14 +93,12 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     start, began = time.perf_counter(), datetime.now(UTC)
     session = open_session(path, options.session)
     models = open_models(options.detect)
-    out = path / DEFAULT_OUT if out is None else out
     files = file_names(session.cameras.names)
     inputs = [session.calibration, *(v.path for v in session.videos)]
-    output = open_output(out, exports.result_names(files), inputs, options.overwrite)
+    place = path / DEFAULT_OUT if out is None else out
+    output = open_output(place, exports.result_names(files), inputs, options.overwrite)
     store = StageStore(output.work)
-    progress.say(
-        f"{session.name}: {len(session.cameras)} cameras, {session.frames} frames at {session.fps:.4g} fps"
-    )
+    progress.say(f"{session.name}: {len(session.cameras)} cameras, {session.frames} frames at {session.fps:.4g} fps")
     for notice in session.notices:
         progress.notice(notice)
     detected = detect(session, files, models, store, options.detect, progress)
@@ -111,6 +109,45 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     if solution.motion is None:
         session = replace(session, notices=(*session.notices, f"there is no motion: {solution.no_motion}"))
     quality = assess(session.cameras, solution)
+    written, stages = _write(output, store, session, files, detected, solution, quality, options, progress)
+    seconds = time.perf_counter() - start
+    facts = {
+        "format": RUN_FORMAT,
+        "muybridge": __version__,
+        "started": began.isoformat(timespec="seconds"),
+        "seconds": seconds,
+        "session": session_facts(session),
+        "results": [*written, exports.RUN],
+        "quality": asdict(quality),
+        "person": solution.person,
+        "notices": session.notices,
+        "stages": stage_facts(stages),
+        "options": asdict(options),
+        "models": models.metadata,
+        "versions": versions(),
+        "machine": machine(),
+    }
+    exports.write_run(output, facts)
+    if solution.motion is None:
+        raise SessionError(
+            f"{path}: {solution.no_motion}; {output.path / exports.REPORT} and the overlays beside it show "
+            "what was found: if the marks are on the person, the calibration does not belong to these videos"
+        )
+    return RunResult(output.path, session, solution, quality, seconds)
+
+
+def _write(
+    output: OutputFolder,
+    store: StageStore,
+    session: Session,
+    files: Sequence[str],
+    detected: Sequence[CameraResult],
+    solution: Solution,
+    quality: Quality,
+    options: RunOptions,
+    progress: Progress,
+) -> tuple[list[str], dict[str, StageResult]]:
+    """Write every result but `run.json`; returns their names and all stages by name."""
     stages = {f"2D {files[c]}": d.stage for c, d in enumerate(detected)} | solution.stages
     written = exports.write_motion(output, session, solution)
     drawn, thumbnails = exports.write_overlays(
@@ -122,38 +159,10 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     exports.write_report_page(
         output, session, solution, quality, thumbnails, timings, asdict(options), versions(), written
     )
-    written.append(exports.REPORT)
-    seconds = time.perf_counter() - start
-    exports.write_run(
-        output,
-        {
-            "format": RUN_FORMAT,
-            "muybridge": __version__,
-            "started": began.isoformat(timespec="seconds"),
-            "seconds": seconds,
-            "session": session_facts(session),
-            "results": [*written, exports.RUN],
-            "quality": asdict(quality),
-            "person": solution.person,
-            "notices": session.notices,
-            "stages": stage_facts(stages),
-            "options": asdict(options),
-            "models": models.metadata,
-            "versions": versions(),
-            "machine": machine(),
-        },
-    )
-    if solution.motion is None:
-        raise SessionError(
-            f"{path}: {solution.no_motion}; {output.path / exports.REPORT} and the overlays beside it show "
-            "what was found: if the marks are on the person, the calibration does not belong to these videos"
-        )
-    return RunResult(output.path, session, solution, quality, seconds)
+    return [*written, exports.REPORT], stages
 
 
-def _common(
-    session: Session, detected: Sequence[CameraResult], progress: Progress
-) -> tuple[Session, Keypoints2D]:
+def _common(session: Session, detected: Sequence[CameraResult], progress: Progress) -> tuple[Session, Keypoints2D]:
     """Everyone's 2D landmarks over the frames that every camera really had."""
     counts = [len(d.tracks.points_px) for d in detected]
     frames = min(counts)
@@ -162,9 +171,7 @@ def _common(
         raise SessionError(f"{empty} gave no frame; export it again")
     if frames < session.frames:
         shortest = session.videos[counts.index(frames)].path.name
-        notice = (
-            f"{shortest} has {frames} frames, fewer than its header suggests: the first {frames} are used"
-        )
+        notice = f"{shortest} has {frames} frames, fewer than its header suggests: the first {frames} are used"
         progress.notice(notice)
         session = replace(with_frames(session, frames), notices=(*session.notices, notice))
     return session, merge_tracks([_first(d.tracks, frames) for d in detected])

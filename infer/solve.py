@@ -1,7 +1,7 @@
 """From the cameras' 2D landmarks to one person's motion: the stages that need no video."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,7 +12,7 @@ from muybridge.errors import MuybridgeError
 from muybridge.geometry.association import AssociateOptions, select_person, take_person
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.ik import FitOptions, fit_motion
-from muybridge.geometry.landmarks import Keypoints2D, Points3D
+from muybridge.geometry.landmarks import Keypoints2D, LandmarkSet, Points3D
 from muybridge.geometry.skeleton import Motion, Skeleton
 from muybridge.geometry.smoothing import SmoothOptions, smooth_points
 from muybridge.geometry.swaps import SwapOptions, repair_swaps
@@ -94,22 +94,7 @@ def solve(
         options: how.
         progress: whom to tell.
     """
-    code = code_digest("muybridge.geometry")
-    stages: dict[str, StageResult] = {}
-
-    def stage(name: str, given: Any, compute: Callable[[], tuple[Arrays, Mapping[str, Any]]]) -> StageResult:
-        key = digest(name, inputs, code, fps, given)
-        found = store.load(name, key)
-        if found is not None:
-            progress.say(f"{name}: resumed from {store.folder / (name + '.npz')}")
-        else:
-            start = time.perf_counter()
-            arrays, facts = compute()
-            found = store.save(name, key, arrays, facts, time.perf_counter() - start)
-            progress.say(f"{name}: {found.seconds:.1f} s")
-        stages[name] = found
-        return found
-
+    stage = _Stages(store, progress, [inputs, code_digest("muybridge.geometry"), fps])
     person = stage("person", options.person, lambda: _select(cameras, keypoints, options.person))
     sides = stage(
         "sides", [person.key, options.swaps], lambda: _sides(cameras, keypoints, person.arrays, options.swaps)
@@ -120,23 +105,9 @@ def solve(
         [sides.key, options.triangulate],
         lambda: _points(cameras, px, variance, options.triangulate),
     )
-    measured = Points3D(
-        landmarks=keypoints.landmarks,
-        points_world=cloud.arrays["points_world"],
-        covariance_world=cloud.arrays["covariance_world"],
-        residual_px=cloud.arrays["residual_px"],
-        inlier=cloud.arrays["inlier"],
-        fps=fps,
-    )
+    measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
     smooth = stage("smooth", [cloud.key, options.smooth], lambda: _smooth(measured, options.smooth))
-    points = Points3D(
-        landmarks=measured.landmarks,
-        points_world=smooth.arrays["points_world"],
-        covariance_world=smooth.arrays["covariance_world"],
-        residual_px=measured.residual_px,
-        inlier=measured.inlier,
-        fps=fps,
-    )
+    points = _as_points(keypoints.landmarks, smooth.arrays, cloud.arrays, fps)
     motion, no_motion = None, ""
     try:
         fitted = stage("motion", [cloud.key, options.fit], lambda: _pack(fit_motion(measured, options.fit)))
@@ -155,7 +126,41 @@ def solve(
         noise_px=float(cloud.facts["noise_px"]),
         motion=motion,
         no_motion=no_motion,
-        stages=stages,
+        stages=stage.done,
+    )
+
+
+class _Stages:
+    """Computes stages, or takes them from the store."""
+
+    def __init__(self, store: StageStore, progress: Progress, inputs: Sequence[Any]):
+        """`inputs`: what all stages depend on."""
+        self._store, self._progress, self._inputs = store, progress, inputs
+        self.done: dict[str, StageResult] = {}
+
+    def __call__(self, name: str, given: Any, compute: Callable[[], tuple[Arrays, Mapping[str, Any]]]) -> StageResult:
+        """The stage `name`, which depends on `given` besides."""
+        key = digest(name, self._inputs, given)
+        result = self._store.load(name, key)
+        if result is not None:
+            self._progress.say(f"{name}: resumed from {self._store.folder / (name + '.npz')}")
+        else:
+            start = time.perf_counter()
+            arrays, facts = compute()
+            result = self._store.save(name, key, arrays, facts, time.perf_counter() - start)
+            self._progress.say(f"{name}: {result.seconds:.1f} s")
+        self.done[name] = result
+        return result
+
+
+def _as_points(landmarks: LandmarkSet, positions: Arrays, measurement: Arrays, fps: float) -> Points3D:
+    return Points3D(
+        landmarks=landmarks,
+        points_world=positions["points_world"],
+        covariance_world=positions["covariance_world"],
+        residual_px=measurement["residual_px"],
+        inlier=measurement["inlier"],
+        fps=fps,
     )
 
 
