@@ -238,18 +238,19 @@ class Compositor:
     def _truncate(
         self, image: Tensor, visible: NDArray[np.bool_], landmarks: NDArray[np.float32]
     ) -> tuple[Tensor, NDArray[np.bool_]]:
-        """The crop reaches over the border of the video: black there."""
+        """The crop reaches over the border of the video: black there. The border is slanted where a rolled camera's
+        crop was turned upright."""
+        rng, size = self.rng, self.size
         visible = visible.copy()
-        for i in np.nonzero(self.rng.random(len(image)) < self.options.truncate)[0]:
-            cut = int(self.size * self.rng.beta(1.0, 3.0) * 0.5)
-            side = int(self.rng.integers(4))
-            axis, far = side % 2, side >= 2
-            edge = self.size - cut if far else cut
-            hidden = landmarks[i, :, axis] >= edge if far else landmarks[i, :, axis] < edge
-            visible[i] &= ~hidden
-            span = slice(edge, None) if far else slice(None, edge)
-            if axis == 0:
-                image[i, :, :, span] = 0
-            else:
-                image[i, :, span] = 0
+        y, x = np.mgrid[:size, :size].astype(np.float32) - (size - 1) / 2
+        for i in np.nonzero(rng.random(len(image)) < self.options.truncate)[0]:
+            # The half-plane n . p > edge, p from the crop's middle, lies outside of the video.
+            slant = rng.normal(0, 0.25) if rng.random() < 0.7 else 0.0
+            angle = slant + rng.integers(4) * np.pi / 2
+            edge = size * (0.5 - 0.5 * rng.beta(1.0, 3.0))
+            nx, ny = float(np.cos(angle)), float(np.sin(angle))
+            outside = x * nx + y * ny > edge
+            image[i, :, torch.from_numpy(outside)] = 0
+            centred = landmarks[i] - (size - 1) / 2
+            visible[i] &= ~(centred[:, 0] * nx + centred[:, 1] * ny > edge)
         return image, visible
