@@ -1,7 +1,7 @@
 """Detections of one camera to tracks: slots that hold the same person from frame to frame.
 
-Boxes here are (left, top, right, bottom) in px of the original frame. The tracker is fed frame by frame and
-keeps a few numbers a slot; smoothing looks a little ahead, as far as the frames at hand go.
+Boxes here are (left, top, right, bottom) in upright px (see `muybridge.infer.upright`). The tracker is fed
+frame by frame and keeps a few numbers a slot; smoothing looks a little ahead, as far as the frames at hand go.
 """
 
 from __future__ import annotations
@@ -83,9 +83,9 @@ class TrackedFrame(NamedTuple):
 class Tracker:
     """Assigns detections to slots. A slot is reused only after its track has ended."""
 
-    def __init__(self, width: int, height: int, options: TrackOptions = TrackOptions()) -> None:
-        """A tracker for frames of `width` x `height` px."""
-        self._size = np.array([width, height], dtype=np.float64)
+    def __init__(self, bounds_px: NDArray[np.float64], options: TrackOptions = TrackOptions()) -> None:
+        """A tracker for images with the edges (left, top, right, bottom)."""
+        self._bounds = np.asarray(bounds_px, dtype=np.float64)
         self._options = options
         slots = options.max_people
         self._boxes = np.full((slots, 4), np.nan)
@@ -143,9 +143,7 @@ class Tracker:
         good = allowed[rows, columns]
         return active[rows[good]], columns[good]
 
-    def _observe(
-        self, slots: NDArray[np.intp], boxes: NDArray[np.float64], scores: NDArray[np.float64]
-    ) -> None:
+    def _observe(self, slots: NDArray[np.intp], boxes: NDArray[np.float64], scores: NDArray[np.float64]) -> None:
         surprise = _centers(boxes) - _centers(self._boxes[slots])
         # A step after a gap is spread over the gap; a young track learns faster.
         gain = np.maximum(_VELOCITY_GAIN, 1 / (1 + self._hits[slots])) / self._gap[slots]
@@ -189,8 +187,8 @@ class Tracker:
         self._ended_at[slots] = self._clock
 
     def _outside(self) -> NDArray[np.bool_]:
-        low = np.clip(self._boxes[:, :2], -0.5, self._size - 0.5)
-        high = np.clip(self._boxes[:, 2:], -0.5, self._size - 0.5)
+        low = np.clip(self._boxes[:, :2], self._bounds[:2], self._bounds[2:])
+        high = np.clip(self._boxes[:, 2:], self._bounds[:2], self._bounds[2:])
         area = (self._boxes[:, 2:] - self._boxes[:, :2]).prod(axis=1)
         outside: NDArray[np.bool_] = (high - low).prod(axis=1) < _MIN_INSIDE * area
         return outside
@@ -224,14 +222,14 @@ class BoxSmoother:
             rows, slots = np.nonzero(ids == track)
             past = self._memory.get(int(track), np.empty((0, 4)))
             known = np.concatenate([np.ones(len(past), dtype=np.bool_), seen[rows, slots]])
-            series = _filled(np.concatenate([past, boxes[rows, slots]]), known)
-            smooth[rows, slots] = _smoothed(series, self._sigma)[len(past) :]
+            series = filled_boxes(np.concatenate([past, boxes[rows, slots]]), known)
+            smooth[rows, slots] = smoothed_boxes(series, self._sigma)[len(past) :]
             memory[int(track)] = series[-self._MEMORY :]
         self._memory = memory
         return smooth
 
 
-def _filled(series: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
+def filled_boxes(series: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
     """(n, 4) with the boxes between known ones interpolated."""
     result = series.copy()
     at = np.flatnonzero(known)
@@ -242,8 +240,8 @@ def _filled(series: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np
     return result
 
 
-def _smoothed(series: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-    """(n, 4) boxes without single outliers, centres and sizes smoothed over time."""
+def smoothed_boxes(series: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
+    """(n, 4) boxes of consecutive frames without single outliers, centres and sizes smoothed over time."""
     center, size = (series[:, :2] + series[:, 2:]) / 2, series[:, 2:] - series[:, :2]
     if len(series) >= 3 and sigma > 0:
         center = median_filter(center, size=(3, 1), mode="nearest")

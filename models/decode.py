@@ -152,7 +152,7 @@ def decode_people(
     stride: int,
     threshold: float = 0.3,
     max_people: int = 16,
-    max_overlap: float = 0.6,
+    max_overlap: float = 0.5,
 ) -> list[DetectedPeople]:
     """People's boxes from the detector's maps.
 

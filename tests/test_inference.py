@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
@@ -18,11 +20,13 @@ from muybridge.geometry.cameras import Camera
 from muybridge.geometry.crops import crops_for_boxes
 from muybridge.geometry.landmarks import BODY23
 from muybridge.infer.crops import extract_crops
-from muybridge.infer.keypoints import KeypointOptions, PoseEstimator, body_boxes, merge_tracks
+from muybridge.infer.keypoints import KeypointOptions, PoseEstimator, merge_tracks
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions, PeopleNetwork
-from muybridge.infer.people import BackgroundPlate, Letterbox, PeopleDetector, PeopleOptions, upright_turns
+from muybridge.infer.people import BackgroundPlate, PeopleDetector, PeopleOptions
+from muybridge.infer.poses import body_boxes
 from muybridge.infer.tracking import TrackOptions
-from muybridge.models.decode import SpreadCalibration, decode_heatmaps
+from muybridge.infer.upright import Letterbox, Upright, upright_for
+from muybridge.models.decode import DetectedPeople, SpreadCalibration, decode_heatmaps
 from muybridge.models.registry import keypoint_card, shipped_model
 
 onnx = pytest.importorskip("onnx", reason="onnx is in the train extra")
@@ -163,25 +167,48 @@ def test_a_person_who_is_gone_is_missing(models: tuple[Path, Path]) -> None:
     assert (tracks.score[12:] == 0).all() and (tracks.ids[12:] == -1).all()
 
 
-def test_landmarks_keep_a_track_that_the_detector_loses(models: tuple[Path, Path]) -> None:
+def _patch_detector(monkeypatch: pytest.MonkeyPatch, change: Callable[[int, DetectedPeople], DetectedPeople]) -> None:
+    """Every detection passes through `change`, which is told the number of its frame."""
+    original, count = PeopleDetector.__call__, [0]
+
+    def patched(self: PeopleDetector, frames: NDArray[np.uint8]) -> list[DetectedPeople | None]:
+        found = original(self, frames)
+        changed = [change(count[0] + i, f) if f is not None else None for i, f in enumerate(found)]
+        count[0] += len(found)
+        return changed
+
+    monkeypatch.setattr(PeopleDetector, "__call__", patched)
+
+
+def test_landmarks_keep_a_track_that_the_detector_loses(
+    models: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Looked for in every frame, seen in none of 60, moving: the landmarks carry the box along."""
-    options = KeypointOptions(track=TrackOptions(max_coast=8))
-    estimator = PoseEstimator(*models, options=options)
-    detector = estimator._detector
-    positions = [np.array([100.0 + 3 * t, 200.0]) for t in range(120)]
+    nobody = DetectedPeople(np.empty((0, 4)), np.empty(0))
+    _patch_detector(monkeypatch, lambda t, found: nobody if 30 <= t < 90 else found)
+    estimator = PoseEstimator(*models, options=KeypointOptions(track=TrackOptions(max_coast=8)))
+    positions = np.stack([[100.0 + 3 * t, 200.0] for t in range(120)])
     for start in range(0, 120, 4):
-        frames = np.stack([_frame([c]) for c in positions[start : start + 4]])
-
-        def blinded(frames: NDArray[np.uint8], first: int = start) -> list[Any]:
-            found = detector(frames)
-            empty = found[0]._replace(boxes_px=np.empty((0, 4)), scores=np.empty(0))  # type: ignore[union-attr]
-            return [empty if 30 <= first + i < 90 else f for i, f in enumerate(found)]
-
-        estimator._detector = blinded  # type: ignore[assignment]
-        estimator.process(frames)
+        estimator.process(np.stack([_frame([c]) for c in positions[start : start + 4]]))
     tracks = estimator.finish()
-    error = np.linalg.norm(tracks.points_px[:, 0] - (np.stack(positions)[:, None] + OFFSETS_PX), axis=-1)
+    error = np.linalg.norm(tracks.points_px[:, 0] - (positions[:, None] + OFFSETS_PX), axis=-1)
     assert tracks.points_px.shape[1] == 1 and error.max() < 3.0
+
+
+def test_a_second_track_on_one_person_is_dropped(models: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A detector that also reports half of the person: both boxes lead to the same landmarks."""
+
+    def also_half(frame: int, found: DetectedPeople) -> DetectedPeople:
+        half = found.boxes_px[:1] + [0.0, 0.0, 0.0, -55.0]
+        return DetectedPeople(np.concatenate([found.boxes_px[:1], half]), np.array([0.9, 0.8]))
+
+    _patch_detector(monkeypatch, also_half)
+    estimator = PoseEstimator(*models, options=KeypointOptions(min_sure=0.2))
+    center = np.array([300.0, 200.0])
+    estimator.process(np.stack([_frame([center])] * 20))
+    tracks = estimator.finish()
+    assert tracks.points_px.shape[1] == 1
+    assert np.abs(tracks.points_px[:, 0] - center - OFFSETS_PX).max() < 2.5
 
 
 def test_nobody_at_all(models: tuple[Path, Path]) -> None:
@@ -204,24 +231,21 @@ def test_looking_less_often_follows_as_well(models: tuple[Path, Path], every: in
     assert error.max() < 2.5
 
 
-def test_a_poor_box_is_cropped_again(models: tuple[Path, Path]) -> None:
-    """A detector whose boxes are twice too large: the second crop follows the landmarks."""
+def test_a_poor_box_is_cropped_again(models: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A detector whose boxes are twice too large and trembling: the second crop follows the landmarks."""
     truth = np.array([300.0, 200.0]) + OFFSETS_PX
-    errors, sides = [], []
+    rng, grow = np.random.default_rng(0), np.array([-80.0, -60, 40, 60])
+    errors, sides, trembling = [], [], []
     for refine in (False, True):
-        estimator = PoseEstimator(*models, options=KeypointOptions(refine_crop=refine, min_sure=0.1))
-        detector = estimator._detector
-
-        def enlarged(frames: NDArray[np.uint8], detector: PeopleDetector = detector) -> list[Any]:
-            grow = np.array([-80.0, -60, 40, 60])
-            return [f._replace(boxes_px=f.boxes_px + grow) for f in detector(frames) if f is not None]
-
-        estimator._detector = enlarged  # type: ignore[assignment]
-        estimator.process(np.stack([_frame([np.array([300.0, 200.0])])] * 8))
+        with monkeypatch.context() as patch:
+            _patch_detector(patch, lambda t, f: f._replace(boxes_px=f.boxes_px + grow + rng.normal(0, 4, 4)))
+            estimator = PoseEstimator(*models, options=KeypointOptions(refine_crop=refine, min_sure=0.1))
+            estimator.process(np.stack([_frame([np.array([300.0, 200.0])])] * 12))
         tracks = estimator.finish()
         errors.append(np.linalg.norm(tracks.points_px[:, 0] - truth, axis=-1).mean())
         sides.append((tracks.boxes_px[:, 0, 3] - tracks.boxes_px[:, 0, 1]).mean())
-    assert sides[1] < 0.7 * sides[0]
+        trembling.append(np.abs(np.diff(tracks.boxes_px[:, 0], axis=0)).mean())
+    assert sides[1] < 0.7 * sides[0] and trembling[1] < trembling[0]
     assert errors[1] <= errors[0] + 0.2
 
 
@@ -284,29 +308,49 @@ def test_background_plate_forgets_who_moves() -> None:
     np.testing.assert_allclose(difference, expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("turns", [0, 1, 2, 3])
-def test_letterbox_boxes_come_back(turns: int) -> None:
+@pytest.mark.parametrize("angle", [0.0, np.pi / 2, np.pi, -np.pi / 2, 0.4, -2.0])
+def test_letterbox_boxes_come_back(angle: float) -> None:
     for width, height in ((1920, 1080), (1080, 1920), (320, 200), (1088, 1920), (3840, 2160)):
-        letterbox = Letterbox(width, height, 320, turns)
-        assert all(side % 32 == 0 for side in letterbox.canvas) and max(letterbox.scaled) == 320
+        upright = Upright(width, height, angle)
+        letterbox = Letterbox(upright, 320)
+        assert all(side % 32 == 0 for side in letterbox.canvas)
         frame = np.zeros((height, width, 3), dtype=np.uint8)
-        box = np.array([width // 4, height // 8, width // 2, height // 3])
-        frame[box[1] : box[3], box[0] : box[2]] = 255
+        left, top, right, bottom = width // 4, height // 8, width // 2, height // 3
+        frame[top:bottom, left:right] = 255
         small = letterbox.apply(frame)[..., 0] > 127
         assert small.shape == letterbox.canvas[::-1]
         rows, columns = np.nonzero(small.any(axis=1))[0], np.nonzero(small.any(axis=0))[0]
         found = np.array([[columns[0] - 0.5, rows[0] - 0.5, columns[-1] + 0.5, rows[-1] + 0.5]])
-        # Edges lie half a pixel outside the first and last pixel's centre.
-        assert np.abs(letterbox.boxes_to_frame(found)[0] - (box - 0.5)).max() <= max(width, height) / 320
+        # Edges lie half a pixel outside the first and last pixel's centre; turned corners are cut off a little.
+        corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]]) - 0.5
+        turned = upright.to_upright(corners)
+        expected = np.concatenate([turned.min(axis=0), turned.max(axis=0)])
+        assert np.abs(letterbox.boxes_to_upright(found)[0] - expected).max() <= 1.5 * max(width, height) / 320
+
+
+@settings(max_examples=30, deadline=None)
+@given(angle=st.floats(-3.1, 3.1), width=st.integers(50, 4000), height=st.integers(50, 4000))
+def test_upright_round_trip(angle: float, width: int, height: int) -> None:
+    upright = Upright(width, height, angle)
+    points = np.random.default_rng(0).uniform(-100, 4000, (20, 2))
+    np.testing.assert_allclose(upright.to_frame(upright.to_upright(points)), points, atol=1e-8)
+    boxes = np.concatenate([points[:5], points[:5] + [30.0, 80.0]], axis=1)
+    middle = upright.to_frame((boxes[:, :2] + boxes[:, 2:]) / 2)
+    for inside, around in zip(upright.centered_in_frame(boxes), upright.around_in_frame(boxes), strict=True):
+        np.testing.assert_allclose(inside[2:] - inside[:2], [30, 80])
+        assert np.linalg.norm(around[2:] - around[:2]) >= np.hypot(30, 80) - 1e-6
+    np.testing.assert_allclose((around[:2] + around[2:]) / 2, middle[-1], atol=1e-6)
 
 
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
-@pytest.mark.parametrize("tilt", [-0.2, 0.0, 0.2])
-def test_frames_are_turned_so_that_world_up_is_up(turns: int, tilt: float) -> None:
+@pytest.mark.parametrize(("tilt", "roll"), [(-0.2, 0.0), (0.0, 0.5), (0.2, -0.7), (0.1, 0.02)])
+def test_frames_are_turned_so_that_world_up_is_up(turns: int, tilt: float, roll: float) -> None:
     rotation = np.array([[1.0, 0, 0], [0, -np.sin(tilt), -np.cos(tilt)], [0, np.cos(tilt), -np.sin(tilt)]])
+    roll_turn = [[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1.0]]
+    rotation = np.array(roll_turn) @ rotation
     pose = np.column_stack([rotation, -rotation @ np.array([0.0, -4.0, 1.0])])
     camera = Camera("c", "PINHOLE", WIDTH, HEIGHT, (500.0, 500.0, 320.0, 240.0), pose).turned(turns)
-    letterbox = Letterbox(camera.width, camera.height, 320, upright_turns(camera))
+    letterbox = Letterbox(upright_for(camera, camera.width, camera.height), 320)
     frame = np.zeros((camera.height, camera.width, 3), dtype=np.uint8)
     foot, head = np.round(camera.project([[0.1, 0.0, 0.7], [0.1, 0.0, 1.3]])).astype(int)
     frame[foot[1] - 4 : foot[1] + 5, foot[0] - 4 : foot[0] + 5, 0] = 255
@@ -315,6 +359,8 @@ def test_frames_are_turned_so_that_world_up_is_up(turns: int, tilt: float) -> No
     y, x = np.mgrid[: small.shape[0], : small.shape[1]]
     at = [[(small[..., c] * v).sum() / small[..., c].sum() for v in (x, y)] for c in (0, 1)]
     assert at[0][1] - at[1][1] > 20 and abs(at[0][0] - at[1][0]) < 5
+    straight_down = np.column_stack([np.diag([1.0, -1, -1]), [0, 0, 4.0]])
+    assert upright_for(camera.posed(straight_down), camera.width, camera.height).angle == 0
 
 
 @pytest.mark.parametrize(
@@ -389,9 +435,7 @@ def _python_blocks(path: Path) -> list[str]:
 
 def test_the_guides_code_agrees_with_ours(models: tuple[Path, Path], repository: Path) -> None:
     code, crop_code = _python_blocks(repository / "docs" / "embedding.md")
-    session = pytest.importorskip("onnxruntime").InferenceSession(
-        str(models[0]), providers=["CPUExecutionProvider"]
-    )
+    session = pytest.importorskip("onnxruntime").InferenceSession(str(models[0]), providers=["CPUExecutionProvider"])
     scope: dict[str, Any] = {
         "frame": _frame([np.array([300.0, 200.0])]), "boxes_px": np.array([[270.0, 150.0, 330.0, 250.0]]),
         "input_size": CROP, "camera": None, "points_crop_px": np.zeros((1, 3, 2)),

@@ -12,13 +12,11 @@ def _box(x: float, y: float = 300.0, width: float = 80.0, height: float = 240.0)
 
 
 def _detected(*boxes: NDArray[np.float64], scores: list[float] | None = None) -> DetectedPeople:
-    return DetectedPeople(
-        np.array(boxes).reshape(-1, 4), np.array([0.9] * len(boxes) if scores is None else scores)
-    )
+    return DetectedPeople(np.array(boxes).reshape(-1, 4), np.array([0.9] * len(boxes) if scores is None else scores))
 
 
 def _tracker(**options: float) -> Tracker:
-    return Tracker(1280, 720, TrackOptions(**options))  # type: ignore[arg-type]
+    return Tracker(np.array([-0.5, -0.5, 1279.5, 719.5]), TrackOptions(**options))  # type: ignore[arg-type]
 
 
 def _middle_x(frame: TrackedFrame, track: int) -> float:
@@ -33,11 +31,7 @@ def test_two_people_who_cross_keep_their_tracks() -> None:
         left, right = 200.0 + 10 * t, 1000.0 - 10 * t
         noisy = [_box(x + rng.normal(0, 2)) for x in (left, right)]
         # While they overlap the detector sees one person, who is somewhere between the two.
-        boxes = (
-            [_box((left + right) / 2 + rng.normal(0, 3))]
-            if abs(left - right) < 60
-            else noisy[:: 1 - 2 * (t % 2)]
-        )
+        boxes = [_box((left + right) / 2 + rng.normal(0, 3))] if abs(left - right) < 60 else noisy[:: 1 - 2 * (t % 2)]
         frame = tracker.step(_detected(*boxes))
     assert sorted(frame.ids[frame.ids >= 0]) == [0, 1]
     first = 0 if abs(_middle_x(frame, 0) - left) < 15 else 1
@@ -138,10 +132,7 @@ def test_other_evidence_keeps_a_track_and_can_end_it() -> None:
 
 def _frames(x: NDArray[np.float64], seen: NDArray[np.bool_]) -> list[TrackedFrame]:
     one = np.zeros(1, dtype=np.int64)
-    return [
-        TrackedFrame(_box(v)[None], one, np.array([s]), np.array([not s]))
-        for v, s in zip(x, seen, strict=True)
-    ]
+    return [TrackedFrame(_box(v)[None], one, np.array([s]), np.array([not s])) for v, s in zip(x, seen, strict=True)]
 
 
 def test_boxes_are_filled_and_smoothed_without_lag() -> None:
@@ -163,8 +154,6 @@ def test_smoothing_does_not_reach_across_tracks() -> None:
     frames = []
     for t in range(12):
         ids = np.array([0 if t < 6 else 1])
-        frames.append(
-            TrackedFrame(_box(200.0 if t < 6 else 900.0)[None], ids, np.array([True]), np.array([False]))
-        )
+        frames.append(TrackedFrame(_box(200.0 if t < 6 else 900.0)[None], ids, np.array([True]), np.array([False])))
     smooth = BoxSmoother()(frames)[:, 0, [0, 2]].mean(axis=-1)
     np.testing.assert_allclose(smooth, [200.0] * 6 + [900.0] * 6)

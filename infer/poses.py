@@ -1,0 +1,213 @@
+"""Landmarks of people whose boxes are known: crop, run the network, decode, crop again where the box was poor."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from muybridge.geometry.cameras import Camera
+from muybridge.geometry.crops import crops_for_boxes
+from muybridge.geometry.landmarks import LandmarkSet
+from muybridge.infer.crops import extract_crops
+from muybridge.infer.onnx import KeypointNetwork
+from muybridge.infer.tracking import filled_boxes, smoothed_boxes
+from muybridge.infer.upright import Upright
+from muybridge.models.decode import decode_heatmaps
+
+# How far a person reaches beyond their landmarks, in longer sides of the landmarks' own box.
+_REACH = {"nose": 0.11, "eye": 0.11, "ear": 0.11, "wrist": 0.10}
+_REACH_ELSEWHERE = 0.04
+
+# Boxes narrower than this are widened: there is nothing to see in them.
+_MIN_BOX_PX = 8.0
+
+# Smoothing of the landmarks' own boxes (frames), and how far round a poor box its neighbours are redone.
+_OWN_BOX_SMOOTHING = 2.0
+_REDO_AROUND = 3
+
+# Two tracks are of one person if the median distance of their landmarks is below this part of the body's
+# longer side; the younger one goes unless it is surer by this much.
+_SAME_PERSON = 0.06
+_MUCH_SURER = 0.1
+
+
+class Poses(NamedTuple):
+    """Landmarks of K boxes, K over frames and tracks.
+
+    Attributes:
+        points_px: (K, J, 2) px of the frame.
+        variance_px2: (K, J).
+        score: (K, J).
+        visibility: (K, J).
+        boxes_px: (K, 4) that were cropped, upright px.
+    """
+
+    points_px: NDArray[np.float64]
+    variance_px2: NDArray[np.float64]
+    score: NDArray[np.float64]
+    visibility: NDArray[np.float64]
+    boxes_px: NDArray[np.float64]
+
+    @property
+    def sureness(self) -> NDArray[np.float64]:
+        """(K,) mean score."""
+        return np.asarray(self.score.mean(axis=1), dtype=np.float64)
+
+    def select(self, index: NDArray[np.intp]) -> Poses:
+        """The poses picked by an index array over K."""
+        return Poses(*(values[index] for values in self))
+
+
+class PoseReader:
+    """Reads the landmarks in boxes of one camera's frames.
+
+    Attributes:
+        upright: how the camera's frames are hung; boxes are in upright px.
+    """
+
+    def __init__(self, network: KeypointNetwork, camera: Camera | None, upright: Upright) -> None:
+        self._network = network
+        self._camera = camera
+        self.upright = upright
+
+    def __call__(self, frames: NDArray[np.uint8], frame: NDArray[np.intp], boxes_px: NDArray[np.float64]) -> Poses:
+        """Landmarks in boxes.
+
+        Args:
+            frames: (n, H, W, 3) RGB.
+            frame: (K,) which of them a box is in.
+            boxes_px: (K, 4) upright px.
+        """
+        card = self._network.card
+        boxes_px = _at_least(boxes_px)
+        in_frame = self.upright.centered_in_frame(boxes_px)
+        crops = crops_for_boxes(in_frame, card.input_size, self._camera, card.box_padding)
+        pixels = np.empty((len(crops), card.input_size, card.input_size, 3), dtype=np.uint8)
+        for index in np.unique(frame):
+            here = np.flatnonzero(frame == index)
+            pixels[here] = extract_crops(frames[index], crops.select(here))
+        heatmaps, visibility = self._network(pixels)
+        points_crop, variance_crop, score = decode_heatmaps(heatmaps, card.stride, card.spread)
+        points = crops.to_image(points_crop)
+        variance = crops.variance_to_image(points_crop, variance_crop)
+        score[~np.isfinite(points).all(axis=-1)] = 0.0
+        seen = 1 / (1 + np.exp(-np.clip(visibility.astype(np.float64), -50, 50)))
+        return Poses(points, variance, score, seen, boxes_px)
+
+    def own_boxes(self, poses: Poses) -> NDArray[np.float64]:
+        """(K, 4) boxes that the landmarks themselves suggest, upright px; NaN where there are none."""
+        return body_boxes(self.upright.to_upright(poses.points_px), self._network.card.landmarks)
+
+    def refined(
+        self,
+        frames: NDArray[np.uint8],
+        frame: NDArray[np.intp],
+        track: NDArray[np.int64],
+        poses: Poses,
+        min_sure: float,
+        change: float,
+    ) -> Poses:
+        """The poses, read once more where a track's boxes differ much from those of its landmarks.
+
+        Args:
+            frames: (n, H, W, 3) RGB.
+            frame: (K,) which frame a pose is in.
+            track: (K,) which track it belongs to; frames ascend within a track.
+            poses: of a first reading.
+            min_sure: mean score from which a pose's own box is believed.
+            change: difference in centre or size, relative to the box, from which a box is poor.
+        """
+        wanted = poses.boxes_px.copy()
+        own, sure = self.own_boxes(poses), poses.sureness >= min_sure
+        again = np.zeros(len(frame), dtype=np.bool_)
+        for number in np.unique(track):
+            rows = np.flatnonzero(track == number)
+            believed = sure[rows] & np.isfinite(own[rows]).all(axis=1)
+            if not believed.any():
+                continue
+            series = filled_boxes(own[rows], believed)
+            # Before the first and after the last pose that is believed the crop stays as it was.
+            inner = rows[np.isfinite(series).all(axis=1) & _between(believed)]
+            wanted[inner] = smoothed_boxes(series[_between(believed)], _OWN_BOX_SMOOTHING)
+            poor = _differs(wanted[rows], poses.boxes_px[rows], change)
+            again[rows] = maximum_filter1d(poor.astype(np.uint8), 2 * _REDO_AROUND + 1).astype(np.bool_)
+        again &= (wanted != poses.boxes_px).any(axis=1)
+        redo = np.flatnonzero(again)
+        if not len(redo):
+            return poses
+        second = self(frames, frame[redo], wanted[redo])
+        gain = second.sureness - poses.sureness[redo]
+        for number in np.unique(track[redo]):
+            here = track[redo] == number
+            # All of a track's frames or none: two readings in turns would jitter.
+            if gain[here].mean() <= 0:
+                continue
+            for values, new in zip(poses, second, strict=True):
+                values[redo[here]] = new[here]
+        return poses
+
+    def duplicates(self, frame: NDArray[np.intp], track: NDArray[np.int64], poses: Poses) -> NDArray[np.int64]:
+        """Tracks whose landmarks lie on the person of another track in most frames that both are in."""
+        own = self.own_boxes(poses)
+        side = (own[:, 2:] - own[:, :2]).max(axis=1)
+        tracks = np.unique(track)
+        sureness = {int(t): float(poses.sureness[track == t].mean()) for t in tracks}
+        gone: set[int] = set()
+        for older, younger in [(int(a), int(b)) for i, a in enumerate(tracks) for b in tracks[i + 1 :]]:
+            if gone & {older, younger}:
+                continue
+            a, b = np.flatnonzero(track == older), np.flatnonzero(track == younger)
+            _, in_a, in_b = np.intersect1d(frame[a], frame[b], return_indices=True)
+            if not len(in_a):
+                continue
+            a, b = a[in_a], b[in_b]
+            away = np.linalg.norm(poses.points_px[a] - poses.points_px[b], axis=-1)
+            if np.median(np.median(away, axis=1) / np.maximum(side[a], side[b])) < _SAME_PERSON:
+                gone.add(older if sureness[younger] > sureness[older] + _MUCH_SURER else younger)
+        return np.array(sorted(gone), dtype=np.int64)
+
+
+def _between(known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) from the first to the last True."""
+    inside: NDArray[np.bool_] = np.logical_or.accumulate(known)
+    return inside & np.logical_or.accumulate(known[::-1])[::-1]
+
+
+def _differs(a: NDArray[np.float64], b: NDArray[np.float64], change: float) -> NDArray[np.bool_]:
+    """(K,) whether boxes differ in centre or size by more than `change` of b's longer side."""
+    side_a, side_b = (np.maximum((box[:, 2:] - box[:, :2]).max(axis=1), _MIN_BOX_PX) for box in (a, b))
+    moved = np.linalg.norm((a[:, :2] + a[:, 2:] - b[:, :2] - b[:, 2:]) / 2, axis=1) / side_b
+    return np.asarray((moved > change) | (np.abs(np.log(side_a / side_b)) > np.log1p(change)), dtype=np.bool_)
+
+
+def body_boxes(points_px: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.float64]:
+    """Boxes of whole bodies from their landmarks.
+
+    Args:
+        points_px: (K, J, 2), NaN where missing.
+        landmarks: which are what; heads and hands reach further beyond their landmarks than the rest.
+
+    Returns:
+        (K, 4) left, top, right, bottom; NaN where no landmark is known.
+    """
+    points = np.where(np.isfinite(points_px).all(axis=-1, keepdims=True), points_px, np.nan)
+    side = (_nan_extreme(points, np.fmax) - _nan_extreme(points, np.fmin)).max(axis=1)
+    reach = np.array([_REACH.get(name.rsplit("_", 1)[-1], _REACH_ELSEWHERE) for name in landmarks.names])
+    margin = (reach * side[:, None])[..., None]
+    low, high = _nan_extreme(points - margin, np.fmin), _nan_extreme(points + margin, np.fmax)
+    return np.concatenate([low, high], axis=1)
+
+
+def _nan_extreme(points: NDArray[np.float64], extreme: np.ufunc) -> NDArray[np.float64]:
+    """(K, J, 2) to (K, 2) by np.fmin or np.fmax, which pass NaN over without a warning."""
+    return np.asarray(extreme.reduce(points, axis=1), dtype=np.float64)
+
+
+def _at_least(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The boxes, widened about their middle to a least side."""
+    center = (boxes[:, :2] + boxes[:, 2:]) / 2
+    half = np.maximum(boxes[:, 2:] - boxes[:, :2], _MIN_BOX_PX) / 2
+    return np.concatenate([center - half, center + half], axis=1)
