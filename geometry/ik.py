@@ -51,7 +51,7 @@ class FitOptions:
     angular_acceleration: float = 40.0
     root_velocity: float = 3.0
     angular_velocity: float = 12.0
-    prior_weight: float = 0.2
+    prior_weight: float = 0.5
     shape_frames: int = 60
     clean: SmoothOptions = field(default_factory=SmoothOptions)
 

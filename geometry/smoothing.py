@@ -39,7 +39,7 @@ class SmoothOptions:
     """
 
     unswap: bool = True
-    swap_share: float = 0.3
+    swap_share: float = 0.1
     hampel_window: float = 0.2
     hampel_sigmas: float = 4.0
     hampel_floor: float = 0.04
@@ -126,12 +126,39 @@ def _unswap(
     xyz, covariance = xyz.copy(), covariance.copy()
     left, right = np.array(pairs, dtype=np.intp).T
     limb = np.array([_limb_of(names[i]) for i in left])
-    for group in (np.zeros(len(left), dtype=np.intp), limb, np.arange(len(left))):
-        swapped = _swap_paths(xyz[:, left], xyz[:, right], covariance[:, left], group, fps, swap_share)
+    rare = float(np.log((1 - swap_share) / swap_share))
+    # All at once is the network's own mistake and not rare; besides, the body tells where its front is.
+    whole = 0.4 * rare + _facing(landmarks, xyz)[:, None]
+    for group, prior in (
+        (np.zeros(len(left), dtype=np.intp), whole),
+        (limb, np.full((1, 1), rare)),
+        (np.arange(len(left)), np.full((1, 1), rare)),
+    ):
+        swapped = _swap_paths(xyz[:, left], xyz[:, right], covariance[:, left], group, fps, prior)
         t, k = np.nonzero(swapped)
         for array in (xyz, covariance):
             array[t, left[k]], array[t, right[k]] = array[t, right[k]], array[t, left[k]]
     return xyz, covariance
+
+
+def _facing(landmarks: LandmarkSet, xyz: Array) -> Array:
+    """(T,) log odds that left is left, from where nose and toes point: left is up x forward. 0 where unknown."""
+
+    def at(name: str) -> Array:
+        return xyz[:, landmarks.names.index(name)] if name in landmarks.names else np.full_like(xyz[:, 0], np.nan)
+
+    up = at("left_shoulder") + at("right_shoulder") - at("left_hip") - at("right_hip")
+    head = 2 * at("nose") - at("left_ear") - at("right_ear")
+    feet = [at(f"{side}_big_toe") - at(f"{side}_heel") for side in ("left", "right")]
+    forward = np.nansum([head, *feet], axis=0)
+    left = np.cross(up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-9), forward)
+    reach = np.linalg.norm(left, axis=-1)
+    across = at("left_hip") - at("right_hip") + at("left_shoulder") - at("right_shoulder")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        width = np.sum(left * across, axis=-1) / reach
+    # Hips and shoulders are together half a metre wide, and nose and feet reach as far to the front; noise
+    # alone makes about half of that.
+    return np.nan_to_num(np.clip(width / 0.25, -2.0, 2.0) * np.minimum(reach / 0.3, 1.0))
 
 
 def _limb_of(name: str) -> int:
@@ -140,7 +167,7 @@ def _limb_of(name: str) -> int:
 
 
 def _swap_paths(
-    a: Array, b: Array, covariance: Array, group: NDArray[np.intp], fps: float, swap_share: float
+    a: Array, b: Array, covariance: Array, group: NDArray[np.intp], fps: float, prior: Array
 ) -> NDArray[np.bool_]:
     """Per group of pairs the most likely two-state path (Viterbi 1967).
 
@@ -148,6 +175,7 @@ def _swap_paths(
         a, b: (T, N, 3) the left and the right landmark of each pair.
         covariance: (T, N, 3, 3) of the left ones.
         group: (N,) pairs with the same number are exchanged together.
+        prior: (T, G) or what broadcasts to it, what a frame in exchanged state costs (log odds).
 
     Returns:
         (T, N) whether a pair is exchanged.
@@ -158,7 +186,10 @@ def _swap_paths(
     before = np.concatenate([np.full((1, a.shape[1]), -1), latest[:-1]])
     usable = known & (before >= 0)
     column = np.arange(a.shape[1])
-    variance = np.trace(covariance, axis1=-2, axis2=-1) / 3
+    # What the covariance claims, or the noise that is seen where that is more: points that are jumpy anyway
+    # say little about sides.
+    claimed = np.trace(covariance, axis1=-2, axis2=-1) / 3
+    variance = np.maximum(claimed, np.fmax(_jump_variance(a), _jump_variance(b)))
     # How far a landmark gets between two frames without a swap: its noise and 1.5 m/s; more than the cap
     # of a mistaken step says nothing more.
     seconds = (np.arange(t_count)[:, None] - before) / fps
@@ -171,7 +202,7 @@ def _swap_paths(
     member = (group == np.unique(group)[:, None]).astype(np.float64).T
     stay = (step(a, a) + step(b, b)) @ member
     change = (step(b, a) + step(a, b)) @ member
-    prior = np.log((1 - swap_share) / swap_share) * (known @ member > 0)
+    prior = prior * (known @ member > 0)
     move = np.stack([np.stack([stay, change], axis=-1), np.stack([change, stay], axis=-1)], axis=-2)
     cost = np.zeros((member.shape[1], 2))
     came = np.zeros((t_count, member.shape[1], 2), dtype=np.intp)
@@ -187,6 +218,16 @@ def _swap_paths(
         path[t] = state == 1
         state = came[t, each, state]
     return np.asarray((path @ member.T.astype(np.bool_)) & known)
+
+
+def _jump_variance(xyz: Array) -> Array:
+    """(T, N, 3) -> (N,) variance of a coordinate, robustly from each point's distance to its neighbours' middle.
+
+    Zero where there are no three frames in a row.
+    """
+    off = xyz[1:-1] - 0.5 * (xyz[2:] + xyz[:-2])
+    median = _median_known(np.sum(off**2, axis=-1))
+    return np.nan_to_num(median / (1.5 * _CHI2_3_MEDIAN))
 
 
 def _outliers(xyz: Array, fps: float, options: SmoothOptions) -> NDArray[np.bool_]:

@@ -17,11 +17,13 @@ def take(frames: int = 240, fps: float = 60.0, sigma: float | None = None) -> Po
     j = np.arange(23)
     side = np.array([1.0 if n.startswith("left") else -1.0 if n.startswith("right") else 0.0 for n in BODY23.names])
     across = 0.15 * side
-    height = 0.1 + 0.07 * j
+    to_front = {"nose": 0.12, "big_toe": 0.15, "small_toe": 0.12, "heel": -0.06}
+    ahead = np.array([next((v for k, v in to_front.items() if n.endswith(k)), 0.0) for n in BODY23.names])
+    height = 1.7 - 0.07 * j
     xyz = np.stack(
         [
-            across * np.cos(time) + 0.1 * np.sin(3 * time + j),
-            across * np.sin(time) + 0.4 * time,
+            across * np.cos(time) + ahead * np.sin(time) + 0.1 * np.sin(3 * time + j),
+            across * np.sin(time) - ahead * np.cos(time) + 0.4 * time,
             height + 0.2 * np.sin(2 * time + 0.3 * j),
         ],
         axis=-1,
