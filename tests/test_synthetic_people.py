@@ -11,7 +11,7 @@ from muybridge.geometry.landmarks import BODY23  # noqa: E402
 from muybridge.train.augment import AugmentOptions, Compositor  # noqa: E402
 from muybridge.train.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.bodies import BODY_VERTICES, BodyModel  # noqa: E402
-from muybridge.train.people import as_tensors, box_iou, generalised_iou, make_targets  # noqa: E402
+from muybridge.train.people import as_tensors, generalised_iou, make_targets  # noqa: E402
 from muybridge.train.render import Renderer, View, look_at  # noqa: E402
 from muybridge.train.renders import SIZE, RenderSet, sample_view  # noqa: E402
 from muybridge.train.scenes import SceneBatch, SceneCompositor  # noqa: E402
@@ -183,7 +183,6 @@ def test_generalised_iou():
     assert float(generalised_iou(a, a)) == pytest.approx(1, abs=1e-5)
     half = torch.tensor([1.0, 1.0, 0.0, 1.0])
     assert float(generalised_iou(a, half)) == pytest.approx(0.5, abs=1e-5)
-    np.testing.assert_allclose(box_iou(np.array([[0, 0, 2, 2]]), np.array([[1, 0, 3, 2], [5, 5, 6, 6]])), [[1 / 3, 0]])
 
 
 def test_a_take_keeps_the_stance_foot(body):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from muybridge.geometry.landmarks import BODY23
-from muybridge.train.camera_faults import CameraFaults
+from muybridge.train.camera_faults import CameraFaults, outside_of_video
 from muybridge.train.renders import RenderSet
 
 FACE = tuple(BODY23.index(n) for n in ("nose", "left_eye", "right_eye", "left_ear", "right_ear"))
@@ -97,9 +97,7 @@ class Compositor:
     def _column(self, values: NDArray[np.floating]) -> Tensor:
         return torch.from_numpy(np.asarray(values, np.float32)).view(-1, 1, 1, 1)
 
-    def _placement(
-        self, index: NDArray[np.intp], offset: float
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    def _placement(self, index: NDArray[np.intp], offset: float) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """crop_from_render (B, 2, 3) affine maps in pixels, and which are mirrored. `offset` moves people
         sideways by at least that share of the crop."""
         rng, opt, n, size = self.rng, self.options, len(index), self.size
@@ -204,16 +202,12 @@ class Compositor:
                 if rng.random() < 0.5:
                     reach = rng.uniform(0.04, 0.2) * size
                     angle = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(4, 8))))
-                    corners = center + reach * np.stack([np.cos(angle), np.sin(angle)], 1) * rng.uniform(
-                        0.5, 1.6, 2
-                    )
+                    corners = center + reach * np.stack([np.cos(angle), np.sin(angle)], 1) * rng.uniform(0.5, 1.6, 2)
                     cv2.fillPoly(canvas, [corners.astype(np.int32)], 255, cv2.LINE_AA)
                 else:
                     end = center + rng.normal(0, 0.5, 2) * size
                     width = int(rng.integers(1, max(2, size // 12)))
-                    cv2.line(
-                        canvas, center.astype(int).tolist(), end.astype(int).tolist(), 255, width, cv2.LINE_AA
-                    )
+                    cv2.line(canvas, center.astype(int).tolist(), end.astype(int).tolist(), 255, width, cv2.LINE_AA)
             mask[i] = canvas / 255.0
         visible = visible & ~(self._alpha_at(mask, landmarks) > 0.5)
         alpha = torch.from_numpy(mask)[:, None]
@@ -238,19 +232,11 @@ class Compositor:
     def _truncate(
         self, image: Tensor, visible: NDArray[np.bool_], landmarks: NDArray[np.float32]
     ) -> tuple[Tensor, NDArray[np.bool_]]:
-        """The crop reaches over the border of the video: black there. The border is slanted where a rolled camera's
-        crop was turned upright."""
-        rng, size = self.rng, self.size
+        """The crop reaches over the border of the video."""
         visible = visible.copy()
-        y, x = np.mgrid[:size, :size].astype(np.float32) - (size - 1) / 2
-        for i in np.nonzero(rng.random(len(image)) < self.options.truncate)[0]:
-            # The half-plane n . p > edge, p from the crop's middle, lies outside of the video.
-            slant = rng.normal(0, 0.25) if rng.random() < 0.7 else 0.0
-            angle = slant + rng.integers(4) * np.pi / 2
-            edge = size * (0.5 - 0.5 * rng.beta(1.0, 3.0))
-            nx, ny = float(np.cos(angle)), float(np.sin(angle))
-            outside = x * nx + y * ny > edge
-            image[i, :, torch.from_numpy(outside)] = 0
-            centred = landmarks[i] - (size - 1) / 2
+        for i in np.nonzero(self.rng.random(len(image)) < self.options.truncate)[0]:
+            mask, (nx, ny, edge) = outside_of_video(self.rng, self.size, self.size)
+            image[i, :, torch.from_numpy(mask)] = 0
+            centred = landmarks[i] - (self.size - 1) / 2
             visible[i] &= ~(centred[:, 0] * nx + centred[:, 1] * ny > edge)
         return image, visible

@@ -54,9 +54,7 @@ def _quad(rng: np.random.Generator, size: int, span: tuple[float, float], tall: 
 def _furniture(image: F32, rng: np.random.Generator, count: int) -> None:
     size = len(image)
     for _ in range(count):
-        kind = rng.choice(
-            ["panel", "box", "window", "lines", "blob", "bars"], p=[0.3, 0.2, 0.12, 0.16, 0.1, 0.12]
-        )
+        kind = rng.choice(["panel", "box", "window", "lines", "blob", "bars"], p=[0.3, 0.2, 0.12, 0.16, 0.1, 0.12])
         colour = _muted(rng)
         if kind in ("panel", "box", "window"):
             quad = _quad(rng, size, (0.05, 0.5), 1.0)
@@ -82,9 +80,7 @@ def _furniture(image: F32, rng: np.random.Generator, count: int) -> None:
             start = rng.uniform(0, 1, 2) * size
             for _ in range(int(rng.integers(1, 6))):
                 bend = rng.normal(0, 0.15 * size, (4, 2)).cumsum(0) * rng.choice([0.2, 1.0])
-                path = np.vstack(
-                    [start, start + rng.normal(0, 0.3 * size, 2) * np.linspace(0.3, 1, 4)[:, None] + bend]
-                )
+                path = np.vstack([start, start + rng.normal(0, 0.3 * size, 2) * np.linspace(0.3, 1, 4)[:, None] + bend])
                 width = int(rng.integers(1, 7))
                 cv2.polylines(image, [np.round(path).astype(np.int32)], False, colour, width, cv2.LINE_AA)
         else:
@@ -146,10 +142,7 @@ def _natural(rng: np.random.Generator, size: int) -> F32:
     image = (np.array(_muted(rng, 0.2, 0.9), np.float32) * (1 + noise) + chroma).astype(np.float32)
     if rng.random() < 0.4:
         line = int(rng.uniform(0.1, 0.7) * size)
-        sky = (
-            np.array(_muted(rng, 0.6, 1.0), np.float32)
-            * np.linspace(1, rng.uniform(0.8, 1.2), line)[:, None, None]
-        )
+        sky = np.array(_muted(rng, 0.6, 1.0), np.float32) * np.linspace(1, rng.uniform(0.8, 1.2), line)[:, None, None]
         image[:line] = sky + noise[:line] * 0.15
     _furniture(image, rng, int(rng.integers(0, 4)))
     return image

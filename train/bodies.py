@@ -80,9 +80,7 @@ class BodyModel:
         weights, indices = self.model.vertex_bone_weights, self.model.vertex_bone_indices
         strongest = indices.gather(1, weights.argmax(1, keepdim=True))[:, 0].numpy()
         labels = np.array(self.bones)[strongest]
-        is_arm = np.array(
-            [b.startswith(("upperarm", "lowerarm", "wrist", "finger", "meta")) for b in self.bones]
-        )
+        is_arm = np.array([b.startswith(("upperarm", "lowerarm", "wrist", "finger", "meta")) for b in self.bones])
         self.arm_weight: F32 = (weights.numpy() * is_arm[indices.numpy()]).sum(1).astype(np.float32)
         self.is_head: F32 = np.char.startswith(labels.astype(str), ("head")).astype(np.float32)
         self.is_head += np.char.startswith(labels.astype(str), ("eye")).astype(np.float32)
@@ -149,9 +147,7 @@ class BodyModel:
             vertices, landmarks, height, joints = self.forward(poses.rotvec, phenotypes)
             good = np.nonzero(~self.penetrates(joints, height))[0]
             gender = phenotypes[:, list(self.model.phenotype_labels).index("gender")]
-            batches.append(
-                BodyBatch(vertices[good], landmarks[good], height[good], gender[good], poses.kinds[good])
-            )
+            batches.append(BodyBatch(vertices[good], landmarks[good], height[good], gender[good], poses.kinds[good]))
             count += len(good)
         fields = ("vertices", "landmarks", "height", "gender", "kinds")
         return BodyBatch(*(np.concatenate([getattr(b, f) for b in batches])[:n] for f in fields))

@@ -28,9 +28,7 @@ class CameraFaults:
         rng = self.rng
         some = self._some(0.45, image)
         if len(some):
-            sigma = self._uniform(0.3, 1.6, len(some)).view(-1, 1).expand(-1, 2) * (
-                min(image.shape[-2:]) / 192
-            )
+            sigma = self._uniform(0.3, 1.6, len(some)).view(-1, 1).expand(-1, 2) * (min(image.shape[-2:]) / 192)
             image[some] = kornia.filters.gaussian_blur2d(image[some], (7, 7), sigma)
         some = self._some(0.15, image)
         if len(some):
@@ -45,9 +43,7 @@ class CameraFaults:
             image[some] = torch.nn.functional.interpolate(low, image.shape[-2:], mode="bilinear")
         some = self._some(0.35, image)
         if len(some):
-            image[some] = kornia.enhance.adjust_hue(
-                image[some].clamp(0, 1), self._uniform(-0.25, 0.25, len(some))
-            )
+            image[some] = kornia.enhance.adjust_hue(image[some].clamp(0, 1), self._uniform(-0.25, 0.25, len(some)))
         grey = image.mean(1, keepdim=True)
         saturation = self._column(np.exp(rng.normal(0, 0.35, len(image))) * (rng.random(len(image)) > 0.1))
         image = grey + (image - grey) * saturation
@@ -70,3 +66,23 @@ class CameraFaults:
             _, code = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
             pixels[i] = torch.from_numpy(cv2.imdecode(code, cv2.IMREAD_COLOR).transpose(2, 0, 1).copy())
         return pixels
+
+
+def outside_of_video(
+    rng: np.random.Generator, height: int, width: int
+) -> tuple[NDArray[np.bool_], tuple[float, float, float]]:
+    """What lies beyond the video's border, black in an image that reaches over it: slanted where the picture of a
+    rolled camera was turned upright.
+
+    Returns:
+        mask (height, width), and (nx, ny, edge): a point p, taken from the image's middle, is outside if
+        nx * px + ny * py > edge.
+    """
+    slant = rng.normal(0, 0.25) if rng.random() < 0.7 else 0.0
+    turns = int(rng.integers(4))
+    angle = slant + turns * np.pi / 2
+    edge = (height if turns % 2 else width) * (0.5 - 0.5 * rng.beta(1.0, 3.0))
+    nx, ny = float(np.cos(angle)), float(np.sin(angle))
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    mask = (x - (width - 1) / 2) * nx + (y - (height - 1) / 2) * ny > edge
+    return mask, (nx, ny, float(edge))

@@ -5,44 +5,39 @@ The loss is the cross-entropy between the softmax over a landmark's cells and a 
 """
 
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor, nn
-from torch.utils.data import DataLoader, IterableDataset
 
-from muybridge.errors import SessionError
 from muybridge.geometry.landmarks import BODY23
 from muybridge.models.keypoint_net import STRIDE, KeypointNet
 from muybridge.train import loop
 from muybridge.train.augment import Batch, Compositor
 from muybridge.train.options import KeypointTraining
-from muybridge.train.renders import load_renders
+from muybridge.train.renders import RenderSet, load_renders
 
 MIRROR = list(BODY23.mirror)
 
 
-class _Stream(IterableDataset[tuple[Tensor, Tensor, Tensor]]):
-    """Endless batches; new shards are picked up while they are being made."""
+@dataclass(frozen=True)
+class _Crops:
+    """Batches of training crops, for `loop.batches`."""
 
-    def __init__(self, options: KeypointTraining, pool: pathlib.Path, start: int) -> None:
-        self.options, self.pool, self.start = options, pool, start
+    pool: pathlib.Path
+    size: int
+    count: int
 
-    def __iter__(self) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
-        torch.set_num_threads(1)
-        info = torch.utils.data.get_worker_info()
-        worker = info.id if info else 0
-        pool = np.load(self.pool, mmap_mode="r")
-        count = 0
-        while True:
-            renders = load_renders(self.options.renders, range(loop.HELD_OUT.stop, 100000))
-            seed = loop.worker_seed(self.options.seed, self.start, worker, count)
-            compositor = Compositor(renders, pool, self.options.size, seed)
-            for _ in range(500):
-                batch = compositor.batch(self.options.batch)
-                yield batch.image, batch.landmarks_px, batch.visible
-                count += 1
+    def __call__(self, renders: RenderSet, seed: int) -> Callable[[], loop.Batch]:
+        compositor = Compositor(renders, np.load(self.pool, mmap_mode="r"), self.size, seed)
+
+        def following() -> loop.Batch:
+            batch = compositor.batch(self.count)
+            return batch.image, batch.landmarks_px, batch.visible
+
+        return following
 
 
 def heatmap_loss(logits: Tensor, landmarks_px: Tensor, sigma: float = 0.8) -> Tensor:
@@ -59,7 +54,7 @@ def heatmap_loss(logits: Tensor, landmarks_px: Tensor, sigma: float = 0.8) -> Te
     return torch.where(inside, -expected, torch.zeros_like(expected))
 
 
-def loss_of(net: nn.Module, batch: tuple[Tensor, Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
     """Total loss, and the mean cross-entropy of the visible landmarks for the log."""
     image, landmarks_px, visible = batch
     with torch.autocast(image.device.type, dtype=torch.bfloat16):
@@ -112,7 +107,8 @@ def evaluate(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
 
 
 def held_out_batches(renders: pathlib.Path, pool: pathlib.Path, size: int, count: int = 8) -> list[Batch]:
-    """The same held-out crops for every call: seeded, from shards and backgrounds that are never trained on."""
+    """The same held-out crops for every call: seeded, of people who are never trained on (on known backgrounds;
+    `muybridge eval` draws others)."""
     store = load_renders(renders, loop.HELD_OUT)
     backgrounds = np.load(pool, mmap_mode="r")
     return [Compositor(store, backgrounds, size, 10_000 + i).batch(64) for i in range(count)]
@@ -120,17 +116,9 @@ def held_out_batches(renders: pathlib.Path, pool: pathlib.Path, size: int, count
 
 def train(options: KeypointTraining) -> pathlib.Path:
     """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
-    if not len(load_renders(options.renders, range(loop.HELD_OUT.stop, 100000))):
-        raise SessionError(
-            f"{options.renders}: no renders to train on (the first {loop.HELD_OUT.stop} shards are held out); "
-            "make some with `muybridge synth`"
-        )
-    torch.manual_seed(options.seed)
-    torch.set_num_threads(options.threads)
-    pool = loop.background_pool(options)
+    pool = loop.prepare(options)
     validation = held_out_batches(options.renders, pool, options.size)
     fit = loop.Fit(options, KeypointNet(len(BODY23)), lambda net: evaluate(net, validation))
-    stream = _Stream(options, pool, fit.state["step"])
-    loader = DataLoader(stream, batch_size=None, num_workers=options.workers, prefetch_factor=4)
-    fit.run(iter(loader), loss_of)
+    crops = _Crops(pool, options.size, options.batch)
+    fit.run(loop.batches(options, crops, fit.state["step"]), loss_of)
     return fit.checkpoint

@@ -13,13 +13,19 @@ import numpy as np
 import torch
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from torch import Tensor, nn
+from torch.utils.data import DataLoader, IterableDataset
 
+from muybridge.errors import SessionError
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.options import Training
-from muybridge.train.renders import SIZE
+from muybridge.train.renders import SIZE, RenderSet, load_renders
 
 # The first shards of a store are never trained on.
 HELD_OUT = range(0, 4)
+TRAINED_ON = range(HELD_OUT.stop, 100_000)
+
+# Images first, then whatever the loss needs.
+Batch = tuple[Tensor, ...]
 
 
 def device() -> torch.device:
@@ -88,6 +94,50 @@ class Throughput:
         return rate
 
 
+def prepare(options: Training) -> pathlib.Path:
+    """Seeds torch and makes the background pool; SessionError where there is nothing to train on."""
+    if not len(load_renders(options.renders, TRAINED_ON)):
+        raise SessionError(
+            f"{options.renders}: no renders to train on (the first {HELD_OUT.stop} shards are held out); "
+            "make some with `muybridge synth`"
+        )
+    torch.manual_seed(options.seed)
+    torch.set_num_threads(options.threads)
+    return background_pool(options)
+
+
+def batches(options: Training, make: Callable[[RenderSet, int], Callable[[], Batch]], start: int) -> Iterator[Batch]:
+    """Endless training batches from `options.workers` processes.
+
+    Args:
+        options: the training's options.
+        make: from renders and a seed to a function that gives the next batch; it has to pickle.
+        start: step of the run, so that a resumed run sees other images than it saw before.
+    """
+    stream = _Stream(options, make, start)
+    ahead = 4 if options.workers else None
+    return iter(DataLoader(stream, batch_size=None, num_workers=options.workers, prefetch_factor=ahead))
+
+
+class _Stream(IterableDataset[Batch]):
+    def __init__(self, options: Training, make: Callable[[RenderSet, int], Callable[[], Batch]], start: int) -> None:
+        self.options, self.make, self.start = options, make, start
+
+    def __iter__(self) -> Iterator[Batch]:
+        worker = torch.utils.data.get_worker_info()
+        if worker:
+            torch.set_num_threads(1)
+        count = 0
+        while True:
+            # New shards are picked up while they are being made.
+            renders = load_renders(self.options.renders, TRAINED_ON)
+            seed = worker_seed(self.options.seed, self.start, worker.id if worker else 0, count)
+            following = self.make(renders, seed)
+            for _ in range(500):
+                yield following()
+                count += 1
+
+
 def background_pool(options: Training) -> pathlib.Path:
     """The background pool on disk beside the run's folder, made on the first call."""
     path = options.out.parent / f"backgrounds-{options.backgrounds}-{options.seed}.npy"
@@ -108,9 +158,7 @@ class Fit:
         score: figures of merit of the averaged network, for the log and the checkpoint.
     """
 
-    def __init__(
-        self, options: Training, net: nn.Module, score: Callable[[nn.Module], dict[str, float]]
-    ) -> None:
+    def __init__(self, options: Training, net: nn.Module, score: Callable[[nn.Module], dict[str, float]]) -> None:
         self.options, self.score = options, score
         options.out.mkdir(parents=True, exist_ok=True)
         self.checkpoint, self.log = options.out / "checkpoint.pt", options.out / "log.jsonl"
@@ -124,9 +172,7 @@ class Fit:
             self.optimiser.load_state_dict(saved["optimiser"])
             self.average.state = saved["average"]
             self.state = saved["state"]
-        log_line(
-            self.log, {"options": {k: str(v) for k, v in asdict(options).items()}} | machine() | self.state
-        )
+        log_line(self.log, {"options": {k: str(v) for k, v in asdict(options).items()}} | machine() | self.state)
 
     def run(self, stream: Iterator[Any], loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]]) -> None:
         """Trains for `options.minutes`. `loss_of(net, batch)` gives the loss and a figure for the log; a batch is

@@ -2,20 +2,19 @@
 generalised IoU (Rezatofighi et al. 2019) at the cells round each centre."""
 
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.utils.data import DataLoader, IterableDataset
 
-from muybridge.errors import SessionError
+from muybridge.models.decode import box_overlap, decode_people
 from muybridge.models.people_net import STRIDE, PeopleNet
 from muybridge.train import loop
 from muybridge.train.options import PeopleTraining
-from muybridge.train.renders import load_renders
+from muybridge.train.renders import RenderSet, load_renders
 from muybridge.train.scenes import SHAPES, SceneBatch, SceneCompositor
 
 
@@ -38,9 +37,7 @@ def make_targets(batch: SceneBatch) -> _Targets:
         for b in batch.ignore[i]:
             weight[i][(x >= b[0]) & (x <= b[2]) & (y >= b[1]) & (y <= b[3])] = 0
         order = np.argsort([-(b[2] - b[0]) * (b[3] - b[1]) for b in batch.boxes[i]])
-        for b in batch.boxes[i][
-            order
-        ]:  # small people last: they keep the cells that they share with large ones
+        for b in batch.boxes[i][order]:  # small people last: they keep the cells that they share with large ones
             # A centre outside of the image is moved to its border.
             cx, cy = np.clip((b[0] + b[2]) / 2, 0, width - 1), np.clip((b[1] + b[3]) / 2, 0, height - 1)
             spread = np.maximum(0.12 * (b[2:] - b[:2]), 0.6 * STRIDE)
@@ -56,24 +53,16 @@ def make_targets(batch: SceneBatch) -> _Targets:
     return _Targets(heat, weight, np.maximum(box, 0.2), has_box)
 
 
-class _Stream(IterableDataset[tuple[Tensor, ...]]):
-    def __init__(self, options: PeopleTraining, pool: pathlib.Path, start: int) -> None:
-        self.options, self.pool, self.start = options, pool, start
+@dataclass(frozen=True)
+class _Scenes:
+    """Batches of training scenes, for `loop.batches`."""
 
-    def __iter__(self) -> Iterator[tuple[Tensor, ...]]:
-        torch.set_num_threads(1)
-        info = torch.utils.data.get_worker_info()
-        worker = info.id if info else 0
-        pool = np.load(self.pool, mmap_mode="r")
-        count = 0
-        while True:
-            renders = load_renders(self.options.renders, range(loop.HELD_OUT.stop, 100000))
-            compositor = SceneCompositor(
-                renders, pool, loop.worker_seed(self.options.seed, self.start, worker, count)
-            )
-            for _ in range(500):
-                yield as_tensors(compositor.batch(self.options.batch))
-                count += 1
+    pool: pathlib.Path
+    count: int
+
+    def __call__(self, renders: RenderSet, seed: int) -> Callable[[], loop.Batch]:
+        compositor = SceneCompositor(renders, np.load(self.pool, mmap_mode="r"), seed)
+        return lambda: as_tensors(compositor.batch(self.count))
 
 
 def as_tensors(batch: SceneBatch) -> tuple[Tensor, ...]:
@@ -92,7 +81,7 @@ def generalised_iou(a: Tensor, b: Tensor) -> Tensor:
     return both / (union + 1e-6) - (hull - union) / (hull + 1e-6)
 
 
-def loss_of(net: nn.Module, batch: tuple[Tensor, ...]) -> tuple[Tensor, Tensor]:
+def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
     """Total loss, and the box loss for the log."""
     image, heat, weight, box, has_box = batch
     with torch.autocast(image.device.type, dtype=torch.bfloat16):
@@ -111,8 +100,6 @@ def loss_of(net: nn.Module, batch: tuple[Tensor, ...]) -> tuple[Tensor, Tensor]:
 @torch.no_grad()
 def evaluate(net: nn.Module, batches: list[SceneBatch], threshold: float = 0.3) -> dict[str, float]:
     """Recall of people, precision of detections at IoU 0.5, and mean IoU of those found."""
-    from muybridge.models.decode import decode_people
-
     where = next(net.parameters()).device
     found, people, false, total, overlap = 0, 0, 0, 0, []
     for batch in batches:
@@ -123,8 +110,8 @@ def evaluate(net: nn.Module, batches: list[SceneBatch], threshold: float = 0.3) 
         )
         for i in range(len(batch.image)):
             guess = detected[i].boxes_px
-            iou = box_iou(guess, batch.boxes[i])
-            hidden = box_iou(guess, batch.ignore[i]).max(1, initial=0) > 0.3
+            iou = box_overlap(guess, batch.boxes[i])
+            hidden = box_overlap(guess, batch.ignore[i]).max(1, initial=0) > 0.3
             best = iou.max(0, initial=0)
             found, people = found + int((best > 0.5).sum()), people + len(best)
             overlap.extend(best[best > 0.5].tolist())
@@ -136,35 +123,11 @@ def evaluate(net: nn.Module, batches: list[SceneBatch], threshold: float = 0.3) 
     }  # fmt: skip
 
 
-def box_iou(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(n, m) intersection over union of boxes (n, 4), (m, 4): left, top, right, bottom."""
-    a, b = np.asarray(a, float).reshape(-1, 1, 4), np.asarray(b, float).reshape(1, -1, 4)
-    side = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
-    both = np.clip(side, 0, None).prod(-1)
-    area = [(t[..., 2:] - t[..., :2]).prod(-1) for t in (a, b)]
-    return np.asarray(both / (area[0] + area[1] - both + 1e-9))
-
-
 def train(options: PeopleTraining) -> pathlib.Path:
     """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
-    if not len(load_renders(options.renders, range(loop.HELD_OUT.stop, 100000))):
-        raise SessionError(
-            f"{options.renders}: no renders to train on (the first {loop.HELD_OUT.stop} shards are held out); "
-            "make some with `muybridge synth`"
-        )
-    torch.manual_seed(options.seed)
-    torch.set_num_threads(options.threads)
-    pool = loop.background_pool(options)
-    held_out = SceneCompositor(
-        load_renders(options.renders, loop.HELD_OUT), np.load(pool, mmap_mode="r"), 10_000
-    )
+    pool = loop.prepare(options)
+    held_out = SceneCompositor(load_renders(options.renders, loop.HELD_OUT), np.load(pool, mmap_mode="r"), 10_000)
     validation = [held_out.batch(32, shape) for shape in SHAPES]
     fit = loop.Fit(options, PeopleNet(), lambda net: evaluate(net, validation))
-    loader = DataLoader(
-        _Stream(options, pool, fit.state["step"]),
-        batch_size=None,
-        num_workers=options.workers,
-        prefetch_factor=4,
-    )
-    fit.run(iter(loader), loss_of)
+    fit.run(loop.batches(options, _Scenes(pool, options.batch), fit.state["step"]), loss_of)
     return fit.checkpoint

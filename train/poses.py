@@ -202,6 +202,4 @@ class PoseSampler:
         pitch = np.where(is_kind["lie"], lying, pitch)
         roll = np.where(is_kind["lie"], g(n, 25), roll)
         zero = np.zeros(n)
-        rotvec[:, self.index["root"]] = _compose(
-            _rotvec_deg(zero, roll, zero), _rotvec_deg(pitch, zero, zero)
-        )
+        rotvec[:, self.index["root"]] = _compose(_rotvec_deg(zero, roll, zero), _rotvec_deg(pitch, zero, zero))

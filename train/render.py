@@ -105,9 +105,7 @@ class Renderer:
 
         self.gl = moderngl
         try:
-            self.ctx = moderngl.create_context(
-                standalone=True, backend="egl", libgl="libGL.so.1", libegl="libEGL.so.1"
-            )  # type: ignore[call-arg]
+            self.ctx = moderngl.create_context(standalone=True, backend="egl", libgl="libGL.so.1", libegl="libEGL.so.1")  # type: ignore[call-arg]
         except Exception as error:
             from muybridge.errors import MissingExtraError
 
@@ -144,9 +142,7 @@ class Renderer:
 
             return np.asarray(zoom(a, k, order=1, mode="grid-wrap", grid_mode=True), np.float32)
 
-        fractal = (
-            0.5 * grow(white[:16, :16, :16], 4) + 0.25 * grow(white, 2) + 0.25 * rng.random((64, 64, 64))
-        )
+        fractal = 0.5 * grow(white[:16, :16, :16], 4) + 0.25 * grow(white, 2) + 0.25 * rng.random((64, 64, 64))
         self.noise = [
             self.ctx.texture3d((n,) * 3, 1, (a.clip(0, 1) * 255).astype("u1").tobytes())
             for n, a in ((32, white), (64, fractal))
@@ -155,9 +151,7 @@ class Renderer:
     def _buffers(self, body: BodyModel) -> None:
         v = len(body.rest)
         self.dynamic = self.ctx.buffer(reserve=v * 24, dynamic=True)
-        static = np.concatenate(
-            [body.rest, np.stack([body.is_head, body.is_eye, body.arm_weight], 1)], 1
-        ).astype("f4")
+        static = np.concatenate([body.rest, np.stack([body.is_head, body.is_eye, body.arm_weight], 1)], 1).astype("f4")
         self.static = self.ctx.buffer(static.tobytes())
         self.arrays: dict[str, list[object]] = {}
         indices = [self.ctx.buffer(f.astype("i4").tobytes()) for f in body.parts]
@@ -180,9 +174,7 @@ class Renderer:
         )
 
     @staticmethod
-    def _attributes(
-        program: object, buffer: object, fields: tuple[tuple[str, int], ...]
-    ) -> tuple[object, ...]:
+    def _attributes(program: object, buffer: object, fields: tuple[tuple[str, int], ...]) -> tuple[object, ...]:
         """A vertex array's content entry; attributes that the compiler dropped become padding."""
         used = [n for n, _ in fields if n in program]  # type: ignore[operator]
         layout = " ".join("3f" if n in used else f"{size}x" for n, size in fields)

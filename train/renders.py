@@ -22,9 +22,7 @@ SIZE = 256  # pixels
 SPAN = 1.25 * 1.1
 
 
-def sample_view(
-    vertices: NDArray[np.float32], rng: np.random.Generator, size: int = SIZE, span: float = SPAN
-) -> View:
+def sample_view(vertices: NDArray[np.float32], rng: np.random.Generator, size: int = SIZE, span: float = SPAN) -> View:
     """A gravity-aligned view that looks at the middle of the person's box, as the virtual cameras of
     `geometry.crops` do: rooms' cameras stand 1 to 8 m away, at knee height to under the ceiling."""
     body = vertices[:BODY_VERTICES].astype(float)
@@ -35,9 +33,7 @@ def sample_view(
     steep = rng.random() < 0.1
     elevation = np.radians(rng.uniform(30, 65) if steep else rng.normal(13, 14))
     elevation = max(elevation, -np.arcsin(min(0.95, max(center[2] - 0.05, 0.02) / distance)))
-    direction = np.array(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    )
+    direction = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     eye = center + distance * direction
     middle = (size - 1) / 2
     target = center
@@ -50,9 +46,7 @@ def sample_view(
         offset = ((low + high) / 2 - middle) / view.focal_px
         ray = view.cam_from_world[:, :3].T @ np.array([offset[0], offset[1], 1.0])
         target = eye + ray * distance
-    return View(
-        look_at(eye, target, np.radians(rng.normal(0, 3))), float(focal), (middle, middle), size, size
-    )
+    return View(look_at(eye, target, np.radians(rng.normal(0, 3))), float(focal), (middle, middle), size, size)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from muybridge.train.camera_faults import CameraFaults
+from muybridge.train.camera_faults import CameraFaults, outside_of_video
 from muybridge.train.renders import RenderSet
 
 SHAPES = ((192, 320), (320, 192), (256, 320), (320, 256))  # height, width
@@ -58,7 +58,7 @@ class SceneCompositor:
         size = np.exp(rng.uniform(np.log(28), np.log(300), count)) if count else np.zeros(0)
         boxes, owners = [], np.full((height, width), -1, np.int16)
         areas = []
-        roll = np.radians(rng.normal(0, 8))
+        roll = np.radians(rng.normal(0, 8 if rng.random() < 0.8 else 20))
         for number, side in enumerate(np.sort(size)):  # far people first
             rgba, box = self._person(float(side), roll)
             box, area = self._paste(frame, owners, rgba, box, number)
@@ -68,6 +68,10 @@ class SceneCompositor:
             areas.append(area)
         if rng.random() < 0.35:
             self._occluder(frame, plate, owners)
+        if rng.random() < 0.2:
+            beyond, _ = outside_of_video(rng, height, width)
+            frame[beyond] = plate[beyond] = 0
+            owners[beyond] = -1
         visible = np.array([(owners == k).sum() for k in range(count)])
         share = visible / np.maximum(np.array(areas), 1)
         good = (share > 0.3) & (visible > 60)
@@ -133,15 +137,11 @@ class SceneCompositor:
         return box + np.tile(shift, 2), area
 
     @staticmethod
-    def _copy_owner(
-        frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16], number: int
-    ) -> None:
+    def _copy_owner(frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16], number: int) -> None:
         mine = owners == number
         plate[mine] = frame[mine]
 
-    def _occluder(
-        self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]
-    ) -> None:
+    def _occluder(self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]) -> None:
         """Something of the room in front of people, in the frame and in the plate."""
         rng = self.rng
         height, width = owners.shape

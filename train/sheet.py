@@ -22,17 +22,13 @@ def draw_crops(batch: Batch, tile: int = 192, columns: int = 10) -> NDArray[np.u
         picture = np.ascontiguousarray(batch.image[i].numpy().transpose(1, 2, 0)[..., ::-1])
         picture = cv2.resize(picture, (tile, tile))
         if i % 2:
-            _draw_landmarks(
-                picture, (batch.landmarks_px[i].numpy() + 0.5) * scale - 0.5, batch.visible[i].numpy()
-            )
+            _draw_landmarks(picture, (batch.landmarks_px[i].numpy() + 0.5) * scale - 0.5, batch.visible[i].numpy())
         tiles.append(picture)
     rows = [np.concatenate(tiles[k : k + columns], 1) for k in range(0, len(tiles) - columns + 1, columns)]
     return np.concatenate(rows, 0)
 
 
-def _draw_landmarks(
-    picture: NDArray[np.uint8], points: NDArray[np.floating], visible: NDArray[np.bool_]
-) -> None:
+def _draw_landmarks(picture: NDArray[np.uint8], points: NDArray[np.floating], visible: NDArray[np.bool_]) -> None:
     at = [tuple(int(round(float(c))) for c in p) for p in points]
     for a, b in BODY23.edge_indices:
         names = BODY23.names[a] + BODY23.names[b]
