@@ -158,7 +158,7 @@ def _facing(landmarks: LandmarkSet, xyz: Array) -> Array:
         width = np.sum(left * across, axis=-1) / reach
     # Hips and shoulders are together half a metre wide, and nose and feet reach as far to the front; noise
     # alone makes about half of that.
-    return np.nan_to_num(np.clip(width / 0.25, -2.0, 2.0) * np.minimum(reach / 0.3, 1.0))
+    return np.asarray(np.nan_to_num(np.clip(width / 0.25, -2.0, 2.0) * np.minimum(reach / 0.3, 1.0)))
 
 
 def _limb_of(name: str) -> int:
@@ -199,25 +199,47 @@ def _swap_paths(
         far = np.sum((now - then[before, column]) ** 2, axis=-1) / (2 * scale)
         return np.where(usable, np.minimum(far, 8.0), 0.0)
 
-    member = (group == np.unique(group)[:, None]).astype(np.float64).T
-    stay = (step(a, a) + step(b, b)) @ member
-    change = (step(b, a) + step(a, b)) @ member
-    prior = prior * (known @ member > 0)
-    move = np.stack([np.stack([stay, change], axis=-1), np.stack([change, stay], axis=-1)], axis=-2)
-    cost = np.zeros((member.shape[1], 2))
-    came = np.zeros((t_count, member.shape[1], 2), dtype=np.intp)
+    number = np.unique(group, return_inverse=True)[1]
+    costs = np.stack([step(a, a) + step(b, b), step(b, a) + step(a, b)], axis=-1)
+    member = (number == np.arange(number.max() + 1)[:, None]).astype(np.float64)
+    prior = np.broadcast_to(prior, (t_count, len(member))) * (known @ member.T > 0)
+    return np.asarray(_viterbi(costs, known, number, member, prior)[:, number] & known)
+
+
+def _viterbi(
+    costs: Array, known: NDArray[np.bool_], number: NDArray[np.intp], member: Array, prior: Array
+) -> NDArray[np.bool_]:
+    """(T, G) whether each group is exchanged.
+
+    A pair that is missing for a while is compared with its last known frame, so every surviving path remembers
+    in which state that was.
+
+    Args:
+        costs: (T, N, 2) of a pair's step if its state stays or changes.
+        known: (T, N).
+        number: (N,) each pair's group; `member` (G, N) the same as ones.
+        prior: (T, G) cost of the exchanged state.
+    """
+    t_count, pairs = known.shape
+    total = np.zeros((len(member), 2))
+    came = np.zeros((t_count, len(member), 2), dtype=np.intp)
+    last = np.zeros((pairs, 2), dtype=np.intp)  # by pair and the path's state now: state when last known
+    each, states = np.arange(len(member)), np.arange(2)
     for t in range(t_count):
-        total = cost[:, :, None] + move[t]
-        came[t] = np.argmin(total, axis=1)
-        cost = np.min(total, axis=1)
-        cost[:, 1] += prior[t]
-    state = np.argmin(cost, axis=1)
-    path = np.empty((t_count, member.shape[1]), dtype=np.bool_)
-    each = np.arange(member.shape[1])
+        differs = last[:, :, None] != states  # (N, from, to)
+        step = costs[t][np.arange(pairs)[:, None, None], differs.astype(np.intp)]
+        ways = total[:, :, None] + (member @ step.reshape(pairs, 4)).reshape(-1, 2, 2)
+        came[t] = np.argmin(ways, axis=1)
+        total = np.min(ways, axis=1)
+        total[:, 1] += prior[t]
+        inherited = np.take_along_axis(last, came[t][number], axis=1)
+        last = np.where(known[t][:, None], states, inherited)
+    state = np.argmin(total, axis=1)
+    path = np.empty((t_count, len(member)), dtype=np.bool_)
     for t in range(t_count - 1, -1, -1):
         path[t] = state == 1
         state = came[t, each, state]
-    return np.asarray((path @ member.T.astype(np.bool_)) & known)
+    return path
 
 
 def _jump_variance(xyz: Array) -> Array:
