@@ -106,8 +106,10 @@ def fit_body(points: Points3D, options: FitOptions | None = None) -> BodyFit:
         points_world=_columns(points.points_world[first : last + 1], column),
         covariance_world=_columns(points.covariance_world[first : last + 1], column),
     )
-    targets, covariance = known_points(clean_points(inside, options.clean), options.clean.default_sigma)
-    filled = smooth_points(inside, replace(options.clean, max_gap=np.inf, extrapolate=True)).points_world
+    cleaned = clean_points(inside, options.clean)
+    targets, covariance = known_points(cleaned, options.clean.default_sigma)
+    fill = replace(options.clean, unswap=False, hampel_window=0.0, max_gap=np.inf, extrapolate=True)
+    filled = smooth_points(cleaned, fill).points_world
     shape = _first_shape(model, filled)
     pose = Pose(*start_pose(model, shape, filled))
     known = np.isfinite(targets[..., 0])

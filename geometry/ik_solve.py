@@ -245,9 +245,7 @@ def solve(problem: Problem, pose: Pose, steps: int, fixed_frames: int = 0, dampi
     return pose
 
 
-def solve_in_stretches(
-    problem: Problem, pose: Pose, steps: int, stretch: int = 500, overlap: int = 30
-) -> Pose:
+def solve_in_stretches(problem: Problem, pose: Pose, steps: int, stretch: int = 500, overlap: int = 30) -> Pose:
     """`solve` for takes of any length in bounded memory: overlapping stretches, each tied to the one
     before it.
 

@@ -35,9 +35,7 @@ def start_pose(model: BodyModel, shape: Array, points_world: Array) -> tuple[Arr
         """Set a joint to look like `world` as far as its limits allow; its orientation in the world."""
         j = joint(name)
         local = np.swapaxes(parent_world, -1, -2) @ world
-        angle = np.clip(
-            swing_twist_from_matrix(local, skeleton.twist_axis[j]), model.lower[j], model.upper[j]
-        )
+        angle = np.clip(swing_twist_from_matrix(local, skeleton.twist_axis[j]), model.lower[j], model.upper[j])
         known = np.all(np.isfinite(angle), axis=-1)
         angles[known, j] = angle[known]
         rotation = skeleton.rotations_from_angles(angles)[:, j]

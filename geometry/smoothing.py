@@ -290,8 +290,14 @@ def _reached(xyz: Array, near: NDArray[np.bool_], sigma: Array, fps: float, top_
 
 
 def _running_median(values: Array, half: int) -> Array:
-    """(T, J, K): median over 2 half + 1 frames of what is not NaN."""
+    """(T, J, K): median over 2 half + 1 frames of what is not NaN; in blocks, for the windows are large."""
     padded = np.pad(values, ((half, half), (0, 0), (0, 0)), constant_values=np.nan)
+    block = 1000
+    parts = [_window_median(padded[s : s + block + 2 * half], half) for s in range(0, len(values), block)]
+    return np.concatenate(parts)
+
+
+def _window_median(padded: Array, half: int) -> Array:
     windows = np.sort(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0), axis=-1)
     count = np.isfinite(windows).sum(axis=-1)
     low, high = np.maximum(count - 1, 0) // 2, count // 2
@@ -312,7 +318,11 @@ def _smooth(xyz: Array, covariance: Array, fps: float, options: SmoothOptions) -
     out = out_covariance = np.empty(0)
     for k in range(max(options.passes, 1)):
         noise = covariance * (scale / weight)[..., None, None]
-        out, out_covariance, surprise = _kalman_smoother(xyz, noise, known, 1 / fps, options.acceleration)
+        # So many landmarks at once as fit into some hundred megabytes.
+        width = max(int(200_000 / len(xyz)), 1)
+        blocks = [slice(j, j + width) for j in range(0, xyz.shape[1], width)]
+        parts = [_kalman_smoother(xyz[:, b], noise[:, b], known[:, b], 1 / fps, options.acceleration) for b in blocks]
+        out, out_covariance, surprise = (np.concatenate(p, axis=1) for p in zip(*parts, strict=True))
         if k == options.passes - 1:
             break
         with np.errstate(invalid="ignore"):

@@ -65,9 +65,7 @@ def blender_positions(path: Path) -> tuple[dict[str, np.ndarray], float]:
                 if channel.endswith("position"):
                     places[name][:, axis] = value
                 else:
-                    turn = (
-                        turn @ Rotation.from_rotvec(np.radians(value)[:, None] * np.eye(3)[axis]).as_matrix()
-                    )
+                    turn = turn @ Rotation.from_rotvec(np.radians(value)[:, None] * np.eye(3)[axis]).as_matrix()
             stack.append((name, turn, places[name]))
         elif word[0] == "}":
             stack.pop()
@@ -112,9 +110,7 @@ def test_round_trip(tmp_path_factory, seed, frames, spin):
     back = read_bvh(path)
     assert set(back.skeleton.names) == set(motion.skeleton.names) and back.fps == pytest.approx(30)
     order = [back.skeleton.index(n) for n in motion.skeleton.names]
-    np.testing.assert_allclose(
-        back.joint_positions_world()[:, order], motion.joint_positions_world(), atol=2e-6
-    )
+    np.testing.assert_allclose(back.joint_positions_world()[:, order], motion.joint_positions_world(), atol=2e-6)
     np.testing.assert_allclose(back.forward()[:, order], motion.forward(), atol=2e-6)
     np.testing.assert_allclose(back.skeleton.offsets[order], motion.skeleton.offsets, atol=1e-8)
     np.testing.assert_allclose(back.skeleton.tips[order], motion.skeleton.tips, atol=1e-8)

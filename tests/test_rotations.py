@@ -27,9 +27,7 @@ def test_round_trips(v, small, axis):
     np.testing.assert_allclose(matrix, Rotation.from_rotvec(v).as_matrix(), atol=1e-14)
     np.testing.assert_allclose(log_so3(matrix), v, atol=1e-7)
     np.testing.assert_allclose(matrix_from_quat(quat_from_matrix(matrix)), matrix, atol=1e-13)
-    np.testing.assert_allclose(
-        matrix_from_swing_twist(swing_twist_from_matrix(matrix, axis), axis), matrix, atol=1e-9
-    )
+    np.testing.assert_allclose(matrix_from_swing_twist(swing_twist_from_matrix(matrix, axis), axis), matrix, atol=1e-9)
     swing = np.delete(v, axis)
     if np.linalg.norm(swing) < 3.1:
         back = swing_twist_from_matrix(matrix_from_swing_twist(v, axis), axis)

@@ -116,9 +116,7 @@ class _Words:
     def next(self, wanted: str) -> str:
         word = next(self._words, None)
         if word is None:
-            raise FormatError(
-                f"{self.path}: ends after line {self.line}, where {wanted} must follow; is it cut off?"
-            )
+            raise FormatError(f"{self.path}: ends after line {self.line}, where {wanted} must follow; is it cut off?")
         self.line = word[0]
         return word[1]
 
@@ -129,9 +127,7 @@ class _Words:
         return word is not None
 
     def bad(self, found: str, wanted: str) -> FormatError:
-        return FormatError(
-            f"{self.path}: line {self.line}: {found!r} stands where {wanted} must; mend or re-export it"
-        )
+        return FormatError(f"{self.path}: line {self.line}: {found!r} stands where {wanted} must; mend or re-export it")
 
     def expect(self, *words: str) -> str:
         found = self.next(" or ".join(words))
@@ -175,9 +171,7 @@ def read_bvh(path: Path, metres_per_unit: float = 1.0) -> Motion:
     """
     path = Path(path)
     try:
-        text = (
-            path.read_text(encoding="utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
-        )
+        text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
     except OSError as error:
         raise FormatError(f"{path}: cannot be read ({error.strerror}); give an existing BVH file") from error
     words = _Words(path, text)
@@ -218,9 +212,7 @@ def _read_joints(words: _Words, joints: list[_Joint]) -> None:
                 raise words.bad(after, "{")
             name, after = f"{name}_{after}", words.next("{")
         if name in (j.name for j in joints):
-            raise FormatError(
-                f"{words.path}: line {line}: the joint {name!r} stands twice; rename one of them"
-            )
+            raise FormatError(f"{words.path}: line {line}: the joint {name!r} stands twice; rename one of them")
         joints.append(_Joint(name, open_joints[-1] if open_joints else -1, line))
         open_joints.append(len(joints) - 1)
         while True:
@@ -286,8 +278,7 @@ def _read_values(words: _Words, channels: int) -> tuple[Array, float]:
                 )
     if words.more():
         raise FormatError(
-            f"{words.path}: line {words.line}: more follows the {frames} frames that the file announces; "
-            "mend Frames:"
+            f"{words.path}: line {words.line}: more follows the {frames} frames that the file announces; mend Frames:"
         )
     return values, seconds
 

@@ -93,9 +93,7 @@ def read_c3d(path: Path) -> Points3D:
         raise FormatError(f"{path}: is not a readable C3D ({reason}); export it again") from error
     names = _labels(point, data.shape[1])
     if not names or not data.shape[2]:
-        raise FormatError(
-            f"{path}: holds no points (labels: {len(names)}, frames: {data.shape[2]}); export them"
-        )
+        raise FormatError(f"{path}: holds no points (labels: {len(names)}, frames: {data.shape[2]}); export them")
     if not fps > 0:
         raise FormatError(f"{path}: POINT:RATE is {fps}; it must be above zero")
     unit = _text(point, "UNITS", "mm")

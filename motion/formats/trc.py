@@ -50,8 +50,7 @@ def write_trc(path: Path, points: Points3D) -> None:
     known = np.all(np.isfinite(xyz), axis=-1)
     for t in range(frames):
         cells = (
-            f"{p[0]:.6f}\t{p[1]:.6f}\t{p[2]:.6f}\t" if k else "\t\t\t"
-            for p, k in zip(xyz[t], known[t], strict=True)
+            f"{p[0]:.6f}\t{p[1]:.6f}\t{p[2]:.6f}\t" if k else "\t\t\t" for p, k in zip(xyz[t], known[t], strict=True)
         )
         lines.append(f"{t + 1}\t{t / points.fps:.6f}\t" + "".join(cells))
     with replacing(path) as temporary:
@@ -75,9 +74,7 @@ def read_trc(path: Path) -> Points3D:
     except UnicodeDecodeError as error:
         raise FormatError(f"{path}: is not text, so not a TRC; give a tab-separated TRC file") from error
     if not lines or not lines[0].startswith("PathFileType") or len(lines) < 5:
-        raise FormatError(
-            f"{path}: line 1 must begin with PathFileType, 5 lines of header in all; is it a TRC?"
-        )
+        raise FormatError(f"{path}: line 1 must begin with PathFileType, 5 lines of header in all; is it a TRC?")
     head = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
     head = {key.strip(): value.strip() for key, value in head.items()}
     fps = _header_number(path, head, "DataRate")
