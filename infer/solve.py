@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.association import AssociateOptions, select_person, take_person
 from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.ik import FitOptions, fit_motion
+from muybridge.geometry.ik import FitOptions, fit_body, landmarks_from_motion
 from muybridge.geometry.landmarks import Keypoints2D, LandmarkSet, Points3D
 from muybridge.geometry.skeleton import Motion, Skeleton
 from muybridge.geometry.smoothing import SmoothOptions, smooth_points
@@ -34,6 +34,8 @@ class SolveOptions:
         triangulate: 3D points.
         smooth: points over time.
         fit: the skeleton and its joint angles.
+        fill_share: a landmark that the cameras do not agree on is taken from the fitted body in frames where at
+            least this share of the landmarks was measured; above 1, never.
     """
 
     person: AssociateOptions = field(default_factory=AssociateOptions)
@@ -41,6 +43,7 @@ class SolveOptions:
     triangulate: TriangulateOptions = field(default_factory=TriangulateOptions)
     smooth: SmoothOptions = field(default_factory=SmoothOptions)
     fit: FitOptions = field(default_factory=FitOptions)
+    fill_share: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class Solution:
         points_px: (C, T, J, 2) the person's 2D landmarks, left and right put back; NaN where missing.
         variance_px2: (C, T, J).
         measured: the triangulated points.
-        points: the same, smoothed.
+        points: the same, smoothed, with gaps filled.
         swapped: (C, T, J) where left and right were put back.
         leave_one_out_px: (C, T, J) see `geometry.triangulation.leave_one_out_error`.
         noise_px: noise that the take shows beyond the network's own variance.
@@ -110,8 +113,9 @@ def solve(
     points = _as_points(keypoints.landmarks, smooth.arrays, cloud.arrays, fps)
     motion, no_motion = None, ""
     try:
-        fitted = stage("motion", [cloud.key, options.fit], lambda: _pack(fit_motion(measured, options.fit)))
+        fitted = stage("motion", [cloud.key, options.fit], lambda: _fit(measured, options.fit))
         motion = _unpack(fitted)
+        points = _filled(points, measured, fitted.arrays, options.fill_share)
     except MuybridgeError as error:
         # The points and the pictures show what is wrong: they are worth having without a motion.
         no_motion = str(error)
@@ -205,6 +209,29 @@ def _smooth(points: Points3D, options: SmoothOptions) -> tuple[Arrays, Mapping[s
     smoothed = smooth_points(points, options)
     arrays = {"points_world": smoothed.points_world, "covariance_world": smoothed.covariance_world}
     return arrays, {}
+
+
+def _fit(points: Points3D, options: FitOptions) -> tuple[Arrays, Mapping[str, Any]]:
+    fitted = fit_body(points, options)
+    arrays, facts = _pack(fitted.motion)
+    on_body = {
+        "landmarks_world": landmarks_from_motion(fitted.motion, fitted.body, points.landmarks),
+        # How far measured landmarks typically lie from the body's: what a filled one is known to.
+        "landmark_sigma": np.array([np.median(r[np.isfinite(r)]) if np.isfinite(r).any() else np.nan
+                                    for r in fitted.residual_m.T]),
+    }  # fmt: skip
+    return {**arrays, **on_body}, facts
+
+
+def _filled(points: Points3D, measured: Points3D, body: Arrays, share: float) -> Points3D:
+    """`points` with what is missing taken from the fitted body, in frames where the body is well known."""
+    known = np.isfinite(measured.points_world).all(-1).mean(1) >= share
+    gap = known[:, None] & np.isnan(points.points_world).any(-1) & np.isfinite(body["landmarks_world"]).all(-1)
+    variance = np.broadcast_to(body["landmark_sigma"] ** 2, gap.shape)
+    position, covariance = points.points_world.copy(), points.covariance_world.copy()
+    position[gap] = body["landmarks_world"][gap]
+    covariance[gap] = variance[gap][:, None, None] * np.eye(3)
+    return replace(points, points_world=position, covariance_world=covariance)
 
 
 def _pack(motion: Motion) -> tuple[Arrays, Mapping[str, Any]]:
