@@ -41,6 +41,7 @@ def run(
     triangulate: TriangulateOptions = TriangulateOptions(),  # noqa: B008
     smooth: SmoothOptions = SmoothOptions(),  # noqa: B008
     fit: FitOptions = FitOptions(),  # noqa: B008
+    fill_share: float = SolveOptions.fill_share,
     overlay: OverlayOptions = OverlayOptions(),  # noqa: B008
 ) -> int:
     """Motion from session folders: videos and a calibration in; points, motion, overlays and a report out.
@@ -58,11 +59,13 @@ def run(
         triangulate: 3D points.
         smooth: points over time.
         fit: skeleton and joint angles.
+        fill_share: a landmark that the cameras do not agree on is taken from the fitted body in frames where at
+            least this share of the landmarks was measured; above 1, never.
         overlay: videos with what was found drawn in.
     """
     if not sessions:
         raise SessionError("name at least one session folder: muybridge run FOLDER [FOLDER ...]")
-    solve = SolveOptions(person, swaps, triangulate, smooth, fit)
+    solve = SolveOptions(person, swaps, triangulate, smooth, fit, fill_share)
     options = RunOptions(session, detect, solve, overlay, overwrite)
     jobs = plan(sessions, out)
     if len(jobs) == 1:

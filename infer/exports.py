@@ -17,7 +17,7 @@ from muybridge.infer.outputs import OutputFolder
 from muybridge.infer.overlay import OverlayOptions, write_overlay
 from muybridge.infer.progress import Progress, Task
 from muybridge.infer.quality import Quality, plain
-from muybridge.infer.report import ReportData, Thumbnail, write_report
+from muybridge.infer.report import ReportData, Thumbnail, pick_thumbnail_frames, write_report
 from muybridge.infer.session import Session
 from muybridge.infer.solve import Solution
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
@@ -134,7 +134,7 @@ def _write_overlay(
                 camera.name,
                 residual,
                 inlier,
-                thumbnail_frames=thumbnail_frames(len(projected)),
+                thumbnail_frames=pick_thumbnail_frames(solution.measured, THUMBNAILS),
                 options=options,
             ).thumbnails
         )
@@ -148,11 +148,6 @@ def _counted(chunks: Iterator[NDArray[np.uint8]], task: Task) -> Iterator[NDArra
     for chunk in chunks:
         yield from chunk
         task.advance(len(chunk))
-
-
-def thumbnail_frames(frames: int) -> tuple[int, ...]:
-    """Frames spread evenly over a take, neither its first nor its last."""
-    return tuple(sorted({int((k + 0.5) * frames / THUMBNAILS) for k in range(THUMBNAILS)}))
 
 
 def write_report_page(

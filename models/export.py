@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +12,8 @@ from typing import Any
 import numpy as np
 import torch
 from torch import nn
+
+from muybridge.files import replacing
 
 OPSET = 18
 
@@ -36,27 +37,26 @@ def export_onnx(
     import onnx
 
     net = net.cpu().float().eval()
-    temporary = path.with_suffix(".tmp.onnx")
     # Height and width are multiples of 32 by their meaning, which the exporter has to be told.
     height, width = torch.export.Dim("rows", min=1, max=64), torch.export.Dim("columns", min=1, max=64)
     shapes = ({0: torch.export.Dim("batch", min=1, max=4096), 2: 32 * height, 3: 32 * width},)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        logging.getLogger("torch.onnx").setLevel(logging.ERROR)
-        torch.onnx.export(
-            net, (torch.rand(example),), str(temporary), input_names=["image"], output_names=list(outputs),
-            dynamic_shapes=shapes, opset_version=OPSET, dynamo=True, verbose=False, external_data=False,
-        )  # fmt: skip
-    model = onnx.load(str(temporary))
-    del model.metadata_props[:]
-    for node in model.graph.node:  # the exporter notes each node's source line, which is nobody's business
-        del node.metadata_props[:]
-        node.doc_string = ""
-    for key, value in metadata.items():
-        model.metadata_props.add(key=key, value=value if isinstance(value, str) else json.dumps(value))
-    onnx.checker.check_model(model)
-    onnx.save(model, str(temporary))
-    os.replace(temporary, path)
+    with replacing(path) as temporary:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+            torch.onnx.export(
+                net, (torch.rand(example),), str(temporary), input_names=["image"], output_names=list(outputs),
+                dynamic_shapes=shapes, opset_version=OPSET, dynamo=True, verbose=False, external_data=False,
+            )  # fmt: skip
+        model = onnx.load(str(temporary))
+        del model.metadata_props[:]
+        for node in model.graph.node:  # the exporter notes each node's source line, which is nobody's business
+            del node.metadata_props[:]
+            node.doc_string = ""
+        for key, value in metadata.items():
+            model.metadata_props.add(key=key, value=value if isinstance(value, str) else json.dumps(value))
+        onnx.checker.check_model(model)
+        onnx.save(model, str(temporary))
 
 
 def parity(net: nn.Module, path: Path, shape: tuple[int, int, int, int]) -> float:

@@ -16,6 +16,7 @@ from torch import Tensor, nn
 from torch.utils.data import DataLoader, IterableDataset
 
 from muybridge.errors import SessionError
+from muybridge.files import replacing
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.options import Training
 from muybridge.train.renders import SIZE, RenderSet, load_renders
@@ -61,9 +62,8 @@ class AveragedWeights:
 
 def save_atomically(path: pathlib.Path, content: Mapping[str, Any]) -> None:
     """A killed run leaves the last whole checkpoint."""
-    temporary = path.with_suffix(".tmp")
-    torch.save(dict(content), temporary)
-    os.replace(temporary, path)
+    with replacing(path) as temporary:
+        torch.save(dict(content), temporary)
 
 
 def log_line(path: pathlib.Path, record: Mapping[str, Any]) -> None:
@@ -142,10 +142,8 @@ def background_pool(options: Training) -> pathlib.Path:
     """The background pool on disk beside the run's folder, made on the first call."""
     path = options.out.parent / f"backgrounds-{options.backgrounds}-{options.seed}.npy"
     if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_suffix(".tmp.npy")
-        np.save(temporary, make_backgrounds(options.backgrounds, SIZE, options.seed))
-        temporary.rename(path)
+        with replacing(path) as temporary:
+            np.save(temporary, make_backgrounds(options.backgrounds, SIZE, options.seed))
     return path
 
 

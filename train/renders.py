@@ -4,7 +4,6 @@ A shard is `renders-<number>.npz` (labels) beside `renders-<number>.npy` (pixels
 is written last, so a shard with labels is whole. Shard k of a store with seed s depends on (s, k) alone.
 """
 
-import os
 import pathlib
 from dataclasses import dataclass
 
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
 
+from muybridge.files import replacing
 from muybridge.train.bodies import BODY_VERTICES, BodyModel
 from muybridge.train.render import Render, Renderer, View, look_at
 from muybridge.train.wardrobe import sample_outfit
@@ -99,17 +99,15 @@ def make_renders(folder: pathlib.Path, numbers: range, seed: int) -> None:
         body.poses.rng = body.rng
         renders = render_shard(body, renderer)
         pixels = np.stack([np.concatenate([r.rgba.transpose(2, 0, 1), r.shadow[None]]) for r in renders])
-        temporary = path.with_suffix(f".{os.getpid()}.tmp.npy")
-        np.save(temporary, pixels)
-        os.replace(temporary, path.with_suffix(".npy"))
-        temporary = path.with_suffix(f".{os.getpid()}.tmp.npz")
-        np.savez(
-            temporary,
-            landmarks_px=np.stack([r.landmarks_px for r in renders]),
-            visible=np.stack([r.visible for r in renders]),
-            box_px=np.stack([r.box_px for r in renders]),
-        )
-        os.replace(temporary, path)
+        with replacing(path.with_suffix(".npy")) as temporary:
+            np.save(temporary, pixels)
+        with replacing(path) as temporary:
+            np.savez(
+                temporary,
+                landmarks_px=np.stack([r.landmarks_px for r in renders]),
+                visible=np.stack([r.visible for r in renders]),
+                box_px=np.stack([r.box_px for r in renders]),
+            )
 
 
 def load_renders(folder: pathlib.Path, numbers: range | None = None) -> RenderSet:

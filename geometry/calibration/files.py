@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
-import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from muybridge.errors import CalibrationError, OutputError
+from muybridge.errors import CalibrationError
+from muybridge.files import replacing
 from muybridge.geometry.calibration.colmap import colmap_files, is_colmap_file, read_colmap
 from muybridge.geometry.calibration.common import Calibration, Malformed, upright_note
 from muybridge.geometry.calibration.native import native_text, read_native
@@ -197,15 +196,5 @@ def save_calibration(cameras: CameraGroup, path: Path) -> None:
     """
     path = Path(path)
     text = native_text(cameras).encode("utf-8")
-    temporary = None
-    try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
-            file.write(text)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        if temporary and os.path.exists(temporary):
-            os.unlink(temporary)
-        why = error.strerror or error
-        raise OutputError(f"{path}: cannot be written: {why}; choose a folder that exists") from None
+    with replacing(path) as temporary:
+        temporary.write_bytes(text)
