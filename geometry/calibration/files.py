@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from muybridge.errors import CalibrationError
+from muybridge.errors import CalibrationError, OutputError
 from muybridge.files import replacing
 from muybridge.geometry.calibration.colmap import colmap_files, is_colmap_file, read_colmap
 from muybridge.geometry.calibration.common import Calibration, Malformed, upright_note
@@ -196,5 +196,7 @@ def save_calibration(cameras: CameraGroup, path: Path) -> None:
     """
     path = Path(path)
     text = native_text(cameras).encode("utf-8")
+    if not path.parent.is_dir():
+        raise OutputError(f"{path}: cannot be written: No such file or directory; choose a folder that exists")
     with replacing(path) as temporary:
         temporary.write_bytes(text)
