@@ -14,10 +14,9 @@ import av
 import numpy as np
 import pytest
 
-from muybridge.errors import SessionError
 from muybridge.geometry.landmarks import BODY23, Points3D
 from muybridge.infer.cli import run_command
-from muybridge.infer.demo import demo_folder, score
+from muybridge.infer.demo import score
 from muybridge.infer.keypoints import CameraTracks
 from muybridge.motion.formats.bvh import read_bvh
 from muybridge.motion.formats.c3d import read_c3d
@@ -341,10 +340,6 @@ def test_the_score_is_a_plain_distance():
 
 
 def test_the_real_demo_is_near_its_truth(tmp_path, capfd):
-    try:
-        demo_folder()
-    except SessionError:
-        pytest.skip("the demo's take is not rendered yet: python scripts/make_demo.py")
     assert run_command(["demo", "--out", str(tmp_path / "demo")]) == 0
     line = next(line for line in capfd.readouterr().out.splitlines() if line.startswith("MPJPE "))
     assert float(line.split()[1]) <= 60

@@ -5,9 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import onnxruntime
-import pytest
 
-from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import BODY23
 from muybridge.models.registry import shipped_model
 
@@ -19,9 +17,6 @@ def _blocks(path: Path, language: str) -> list[str]:
 def test_links_lead_somewhere(repository: Path) -> None:
     for page in (repository / "README.md", *(repository / "docs").glob("*.md")):
         for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8")):
-            # The animation is made from the demo's results, which need both networks.
-            if target == "docs/demo.webp" and not (repository / "models" / "weights" / "people.onnx").is_file():
-                continue
             if not re.match(r"[a-z]+://", target):
                 assert (page.parent / target).exists(), f"{page.name} links to {target}, which is not there"
 
@@ -44,10 +39,7 @@ def test_pipeline_snippet_names_what_exists(repository: Path) -> None:
 
 
 def test_network_snippet_runs(repository: Path, tmp_path: Path) -> None:
-    try:
-        model = shipped_model("keypoints")
-    except ModelError as error:
-        pytest.skip(str(error))
+    model = shipped_model("keypoints")
     (snippet,) = [b for b in _blocks(repository / "README.md", "python") if "onnxruntime" in b]
     assert len(snippet.splitlines()) <= 10
     meta = onnxruntime.InferenceSession(str(model)).get_modelmeta().custom_metadata_map

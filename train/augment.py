@@ -81,10 +81,11 @@ class Compositor:
         image = image * (1 - person[:, 4:] * self._column(rng.uniform(0, 0.6, count)))
         other = rng.random(count) < opt.second_person
         in_front = rng.random(count) < 0.4
-        if other.any():
-            image, person, visible = self._second_person(image, person, visible, landmarks, other, in_front)
+        front = self._second_person(image, other, in_front) if other.any() else None
         image = image * (1 - person[:, 3:4]) + person[:, :3]
-        image = self._front(image, visible, landmarks, other & in_front)
+        if front is not None:
+            visible &= ~(self._alpha_at(front[:, 3].numpy(), landmarks) > 0.5)
+            image = image * (1 - front[:, 3:4]) + front[:, :3]
         image, visible = self._occlude(image, visible, landmarks)
         self._mosaic(image, landmarks)
         image = self.faults.apply(image)
@@ -155,35 +156,20 @@ class Compositor:
         at = np.round(landmarks).astype(int).clip(0, self.size - 1)
         return alpha[np.arange(len(alpha))[:, None], at[..., 1], at[..., 0]]
 
-    def _second_person(
-        self, image: Tensor, person: Tensor, visible: NDArray[np.bool_], landmarks: NDArray[np.float32],
-        other: NDArray[np.bool_], in_front: NDArray[np.bool_],
-    ) -> tuple[Tensor, Tensor, NDArray[np.bool_]]:  # fmt: skip
-        """Another person beside the subject: behind (into `image`) or in front (kept for `_front`)."""
+    def _second_person(self, image: Tensor, other: NDArray[np.bool_], in_front: NDArray[np.bool_]) -> Tensor:
+        """Another person beside the subject of the crops `other`: behind, drawn into `image` in place, or in front,
+        returned as a layer (B, 4, S, S) for when the subject is drawn."""
         chosen = np.nonzero(other)[0]
         index = self.rng.integers(0, len(self.renders), len(chosen))
         matrix, flip = self._placement(index, 0.3)
         layer, _, _ = self._warp(index, matrix, flip)
-        self._front_layer = torch.zeros(len(image), 4, self.size, self.size)
+        front = torch.zeros(len(image), 4, self.size, self.size)
         for k, i in enumerate(chosen):
             if in_front[i]:
-                self._front_layer[i] = layer[k, :4]
+                front[i] = layer[k, :4]
             else:
                 image[i] = image[i] * (1 - layer[k, 3:4]) + layer[k, :3]
-        return image, person, visible
-
-    def _front(
-        self,
-        image: Tensor,
-        visible: NDArray[np.bool_],
-        landmarks: NDArray[np.float32],
-        front: NDArray[np.bool_],
-    ) -> Tensor:
-        if not front.any():
-            return image
-        alpha = self._front_layer[:, 3].numpy()
-        visible &= ~((self._alpha_at(alpha, landmarks) > 0.5) & front[:, None])
-        return image * (1 - self._front_layer[:, 3:4]) + self._front_layer[:, :3]
+        return front
 
     def _occlude(
         self, image: Tensor, visible: NDArray[np.bool_], landmarks: NDArray[np.float32]

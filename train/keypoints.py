@@ -13,6 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from muybridge.geometry.landmarks import BODY23
+from muybridge.models.decode import SpreadCalibration, decode_heatmaps
 from muybridge.models.keypoint_net import STRIDE, KeypointNet
 from muybridge.train import loop
 from muybridge.train.augment import Batch, Compositor
@@ -68,20 +69,12 @@ def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
 
 
 @torch.no_grad()
-def predict_mode(net: nn.Module, image: Tensor) -> Tensor:
-    """(B, J, 2) crop pixels: the centre of the most probable cell, moved to the mean of its 3 x 3 cells."""
+def predict(net: nn.Module, image: Tensor) -> Tensor:
+    """(B, J, 2) crop pixels of landmarks, decoded as in use."""
     with torch.autocast(image.device.type, dtype=torch.bfloat16):
         heatmaps, _ = net(image.float().div(255).contiguous(memory_format=torch.channels_last))
-    p = heatmaps.float().flatten(2).softmax(-1).view_as(heatmaps)
-    h, w = p.shape[-2:]
-    best = p.flatten(2).argmax(-1)
-    total, x_sum, y_sum = 0.0, 0.0, 0.0
-    for dy in (-1, 0, 1):
-        for dx in (-1, 0, 1):
-            x, y = (best % w + dx).clamp(0, w - 1), (best // w + dy).clamp(0, h - 1)
-            mass = p.flatten(2).gather(2, (y * w + x)[..., None])[..., 0]
-            total, x_sum, y_sum = total + mass, x_sum + mass * x, y_sum + mass * y
-    return torch.stack([x_sum / total, y_sum / total], -1) * STRIDE + (STRIDE - 1) / 2
+    decoded = decode_heatmaps(heatmaps.float().cpu().numpy(), STRIDE, SpreadCalibration())
+    return torch.from_numpy(decoded.points_crop_px).float()
 
 
 def evaluate(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
@@ -91,7 +84,7 @@ def evaluate(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
     errors, swaps = [], []
     side = batches[0].image.shape[-1]
     for batch in batches:
-        at = predict_mode(net, batch.image.to(where)).cpu()
+        at = predict(net, batch.image.to(where))
         distance = (at - batch.landmarks_px).norm(dim=-1)
         twin = batch.landmarks_px[:, MIRROR]
         to_twin = (at - twin).norm(dim=-1)
