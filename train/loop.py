@@ -18,8 +18,11 @@ from torch.utils.data import DataLoader, IterableDataset
 from muybridge.errors import SessionError
 from muybridge.files import replacing
 from muybridge.train.backgrounds import make_backgrounds
+from muybridge.train.bodies import BodyModel
 from muybridge.train.options import Training
+from muybridge.train.render import Renderer
 from muybridge.train.renders import SIZE, RenderSet, load_renders
+from muybridge.train.rooms import make_room_pictures
 
 # The first shards of a store are never trained on.
 HELD_OUT = range(0, 4)
@@ -139,11 +142,16 @@ class _Stream(IterableDataset[Batch]):
 
 
 def background_pool(options: Training) -> pathlib.Path:
-    """The background pool on disk beside the run's folder, made on the first call."""
-    path = options.out.parent / f"backgrounds-{options.backgrounds}-{options.seed}.npy"
+    """The background pool on disk beside the run's folder, made on the first call: half of it painted, half of it
+    views of rendered rooms."""
+    path = options.out.parent / f"pool-{options.backgrounds}-{options.seed}.npy"
     if not path.exists():
+        rooms = options.backgrounds // 2
+        renderer = Renderer(BodyModel(options.seed))
+        pictures = [make_backgrounds(options.backgrounds - rooms, SIZE, options.seed),
+                    make_room_pictures(renderer, rooms, SIZE, options.seed)]  # fmt: skip
         with replacing(path) as temporary:
-            np.save(temporary, make_backgrounds(options.backgrounds, SIZE, options.seed))
+            np.save(temporary, np.concatenate(pictures))
     return path
 
 

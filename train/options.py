@@ -34,7 +34,7 @@ class Training:
         decay: share of the time, at its end, over which the learning rate falls.
         threads: torch threads of the network; further processes make the images.
         workers: processes that make the images.
-        backgrounds: how many backgrounds are drawn for the pool.
+        backgrounds: how many backgrounds the pool holds; half are painted, half are views of rendered rooms.
         seed: of everything.
     """
 
@@ -46,7 +46,7 @@ class Training:
     decay: float = 0.2
     threads: int = 1
     workers: int = 1
-    backgrounds: int = 3000
+    backgrounds: int = 5000
     seed: int = 0
 
 
