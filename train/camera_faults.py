@@ -1,5 +1,8 @@
 """What a camera does to an image: defocus, motion blur, low resolution, colour, tone, noise, compression."""
 
+from fractions import Fraction
+
+import av
 import cv2
 import kornia
 import numpy as np
@@ -54,18 +57,64 @@ class CameraFaults:
         image = ((image - level) * contrast + level) * balance + self._column(rng.normal(0, 0.05, len(image)))
         gamma = self._column(np.exp(rng.normal(0, 0.25, len(image))))
         image = image.clamp(1e-4, 1) ** gamma
+        image = image * self._lens_and_shutter(image)
         noise = rng.gamma(1.2, 0.014, len(image)).clip(0, 0.08)
         grain = torch.from_numpy(rng.standard_normal(image.shape, np.float32))
-        return image + grain * self._column(noise)
+        # Photon noise grows with the root of the light; the rest is the sensor's own.
+        photon = self._column(rng.random(len(image)) < 0.5)
+        image = image + grain * self._column(noise) * (1 + photon * (1.5 * image.clamp(0, 1).sqrt() - 1))
+        some = self._some(0.2, image)
+        if len(some):  # what cameras do against blur
+            soft = kornia.filters.gaussian_blur2d(image[some], (5, 5), (1.0, 1.0))
+            image[some] += (image[some] - soft) * self._uniform(0.3, 1.5, len(some)).view(-1, 1, 1, 1)
+        return image
+
+    def _lens_and_shutter(self, image: Tensor) -> Tensor:
+        """Gain (B, 1, H, W): darker corners, and bands where lamps flicker under a rolling shutter."""
+        rng, (height, width), count = self.rng, image.shape[-2:], len(image)
+        y = torch.linspace(-1, 1, height).view(1, 1, -1, 1)
+        x = torch.linspace(-1, 1, width).view(1, 1, 1, -1)
+        corner = self._column(rng.uniform(0, 0.35, count) * (rng.random(count) < 0.25))
+        gain = 1 - corner * ((x - self._column(rng.normal(0, 0.4, count))) ** 2 + y**2)
+        band = self._column(rng.uniform(0, 0.2, count) * (rng.random(count) < 0.08))
+        return gain * (1 + band * torch.sin(self._column(rng.uniform(2, 12, count)) * y + 1.0))
 
     def compress(self, pixels: Tensor) -> Tensor:
-        """JPEG, which stands for the video codec's losses too."""
-        for i in np.nonzero(self.rng.random(len(pixels)) < 0.3)[0]:
-            quality = int(self.rng.uniform(15, 85))
+        """What a sensor's colour filter and the file's codec leave of (B, 3, H, W) uint8, in place: Bayer mosaic,
+        H.264 and JPEG."""
+        bayer, codec = self.rng.random(len(pixels)) < 0.1, self.rng.random(len(pixels))
+        for i in np.nonzero(bayer | (codec < 0.35))[0]:
             picture = np.ascontiguousarray(pixels[i].numpy().transpose(1, 2, 0))
-            _, code = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
-            pixels[i] = torch.from_numpy(cv2.imdecode(code, cv2.IMREAD_COLOR).transpose(2, 0, 1).copy())
+            picture = through_bayer(picture) if bayer[i] else picture
+            if codec[i] < 0.03 and not (picture.shape[0] % 2 or picture.shape[1] % 2):
+                picture = through_h264(picture, int(self.rng.uniform(24, 42)))
+            elif codec[i] < 0.35:
+                quality = int(self.rng.uniform(15, 85))
+                _, code = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
+                picture = cv2.imdecode(code, cv2.IMREAD_COLOR)
+            pixels[i] = torch.from_numpy(picture.transpose(2, 0, 1).copy())
         return pixels
+
+
+def through_bayer(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(H, W, 3) seen through a sensor's colour filter and interpolated again."""
+    mosaic = picture[..., 1].copy()
+    mosaic[0::2, 0::2] = picture[0::2, 0::2, 0]
+    mosaic[1::2, 1::2] = picture[1::2, 1::2, 2]
+    return np.asarray(cv2.cvtColor(mosaic, cv2.COLOR_BayerBG2RGB), np.uint8)
+
+
+def through_h264(picture: NDArray[np.uint8], quantiser: int) -> NDArray[np.uint8]:
+    """(H, W, 3), even sides, as one intra frame of H.264 at this quantiser (0..51, higher is worse)."""
+    encoder = av.CodecContext.create("libx264", "w")
+    encoder.height, encoder.width = picture.shape[:2]
+    encoder.pix_fmt, encoder.time_base = "yuv420p", Fraction(1, 30)
+    encoder.options = {"qp": str(quantiser), "preset": "superfast", "tune": "zerolatency", "threads": "1"}
+    frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+    packets = [*encoder.encode(frame), *encoder.encode(None)]
+    decoder = av.CodecContext.create("h264", "r")
+    frames = [f for packet in packets for f in decoder.decode(packet)] + list(decoder.decode(None))
+    return np.asarray(frames[0].to_ndarray(format="rgb24"), np.uint8)
 
 
 def outside_of_video(
