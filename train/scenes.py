@@ -11,6 +11,8 @@ from torch import Tensor
 from muybridge.train.camera_faults import CameraFaults, outside_of_video
 from muybridge.train.renders import RenderSet
 
+# Share of scenes with a person larger than the image, seen from the head down.
+CLOSE_SHARE = 0.12
 SHAPES = ((192, 320), (320, 192), (256, 320), (320, 256))  # height, width
 
 
@@ -56,6 +58,8 @@ class SceneCompositor:
         frame = plate.copy()
         count = int(rng.choice(6, p=[0.06, 0.4, 0.26, 0.14, 0.09, 0.05]))
         size = np.exp(rng.uniform(np.log(28), np.log(300), count)) if count else np.zeros(0)
+        if count and rng.random() < CLOSE_SHARE:  # someone at a desk, or who walks past the camera
+            size[0] = np.exp(rng.uniform(np.log(300), np.log(700)))
         boxes, owners = [], np.full((height, width), -1, np.int16)
         areas = []
         roll = np.radians(rng.normal(0, 8 if rng.random() < 0.8 else 20))
@@ -74,7 +78,7 @@ class SceneCompositor:
             owners[beyond] = -1
         visible = np.array([(owners == k).sum() for k in range(count)])
         share = visible / np.maximum(np.array(areas), 1)
-        good = (share > 0.3) & (visible > 60)
+        good = (share > 0.25) & (visible > 60)
         stack = np.array(boxes, np.float32).reshape(-1, 4)
         return frame, plate, stack[good], stack[~good]
 
@@ -122,6 +126,8 @@ class SceneCompositor:
             half = (box[2:] - box[:2]) / 2
             low, high = half, np.array([width, height]) - half
             center = np.where(low < high, rng.uniform(np.minimum(low, high), np.maximum(low, high)), center)
+            if low[1] >= high[1]:  # too tall for the image: what it shows is the upper part
+                center[1] = half[1] + rng.uniform(-0.05, 0.4) * height
         shift = np.round(center - (box[:2] + box[2:]) / 2).astype(int)
         size = person.shape[0]
         x0, y0 = np.maximum(shift, 0)
