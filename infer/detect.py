@@ -22,7 +22,7 @@ from muybridge.infer.progress import Progress, Task
 from muybridge.infer.session import Session
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest, file_digest
 from muybridge.infer.video import VideoWriter, fit_inside, read_chunks
-from muybridge.models.registry import shipped_model
+from muybridge.models.registry import Precision, shipped_model
 
 PROXY_LONG_SIDE_PX = 960
 # The code that a camera's 2D landmarks depend on.
@@ -45,12 +45,15 @@ class DetectOptions:
     """How 2D landmarks are found.
 
     Attributes:
-        keypoint_model: keypoint network to use in place of the shipped one.
+        precision: of the shipped keypoint network: `int8` is three times as fast as `fp32` and as accurate on
+            held-out images.
+        keypoint_model: keypoint network to use in place of the shipped one, whatever its precision.
         people_model: person detector to use in place of the shipped one.
         workers: cameras worked on at the same time; each takes about half a gigabyte.
         keypoints: how each camera's landmarks are found.
     """
 
+    precision: Precision = "int8"
     keypoint_model: Path | None = None
     people_model: Path | None = None
     workers: int = 2
@@ -98,7 +101,7 @@ def open_models(options: DetectOptions) -> Models:
     Raises:
         ModelError: a file is missing or not one of ours.
     """
-    keypoints = options.keypoint_model or shipped_model("keypoints")
+    keypoints = options.keypoint_model or shipped_model("keypoints", options.precision)
     keypoint_card = KeypointNetwork(keypoints, options.keypoints.onnx).card
     people = options.people_model or shipped_model("people")
     people_card = PeopleNetwork(people, options.keypoints.onnx).card

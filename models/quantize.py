@@ -1,0 +1,108 @@
+"""8-bit versions of exported networks: static quantisation with onnxruntime. Needs onnx (the `train` extra).
+
+Weights become 7-bit integers with a scale for each output channel, activations 8-bit ones with a scale for each
+tensor, measured on calibration images. Seven bits, because the kernels of processors without VNNI add pairs of
+products in 16 bits, which eight would overflow. The first convolution stays in float32: it has three input
+channels, takes 1 % of the work, and its input is the image, whose range it normalises; so does the head, whose output
+is the result.
+"""
+
+from __future__ import annotations
+
+import logging
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import ModelError
+from muybridge.files import replacing
+
+# Operators that have 8-bit kernels worth having; the rest stays in float32.
+_OPERATORS = ["Conv", "Add", "Resize", "Relu"]
+_IMAGES_AT_ONCE = 8
+
+
+def int8_path(path: Path) -> Path:
+    """Where the 8-bit version of the network `path` lies: `keypoints.onnx` has `keypoints-int8.onnx` beside it."""
+    return path.with_name(f"{path.stem}-int8{path.suffix}")
+
+
+def quantize(source: Path, target: Path, images: NDArray[np.uint8]) -> None:
+    """Write an 8-bit version of a network with the same inputs, outputs and metadata, plus `precision`.
+
+    Args:
+        source: float32 ONNX file with one input, a float image (N, C, H, W) in 0..1.
+        target: of the 8-bit file, written whole or not at all.
+        images: (K, C, H, W) to measure the activations' ranges on; a hundred of what is seen in use will do.
+
+    Raises:
+        ModelError: `source` has no convolution to quantise, or is no ONNX file.
+    """
+    import onnx
+    from onnxruntime.quantization import CalibrationMethod, QuantFormat, QuantType, quantize_static
+    from onnxruntime.quantization.shape_inference import quant_pre_process
+
+    if not len(images):
+        raise ValueError("quantisation needs images to calibrate on")
+    with _quiet(), tempfile.TemporaryDirectory() as folder:
+        prepared = Path(folder) / "prepared.onnx"
+        # Batch normalisations are folded into the convolutions before these lose precision.
+        try:
+            quant_pre_process(str(source), str(prepared), skip_symbolic_shape=True)
+            model = onnx.load(str(prepared))
+        except Exception as error:
+            raise ModelError(f"{source}: cannot be prepared for quantisation ({error}); export it again") from error
+        metadata = {entry.key: entry.value for entry in onnx.load(str(source)).metadata_props}
+        with replacing(target) as temporary:
+            quantize_static(
+                str(prepared), str(temporary), _Images(model.graph.input[0].name, images),
+                quant_format=QuantFormat.QDQ, per_channel=True, reduce_range=True,
+                activation_type=QuantType.QUInt8, weight_type=QuantType.QInt8,
+                calibrate_method=CalibrationMethod.MinMax, op_types_to_quantize=_OPERATORS,
+                nodes_to_exclude=_kept_in_float(model, source),
+            )  # fmt: skip
+            quantized = onnx.load(str(temporary))
+            onnx.helper.set_model_props(quantized, {**metadata, "precision": "int8"})
+            for node in quantized.graph.node:
+                node.doc_string = ""
+            onnx.checker.check_model(quantized)
+            onnx.save(quantized, str(temporary))
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """No hints from onnxruntime on how the model might be prepared: it is."""
+    before = logging.getLogger().level
+    logging.getLogger().setLevel(max(before, logging.ERROR))
+    try:
+        yield
+    finally:
+        logging.getLogger().setLevel(before)
+
+
+def _kept_in_float(model: object, source: Path) -> list[str]:
+    """Names of the first convolution and of those that make an output."""
+    graph = model.graph  # type: ignore[attr-defined]
+    outputs = {output.name for output in graph.output}
+    convolutions = [node for node in graph.node if node.op_type == "Conv"]
+    if not convolutions:
+        raise ModelError(f"{source}: has no convolution to quantise; name a convolutional network")
+    return [convolutions[0].name] + [n.name for n in convolutions[1:] if outputs & set(n.output)]
+
+
+class _Images:
+    """Calibration images, a few at a time; onnxruntime asks for `get_next` until it gives None."""
+
+    def __init__(self, name: str, images: NDArray[np.uint8]) -> None:
+        self._parts: Iterator[dict[str, NDArray[np.float32]]] = (
+            {name: images[start : start + _IMAGES_AT_ONCE].astype(np.float32) / 255}
+            for start in range(0, len(images), _IMAGES_AT_ONCE)
+        )
+
+    def get_next(self) -> dict[str, NDArray[np.float32]] | None:
+        """The next input of the network."""
+        return next(self._parts, None)
