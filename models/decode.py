@@ -28,13 +28,28 @@ _PATCH = 3
 
 @dataclass(frozen=True)
 class SpreadCalibration:
-    """How a heatmap's spread becomes a variance: `scale * spread + floor_px2`, in network input px^2.
+    """How a heatmap's spread becomes a variance, both in network input px^2.
 
-    The two numbers are fitted on held-out data when a network is exported and stored in its file.
+    Fitted on held-out data when a network is exported and stored in its file.
+
+    Attributes:
+        scale, floor_px2: `scale * spread + floor_px2`, where there are no knots.
+        knots: pairs of spread and variance, both ascending; between them the logarithm of the variance is linear
+            in that of the spread, below the first it is constant, above the last proportional to the spread.
     """
 
     scale: float = 1.0
     floor_px2: float = 1.0
+    knots: tuple[tuple[float, float], ...] = ()
+
+    def variance(self, spread_px2: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The variance of each coordinate, of the spread's shape; NaN stays NaN."""
+        if not self.knots:
+            return np.asarray(self.scale * spread_px2 + self.floor_px2, dtype=np.float64)
+        at, value = np.array(self.knots).T
+        inside = np.clip(spread_px2, at[0], at[-1])
+        inner = np.exp(np.interp(np.log(inside), np.log(at), np.log(value)))
+        return np.asarray(inner * np.maximum(spread_px2 / at[-1], 1.0), dtype=np.float64)
 
 
 class DecodedHeatmaps(NamedTuple):
@@ -86,7 +101,7 @@ def decode_heatmaps(logits: NDArray[np.float32], stride: int, spread: SpreadCali
         spread_cells2 = moments[:, 3] - 2 * (offset * moments[:, 1:3]).sum(axis=1) + (offset**2).sum(axis=1)
     missing = ~np.isfinite(moments[:, 0])
     point_uv[missing], spread_cells2[missing], score[missing] = np.nan, np.nan, 0.0
-    variance = spread.scale * np.maximum(spread_cells2, 0.0) / 2 * stride**2 + spread.floor_px2
+    variance = spread.variance(np.maximum(spread_cells2, 0.0) / 2 * stride**2)
     shape = (count, landmarks)
     points = point_uv * stride + (stride - 1) / 2
     return DecodedHeatmaps(points.reshape(*shape, 2), variance.reshape(shape), score.reshape(shape))

@@ -108,6 +108,7 @@ def keypoint_card(metadata: Mapping[str, str], path: Path) -> KeypointModelCard:
         spread=SpreadCalibration(
             scale=read.positive(spread.get("scale"), "variance.scale"),
             floor_px2=read.positive(spread.get("floor_px2"), "variance.floor_px2"),
+            knots=read.knots(spread.get("knots", []), "variance.knots"),
         ),
         box_padding=read.positive(read.text("box_padding"), "box_padding"),
         metadata=dict(metadata),
@@ -183,6 +184,16 @@ class _Reader:
         if not (math.isfinite(number) and number > 0):
             raise self.error(f"{key} is {number}, not a positive number")
         return number
+
+    def knots(self, value: Any, key: str) -> tuple[tuple[float, float], ...]:
+        """Pairs of positive numbers, both ascending; older files have none."""
+        if not isinstance(value, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in value):
+            raise self.error(f"{key} is not a list of pairs")
+        pairs = tuple((self.positive(a, key), self.positive(b, key)) for a, b in value)
+        for (a, b), (next_a, next_b) in zip(pairs, pairs[1:], strict=False):
+            if next_a <= a or next_b < b:
+                raise self.error(f"{key} do not ascend")
+        return pairs
 
     def json_object(self, key: str) -> dict[str, Any]:
         value = self._json(key)
