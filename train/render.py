@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from muybridge.train.bodies import BODY_VERTICES, BodyModel
+from muybridge.train.markers import marker_normals, markers_seen, virtual_markers
 from muybridge.train.wardrobe import Outfit
 
 F32 = NDArray[np.float32]
@@ -88,6 +89,8 @@ class Render:
         landmarks_px: (23, 2) pixels.
         visible: (23,) whether the landmark is not hidden by the person's own body and in the image.
         box_px: (4,) left, top, right, bottom of the whole body, also outside of the image.
+        markers_px: (M, 2) pixels of the virtual markers, the order of `SURFACE`.
+        markers_visible: (M,) whether the marker faces the camera, in the image and not behind a limb.
     """
 
     rgba: NDArray[np.uint8]
@@ -95,6 +98,8 @@ class Render:
     landmarks_px: F32
     visible: NDArray[np.bool_]
     box_px: F32
+    markers_px: F32
+    markers_visible: NDArray[np.bool_]
 
 
 class Renderer:
@@ -189,7 +194,10 @@ class Renderer:
     def load(self, vertices: F32) -> None:
         """Makes `vertices` (V, 3) the person that the next renders show."""
         self.vertices = vertices
-        self.dynamic.write(np.concatenate([vertices, self.normals(vertices)], 1).astype("f4").tobytes())
+        normals = self.normals(vertices)
+        self.markers = virtual_markers(vertices[None])[0]
+        self.marker_normals = marker_normals(normals[None])[0]
+        self.dynamic.write(np.concatenate([vertices, normals], 1).astype("f4").tobytes())
 
     def _set(self, program: object, values: dict[str, object]) -> None:
         for key, value in values.items():
@@ -274,11 +282,26 @@ class Renderer:
         px, depth_m = view.project(landmarks_world)
         body_px, _ = view.project(self.vertices[:BODY_VERTICES])
         box = np.concatenate([body_px.min(0), body_px.max(0)])
-        at = np.round(px).astype(int)
-        inside = ((at >= 1) & (at < np.array([w, h]) - 1)).all(1)
-        x, y = at[:, 0].clip(1, w - 2), at[:, 1].clip(1, h - 2)
-        # The farthest surface of 3 x 3 pixels, so that a landmark at a silhouette is not lost to aliasing.
-        front = np.max([metres[y + j, x + i] for i in (-1, 0, 1) for j in (-1, 0, 1)], 0)
+        inside, front = _front(px, metres)
         height = float(np.ptp(self.vertices[:BODY_VERTICES], axis=0).max())
         visible = inside & (depth_m - front < LANDMARK_DEPTH * min(height, 1.8) / 1.7 + 0.02)
-        return Render(rgba.copy(), shadow.copy(), px.astype(np.float32), visible, box.astype(np.float32))
+        labels = px.astype(np.float32), visible, box.astype(np.float32)
+        return Render(rgba.copy(), shadow.copy(), *labels, *self._read_markers(view, metres, height))
+
+    def _read_markers(self, view: View, metres: F32, height: float) -> tuple[F32, NDArray[np.bool_]]:
+        """Pixels (M, 2) of the loaded person's markers and whether they are seen."""
+        px, depth_m = view.project(self.markers)
+        inside, front = _front(px, metres)
+        eye = -view.cam_from_world[:, :3].T @ view.cam_from_world[:, 3]
+        seen = markers_seen(self.markers, self.marker_normals, eye, depth_m, front, height)
+        return px.astype(np.float32), inside & seen
+
+
+def _front(px: F64, metres: F32) -> tuple[NDArray[np.bool_], F32]:
+    """(J,) whether `px` (J, 2) lie in the image, and the farthest surface of the 3 x 3 pixels around each, so that
+    a point at a silhouette is not lost to aliasing."""
+    at = np.round(px).astype(int)
+    size = np.array(metres.shape[::-1])
+    inside = ((at >= 1) & (at < size - 1)).all(1)
+    x, y = at.clip(1, size - 2).T
+    return inside, np.max([metres[y + j, x + i] for i in (-1, 0, 1) for j in (-1, 0, 1)], 0)

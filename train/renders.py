@@ -1,17 +1,20 @@
 """A store of renders on disk: made once, in seeded shards, composited many times.
 
 A shard is `renders-<number>.npz` (labels) beside `renders-<number>.npy` (pixels, memory-mapped). The label file
-is written last, so a shard with labels is whole. Shard k of a store with seed s depends on (s, k) alone.
+is written last, so a shard with labels is whole. A store made before there were virtual markers may have their
+labels in `markers-<number>.npz`; without, they are NaN and hidden. Shard k of a store with seed s depends on
+(s, k) alone.
 """
 
 import pathlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
 
 from muybridge.files import replacing
+from muybridge.geometry.landmarks import SURFACE
 from muybridge.train.bodies import BODY_VERTICES, BodyModel
 from muybridge.train.render import Render, Renderer, View, look_at
 from muybridge.train.wardrobe import sample_outfit
@@ -57,6 +60,14 @@ class RenderSet:
     landmarks_px: NDArray[np.float32]  # (N, 23, 2)
     visible: NDArray[np.bool_]  # (N, 23)
     box_px: NDArray[np.float32]  # (N, 4)
+    # Virtual markers in the order of `SURFACE`; NaN and False where the store has no labels of them.
+    markers_px: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, len(SURFACE), 2), "f4"))  # (N, M, 2)
+    markers_visible: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, len(SURFACE)), bool))  # (N, M)
+
+    def __post_init__(self) -> None:
+        if len(self.markers_px) != len(self):
+            object.__setattr__(self, "markers_px", np.full((len(self), len(SURFACE), 2), np.nan, np.float32))
+            object.__setattr__(self, "markers_visible", np.zeros((len(self), len(SURFACE)), bool))
 
     def __len__(self) -> int:
         return len(self.landmarks_px)
@@ -107,6 +118,8 @@ def make_renders(folder: pathlib.Path, numbers: range, seed: int) -> None:
                 landmarks_px=np.stack([r.landmarks_px for r in renders]),
                 visible=np.stack([r.visible for r in renders]),
                 box_px=np.stack([r.box_px for r in renders]),
+                markers_px=np.stack([r.markers_px for r in renders]),
+                markers_visible=np.stack([r.markers_visible for r in renders]),
             )
 
 
@@ -122,4 +135,16 @@ def load_renders(folder: pathlib.Path, numbers: range | None = None) -> RenderSe
     return RenderSet(
         [np.load(p.with_suffix(".npy"), mmap_mode="r") for p in paths],
         *(np.concatenate([f[k] for f in labels]) for k in ("landmarks_px", "visible", "box_px")),
+        *(np.concatenate(part) for part in zip(*map(_markers, paths), strict=True)),
     )
+
+
+def _markers(path: pathlib.Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """`markers_px` and `markers_visible` of a shard: its own, else from the file beside it, else NaN and False."""
+    beside = path.with_name(path.name.replace("renders-", "markers-"))
+    for file in (path, beside):
+        labels = np.load(file) if file.exists() else {}
+        if "markers_px" in labels and labels["markers_px"].shape[1] == len(SURFACE):
+            return labels["markers_px"], labels["markers_visible"]
+    n = len(np.load(path)["landmarks_px"])
+    return np.full((n, len(SURFACE), 2), np.nan, np.float32), np.zeros((n, len(SURFACE)), bool)
