@@ -218,3 +218,24 @@ class Points3D:
     residual_px: NDArray[np.float64]
     inlier: NDArray[np.bool_]
     fps: float
+
+
+def select_markers(points: Points3D, markers: MarkerSet) -> Points3D:
+    """The points of a marker set out of all of `SURFACE`, under the laboratory's labels.
+
+    What it returns is what `write_c3d` and `write_trc` write, so that a take leaves with the names that Plug-in
+    Gait or CMU's tools expect.
+
+    Raises:
+        ValueError: `points` lack one of the set's landmarks.
+    """
+    at = [points.landmarks.index(n) for n in markers.names]
+    label = dict(zip(markers.names, markers.labels, strict=True))
+    return Points3D(
+        LandmarkSet(markers.name, markers.labels, tuple((label[a], label[b]) for a, b in markers.edges)),
+        points.points_world[:, at],
+        points.covariance_world[:, at],
+        points.residual_px[:, :, at],
+        points.inlier[:, :, at],
+        points.fps,
+    )
