@@ -15,25 +15,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.infer.keypoints import CameraTracks, KeypointOptions, PoseEstimator
-from muybridge.infer.onnx import KeypointNetwork, PeopleNetwork
+from muybridge.infer.onnx import PeopleNetwork
+from muybridge.infer.other_models import open_keypoints
 from muybridge.infer.progress import Progress, Task
 from muybridge.infer.session import Session
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest, file_digest
 from muybridge.infer.video import VideoWriter, fit_inside, read_chunks
+from muybridge.models.model_card import find_card
 from muybridge.models.registry import Precision, shipped_model
 
 PROXY_LONG_SIDE_PX = 960
 # The code that a camera's 2D landmarks depend on.
 _CODE = (
     "muybridge.models.decode",
+    "muybridge.models.decode_simcc",
+    "muybridge.models.model_card",
     "muybridge.models.registry",
     "muybridge.geometry.cameras",
     "muybridge.geometry.crops",
     "muybridge.infer.crops",
     "muybridge.infer.keypoints",
     "muybridge.infer.onnx",
+    "muybridge.infer.other_models",
     "muybridge.infer.people",
     "muybridge.infer.tracking",
     "muybridge.infer.video",
@@ -48,6 +54,8 @@ class DetectOptions:
         precision: of the shipped keypoint network: `int8` is three times as fast as `fp32` and as accurate on
             held-out images.
         keypoint_model: keypoint network to use in place of the shipped one, whatever its precision.
+        model_card: what that network takes in and gives out, where it is not one of muybridge's: a TOML file, or
+            the name of a card that came along, such as `rtmpose-coco17`; see docs/other-models.md.
         people_model: person detector to use in place of the shipped one.
         workers: cameras worked on at the same time; each takes about half a gigabyte.
         keypoints: how each camera's landmarks are found.
@@ -55,6 +63,7 @@ class DetectOptions:
 
     precision: Precision = "int8"
     keypoint_model: Path | None = None
+    model_card: str | None = None
     people_model: Path | None = None
     workers: int = 2
     keypoints: KeypointOptions = field(default_factory=KeypointOptions)
@@ -72,12 +81,14 @@ class Models:
         keypoints, people: the files.
         landmarks: what the keypoint network finds.
         metadata: what the files say about themselves, and their digests; for `run.json`.
+        model_card: of the keypoint network, as it was named.
     """
 
     keypoints: Path
     people: Path
     landmarks: LandmarkSet
     metadata: dict[str, dict[str, str]]
+    model_card: str | None = None
 
 
 @dataclass(frozen=True)
@@ -102,14 +113,20 @@ def open_models(options: DetectOptions) -> Models:
         ModelError: a file is missing or not one of ours.
     """
     keypoints = options.keypoint_model or shipped_model("keypoints", options.precision)
-    keypoint_card = KeypointNetwork(keypoints, options.keypoints.onnx).card
+    if options.model_card is not None and options.keypoint_model is None:
+        raise ModelError(f"a model card ({options.model_card}) without a model; name its file with --keypoint-model")
+    network = open_keypoints(keypoints, options.model_card, options.keypoints.onnx)
+    card = find_card(keypoints, options.model_card)
     people = options.people_model or shipped_model("people")
     people_card = PeopleNetwork(people, options.keypoints.onnx).card
     metadata = {
-        "keypoints": {**keypoint_card.metadata, "file": keypoints.name, "sha256": file_digest(keypoints)},
+        "keypoints": {
+            **network.metadata, "file": keypoints.name, "sha256": file_digest(keypoints),
+            **({} if card is None else {"card": card.name, "card_sha256": file_digest(card)}),
+        },
         "people": {**people_card.metadata, "file": people.name, "sha256": file_digest(people)},
     }
-    return Models(keypoints, people, keypoint_card.landmarks, metadata)
+    return Models(keypoints, people, network.landmarks, metadata, options.model_card)
 
 
 def detect(
@@ -223,7 +240,10 @@ class _CameraWork:
 
     def _compute(self) -> CameraTracks:
         video, camera = self.session.videos[self.index], self.session.cameras[self.index]
-        estimator = PoseEstimator(self.models.keypoints, self.models.people, camera, self.options.keypoints)
+        models = self.models
+        estimator = PoseEstimator(
+            models.keypoints, models.people, camera, self.options.keypoints, models.model_card
+        )
         size = fit_inside(video.width, video.height, PROXY_LONG_SIDE_PX)
         with VideoWriter(self.proxy, *size, fps=self.session.fps) as writer:
             for frames in read_chunks(video, self.session.frame_indices[self.index]):

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from muybridge.geometry.cameras import Camera
 from muybridge.geometry.landmarks import Keypoints2D, LandmarkSet
-from muybridge.infer.onnx import KeypointNetwork, OnnxOptions, PeopleNetwork
+from muybridge.infer.onnx import OnnxOptions, PeopleNetwork
+from muybridge.infer.other_models import open_keypoints
 from muybridge.infer.people import PeopleDetector, PeopleOptions
 from muybridge.infer.poses import PoseReader
 from muybridge.infer.tracking import BoxSmoother, Tracker, TrackOptions
@@ -93,6 +94,7 @@ class PoseEstimator:
         people_model: Path,
         camera: Camera | None = None,
         options: KeypointOptions = KeypointOptions(),
+        model_card: str | None = None,
     ) -> None:
         """Open the networks.
 
@@ -101,11 +103,12 @@ class PoseEstimator:
             people_model: ONNX file of the person detector.
             camera: calibration at the video's size; without it crops are plain squares.
             options: how.
+            model_card: of the keypoint model, where it is not one of ours: see `other_models.open_keypoints`.
 
         Raises:
             ModelError: a file is missing or not one of ours.
         """
-        self._network = KeypointNetwork(keypoint_model, options.onnx)
+        self._network = open_keypoints(keypoint_model, model_card, options.onnx)
         self._people = PeopleNetwork(people_model, options.onnx)
         self._camera = camera
         self._options = options
@@ -117,7 +120,7 @@ class PoseEstimator:
     @property
     def landmarks(self) -> LandmarkSet:
         """What the network finds."""
-        return self._network.card.landmarks
+        return self._network.landmarks
 
     def process(self, frames: NDArray[np.uint8]) -> None:
         """Work on the next frames.

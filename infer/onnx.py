@@ -9,13 +9,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
+from muybridge.geometry.landmarks import LandmarkSet
+from muybridge.models.decode import DecodedHeatmaps, decode_heatmaps
 from muybridge.models.registry import KeypointModelCard, PeopleModelCard, keypoint_card, people_card
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
@@ -41,12 +43,20 @@ class OnnxOptions:
             raise ValueError("threads and batch must be at least 1")
 
 
+class Located(NamedTuple):
+    """Landmarks of N crops: points, variances and scores in crop px, and visibility (N, J), logits."""
+
+    found: DecodedHeatmaps
+    visibility: NDArray[np.float32]
+
+
 class KeypointNetwork:
     """A keypoint network: crops to heatmaps.
 
     Attributes:
         path: of the file.
         card: what the file says about itself.
+        metadata: the same as text, for reports.
     """
 
     def __init__(self, path: Path, options: OnnxOptions = OnnxOptions()) -> None:
@@ -57,13 +67,38 @@ class KeypointNetwork:
         """
         self.path = path
         self._options = options
-        self._session = _open_session(path, options)
+        self._session = open_session(path, options)
         self.card: KeypointModelCard = keypoint_card(_metadata(self._session), path)
         count = len(self.card.landmarks)
         _check_signature(
             self._session, path, channels=3, outputs={"heatmaps": (4, count), "visibility": (2, count)}
         )
         self._mirror = np.array(self.card.landmarks.mirror)
+        self.metadata = dict(self.card.metadata)
+
+    @property
+    def landmarks(self) -> LandmarkSet:
+        """What comes out."""
+        return self.card.landmarks
+
+    @property
+    def crop_size(self) -> int:
+        """Side of the crops, px."""
+        return self.card.input_size
+
+    @property
+    def box_padding(self) -> float:
+        """Side of a crop over the longer side of the box."""
+        return self.card.box_padding
+
+    def fitted_boxes(self, boxes_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 4) boxes as the crops want them: as they are, since the crops are square."""
+        return boxes_px
+
+    def locate(self, crops: NDArray[np.uint8]) -> Located:
+        """Landmarks in (N, S, S, 3) RGB crops."""
+        heatmaps, visibility = self(crops)
+        return Located(decode_heatmaps(heatmaps, self.card.stride, self.card.spread), visibility)
 
     def __call__(self, crops: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Run the network.
@@ -80,7 +115,7 @@ class KeypointNetwork:
         cells = size // self.card.stride
         heatmaps = np.empty((len(crops), count, cells, cells), dtype=np.float32)
         visibility = np.empty((len(crops), count), dtype=np.float32)
-        for part in _batches(len(crops), self._options.batch):
+        for part in batches(len(crops), self._options.batch):
             heatmaps[part], visibility[part] = self._run(crops[part])
             if self._options.flip:
                 mirrored, seen = self._run(crops[part, :, ::-1])
@@ -90,7 +125,7 @@ class KeypointNetwork:
 
     def _run(self, crops: NDArray[np.uint8]) -> Sequence[NDArray[np.float32]]:
         image = np.multiply(crops.transpose(0, 3, 1, 2), np.float32(1 / 255), dtype=np.float32)
-        return _run_session(self._session, self.path, ["heatmaps", "visibility"], np.ascontiguousarray(image))
+        return run_session(self._session, self.path, ["heatmaps", "visibility"], np.ascontiguousarray(image))
 
 
 class PeopleNetwork:
@@ -105,7 +140,7 @@ class PeopleNetwork:
         """Open a network; errors as `KeypointNetwork`."""
         self.path = path
         self._options = options
-        self._session = _open_session(path, options)
+        self._session = open_session(path, options)
         self.card: PeopleModelCard = people_card(_metadata(self._session), path)
         _check_signature(self._session, path, channels=4, outputs={"heatmap": (4, 1), "box": (4, 4)})
 
@@ -124,21 +159,22 @@ class PeopleNetwork:
         if frames.shape[:3] != difference.shape or frames.shape[1] % 32 or frames.shape[2] % 32:
             raise ValueError(f"frames (N, h, w, 3) and difference (N, h, w) expected, not {frames.shape}")
         heatmaps, boxes = [], []
-        for part in _batches(len(frames), self._options.batch):
+        for part in batches(len(frames), self._options.batch):
             image = np.empty((len(frames[part]), 4, *frames.shape[1:3]), dtype=np.float32)
             np.multiply(frames[part].transpose(0, 3, 1, 2), np.float32(1 / 255), out=image[:, :3])
             image[:, 3] = difference[part]
-            heatmap, box = _run_session(self._session, self.path, ["heatmap", "box"], image)
+            heatmap, box = run_session(self._session, self.path, ["heatmap", "box"], image)
             heatmaps.append(heatmap)
             boxes.append(box)
         return np.concatenate(heatmaps), np.concatenate(boxes)
 
 
-def _batches(count: int, size: int) -> list[slice]:
+def batches(count: int, size: int) -> list[slice]:
+    """Slices of at most `size` that cover `count`."""
     return [slice(start, start + size) for start in range(0, count, size)]
 
 
-def _open_session(path: Path, options: OnnxOptions) -> onnxruntime.InferenceSession:
+def open_session(path: Path, options: OnnxOptions) -> onnxruntime.InferenceSession:
     """A CPU session, or a ModelError in one line."""
     if not path.is_file():
         raise ModelError(f"{path}: no such model file; {_REMEDY}")
@@ -182,11 +218,13 @@ def _check_signature(
         check("output", session.get_outputs(), name, axes, size)
 
 
-def _run_session(
-    session: onnxruntime.InferenceSession, path: Path, outputs: list[str], image: NDArray[np.float32]
-) -> Sequence[NDArray[np.float32]]:
+def run_session(
+    session: onnxruntime.InferenceSession, path: Path, outputs: list[str], image: NDArray[np.float32],
+    name: str = "image",
+) -> Sequence[NDArray[np.float32]]:  # fmt: skip
+    """The named outputs for one input; a ModelError in one line where the network fails."""
     try:
-        result: Sequence[NDArray[np.float32]] = session.run(outputs, {"image": image})
+        result: Sequence[NDArray[np.float32]] = session.run(outputs, {name: image})
     except Exception as error:  # onnxruntime's exceptions share no base but Exception
         raise ModelError(
             f"{path}: the network failed on an input of shape {image.shape}: {str(error).splitlines()[0]}; "

@@ -13,9 +13,9 @@ from muybridge.geometry.crops import crops_for_boxes
 from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.infer.crops import extract_crops
 from muybridge.infer.onnx import KeypointNetwork
+from muybridge.infer.other_models import OtherNetwork
 from muybridge.infer.tracking import filled_boxes, smoothed_boxes
 from muybridge.infer.upright import Upright
-from muybridge.models.decode import decode_heatmaps
 
 # How far a person reaches beyond their landmarks, in longer sides of the landmarks' own box.
 _REACH = {"nose": 0.11, "eye": 0.11, "ear": 0.11, "wrist": 0.10}
@@ -53,8 +53,9 @@ class Poses(NamedTuple):
 
     @property
     def sureness(self) -> NDArray[np.float64]:
-        """(K,) mean score."""
-        return np.asarray(self.score.mean(axis=1), dtype=np.float64)
+        """(K,) mean score of the landmarks that are there: other people's models may know fewer."""
+        there = np.isfinite(self.points_px).all(axis=-1).sum(axis=1)
+        return np.asarray(self.score.sum(axis=1) / np.maximum(there, 1), dtype=np.float64)
 
     def select(self, index: NDArray[np.intp]) -> Poses:
         """The poses picked by an index array over K."""
@@ -68,7 +69,7 @@ class PoseReader:
         upright: how the camera's frames are hung; boxes are in upright px.
     """
 
-    def __init__(self, network: KeypointNetwork, camera: Camera | None, upright: Upright) -> None:
+    def __init__(self, network: KeypointNetwork | OtherNetwork, camera: Camera | None, upright: Upright) -> None:
         self._network = network
         self._camera = camera
         self.upright = upright
@@ -81,16 +82,15 @@ class PoseReader:
             frame: (K,) which of them a box is in.
             boxes_px: (K, 4) upright px.
         """
-        card = self._network.card
+        network, size = self._network, self._network.crop_size
         boxes_px = _at_least(boxes_px)
-        in_frame = self.upright.centered_in_frame(boxes_px)
-        crops = crops_for_boxes(in_frame, card.input_size, self._camera, card.box_padding)
-        pixels = np.empty((len(crops), card.input_size, card.input_size, 3), dtype=np.uint8)
+        in_frame = network.fitted_boxes(self.upright.centered_in_frame(boxes_px))
+        crops = crops_for_boxes(in_frame, size, self._camera, network.box_padding)
+        pixels = np.empty((len(crops), size, size, 3), dtype=np.uint8)
         for index in np.unique(frame):
             here = np.flatnonzero(frame == index)
             pixels[here] = extract_crops(frames[index], crops.select(here))
-        heatmaps, visibility = self._network(pixels)
-        points_crop, variance_crop, score = decode_heatmaps(heatmaps, card.stride, card.spread)
+        (points_crop, variance_crop, score), visibility = network.locate(pixels)
         points = crops.to_image(points_crop)
         variance = crops.variance_to_image(points_crop, variance_crop)
         score[~np.isfinite(points).all(axis=-1)] = 0.0
@@ -99,7 +99,7 @@ class PoseReader:
 
     def own_boxes(self, poses: Poses) -> NDArray[np.float64]:
         """(K, 4) boxes that the landmarks themselves suggest, upright px; NaN where there are none."""
-        return body_boxes(self.upright.to_upright(poses.points_px), self._network.card.landmarks)
+        return body_boxes(self.upright.to_upright(poses.points_px), self._network.landmarks)
 
     def refined(
         self,

@@ -46,7 +46,7 @@ def train(network: _Network) -> None:
         path = network.out / "keypoints.onnx"
         pool = loop.background_pool(network)
         publish_keypoints(
-            checkpoint, path, keypoints.held_out_batches(network.renders, pool, network.size), _command_line()
+            checkpoint, path, keypoints.held_out_batches(network.renders, pool, network.size, 24), _command_line()
         )
     print(f"wrote {path}; use it with `muybridge run SESSION` and its model options")
 

@@ -26,7 +26,7 @@ def load_model(path: pathlib.Path) -> tuple[onnxruntime.InferenceSession, Keypoi
 
 
 def evaluate_onnx(options: Evaluation) -> dict[str, float]:
-    """Figures of merit on visible landmarks; pixels are the network's."""
+    """Figures of merit on visible landmarks, sigma also on all inside the crop; pixels are the network's."""
     path = options.model or shipped_model("keypoints")
     session, card = load_model(path)
     store = load_renders(options.renders, HELD_OUT)
@@ -34,7 +34,7 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
         raise SessionError(f"{options.renders}: no held-out renders; make some with `muybridge synth`")
     # Backgrounds of another seed than any training's pool.
     compositor = Compositor(store, make_backgrounds(256, SIZE, options.seed), card.input_size, options.seed)
-    distances, twins, inside_sigma, visibles = [], [], [], []
+    distances, twins, inside_sigma, visibles, insides = [], [], [], [], []
     for _ in range(-(-options.crops // 64)):
         batch = compositor.batch(64)
         heatmaps = session.run(["heatmaps"], {"image": batch.image.numpy().astype(np.float32) / 255})[0]
@@ -45,12 +45,14 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
         twins.append(np.linalg.norm(decoded.points_crop_px - truth[:, MIRROR], axis=-1))
         inside_sigma.append(np.abs(error) / np.sqrt(decoded.variance_crop_px2)[..., None])
         visibles.append(batch.visible.numpy())
-    return _figures(*(np.concatenate(a) for a in (distances, twins, inside_sigma, visibles)), card.input_size)
+        insides.append(((truth >= 0) & (truth < card.input_size)).all(axis=-1))
+    parts = (distances, twins, inside_sigma, visibles, insides)
+    return _figures(*(np.concatenate(a) for a in parts), card.input_size)
 
 
 def _figures(
     distance: NDArray[np.float64], twin: NDArray[np.float64], in_sigma: NDArray[np.float64],
-    visible: NDArray[np.bool_], size: int,
+    visible: NDArray[np.bool_], inside: NDArray[np.bool_], size: int,
 ) -> dict[str, float]:  # fmt: skip
     paired = (MIRROR != np.arange(len(MIRROR))) & (np.arange(len(MIRROR)) >= 5)
     # Twins that lie on each other can't be told apart by anyone.
@@ -62,6 +64,8 @@ def _figures(
         "PCK@0.05 of the box": float((distance[visible] < 0.05 * box).mean()),
         "PCK@0.1 of the box": float((distance[visible] < 0.1 * box).mean()),
         "left-right swaps": float(swapped.sum() / (visible & paired).sum()),
-        "within 1 sigma (0.683)": float((in_sigma[visible] < 1).mean()),
-        "within 2 sigma (0.954)": float((in_sigma[visible] < 2).mean()),
+        "within 1 sigma (0.683)": float((in_sigma[inside] < 1).mean()),
+        "within 2 sigma (0.954)": float((in_sigma[inside] < 2).mean()),
+        "within 1 sigma, visible": float((in_sigma[visible] < 1).mean()),
+        "within 2 sigma, visible": float((in_sigma[visible] < 2).mean()),
     }
