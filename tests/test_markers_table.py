@@ -93,7 +93,14 @@ def test_markers_are_symmetric_and_on_the_skin(body, adults):
 
     points = virtual_markers(adults)
     mirrored = points[:, list(SURFACE.mirror)] * [-1, 1, 1]
-    assert np.abs(points - mirrored).max() < 1e-3
+    # No more than the mesh itself, whose neck stands up to 1 mm aside.
+    rest = body.rest[:BODY_VERTICES]
+    twin = cKDTree(rest).query(rest * [-1, 1, 1])[1]
+    skin = adults[:, :BODY_VERTICES]
+    aside = np.linalg.norm(skin - skin[:, twin] * [-1, 1, 1], axis=2)
+    assert aside.max() < 0.002
+    own = aside[:, marker_table().vertices].max(2)
+    assert (np.linalg.norm(points - mirrored, axis=2) < own + 1e-4).all()
     faces = {tuple(sorted(map(int, f))) for f in body.parts[0]}
     on_faces = [tuple(sorted(map(int, t))) in faces for t in marker_table().vertices]
     left_and_middle = [not n.startswith("right_") for n in SURFACE.names]
