@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from muybridge.geometry.landmarks import SURFACE
 
 F32 = NDArray[np.float32]
+Float = NDArray[np.floating]
 TABLE = pathlib.Path(__file__).parent / "marker_table.csv"
 # How far behind the nearest drawn surface a marker may lie and still count as seen: cloth over skin, metres.
 CLOTH = 0.035
@@ -54,17 +55,17 @@ def marker_table() -> MarkerTable:
 def virtual_markers(vertices: F32) -> F32:
     """Markers (B, M, 3) on the skin of bodies with `vertices` (B, V, 3), in the order of `SURFACE`; metres."""
     table = marker_table()
-    return np.einsum("bmkc,mk->bmc", vertices[:, table.vertices], table.weights).astype(np.float32)
+    return np.asarray(np.einsum("bmkc,mk->bmc", vertices[:, table.vertices], table.weights), np.float32)
 
 
 def marker_normals(normals: F32) -> F32:
     """Unit normals (B, M, 3) of the skin at the markers from the vertices' `normals` (B, V, 3)."""
     mean = virtual_markers(normals)
-    return mean / (np.linalg.norm(mean, axis=-1, keepdims=True) + 1e-12)
+    return np.asarray(mean / (np.linalg.norm(mean, axis=-1, keepdims=True) + 1e-12), np.float32)
 
 
 def markers_seen(
-    points_world: F32, normals: F32, eye_world: NDArray[np.float64], depth_m: F32, front_m: F32, height_m: float
+    points_world: F32, normals: F32, eye_world: Float, depth_m: Float, front_m: Float, height_m: float
 ) -> NDArray[np.bool_]:
     """(M,) whether markers face the camera and lie at most a garment's thickness behind what is drawn.
 

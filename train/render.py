@@ -288,7 +288,7 @@ class Renderer:
         labels = px.astype(np.float32), visible, box.astype(np.float32)
         return Render(rgba.copy(), shadow.copy(), *labels, *self._read_markers(view, metres, height))
 
-    def _read_markers(self, view: View, metres: F32, height: float) -> tuple[F32, NDArray[np.bool_]]:
+    def _read_markers(self, view: View, metres: NDArray[np.floating], height: float) -> tuple[F32, NDArray[np.bool_]]:
         """Pixels (M, 2) of the loaded person's markers and whether they are seen."""
         px, depth_m = view.project(self.markers)
         inside, front = _front(px, metres)
@@ -297,11 +297,11 @@ class Renderer:
         return px.astype(np.float32), inside & seen
 
 
-def _front(px: F64, metres: F32) -> tuple[NDArray[np.bool_], F32]:
+def _front(px: F64, metres: NDArray[np.floating]) -> tuple[NDArray[np.bool_], NDArray[np.floating]]:
     """(J,) whether `px` (J, 2) lie in the image, and the farthest surface of the 3 x 3 pixels around each, so that
     a point at a silhouette is not lost to aliasing."""
     at = np.round(px).astype(int)
     size = np.array(metres.shape[::-1])
-    inside = ((at >= 1) & (at < size - 1)).all(1)
+    inside = np.all((at >= 1) & (at < size - 1), axis=1)
     x, y = at.clip(1, size - 2).T
-    return inside, np.max([metres[y + j, x + i] for i in (-1, 0, 1) for j in (-1, 0, 1)], 0)
+    return np.asarray(inside), np.max([metres[y + j, x + i] for i in (-1, 0, 1) for j in (-1, 0, 1)], 0)
