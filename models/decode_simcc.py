@@ -103,7 +103,10 @@ def decode_value_heatmaps(
         with np.errstate(divide="ignore", invalid="ignore"):
             maps = np.log(np.where(maps > _NOISE * np.abs(peak), maps, np.float32(1e-30)))
     cells = decode_heatmaps(maps, 1, SpreadCalibration(1.0, 0.0))
-    points = cells.points_crop_px * stride + origin_px
+    at = cells.points_crop_px
+    if not logits:  # Gaussians of two cells and more, which the window cuts off: their fourth power is half as wide
+        at = decode_heatmaps(4 * maps, 1, SpreadCalibration(1.0, 0.0)).points_crop_px
+    points = at * stride + origin_px
     variance = spread.variance(cells.variance_crop_px2 * stride**2)
     score = cells.score
     if not logits:

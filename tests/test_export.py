@@ -1,0 +1,149 @@
+"""Exported networks: the float one says what torch says, the 8-bit one nearly the same, three times as fast."""
+
+import json
+import pathlib
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("onnx")
+
+import onnxruntime  # noqa: E402
+
+from muybridge.errors import ModelError  # noqa: E402
+from muybridge.geometry.landmarks import BODY23  # noqa: E402
+from muybridge.infer.onnx import KeypointNetwork  # noqa: E402
+from muybridge.models.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
+from muybridge.models.export import export_onnx  # noqa: E402
+from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
+from muybridge.models.quantize import int8_path, quantize  # noqa: E402
+from muybridge.models.registry import keypoint_card, shipped_model  # noqa: E402
+from muybridge.train.augment import Compositor  # noqa: E402
+from muybridge.train.publish import fit_spread, sigma_coverage  # noqa: E402
+from muybridge.train.renders import SIZE, RenderSet  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def demo_crops(repository: pathlib.Path) -> np.ndarray:
+    """(N, 192, 192, 3) crops of the person in the demo's videos, which no calibration of activations has seen."""
+    import av
+
+    from muybridge.geometry.crops import crops_for_boxes
+    from muybridge.infer.crops import extract_crops
+
+    crops = []
+    for video in sorted((repository / "infer" / "demo_take" / "videos").iterdir()):
+        with av.open(str(video)) as container:
+            for k, frame in enumerate(container.decode(video=0)):
+                if k % 30 == 0:
+                    image = frame.to_ndarray(format="rgb24")
+                    height, width = image.shape[:2]
+                    box = np.array([[0.3 * width, 0.15 * height, 0.7 * width, 0.95 * height]])
+                    crops.append(extract_crops(image, crops_for_boxes(box, 192))[0])
+    return np.stack(crops)
+
+
+def test_shipped_int8_agrees_with_fp32(demo_crops: np.ndarray) -> None:
+    cards, points = [], []
+    for precision in ("fp32", "int8"):
+        network = KeypointNetwork(shipped_model("keypoints", precision))
+        points.append(network.locate(demo_crops).found.points_crop_px)
+        cards.append(network.card)
+    away = np.linalg.norm(points[0] - points[1], axis=-1)
+    assert np.median(away) <= 0.5 and np.quantile(away, 0.8) < 1.0
+    # The two belong together: the same weights, told by the same metadata.
+    for key in ("version", "training", "names", "variance"):
+        assert cards[0].metadata[key] == cards[1].metadata[key]
+    assert cards[1].metadata["precision"] == "int8"
+    small, large = (shipped_model("keypoints", p).stat().st_size for p in ("int8", "fp32"))
+    assert small < 0.35 * large
+
+
+def test_float_export_agrees_with_torch_in_pixels(tmp_path: pathlib.Path, demo_crops: np.ndarray) -> None:
+    torch.manual_seed(0)
+    net = KeypointNet(23).eval()
+    with torch.no_grad():
+        net.head.weight.mul_(20)
+    path = tmp_path / "net.onnx"
+    export_onnx(net, path, (2, 3, 64, 64), ("heatmaps", "visibility"), {"muybridge_kind": "keypoints"})
+    image = demo_crops[:6].transpose(0, 3, 1, 2).astype(np.float32) / 255
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    there = session.run(["heatmaps"], {"image": image})[0]
+    with torch.inference_mode():
+        here = net(torch.from_numpy(image))[0].numpy()
+    points = [decode_heatmaps(h, 4, SpreadCalibration()).points_crop_px for h in (here, there)]
+    assert np.median(np.linalg.norm(points[0] - points[1], axis=-1)) <= 0.05
+
+
+def test_quantised_network_keeps_its_interface_and_batch(tmp_path: pathlib.Path) -> None:
+    torch.manual_seed(1)
+    path = tmp_path / "net.onnx"
+    metadata = {"muybridge_kind": "keypoints", "names": ["a"]}
+    export_onnx(KeypointNet(5), path, (2, 3, 64, 64), ("heatmaps", "visibility"), metadata)
+    images = np.random.default_rng(0).integers(0, 256, (12, 3, 64, 64), np.uint8)
+    target = int8_path(path)
+    assert target.name == "net-int8.onnx"
+    quantize(path, target, images)
+    session = onnxruntime.InferenceSession(str(target), providers=["CPUExecutionProvider"])
+    assert json.loads(session.get_modelmeta().custom_metadata_map["names"]) == ["a"]
+    weights = {w.data_type for w in __import__("onnx").load(str(target)).graph.initializer}
+    assert __import__("onnx").TensorProto.INT8 in weights
+    for batch, size in ((1, 64), (3, 96)):
+        heatmaps, visibility = session.run(None, {"image": np.zeros((batch, 3, size, size), np.float32)})
+        assert heatmaps.shape == (batch, 5, size // 4, size // 4) and visibility.shape == (batch, 5)
+
+
+def test_quantisation_says_what_is_wrong(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "text.onnx"
+    path.write_bytes(b"no network")
+    with pytest.raises(ModelError, match=str(path)):
+        quantize(path, tmp_path / "out.onnx", np.zeros((1, 3, 64, 64), np.uint8))
+    assert not (tmp_path / "out.onnx").exists()
+    with pytest.raises(ValueError, match="images"):
+        quantize(shipped_model("keypoints"), tmp_path / "out.onnx", np.zeros((0, 3, 64, 64), np.uint8))
+
+
+def test_variance_holds_at_one_and_two_sigma_where_errors_have_two_modes() -> None:
+    """A tenth to a third of the errors of unsure landmarks lie on another hypothesis; the spread tells of it."""
+    rng = np.random.default_rng(0)
+    count = 40_000
+    far = rng.uniform(0, 0.3, count) ** 2
+    local = rng.uniform(0.5, 4, count)
+    spread = local + far * 900 / 2 * rng.uniform(0.5, 2, count)
+    error = rng.normal(size=(count, 2)) * np.sqrt(local)[:, None]
+    gone = rng.random(count) < far
+    error[gone] += rng.normal(size=(gone.sum(), 2)) * 20
+    half = count // 2
+    fitted = fit_spread(error[:half], spread[:half])
+    one, two = sigma_coverage(error[half:], spread[half:], fitted)
+    assert one == pytest.approx(0.683, abs=0.05) and two == pytest.approx(0.954, abs=0.05)
+    at = np.geomspace(0.1, 1e4, 200)
+    variance = fitted.variance(at)
+    assert (np.diff(variance) >= 0).all() and variance[-1] / variance[-2] == pytest.approx(at[-1] / at[-2])
+
+
+def test_knots_are_read_and_old_files_still_are() -> None:
+    base = {
+        "muybridge_kind": "keypoints", "version": "1", "landmark_set": "body23", "names": json.dumps(BODY23.names),
+        "input_size": "192", "stride": "4", "box_padding": "1.25",
+    }  # fmt: skip
+    old = {"scale": 2.0, "floor_px2": 0.5}
+    where = pathlib.Path("x.onnx")
+    card = keypoint_card(base | {"variance": json.dumps(old)}, where)
+    np.testing.assert_allclose(card.spread.variance(np.array([1.0, 4.0])), [2.5, 8.5])
+    new = old | {"knots": [[1.0, 2.0], [100.0, 200.0]]}
+    card = keypoint_card(base | {"variance": json.dumps(new)}, where)
+    np.testing.assert_allclose(card.spread.variance(np.array([0.1, 10.0, 1000.0, np.nan])), [2, 20, 2000, np.nan])
+    for knots in ([[2, 1], [1, 2]], [[1, 2], [2, 1]], [[1]], "x", [[0, 1]]):
+        with pytest.raises(ModelError, match="knots"):
+            keypoint_card(base | {"variance": json.dumps(old | {"knots": knots})}, where)
+
+
+def test_compositor_crops_can_calibrate() -> None:
+    """What publishing hands to the quantiser: uint8 crops with channels first."""
+    pixels = np.zeros((4, 5, SIZE, SIZE), np.uint8)
+    renders = RenderSet([pixels], np.full((4, 23, 2), 128, "f4"), np.ones((4, 23), bool),
+                        np.tile(np.array([60, 30, 190, 220], "f4"), (4, 1)))  # fmt: skip
+    image = Compositor(renders, np.zeros((3, SIZE, SIZE, 3), np.uint8), 64, 0).batch(4).image.numpy()
+    assert image.dtype == np.uint8 and image.shape == (4, 3, 64, 64)
