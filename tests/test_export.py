@@ -19,9 +19,7 @@ from muybridge.models.export import export_onnx  # noqa: E402
 from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
 from muybridge.models.quantize import int8_path, quantize  # noqa: E402
 from muybridge.models.registry import keypoint_card, shipped_model  # noqa: E402
-from muybridge.train.augment import Compositor  # noqa: E402
 from muybridge.train.publish import fit_spread, sigma_coverage  # noqa: E402
-from muybridge.train.renders import SIZE, RenderSet  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -138,12 +136,3 @@ def test_knots_are_read_and_old_files_still_are() -> None:
     for knots in ([[2, 1], [1, 2]], [[1, 2], [2, 1]], [[1]], "x", [[0, 1]]):
         with pytest.raises(ModelError, match="knots"):
             keypoint_card(base | {"variance": json.dumps(old | {"knots": knots})}, where)
-
-
-def test_compositor_crops_can_calibrate() -> None:
-    """What publishing hands to the quantiser: uint8 crops with channels first."""
-    pixels = np.zeros((4, 5, SIZE, SIZE), np.uint8)
-    renders = RenderSet([pixels], np.full((4, 23, 2), 128, "f4"), np.ones((4, 23), bool),
-                        np.tile(np.array([60, 30, 190, 220], "f4"), (4, 1)))  # fmt: skip
-    image = Compositor(renders, np.zeros((3, SIZE, SIZE, 3), np.uint8), 64, 0).batch(4).image.numpy()
-    assert image.dtype == np.uint8 and image.shape == (4, 3, 64, 64)

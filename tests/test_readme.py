@@ -1,12 +1,20 @@
 """What the README shows works as it stands there."""
 
+import importlib.util
 import re
+import subprocess
+import sys
 from pathlib import Path
 
+import av
 import numpy as np
 import onnxruntime
+import pytest
 
+from muybridge.geometry.crops import crops_for_boxes
 from muybridge.geometry.landmarks import BODY23
+from muybridge.infer.crops import extract_crops
+from muybridge.infer.onnx import KeypointNetwork
 from muybridge.models.registry import shipped_model
 
 
@@ -50,3 +58,62 @@ def test_network_snippet_runs(repository: Path, tmp_path: Path) -> None:
     pixels = np.asarray(names["pixels"])
     assert pixels.shape == (len(BODY23), 2) and names["names"] == list(BODY23.names)
     assert pixels.min() >= 0 and pixels.max() <= side - 1
+
+
+@pytest.fixture
+def nothing_else(tmp_path: Path) -> Path:
+    """A folder of packages with onnxruntime and numpy alone."""
+    folder = tmp_path / "packages"
+    folder.mkdir()
+    for name in ("numpy", "numpy.libs", "onnxruntime"):
+        spec = importlib.util.find_spec(name.split(".")[0])
+        assert spec is not None and spec.origin is not None
+        installed = Path(spec.origin).parent.parent / name
+        if installed.exists():  # numpy.libs is there on some systems alone
+            try:
+                (folder / name).symlink_to(installed, target_is_directory=True)
+            except OSError as error:
+                pytest.skip(f"this system makes no links to folders: {error}")
+    return folder
+
+
+def _person(repository: Path, side: int) -> np.ndarray:
+    """A crop round the middle of the demo's first frame, where a person stands."""
+    video = sorted((repository / "infer" / "demo_take" / "videos").iterdir())[0]
+    with av.open(str(video)) as container:
+        image = next(container.decode(video=0)).to_ndarray(format="rgb24")
+    height, width = image.shape[:2]
+    box = np.array([[0.3 * width, 0.15 * height, 0.7 * width, 0.95 * height]])
+    return extract_crops(image, crops_for_boxes(box, side))[0]
+
+
+@pytest.mark.parametrize("precision", ["fp32", "int8"])
+@pytest.mark.parametrize("page", ["README.md", "docs/embedding.md"])
+def test_network_snippets_need_onnxruntime_and_numpy_alone(
+    repository: Path, nothing_else: Path, tmp_path: Path, page: str, precision: str
+) -> None:
+    snippet = next(b for b in _blocks(repository / page, "python") if "onnxruntime" in b)
+    model = shipped_model("keypoints", precision)  # type: ignore[arg-type]
+    side = KeypointNetwork(model).card.input_size
+    crop = _person(repository, side)
+    np.save(tmp_path / "crop.npy", crop)
+    (tmp_path / "keypoints.onnx").write_bytes(model.read_bytes())
+    calls = "found = find_landmarks(onnxruntime.InferenceSession('keypoints.onnx'), crop)\nimport numpy"
+    ends = "pixels = numpy.array([value[:2] for value in found.values()])\nnames = list(found)"
+    program = "\n".join([
+        "import sys", f"sys.path.append({str(nothing_else)!r})", "import importlib.util",
+        "for name in ('muybridge', 'torch', 'cv2', 'scipy', 'onnx'):",
+        "    assert importlib.util.find_spec(name) is None, name",
+        "import numpy; crop = numpy.load('crop.npy')",
+        snippet, *([calls, ends] if "embedding" in page else []),
+        "numpy.save('pixels.npy', pixels); print(' '.join(names))",
+    ])  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == list(BODY23.names)
+    ours = KeypointNetwork(model).locate(crop[None]).found.points_crop_px[0]
+    away = np.linalg.norm(np.load(tmp_path / "pixels.npy") - ours, axis=1)
+    # The README's takes the best cell (4 px), the guide's refines it.
+    assert np.median(away) < (3.0 if page == "README.md" else 0.7)

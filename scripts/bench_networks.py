@@ -1,0 +1,116 @@
+"""Crops a second of the keypoint networks, and their ratio to the matrix-multiply peak measured in the same minute.
+
+    python scripts/bench_networks.py [--sizes 128 160 192] [--threads 1 2] [--rounds 15]
+
+Prints a Markdown table. Networks, sizes and the matrix product take turns, and the best round of each counts: other
+work on the machine then costs all of them alike, as far as anything can.
+"""
+
+import argparse
+import os
+import time
+from collections.abc import Callable
+
+BATCH = 4
+PRODUCT = 1024  # side of the matrices
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sizes", type=int, nargs="+", default=[128, 160, 192])
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--rounds", type=int, default=15)
+    options = parser.parse_args()
+    print("| threads | crop px | GMAC a crop | fp32 crops/s | int8 crops/s | int8 / fp32 | fp32 / matmul peak |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for threads in options.threads:
+        jobs, work = _jobs(options.sizes, threads)
+        rates = _best_rates(jobs, options.rounds)
+        peak = rates["matmul"] * PRODUCT**3
+        for size in options.sizes:
+            fp32, int8 = rates[f"fp32 {size}"] * BATCH, rates[f"int8 {size}"] * BATCH
+            print(f"| {threads} | {size} | {work[size] / 1e9:.2f} | {fp32:.0f} | {int8:.0f} | {int8 / fp32:.1f} "
+                  f"| {fp32 * work[size] / peak:.2f} (of {2 * peak / 1e9:.0f} GFLOP/s) |")  # fmt: skip
+
+
+def _jobs(sizes: list[int], threads: int) -> tuple[dict[str, Callable[[], object]], dict[int, float]]:
+    """What is measured, by name, and the multiplications of a crop of each size."""
+    import numpy as np
+    import onnxruntime
+
+    from muybridge.models.registry import shipped_model
+
+    jobs: dict[str, Callable[[], object]] = {}
+    for precision in ("fp32", "int8"):
+        settings = onnxruntime.SessionOptions()
+        settings.intra_op_num_threads = threads
+        settings.log_severity_level = 3
+        path = str(shipped_model("keypoints", precision))
+        session = onnxruntime.InferenceSession(path, settings, providers=["CPUExecutionProvider"])
+        for size in sizes:
+            image = np.random.default_rng(0).random((BATCH, 3, size, size), np.float32)
+            jobs[f"{precision} {size}"] = lambda s=session, i=image: s.run(None, {"image": i})
+    jobs["matmul"] = _product(threads)
+    return jobs, {size: _multiplications(size) for size in sizes}
+
+
+def _product(threads: int) -> Callable[[], object]:
+    """A large float32 matrix product in onnxruntime, with as many threads."""
+    import numpy as np
+    import onnx
+    import onnxruntime
+
+    helper, shape = onnx.helper, [PRODUCT, PRODUCT]
+    values = [helper.make_tensor_value_info(name, 1, shape) for name in "abc"]
+    graph = helper.make_graph([helper.make_node("MatMul", ["a", "b"], ["c"])], "product", values[:2], values[2:])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    settings = onnxruntime.SessionOptions()
+    settings.intra_op_num_threads = threads
+    session = onnxruntime.InferenceSession(model.SerializeToString(), settings, providers=["CPUExecutionProvider"])
+    matrix = np.random.default_rng(0).random(shape, np.float32)
+    return lambda: session.run(None, {"a": matrix, "b": matrix})
+
+
+def _multiplications(size: int) -> float:
+    """Multiply-accumulates of the network's convolutions for one crop."""
+    import onnx
+    from onnx import shape_inference
+
+    from muybridge.models.registry import shipped_model
+
+    model = onnx.load(str(shipped_model("keypoints")))
+    dims = model.graph.input[0].type.tensor_type.shape.dim
+    for dim, value in zip(dims, (1, 3, size, size), strict=True):
+        dim.Clear()
+        dim.dim_value = value
+    del model.graph.value_info[:]
+    for output in model.graph.output:
+        output.type.tensor_type.ClearField("shape")
+    graph = shape_inference.infer_shapes(model, data_prop=True).graph
+    shapes = {v.name: [d.dim_value for d in v.type.tensor_type.shape.dim] for v in [*graph.value_info, *graph.output]}
+    weights = {w.name: w.dims for w in graph.initializer}
+    total = 0.0
+    for node in graph.node:
+        if node.op_type == "Conv":
+            _, outputs, rows, columns = shapes[node.output[0]]
+            _, inputs, *kernel = weights[node.input[1]]
+            total += outputs * rows * columns * inputs * kernel[0] * kernel[1]
+    return total
+
+
+def _best_rates(jobs: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+    """Calls a second of each job's best round."""
+    best = dict.fromkeys(jobs, float("inf"))
+    for turn in range(rounds + 1):
+        for name, job in jobs.items():
+            start = time.perf_counter()
+            job()
+            if turn:  # the first round warms up
+                best[name] = min(best[name], time.perf_counter() - start)
+    return {name: 1 / seconds for name, seconds in best.items()}
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    main()
