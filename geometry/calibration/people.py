@@ -38,7 +38,7 @@ _ALONG = (
 )
 _FEWEST_FRAMES = 5
 _NOISE_ROUNDS = 3
-_LENS_ROUNDS = 2
+_FIRST_NOISE_PX = 8.0
 _RAYLEIGH_MEDIAN = 1.1774  # median length of a 2D Gaussian of unit variance
 
 
@@ -267,12 +267,12 @@ def _adjusted(
 ) -> tuple[Adjusted, CameraGroup, float]:
     """Adjust, with the noise as the take shows it; the adjusted cameras and the noise beside the result."""
     relative = np.sqrt(variance / np.nanmedian(variance))
-    noise, start = 10.0, state
+    noise, start = _FIRST_NOISE_PX, state
     focal = np.array([np.sqrt(c.camera_matrix[0, 0] * c.camera_matrix[1, 1]) for c in cameras])
-    lenses = cameras
-    for round_ in range(_NOISE_ROUNDS):
+    seen = cameras.unproject(px)
+    for _ in range(_NOISE_ROUNDS):
         problem = AdjustProblem(
-            seen=lenses.unproject(px) * np.exp(-start.log_focal)[:, None, None, None] if False else lenses.unproject(px),
+            seen=seen,
             focal_px=focal,
             sigma_px=noise * relative,
             bones=bones,
@@ -280,7 +280,7 @@ def _adjusted(
             focal_sigma=options.focal_sigma,
             pose_sigma=prior,
             loss_sigma=options.loss_sigma,
-        )  # fmt: skip
+        )
         adjusted = adjust(problem, start, options.max_iterations)
         start = replace(start, points=adjusted.state.points, lengths=adjusted.state.lengths)
         if prior is None:

@@ -11,12 +11,12 @@ A pose is stored as rotation `R` and centre `c`, point in camera `y = R (x - c)`
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.rotations import exp_so3
+from muybridge.geometry.rotations import exp_so3, log_so3
 
 Floats = NDArray[np.float64]
 
@@ -34,10 +34,11 @@ class AdjustProblem:
         focal_px: (C,) px per unit of `seen`.
         sigma_px: (C, T, K) standard deviation of each coordinate; NaN where nothing was seen.
         bones: (B, 2) indices into K.
-        bone_sigma: (B,) metres (or the unit of the start): how constant a length is in time.
+        bone_sigma: (B,) in the unit of the start: how constant a length is in time.
         focal_sigma: standard deviation of the logarithm of a focal length about its start; 0 to hold it.
         pose_sigma: standard deviations of rotation (rad) and centre (m) about the start; None for no prior.
         loss_sigma: where Cauchy's loss bends, in standard deviations.
+        bone_stiffness: (B,) lengths at the start over `bone_sigma`; `adjust` sets it.
     """
 
     seen: Floats
@@ -48,6 +49,7 @@ class AdjustProblem:
     focal_sigma: float = 0.0
     pose_sigma: tuple[float, float] | None = None
     loss_sigma: float = 2.0
+    bone_stiffness: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ def usable_views(problem: AdjustProblem) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(problem.sigma_px).sum(axis=0) >= 2)
 
 
-def adjust(problem: AdjustProblem, start: AdjustState, iterations: int = 40, tolerance: float = 1e-6) -> Adjusted:
+def adjust(problem: AdjustProblem, start: AdjustState, iterations: int = 40, tolerance: float = 1e-5) -> Adjusted:
     """The most probable cameras and points.
 
     Args:
@@ -118,7 +120,12 @@ def adjust(problem: AdjustProblem, start: AdjustState, iterations: int = 40, tol
         tolerance: relative decrease of the cost at which to stop.
     """
     known = np.isfinite(start.points).all(axis=-1) & usable_views(problem)
-    problem = replace(problem, sigma_px=np.where(known[None], problem.sigma_px, np.nan))
+    problem = replace(
+        problem,
+        sigma_px=np.where(known[None], problem.sigma_px, np.nan),
+        bone_stiffness=start.lengths / problem.bone_sigma,
+    )
+    start = replace(start, lengths=np.where(start.lengths > 0, start.lengths, 1.0))
     state = replace(start, points=np.where(known[..., None], start.points, 0.0))
     cost, damping, done = _cost(problem, state, state, known), 1e-3, 0
     for done in range(1, iterations + 1):
@@ -154,13 +161,18 @@ def _reprojection(problem: AdjustProblem, state: AdjustState) -> tuple[Floats, F
 
 
 def _bones(problem: AdjustProblem, state: AdjustState, known: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
-    """(T, B) residuals in sigmas, (T, B, 3) unit vectors, (T, B) whether both ends are known."""
+    """(T, B) residuals in sigmas, (T, B, 3) derivative by the first end, (T, B) whether both ends are known.
+
+    Lengths are compared as logarithms, so that the whole cannot gain by shrinking.
+    """
     first, second = problem.bones[:, 0], problem.bones[:, 1]
     vector = state.points[:, first] - state.points[:, second]
     length = np.linalg.norm(vector, axis=-1)
     both = (known[:, first] & known[:, second] & (length > 1e-9)).astype(np.float64)
-    unit = vector / np.maximum(length, 1e-9)[..., None]
-    return (length - state.lengths) / problem.bone_sigma * both, unit, both
+    length = np.where(both > 0, length, 1.0)
+    stiffness = problem.bone_stiffness
+    residual = stiffness * np.log(length / state.lengths) * both
+    return residual, (stiffness * both / length**2)[..., None] * vector, both
 
 
 def _cost(problem: AdjustProblem, state: AdjustState, start: AdjustState, known: NDArray[np.bool_]) -> float:
@@ -181,8 +193,6 @@ def _cost(problem: AdjustProblem, state: AdjustState, start: AdjustState, known:
 
 def _prior(problem: AdjustProblem, state: AdjustState, start: AdjustState) -> tuple[Floats, Floats]:
     """(C, 7) residuals of the priors on the cameras, and (7,) one over their standard deviations."""
-    from muybridge.geometry.rotations import log_so3
-
     inverse = np.zeros(_PER_CAMERA)
     if problem.pose_sigma is not None:
         inverse[:3], inverse[3:6] = 1 / problem.pose_sigma[0], 1 / problem.pose_sigma[1]
@@ -262,23 +272,24 @@ def _add_bones(
     bg: Floats,
 ) -> None:
     """Add the bones' terms to the normal equations, in place."""
-    residual, unit, both = _bones(problem, state, known)
-    weight = both / (1 + residual**2 / problem.loss_sigma**2) / problem.bone_sigma**2
-    pull = weight * residual * problem.bone_sigma
+    residual, slope, both = _bones(problem, state, known)
+    weight = both / (1 + residual**2 / problem.loss_sigma**2)
+    pull = weight * residual
+    stiffness = problem.bone_stiffness
     offset = hgg.shape[0] - len(problem.bones)
     for b, (i, j) in enumerate(problem.bones):
-        u, w = unit[:, b], weight[:, b]
+        u, w, k = slope[:, b], weight[:, b], stiffness[b]
         block = w[:, None, None] * u[:, :, None] * u[:, None, :]
         hff[:, i, :, i, :] += block
         hff[:, j, :, j, :] += block
         hff[:, i, :, j, :] -= block
         hff[:, j, :, i, :] -= block
-        hfg[:, i, :, offset + b] -= w[:, None] * u
-        hfg[:, j, :, offset + b] += w[:, None] * u
+        hfg[:, i, :, offset + b] -= k * w[:, None] * u
+        hfg[:, j, :, offset + b] += k * w[:, None] * u
         bf[:, i] += pull[:, b, None] * u
         bf[:, j] -= pull[:, b, None] * u
-        hgg[offset + b, offset + b] += w.sum()
-        bg[offset + b] -= pull[:, b].sum()
+        hgg[offset + b, offset + b] += k * k * w.sum()
+        bg[offset + b] -= k * pull[:, b].sum()
 
 
 def _stepped(
@@ -299,7 +310,7 @@ def _stepped(
         centers=state.centers + of_camera[:, 3:6],
         log_focal=state.log_focal + (of_camera[:, 6] if problem.focal_sigma > 0 else 0.0),
         points=state.points + np.where(known[..., None], step_f.reshape(state.points.shape), 0.0),
-        lengths=state.lengths + step_g[_PER_CAMERA * cameras :],
+        lengths=state.lengths * np.exp(step_g[_PER_CAMERA * cameras :]),
     )
 
 
@@ -344,8 +355,19 @@ def _covariance(problem: AdjustProblem, state: AdjustState, normal: _Normal) -> 
         if len(groups) > 1:
             centered = groups - groups.mean(axis=0)
             total += centered.T @ centered * len(groups) / (len(groups) - 1)
-    spread = inverse @ total @ inverse + inverse
+    bend = _bend(problem, normal)
+    spread = inverse @ total @ inverse / bend**2 + inverse / bend
     return np.asarray(spread[:size, :size])
+
+
+def _bend(problem: AdjustProblem, normal: _Normal) -> float:
+    """The loss' curvature over its weight, on average: weights alone pretend that outliers hold the cameras."""
+    seen = np.abs(normal.jx).sum(axis=(-1, -2)) > 0
+    weighted = (normal.residual**2).sum(axis=-1)[seen]  # w r^2 with w = 1 / (1 + r^2 / k^2)
+    share = np.clip(weighted / problem.loss_sigma**2, 0.0, 1 - 1e-9)  # r^2 / (k^2 + r^2)
+    weight = 1 - share
+    radial = weight**2 * (1 - share / weight)
+    return float(np.clip((radial + weight).mean() / 2 / weight.mean(), 0.2, 1.0))
 
 
 def _gauge(state: AdjustState, problem: AdjustProblem) -> Floats:
@@ -361,4 +383,5 @@ def _gauge(state: AdjustState, problem: AdjustProblem) -> Floats:
             out[at : at + 3, 3 + axis] = -state.rotations[c] @ omega
             out[at + 3 : at + 6, 3 + axis] = np.cross(omega, state.centers[c] - middle)
         out[at + 3 : at + 6, 6] = state.centers[c] - middle
+    out[_PER_CAMERA * cameras :, 6] = 0.0  # the cameras alone say what the size is
     return out / np.linalg.norm(out, axis=0)

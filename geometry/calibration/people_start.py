@@ -26,10 +26,11 @@ _GATE_PX = 12.0  # of the RANSACs, in an image of 1000 px focal length
 _FOCAL_OF_GATE = 1000.0
 _FEWEST_SHARED = 20
 _FEWEST_AGREEING = 0.4
-_SEEDS = 4
+_SEEDS = 3
 _SAMPLE = 3000
 _CONFIDENCE = 0.9999
-_GROWTH_ITERATIONS = 12
+_GROWTH_ITERATIONS = 10
+_GROWTH_FRAMES = 50
 
 
 class PairGeometry(NamedTuple):
@@ -108,10 +109,11 @@ def start_from_nothing(cameras: CameraGroup, points_px: Floats, variance_px2: Fl
             "person, or the videos are not in step; check with the overlays, synchronise, or film a longer walk"
         )
     pairs.sort(key=lambda p: -p.inliers * np.sqrt(p.shared) * np.sin(np.radians(np.clip(p.angle_deg, 0, 90))))
-    best: tuple[float, CameraGroup, Floats] | None = None
+    best: tuple[float, CameraGroup] | None = None
     missing: list[int] = []
+    some = np.unique(np.linspace(0, seen.shape[1] - 1, _GROWTH_FRAMES).round().astype(np.intp))
     for pair in pairs[:_SEEDS]:
-        grown = _grown(cameras, points_px, variance_px2, seen, pair)
+        grown = _grown(cameras, points_px[:, some], variance_px2[:, some], seen[:, some], pair)
         if isinstance(grown, list):
             missing = grown
         elif best is None or grown[0] < best[0]:
@@ -122,13 +124,14 @@ def start_from_nothing(cameras: CameraGroup, points_px: Floats, variance_px2: Fl
             f"camera {names} cannot be placed: it shares too few landmarks with the others that fit together; "
             "let the person walk where several cameras see them, or leave it out with --cameras"
         )
-    return best[1], best[2]
+    options = TriangulateOptions(noise_px=_GATE_PX)
+    return best[1], triangulate(best[1], points_px, variance_px2, options).points_world
 
 
 def _grown(
     cameras: CameraGroup, px: Floats, variance: Floats, seen: Floats, pair: PairGeometry
-) -> tuple[float, CameraGroup, Floats] | list[int]:
-    """(cost, cameras, points) of the rig grown from a pair; or the cameras that could not be placed."""
+) -> tuple[float, CameraGroup] | list[int]:
+    """(cost, cameras) of the rig grown from a pair; or the cameras that could not be placed."""
     posed: dict[int, Camera] = {
         pair.first: cameras[pair.first].posed(np.eye(3, 4)),
         pair.second: cameras[pair.second].posed(pair.second_from_first),
@@ -144,7 +147,7 @@ def _grown(
             return open_
         posed[chosen] = cameras[chosen].posed(pose)
         cost, points = _settled(posed, px, variance)
-    return cost, CameraGroup(tuple(posed[c] for c in range(len(cameras)))), points
+    return cost, CameraGroup(tuple(posed[c] for c in range(len(cameras))))
 
 
 def _placed(points: Floats, seen: Floats) -> Floats | None:

@@ -1,0 +1,575 @@
+"""When the cameras' clocks stood where: offsets and drifts by sound, by movement and by epipolar geometry.
+
+The clock of camera c is `t_c = t + offset_c + drift_c t`: what happens at time `t` of the first (reference)
+camera is seen by camera c at `t + offset_c + drift_c t` of its own video. So a camera whose recording was
+started 0.5 s before the reference's has an offset of +0.5 s.
+
+- Sound: generalised cross-correlation with phase transform (GCC-PHAT; Knapp and Carter, "The generalized
+  correlation method for estimation of time delay", 1976) of the waveforms' windows, found near the peak of
+  their envelopes' correlation. Good to a fraction of a millisecond, if sound travels no further than that.
+- Movement: how fast landmarks move is much the same from every side; the speeds' profiles are correlated.
+- Epipolar geometry: with calibrated cameras, the time shift at which rays meet. The finest from pictures.
+
+Each gives delays in windows over the take; a robust line through those is offset and drift.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import correlate, correlation_lags
+
+from muybridge.geometry.cameras import CameraGroup
+
+Floats = NDArray[np.float64]
+
+_FEWEST_MOVING = 8  # frames that must overlap for a correlation to mean anything
+_SPEED_SMOOTHING = 1.5  # frames
+_ENVELOPE_RATE = 500.0
+_FINE_SEARCH = 0.02  # seconds about the envelopes' delay in which waveforms are compared
+_MOTION_SEARCH_FRAMES = 15  # about the speeds' delay
+_MAD_SIGMA = 1.4826
+_EPIPOLAR_SCALE_PX = 5.0
+
+
+@dataclass(frozen=True)
+class Clock:
+    """A camera's clock against the reference's.
+
+    Attributes:
+        offset: seconds; the camera's time of what the reference sees at its time zero.
+        drift: seconds a second that its clock gains.
+        offset_sd: standard deviation, seconds; infinite where nothing was found.
+        drift_sd: of the drift.
+        strength: 0..1, how clearly the method's peak stands out.
+    """
+
+    offset: float
+    drift: float
+    offset_sd: float
+    drift_sd: float
+    strength: float
+
+    def at(self, times: Floats) -> Floats:
+        """The camera's own times of what the reference sees at `times`, seconds."""
+        return np.asarray(times + self.offset + self.drift * times)
+
+
+UNKNOWN = Clock(0.0, 0.0, np.inf, np.inf, 0.0)
+
+
+@dataclass(frozen=True)
+class Delays:
+    """Delays in windows over a take: `delay[k]` seconds with `sd[k]` about the reference's time `at[k]`."""
+
+    at: Floats
+    delay: Floats
+    sd: Floats
+    strength: Floats
+
+
+def clock_from_delays(delays: Delays, with_drift: bool) -> Clock:
+    """A robust line through delays.
+
+    Args:
+        delays: in windows.
+        with_drift: whether a drift is looked for; it needs windows that lie apart in time.
+    """
+    good = np.isfinite(delays.delay) & np.isfinite(delays.sd)
+    at, delay, sd = delays.at[good], delays.delay[good], np.maximum(delays.sd[good], 1e-6)
+    if not len(at):
+        return UNKNOWN
+    line = with_drift and len(at) >= 3 and np.ptp(at) > 0
+    design = np.stack([np.ones_like(at), at], axis=1)[:, : 2 if line else 1]
+    # From the median line: a few windows may have heard or seen something else altogether.
+    estimate = np.zeros(design.shape[1])
+    if line:
+        slopes = [(delay[j] - delay[i]) / (at[j] - at[i]) for i, j in combinations(range(len(at)), 2) if at[j] != at[i]]
+        estimate[1] = np.median(slopes)
+    estimate[0] = np.median(delay - (design[:, 1] * estimate[1] if line else 0.0))
+    weight = 1 / sd**2
+    spread = 1.0
+    for _ in range(20):
+        residual = (delay - design @ estimate) / sd
+        spread = max(_MAD_SIGMA * float(np.median(np.abs(residual))), 1.0)
+        weight = 1 / (1 + (residual / (2 * spread)) ** 2) ** 2 / sd**2
+        information = design.T @ (weight[:, None] * design)
+        estimate = np.linalg.solve(information, design.T @ (weight * delay))
+    variance = np.diag(np.linalg.inv(information)) * spread**2
+    return Clock(
+        float(estimate[0]),
+        float(estimate[1]) if line else 0.0,
+        float(np.sqrt(variance[0])),
+        float(np.sqrt(variance[1])) if line else np.inf,
+        float(np.median(delays.strength[good])),
+    )
+
+
+# --- sound ------------------------------------------------------------------------------------------------
+
+
+def audio_clock(
+    reference: Floats, other: Floats, rate: float, max_offset: float | None = None, window: float = 20.0
+) -> Clock:
+    """A camera's clock by sound.
+
+    Args:
+        reference: (N,) samples of the reference's sound, from its video's time zero.
+        other: (M,) the camera's.
+        rate: samples a second of both.
+        max_offset: seconds; None for anything that overlaps.
+        window: seconds of the pieces that are compared finely; drift needs several.
+
+    Returns:
+        `UNKNOWN` where one is silent or too short.
+    """
+    if min(len(reference), len(other)) < rate * 0.5 or not reference.std() > 0 or not other.std() > 0:
+        return UNKNOWN
+    coarse, _ = _coarse_delay(reference, other, rate, max_offset)
+    length = int(min(window * rate, len(reference), len(other)))
+    lowest = max(0, int(-coarse * rate))
+    highest = min(len(reference), int(len(other) - coarse * rate))
+    if highest - lowest < rate * 0.5:
+        return UNKNOWN
+    length = min(length, highest - lowest)
+    count = max(1, int(np.ceil((highest - lowest) / length)))
+    starts = np.linspace(lowest, highest - length, count).round().astype(np.intp)
+    # Drift moves the delay along the take: each window starts from where the one before ended.
+    found, guess = [], coarse
+    for start in starts:
+        delay, sd, strength = _phat_delay(reference, other, rate, int(start), length, guess)
+        found.append((((start + length / 2) / rate), delay, sd, strength))
+        if strength > 0.1:
+            guess = delay
+    at, delay, sd, strength = (np.array(v) for v in zip(*found, strict=True))
+    return clock_from_delays(Delays(at, delay, sd, strength), with_drift=True)
+
+
+def _envelope(samples: Floats, rate: float) -> tuple[Floats, float]:
+    """Loudness that stands out, about `_ENVELOPE_RATE` times a second, and its rate."""
+    step = max(1, int(rate / _ENVELOPE_RATE))
+    kept = samples[: len(samples) // step * step].reshape(-1, step)
+    loud = np.log1p(np.sqrt((np.asarray(kept, dtype=np.float64) ** 2).mean(axis=1)) / (np.std(samples) + 1e-12))
+    rise = np.maximum(np.diff(loud, prepend=loud[:1]), 0.0)
+    return np.asarray(rise - rise.mean()), rate / step
+
+
+def _coarse_delay(reference: Floats, other: Floats, rate: float, max_offset: float | None) -> tuple[float, float]:
+    """Delay by the envelopes, seconds, and how clear it is."""
+    a, step_rate = _envelope(reference, rate)
+    b, _ = _envelope(other, rate)
+    score = correlate(b, a, mode="full", method="fft")
+    lags = correlation_lags(len(b), len(a), mode="full")
+    overlap = np.minimum(len(b), lags + len(a)) - np.maximum(0, lags)
+    score = score / np.sqrt(np.maximum(overlap, 0.1 * min(len(a), len(b))))
+    if max_offset is not None:
+        score = np.where(np.abs(lags) <= max_offset * step_rate, score, -np.inf)
+    best = int(np.argmax(score))
+    return float(lags[best] / step_rate), float(score[best])
+
+
+def _phat_delay(
+    reference: Floats, other: Floats, rate: float, start: int, length: int, guess: float
+) -> tuple[float, float, float]:
+    """(delay, standard deviation, strength) of one window by GCC-PHAT, near a guess; seconds."""
+    shift = int(round(guess * rate))
+    a = np.zeros(length)
+    b = np.zeros(length)
+    a[:] = reference[start : start + length]
+    low, high = max(0, start + shift), min(len(other), start + shift + length)
+    if high - low < length // 2:
+        return np.nan, np.nan, 0.0
+    b[low - start - shift : high - start - shift] = other[low:high]
+    taper = np.hanning(length)
+    size = 1 << int(np.ceil(np.log2(2 * length)))
+    spectrum = np.fft.rfft(b * taper, size) * np.conj(np.fft.rfft(a * taper, size))
+    magnitude = np.abs(spectrum)
+    spectrum /= np.maximum(magnitude, 1e-3 * magnitude.mean() + 1e-30)
+    curve = np.fft.irfft(spectrum, size)
+    reach = min(max(2, int(_FINE_SEARCH * rate)), length // 2)
+    near = np.concatenate([curve[-reach:], curve[: reach + 1]])
+    best = int(np.argmax(near))
+    peak, floor = float(near[best]), float(_MAD_SIGMA * np.median(np.abs(near)))
+    if peak < 6 * floor:
+        return np.nan, np.nan, 0.0
+    lag = best - reach + _parabola(near, best)
+    # A peak one sample wide is known to a fraction of it; a blurred one to less.
+    sd = max(0.2 * floor / peak, 0.02) / rate
+    return (shift + lag) / rate, sd, min(1.0, peak)
+
+
+def _parabola(values: Floats, at: int) -> float:
+    """Where between its neighbours the peak at `at` lies, in -0.5..0.5."""
+    if at <= 0 or at >= len(values) - 1:
+        return 0.0
+    left, middle, right = values[at - 1], values[at], values[at + 1]
+    bend = left - 2 * middle + right
+    return float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend < 0 else 0.0
+
+
+# --- movement ---------------------------------------------------------------------------------------------
+
+
+def movement_profile(points_px: Floats, variance_px2: Floats) -> Floats:
+    """(T, J) how fast each landmark moves in the picture, in body sizes a frame, smoothed; NaN where unknown.
+
+    Args:
+        points_px: (T, J, 2) px of one person.
+        variance_px2: (T, J).
+    """
+    px = np.where(np.isfinite(variance_px2)[..., None], points_px, np.nan)
+    smooth = _smoothed(px)
+    low, high = np.nanquantile(px.reshape(-1, px.shape[1] * 2), 0.05), np.nanquantile(px, 0.95)
+    size = max(float(high - low), 1.0)
+    speed = np.linalg.norm(np.gradient(smooth, axis=0), axis=-1) / size
+    # Relative: an arm's swing must not outweigh the rest, and noise must not outweigh the slow.
+    return np.asarray(np.sqrt(speed))
+
+
+def _smoothed(px: Floats) -> Floats:
+    """Gaussian over time that passes NaN over; NaN where the middle is."""
+    reach = int(4 * _SPEED_SMOOTHING)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / _SPEED_SMOOTHING) ** 2)
+    good = np.isfinite(px).all(axis=-1)
+    flat = np.where(good[..., None], px, 0.0)
+    total = sum(
+        k * np.roll(np.pad(flat, ((reach, reach), (0, 0), (0, 0))), s, axis=0)
+        for k, s in zip(kernel, range(-reach, reach + 1), strict=True)
+    )
+    weight = sum(
+        k * np.roll(np.pad(good.astype(float), ((reach, reach), (0, 0))), s, axis=0)
+        for k, s in zip(kernel, range(-reach, reach + 1), strict=True)
+    )
+    out = np.asarray(total)[reach:-reach] / np.maximum(np.asarray(weight)[reach:-reach], 1e-9)[..., None]
+    out[~good] = np.nan
+    return np.asarray(out)
+
+
+def motion_delay(reference: Floats, other: Floats, fps: float, max_offset: float | None = None) -> Clock:
+    """A camera's clock by movement (offset only).
+
+    Args:
+        reference: (T, J) `movement_profile` of the reference's view of a person.
+        other: (T', J) the camera's.
+        fps: frames a second of both.
+        max_offset: seconds; None for half of the shorter take.
+
+    Returns:
+        `UNKNOWN` where too little moved or overlapped.
+    """
+    longest = min(len(reference), len(other)) // 2
+    reach = longest if max_offset is None else min(int(np.ceil(max_offset * fps)), len(other) - _FEWEST_MOVING)
+    lags = np.arange(-reach, reach + 1)
+    scores = np.full(len(lags), -np.inf)
+    for k, lag in enumerate(lags):
+        a, b = _overlap(reference, other, int(lag))
+        if len(a) >= _FEWEST_MOVING:
+            scores[k] = _correlation(a, b)
+    if not np.isfinite(scores).any():
+        return UNKNOWN
+    best = int(np.argmax(scores))
+    delay = (lags[best] + _parabola(scores, best)) / fps
+    frames = min(len(reference), len(other)) - abs(int(lags[best]))
+    # The correlation's noise over its bend at the peak.
+    bend = 2 * scores[best] - scores[max(best - 1, 0)] - scores[min(best + 1, len(scores) - 1)]
+    noise = (1 - max(scores[best], 0) ** 2) / np.sqrt(max(frames, 4) / (2 * _SPEED_SMOOTHING))
+    sd = noise / max(bend, 1e-6) / fps
+    return Clock(float(delay), 0.0, float(max(sd, 0.05 / fps)), np.inf, float(np.clip(scores[best], 0, 1)))
+
+
+def _overlap(a: Floats, b: Floats, lag: int) -> tuple[Floats, Floats]:
+    """The rows of a and b that are of one moment if b is `lag` rows late."""
+    if lag >= 0:
+        n = min(len(a), len(b) - lag)
+        return a[: max(n, 0)], b[lag : lag + max(n, 0)]
+    n = min(len(a) + lag, len(b))
+    return a[-lag : -lag + max(n, 0)], b[: max(n, 0)]
+
+
+def _correlation(a: Floats, b: Floats) -> float:
+    """Mean over landmarks of the correlation in time; landmarks that move more count more."""
+    good = np.isfinite(a) & np.isfinite(b)
+    n = good.sum(axis=0)
+    use = n >= max(_FEWEST_MOVING, 0.3 * len(a))
+    if not use.any():
+        return -np.inf
+    a, b, good, n = (np.where(good, a, 0.0)[:, use], np.where(good, b, 0.0)[:, use], good[:, use], n[use])
+    a = (a - a.sum(axis=0) / n) * good
+    b = (b - b.sum(axis=0) / n) * good
+    power = np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0))
+    return float((a * b).sum() / max(power.sum(), 1e-12))
+
+
+def affine_cost(first: Floats, second: Floats) -> float:
+    """How badly two views of one moving person fit one affine camera pair; no calibration is needed.
+
+    A landmark's displacements from its own mean, in two affine views, obey one linear equation with the same
+    four coefficients for all of them (the affine epipolar constraint; synchronisation by it: Tresadern and
+    Reid, "Synchronizing image sequences of non-rigid objects", 2003). The cost is the part of the movement
+    that breaks it, by the smaller of the two views' movement.
+
+    Args:
+        first, second: (n, J, 2) px of the same moments; NaN where missing.
+    """
+    both = np.concatenate([first, second], axis=-1)
+    known = np.isfinite(both).all(axis=-1)
+    both = np.where((known & (known.sum(axis=0) >= _FEWEST_MOVING))[..., None], both, np.nan)
+    rest = both - _nanmedian(both)
+    rest = rest[np.isfinite(rest).all(axis=-1)]
+    if len(rest) < 60:
+        return np.nan
+    weight = np.ones(len(rest))
+    for _ in range(6):
+        values, vectors = np.linalg.eigh((rest * weight[:, None]).T @ rest)
+        error = rest @ vectors[:, 0]
+        scale = max(_MAD_SIGMA * float(np.median(np.abs(error))), 1e-6)
+        weight = 1 / (1 + (error / (2 * scale)) ** 2)
+    power = (weight[:, None] * rest**2).sum(axis=0)
+    return float(np.log(max(values[0], 1e-12) / min(power[:2].sum(), power[2:].sum())))
+
+
+def motion_clocks(
+    points_px: Floats, variance_px2: Floats, fps: float, max_offset: float | None = None, with_drift: bool = False
+) -> tuple[Clock, ...]:
+    """Every camera's clock by how the landmarks of one person move; no calibration is needed.
+
+    Speeds of landmarks, correlated, say where to look (`motion_delay`); the affine epipolar constraint
+    (`affine_cost`) says where exactly, for every pair of cameras.
+
+    Args:
+        points_px: (C, T, J, 2) px of one person, each camera by its own frames.
+        variance_px2: (C, T, J).
+        fps: frames a second.
+        max_offset: largest offset, seconds; None for half of the take.
+        with_drift: whether drift is looked for too.
+
+    Returns:
+        (C,) clocks, the first camera's zero.
+    """
+    count = len(points_px)
+    profiles = [movement_profile(points_px[c], variance_px2[c]) for c in range(count)]
+    coarse = [Clock(0.0, 0.0, 0.0, 0.0, 1.0)]
+    coarse += [motion_delay(profiles[0], profiles[c], fps, max_offset) for c in range(1, count)]
+    smooth = _all_smoothed(points_px, variance_px2)
+
+    def cost(pair: tuple[int, int], first: Floats, second: Floats) -> float:
+        i, j = pair
+        return affine_cost(
+            resample(smooth[i], variance_px2[i], fps, first)[0], resample(smooth[j], variance_px2[j], fps, second)[0]
+        )
+
+    fine = _clocks(cost, count, points_px.shape[1], fps, coarse, _MOTION_SEARCH_FRAMES / fps, with_drift)
+    return tuple(
+        Clock(f.offset, f.drift, f.offset_sd, f.drift_sd, c.strength) for f, c in zip(fine, coarse, strict=True)
+    )
+
+
+def _all_smoothed(points_px: Floats, variance_px2: Floats) -> list[Floats]:
+    """Tracks smoothed over time: interpolation alone would smooth between frames and not on them."""
+    known = np.isfinite(variance_px2)[..., None]
+    return [_smoothed(np.where(known[c], points_px[c], np.nan)) for c in range(len(points_px))]
+
+
+# --- epipolar geometry --------------------------------------------------------------------------------------
+
+
+def epipolar_clocks(
+    cameras: CameraGroup,
+    points_px: Floats,
+    variance_px2: Floats,
+    fps: float,
+    start: tuple[Clock, ...] | None = None,
+    search: float = 0.25,
+    with_drift: bool = False,
+) -> tuple[Clock, ...]:
+    """Every camera's clock by the time shifts at which rays meet.
+
+    Args:
+        cameras: C calibrated cameras.
+        points_px: (C, T, J, 2) px of one person, each camera by its own frames.
+        variance_px2: (C, T, J).
+        fps: frames a second.
+        start: where to look; None for no delay.
+        search: seconds about the start.
+        with_drift: whether drift is looked for too.
+
+    Returns:
+        (C,) clocks, the first camera's zero.
+    """
+    count, frames = len(cameras), points_px.shape[1]
+    start = start or tuple(Clock(0.0, 0.0, np.inf, np.inf, 0.0) for _ in range(count))
+    smooth = _all_smoothed(points_px, variance_px2)
+
+    def cost(pair: tuple[int, int], first: Floats, second: Floats) -> float:
+        return epipolar_cost(cameras, smooth, variance_px2, fps, pair, first, second)
+
+    return _clocks(cost, count, frames, fps, start, search, with_drift)
+
+
+_PairCost = Callable[[tuple[int, int], Floats, Floats], float]
+
+
+def _clocks(
+    cost: _PairCost, count: int, frames: int, fps: float, start: Sequence[Clock], search: float, with_drift: bool
+) -> tuple[Clock, ...]:
+    """Clocks of `count` cameras by a cost of pairs, in windows where drift is wanted."""
+    windows = np.array_split(np.arange(frames), max(1, min(8, frames // 150)) if with_drift else 1)
+    offsets = []
+    for window in windows:
+        middle = float(window.mean() / fps)
+        guess = np.array([c.offset + c.drift * middle for c in start])
+        offsets.append((middle, *_window_offsets(cost, window / fps, guess, search, fps)))
+    clocks = [Clock(0.0, 0.0, 0.0, 0.0, 1.0)]
+    for c in range(1, count):
+        delays = Delays(
+            np.array([o[0] for o in offsets]),
+            np.array([o[1][c] for o in offsets]),
+            np.array([o[2][c] for o in offsets]),
+            np.ones(len(offsets)),
+        )
+        clocks.append(clock_from_delays(delays, with_drift))
+    return tuple(clocks)
+
+
+def _window_offsets(
+    cost: _PairCost, times: Floats, guess: Floats, search: float, fps: float
+) -> tuple[Floats, Floats]:
+    """(C,) offsets and standard deviations in one window: pairwise delays, put together by least squares."""
+    count = len(guess)
+    rows, right, weight = [], [], []
+    steps = np.arange(-np.round(search * fps), np.round(search * fps) + 1) / fps
+    for i, j in combinations(range(count), 2):
+        costs = [cost((i, j), times + guess[i], times + guess[j] + s) for s in steps]
+        delay, sd = _lowest(steps, np.array(costs))
+        if np.isfinite(delay):
+            row = np.zeros(count)
+            row[i], row[j] = -1.0, 1.0
+            rows.append(row)
+            right.append(delay + guess[j] - guess[i])
+            weight.append(1 / sd)
+    offset, spread = np.full(count, np.nan), np.full(count, np.nan)
+    offset[0], spread[0] = 0.0, 1e-6
+    if not rows:
+        return offset, spread
+    design, value, first = np.stack(rows)[:, 1:], np.array(right), np.array(weight)
+    seen = np.abs(design).sum(axis=0) > 0
+    base, w = design[:, seen], first
+    for _ in range(10):
+        estimate, *_ = np.linalg.lstsq(base * w[:, None], value * w, rcond=None)
+        residual = np.abs(value - base @ estimate)
+        scale = max(_MAD_SIGMA * float(np.median(residual)), 0.05 / fps)
+        w = first / (1 + (residual / (2 * scale)) ** 2)
+    inverse = np.linalg.pinv((base * w[:, None]).T @ (base * w[:, None]))
+    freedom = max(len(value) - base.shape[1], 1)
+    chi = max(1.0, float(((residual * w) ** 2).sum()) / freedom)
+    at = 1 + np.flatnonzero(seen)
+    offset[at], spread[at] = estimate, np.sqrt(np.diag(inverse) * chi)
+    return offset, spread
+
+
+def epipolar_cost(
+    cameras: CameraGroup,
+    points_px: Sequence[Floats],
+    variance_px2: Floats,
+    fps: float,
+    pair: tuple[int, int],
+    first_times: Floats,
+    second_times: Floats,
+) -> float:
+    """How far rays of two cameras pass each other, each at its own times: mean log loss of Sampson's distance.
+
+    Args:
+        cameras: C calibrated cameras.
+        points_px: C of (T, J, 2) px by each camera's own frames.
+        variance_px2: (C, T, J).
+        fps: frames a second.
+        pair: which two cameras.
+        first_times, second_times: (n,) each camera's own times, seconds.
+    """
+    i, j = pair
+    a = cameras[i].unproject(resample(points_px[i], variance_px2[i], fps, first_times)[0])
+    b = cameras[j].unproject(resample(points_px[j], variance_px2[j], fps, second_times)[0])
+    rotation = cameras[j].rotation @ cameras[i].rotation.T
+    t = cameras[j].translation - rotation @ cameras[i].translation
+    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
+    ones = np.ones((*a.shape[:-1], 1))
+    a, b = np.concatenate([a, ones], axis=-1), np.concatenate([b, ones], axis=-1)
+    line_b, line_a = a @ (cross @ rotation).T, b @ (cross @ rotation)
+    top = (b * line_b).sum(axis=-1)
+    bottom = np.sqrt((line_b[..., :2] ** 2).sum(axis=-1) + (line_a[..., :2] ** 2).sum(axis=-1))
+    error = top / np.maximum(bottom, 1e-12) * cameras[i].camera_matrix[0, 0]
+    # What is constant in a landmark's error is calibration and definition, not time.
+    known = np.isfinite(error)
+    if known.sum() < 30:
+        return np.nan
+    with np.errstate(all="ignore"):
+        middle = np.where(known.sum(axis=0) >= _FEWEST_MOVING, _nanmedian(error), np.nan)
+    rest = (error - middle)[known & np.isfinite(middle)]
+    if len(rest) < 30:
+        return np.nan
+    return float(np.mean(np.log1p((rest / _EPIPOLAR_SCALE_PX) ** 2)))
+
+
+def _nanmedian(values: Floats) -> Floats:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.asarray(np.nanmedian(values, axis=0))
+
+
+def _lowest(steps: Floats, costs: Floats) -> tuple[float, float]:
+    """Where the costs are lowest, between the steps, and a standard deviation from the valley's shape."""
+    if np.isfinite(costs).sum() < 5:
+        return np.nan, np.nan
+    filled = np.where(np.isfinite(costs), costs, np.nanmax(costs))
+    best = int(np.argmin(filled))
+    if best in (0, len(steps) - 1):
+        return np.nan, np.nan
+    near = slice(max(best - 2, 0), min(best + 3, len(steps)))
+    fit = np.polyfit(steps[near] - steps[best], filled[near], 2)
+    width = float(steps[1] - steps[0])
+    if fit[0] <= 0:
+        return float(steps[best]), 4 * width
+    shift = float(np.clip(-fit[1] / (2 * fit[0]), -width, width))
+    # How much the costs waver beside the valley, against how steep it is.
+    second = np.diff(filled, 2)
+    waver = _MAD_SIGMA * float(np.median(np.abs(second - np.median(second)))) / np.sqrt(6)
+    sd = np.sqrt(max(waver, 1e-6) / fit[0])
+    return float(steps[best] + shift), float(np.clip(sd, 0.02 * width, 20 * width))
+
+
+# --- applying -------------------------------------------------------------------------------------------------
+
+
+def resample(
+    points_px: Floats, variance_px2: Floats, fps: float, times: Floats
+) -> tuple[Floats, Floats]:
+    """Landmarks between frames, linearly.
+
+    Args:
+        points_px: (T, ..., 2) px by frame; frame k is at `k / fps`.
+        variance_px2: (T, ...).
+        fps: frames a second.
+        times: (n,) seconds.
+
+    Returns:
+        (n, ..., 2) and (n, ...); NaN outside of the take and beside a missing point, except on it.
+    """
+    position = np.asarray(times, dtype=np.float64) * fps
+    nearest = np.round(position)
+    position = np.where(np.abs(position - nearest) < 1e-6, nearest, position)
+    low = np.clip(np.floor(position).astype(np.intp), 0, max(len(points_px) - 1, 0))
+    high = np.minimum(low + 1, len(points_px) - 1)
+    share = position - low
+    inside = (position >= 0) & (position <= len(points_px) - 1)
+    w = share.reshape(-1, *[1] * (variance_px2.ndim - 1))
+    on = w == 0
+    px = np.where(on[..., None], points_px[low], (1 - w)[..., None] * points_px[low] + w[..., None] * points_px[high])
+    # The mean of two independent readings would be the surer one; they are not independent.
+    variance = np.where(on, variance_px2[low], (1 - w) * variance_px2[low] + w * variance_px2[high])
+    px[~inside], variance[~inside] = np.nan, np.nan
+    return px, variance
