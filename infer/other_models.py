@@ -113,11 +113,13 @@ class OtherNetwork:
     def _run(self, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
         card, count = self.card, len(crops)
         pixels = crops if card.colour == "rgb" else crops[..., ::-1]
-        scale = np.float32(card.white / 255) / np.array(card.std, dtype=np.float32)
-        image = pixels * scale - np.array(card.mean, dtype=np.float32) / np.array(card.std, dtype=np.float32)
-        image = np.ascontiguousarray(image.transpose(0, 3, 1, 2), dtype=np.float32)
+        mean, std = (np.array(values, dtype=np.float32) for values in (card.mean, card.std))
+        normalised = (pixels * np.float32(card.white / 255) - mean) / std
+        image: NDArray[np.float32] = np.ascontiguousarray(normalised.transpose(0, 3, 1, 2)).astype(np.float32)
         if self._fixed_batch and count < self._fixed_batch:
-            image = np.concatenate([image, np.zeros((self._fixed_batch - count, *image.shape[1:]), np.float32)])
+            filled = np.zeros((self._fixed_batch, *image.shape[1:]), dtype=np.float32)
+            filled[:count] = image
+            image = filled
         outputs = run_session(self._session, self.path, list(card.outputs), image, self._input)
         axes = 3 if card.decode == "simcc" else 4
         for name, values in zip(card.outputs, outputs, strict=True):

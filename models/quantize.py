@@ -99,7 +99,7 @@ class _Images:
 
     def __init__(self, name: str, images: NDArray[np.uint8]) -> None:
         self._parts: Iterator[dict[str, NDArray[np.float32]]] = (
-            {name: images[start : start + _IMAGES_AT_ONCE].astype(np.float32) / 255}
+            {name: np.multiply(images[start : start + _IMAGES_AT_ONCE], np.float32(1 / 255), dtype=np.float32)}
             for start in range(0, len(images), _IMAGES_AT_ONCE)
         )
 
