@@ -7,7 +7,8 @@ started 0.5 s before the reference's has an offset of +0.5 s.
 - Sound: generalised cross-correlation with phase transform (GCC-PHAT; Knapp and Carter, "The generalized
   correlation method for estimation of time delay", 1976) of the waveforms' windows, found near the peak of
   their envelopes' correlation. Good to a fraction of a millisecond, if sound travels no further than that.
-- Movement: how fast landmarks move is much the same from every side; the speeds' profiles are correlated.
+- Movement: how fast landmarks move is much the same from every side; the speeds' profiles are correlated,
+  and near the peak the delay is sought at which two views fit an epipolar geometry, whichever it is.
 - Epipolar geometry: with calibrated cameras, the time shift at which rays meet. The finest from pictures.
 
 Each gives delays in windows over the take; a robust line through those is offset and drift.
@@ -35,6 +36,7 @@ _FINE_SEARCH = 0.02  # seconds about the envelopes' delay in which waveforms are
 _MOTION_SEARCH_FRAMES = 15  # about the speeds' delay
 _MAD_SIGMA = 1.4826
 _EPIPOLAR_SCALE_PX = 5.0
+_EPIPOLAR_SCALE = 0.02
 
 
 @dataclass(frozen=True)
@@ -305,32 +307,37 @@ def _correlation(a: Floats, b: Floats) -> float:
     return float((a * b).sum() / max(power.sum(), 1e-12))
 
 
-def affine_cost(first: Floats, second: Floats) -> float:
-    """How badly two views of one moving person fit one affine camera pair; no calibration is needed.
+def fundamental_cost(first: Floats, second: Floats) -> float:
+    """How badly two views fit any epipolar geometry: that of the best fundamental matrix.
 
-    A landmark's displacements from its own mean, in two affine views, obey one linear equation with the same
-    four coefficients for all of them (the affine epipolar constraint; synchronisation by it: Tresadern and
-    Reid, "Synchronizing image sequences of non-rigid objects", 2003). The cost is the part of the movement
-    that breaks it, by the smaller of the two views' movement.
+    The matrix is fitted to the points themselves (eight-point algorithm, reweighted by Sampson's distance and
+    robustly), so no calibration is needed. Views of different moments fit none well.
 
     Args:
         first, second: (n, J, 2) px of the same moments; NaN where missing.
+
+    Returns:
+        Mean log loss of Sampson's distances, in spreads of the points; NaN where too little was seen.
     """
-    both = np.concatenate([first, second], axis=-1)
-    known = np.isfinite(both).all(axis=-1)
-    both = np.where((known & (known.sum(axis=0) >= _FEWEST_MOVING))[..., None], both, np.nan)
-    rest = both - _nanmedian(both)
-    rest = rest[np.isfinite(rest).all(axis=-1)]
-    if len(rest) < 60:
+    both = np.concatenate([first, second], axis=-1).reshape(-1, 4)
+    both = both[np.isfinite(both).all(axis=-1)]
+    if len(both) < 60:
         return np.nan
-    weight = np.ones(len(rest))
-    for _ in range(6):
-        values, vectors = np.linalg.eigh((rest * weight[:, None]).T @ rest)
-        error = rest @ vectors[:, 0]
-        scale = max(_MAD_SIGMA * float(np.median(np.abs(error))), 1e-6)
-        weight = 1 / (1 + (error / (2 * scale)) ** 2)
-    power = (weight[:, None] * rest**2).sum(axis=0)
-    return float(np.log(max(values[0], 1e-12) / min(power[:2].sum(), power[2:].sum())))
+    both = (both - both.mean(axis=0)) / np.maximum(both.std(axis=0), 1e-9)
+    ones = np.ones((len(both), 1))
+    a, b = np.concatenate([both[:, :2], ones], axis=1), np.concatenate([both[:, 2:], ones], axis=1)
+    design = (b[:, :, None] * a[:, None, :]).reshape(-1, 9)
+    weight, distance = np.ones(len(design)), np.zeros(len(design))
+    for _ in range(8):
+        _, vectors = np.linalg.eigh((design * weight[:, None]).T @ design)
+        matrix = vectors[:, 0].reshape(3, 3)
+        line_b, line_a = a @ matrix.T, b @ matrix
+        slope = np.sqrt((line_b[:, :2] ** 2).sum(axis=1) + (line_a[:, :2] ** 2).sum(axis=1))
+        slope = np.maximum(slope, 1e-9)
+        distance = (b * line_b).sum(axis=1) / slope
+        scale = max(_MAD_SIGMA * float(np.median(np.abs(distance))), 1e-9)
+        weight = 1 / (1 + (distance / (2 * scale)) ** 2) / slope**2
+    return float(np.mean(np.log1p((distance / _EPIPOLAR_SCALE) ** 2)))
 
 
 def motion_clocks(
@@ -338,8 +345,8 @@ def motion_clocks(
 ) -> tuple[Clock, ...]:
     """Every camera's clock by how the landmarks of one person move; no calibration is needed.
 
-    Speeds of landmarks, correlated, say where to look (`motion_delay`); the affine epipolar constraint
-    (`affine_cost`) says where exactly, for every pair of cameras.
+    Speeds of landmarks, correlated, say where to look (`motion_delay`); for every pair of cameras the delay at
+    which the views fit an epipolar geometry best (`fundamental_cost`) says where exactly.
 
     Args:
         points_px: (C, T, J, 2) px of one person, each camera by its own frames.
@@ -359,7 +366,7 @@ def motion_clocks(
 
     def cost(pair: tuple[int, int], first: Floats, second: Floats) -> float:
         i, j = pair
-        return affine_cost(
+        return fundamental_cost(
             resample(smooth[i], variance_px2[i], fps, first)[0], resample(smooth[j], variance_px2[j], fps, second)[0]
         )
 

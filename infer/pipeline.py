@@ -24,6 +24,7 @@ from muybridge.infer.quality import Quality, assess
 from muybridge.infer.session import Session, SessionOptions, open_session, with_frames
 from muybridge.infer.solve import Solution, SolveOptions, solve
 from muybridge.infer.stages import StageResult, StageStore, digest
+from muybridge.infer.sync import SYNC_FILE, session_clocks, synchronised
 
 RUN_FORMAT = 1
 DEFAULT_OUT = "muybridge"
@@ -103,7 +104,13 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
         progress.notice(notice)
     detected = detect(session, files, models, store, options.detect, progress)
     session, keypoints = _common(session, detected, progress)
-    key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras)
+    clocks = session_clocks(session)
+    if clocks is not None:
+        keypoints = synchronised(keypoints, clocks, session.fps)
+        notice = f"the cameras' 2D landmarks were put in step by {SYNC_FILE}"
+        progress.notice(notice)
+        session = replace(session, notices=(*session.notices, notice))
+    key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras, clocks)
     solution = solve(session.cameras, keypoints, session.fps, key, store, options.solve, progress)
     progress.say(solution.person)
     if solution.motion is None:

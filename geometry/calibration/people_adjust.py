@@ -81,14 +81,12 @@ class Adjusted:
         residual_px: (C, T, K) length of the reprojection error; NaN where nothing was seen.
         covariance: (7C, 7C) of rotation (rad), centre, log focal of each camera, the gauge (where the whole
             lies, and its size) taken out so that the cameras as a whole neither move nor grow.
-        iterations: how many.
     """
 
     state: AdjustState
     cost: float
     residual_px: Floats
     covariance: Floats
-    iterations: int
 
 
 @dataclass
@@ -127,8 +125,8 @@ def adjust(problem: AdjustProblem, start: AdjustState, iterations: int = 40, tol
     )
     start = replace(start, lengths=np.where(start.lengths > 0, start.lengths, 1.0))
     state = replace(start, points=np.where(known[..., None], start.points, 0.0))
-    cost, damping, done = _cost(problem, state, state, known), 1e-3, 0
-    for done in range(1, iterations + 1):
+    cost, damping = _cost(problem, state, state, known), 1e-3
+    for _ in range(iterations):
         normal = _normal(problem, state, start, known)
         accepted = False
         for _ in range(8):
@@ -148,7 +146,7 @@ def adjust(problem: AdjustProblem, start: AdjustState, iterations: int = 40, tol
     residual = np.linalg.norm(_reprojection(problem, state)[0], axis=-1)
     covariance = _covariance(problem, state, normal)
     points = np.where(known[..., None], state.points, np.nan)
-    return Adjusted(replace(state, points=points), cost, residual, covariance, done)
+    return Adjusted(replace(state, points=points), cost, residual, covariance)
 
 
 def _reprojection(problem: AdjustProblem, state: AdjustState) -> tuple[Floats, Floats]:

@@ -1,0 +1,142 @@
+"""`muybridge calibrate people`: cameras of a session from the people in its videos."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+from muybridge.errors import MuybridgeError, OutputError
+from muybridge.geometry.association import select_person, take_person
+from muybridge.geometry.calibration import save_calibration
+from muybridge.geometry.calibration.people import (
+    PeopleCalibration,
+    PeopleCalibrationOptions,
+    calibrate_people,
+    refine_people,
+)
+from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.landmarks import Keypoints2D
+from muybridge.geometry.swaps import repair_swaps
+from muybridge.geometry.triangulation import leave_one_out_error
+from muybridge.infer.detect import DetectOptions, detect, file_names, open_models
+from muybridge.infer.keypoints import merge_tracks
+from muybridge.infer.outputs import WORK
+from muybridge.infer.progress import Progress
+from muybridge.infer.session import Session, SessionOptions, open_session, with_frames
+from muybridge.infer.stages import StageStore
+
+_DEFAULT_RESULTS = "muybridge"
+
+
+def session_keypoints(
+    session: Session, results: Path | None, options: DetectOptions, progress: Progress
+) -> tuple[Session, Keypoints2D]:
+    """Everyone's 2D landmarks in a session, from a results folder where they are there already.
+
+    Args:
+        session: what to look at.
+        results: results folder of `muybridge run`; None for the session's own.
+        options: how landmarks are found.
+        progress: whom to tell.
+
+    Raises:
+        OutputError: the folder cannot be made.
+    """
+    folder = (results or session.path / _DEFAULT_RESULTS) / WORK
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror}); choose another folder with --work") from None
+    models = open_models(options)
+    found = detect(session, file_names(session.cameras.names), models, StageStore(folder), options, progress)
+    frames = min(len(d.tracks.points_px) for d in found)
+    keypoints = merge_tracks([d.tracks for d in found]) if frames == session.frames else None
+    if keypoints is None:
+        raise MuybridgeError(
+            f"{session.path}: a video has fewer frames than its header suggests; run `muybridge run` to see which"
+        )
+    return with_frames(session, frames), keypoints
+
+
+def people(
+    session: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SESSION")],
+    /,
+    out: Path,
+    refine: bool = True,
+    options: Annotated[PeopleCalibrationOptions, tyro.conf.arg(name="")] = PeopleCalibrationOptions(),  # noqa: B008
+    work: Path | None = None,
+    read: Annotated[SessionOptions, tyro.conf.arg(name="")] = SessionOptions(),  # noqa: B008
+    detect: Annotated[DetectOptions, tyro.conf.arg(name="")] = DetectOptions(),  # noqa: B008
+    quiet: bool = False,
+) -> int:
+    """Cameras from the people who move before them: refine a calibration, or find the poses from nothing.
+
+    Args:
+        session: folder with `videos/` and a calibration; with --no-refine only its lenses are used.
+        out: calibration file to write (TOML); give it to `muybridge run` with --calibration.
+        refine: start from the calibration's poses and keep its world; otherwise poses, size and floor come
+            from the person.
+        options: how.
+        work: results folder whose finished 2D landmarks are used (default: `muybridge/` inside the session).
+        read: how the session folder is read.
+        detect: 2D landmarks.
+        quiet: say only the result.
+    """
+    from muybridge.infer.sync import session_clocks, synchronised
+
+    with Progress(quiet=quiet) as progress:
+        opened = open_session(session, read)
+        for notice in opened.notices:
+            progress.notice(notice)
+        opened, keypoints = session_keypoints(opened, work, detect, progress)
+        clocks = session_clocks(opened)
+        if clocks is not None:
+            keypoints = synchronised(keypoints, clocks, opened.fps)
+        before, result, errors = from_keypoints(opened.cameras, keypoints, refine, options)
+    save_calibration(result.cameras, out)
+    for line in told(opened.cameras, result, refine, errors):
+        print(line)
+    return 0
+
+
+def from_keypoints(
+    cameras: CameraGroup, keypoints: Keypoints2D, refine: bool, options: PeopleCalibrationOptions
+) -> tuple[CameraGroup, PeopleCalibration, tuple[float, float]]:
+    """Calibrate from a session's landmarks.
+
+    Returns:
+        The cameras that the person was picked with, the result, and the median leave-one-camera-out error
+        before and after, px (the first is NaN where there was no calibration to begin with).
+    """
+    selection = select_person(cameras, keypoints)
+    px, variance, score = take_person(keypoints, selection)
+    px, variance, _ = repair_swaps(cameras, px, variance, keypoints.landmarks)
+    names = keypoints.landmarks.names
+    run = refine_people if refine else calibrate_people
+    result = run(cameras, px, variance, names, options)
+    before = float(np.nanmedian(leave_one_out_error(cameras, px, variance))) if refine else np.nan
+    after = float(np.nanmedian(leave_one_out_error(result.cameras, px, variance)))
+    return cameras, replace(result), (before, after)
+
+
+def told(
+    before: CameraGroup, result: PeopleCalibration, refine: bool, errors: tuple[float, float]
+) -> list[str]:
+    """What was found, a line a camera."""
+    lines = list(result.notes)
+    for c, camera in enumerate(result.cameras):
+        change = ""
+        if refine:
+            cosine = (np.trace(camera.rotation @ before[c].rotation.T) - 1) / 2
+            moved = np.linalg.norm(camera.center_world - before[c].center_world)
+            turned = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+            change = f"turned by {turned:.2f} deg, moved by {moved * 1e3:.0f} mm, "
+        lines.append(
+            f"{camera.name}: {change}reprojection {np.nanmedian(result.residual_px[c]):.1f} px, "
+            f"known to {result.rotation_sd_deg[c].max():.2f} deg and {result.center_sd[c].max() * 1e3:.0f} mm"
+        )
+    was = f"{errors[0]:.1f} px before, " if refine else ""
+    lines.append(f"leave-one-camera-out error (median): {was}{errors[1]:.1f} px after, on the frames used")
+    return lines

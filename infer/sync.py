@@ -1,0 +1,284 @@
+"""`muybridge sync`: offsets and drifts of the cameras' clocks, found, compared, written and applied.
+
+`sync.toml` in the session says what was found; `muybridge run` reads it and interpolates the 2D landmarks.
+"""
+
+import json
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import av
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+from muybridge.errors import MuybridgeError, SessionError
+from muybridge.files import replacing
+from muybridge.geometry.association import select_person, take_person
+from muybridge.geometry.landmarks import Keypoints2D
+from muybridge.geometry.synchronisation import Clock, audio_clock, epipolar_clocks, motion_clocks, resample
+from muybridge.infer.calibrate_people import session_keypoints
+from muybridge.infer.detect import DetectOptions
+from muybridge.infer.progress import Progress
+from muybridge.infer.session import Session, SessionOptions, open_session
+
+Floats = NDArray[np.float64]
+
+SYNC_FILE = "sync.toml"
+_VERSION = 1
+_AUDIO_RATE = 16000
+_DRIFT_FROM = 60.0  # seconds of take from which pictures are asked for drift
+_DISAGREE_SIGMA = 4.0
+_DISAGREE_FRAMES = 0.5
+
+Method = Literal["audio", "epipolar", "motion"]
+_METHODS: tuple[Method, ...] = ("audio", "epipolar", "motion")
+
+
+@dataclass(frozen=True)
+class SyncResult:
+    """The clocks of a session's cameras.
+
+    Attributes:
+        clocks: (C,) the ones to use.
+        methods: (C,) where they are from; `reference` for the first camera, `none` where nothing was found.
+        found: every method's clocks, (C,) each.
+        disagreements: sentences about methods that contradict each other.
+    """
+
+    clocks: tuple[Clock, ...]
+    methods: tuple[str, ...]
+    found: dict[str, tuple[Clock, ...]]
+    disagreements: tuple[str, ...]
+
+
+def read_audio(path: Path, rate: int = _AUDIO_RATE) -> Floats | None:
+    """A file's first audio stream from the video's time zero, mono, at `rate`; None where it has none.
+
+    Raises:
+        SessionError: the stream cannot be decoded.
+    """
+    try:
+        with av.open(str(path)) as container:
+            if not container.streams.audio:
+                return None
+            stream = container.streams.audio[0]
+            zero = 0.0
+            if container.streams.video:
+                video = container.streams.video[0]
+                zero = float((video.start_time or 0) * (video.time_base or 0))
+            resampler = av.AudioResampler(format="flt", layout="mono", rate=rate)
+            pieces: list[Floats] = []
+            begins: float | None = None
+            for frame in container.decode(stream):
+                if begins is None:
+                    begins = float(frame.time or 0.0)
+                pieces += [f.to_ndarray().ravel().astype(np.float64) for f in resampler.resample(frame)]
+            pieces += [f.to_ndarray().ravel().astype(np.float64) for f in resampler.resample(None)]
+    except av.error.FFmpegError as error:
+        raise SessionError(f"{path}: its sound cannot be read ({error}); use --methods epipolar motion") from None
+    if not pieces:
+        return None
+    sound, ahead = np.concatenate(pieces), round(((begins or 0.0) - zero) * rate)
+    return np.concatenate([np.zeros(ahead), sound]) if ahead >= 0 else sound[-ahead:]
+
+
+def find_clocks(
+    session: Session, keypoints: Keypoints2D | None, methods: Sequence[str], max_offset: float
+) -> SyncResult:
+    """Clocks of all cameras by every method asked for.
+
+    Args:
+        session: C cameras and their videos.
+        keypoints: everyone's landmarks; None where only sound is asked.
+        methods: of `audio`, `epipolar`, `motion`; the first that knows a camera is believed.
+        max_offset: seconds.
+    """
+    found: dict[str, tuple[Clock, ...]] = {}
+    if "audio" in methods:
+        sounds = [read_audio(v.path) for v in session.videos]
+        found["audio"] = tuple(_by_sound(sounds, c, max_offset) for c in range(len(sounds)))
+    if keypoints is not None:
+        found |= _by_pictures(session, keypoints, methods, max_offset)
+    clocks, origins = [], []
+    for c in range(len(session.cameras)):
+        order = [m for m in methods if m in found and np.isfinite(found[m][c].offset_sd)]
+        chosen = min(order, key=lambda m: found[m][c].offset_sd) if order else ""
+        clocks.append(found[chosen][c] if chosen else Clock(0.0, 0.0, np.inf, np.inf, 0.0))
+        origins.append("reference" if c == 0 else chosen or "none")
+    clocks[0] = Clock(0.0, 0.0, 0.0, 0.0, 1.0)
+    said = disagreements(session.cameras.names, found, session.fps)
+    return SyncResult(tuple(clocks), tuple(origins), found, said)
+
+
+def _by_sound(sounds: Sequence[Floats | None], c: int, max_offset: float) -> Clock:
+    first, other = sounds[0], sounds[c]
+    if c == 0:
+        return Clock(0.0, 0.0, 0.0, 0.0, 1.0)
+    if first is None or other is None:
+        return Clock(0.0, 0.0, np.inf, np.inf, 0.0)
+    return audio_clock(first, other, _AUDIO_RATE, max_offset)
+
+
+def _by_pictures(
+    session: Session, keypoints: Keypoints2D, methods: Sequence[str], max_offset: float
+) -> dict[str, tuple[Clock, ...]]:
+    selection = select_person(session.cameras, keypoints)
+    px, variance, _ = take_person(keypoints, selection)
+    drift = px.shape[1] / session.fps >= _DRIFT_FROM
+    motion = motion_clocks(px, variance, session.fps, max_offset, drift)
+    found = {"motion": motion} if "motion" in methods else {}
+    if "epipolar" in methods:
+        start = tuple(m if np.isfinite(m.offset) else replace(m, offset=0.0) for m in motion)
+        found["epipolar"] = epipolar_clocks(session.cameras, px, variance, session.fps, start, with_drift=drift)
+    return found
+
+
+def disagreements(names: Sequence[str], found: dict[str, tuple[Clock, ...]], fps: float) -> tuple[str, ...]:
+    """Sentences about cameras for which two methods differ by more than both their uncertainties allow."""
+    said = []
+    methods = list(found)
+    for c, name in enumerate(names):
+        for k, a in enumerate(methods):
+            for b in methods[k + 1 :]:
+                one, two = found[a][c], found[b][c]
+                gap, sd = abs(one.offset - two.offset), float(np.hypot(one.offset_sd, two.offset_sd))
+                if np.isfinite(sd) and gap > max(_DISAGREE_SIGMA * sd, _DISAGREE_FRAMES / fps):
+                    said.append(
+                        f"camera {name}: {a} says {one.offset * 1e3:.1f} ms, {b} {two.offset * 1e3:.1f} ms; "
+                        f"look at a fast movement in both videos, and choose with --methods"
+                    )
+    return tuple(said)
+
+
+def write_sync(path: Path, names: Sequence[str], result: SyncResult) -> None:
+    """Write `sync.toml`."""
+    rows = [
+        "# Clocks of the cameras: a camera's own time is t + offset + drift t at the reference's time t.",
+        f"muybridge_sync = {_VERSION}",
+        f"reference = {json.dumps(names[0])}",
+    ]
+    for name, clock, method in zip(names, result.clocks, result.methods, strict=True):
+        rows += [
+            "",
+            f"[cameras.{json.dumps(name)}]",
+            f"offset = {clock.offset!r}  # seconds",
+            f"drift_ppm = {clock.drift * 1e6!r}",
+            f'method = "{method}"',
+        ]
+        if np.isfinite(clock.offset_sd):
+            rows.append(f"offset_sd = {clock.offset_sd!r}")
+        if np.isfinite(clock.drift_sd):
+            rows.append(f"drift_sd_ppm = {clock.drift_sd * 1e6!r}")
+    with replacing(path) as partial:
+        partial.write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+def read_sync(path: Path, names: Sequence[str]) -> tuple[Clock, ...]:
+    """The clocks of the named cameras from a `sync.toml`; a camera that it does not name has the reference's.
+
+    Raises:
+        SessionError: not such a file, or a value that is no number.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise SessionError(f"{path}: cannot be read ({error}); write it again with `muybridge sync`") from None
+    tables = data.get("cameras")
+    if data.get("muybridge_sync") != _VERSION or not isinstance(tables, dict):
+        raise SessionError(
+            f"{path}: needs `muybridge_sync = {_VERSION}` and [cameras.NAME] tables; "
+            "write it again with `muybridge sync`, or delete it"
+        )
+    unknown = [n for n in tables if n not in names]
+    if len(unknown) == len(tables):
+        raise SessionError(f"{path}: names {', '.join(unknown)}, none of the cameras {', '.join(names)}")
+    return tuple(_clock(path, name, tables.get(name, {})) for name in names)
+
+
+def _clock(path: Path, name: str, table: object) -> Clock:
+    if not isinstance(table, dict):
+        raise SessionError(f"{path}: camera {name} is not a table; write [cameras.{name}]")
+    values = {k: table.get(k, d) for k, d in (("offset", 0.0), ("drift_ppm", 0.0), ("offset_sd", 0.0))}
+    for key, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+            raise SessionError(f"{path}: camera {name}: {key} is {value!r}; it must be a finite number")
+    return Clock(float(values["offset"]), values["drift_ppm"] * 1e-6, float(values["offset_sd"]), 0.0, 1.0)
+
+
+def synchronised(keypoints: Keypoints2D, clocks: Sequence[Clock], fps: float) -> Keypoints2D:
+    """Landmarks at the reference's frames, between each camera's own.
+
+    Args:
+        keypoints: each camera by its own frames.
+        clocks: (C,).
+        fps: frames a second.
+    """
+    times = np.arange(keypoints.points_px.shape[1]) / fps
+    px, variance, score = (a.copy() for a in (keypoints.points_px, keypoints.variance_px2, keypoints.score))
+    for c, clock in enumerate(clocks):
+        if clock.offset == 0 and clock.drift == 0:
+            continue
+        own = clock.at(times)
+        px[c], variance[c] = resample(keypoints.points_px[c], keypoints.variance_px2[c], fps, own)
+        _, moved = resample(keypoints.points_px[c], keypoints.score[c], fps, own)
+        score[c] = np.where(np.isfinite(variance[c]), np.nan_to_num(moved), 0.0)
+    return replace(keypoints, points_px=px, variance_px2=variance, score=score)
+
+
+def session_clocks(session: Session) -> tuple[Clock, ...] | None:
+    """The clocks that a session's `sync.toml` gives; None where it has none."""
+    path = session.path / SYNC_FILE
+    return read_sync(path, session.cameras.names) if path.is_file() else None
+
+
+def sync(
+    session: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SESSION")],
+    /,
+    out: Path | None = None,
+    methods: tuple[Method, ...] = _METHODS,
+    max_offset: float = 2.0,
+    work: Path | None = None,
+    read: Annotated[SessionOptions, tyro.conf.arg(name="")] = SessionOptions(),  # noqa: B008
+    detect: Annotated[DetectOptions, tyro.conf.arg(name="")] = DetectOptions(),  # noqa: B008
+    quiet: bool = False,
+) -> int:
+    """Offsets and drifts of a session's cameras, by sound, by movement and by epipolar geometry.
+
+    Args:
+        session: folder with `videos/` and a calibration.
+        out: file to write (default: `sync.toml` in the session, where `muybridge run` reads it).
+        methods: which are tried; where several know a camera, the surest is used.
+        max_offset: largest offset that is looked for, seconds.
+        work: results folder whose finished 2D landmarks are used (default: `muybridge/` inside the session).
+        read: how the session folder is read.
+        detect: 2D landmarks.
+        quiet: say only what should be known.
+    """
+    if not methods:
+        raise MuybridgeError(f"name at least one of {', '.join(_METHODS)} after --methods")
+    with Progress(quiet=quiet) as progress:
+        opened = open_session(session, read)
+        keypoints = None
+        if set(methods) - {"audio"}:
+            opened, keypoints = session_keypoints(opened, work, detect, progress)
+        result = find_clocks(opened, keypoints, methods, max_offset)
+    names = opened.cameras.names
+    for name, clock, method in zip(names, result.clocks, result.methods, strict=True):
+        print(f"{name}: {_told(clock, method)}")
+    for line in result.disagreements:
+        print(f"methods disagree: {line}")
+    if all(m in ("reference", "none") for m in result.methods):
+        raise SessionError(f"{session}: no method found how the cameras' clocks stand; nothing was written")
+    write_sync(out or session / SYNC_FILE, names, result)
+    return 0
+
+
+def _told(clock: Clock, method: str) -> str:
+    if method in ("reference", "none"):
+        return "reference" if method == "reference" else "nothing found, taken to be in step"
+    drift = f", drift {clock.drift * 1e6:.1f} +- {clock.drift_sd * 1e6:.1f} ppm" if np.isfinite(clock.drift_sd) else ""
+    return f"offset {clock.offset * 1e3:.2f} +- {clock.offset_sd * 1e3:.2f} ms{drift} (by {method})"
