@@ -267,7 +267,7 @@ def _adjusted(
 ) -> tuple[Adjusted, CameraGroup, float]:
     """Adjust, with the noise as the take shows it; the adjusted cameras and the noise beside the result."""
     relative = np.sqrt(variance / np.nanmedian(variance))
-    noise, start = _FIRST_NOISE_PX, state
+    noise, alike, start = _FIRST_NOISE_PX, 1.0, state
     focal = np.array([np.sqrt(c.camera_matrix[0, 0] * c.camera_matrix[1, 1]) for c in cameras])
     seen = cameras.unproject(px)
     for _ in range(_NOISE_ROUNDS):
@@ -278,14 +278,14 @@ def _adjusted(
             bones=bones,
             bone_sigma=bone_sigma,
             focal_sigma=options.focal_sigma,
-            pose_sigma=prior,
+            pose_sigma=None if prior is None else (prior[0] / np.sqrt(alike), prior[1] / np.sqrt(alike)),
             loss_sigma=options.loss_sigma,
         )
         adjusted = adjust(problem, start, options.max_iterations)
         start = replace(start, points=adjusted.state.points, lengths=adjusted.state.lengths)
         if prior is None:
             start = adjusted.state
-        noise = _noise(adjusted.residual_px, relative)
+        noise, alike = _noise(adjusted.residual_px, relative), _frames_alike(adjusted.error_px, noise)
     poses = np.concatenate(
         [adjusted.state.rotations, -adjusted.state.rotations @ adjusted.state.centers[..., None]], axis=-1
     )
@@ -315,6 +315,24 @@ def _noise(residual_px: Floats, relative: Floats) -> float:
     freedom = np.maximum(1 - 3 / (2 * np.maximum(views, 2)), 0.25)
     scaled = residual_px[seen] / relative[seen] / np.sqrt(freedom)
     return float(max(np.median(scaled) / _RAYLEIGH_MEDIAN, 0.1))
+
+
+def _frames_alike(error_px: Floats, noise: float) -> float:
+    """How many frames count as one: a landmark's error in a camera is much the same for many frames.
+
+    The variance of each error's mean over the take, over what it would be if frames were independent. The
+    prior on the poses must be weighed against what the frames are worth, not against their number.
+    """
+    clipped = np.clip(error_px, -3 * noise, 3 * noise)
+    count = np.isfinite(clipped[..., 0]).sum(axis=1)
+    used = count >= _FEWEST_FRAMES
+    if not used.any():
+        return 1.0
+    series = np.moveaxis(clipped, 1, -1)[used]  # (n, 2, T)
+    mean = np.nanmean(series, axis=-1)
+    power = np.nanmean(series**2, axis=-1)
+    alike = (count[used][:, None] * mean**2).sum() / max(power.sum(), 1e-12)
+    return float(np.clip(alike, 1.0, error_px.shape[1]))
 
 
 def _result(

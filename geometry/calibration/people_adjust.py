@@ -79,6 +79,7 @@ class Adjusted:
         state: the unknowns.
         cost: half the sum of the losses.
         residual_px: (C, T, K) length of the reprojection error; NaN where nothing was seen.
+        error_px: (C, T, K, 2) the same as vectors.
         covariance: (7C, 7C) of rotation (rad), centre, log focal of each camera, the gauge (where the whole
             lies, and its size) taken out so that the cameras as a whole neither move nor grow.
     """
@@ -86,6 +87,7 @@ class Adjusted:
     state: AdjustState
     cost: float
     residual_px: Floats
+    error_px: Floats
     covariance: Floats
 
 
@@ -143,10 +145,11 @@ def adjust(problem: AdjustProblem, start: AdjustState, iterations: int = 40, tol
         if gain < tolerance:
             break
     normal = _normal(problem, state, start, known)
-    residual = np.linalg.norm(_reprojection(problem, state)[0], axis=-1)
+    error = _reprojection(problem, state)[0]
+    residual = np.linalg.norm(error, axis=-1)
     covariance = _covariance(problem, state, normal)
     points = np.where(known[..., None], state.points, np.nan)
-    return Adjusted(replace(state, points=points), cost, residual, covariance)
+    return Adjusted(replace(state, points=points), cost, residual, error, covariance)
 
 
 def _reprojection(problem: AdjustProblem, state: AdjustState) -> tuple[Floats, Floats]:
