@@ -1,12 +1,7 @@
 """When the cameras' clocks stood where: offsets and drifts by sound, by movement and by epipolar geometry.
 
-The clock of camera c is `t_c = t + offset_c + drift_c t`: what happens at time `t` of the first (reference)
-camera is seen by camera c at `t + offset_c + drift_c t` of its own video. So a camera whose recording was
-started 0.5 s before the reference's has an offset of +0.5 s.
+See `clocks` for what a clock is, `synchronisation_audio` for sound.
 
-- Sound: generalised cross-correlation with phase transform (GCC-PHAT; Knapp and Carter, "The generalized
-  correlation method for estimation of time delay", 1976) of the waveforms' windows, found near the peak of
-  their envelopes' correlation. Good to a fraction of a millisecond, if sound travels no further than that.
 - Movement: how fast landmarks move is much the same from every side; the speeds' profiles are correlated,
   and near the peak the delay is sought at which two views fit an epipolar geometry, whichever it is.
 - Epipolar geometry: with calibrated cameras, the time shift at which rays meet. The finest from pictures.
@@ -18,200 +13,45 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import correlate, correlation_lags
 
 from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.clocks import (
+    MAD_SIGMA,
+    UNKNOWN,
+    Clock,
+    Delays,
+    clock_from_delays,
+    parabola,
+    resample,
+)
+from muybridge.geometry.synchronisation_audio import audio_clock
+
+__all__ = [
+    "UNKNOWN",
+    "Clock",
+    "Delays",
+    "audio_clock",
+    "clock_from_delays",
+    "epipolar_clocks",
+    "epipolar_cost",
+    "fundamental_cost",
+    "motion_clocks",
+    "motion_delay",
+    "movement_profile",
+    "resample",
+]
 
 Floats = NDArray[np.float64]
 
 _FEWEST_MOVING = 8  # frames that must overlap for a correlation to mean anything
 _SPEED_SMOOTHING = 1.5  # frames
-_ENVELOPE_RATE = 500.0
-_FINE_SEARCH = 0.02  # seconds about the envelopes' delay in which waveforms are compared
 _MOTION_SEARCH_FRAMES = 15  # about the speeds' delay
-_MAD_SIGMA = 1.4826
 _EPIPOLAR_SCALE_PX = 5.0
 _EPIPOLAR_SCALE = 0.02
-
-
-@dataclass(frozen=True)
-class Clock:
-    """A camera's clock against the reference's.
-
-    Attributes:
-        offset: seconds; the camera's time of what the reference sees at its time zero.
-        drift: seconds a second that its clock gains.
-        offset_sd: standard deviation, seconds; infinite where nothing was found.
-        drift_sd: of the drift.
-        strength: 0..1, how clearly the method's peak stands out.
-    """
-
-    offset: float
-    drift: float
-    offset_sd: float
-    drift_sd: float
-    strength: float
-
-    def at(self, times: Floats) -> Floats:
-        """The camera's own times of what the reference sees at `times`, seconds."""
-        return np.asarray(times + self.offset + self.drift * times)
-
-
-UNKNOWN = Clock(0.0, 0.0, np.inf, np.inf, 0.0)
-
-
-@dataclass(frozen=True)
-class Delays:
-    """Delays in windows over a take: `delay[k]` seconds with `sd[k]` about the reference's time `at[k]`."""
-
-    at: Floats
-    delay: Floats
-    sd: Floats
-    strength: Floats
-
-
-def clock_from_delays(delays: Delays, with_drift: bool) -> Clock:
-    """A robust line through delays.
-
-    Args:
-        delays: in windows.
-        with_drift: whether a drift is looked for; it needs windows that lie apart in time.
-    """
-    good = np.isfinite(delays.delay) & np.isfinite(delays.sd)
-    at, delay, sd = delays.at[good], delays.delay[good], np.maximum(delays.sd[good], 1e-6)
-    if not len(at):
-        return UNKNOWN
-    line = with_drift and len(at) >= 3 and np.ptp(at) > 0
-    design = np.stack([np.ones_like(at), at], axis=1)[:, : 2 if line else 1]
-    # From the median line: a few windows may have heard or seen something else altogether.
-    estimate = np.zeros(design.shape[1])
-    if line:
-        slopes = [(delay[j] - delay[i]) / (at[j] - at[i]) for i, j in combinations(range(len(at)), 2) if at[j] != at[i]]
-        estimate[1] = np.median(slopes)
-    estimate[0] = np.median(delay - (design[:, 1] * estimate[1] if line else 0.0))
-    weight = 1 / sd**2
-    spread = 1.0
-    for _ in range(20):
-        residual = (delay - design @ estimate) / sd
-        spread = max(_MAD_SIGMA * float(np.median(np.abs(residual))), 1.0)
-        weight = 1 / (1 + (residual / (2 * spread)) ** 2) ** 2 / sd**2
-        information = design.T @ (weight[:, None] * design)
-        estimate = np.linalg.solve(information, design.T @ (weight * delay))
-    variance = np.diag(np.linalg.inv(information)) * spread**2
-    return Clock(
-        float(estimate[0]),
-        float(estimate[1]) if line else 0.0,
-        float(np.sqrt(variance[0])),
-        float(np.sqrt(variance[1])) if line else np.inf,
-        float(np.median(delays.strength[good])),
-    )
-
-
-# --- sound ------------------------------------------------------------------------------------------------
-
-
-def audio_clock(
-    reference: Floats, other: Floats, rate: float, max_offset: float | None = None, window: float = 20.0
-) -> Clock:
-    """A camera's clock by sound.
-
-    Args:
-        reference: (N,) samples of the reference's sound, from its video's time zero.
-        other: (M,) the camera's.
-        rate: samples a second of both.
-        max_offset: seconds; None for anything that overlaps.
-        window: seconds of the pieces that are compared finely; drift needs several.
-
-    Returns:
-        `UNKNOWN` where one is silent or too short.
-    """
-    if min(len(reference), len(other)) < rate * 0.5 or not reference.std() > 0 or not other.std() > 0:
-        return UNKNOWN
-    coarse, _ = _coarse_delay(reference, other, rate, max_offset)
-    length = int(min(window * rate, len(reference), len(other)))
-    lowest = max(0, int(-coarse * rate))
-    highest = min(len(reference), int(len(other) - coarse * rate))
-    if highest - lowest < rate * 0.5:
-        return UNKNOWN
-    length = min(length, highest - lowest)
-    count = max(1, int(np.ceil((highest - lowest) / length)))
-    starts = np.linspace(lowest, highest - length, count).round().astype(np.intp)
-    # Drift moves the delay along the take: each window starts from where the one before ended.
-    found, guess = [], coarse
-    for start in starts:
-        delay, sd, strength = _phat_delay(reference, other, rate, int(start), length, guess)
-        found.append((((start + length / 2) / rate), delay, sd, strength))
-        if strength > 0.1:
-            guess = delay
-    at, delay, sd, strength = (np.array(v) for v in zip(*found, strict=True))
-    return clock_from_delays(Delays(at, delay, sd, strength), with_drift=True)
-
-
-def _envelope(samples: Floats, rate: float) -> tuple[Floats, float]:
-    """Loudness that stands out, about `_ENVELOPE_RATE` times a second, and its rate."""
-    step = max(1, int(rate / _ENVELOPE_RATE))
-    kept = samples[: len(samples) // step * step].reshape(-1, step)
-    loud = np.log1p(np.sqrt((np.asarray(kept, dtype=np.float64) ** 2).mean(axis=1)) / (np.std(samples) + 1e-12))
-    rise = np.maximum(np.diff(loud, prepend=loud[:1]), 0.0)
-    return np.asarray(rise - rise.mean()), rate / step
-
-
-def _coarse_delay(reference: Floats, other: Floats, rate: float, max_offset: float | None) -> tuple[float, float]:
-    """Delay by the envelopes, seconds, and how clear it is."""
-    a, step_rate = _envelope(reference, rate)
-    b, _ = _envelope(other, rate)
-    score = correlate(b, a, mode="full", method="fft")
-    lags = correlation_lags(len(b), len(a), mode="full")
-    overlap = np.minimum(len(b), lags + len(a)) - np.maximum(0, lags)
-    score = score / np.sqrt(np.maximum(overlap, 0.1 * min(len(a), len(b))))
-    if max_offset is not None:
-        score = np.where(np.abs(lags) <= max_offset * step_rate, score, -np.inf)
-    best = int(np.argmax(score))
-    return float(lags[best] / step_rate), float(score[best])
-
-
-def _phat_delay(
-    reference: Floats, other: Floats, rate: float, start: int, length: int, guess: float
-) -> tuple[float, float, float]:
-    """(delay, standard deviation, strength) of one window by GCC-PHAT, near a guess; seconds."""
-    shift = int(round(guess * rate))
-    a = np.zeros(length)
-    b = np.zeros(length)
-    a[:] = reference[start : start + length]
-    low, high = max(0, start + shift), min(len(other), start + shift + length)
-    if high - low < length // 2:
-        return np.nan, np.nan, 0.0
-    b[low - start - shift : high - start - shift] = other[low:high]
-    taper = np.hanning(length)
-    size = 1 << int(np.ceil(np.log2(2 * length)))
-    spectrum = np.fft.rfft(b * taper, size) * np.conj(np.fft.rfft(a * taper, size))
-    magnitude = np.abs(spectrum)
-    spectrum /= np.maximum(magnitude, 1e-3 * magnitude.mean() + 1e-30)
-    curve = np.fft.irfft(spectrum, size)
-    reach = min(max(2, int(_FINE_SEARCH * rate)), length // 2)
-    near = np.concatenate([curve[-reach:], curve[: reach + 1]])
-    best = int(np.argmax(near))
-    peak, floor = float(near[best]), float(_MAD_SIGMA * np.median(np.abs(near)))
-    if peak < 6 * floor:
-        return np.nan, np.nan, 0.0
-    lag = best - reach + _parabola(near, best)
-    # A peak one sample wide is known to a fraction of it; a blurred one to less.
-    sd = max(0.2 * floor / peak, 0.02) / rate
-    return (shift + lag) / rate, sd, min(1.0, peak)
-
-
-def _parabola(values: Floats, at: int) -> float:
-    """Where between its neighbours the peak at `at` lies, in -0.5..0.5."""
-    if at <= 0 or at >= len(values) - 1:
-        return 0.0
-    left, middle, right = values[at - 1], values[at], values[at + 1]
-    bend = left - 2 * middle + right
-    return float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend < 0 else 0.0
 
 
 # --- movement ---------------------------------------------------------------------------------------------
@@ -275,7 +115,7 @@ def motion_delay(reference: Floats, other: Floats, fps: float, max_offset: float
     if not np.isfinite(scores).any():
         return UNKNOWN
     best = int(np.argmax(scores))
-    delay = (lags[best] + _parabola(scores, best)) / fps
+    delay = (lags[best] + parabola(scores, best)) / fps
     frames = min(len(reference), len(other)) - abs(int(lags[best]))
     # The correlation's noise over its bend at the peak.
     bend = 2 * scores[best] - scores[max(best - 1, 0)] - scores[min(best + 1, len(scores) - 1)]
@@ -335,7 +175,7 @@ def fundamental_cost(first: Floats, second: Floats) -> float:
         slope = np.sqrt((line_b[:, :2] ** 2).sum(axis=1) + (line_a[:, :2] ** 2).sum(axis=1))
         slope = np.maximum(slope, 1e-9)
         distance = (b * line_b).sum(axis=1) / slope
-        scale = max(_MAD_SIGMA * float(np.median(np.abs(distance))), 1e-9)
+        scale = max(MAD_SIGMA * float(np.median(np.abs(distance))), 1e-9)
         weight = 1 / (1 + (distance / (2 * scale)) ** 2) / slope**2
     return float(np.mean(np.log1p((distance / _EPIPOLAR_SCALE) ** 2)))
 
@@ -469,7 +309,7 @@ def _window_offsets(
     for _ in range(10):
         estimate, *_ = np.linalg.lstsq(base * w[:, None], value * w, rcond=None)
         residual = np.abs(value - base @ estimate)
-        scale = max(_MAD_SIGMA * float(np.median(residual)), 0.05 / fps)
+        scale = max(MAD_SIGMA * float(np.median(residual)), 0.05 / fps)
         w = first / (1 + (residual / (2 * scale)) ** 2)
     inverse = np.linalg.pinv((base * w[:, None]).T @ (base * w[:, None]))
     freedom = max(len(value) - base.shape[1], 1)
@@ -544,39 +384,6 @@ def _lowest(steps: Floats, costs: Floats) -> tuple[float, float]:
     shift = float(np.clip(-fit[1] / (2 * fit[0]), -width, width))
     # How much the costs waver beside the valley, against how steep it is.
     second = np.diff(filled, 2)
-    waver = _MAD_SIGMA * float(np.median(np.abs(second - np.median(second)))) / np.sqrt(6)
+    waver = MAD_SIGMA * float(np.median(np.abs(second - np.median(second)))) / np.sqrt(6)
     sd = np.sqrt(max(waver, 1e-6) / fit[0])
     return float(steps[best] + shift), float(np.clip(sd, 0.02 * width, 20 * width))
-
-
-# --- applying -------------------------------------------------------------------------------------------------
-
-
-def resample(
-    points_px: Floats, variance_px2: Floats, fps: float, times: Floats
-) -> tuple[Floats, Floats]:
-    """Landmarks between frames, linearly.
-
-    Args:
-        points_px: (T, ..., 2) px by frame; frame k is at `k / fps`.
-        variance_px2: (T, ...).
-        fps: frames a second.
-        times: (n,) seconds.
-
-    Returns:
-        (n, ..., 2) and (n, ...); NaN outside of the take and beside a missing point, except on it.
-    """
-    position = np.asarray(times, dtype=np.float64) * fps
-    nearest = np.round(position)
-    position = np.where(np.abs(position - nearest) < 1e-6, nearest, position)
-    low = np.clip(np.floor(position).astype(np.intp), 0, max(len(points_px) - 1, 0))
-    high = np.minimum(low + 1, len(points_px) - 1)
-    share = position - low
-    inside = (position >= 0) & (position <= len(points_px) - 1)
-    w = share.reshape(-1, *[1] * (variance_px2.ndim - 1))
-    on = w == 0
-    px = np.where(on[..., None], points_px[low], (1 - w)[..., None] * points_px[low] + w[..., None] * points_px[high])
-    # The mean of two independent readings would be the surer one; they are not independent.
-    variance = np.where(on, variance_px2[low], (1 - w) * variance_px2[low] + w * variance_px2[high])
-    px[~inside], variance[~inside] = np.nan, np.nan
-    return px, variance

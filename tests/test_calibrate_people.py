@@ -105,9 +105,9 @@ def test_a_rig_from_nothing_in_metres_on_its_floor() -> None:
 def test_a_wrong_focal_length_is_found() -> None:
     truth, world = _rig(4), _walk(60)
     px, variance = _observed(truth, world, 2)
-    wrong = CameraGroup(
-        tuple(replace(c.posed(np.eye(3, 4)), params=(1260, 1260, 960, 540)) if k == 1 else c for k, c in enumerate(truth))
-    )
+    cameras = list(truth)
+    cameras[1] = replace(cameras[1], params=(1260, 1260, 960, 540))
+    wrong = CameraGroup(tuple(cameras))
     found = calibrate_people(wrong, px, variance, NAMES, PeopleCalibrationOptions(height=1.72, focal_sigma=0.1))
     focal = np.array([c.params[0] for c in found.cameras])
     np.testing.assert_allclose(focal, 1200, rtol=0.02)
@@ -212,11 +212,9 @@ def test_the_real_rig_refined_on_one_half_holds_on_the_other(
     for result, other in zip(found, halves[::-1], strict=True):
         error = triangulate(result.cameras, px[:, other], variance[:, other]).residual_px
         left_out = leave_one_out_error(result.cameras, px[:, other], variance[:, other])
-        print(np.nanmedian(error), np.nanmedian(left_out))
         assert np.nanmedian(error) < 7.5
         assert np.nanmedian(left_out) < 14.5
     degrees, metres = _apart(found[0].cameras, found[1].cameras)
     sd_deg = np.sqrt(sum((r.rotation_sd_deg**2).sum(axis=1) for r in found))
     sd = np.sqrt(sum((r.center_sd**2).sum(axis=1) for r in found))
-    print(degrees / sd_deg, metres / sd)
     assert (degrees < 2 * sd_deg).all() and (metres < 2 * sd).all()
