@@ -77,7 +77,7 @@ def _smoothed(px: Floats) -> Floats:
     """Gaussian over time that passes NaN over; NaN where the middle is."""
     reach = int(4 * _SPEED_SMOOTHING)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / _SPEED_SMOOTHING) ** 2)
-    good = np.isfinite(px).all(axis=-1)
+    good = np.asarray(np.isfinite(px).all(axis=-1))
     flat = np.where(good[..., None], px, 0.0)
     total = sum(
         k * np.roll(np.pad(flat, ((reach, reach), (0, 0), (0, 0))), s, axis=0)

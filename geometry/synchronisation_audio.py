@@ -52,8 +52,7 @@ def audio_clock(
         found.append((((start + length / 2) / rate), delay, sd, strength))
         if strength > 0.1:
             guess = delay
-    at, delay, sd, strength = (np.array(v) for v in zip(*found, strict=True))
-    return clock_from_delays(Delays(at, delay, sd, strength), with_drift=True)
+    return clock_from_delays(Delays(*np.array(found, dtype=np.float64).T), with_drift=True)
 
 
 def _envelope(samples: Floats, rate: float) -> tuple[Floats, float]:

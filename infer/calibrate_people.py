@@ -1,6 +1,5 @@
 """`muybridge calibrate people`: cameras of a session from the people in its videos."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -94,7 +93,7 @@ def people(
         clocks = session_clocks(opened)
         if clocks is not None:
             keypoints = synchronised(keypoints, clocks, opened.fps)
-        before, result, errors = from_keypoints(opened.cameras, keypoints, refine, options)
+        result, errors = from_keypoints(opened.cameras, keypoints, refine, options)
     save_calibration(result.cameras, out)
     for line in told(opened.cameras, result, refine, errors):
         print(line)
@@ -103,12 +102,12 @@ def people(
 
 def from_keypoints(
     cameras: CameraGroup, keypoints: Keypoints2D, refine: bool, options: PeopleCalibrationOptions
-) -> tuple[CameraGroup, PeopleCalibration, tuple[float, float]]:
+) -> tuple[PeopleCalibration, tuple[float, float]]:
     """Calibrate from a session's landmarks.
 
     Returns:
-        The cameras that the person was picked with, the result, and the median leave-one-camera-out error
-        before and after, px (the first is NaN where there was no calibration to begin with).
+        The result, and the median leave-one-camera-out error before and after, px (the first is NaN where
+        there was no calibration to begin with).
     """
     selection = select_person(cameras, keypoints)
     px, variance, score = take_person(keypoints, selection)
@@ -118,7 +117,7 @@ def from_keypoints(
     result = run(cameras, px, variance, names, options)
     before = float(np.nanmedian(leave_one_out_error(cameras, px, variance))) if refine else np.nan
     after = float(np.nanmedian(leave_one_out_error(result.cameras, px, variance)))
-    return cameras, replace(result), (before, after)
+    return result, (before, after)
 
 
 def told(

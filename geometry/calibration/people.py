@@ -18,7 +18,7 @@ from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.people_adjust import Adjusted, AdjustProblem, AdjustState, adjust
 from muybridge.geometry.calibration.people_start import start_from_nothing
 from muybridge.geometry.calibration.people_world import world_from_people
-from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.cameras import Camera, CameraGroup, colmap_camera
 from muybridge.geometry.triangulation import triangulate
 
 Floats = NDArray[np.float64]
@@ -300,11 +300,8 @@ def _zoomed(camera: Camera, factor: float) -> Camera:
     if factor == 1.0:
         return camera
     params = list(camera.params)
-    params[0] *= factor
-    if camera.camera_matrix[0, 0] != camera.params[0] or len(params) > 1:
-        two = camera.camera_matrix[0, 2] == camera.params[2]
-        if two:
-            params[1] *= factor
+    for index in colmap_camera(camera).focal_length_idxs():
+        params[index] *= factor
     return replace(camera, params=tuple(params))
 
 

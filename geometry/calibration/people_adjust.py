@@ -238,7 +238,7 @@ def _normal(problem: AdjustProblem, state: AdjustState, start: AdjustState, know
 def _jacobians(problem: AdjustProblem, state: AdjustState) -> tuple[Floats, Floats, Floats]:
     """Of the weighted reprojection errors by points and by cameras, and the errors; zero where not seen."""
     error, y = _reprojection(problem, state)
-    good = np.isfinite(error).all(axis=-1)
+    good = np.asarray(np.isfinite(error).all(axis=-1))
     r2 = ((error / problem.sigma_px[..., None]) ** 2).sum(axis=-1)
     weight = np.where(good, 1 / np.sqrt(1 + np.where(good, r2, 0.0) / problem.loss_sigma**2), 0.0)
     weight = weight / np.where(good, problem.sigma_px, 1.0)
@@ -385,4 +385,4 @@ def _gauge(state: AdjustState, problem: AdjustProblem) -> Floats:
             out[at + 3 : at + 6, 3 + axis] = np.cross(omega, state.centers[c] - middle)
         out[at + 3 : at + 6, 6] = state.centers[c] - middle
     out[_PER_CAMERA * cameras :, 6] = 0.0  # the cameras alone say what the size is
-    return out / np.linalg.norm(out, axis=0)
+    return np.asarray(out / np.linalg.norm(out, axis=0))
