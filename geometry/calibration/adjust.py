@@ -222,7 +222,7 @@ class _Solver:
         np.einsum("lii->li", damped)[...] += damping * diagonal + np.where(diagonal > 0, 1e-12 * diagonal, 1.0)
         solved = np.linalg.solve(damped, np.concatenate([hlc, bl[..., None]], axis=-1))
         size = len(bc)
-        flat = hlc.reshape(-1, size).T @ solved.reshape(-1, size + 1)
+        flat = hlc.reshape(6 * len(hll), size).T @ solved.reshape(6 * len(hll), size + 1)
         return hcc - flat[:, :-1], bc - flat[:, -1], solved
 
     def stepped(self, s: _State, normal: tuple[Floats, ...], damping: float) -> _State:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ View = tuple[NDArray[np.int64], Floats]
 """Numbers of a board's corners and their (n, 2) px."""
 FEWEST_VIEWS = 4
 _FEWEST_CORNERS = 6
+_CORNER_SIGMA_PX = 0.3
 
 
 def calibrate_lens(name: str, board: Board, views: Sequence[View], size: tuple[int, int]) -> Camera:
@@ -69,21 +71,26 @@ def calibrate_rig(
     rows = [(c, b, *views[names[c]][t]) for c in range(len(names)) for b, t in enumerate(times) if t in seen[c]]
     camera = np.concatenate([np.full(len(ids), c) for c, _, ids, _ in rows])
     free = [FreeCamera(True, True, True, pose=c > 0) for c in range(len(names))]
-    return adjust(
-        AdjustProblem(
-            cameras=cameras, camera=camera, point=np.concatenate([r[2] for r in rows]),
-            pixels=np.concatenate([r[3] for r in rows]), sigma_px=np.full(len(camera), 0.3), points=board.corners,
-            points_free=np.zeros(len(board.corners), bool), free=tuple(free),
-            body=np.concatenate([np.full(len(ids), b) for _, b, ids, _ in rows]),
-            bodies=np.stack(bodies)[:, :3],
-        )
+    problem = AdjustProblem(
+        cameras=cameras, camera=camera, point=np.concatenate([r[2] for r in rows]),
+        pixels=np.concatenate([r[3] for r in rows]), sigma_px=np.full(len(camera), _CORNER_SIGMA_PX),
+        points=board.corners, points_free=np.zeros(len(board.corners), bool), free=tuple(free),
+        body=np.concatenate([np.full(len(ids), b) for _, b, ids, _ in rows]), bodies=np.stack(bodies)[:, :3],
+        loss_sigma=np.inf,
     )  # fmt: skip
+    # From least squares to a narrow loss: a narrow one at once would give up a camera that starts badly.
+    result = adjust(problem)
+    for loss in (30.0, 10.0, 3.0):
+        problem = replace(problem, cameras=result.cameras, bodies=result.bodies, loss_sigma=loss)
+        result = adjust(problem)
+    return result
 
 
 def _board_pose(camera: Camera, board: Board, view: View) -> Floats:
     """(4, 4) cam_from_board."""
     ids, px = view
-    _, turn, shift = cv2.solvePnP(board.corners[ids], camera.unproject(px), np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
+    slopes = camera.unproject(px)
+    _, turn, shift = cv2.solvePnP(board.corners[ids], slopes, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
     out = np.eye(4)
     out[:3, :3], out[:3, 3] = cv2.Rodrigues(turn)[0], shift.ravel()
     return out
@@ -93,7 +100,8 @@ def _chain(names: Sequence[str], seen: Sequence[Mapping[int, Floats]]) -> list[F
     """(4, 4) cam_from_first of each camera, over the pairs that share most views."""
     poses: dict[int, Floats] = {0: np.eye(4)}
     while len(poses) < len(names):
-        pairs = [(len(seen[a].keys() & seen[b].keys()), a, b) for a in poses for b in range(len(names)) if b not in poses]
+        new = [b for b in range(len(names)) if b not in poses]
+        pairs = [(len(seen[a].keys() & seen[b].keys()), a, b) for a in poses for b in new]
         most, a, b = max(pairs)
         if most == 0:
             lost = ", ".join(n for k, n in enumerate(names) if k not in poses)
