@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -20,6 +20,24 @@ View = tuple[NDArray[np.int64], Floats]
 FEWEST_VIEWS = 4
 _FEWEST_CORNERS = 6
 _CORNER_SIGMA_PX = 0.3
+_OUT_OF_STEP = 2.5
+
+
+@dataclass(frozen=True)
+class RigCalibration:
+    """Cameras from a moved board.
+
+    Attributes:
+        cameras: in the first camera's axes.
+        adjusted: the adjustment that they come from.
+        camera: (N,) camera of each of its observations.
+        apart: (camera, time) of views that did not fit the others of that time and so say nothing of the poses.
+    """
+
+    cameras: CameraGroup
+    adjusted: AdjustResult
+    camera: NDArray[np.int64]
+    apart: tuple[tuple[str, int], ...]
 
 
 def calibrate_lens(name: str, board: Board, views: Sequence[View], size: tuple[int, int]) -> Camera:
@@ -44,7 +62,7 @@ def calibrate_lens(name: str, board: Board, views: Sequence[View], size: tuple[i
 
 def calibrate_rig(
     board: Board, views: Mapping[str, Mapping[int, View]], sizes: Mapping[str, tuple[int, int]]
-) -> AdjustResult:
+) -> RigCalibration:
     """Cameras that saw a moved board at the same times; the first camera is the world.
 
     Args:
@@ -76,14 +94,35 @@ def calibrate_rig(
         pixels=np.concatenate([r[3] for r in rows]), sigma_px=np.full(len(camera), _CORNER_SIGMA_PX),
         points=board.corners, points_free=np.zeros(len(board.corners), bool), free=tuple(free),
         body=np.concatenate([np.full(len(ids), b) for _, b, ids, _ in rows]), bodies=np.stack(bodies)[:, :3],
-        loss_sigma=np.inf,
     )  # fmt: skip
-    # From least squares to a narrow loss: a narrow one at once would give up a camera that starts badly.
-    result = adjust(problem)
-    for loss in (30.0, 10.0, 3.0):
-        problem = replace(problem, cameras=result.cameras, bodies=result.bodies, loss_sigma=loss)
+    return _adjust_in_step(problem, [(names[c], times[b]) for c, b, _, _ in rows], [len(r[2]) for r in rows])
+
+
+def _adjust_in_step(problem: AdjustProblem, views: list[tuple[str, int]], counts: list[int]) -> RigCalibration:
+    """Adjust, with views that were not taken when the others were counted for their own camera's lens only.
+
+    Cameras that are triggered by software are milliseconds apart; where the board moved fast, its pose differs
+    between them by more than the corners' noise. Such a view gets a pose of the board of its own.
+    """
+    view = np.repeat(np.arange(len(views)), counts)
+    everything = problem.free
+    held = tuple(FreeCamera(pose=f.pose) for f in everything)
+    result = adjust(replace(problem, free=held, loss_sigma=10.0))
+    apart: set[int] = set()
+    for free in (held, everything, everything, everything):
+        squares = np.nan_to_num((result.residuals_px**2).sum(axis=1), nan=1e6)
+        rms = np.sqrt(np.bincount(view, squares) / counts)
+        late = set(np.nonzero(rms > max(_OUT_OF_STEP * float(np.median(rms)), 2 * _CORNER_SIGMA_PX))[0]) - apart
+        body, bodies = problem.body.copy(), [*result.bodies]
+        for v in sorted(late):
+            bodies.append(result.bodies[body[view == v][0]])
+            body[view == v] = len(bodies) - 1
+        apart |= late
+        problem = replace(
+            problem, cameras=result.cameras, bodies=np.stack(bodies), body=body, free=free, loss_sigma=3.0
+        )
         result = adjust(problem)
-    return result
+    return RigCalibration(result.cameras, result, problem.camera, tuple(views[v] for v in sorted(apart)))
 
 
 def _board_pose(camera: Camera, board: Board, view: View) -> Floats:
