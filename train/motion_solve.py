@@ -1,0 +1,282 @@
+"""From a script (joint angles, foot plans, flights) to rotations: contacts, balance, ballistics, the floor."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+
+from muybridge.train.motion_rig import (
+    NECK,
+    SIDES,
+    SPINE,
+    Array,
+    Skeleton,
+    apply,
+    arm_rest,
+    between,
+    centre_of_mass,
+    forward,
+    rot,
+    skin,
+    turn,
+    two_bone,
+    unit,
+)
+
+GRAVITY = 9.81
+STRIDE = 4  # corrections are slow: they are computed on every fourth frame
+
+# Channels of a script with their values at ease; a channel of a limb has an L and an R. Degrees and metres.
+TRUNK = {"lean": 3.0, "lateral": 0.0, "twist": 0.0, "nod": 3.0, "tilt": 0.0, "look": 0.0, "yaw": 0.0, "pitch": 2.0,
+         "roll": 0.0, "x": 0.0, "y": 0.0, "height": 0.985, "ground": 0.0, "balance": 0.0}  # fmt: skip
+LIMB = {"hip": 5.0, "abd": -3.0, "hiprot": 4.0, "knee": 8.0, "ankle": 0.0, "plant": 1.0, "contact": 1.0,
+        "bx": 0.0, "by": 0.0, "bz": 0.0, "byaw": 0.0, "bpitch": 0.0, "flex": 0.0, "out": 14.0, "elbow": 22.0,
+        "armtwist": 0.0, "pro": 0.0, "wrist": 0.0, "curl": 25.0, "hand": 0.0, "hx": 0.0, "hy": 0.0,
+        "hz": 0.0}  # fmt: skip
+
+
+@dataclass
+class Script:
+    """What a motion shall be, before the body has its say.
+
+    Attributes:
+        time: (T,) seconds.
+        channels: named curves (T,), see `TRUNK` and `LIMB`. `height` is the root's, as a share of its height when
+            standing; `bx by bz byaw bpitch` where the ball of the foot is; `plant` how much the foot follows that
+            rather than the leg's angles; `contact` 1 where it stands still on the floor; `hx hy hz` a place for the
+            wrist and `hand` how much the arm follows it; `ground` 1 where the lowest point of the body, whichever it
+            is, touches the floor; `balance` 1 where the centre of mass shall be over the feet.
+        flights: spans (first, last) of frames without contact.
+    """
+
+    time: Array
+    channels: dict[str, Array] = field(default_factory=dict)
+    flights: list[tuple[int, int]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        names = TRUNK | {k + s: v for k, v in LIMB.items() for s, _ in SIDES}
+        for name, value in names.items():
+            self.channels.setdefault(name, np.full(len(self.time), value))
+
+    def __getitem__(self, name: str) -> Array:
+        return self.channels[name]
+
+    def __setitem__(self, name: str, value: Array | float) -> None:
+        self.channels[name] = np.broadcast_to(np.asarray(value, np.float64), self.time.shape).copy()
+
+    def every(self, step: int) -> "Script":
+        """Every `step`-th frame."""
+        return Script(self.time[::step], {k: v[::step] for k, v in self.channels.items()})
+
+
+def limit(value: Array, low: float, high: float, soft: float = 8.0) -> Array:
+    """Smooth clamp: the identity inside, bending within `soft` of the limits, never beyond them."""
+    above, below = np.maximum(value - (high - soft), 0), np.maximum(low + soft - value, 0)
+    return np.asarray(np.clip(value, low + soft, high - soft) + soft * (np.tanh(above / soft) - np.tanh(below / soft)))
+
+
+class Solver:
+    """Turns scripts into motion of one skeleton."""
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        self.k = skeleton
+        self.i = {b: n for n, b in enumerate(skeleton.bones)}
+        toes = [b for b in skeleton.bones if b.startswith("toe") and b.endswith("-1.L")]
+        ball = np.mean([skeleton.at(b) for b in toes], 0)
+        self.toes = {s: [self.i[b[:-1] + s] for b in toes] for s, _ in SIDES}
+        ankle = skeleton.at("foot.L")
+        self.ball_offset = ball - ankle  # of the left foot; mirrored for the right
+        self.ball_height = float(ball[2])
+        self.heel = np.array([0.0, 0.25 * (ankle[2] + 0.08), -ankle[2]])  # from the ankle
+
+    def ball_at_rest(self, side: str) -> Array:
+        """(3,) the ball of the foot at rest."""
+        return self.k.at("foot." + side) + self.ball_offset * ([1, 1, 1] if side == "L" else [-1, 1, 1])
+
+    def solve(self, script: Script) -> tuple[Array, Array]:
+        """Local rotations (T, bones, 3, 3) and root positions (T, 3)."""
+        slow = script.every(STRIDE)
+        shift = np.zeros((len(slow.time), 3))
+        for _ in range(4):
+            local, root = self.pose(slow, shift)
+            _, at = forward(self.k, local, root)
+            shift = shift + self._corrections(slow, local, root, at)
+        if len(slow.time) > 3:
+            shift = gaussian_filter1d(shift, 1.2, axis=0, mode="nearest")
+            shift = CubicSpline(slow.time, shift)(script.time)
+            shift[script.time > slow.time[-1]] = shift[script.time <= slow.time[-1]][-1]
+        else:
+            shift = np.repeat(shift, STRIDE, 0)[: len(script.time)]
+        local, root = self.pose(script, shift)
+        if script.flights:
+            root = root + self._ballistics(script, local, root)
+        return local, root
+
+    def _corrections(self, script: Script, local: Array, root: Array, at: Array) -> Array:
+        """How far the root should move for balance and for the floor."""
+        out = np.zeros_like(root)
+        if script["balance"].any():
+            foot = np.stack([0.5 * at[:, self.i["foot." + s], :2] + 0.5 * at[:, self.toes[s], :2].mean(1)
+                             for s, _ in SIDES])  # fmt: skip
+            load = self._load(script)
+            support = (load[..., None] * foot).sum(0)
+            error = support - centre_of_mass(self.k, at)[:, :2]
+            out[:, :2] = script["balance"][:, None] * error
+        rotations, _ = forward(self.k, local, root)
+        low = skin(self.k, rotations, at)[..., 2].min(1)
+        out[:, 2] = -low * script["ground"] + (1 - script["ground"]) * np.maximum(-low - 0.004, 0) * 0.7
+        return out
+
+    def _load(self, script: Script) -> Array:
+        """(2, T) share of the weight on each foot: it leaves a foot before the foot leaves the floor."""
+        step = script.time[1] - script.time[0] if len(script.time) > 1 else 1.0
+        loads = []
+        for s, _ in SIDES:
+            off = np.nonzero(script["contact" + s] < 0.5)[0]
+            away = np.full(len(script.time), 1.0)
+            if len(off):
+                away = np.abs(np.arange(len(script.time))[:, None] - off).min(1) * step / 0.45
+            x = np.clip(away, 0, 1)
+            loads.append(x**3 * (10 - 15 * x + 6 * x**2) + 1e-4)
+        both = np.stack(loads)
+        return np.asarray(both / both.sum(0))
+
+    def _ballistics(self, script: Script, local: Array, root: Array) -> Array:
+        """Shift of the root that makes every flight of the centre of mass a parabola through its ends."""
+        _, at = forward(self.k, local, root)
+        com, out = centre_of_mass(self.k, at), np.zeros_like(root)
+        for a, b in script.flights:
+            t, span = script.time[a : b + 1] - script.time[a], script.time[b] - script.time[a]
+            line = com[a] + (com[b] - com[a]) * (t / span)[:, None]
+            line[:, 2] += 0.5 * GRAVITY * t * (span - t)
+            out[a : b + 1] = line - com[a : b + 1]
+        return out
+
+    def pose(self, script: Script, shift: Array) -> tuple[Array, Array]:
+        """Local rotations and root positions, the root moved by `shift`."""
+        c, n = script.channels, len(script.time)
+        local = np.broadcast_to(np.eye(3), (n, len(self.k.bones), 3, 3)).copy()
+        local[:, 0] = rot(2, c["yaw"]) @ rot(1, c["roll"]) @ rot(0, c["pitch"])
+        lean, lateral, twist = limit(c["lean"], -38, 78), limit(c["lateral"], -38, 38), limit(c["twist"], -55, 55)
+        bend = turn(np.radians(np.stack([lean, lateral, twist], -1)) / len(SPINE))
+        for bone in SPINE:
+            local[:, self.i[bone]] = bend
+        nod, tilt, look = limit(c["nod"], -60, 55), limit(c["tilt"], -35, 35), limit(c["look"], -75, 75)
+        head = np.radians(np.stack([nod, tilt, look], -1))
+        for bone, share in NECK:
+            local[:, self.i[bone]] = turn(head * share)
+        root = np.stack([c["x"], c["y"], c["height"] * self.k.rest[0, 2]], -1) + shift
+        root[:, 2] = self._within_reach(script, local[:, 0], root)
+        for side, sign in SIDES:
+            self._leg(script, local, root, side, sign)
+            self._arm(script, local, root, side, sign)
+        return local, root
+
+    def _within_reach(self, script: Script, pelvis: Array, root: Array) -> Array:
+        """Heights of the root, lowered where a foot on the floor could not be reached."""
+        height = root[:, 2].copy()
+        for side, sign in SIDES:
+            hip = root + pelvis @ (self.k.at("upperleg01." + side) - self.k.rest[0])
+            ankle, _ = self._foot_target(script, side, sign)
+            span = self.k.at("upperleg01." + side) - self.k.at("foot." + side)
+            most = float(np.linalg.norm(span)) * 0.997
+            flat = ((hip - ankle)[:, :2] ** 2).sum(1)
+            top = ankle[:, 2] + np.sqrt(np.maximum(most**2 - flat, 1e-3)) - hip[:, 2] + root[:, 2]
+            step = script.time[1] - script.time[0] if len(script.time) > 1 else 1.0
+            on = gaussian_filter1d(script["contact" + side], 0.05 / step, mode="nearest")
+            excess = height - top
+            excess = 0.5 * (excess + np.sqrt(excess**2 + 0.01**2))
+            height = height - excess * np.clip(on * 2, 0, 1) ** 2 * (script["plant" + side] > 0.5)
+        return height
+
+    def _foot_target(self, script: Script, side: str, sign: float) -> tuple[Array, Array]:
+        """Ankle positions and foot rotations of the plan: the foot rolls over its ball, or over its heel."""
+        c = script.channels
+        pitch = c["bpitch" + side]
+        flip = np.array([sign, 1.0, 1.0])
+        offset, heel = self.ball_offset * flip, self.heel * flip
+        heading, roll = rot(2, c["byaw" + side]), rot(0, pitch)
+        ball = np.stack([c["bx" + side], c["by" + side], c["bz" + side] + self.ball_height], -1)
+        over_ball = apply(heading, apply(roll, np.broadcast_to(-offset, ball.shape)))
+        over_heel = apply(heading, heel - offset - apply(roll, np.broadcast_to(heel, ball.shape)))
+        return ball + np.where(pitch[:, None] > 0, over_ball, over_heel), heading @ roll
+
+    def _leg(self, script: Script, local: Array, root: Array, side: str, sign: float) -> None:
+        c, k = script.channels, self.k
+        hip, knee, foot = k.at("upperleg01." + side), k.at("lowerleg01." + side), k.at("foot." + side)
+        upper, lower, hinge, pelvis = knee - hip, foot - knee, np.array([1.0, 0, 0]), local[:, 0]
+        thigh = rot(1, -sign * limit(c["abd" + side], -28, 70)) @ rot(0, -limit(c["hip" + side], -35, 130))
+        thigh = thigh @ rot(2, sign * limit(c["hiprot" + side], -40, 50))
+        bend = limit(c["knee" + side], -6, 150)
+        free = apply(thigh, upper + apply(rot(0, bend), np.broadcast_to(lower, root.shape)))
+        free_foot = pelvis @ thigh @ rot(0, bend) @ rot(0, limit(c["ankle" + side], -28, 55))
+        weight = c["plant" + side][:, None]
+        target, planted_foot = self._foot_target(script, side, sign)
+        back = np.swapaxes(pelvis, -1, -2)
+        wanted = apply(back, target - root) - (hip - k.rest[0])
+        wanted = wanted * weight + free * (1 - weight)
+        outward = apply(back, planted_foot[..., 0] * 1.0)
+        pole = weight * outward + (1 - weight) * thigh[..., 0]
+        pole = pole + 0.6 * weight * thigh[..., 0]
+        thigh, bend = two_bone(upper, lower, hinge, wanted, pole, (-6.0, 154.0))
+        turned = np.swapaxes(free_foot, -1, -2) @ planted_foot
+        foot_rotation = free_foot @ turn(_log(turned) * weight)
+        shank = pelvis @ thigh @ rot(0, bend)
+        local[:, self.i["upperleg01." + side]] = thigh
+        local[:, self.i["lowerleg01." + side]] = rot(0, bend)
+        local[:, self.i["foot." + side]] = np.swapaxes(shank, -1, -2) @ foot_rotation
+        flat = rot(0, -c["bpitch" + side].clip(0, 62) * c["plant" + side] * np.exp(-c["bz" + side].clip(0) / 0.03))
+        for toe in self.toes[side]:
+            local[:, toe] = flat
+
+    def _arm(self, script: Script, local: Array, root: Array, side: str, sign: float) -> None:
+        c, k = script.channels, self.k
+        flex, out = np.radians(limit(c["flex" + side], -65, 178)), np.radians(limit(c["out" + side], -35, 165))
+        hinge, rest, bent = arm_rest(k, side)
+        aim = np.stack([sign * np.sin(out), -np.sin(flex) * np.cos(out), -np.cos(flex) * np.cos(out)], -1)
+        raised = between(np.broadcast_to(rest, aim.shape), aim)
+        local[:, self.i["clavicle." + side]] = turn(raised * 0.12)
+        local[:, self.i["shoulder01." + side]] = turn(raised * 0.10)
+        spin = turn(np.radians(limit(c["armtwist" + side], -80, 80))[:, None] * rest * -sign)
+        arm, elbow = turn(raised * 0.78) @ spin, limit(c["elbow" + side], 5, 150) - bent
+        if c["hand" + side].any():
+            arm, elbow = self._hand(script, local, root, side, arm, elbow)
+        local[:, self.i["upperarm01." + side]] = arm
+        local[:, self.i["lowerarm01." + side]] = turn(np.radians(elbow)[:, None] * hinge)
+        lower = unit(k.at("wrist." + side) - k.at("lowerarm01." + side)) * sign
+        local[:, self.i["lowerarm02." + side]] = turn(np.radians(limit(c["pro" + side], -75, 75))[:, None] * lower)
+        local[:, self.i["wrist." + side]] = rot(1, sign * limit(c["wrist" + side], -75, 70))
+        for finger in range(2, 6):
+            for joint in range(1, 4):
+                local[:, self.i[f"finger{finger}-{joint}.{side}"]] = rot(1, sign * limit(c["curl" + side], -5, 90))
+
+    def _hand(self, script: Script, local: Array, root: Array, side: str, arm: Array,
+              elbow: Array) -> tuple[Array, Array]:  # fmt: skip
+        """The upper arm and elbow that bring the wrist to its place, mixed in by `hand`."""
+        c, k = script.channels, self.k
+        rotation, origin, last = local[:, 0], root, self.i["root"]
+        for bone in (*SPINE, "clavicle." + side, "shoulder01." + side, "upperarm01." + side):
+            origin = origin + rotation @ (k.at(bone) - k.rest[last])
+            if bone.startswith("upperarm"):
+                break
+            rotation, last = rotation @ local[:, self.i[bone]], self.i[bone]
+        shoulder, joint, wrist = (k.at(b + side) for b in ("upperarm01.", "lowerarm01.", "wrist."))
+        hinge, _, bent = arm_rest(k, side)
+        upper, lower = joint - shoulder, wrist - joint
+        place = np.stack([c["hx" + side], c["hy" + side], c["hz" + side]], -1) - origin
+        place = apply(np.swapaxes(rotation, -1, -2), place)
+        bend = turn(np.radians(elbow)[:, None] * hinge)
+        free = apply(arm, upper + apply(bend, np.broadcast_to(lower, place.shape)))
+        weight = c["hand" + side][:, None]
+        place = place * weight + free * (1 - weight)
+        return two_bone(upper, lower, hinge, place, apply(arm, np.broadcast_to(hinge, place.shape)),
+                        (5 - bent, 150 - bent))  # fmt: skip
+
+
+def _log(r: Array) -> Array:
+    """Rotation vectors of rotations, (..., 3, 3) to (..., 3)."""
+    axis = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1) / 2
+    sine = np.linalg.norm(axis, axis=-1, keepdims=True)
+    angle = np.arctan2(sine, (np.trace(r, axis1=-2, axis2=-1)[..., None] - 1) / 2)
+    return np.asarray(axis * angle / (sine + 1e-9))

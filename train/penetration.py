@@ -1,0 +1,42 @@
+"""Self-penetration of a posed skeleton, limbs seen as capsules."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+
+
+def penetrates(bones: Sequence[str], joints: NDArray[Any], height: NDArray[Any]) -> NDArray[np.bool_]:
+    """(B,) whether limbs, seen as capsules between `joints` (B, bones, 3), run through the body."""
+    at = {b: joints[:, i] for i, b in enumerate(bones)}
+    k = height / 1.7
+    neck, pelvis = at["neck01"], at["root"]
+    crown = at["head"] + (at["head"] - at["neck01"]) * 0.9
+    chest = neck + (pelvis - neck) * 0.15
+    bad = np.zeros(len(joints), bool)
+    for s, o in (("L", "R"), ("R", "L")):
+        elbow, wrist = at["lowerarm01." + s], at["wrist." + s]
+        hand = wrist + (wrist - elbow) * 0.45
+        knee, ankle = at["lowerleg01." + s], at["foot." + s]
+        bad |= _segment_distance(elbow, hand, chest, pelvis) < 0.155 * k
+        bad |= _segment_distance(elbow + (wrist - elbow) * 0.3, hand, neck, crown) < 0.12 * k
+        for t in "LR":
+            thigh = at["upperleg01." + t], at["lowerleg01." + t]
+            shin = at["lowerleg01." + t], at["foot." + t]
+            bad |= _segment_distance(elbow + (wrist - elbow) * 0.4, hand, *thigh) < 0.105 * k
+            bad |= _segment_distance(wrist, hand, *shin) < 0.08 * k
+        bad |= _segment_distance(knee, ankle, at["lowerleg01." + o], at["foot." + o]) < 0.085 * k
+        bad |= _segment_distance(knee, ankle, at["upperleg01." + o], at["lowerleg01." + o]) < 0.09 * k
+    arms = at["lowerarm01.L"], at["wrist.L"], at["lowerarm01.R"], at["wrist.R"]
+    return bad | (_segment_distance(*arms) < 0.075 * k)
+
+
+def _segment_distance(p1: F32, q1: F32, p2: F32, q2: F32) -> F32:
+    """(B,) smallest distance between two segments, sampled at 8 x 8 points: enough to reject a pose."""
+    t = np.linspace(0, 1, 8, dtype=np.float32)[:, None]
+    a = p1[:, None] + (q1 - p1)[:, None] * t
+    b = p2[:, None] + (q2 - p2)[:, None] * t
+    return np.linalg.norm(a[:, :, None] - b[:, None], axis=-1).min((1, 2)).astype(np.float32)
