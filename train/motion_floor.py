@@ -93,14 +93,14 @@ def kneel(g: Stage) -> None:
         other.append((t1 + 1.2 * rate, 99.0, -sign * g.width * 0.9, y + back, -sign * 4))
         two = g.keys([t1 + 0.2, t1 + 1.3 * rate], [0, 1])
     g.plan(g.rest, other, lift=0.05)
-    g.s["bpitch" + side] = 72 * g.keys([t0 - 0.8 * rate, t0, t2 + 1.4, t2 + 2], [0, 0.75, 0.75, 0.6])
-    g.s["bpitch" + side] = g.s["bpitch" + side] + 18 * down
-    g.s["bpitch" + g.rest] = g.s["bpitch" + g.rest] + 72 * two
+    g.s["bpitch" + side] = g.keys([t0 - 0.8 * rate, t0], [0, 48]) + 14 * down
+    g.s["bpitch" + g.rest] = g.s["bpitch" + g.rest] + 62 * two
     g.s["balance"] = 1 - two
     heels = two * g.wander(0, 1, 3.0)
     g.s["y"] = two * (y + back - 0.44 * leg + 0.17 * leg * heels)
-    low = (float(k.rest[0, 2]) - 0.56 * leg) / float(k.rest[0, 2])
-    g.s["height"] = 0.965 - down * (0.965 - 1.16 * low) - 0.12 * heels
+    thigh = float(np.linalg.norm(k.at("upperleg01.L") - k.at("lowerleg01.L")))
+    low = (thigh + 0.07) / float(k.rest[0, 2])
+    g.s["height"] = 0.965 - down * (0.965 - low) - 0.12 * heels
     g.s["lean"] = g.s["lean"] + 12 * down * (1 - down) * 4 + g.wander(-5, 30, 2.5) * down
     for s, _ in SIDES:
         if g.u(0, 1) < 0.7:
@@ -194,10 +194,11 @@ def lie(g: Stage) -> None:
     g.s["roll"], g.s["pitch"] = roll + g.wander(-4, 4, 2), -90 + g.wander(-3, 3, 2)
     g.s["height"] = 0.15
     up = 0.5 * (1 + np.cos(np.radians(roll)))  # 1 on the back, 0 on the front
-    g.s["lean"], g.s["lateral"] = g.wander(-4, 18, 2) * up, g.wander(-12, 12, 2)
+    flat = np.abs(np.cos(np.radians(roll)))  # 0 on a side
+    g.s["lean"], g.s["lateral"] = g.wander(-4, 18, 2) * up, g.wander(-12, 12, 2) * flat
     g.s["twist"], g.s["look"] = g.wander(-12, 12, 2), g.wander(-50, 50, 1.6)
     g.s["nod"] = g.wander(-5, 25, 2) * up - 15 * (1 - up)
-    for s, _ in SIDES:
+    for s, sign in SIDES:
         bent, hip = g.wander(0, 1, 1.8), g.wander(0, 75 - 30 * g.calm, 1.8)
         g.s["hip" + s] = 4 + hip * up
         g.s["knee" + s] = 6 + up * hip * (0.8 + bent) + (1 - up) * bent * 70
@@ -207,6 +208,13 @@ def lie(g: Stage) -> None:
         g.s["out" + s] = g.wander(15, 115, 1.8) * (1 - 0.3 * up)
         g.s["elbow" + s], g.s["pro" + s] = g.wander(8, 95, 1.6), g.wander(-40, 40, 1.5)
         g.s["curl" + s] = g.wander(0, 60, 2)
+        # On a side, the limbs below lie along the floor and those above rest on them.
+        below = (np.sin(np.radians(roll)) * sign).clip(0, 1) ** 2
+        above = (-np.sin(np.radians(roll)) * sign).clip(0, 1) ** 2
+        for name, low, high in (("abd", -4.0, -9.0), ("out", -8.0, 4.0), ("flex", g.u(55, 150), g.u(10, 80)),
+                                ("armtwist", 0.0, 0.0)):  # fmt: skip
+            g.s[name + s] = g.s[name + s] * (1 - below - above) + low * below + high * above
+        g.s["elbow" + s] = g.s["elbow" + s] * (1 - above) + above * g.u(10, 60)
 
 
 def get_up(g: Stage) -> None:

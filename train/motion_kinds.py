@@ -251,8 +251,8 @@ def _lifts(g: Stage, period: float, ranges: Sequence[tuple[str, float, float]], 
     for n, _, _ in ranges:
         g.s[n + side] = g.s[n + side] + curve[n]
     up = curve["weight"] * (1 - curve["weight"]) * 4
-    g.s["bz" + side] = g.s["bz" + side] + 0.05 * up  # clear of the floor on the way
-    g.s["ankle" + side] = curve["weight"] * g.u(-5, 45)
+    g.s["bz" + side] = g.s["bz" + side] + 0.12 * up  # clear of the floor on the way
+    g.s["ankle" + side] = ease(2 * curve["weight"] - 1) * g.u(-5, 45)
     g.s["height"] = 0.98 - 0.03 * curve["weight"]
 
 

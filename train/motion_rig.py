@@ -90,6 +90,14 @@ def turn(vectors: Array) -> Array:
     return np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(angle / 2 / np.pi) ** 2 * (k @ k)
 
 
+def log(r: Array) -> Array:
+    """Rotation vectors of rotations, (..., 3, 3) to (..., 3)."""
+    axis = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1) / 2
+    sine = np.linalg.norm(axis, axis=-1, keepdims=True)
+    angle = np.arctan2(sine, (np.trace(r, axis1=-2, axis2=-1)[..., None] - 1) / 2)
+    return np.asarray(axis * angle / (sine + 1e-9))
+
+
 def unit(v: Array) -> Array:
     """Vectors of length one."""
     return np.asarray(v / (np.linalg.norm(v, axis=-1, keepdims=True) + 1e-12))
@@ -118,7 +126,8 @@ def forward(skeleton: Skeleton, local: Array, root: Array) -> tuple[Array, Array
     return out, at
 
 
-def skin(skeleton: Skeleton, rotations: Array, origins: Array, chosen: slice = slice(None)) -> Array:
+def skin(skeleton: Skeleton, rotations: Array, origins: Array,
+         chosen: slice | NDArray[np.bool_] = slice(None)) -> Array:  # fmt: skip
     """(T, P, 3) surface points, linear blend skinning."""
     out = np.zeros((len(rotations), len(skeleton.surface[chosen]), 3))
     for k in range(skeleton.skin.shape[1]):

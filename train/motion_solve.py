@@ -17,6 +17,7 @@ from muybridge.train.motion_rig import (
     between,
     centre_of_mass,
     forward,
+    log,
     rot,
     skin,
     turn,
@@ -25,6 +26,7 @@ from muybridge.train.motion_rig import (
 )
 
 GRAVITY = 9.81
+TOES = 62.0  # degrees, how far toes bend up
 STRIDE = 4  # corrections are slow: they are computed on every fourth frame
 
 # Channels of a script with their values at ease; a channel of a limb has an L and an R. Degrees and metres.
@@ -89,6 +91,22 @@ class Solver:
         self.ball_offset = ball - ankle  # of the left foot; mirrored for the right
         self.ball_height = float(ball[2])
         self.heel = np.array([0.0, 0.25 * (ankle[2] + 0.08), -ankle[2]])  # from the ankle
+        self.ankle_heights = self._ankle_heights()
+
+    def _ankle_heights(self) -> tuple[Array, Array]:
+        """Pitches of a foot in degrees and how high its ankle is while the lowest point of the foot is on the floor,
+        the toes lying flat."""
+        k, pitch = self.k, np.linspace(-40, 95, 55)
+        local = np.broadcast_to(np.eye(3), (len(pitch), len(k.bones), 3, 3)).copy()
+        local[:, self.i["foot.L"]] = rot(0, pitch)
+        for toe in self.toes["L"]:
+            local[:, toe] = rot(0, -pitch.clip(0, TOES))
+        moved = {self.i["foot.L"]} | {i for i, b in enumerate(k.bones) if b.startswith("toe") and b.endswith(".L")}
+        strongest = np.take_along_axis(k.skin, k.weights.argmax(1)[:, None], 1)[:, 0]
+        mine = np.isin(strongest, list(moved))
+        rotations, origins = forward(k, local, np.broadcast_to(k.rest[0], (len(pitch), 3)))
+        low = skin(k, rotations, origins, mine)[..., 2].min(1)
+        return pitch, gaussian_filter1d(k.at("foot.L")[2] - low, 1.0, mode="nearest")
 
     def ball_at_rest(self, side: str) -> Array:
         """(3,) the ball of the foot at rest."""
@@ -98,7 +116,7 @@ class Solver:
         """Local rotations (T, bones, 3, 3) and root positions (T, 3)."""
         slow = script.every(STRIDE)
         shift = np.zeros((len(slow.time), 3))
-        for _ in range(4):
+        for _ in range(6):
             local, root = self.pose(slow, shift)
             _, at = forward(self.k, local, root)
             shift = shift + self._corrections(slow, local, root, at)
@@ -200,7 +218,9 @@ class Solver:
         ball = np.stack([c["bx" + side], c["by" + side], c["bz" + side] + self.ball_height], -1)
         over_ball = apply(heading, apply(roll, np.broadcast_to(-offset, ball.shape)))
         over_heel = apply(heading, heel - offset - apply(roll, np.broadcast_to(heel, ball.shape)))
-        return ball + np.where(pitch[:, None] > 0, over_ball, over_heel), heading @ roll
+        ankle = ball + np.where(pitch[:, None] > 0, over_ball, over_heel)
+        ankle[:, 2] = c["bz" + side] + np.interp(pitch, *self.ankle_heights)
+        return ankle, heading @ roll
 
     def _leg(self, script: Script, local: Array, root: Array, side: str, sign: float) -> None:
         c, k = script.channels, self.k
@@ -214,21 +234,30 @@ class Solver:
         weight = c["plant" + side][:, None]
         target, planted_foot = self._foot_target(script, side, sign)
         back = np.swapaxes(pelvis, -1, -2)
-        wanted = apply(back, target - root) - (hip - k.rest[0])
-        wanted = wanted * weight + free * (1 - weight)
+        turned = np.swapaxes(free_foot, -1, -2) @ planted_foot
+        foot_rotation = free_foot @ turn(log(turned) * weight)
+        place = root + apply(pelvis, free + (hip - k.rest[0]))
+        place = target * weight + place * (1 - weight)
+        place[:, 2] += (1 - weight[:, 0]) * (1 - c["ground"]) * self._clearance(foot_rotation, place[:, 2])
+        wanted = apply(back, place - root) - (hip - k.rest[0])
         outward = apply(back, planted_foot[..., 0] * 1.0)
         pole = weight * outward + (1 - weight) * thigh[..., 0]
         pole = pole + 0.6 * weight * thigh[..., 0]
         thigh, bend = two_bone(upper, lower, hinge, wanted, pole, (-6.0, 154.0))
-        turned = np.swapaxes(free_foot, -1, -2) @ planted_foot
-        foot_rotation = free_foot @ turn(_log(turned) * weight)
         shank = pelvis @ thigh @ rot(0, bend)
         local[:, self.i["upperleg01." + side]] = thigh
         local[:, self.i["lowerleg01." + side]] = rot(0, bend)
         local[:, self.i["foot." + side]] = np.swapaxes(shank, -1, -2) @ foot_rotation
-        flat = rot(0, -c["bpitch" + side].clip(0, 62) * c["plant" + side] * np.exp(-c["bz" + side].clip(0) / 0.03))
+        flat = rot(0, -c["bpitch" + side].clip(0, TOES) * c["plant" + side] * np.exp(-c["bz" + side].clip(0) / 0.03))
         for toe in self.toes[side]:
             local[:, toe] = flat
+
+    def _clearance(self, foot: Array, height: Array) -> Array:
+        """How much a free foot with these rotations must rise so as not to touch the floor, its ankle at `height`."""
+        toe_down = foot[:, 2, 1].clip(-1, 1)
+        least = np.interp(np.degrees(np.arcsin(toe_down)), *self.ankle_heights) + 0.07 * toe_down.clip(0)
+        least = least + 0.05 * np.abs(foot[:, 2, 0]) + 0.005
+        return np.asarray(0.5 * (least - height + np.sqrt((least - height) ** 2 + 0.015**2)))
 
     def _arm(self, script: Script, local: Array, root: Array, side: str, sign: float) -> None:
         c, k = script.channels, self.k
@@ -272,11 +301,3 @@ class Solver:
         place = place * weight + free * (1 - weight)
         return two_bone(upper, lower, hinge, place, apply(arm, np.broadcast_to(hinge, place.shape)),
                         (5 - bent, 150 - bent))  # fmt: skip
-
-
-def _log(r: Array) -> Array:
-    """Rotation vectors of rotations, (..., 3, 3) to (..., 3)."""
-    axis = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1) / 2
-    sine = np.linalg.norm(axis, axis=-1, keepdims=True)
-    angle = np.arctan2(sine, (np.trace(r, axis1=-2, axis2=-1)[..., None] - 1) / 2)
-    return np.asarray(axis * angle / (sine + 1e-9))

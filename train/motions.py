@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from muybridge.train import motion_floor, motion_kinds
 from muybridge.train.motion_kinds import Stage
-from muybridge.train.motion_rig import LIMITS, SIDES, Array, Skeleton, forward, joint_angles, rot
-from muybridge.train.motion_solve import Script, Solver, _log
+from muybridge.train.motion_rig import LIMITS, SIDES, Array, Skeleton, forward, joint_angles, log, rot, turn
+from muybridge.train.motion_solve import Script, Solver
 from muybridge.train.penetration import penetrates
 
 # Kinds of motion with their shares.
@@ -143,13 +143,11 @@ class MotionSampler:
         contacts = np.stack([script["contact" + s] > 0.5 for s, _ in SIDES], -1)
         for a, b in script.flights:
             contacts[a + 1 : b] = False
-        clip = MotionClip(_log(local), root, fps, kind, contacts, tuple(script.flights))
+        clip = MotionClip(log(local), root, fps, kind, contacts, tuple(script.flights))
         return clip, self.faults(clip, local)
 
     def faults(self, clip: MotionClip, local: Array | None = None) -> dict[str, float]:
         """Share of the frames that break each bar: limits, slide (5 mm), penetration, speed."""
-        from muybridge.train.motion_rig import turn
-
         local = turn(clip.rotvec) if local is None else local
         _, at = forward(self.skeleton, local, clip.root)
         out = {"limits": 0.0, "slide": 0.0, "penetration": 0.0, "speed": 0.0}
@@ -164,7 +162,7 @@ class MotionSampler:
         some = slice(None, None, max(1, round(clip.fps / 12)))
         height = np.full(len(at[some]), self.skeleton.height)
         out["penetration"] = float(penetrates(self.skeleton.bones, at[some], height).mean())
-        turned = _log(np.swapaxes(local[:-1], -1, -2) @ local[1:])
+        turned = log(np.swapaxes(local[:-1], -1, -2) @ local[1:])
         out["speed"] = float((np.degrees(np.linalg.norm(turned, axis=-1)) * clip.fps > FASTEST).any(1).mean())
         return out
 
@@ -181,12 +179,12 @@ class MotionSampler:
 
 
 def slides(ball: Array, contact: NDArray[np.bool_], allowed: float = 0.005) -> NDArray[np.bool_]:
-    """(T,) frames of a contact in which the ball of the foot, (T, 3), is off its median place by more than
-    `allowed` metres."""
+    """(T,) frames of a contact in which the ball of the foot, (T, 3), is off its median place on the floor by more
+    than `allowed` metres (it may rise: a foot rolls over its toes)."""
     out = np.zeros(len(ball), bool)
     edges = np.diff(np.concatenate([[0], contact.astype(int), [0]]))
     for a, b in zip(np.nonzero(edges == 1)[0], np.nonzero(edges == -1)[0], strict=True):
-        out[a:b] = np.linalg.norm(ball[a:b] - np.median(ball[a:b], 0), axis=1) > allowed
+        out[a:b] = np.linalg.norm(ball[a:b, :2] - np.median(ball[a:b, :2], 0), axis=1) > allowed
     return out
 
 
@@ -198,11 +196,9 @@ def _programme(kind: str) -> Callable[[Stage], None]:
 
 
 def _turned(clip: MotionClip, heading: float, at: Array) -> MotionClip:
-    from muybridge.train.motion_rig import turn
-
     r = rot(2, heading)
     rotvec = clip.rotvec.copy()
-    rotvec[:, 0] = _log(r @ turn(clip.rotvec[:, 0]))
+    rotvec[:, 0] = log(r @ turn(clip.rotvec[:, 0]))
     return replace(clip, rotvec=rotvec, root=clip.root @ r.T + at)
 
 
