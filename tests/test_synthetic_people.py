@@ -79,7 +79,7 @@ def test_view_projects_where_opengl_draws(body, renderer):
     for i in range(4):
         renderer.load(batch.vertices[i])
         center = batch.vertices[i, :BODY_VERTICES].mean(0).astype(float)
-        view = View(look_at(center + [2.5, -3.0, 0.8], center, 0.1), 300.0, (130.0, 118.0), 256, 240)
+        view = View(look_at(center + [2.5, -3.0, 0.8], center, 0.1), 270.0, (130.0, 118.0), 256, 240)
         shot = renderer.render(view, outfit, batch.landmarks[i])
         rows, columns = np.nonzero(shot.rgba[..., 3])
         drawn = np.array([columns.min(), rows.min(), columns.max(), rows.max()])

@@ -201,7 +201,7 @@ class BodyModel:
         with torch.inference_mode():
             shape = torch.from_numpy(phenotypes[None])
             out = self.model(pose_parameters=torch.from_numpy(rest), phenotype_kwargs=shape)
-        skin = out["rest_vertices"][0, :BODY_VERTICES].numpy().astype(np.float64)
+        skin = out["vertices"][0, :BODY_VERTICES].numpy().astype(np.float64)
         joints = out["bone_poses"][0, :, :3, 3].numpy().astype(np.float64)
         shift = np.array([joints[0, 0], joints[0, 1], skin[:, 2].min()])
         if self._spread is None:

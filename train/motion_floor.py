@@ -76,7 +76,7 @@ def _leap_style(g: Stage, leaps: list[tuple[float, float, float, float, float]])
 def kneel(g: Stage) -> None:
     """Down on one knee or both and up again, with gestures while there."""
     k, leg = g.solver.k, g.leg
-    back, both = 0.76 * leg, g.u(0, 1) < 0.5
+    back, both = (0.76 - 0.08 * g.calm) * leg, g.u(0, 1) < 0.5
     side = g.act
     rate = max(g.end / 9.0, 0.45)
     stay = [1.1 * rate, 2.4 * rate, g.end + 9] if g.u(0, 1) < 0.5 else [1.1 * rate, 2.4 * rate, 7.2 * rate]
@@ -99,8 +99,9 @@ def kneel(g: Stage) -> None:
     heels = two * g.wander(0, 1, 3.0)
     g.s["y"] = two * (y + back - 0.44 * leg + 0.17 * leg * heels)
     thigh = float(np.linalg.norm(k.at("upperleg01.L") - k.at("lowerleg01.L")))
-    low = (thigh + 0.07) / float(k.rest[0, 2])
+    low = (thigh + 0.03) / float(k.rest[0, 2])
     g.s["height"] = 0.965 - down * (0.965 - low) - 0.12 * heels
+    g.s["pitch"] = g.s["pitch"] + g.keys([t0 - 0.8 * rate, t0 - 0.1, t1, t2, t2 + 1.4], [0, 20, 4, 4, 20])
     g.s["lean"] = g.s["lean"] + 12 * down * (1 - down) * 4 + g.wander(-5, 30, 2.5) * down
     for s, _ in SIDES:
         if g.u(0, 1) < 0.7:

@@ -7,6 +7,7 @@ faces -y; lengths are in metres, times in seconds, angles in degrees. Lengths sc
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from muybridge.train.motion_rig import SIDES, Array
@@ -398,7 +399,7 @@ def run(g: Stage) -> None:
     g.s.flights += spans(air)
 
 
-def spans(mask: Array) -> list[tuple[int, int]]:
+def spans(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """First and last frames about the runs of true, the frames of contact on either side included."""
     edges = np.diff(np.concatenate([[0], mask.astype(int), [0]]))
     out = []

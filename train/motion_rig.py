@@ -56,7 +56,7 @@ class Skeleton:
 
     def at(self, bone: str) -> Array:
         """(3,) origin of a bone at rest."""
-        return self.rest[self.bones.index(bone)]
+        return np.asarray(self.rest[self.bones.index(bone)])
 
     @property
     def height(self) -> float:
@@ -87,7 +87,7 @@ def turn(vectors: Array) -> Array:
     k = np.zeros((*vectors.shape[:-1], 3, 3))
     k[..., 0, 1], k[..., 0, 2], k[..., 1, 2] = -vectors[..., 2], vectors[..., 1], -vectors[..., 0]
     k -= np.swapaxes(k, -1, -2)
-    return np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(angle / 2 / np.pi) ** 2 * (k @ k)
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(angle / 2 / np.pi) ** 2 * (k @ k))
 
 
 def log(r: Array) -> Array:

@@ -110,7 +110,7 @@ class Solver:
 
     def ball_at_rest(self, side: str) -> Array:
         """(3,) the ball of the foot at rest."""
-        return self.k.at("foot." + side) + self.ball_offset * ([1, 1, 1] if side == "L" else [-1, 1, 1])
+        return np.asarray(self.k.at("foot." + side) + self.ball_offset * ([1, 1, 1] if side == "L" else [-1, 1, 1]))
 
     def solve(self, script: Script) -> tuple[Array, Array]:
         """Local rotations (T, bones, 3, 3) and root positions (T, 3)."""
@@ -127,6 +127,8 @@ class Solver:
         else:
             shift = np.repeat(shift, STRIDE, 0)[: len(script.time)]
         local, root = self.pose(script, shift)
+        if script["ground"].any():
+            root = root + self._onto_the_floor(script, local, root)
         if script.flights:
             root = root + self._ballistics(script, local, root)
         return local, root
@@ -144,6 +146,15 @@ class Solver:
         rotations, _ = forward(self.k, local, root)
         low = skin(self.k, rotations, at)[..., 2].min(1)
         out[:, 2] = -low * script["ground"] + (1 - script["ground"]) * np.maximum(-low - 0.004, 0) * 0.7
+        return out
+
+    def _onto_the_floor(self, script: Script, local: Array, root: Array) -> Array:
+        """Shift of the root that puts the lowest point on the floor where `ground` says so, and nowhere below it."""
+        rotations, at = forward(self.k, local[::2], root[::2])
+        low = np.interp(script.time, script.time[::2], skin(self.k, rotations, at)[..., 2].min(1))
+        out = np.zeros_like(root)
+        low = np.where(low < 0, low, low * (1 - (1 - script["ground"]) ** 3))
+        out[:, 2] = -gaussian_filter1d(low, 1.2, mode="nearest")
         return out
 
     def _load(self, script: Script) -> Array:
@@ -187,7 +198,7 @@ class Solver:
         root = np.stack([c["x"], c["y"], c["height"] * self.k.rest[0, 2]], -1) + shift
         root[:, 2] = self._within_reach(script, local[:, 0], root)
         for side, sign in SIDES:
-            self._leg(script, local, root, side, sign)
+            self._leg_within_limits(script, local, root, side, sign)
             self._arm(script, local, root, side, sign)
         return local, root
 
@@ -208,10 +219,11 @@ class Solver:
             height = height - excess * np.clip(on * 2, 0, 1) ** 2 * (script["plant" + side] > 0.5)
         return height
 
-    def _foot_target(self, script: Script, side: str, sign: float) -> tuple[Array, Array]:
-        """Ankle positions and foot rotations of the plan: the foot rolls over its ball, or over its heel."""
+    def _foot_target(self, script: Script, side: str, sign: float, rise: Array | float = 0.0) -> tuple[Array, Array]:
+        """Ankle positions and foot rotations of the plan, the heel `rise` degrees higher: the foot rolls over its
+        ball, or over its heel."""
         c = script.channels
-        pitch = c["bpitch" + side]
+        pitch = c["bpitch" + side] + rise
         flip = np.array([sign, 1.0, 1.0])
         offset, heel = self.ball_offset * flip, self.heel * flip
         heading, roll = rot(2, c["byaw" + side]), rot(0, pitch)
@@ -222,7 +234,18 @@ class Solver:
         ankle[:, 2] = c["bz" + side] + np.interp(pitch, *self.ankle_heights)
         return ankle, heading @ roll
 
-    def _leg(self, script: Script, local: Array, root: Array, side: str, sign: float) -> None:
+    def _leg_within_limits(self, script: Script, local: Array, root: Array, side: str, sign: float) -> None:
+        """The leg; where its ankle would bend up too far, the heel leaves the floor."""
+        rise = np.zeros(len(root))
+        for _ in range(4):
+            self._leg(script, local, root, side, sign, rise)
+            foot = local[:, self.i["foot." + side]]
+            excess = (-np.degrees(np.arctan2(foot[:, 2, 1], foot[:, 1, 1])) - 34).clip(0)
+            if excess.max() < 1:
+                break
+            rise = rise + excess**2 / (excess + 4) * script["plant" + side]
+
+    def _leg(self, script: Script, local: Array, root: Array, side: str, sign: float, rise: Array) -> None:
         c, k = script.channels, self.k
         hip, knee, foot = k.at("upperleg01." + side), k.at("lowerleg01." + side), k.at("foot." + side)
         upper, lower, hinge, pelvis = knee - hip, foot - knee, np.array([1.0, 0, 0]), local[:, 0]
@@ -232,7 +255,7 @@ class Solver:
         free = apply(thigh, upper + apply(rot(0, bend), np.broadcast_to(lower, root.shape)))
         free_foot = pelvis @ thigh @ rot(0, bend) @ rot(0, limit(c["ankle" + side], -28, 55))
         weight = c["plant" + side][:, None]
-        target, planted_foot = self._foot_target(script, side, sign)
+        target, planted_foot = self._foot_target(script, side, sign, rise)
         back = np.swapaxes(pelvis, -1, -2)
         turned = np.swapaxes(free_foot, -1, -2) @ planted_foot
         foot_rotation = free_foot @ turn(log(turned) * weight)
@@ -248,7 +271,8 @@ class Solver:
         local[:, self.i["upperleg01." + side]] = thigh
         local[:, self.i["lowerleg01." + side]] = rot(0, bend)
         local[:, self.i["foot." + side]] = np.swapaxes(shank, -1, -2) @ foot_rotation
-        flat = rot(0, -c["bpitch" + side].clip(0, TOES) * c["plant" + side] * np.exp(-c["bz" + side].clip(0) / 0.03))
+        on_floor = c["plant" + side] * np.exp(-c["bz" + side].clip(0) / 0.03)
+        flat = rot(0, -(c["bpitch" + side] + rise).clip(0, TOES) * on_floor)
         for toe in self.toes[side]:
             local[:, toe] = flat
 

@@ -5,6 +5,7 @@ A clip comes from a programme (`motion_kinds`, `motion_floor`) that writes a scr
 limits, sliding feet, self-penetration, speed) is drawn again, calmer.
 """
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -88,10 +89,19 @@ class MotionSampler:
         return self._place(self._best(kind, np.arange(count) / fps, fps, programme))
 
     def sample_pair(self, seconds: float, fps: float) -> tuple[MotionClip, MotionClip]:
-        """Two people close together in one world: hand to hand, pushing, side by side or one before the other."""
+        """Two people close together in one world: hand in hand, hands on hands, or talking, before or beside one
+        another. Where they run into one another they are drawn again, farther apart."""
         time = np.arange(round(seconds * fps)) / fps
+        gap = float(self.rng.uniform(0.55, 0.9))
+        for attempt in range(TRIES):
+            one, two = self._pair(time, fps, gap + 0.07 * attempt)
+            if not self._collide(one, two):
+                break
+        heading, at = float(self.rng.uniform(-180, 180)), np.append(self.rng.uniform(-1, 1, 2), 0)
+        return _turned(one, heading, at), _turned(two, heading, at)
+
+    def _pair(self, time: Array, fps: float, gap: float) -> tuple[MotionClip, MotionClip]:
         rng = self.rng
-        gap = float(rng.uniform(0.55, 0.95))
         high, k = 0.72 * self.skeleton.height, 2 * np.pi * time
         meet = np.stack([0.04 + 0.05 * np.sin(k * rng.uniform(0.2, 0.6)), np.full(len(time), -gap / 2 + 0.03),
                          high * rng.uniform(0.8, 1.05) + 0.06 * np.sin(k * rng.uniform(0.3, 1.2))], -1)  # fmt: skip
@@ -101,19 +111,33 @@ class MotionSampler:
         clips = []
         for person in range(2):
             # The other's right hand meets at the same place, which lies to its left when it faces us.
-            place = meet if person == 0 else meet * [1, 1, 1] + [-2 * float(meet[0, 0]) * (style == 0), 0, 0]
-            clips.append(self._best("pair", time, fps, lambda g, p=place: motion_floor.partner(g, p, hands, gap)))
-        facing = 180.0 if style < 2 else float(rng.choice([0, 90, 180, -90]))
-        moved = np.array([0.0, -gap, 0.0]) if style < 2 else np.array([0.62, rng.uniform(-0.2, 0.2), 0.0])
-        second = _turned(clips[1], facing, moved)
-        heading, at = float(rng.uniform(-180, 180)), np.append(rng.uniform(-1, 1, 2), 0)
-        return _turned(clips[0], heading, at), _turned(second, heading, at)
+            place = meet if person == 0 else meet + [-2 * float(meet[0, 0]) * (style == 0), 0, 0]
+            act = functools.partial(motion_floor.partner, meet=place, hands=hands, gap=gap)
+            clips.append(self._best("pair", time, fps, act))
+        if style < 2:
+            return clips[0], _turned(clips[1], 180.0, np.array([0.0, -gap, 0.0]))
+        facing, moved = float(rng.choice([0, 90, 180, -90])), np.array([gap + 0.05, rng.uniform(-0.2, 0.2), 0.0])
+        return clips[0], _turned(clips[1], facing, moved)
+
+    def _collide(self, one: MotionClip, two: MotionClip) -> bool:
+        """Whether heads and trunks come within 0.3 m of one another, or a wrist within 0.13 m of the other's."""
+        some = slice(None, None, max(1, round(one.fps / 10)))
+        at = [forward(self.skeleton, turn(c.rotvec[some]), c.root[some])[1] for c in (one, two)]
+        core = [a[:, [self.skeleton.index(b) for b in ("root", "spine03", "spine01", "neck01", "head")]] for a in at]
+        wrists = [a[:, [self.skeleton.index("wrist." + s) for s, _ in SIDES]] for a in at]
+
+        def nearest(a: Array, b: Array) -> float:
+            return float(np.linalg.norm(a[:, :, None] - b[:, None], axis=-1).min())
+
+        return nearest(*core) < 0.3 or nearest(wrists[0], core[1]) < 0.15 or nearest(wrists[1], core[0]) < 0.15
 
     def sample_poses(self, n: int, kinds: Sequence[str] | None = None) -> PoseSamples:
         """`n` single frames, well apart: clips of 8 s at 15 frames a second, twelve frames from each."""
         names = [m for m in MOTIONS if kinds is None or m in kinds]
         share = np.array([MOTIONS[m] for m in names])
-        rotvec, velocity, kind = [], [], []
+        rotvec: list[Array] = []
+        velocity: list[Array] = []
+        kind: list[int] = []
         while len(kind) < n:
             name = str(self.rng.choice(names, p=share / share.sum()))
             clip = self.sample(8.0, 15.0, name)

@@ -39,4 +39,4 @@ def _segment_distance(p1: F32, q1: F32, p2: F32, q2: F32) -> F32:
     t = np.linspace(0, 1, 8, dtype=np.float32)[:, None]
     a = p1[:, None] + (q1 - p1)[:, None] * t
     b = p2[:, None] + (q2 - p2)[:, None] * t
-    return np.linalg.norm(a[:, :, None] - b[:, None], axis=-1).min((1, 2)).astype(np.float32)
+    return np.asarray(np.linalg.norm(a[:, :, None] - b[:, None], axis=-1).min((1, 2)), np.float32)
