@@ -60,7 +60,7 @@ class KeypointNet(nn.Module):
     """Landmark heatmaps and visibility from RGB crops.
 
     Args:
-        landmarks: number of landmarks J.
+        landmarks: number of landmarks J: those of the body first, then those of its surface (virtual markers).
         widths: channels at 1/4, 1/8, 1/16 and 1/32 of the input's resolution.
         depths: residual blocks on the way down at each of these.
     """

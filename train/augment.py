@@ -12,12 +12,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.train.camera_faults import CameraFaults, outside_of_video
 from muybridge.train.renders import RenderSet
 
 FACE = tuple(BODY23.index(n) for n in ("nose", "left_eye", "right_eye", "left_ear", "right_ear"))
-MIRROR = np.array(BODY23.mirror)
+MIRROR = np.array([*BODY23.mirror, *(len(BODY23) + i for i in SURFACE.mirror)])
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,14 @@ class AugmentOptions:
 
 @dataclass(frozen=True)
 class Batch:
-    """Training images: `image` (B, 3, S, S) uint8 RGB, `landmarks_px` (B, 23, 2), `visible` (B, 23) bool."""
+    """Training images: `image` (B, 3, S, S) uint8 RGB, `landmarks_px` (B, 23, 2), `visible` (B, 23) bool; the same
+    of the body's surface, `markers_px` (B, M, 2) and `markers_visible` (B, M), NaN where a render has none."""
 
     image: Tensor
     landmarks_px: Tensor
     visible: Tensor
+    markers_px: Tensor
+    markers_visible: Tensor
 
 
 class Compositor:
@@ -93,7 +96,9 @@ class Compositor:
         inside = ((landmarks >= 0) & (landmarks <= self.size - 1)).all(-1)
         pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8)
         pixels = self.faults.compress(pixels)
-        return Batch(pixels, torch.from_numpy(landmarks), torch.from_numpy(visible & inside))
+        at, seen = torch.from_numpy(landmarks), torch.from_numpy(visible & inside)
+        body = len(BODY23)
+        return Batch(pixels, at[:, :body], seen[:, :body], at[:, body:], seen[:, body:])
 
     def _column(self, values: NDArray[np.floating]) -> Tensor:
         return torch.from_numpy(np.asarray(values, np.float32)).view(-1, 1, 1, 1)
@@ -125,16 +130,16 @@ class Compositor:
     def _warp(
         self, index: NDArray[np.intp], matrix: NDArray[np.float32], flip: NDArray[np.bool_]
     ) -> tuple[Tensor, NDArray[np.float32], NDArray[np.bool_]]:
-        """Renders in the crop (B, 5, S, S) in 0..1, landmarks, visibility. Renders are black outside of the
-        person, so their colours are premultiplied by alpha as they stand."""
+        """Renders in the crop (B, 5, S, S) in 0..1; landmarks of body and surface, and their visibility. Renders are
+        black outside of the person, so their colours are premultiplied by alpha as they stand."""
         size = self.size
         warped = np.empty((len(index), 5, size, size), np.uint8)
         for k, i in enumerate(index):
             for plane, out in zip(self.renders.pixels_of(i), warped[k], strict=True):
                 cv2.warpAffine(plane, matrix[k], (size, size), dst=out, flags=cv2.INTER_LINEAR)
-        landmarks = self.renders.landmarks_px[index]
+        landmarks = np.concatenate([self.renders.landmarks_px[index], self.renders.markers_px[index]], 1)
         landmarks = np.einsum("nij,nkj->nki", matrix[:, :, :2], landmarks) + matrix[:, None, :, 2]
-        visible = self.renders.visible[index].copy()
+        visible = np.concatenate([self.renders.visible[index], self.renders.markers_visible[index]], 1)
         landmarks[flip], visible[flip] = landmarks[flip][:, MIRROR], visible[flip][:, MIRROR]
         return torch.from_numpy(warped).float() / 255, landmarks.astype(np.float32), visible
 
@@ -153,7 +158,7 @@ class Compositor:
         return torch.from_numpy(out).float() / 255
 
     def _alpha_at(self, alpha: NDArray[np.float32], landmarks: NDArray[np.float32]) -> NDArray[np.float32]:
-        at = np.round(landmarks).astype(int).clip(0, self.size - 1)
+        at = np.round(np.nan_to_num(landmarks)).astype(int).clip(0, self.size - 1)
         return alpha[np.arange(len(alpha))[:, None], at[..., 1], at[..., 0]]
 
     def _second_person(self, image: Tensor, other: NDArray[np.bool_], in_front: NDArray[np.bool_]) -> Tensor:

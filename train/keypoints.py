@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps
 from muybridge.models.keypoint_net import STRIDE, KeypointNet
 from muybridge.train import loop
@@ -21,6 +21,8 @@ from muybridge.train.options import KeypointTraining
 from muybridge.train.renders import RenderSet, load_renders
 
 MIRROR = list(BODY23.mirror)
+# Of the virtual markers' loss beside the body landmarks'.
+SURFACE_WEIGHT = 0.5
 
 
 @dataclass(frozen=True)
@@ -36,44 +38,51 @@ class _Crops:
 
         def following() -> loop.Batch:
             batch = compositor.batch(self.count)
-            return batch.image, batch.landmarks_px, batch.visible
+            landmarks = torch.cat([batch.landmarks_px, batch.markers_px], 1)
+            return batch.image, landmarks, torch.cat([batch.visible, batch.markers_visible], 1)
 
         return following
 
 
 def heatmap_loss(logits: Tensor, landmarks_px: Tensor, sigma: float = 0.8) -> Tensor:
-    """Cross-entropy (B, J) of heatmap logits (B, J, h, w) against Gaussians of `sigma` cells; NaN-free, zero for
-    landmarks outside of the crop."""
+    """Cross-entropy (B, J) of heatmap logits (B, J, h, w) against Gaussians of `sigma` cells; zero for landmarks
+    that are unknown (NaN) or outside of the crop."""
     h, w = logits.shape[-2:]
     cell = (landmarks_px - (STRIDE - 1) / 2) / STRIDE
+    inside = ((cell > -0.5) & (cell < torch.tensor([w - 0.5, h - 0.5], device=cell.device))).all(-1)
+    cell = cell.nan_to_num()
     x = torch.exp(-((torch.arange(w, device=cell.device) - cell[..., :1]) ** 2) / (2 * sigma**2))
     y = torch.exp(-((torch.arange(h, device=cell.device) - cell[..., 1:]) ** 2) / (2 * sigma**2))
-    inside = ((cell > -0.5) & (cell < torch.tensor([w - 0.5, h - 0.5], device=cell.device))).all(-1)
     x, y = x / (x.sum(-1, keepdim=True) + 1e-9), y / (y.sum(-1, keepdim=True) + 1e-9)
-    log_p = torch.log_softmax(logits.float().flatten(2), -1).view_as(logits)
-    expected = torch.einsum("bjyx,bjx,bjy->bj", log_p, x, y)
+    # sum p log q = sum p z - log sum exp z: no map of probabilities is kept for the backward pass.
+    expected = torch.einsum("bjyx,bjx,bjy->bj", logits.float(), x, y)
+    expected = expected - torch.logsumexp(logits.float().flatten(2), -1) * x.sum(-1) * y.sum(-1)
     return torch.where(inside, -expected, torch.zeros_like(expected))
 
 
 def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
-    """Total loss, and the mean cross-entropy of the visible landmarks for the log."""
+    """Total loss, and the mean cross-entropy of the visible landmarks of the body for the log."""
     image, landmarks_px, visible = batch
     with torch.autocast(image.device.type, dtype=torch.bfloat16):
         heatmaps, visibility = net(image.float().div(255).contiguous(memory_format=torch.channels_last))
     each = heatmap_loss(heatmaps, landmarks_px)
-    seen = visible.float()
+    seen, known = visible.float(), landmarks_px.isfinite().all(-1).float()
     # Hidden landmarks count too, less: the network shall guess them and know that it guesses.
     weight = 0.35 + 0.65 * seen
-    see = torch.nn.functional.binary_cross_entropy_with_logits(visibility.float(), seen)
-    return (each * weight).mean() + 0.2 * see, (each * seen).sum().detach() / seen.sum()
+    see = torch.nn.functional.binary_cross_entropy_with_logits(visibility.float(), seen, known)
+    body = len(BODY23)
+    total = (each * weight)[:, :body].mean() + 0.2 * see
+    if each.shape[1] > body:
+        total = total + SURFACE_WEIGHT * (each * weight)[:, body:].mean()
+    return total, (each * seen)[:, :body].sum().detach() / seen[:, :body].sum()
 
 
 @torch.no_grad()
 def predict(net: nn.Module, image: Tensor) -> Tensor:
-    """(B, J, 2) crop pixels of landmarks, decoded as in use."""
+    """(B, 23, 2) crop pixels of the body's landmarks, decoded as in use."""
     with torch.autocast(image.device.type, dtype=torch.bfloat16):
         heatmaps, _ = net(image.float().div(255).contiguous(memory_format=torch.channels_last))
-    decoded = decode_heatmaps(heatmaps.float().cpu().numpy(), STRIDE, SpreadCalibration())
+    decoded = decode_heatmaps(heatmaps[:, : len(BODY23)].float().cpu().numpy(), STRIDE, SpreadCalibration())
     return torch.from_numpy(decoded.points_crop_px).float()
 
 
@@ -111,7 +120,7 @@ def train(options: KeypointTraining) -> pathlib.Path:
     """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
     pool = loop.prepare(options)
     validation = held_out_batches(options.renders, pool, options.size)
-    fit = loop.Fit(options, KeypointNet(len(BODY23)), lambda net: evaluate(net, validation))
+    fit = loop.Fit(options, KeypointNet(len(BODY23) + len(SURFACE)), lambda net: evaluate(net, validation))
     crops = _Crops(pool, options.size, options.batch)
     fit.run(loop.batches(options, crops, fit.state["step"]), loss_of)
     return fit.checkpoint
