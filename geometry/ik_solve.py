@@ -7,12 +7,15 @@ angle at its limit whose gradient points outwards is held there for the step, th
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, solveh_banded
 
-from muybridge.geometry.rotations import exp_so3, left_jacobian_so3, log_so3
+from muybridge.geometry.ik_band import assemble, hold, total_cost
+from muybridge.geometry.ik_kernel import Chain, landmarks_of, make_chain, open_angles
+from muybridge.geometry.rotations import exp_so3, left_jacobian_so3
 from muybridge.geometry.skeleton import Skeleton
 
 Array = NDArray[np.float64]
@@ -68,26 +71,17 @@ class Problem:
     @property
     def open_angles(self) -> NDArray[np.intp]:
         """(K,) indices into the flattened (J, 3) of what may move, the root's left out."""
-        moves = self.skeleton.upper - self.skeleton.lower > 1e-9
-        moves[0] = False
-        return np.flatnonzero(moves.ravel())
+        return open_angles(self.skeleton)
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The same for the compiled kernels."""
+        return make_chain(self.skeleton, self.landmark_joints, self.landmark_offsets, self.rest, self.prior)
 
 
 def landmark_positions(problem: Problem, pose: Pose) -> Array:
     """(T, L, 3) metres: where the landmarks of a pose are."""
-    turns, places = _forward(problem, pose)
-    return _carried(problem, turns, places)
-
-
-def _forward(problem: Problem, pose: Pose) -> tuple[Array, Array]:
-    rotations = problem.skeleton.rotations_from_angles(pose.angles)
-    rotations[:, 0] = pose.turn
-    return problem.skeleton.forward(pose.root, rotations)
-
-
-def _carried(problem: Problem, turns: Array, places: Array) -> Array:
-    j = problem.landmark_joints
-    return np.asarray(places[:, j] + (turns[:, j] @ problem.landmark_offsets[..., None])[..., 0])
+    return np.asarray(landmarks_of(problem.chain, *_state(pose)))
 
 
 def jacobian(problem: Problem, pose: Pose) -> tuple[Array, Array]:
@@ -95,8 +89,10 @@ def jacobian(problem: Problem, pose: Pose) -> tuple[Array, Array]:
     angles.
     """
     skeleton, open_angles = problem.skeleton, problem.open_angles
-    turns, places = _forward(problem, pose)
-    points = _carried(problem, turns, places)
+    rotations = skeleton.rotations_from_angles(pose.angles)
+    rotations[:, 0] = pose.turn
+    turns, places = skeleton.forward(pose.root, rotations)
+    points = landmark_positions(problem, pose)
     joint, axis = np.divmod(open_angles, 3)
     axes_world = _axes_world(skeleton, pose, turns)[:, joint, :, axis].transpose(1, 0, 2)
     moved = skeleton.is_ancestor[joint][:, problem.landmark_joints].T
@@ -128,53 +124,17 @@ def _axes_world(skeleton: Skeleton, pose: Pose, turns: Array) -> Array:
 
 def cost(problem: Problem, pose: Pose) -> float:
     """Half the weighted sum of squares of everything."""
-    error = landmark_positions(problem, pose) - problem.targets
-    total = np.einsum("tli,tlij,tlj->", error, problem.information, error, optimize=True)
-    open_angles = problem.open_angles
-    off = (pose.angles - problem.rest).reshape(len(pose), -1)[:, open_angles]
-    total += np.sum(off**2 * problem.prior.ravel()[open_angles])
-    first, second = _differences(problem, pose)
-    chosen = np.r_[np.arange(6), 6 + open_angles]
-    total += np.sum(first**2 * problem.velocity[chosen]) + np.sum(second**2 * problem.acceleration[chosen])
-    return float(0.5 * total)
+    return float(total_cost(problem.chain, *_state(pose), *_data(problem)))
 
 
-def _differences(problem: Problem, pose: Pose) -> tuple[Array, Array]:
-    """First (T - 1, 6 + K) and second (T - 2, 6 + K) differences of the state."""
-    turn = log_so3(pose.turn[1:] @ np.swapaxes(pose.turn[:-1], -1, -2)) if len(pose) > 1 else np.empty((0, 3))
-    angles = pose.angles.reshape(len(pose), -1)[:, problem.open_angles]
-    first = np.concatenate([np.diff(pose.root, axis=0), turn, np.diff(angles, axis=0)], axis=1)
-    return first, np.diff(first, axis=0)
+def _state(pose: Pose) -> tuple[Array, Array, Array]:
+    return np.ascontiguousarray(pose.root), np.ascontiguousarray(pose.turn), np.ascontiguousarray(pose.angles)
 
 
-def _normal_equations(problem: Problem, pose: Pose) -> tuple[Array, Array]:
-    """Gradient (T, N) and banded Gauss-Newton matrix (2 N + 1, T N), lower form."""
-    points, jac = jacobian(problem, pose)
-    t_count, n = len(pose), jac.shape[-1]
-    weighted = problem.information @ jac
-    error = points - problem.targets
-    blocks = np.swapaxes(jac.reshape(t_count, -1, n), 1, 2) @ weighted.reshape(t_count, -1, n)
-    gradient = np.einsum("tlin,tli->tn", weighted, error, optimize=True)
-    open_angles = problem.open_angles
-    prior = problem.prior.ravel()[open_angles]
-    gradient[:, 6:] += (pose.angles - problem.rest).reshape(t_count, -1)[:, open_angles] * prior
-    diagonal = np.zeros((t_count, n))
-    diagonal[:, 6:] += prior
-    chosen = np.r_[np.arange(6), 6 + open_angles]
-    velocity, acceleration = problem.velocity[chosen], problem.acceleration[chosen]
-    first, second = _differences(problem, pose)
-    band = np.zeros((2 * n + 1, t_count, n))
-    for weight, values, stencil in ((velocity, first, (-1, 1)), (acceleration, second, (1, -2, 1))):
-        rows = len(values)
-        for i, a in enumerate(stencil):
-            gradient[i : i + rows] += a * weight * values
-            diagonal[i : i + rows] += a * a * weight
-            for k, b in enumerate(stencil[i + 1 :], start=1):
-                band[k * n, i : i + rows] += a * b * weight
-    blocks[:, np.arange(n), np.arange(n)] += diagonal
-    for k in range(n):
-        band[k, :, : n - k] = np.diagonal(blocks, -k, axis1=1, axis2=2)
-    return gradient, band.reshape(2 * n + 1, t_count * n)
+def _data(problem: Problem) -> tuple[Array, Array, Array, Array]:
+    chosen = np.r_[np.arange(6), 6 + problem.open_angles]
+    targets, information = np.ascontiguousarray(problem.targets), np.ascontiguousarray(problem.information)
+    return targets, information, problem.velocity[chosen], problem.acceleration[chosen]
 
 
 def _held(problem: Problem, pose: Pose, gradient: Array, fixed_frames: int) -> NDArray[np.bool_]:
@@ -191,14 +151,8 @@ def _held(problem: Problem, pose: Pose, gradient: Array, fixed_frames: int) -> N
 
 def _step(band: Array, gradient: Array, held: NDArray[np.bool_], damping: float) -> Array:
     """Solve for the damped step (T, N), zero where held."""
-    free = (~held).ravel().astype(np.float64)
-    matrix = band.copy()
-    for k in np.flatnonzero(np.any(band != 0, axis=1)):
-        matrix[k, : len(free) - k] *= free[k:] * free[: len(free) - k]
-    matrix[0] = np.where(free > 0, matrix[0] * (1 + damping) + 1e-9, 1.0)
-    step = solveh_banded(
-        matrix, -gradient.ravel() * free, lower=True, overwrite_ab=True, overwrite_b=True, check_finite=False
-    )
+    matrix, right = hold(band, gradient, held, damping)
+    step = solveh_banded(matrix.T, right, lower=True, overwrite_ab=True, overwrite_b=True, check_finite=False)
     return np.asarray(step.reshape(gradient.shape))
 
 
@@ -226,7 +180,7 @@ def solve(problem: Problem, pose: Pose, steps: int, fixed_frames: int = 0, dampi
     """
     value = cost(problem, pose)
     for _ in range(steps):
-        gradient, band = _normal_equations(problem, pose)
+        band, gradient = assemble(problem.chain, *_state(pose), *_data(problem))
         held = _held(problem, pose, gradient, fixed_frames)
         before = value
         for _ in range(6):
