@@ -7,7 +7,6 @@ the right size: (x, y, z)_bvh = (x_world, z_world, -y_world). At rest the figure
 BVH says neither unit nor axes, so reading keeps lengths unless a scale is given, and takes Y for up.
 """
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.rotations import continuous_quat
 from muybridge.geometry.skeleton import Motion, Skeleton
+from muybridge.motion.formats.euler import smooth_euler
 
 Array = NDArray[np.float64]
 
@@ -44,32 +44,12 @@ def write_bvh(path: Path, motion: Motion) -> None:
     xyzw = np.roll(motion.quat_wxyz[:, order], -1, axis=-1)
     xyzw[..., :3] = xyzw[..., :3] @ BVH_FROM_WORLD.T
     t_count = len(motion)
-    degrees = np.degrees(_smooth_euler(xyzw)).reshape(t_count, -1)
+    degrees = np.degrees(smooth_euler(xyzw, "ZXY")).reshape(t_count, -1)
     root = motion.root_positions_world @ BVH_FROM_WORLD.T
     lines += ["MOTION", f"Frames: {t_count}", f"Frame Time: {1 / motion.fps:.9f}"]
     lines += [" ".join(f"{v:.6f}" for v in row) for row in np.concatenate([root, degrees], axis=1)]
     with replacing(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="ascii", newline="\n")
-
-
-def _smooth_euler(quat_xyzw: Array) -> Array:
-    """(T, J, 4) -> (T, J, 3) radians about Z, X, Y, multiplied in this order, without needless jumps.
-
-    Every rotation has two sets of angles, each up to full turns; the one nearest to the frame before is
-    taken, so that what an animation program puts between two frames is between them.
-    """
-    t_count, j_count = quat_xyzw.shape[:2]
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Gimbal lock")  # the angles are right all the same
-        euler = Rotation.from_quat(quat_xyzw.reshape(-1, 4)).as_euler("ZXY").reshape(t_count, j_count, 3)
-    for t in range(1, t_count):
-        one = euler[t]
-        other = np.stack([one[:, 0] + np.pi, np.pi - one[:, 1], one[:, 2] + np.pi], axis=1)
-        ways = np.stack([one, other])
-        ways -= 2 * np.pi * np.round((ways - euler[t - 1]) / (2 * np.pi))
-        nearer = np.argmin(np.sum((ways - euler[t - 1]) ** 2, axis=-1), axis=0)
-        euler[t] = ways[nearer, np.arange(j_count)]
-    return np.asarray(euler)
 
 
 def _write_joint(skeleton: Skeleton, j: int, depth: int, lines: list[str], order: list[int]) -> None:
