@@ -1,0 +1,522 @@
+"""Which camera of a rig is the culprit: turned or moved, out of step, of a wrong focal length, or of a wrong file.
+
+Each explanation is one change to one camera (or an exchange of two cameras' files). The change is fitted to what
+the other cameras know (leave-one-out points) in one part of the frames; then the whole rig is triangulated again
+with it in the other part. An explanation is worth the gain in the take's robust likelihood over those held-out
+frames, less a penalty for its parameters (Schwarz, "Estimating the dimension of a model", 1978), counted in
+independent observations: errors of 2D networks persist from frame to frame. Comparing the whole rig, not the
+camera's own residual, tells a wrong camera from those that it draws away: only the right change makes all agree.
+The best explanation is applied, and the search goes on from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.calibration.culprits_fit import (
+    Correction,
+    alike,
+    fit_camera,
+    fit_shift,
+    student_cost,
+    student_scale,
+)
+from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.clocks import resample
+from muybridge.geometry.triangulation import TriangulateOptions, take_noise, triangulate
+
+Floats = NDArray[np.float64]
+Kind = Literal["turned", "moved", "focal", "shifted", "swapped", "unrelated"]
+KINDS: tuple[Kind, ...] = ("turned", "moved", "focal", "shifted", "swapped")
+
+_PARAMETERS = {"turned": 3, "moved": 6, "focal": 1, "shifted": 1, "swapped": 1}
+_FREE = {
+    "turned": np.array([1, 1, 1, 0, 0, 0, 0], dtype=bool),
+    "moved": np.array([1, 1, 1, 1, 1, 1, 0], dtype=bool),
+    "focal": np.array([0, 0, 0, 0, 0, 0, 1], dtype=bool),
+}
+_BLOCKS = 6  # of frames, fitted and held out in turn
+_FEWEST_FRAMES = 8
+
+
+@dataclass(frozen=True)
+class CulpritOptions:
+    """What is called a fault.
+
+    Attributes:
+        max_frames: as many frames, evenly spread, take part at most.
+        max_shift: shifts of up to this many frames are tried.
+        max_faults: at most so many are named.
+        min_evidence: log-likelihood (nats) that an explanation must gain.
+        min_effect: by how much a fault must displace the camera's 2D points, in standard deviations of their noise.
+        min_turn_deg, min_move, min_shift, min_focal: what is smaller is no fault (degrees, metres, frames, share).
+        unrelated: error against the other cameras, as a share of the image's longer side, from which a video that
+            nothing puts right is taken to show something else.
+    """
+
+    max_frames: int = 120
+    max_shift: int = 30
+    max_faults: int = 3
+    min_evidence: float = 8.0
+    min_effect: float = 0.6
+    min_turn_deg: float = 0.2
+    min_move: float = 0.02
+    min_shift: float = 0.6
+    min_focal: float = 0.008
+    unrelated: float = 0.04
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong.
+
+    Attributes:
+        kind: what.
+        cameras: the camera's name, or both names of exchanged files.
+        amount: degrees, metres, frames (positive: the video is late), or share; 0 where it has none.
+        turn_deg: of a camera that was turned or moved, degrees.
+        effect_px: median displacement of the camera's 2D points by it.
+        evidence: log-likelihood gained over the rig without this correction, nats.
+        also: other kinds that explain it about as well.
+        rivals: other cameras that could be it instead.
+        sentence: all of this.
+    """
+
+    kind: Kind
+    cameras: tuple[str, ...]
+    amount: float
+    turn_deg: float
+    effect_px: float
+    evidence: float
+    also: tuple[Kind, ...]
+    rivals: tuple[str, ...]
+    sentence: str
+
+
+@dataclass(frozen=True)
+class CulpritReport:
+    """What was found.
+
+    Attributes:
+        names: (C,) the cameras.
+        faults: from the first found (the gravest) on; empty for a healthy rig.
+        probability: (C,) how likely each camera is a culprit, 0..1.
+        evidence: (C, len(KINDS)) log-likelihood by which each explanation betters the rig as it is, at least 0.
+        order: (C,) cameras by falling evidence.
+        noise_px: scale of the reprojection error of the rig as it is.
+        corrected_px: with all faults corrected.
+        cameras: corrected.
+        shifts: (C,) frames by which each camera's video is late.
+        files: (C,) index of the camera whose file is this camera's.
+        note: one sentence about what could not be looked at; empty where all was.
+    """
+
+    names: tuple[str, ...]
+    faults: tuple[Fault, ...]
+    probability: Floats
+    evidence: Floats
+    order: tuple[int, ...]
+    noise_px: float
+    corrected_px: float
+    cameras: CameraGroup
+    shifts: Floats
+    files: tuple[int, ...]
+    note: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """All faults in words."""
+        if self.faults:
+            return " ".join(f.sentence for f in self.faults)
+        return self.note or "All cameras agree: none stands out as turned, out of step, of a wrong lens or file."
+
+
+@dataclass(frozen=True)
+class _Setup:
+    """Cameras, and which landmarks they get from when."""
+
+    cameras: CameraGroup
+    shifts: tuple[float, ...]
+    files: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A change, and what it is worth."""
+
+    kind: Kind
+    cameras: tuple[int, ...]
+    setup: _Setup
+    gain: float
+    effect_px: float
+    correction: Correction | None = None
+    shift: float = 0.0
+
+
+@dataclass
+class _Take:
+    """The landmarks of a take at chosen frames."""
+
+    px: Floats
+    variance: Floats
+    frames: Floats
+    held: NDArray[np.bool_]  # (K,) which of two halves a frame belongs to
+    noise_px: float = 0.0
+    relative: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.relative = float(np.nanmedian(self.variance))
+
+    def of(self, setup: _Setup, c: int, shift: float | None = None) -> tuple[Floats, Floats]:
+        """(K, J, 2) px and (K, J) variances that camera c has under a setup (or at another shift)."""
+        row = setup.files[c]
+        times = self.frames + (setup.shifts[c] if shift is None else shift)
+        return resample(self.px[row], self.variance[row], 1.0, times)
+
+    def all(self, setup: _Setup) -> tuple[Floats, Floats]:
+        """(C, K, J, 2) and (C, K, J)."""
+        each = [self.of(setup, c) for c in range(len(setup.cameras))]
+        return np.stack([px for px, _ in each]), np.stack([v for _, v in each])
+
+    def sigma(self, variance: Floats) -> Floats:
+        """Relative standard deviations, of which none is much smaller than the median."""
+        return np.sqrt(np.maximum(variance / self.relative, 0.1))
+
+
+def find_culprits(
+    cameras: CameraGroup,
+    points_px: Floats,
+    variance_px2: Floats,
+    options: CulpritOptions = CulpritOptions(),
+) -> CulpritReport:
+    """Cameras ranked by how likely each is what is wrong with a rig, and what is wrong with it.
+
+    Args:
+        cameras: C cameras as calibrated.
+        points_px: (C, T, J, 2) px of one person's landmarks (or any points that move), NaN where missing.
+        variance_px2: (C, T, J) of each coordinate; its relative size counts.
+        options: what is called a fault.
+
+    Returns:
+        A report; with fewer than three cameras, or too few shared points, it has no faults but a note.
+
+    Raises:
+        ValueError: arrays that do not match the cameras.
+    """
+    take, note = _take(cameras, points_px, variance_px2, options)
+    count = len(cameras)
+    setup = _Setup(cameras, (0.0,) * count, tuple(range(count)))
+    table, probability = np.zeros((count, len(KINDS))), np.zeros(count)
+    if take is None:
+        nothing = float("nan")
+        return CulpritReport(
+            cameras.names, (), probability, table, tuple(range(count)), nothing, nothing, cameras,
+            np.zeros(count), setup.files, note,
+        )  # fmt: skip
+    faults: list[Fault] = []
+    first_noise = last_noise = np.nan
+    for step in range(options.max_faults + 1):
+        last_noise, trials = _search(take, setup, options)
+        credible = [t for t in trials if _matters(t, last_noise, options)]
+        if step == 0:
+            first_noise, table = last_noise, _table(trials, count)
+        chances = _chances(credible, count)
+        probability = np.maximum(probability, chances)
+        best = max(credible, key=lambda t: t.gain, default=None)
+        if best is None or best.gain < options.min_evidence or step == options.max_faults:
+            lost = _unrelated(take, setup, options) if best is None or best.gain < options.min_evidence else []
+            faults += [f for f in lost if not any(set(f.cameras) & set(g.cameras) for g in faults)]
+            break
+        faults.append(_fault(best, credible, cameras.names))
+        setup = best.setup
+    for fault in faults:
+        probability[[cameras.names.index(n) for n in fault.cameras]] = np.clip(1 - np.exp(-fault.evidence), 0, 1)
+    order = sorted(range(count), key=lambda c: (-probability[c], -table[c].max()))
+    return CulpritReport(
+        cameras.names, tuple(faults), probability, table, tuple(order), first_noise, last_noise,
+        setup.cameras, np.array(setup.shifts), setup.files, note,
+    )  # fmt: skip
+
+
+def _take(
+    cameras: CameraGroup, points_px: Floats, variance_px2: Floats, options: CulpritOptions
+) -> tuple[_Take | None, str]:
+    """The take at chosen frames; None and why, where nothing can be told."""
+    px, variance = np.array(points_px, dtype=np.float64), np.array(variance_px2, dtype=np.float64)
+    if px.ndim != 4 or px.shape[0] != len(cameras) or px.shape[3] != 2 or variance.shape != px.shape[:3]:
+        raise ValueError(
+            f"points_px must be ({len(cameras)}, T, J, 2) and variance_px2 ({len(cameras)}, T, J), "
+            f"not {px.shape} and {variance.shape}"
+        )
+    missing = ~(np.isfinite(px).all(-1) & np.isfinite(variance) & (variance > 0))
+    px[missing], variance[missing] = np.nan, np.nan
+    if len(cameras) < 3:
+        return None, "With two cameras it cannot be told which of them is wrong; a third would tell."
+    shared = np.flatnonzero(((~missing).sum(axis=0) >= 3).sum(axis=1) >= 3)
+    if len(shared) < _FEWEST_FRAMES:
+        return None, (
+            f"Only {len(shared)} frames have landmarks that three cameras share, {_FEWEST_FRAMES} are needed to "
+            "tell which camera is wrong."
+        )
+    chosen = np.unique(np.linspace(0, len(shared) - 1, min(len(shared), options.max_frames)).round().astype(int))
+    frames = shared[chosen].astype(float)
+    held = (np.arange(len(frames)) * _BLOCKS // len(frames)) % 2 == 1
+    take = _Take(px, variance, frames, held)
+    # The level of the noise is that of the cameras that agree best, so that a wrong one cannot hide in it.
+    near, spread = take.all(_Setup(cameras, (0.0,) * len(cameras), tuple(range(len(cameras)))))
+    levels = []
+    for c in range(len(cameras)):
+        rest = [k for k in range(len(cameras)) if k != c]
+        noise, scale = take_noise(CameraGroup(tuple(cameras[k] for k in rest)), near[rest], spread[rest])
+        levels.append((noise**2 + scale * float(np.nanmedian(spread)), noise, scale))
+    _, take.noise_px, scale = min(levels)
+    take.variance *= scale
+    take.relative *= scale
+    return take, ""
+
+
+def _search(take: _Take, setup: _Setup, options: CulpritOptions) -> tuple[float, list[_Trial]]:
+    """All explanations of what is wrong with a setup; the scale of its errors, px, beside them."""
+    cost, noise, errors = _weighed([_errors(take, setup)])
+    found: list[tuple[float, Floats, _Trial]] = []
+    for trial, halves in _trials(take, setup, options):
+        trial_cost, _, trial_errors = _weighed(halves)
+        found.append((trial_cost, trial_errors, trial))
+    lowest = min(found, key=lambda f: f[0], default=(cost, errors, None))
+    best_errors = lowest[1] if lowest[0] < cost else errors
+    scale = student_scale((best_errors**2).sum(-1)[np.isfinite(best_errors[..., 0])])
+    independent = float(np.isfinite(errors[..., 0]).sum()) / alike(best_errors / scale)
+    independent = max(independent, 2.0)
+    trials = [
+        replace(t, gain=independent * (cost - c) - 0.5 * _PARAMETERS[t.kind] * float(np.log(independent)))
+        for c, _, t in found
+    ]
+    return noise, trials
+
+
+def _errors(take: _Take, setup: _Setup, rows: NDArray[np.bool_] | None = None) -> Floats:
+    """(C, K, J, 2) reprojection errors of the triangulated rig over relative standard deviations."""
+    px, variance = take.all(setup)
+    if rows is not None:
+        px, variance = px[:, rows], variance[:, rows]
+    found = triangulate(setup.cameras, px, variance, TriangulateOptions(noise_px=take.noise_px))
+    error = setup.cameras.project(found.points_world) - px
+    seen = np.isfinite(variance)
+    # Where no two cameras agree, each is as wrong as a camera that does not take part may be.
+    far = 0.05 * max(max(c.width, c.height) for c in setup.cameras)
+    error[seen & ~np.isfinite(error).all(-1)] = far
+    error[:, seen.sum(axis=0) < min(3, len(setup.cameras))] = np.nan
+    return np.asarray(error / take.sigma(variance)[..., None])
+
+
+def _weighed(parts: list[Floats]) -> tuple[float, float, Floats]:
+    """Mean robust cost, scale in px, and the errors in one array."""
+    errors = np.concatenate(parts, axis=1)
+    squares = (errors**2).sum(-1)
+    known = squares[np.isfinite(squares)]
+    scale = student_scale(known)
+    return float(student_cost(known, scale).mean()), scale, errors
+
+
+def _trials(take: _Take, setup: _Setup, options: CulpritOptions) -> Iterator[tuple[_Trial, list[Floats]]]:
+    """Every explanation, and its errors in the two halves of the frames, each held out from its fit."""
+    halves = (take.held, ~take.held)
+    for c in range(len(setup.cameras)):
+        points = _left_out(take, setup, c)
+        for kind, free in _FREE.items():
+            both = _fit(take, setup, c, points, free, np.ones_like(take.held))
+            one, two = (_fit(take, setup, c, points, free, rows, both) for rows in halves)
+            if both is None or one is None or two is None:
+                continue
+            errors = [_errors(take, _with(setup, c, f), rows) for f, rows in ((two, halves[0]), (one, halves[1]))]
+            effect = _displacement(setup.cameras[c].project(points), both.camera.project(points))
+            yield _Trial(kind, (c,), _with(setup, c, both), 0.0, effect, both), errors
+        yield from _shift_trials(take, setup, c, points, options)
+    for pair in combinations(range(len(setup.cameras)), 2):
+        swapped = _swapped(setup, *pair)
+        yield _Trial("swapped", pair, swapped, 0.0, np.inf), [_errors(take, swapped)]
+
+
+def _shift_trials(
+    take: _Take, setup: _Setup, c: int, points: Floats, options: CulpritOptions
+) -> Iterator[tuple[_Trial, list[Floats]]]:
+    predicted = setup.cameras[c].project(points)
+    most = int(min(options.max_shift, take.px.shape[1] // 4))
+    halves = (take.held, ~take.held)
+
+    def shift_of(rows: NDArray[np.bool_], most: int, about: float) -> float | None:
+        def observed(shift: float) -> tuple[Floats, Floats]:
+            px, variance = take.of(setup, c, setup.shifts[c] + shift)
+            return px[rows], take.sigma(variance[rows])
+
+        return fit_shift(predicted[rows], observed, most, about)
+
+    shift = shift_of(np.ones_like(take.held), most, 0.0)
+    if shift is None:
+        return
+    each = [shift_of(rows, 2, shift) for rows in halves]
+    one, two, both = (_shifted(setup, c, shift if s is None else s) for s in (*each, shift))
+    errors = [_errors(take, two, halves[0]), _errors(take, one, halves[1])]
+    effect = _displacement(take.of(setup, c)[0], take.of(both, c)[0])
+    yield _Trial("shifted", (c,), both, 0.0, effect, shift=shift), errors
+
+
+def _left_out(take: _Take, setup: _Setup, c: int) -> Floats:
+    """(K, J, 3) points that the cameras other than c know."""
+    rest = [k for k in range(len(setup.cameras)) if k != c]
+    px, variance = take.all(setup)
+    others = CameraGroup(tuple(setup.cameras[k] for k in rest))
+    return triangulate(others, px[rest], variance[rest], TriangulateOptions(noise_px=take.noise_px)).points_world
+
+
+def _fit(
+    take: _Take,
+    setup: _Setup,
+    c: int,
+    points: Floats,
+    free: NDArray[np.bool_],
+    rows: NDArray[np.bool_],
+    start: Correction | None = None,
+) -> Correction | None:
+    px, variance = take.of(setup, c)
+    return fit_camera(
+        setup.cameras[c], points[rows].reshape(-1, 3), px[rows].reshape(-1, 2),
+        take.sigma(variance[rows]).ravel(), free, start,
+    )  # fmt: skip
+
+
+def _with(setup: _Setup, c: int, correction: Correction) -> _Setup:
+    cameras = list(setup.cameras)
+    cameras[c] = correction.camera
+    return replace(setup, cameras=CameraGroup(tuple(cameras)))
+
+
+def _shifted(setup: _Setup, c: int, shift: float) -> _Setup:
+    shifts = list(setup.shifts)
+    shifts[c] += shift
+    return replace(setup, shifts=tuple(shifts))
+
+
+def _swapped(setup: _Setup, a: int, b: int) -> _Setup:
+    files, shifts = list(setup.files), list(setup.shifts)
+    files[a], files[b] = files[b], files[a]
+    shifts[a], shifts[b] = shifts[b], shifts[a]
+    return replace(setup, files=tuple(files), shifts=tuple(shifts))
+
+
+def _displacement(before: Floats, after: Floats) -> float:
+    apart = np.linalg.norm(after - before, axis=-1)
+    known = apart[np.isfinite(apart)]
+    return float(np.median(known)) if known.size else 0.0
+
+
+def _matters(trial: _Trial, noise_px: float, options: CulpritOptions) -> bool:
+    """Whether a change is large enough to be called a fault."""
+    if trial.gain <= 0:
+        return False
+    if trial.kind == "swapped":
+        return True
+    if trial.effect_px < options.min_effect * noise_px:
+        return False
+    if trial.kind == "shifted":
+        return abs(trial.shift) >= options.min_shift
+    turn, move, focal = _sizes(trial)
+    if trial.kind == "focal":
+        return abs(focal) >= options.min_focal
+    return turn >= options.min_turn_deg or move >= options.min_move
+
+
+def _sizes(trial: _Trial) -> tuple[float, float, float]:
+    """Degrees turned, metres moved, share of the focal length; of the fault, not its correction."""
+    if trial.correction is None:
+        return 0.0, 0.0, 0.0
+    fix = trial.correction
+    return float(np.degrees(np.linalg.norm(fix.turn))), float(np.linalg.norm(fix.move)), 1 / fix.focal - 1
+
+
+def _table(trials: list[_Trial], count: int) -> Floats:
+    table = np.zeros((count, len(KINDS)))
+    for trial in trials:
+        for c in trial.cameras:
+            k = KINDS.index(trial.kind)
+            table[c, k] = max(table[c, k], trial.gain)
+    return table
+
+
+def _chances(trials: list[_Trial], count: int) -> Floats:
+    """(C,) share of the likelihood of all explanations, no fault among them, that blames each camera."""
+    gains = np.array([0.0, *(t.gain for t in trials)])
+    weight = np.exp(gains - gains.max())
+    out = np.zeros(count)
+    for trial, w in zip(trials, weight[1:], strict=True):
+        out[list(trial.cameras)] += w
+    return np.minimum(out / weight.sum(), 1.0)
+
+
+def _fault(best: _Trial, trials: list[_Trial], names: tuple[str, ...]) -> Fault:
+    close = [t for t in trials if t is not best and best.gain - t.gain < max(3.0, 0.03 * best.gain)]
+    also = tuple(t.kind for t in close if set(t.cameras) & set(best.cameras) and t.kind != best.kind)
+    rivals = sorted({names[c] for t in close for c in t.cameras if c not in best.cameras})
+    turn, move, focal = _sizes(best)
+    amount = {"turned": turn, "moved": move, "focal": focal, "shifted": best.shift, "swapped": 0.0}[best.kind]
+    blamed = tuple(names[c] for c in best.cameras)
+    sentence = _sentence(best, blamed, also)
+    if rivals:
+        sentence += f" It could also be {' or '.join(rivals)}: these landmarks cannot tell them apart."
+    return Fault(best.kind, blamed, amount, turn, best.effect_px, best.gain, also, tuple(rivals), sentence)
+
+
+def _sentence(trial: _Trial, names: tuple[str, ...], also: tuple[Kind, ...]) -> str:
+    turn, move, focal = _sizes(trial)
+    name, effect = names[0], f"{trial.effect_px:.0f} px in its image"
+    if trial.kind == "swapped":
+        return f"The video files of {name} and {names[1]} are exchanged: with the other's file each fits the rig."
+    if trial.kind == "shifted":
+        late = "late" if trial.shift > 0 else "early"
+        return (
+            f"{name} is {abs(trial.shift):.1f} frames {late} ({effect}): what the others see at a frame it shows "
+            f"{'after' if trial.shift > 0 else 'before'} that; put the videos in step with `muybridge sync`."
+        )
+    if trial.kind == "focal":
+        text = (
+            f"The focal length of {name} is {abs(focal):.1%} too {'large' if focal > 0 else 'small'} ({effect}): "
+            "was it zoomed or refocused, or is its lens that of another camera?"
+        )
+        if {"moved", "turned"} & set(also):
+            text += " That it was moved instead explains it nearly as well."
+        return text
+    what = f"turned by {turn:.1f} degrees" if trial.kind == "turned" else _moved(turn, move)
+    return (
+        f"{name} was {what} since it was calibrated ({effect}), or its picture is cropped otherwise; "
+        "calibrate it again, or refine the cameras from the people."
+    )
+
+
+def _moved(turn: float, move: float) -> str:
+    return f"moved by {move * 100:.0f} cm and turned by {turn:.1f} degrees"
+
+
+def _unrelated(take: _Take, setup: _Setup, options: CulpritOptions) -> list[Fault]:
+    """Cameras that nothing puts right: they show something else, or their calibration is of another rig."""
+    found = []
+    for c, camera in enumerate(setup.cameras):
+        px, _ = take.of(setup, c)
+        error = np.linalg.norm(camera.project(_left_out(take, setup, c)) - px, axis=-1)
+        known = error[np.isfinite(error)]
+        typical = float(np.median(known)) if known.size else 0.0
+        if typical < options.unrelated * max(camera.width, camera.height) or known.size < 100:
+            continue
+        sentence = (
+            f"{camera.name} shows something else than the others: {typical:.0f} px apart, and neither a turn, a "
+            "move, a shift in time, another focal length nor an exchange of files mends it. Is it a video of "
+            "another take, or a calibration of another place?"
+        )
+        found.append(Fault("unrelated", (camera.name,), 0.0, 0.0, typical, options.min_evidence, (), (), sentence))
+    # Where one does not fit, it draws the others away from each other: only the worst is named.
+    return sorted(found, key=lambda f: -f.effect_px)[:1]
