@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.body import BodyModel
-from muybridge.geometry.rotations import exp_so3, kabsch, log_so3, swing_twist_from_matrix
+from muybridge.geometry.rotations import exp_so3, kabsch, log_so3, matrix_from_swing_twist, swing_twist_from_matrix
 
 Array = NDArray[np.float64]
 
@@ -38,8 +38,7 @@ def start_pose(model: BodyModel, shape: Array, points_world: Array) -> tuple[Arr
         angle = np.clip(swing_twist_from_matrix(local, skeleton.twist_axis[j]), model.lower[j], model.upper[j])
         known = np.all(np.isfinite(angle), axis=-1)
         angles[known, j] = angle[known]
-        rotation = skeleton.rotations_from_angles(angles)[:, j]
-        return parent_world @ rotation
+        return np.asarray(parent_world @ matrix_from_swing_twist(angles[:, j], skeleton.twist_axis[j]))
 
     hips_world, shoulders_world, middle = _trunk(landmark)
     root_rotation = hips_world

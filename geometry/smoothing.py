@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks import LandmarkSet, Points3D
+from muybridge.geometry.smoothing_kernel import exchanged_path, smooth_all
 
 Array = NDArray[np.float64]
 
@@ -203,43 +204,8 @@ def _swap_paths(
     costs = np.stack([step(a, a) + step(b, b), step(b, a) + step(a, b)], axis=-1)
     member = (number == np.arange(number.max() + 1)[:, None]).astype(np.float64)
     prior = np.broadcast_to(prior, (t_count, len(member))) * (known @ member.T > 0)
-    return np.asarray(_viterbi(costs, known, number, member, prior)[:, number] & known)
-
-
-def _viterbi(
-    costs: Array, known: NDArray[np.bool_], number: NDArray[np.intp], member: Array, prior: Array
-) -> NDArray[np.bool_]:
-    """(T, G) whether each group is exchanged.
-
-    A pair that is missing for a while is compared with its last known frame, so every surviving path remembers
-    in which state that was.
-
-    Args:
-        costs: (T, N, 2) of a pair's step if its state stays or changes.
-        known: (T, N).
-        number: (N,) each pair's group; `member` (G, N) the same as ones.
-        prior: (T, G) cost of the exchanged state.
-    """
-    t_count, pairs = known.shape
-    total = np.zeros((len(member), 2))
-    came = np.zeros((t_count, len(member), 2), dtype=np.intp)
-    last = np.zeros((pairs, 2), dtype=np.intp)  # by pair and the path's state now: state when last known
-    each, states = np.arange(len(member)), np.arange(2)
-    for t in range(t_count):
-        differs = last[:, :, None] != states  # (N, from, to)
-        step = costs[t][np.arange(pairs)[:, None, None], differs.astype(np.intp)]
-        ways = total[:, :, None] + (member @ step.reshape(pairs, 4)).reshape(-1, 2, 2)
-        came[t] = np.argmin(ways, axis=1)
-        total = np.min(ways, axis=1)
-        total[:, 1] += prior[t]
-        inherited = np.take_along_axis(last, came[t][number], axis=1)
-        last = np.where(known[t][:, None], states, inherited)
-    state = np.argmin(total, axis=1)
-    path = np.empty((t_count, len(member)), dtype=np.bool_)
-    for t in range(t_count - 1, -1, -1):
-        path[t] = state == 1
-        state = came[t, each, state]
-    return path
+    path = exchanged_path(np.ascontiguousarray(costs), known, number.astype(np.int64), np.ascontiguousarray(prior))
+    return np.asarray(path[:, number] & known)
 
 
 def _jump_variance(xyz: Array) -> Array:
@@ -318,11 +284,9 @@ def _smooth(xyz: Array, covariance: Array, fps: float, options: SmoothOptions) -
     out = out_covariance = np.empty(0)
     for k in range(max(options.passes, 1)):
         noise = covariance * (scale / weight)[..., None, None]
-        # So many landmarks at once as fit into some hundred megabytes.
-        width = max(int(200_000 / len(xyz)), 1)
-        blocks = [slice(j, j + width) for j in range(0, xyz.shape[1], width)]
-        parts = [_kalman_smoother(xyz[:, b], noise[:, b], known[:, b], 1 / fps, options.acceleration) for b in blocks]
-        out, out_covariance, surprise = (np.concatenate(p, axis=1) for p in zip(*parts, strict=True))
+        xyz = np.ascontiguousarray(xyz)
+        out, out_covariance, surprise = smooth_all(xyz, noise, known, 1 / fps, options.acceleration)
+        out = _hold_ends(out, known)
         if k == options.passes - 1:
             break
         with np.errstate(invalid="ignore"):
@@ -340,61 +304,6 @@ def _median_known(values: Array) -> Array:
     count = np.isfinite(ordered).sum(axis=0)
     middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[None] // 2, axis=0)[0]
     return np.where(count > 0, middle, np.nan)
-
-
-def _kalman_smoother(
-    xyz: Array, noise: Array, known: NDArray[np.bool_], dt: float, acceleration: float
-) -> tuple[Array, Array, Array]:
-    """Constant velocity with white-noise acceleration, all landmarks at once.
-
-    Args:
-        xyz: (T, J, 3); read only where `known`.
-        noise: (T, J, 3, 3) covariance of each point.
-        known: (T, J).
-        dt: seconds a frame.
-        acceleration: standard deviation of each frame's acceleration, metres per second squared.
-
-    Returns:
-        (T, J, 3) positions and (T, J, 3, 3) covariances, NaN for a landmark that is never known; (T, J)
-        squared Mahalanobis distance of each point to its prediction, NaN where there was none.
-    """
-    t_count, j_count = known.shape
-    eye = np.eye(3)
-    step = np.block([[eye, dt * eye], [np.zeros((3, 3)), eye]])
-    gain = np.concatenate([eye * dt**2 / 2, eye * dt])
-    process = gain @ gain.T * acceleration**2 + np.eye(6) * 1e-12
-    first = np.argmax(known, axis=0)
-    mean = np.zeros((j_count, 6))
-    mean[:, :3] = np.nan_to_num(xyz[first, np.arange(j_count)])
-    spread = np.tile(np.diag([4.0] * 3 + [9.0] * 3), (j_count, 1, 1))
-    means, spreads = np.empty((t_count, j_count, 6)), np.empty((t_count, j_count, 6, 6))
-    ahead, ahead_spread = np.empty_like(means), np.empty_like(spreads)
-    surprise = np.full((t_count, j_count), np.nan)
-    for t in range(t_count):
-        if t:
-            mean, spread = mean @ step.T, step @ spread @ step.T + process
-        ahead[t], ahead_spread[t] = mean, spread
-        j = np.flatnonzero(known[t])
-        if len(j):
-            innovation = xyz[t, j] - mean[j, :3]
-            inverse = np.linalg.inv(spread[j, :3, :3] + noise[t, j])
-            kalman = spread[j, :, :3] @ inverse
-            far = np.einsum("ji,jik,jk->j", innovation, inverse, innovation)
-            surprise[t, j] = np.where(t > first[j], far, np.nan)
-            mean, spread = mean.copy(), spread.copy()
-            mean[j] += np.einsum("jik,jk->ji", kalman, innovation)
-            spread[j] -= kalman @ spread[j, :3, :]
-            spread[j] = 0.5 * (spread[j] + np.swapaxes(spread[j], -1, -2))
-        means[t], spreads[t] = mean, spread
-    # The backward gains need nothing of the backward pass: all at once.
-    back = spreads[:-1] @ step.T @ np.linalg.inv(ahead_spread[1:])
-    for t in range(t_count - 2, -1, -1):
-        means[t] += np.einsum("jik,jk->ji", back[t], means[t + 1] - ahead[t + 1])
-        spreads[t] += back[t] @ (spreads[t + 1] - ahead_spread[t + 1]) @ np.swapaxes(back[t], -1, -2)
-    never = ~known.any(axis=0)
-    positions, covariances = means[..., :3], spreads[..., :3, :3]
-    positions[:, never], covariances[:, never] = np.nan, np.nan
-    return _hold_ends(positions, known), covariances, surprise
 
 
 def _hold_ends(positions: Array, known: NDArray[np.bool_]) -> Array:
