@@ -34,6 +34,19 @@ class FreeCamera:
 
 
 @dataclass(frozen=True)
+class LensPrior:
+    """What is known of a lens beforehand: a Gaussian over its parameters.
+
+    Attributes:
+        mean: (D,) the model's parameters.
+        information: (D, D) inverse covariance; zero where nothing is known.
+    """
+
+    mean: Floats
+    information: Floats
+
+
+@dataclass(frozen=True)
 class AdjustProblem:
     """What is adjusted, and where it starts.
 
@@ -50,6 +63,10 @@ class AdjustProblem:
         free: one for each camera.
         loss_sigma: error, in standard deviations, where the Cauchy loss starts to bend; inf for least squares.
         max_iterations: at most.
+        priors: one for each camera, None where a lens is left to the observations; empty for none at all.
+        sway: (C, B, 6, R) how a body may have moved (rotation, then shift of its origin, world axes) between a
+            camera's exposure and the time of `bodies`: R independent movements of one standard deviation each.
+            None where all cameras expose at once.
     """
 
     cameras: CameraGroup
@@ -64,6 +81,8 @@ class AdjustProblem:
     bodies: Floats = field(default_factory=lambda: np.zeros((0, 3, 4)))
     loss_sigma: float = 3.0
     max_iterations: int = 50
+    priors: tuple[LensPrior | None, ...] = ()
+    sway: Floats | None = None
 
     def __post_init__(self) -> None:
         count = len(self.camera)
@@ -75,6 +94,10 @@ class AdjustProblem:
             raise ValueError("free must have one entry for each camera, points_free one for each point")
         if np.any(np.asarray(self.points_free)[self.point[body >= 0]]):
             raise ValueError("points on a body cannot be free")
+        if len(self.priors) not in (0, len(self.cameras)):
+            raise ValueError("priors must be empty or have one entry for each camera")
+        if self.sway is not None and self.sway.shape[:3] != (len(self.cameras), len(self.bodies), 6):
+            raise ValueError(f"sway must be ({len(self.cameras)}, {len(self.bodies)}, 6, R), not {self.sway.shape}")
 
 
 @dataclass(frozen=True)
@@ -92,6 +115,10 @@ class AdjustResult:
         position_std: (C,) metres, length of the standard deviations along the axes; relative to all cameras
             where nothing fixes the world.
         iterations: done.
+        covariances: for each camera (D + 6, D + 6): lens parameters, rotation about the camera's axes, centre in
+            world axes; zero where held.
+        swayed: (C, B, R) the movements found, in their standard deviations; None without `sway`.
+        swayed_variance: (C, B, R) what stayed unknown of them (1: nothing was seen).
     """
 
     cameras: CameraGroup
@@ -103,6 +130,9 @@ class AdjustResult:
     focal_std: Floats
     position_std: Floats
     iterations: int
+    covariances: tuple[Floats, ...]
+    swayed: Floats | None = None
+    swayed_variance: Floats | None = None
 
 
 @dataclass
@@ -112,6 +142,18 @@ class _State:
     centers: Floats
     points: Floats
     bodies: Floats
+    swayed: Floats
+
+
+@dataclass(frozen=True)
+class _Swayed:
+    """What takes a step of a camera and its bodies back to the movements between exposures."""
+
+    camera: int
+    body: Ints
+    local: Ints
+    solved: Floats
+    inner: Floats
 
 
 class _Solver:
@@ -134,6 +176,11 @@ class _Solver:
         self.order = [rows[np.argsort(local[rows], kind="stable")] for rows in self.order]
         self.used, self.local = np.unique(local, return_inverse=True)
         self.is_body = self.used >= len(problem.points)
+        none = np.zeros((len(problem.cameras), len(problem.bodies), 6, 0))
+        self.sway = none if problem.sway is None else problem.sway
+        known = [p is not None and any((f.focal, f.principal, f.distortion))
+                 for p, f in zip(problem.priors, problem.free, strict=False)]  # fmt: skip
+        self.priors = [(c, p) for c, p in enumerate(problem.priors) if p is not None and known[c]]
 
     def start(self) -> _State:
         cameras = self.problem.cameras
@@ -143,16 +190,21 @@ class _Solver:
             cameras.centers_world.copy(),
             np.array(self.problem.points, dtype=float),
             np.array(self.problem.bodies, dtype=float),
+            np.zeros((*self.sway.shape[:2], self.sway.shape[3])),
         )
 
     def world(self, s: _State) -> tuple[Floats, Floats]:
         """(N, 3) observed points in world axes, and turned (not moved) by their body."""
         x = s.points[self.problem.point]
         turned = x.copy()
-        b = self.problem.body[self.on_body]
-        turned[self.on_body] = np.einsum("nij,nj->ni", s.bodies[b, :, :3], x[self.on_body])
+        on, b = self.on_body, self.problem.body[self.on_body]
+        turned[on] = np.einsum("nij,nj->ni", s.bodies[b, :, :3], x[on])
         world = turned.copy()
-        world[self.on_body] += s.bodies[b, :, 3]
+        world[on] += s.bodies[b, :, 3]
+        if s.swayed.size:
+            moved = np.einsum("cbdr,cbr->cbd", self.sway, s.swayed)[self.problem.camera[on], b]
+            turned[on] = np.einsum("nij,nj->ni", exp_so3(moved[:, :3]), turned[on])
+            world[on] = turned[on] + s.bodies[b, :, 3] + moved[:, 3:]
         return world, turned
 
     def evaluate(self, s: _State, jacobian: bool) -> tuple[Floats, list[Floats], Floats]:
@@ -187,7 +239,13 @@ class _Solver:
             return float(0.5 * r2.sum()), np.where(r2 < 1e8, 1.0, 0.0)
         return float(0.5 * k2 * np.log1p(r2 / k2).sum()), np.where(r2 < 1e8, 1 / (1 + r2 / k2), 0.0)
 
-    def normal(self, s: _State) -> tuple[Floats, ...]:
+    def cost(self, s: _State) -> float:
+        """What is made small: robust errors, movements between exposures, what is known of the lenses."""
+        known = sum(d @ p.information @ d for c, p in self.priors for d in [s.params[c] - p.mean])
+        return self.weigh(self.evaluate(s, False)[0])[0] + 0.5 * float((s.swayed**2).sum() + known)
+
+    def normal(self, s: _State) -> tuple[tuple[Floats, ...], list[_Swayed]]:
+        """The normal equations, the movements between exposures eliminated, and what takes a step back to them."""
         error, by_camera, by_local = self.evaluate(s, True)
         root = np.sqrt(self.weigh(error)[1]) / self.problem.sigma_px
         good = root > 0
@@ -196,6 +254,7 @@ class _Solver:
         count, total = len(self.used), self.offsets[-1]
         hcc, bc = np.zeros((total, total)), np.zeros(total)
         hlc, hll, bl = np.zeros((count, 6, total)), np.zeros((count, 6, 6)), np.zeros((count, 6))
+        back: list[_Swayed] = []
         for c, rows in enumerate(self.order):
             if not len(rows):
                 continue
@@ -210,8 +269,33 @@ class _Solver:
             hlc[index[first], :, at] = np.add.reduceat(jt @ jc, first)
             hll[index[first]] += np.add.reduceat(jt @ jl[rows], first)
             bl[index[first]] += np.add.reduceat((jt @ r[rows, :, None])[..., 0], first)
+            views = np.nonzero(self.is_body[index[first]])[0]
+            if not self.sway.size or not len(views):
+                continue
+            local = index[first][views]
+            body = self.used[local] - len(s.points)
+            way = np.zeros((len(first), 6, self.sway.shape[3]))
+            way[views] = self.sway[c, body]
+            ut = np.swapaxes(jl[rows] @ way[np.repeat(np.arange(len(first)), np.diff([*first, len(rows)]))], 1, 2)
+            by = np.concatenate([jc, jl[rows], r[rows, :, None]], axis=-1)
+            uj = np.add.reduceat(ut @ by, first)[views]
+            uj[..., -1] += s.swayed[c, body]
+            inner = np.add.reduceat(ut @ np.swapaxes(ut, 1, 2), first)[views] + np.eye(way.shape[2])
+            k = np.linalg.solve(inner, uj)
+            d = jc.shape[-1]
+            ct, lt = np.swapaxes(uj[..., :d], 1, 2), np.swapaxes(uj[..., d:-1], 1, 2)
+            hcc[at, at] -= (ct @ k[..., :d]).sum(axis=0)
+            bc[at] -= (ct @ k[..., -1:]).sum(axis=0)[:, 0]
+            hlc[local, :, at] -= lt @ k[..., :d]
+            hll[local] -= lt @ k[..., d:-1]
+            bl[local] -= (lt @ k[..., -1:])[..., 0]
+            back.append(_Swayed(c, body, local, k, inner))
+        for c, prior in self.priors:
+            at = slice(self.offsets[c], self.offsets[c] + len(prior.mean))
+            hcc[at, at] += prior.information
+            bc[at] += prior.information @ (s.params[c] - prior.mean)
         hcc, bc, hlc = hcc[np.ix_(self.free, self.free)], bc[self.free], hlc[:, :, self.free]
-        return hcc, bc, hlc, hll, bl
+        return (hcc, bc, hlc, hll, bl), back
 
     @staticmethod
     def reduce(normal: tuple[Floats, ...], damping: float) -> tuple[Floats, Floats, Floats]:
@@ -225,7 +309,9 @@ class _Solver:
         flat = hlc.reshape(6 * len(hll), size).T @ solved.reshape(6 * len(hll), size + 1)
         return hcc - flat[:, :-1], bc - flat[:, -1], solved
 
-    def stepped(self, s: _State, normal: tuple[Floats, ...], damping: float) -> _State:
+    def stepped(
+        self, s: _State, normal: tuple[Floats, ...], back: list[_Swayed], damping: float
+    ) -> _State:
         reduced, right, solved = self.reduce(normal, damping)
         full = np.zeros(self.offsets[-1])
         step = np.zeros(len(right))
@@ -234,7 +320,13 @@ class _Solver:
             step = -np.linalg.solve(reduced + np.diag(damping * diagonal + 1e-12 * diagonal + 1e-30), right)
             full[self.free] = step
         local = -(solved[..., -1] + solved[..., :-1] @ step)
-        out = _State(list(s.params), s.rotations.copy(), s.centers.copy(), s.points.copy(), s.bodies.copy())
+        kept = (s.rotations, s.centers, s.points, s.bodies, s.swayed)
+        out = _State(list(s.params), *(a.copy() for a in kept))
+        for v in back:
+            at = slice(self.offsets[v.camera], self.offsets[v.camera + 1])
+            d = self.sizes[v.camera]
+            moved = np.einsum("vrk,vk->vr", v.solved[..., d:-1], local[v.local])
+            out.swayed[v.camera, v.body] -= v.solved[..., :d] @ full[at] + moved + v.solved[..., -1]
         for c in range(len(s.params)):
             of = full[self.offsets[c] : self.offsets[c + 1]]
             out.params[c] = s.params[c] + of[:-6]
@@ -254,7 +346,7 @@ class _Solver:
         out = np.zeros((self.offsets[-1],) * 2)
         if not self.free.any():
             return out
-        reduced = self.reduce(self.normal(s), 1e-10)[0]
+        reduced = self.reduce(self.normal(s)[0], 1e-10)[0]
         root = np.sqrt(np.maximum(np.diag(reduced), 1e-30))
         scaled = reduced / root / root[:, None]
         modes = self.gauge(s)[self.free] * root[:, None]
@@ -296,15 +388,15 @@ def adjust(problem: AdjustProblem) -> AdjustResult:
     """
     solver = _Solver(problem)
     state, damping, done = solver.start(), 1e-4, 0
-    cost = solver.weigh(solver.evaluate(state, False)[0])[0]
+    cost = solver.cost(state)
     while done < problem.max_iterations:
         done += 1
-        normal = solver.normal(state)
+        normal, back = solver.normal(state)
         gain = 0.0
         while damping < 1e8:
             try:
-                trial = solver.stepped(state, normal, damping)
-                trial_cost = solver.weigh(solver.evaluate(trial, False)[0])[0]
+                trial = solver.stepped(state, normal, back, damping)
+                trial_cost = solver.cost(trial)
             except np.linalg.LinAlgError:
                 trial_cost = np.inf
             if trial_cost <= cost and min(p[0] for p in trial.params) > 0:
@@ -325,6 +417,9 @@ def _result(problem: AdjustProblem, solver: _Solver, state: _State, done: int) -
     noise = float(np.sqrt(np.nansum(weights * r2) / max(degrees, 1.0)))
     covariance = noise**2 * solver.covariance(state)
     variance = np.maximum(np.diag(covariance), 0.0)
+    variance_of = np.ones_like(state.swayed)
+    for v in solver.normal(state)[1]:
+        variance_of[v.camera, v.body] = np.einsum("vrr->vr", np.linalg.inv(v.inner))
     cameras = []
     for c, camera in enumerate(problem.cameras):
         pose = np.column_stack([state.rotations[c], -state.rotations[c] @ state.centers[c]])
@@ -334,6 +429,8 @@ def _result(problem: AdjustProblem, solver: _Solver, state: _State, done: int) -
         CameraGroup(tuple(cameras)), state.points, state.bodies, error, weights, noise,
         np.sqrt(variance[solver.offsets[:-1]]),
         np.sqrt(np.stack([variance[e - 3 : e].sum() for e in ends])), done,
+        tuple(covariance[a:e, a:e] for a, e in zip(solver.offsets[:-1], ends, strict=True)),
+        *((None, None) if problem.sway is None else (state.swayed, variance_of)),
     )  # fmt: skip
 
 

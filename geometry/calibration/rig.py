@@ -1,26 +1,57 @@
-"""Cameras from nothing but views of a board: lenses one by one, poses chained, one adjustment over all."""
+"""Cameras from nothing but views of a moved board: lenses one by one, poses chained, one adjustment over all.
+
+The cameras need not expose at the same moment: see `board_motion`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.adjust import AdjustProblem, AdjustResult, FreeCamera, adjust
 from muybridge.geometry.calibration.board import Board
+from muybridge.geometry.calibration.board_chain import Chain, chain, symmetries
+from muybridge.geometry.calibration.board_lens import (
+    CORNER_SIGMA_PX,
+    Lens,
+    View,
+    board_pose,
+    calibrate_lens,
+    lens_prior,
+    usable,
+)
+from muybridge.geometry.calibration.board_motion import FIRST_SPREAD, board_rates, next_spread, sway, world_rates
+from muybridge.geometry.calibration.board_views import choose_times
+from muybridge.geometry.calibration.solved import Solved, solved
 from muybridge.geometry.cameras import Camera, CameraGroup
 
 Floats = NDArray[np.float64]
-View = tuple[NDArray[np.int64], Floats]
-"""Numbers of a board's corners and their (n, 2) px."""
-FEWEST_VIEWS = 4
-_FEWEST_CORNERS = 6
-_CORNER_SIGMA_PX = 0.3
-_OUT_OF_STEP = 2.5
+Views = Mapping[str, Mapping[int, View]]
+"""By camera and time (a whole number, steps of time): what was seen of the board."""
+_ROUNDS = 8
+_SETTLED = 0.05
+
+
+@dataclass(frozen=True)
+class BoardOptions:
+    """How cameras are calibrated from a board.
+
+    Attributes:
+        lens: `pinhole` with radial and tangential distortion, or `fisheye`.
+        max_views: of all moments at which the board was seen, as many are used, chosen for coverage.
+        in_step: the cameras expose at the same moment (a hardware trigger, or a board that stood still).
+    """
+
+    lens: Lens = "pinhole"
+    max_views: int = 80
+    in_step: bool = False
+
+    def __post_init__(self) -> None:
+        if self.max_views < 4:
+            raise ValueError("max_views must be at least 4")
 
 
 @dataclass(frozen=True)
@@ -28,40 +59,38 @@ class RigCalibration:
     """Cameras from a moved board.
 
     Attributes:
-        cameras: in the first camera's axes.
-        adjusted: the adjustment that they come from.
-        camera: (N,) camera of each of its observations.
-        apart: (camera, time) of views that did not fit the others of that time and so say nothing of the poses.
+        solved: the cameras in the first camera's axes, residuals and uncertainties.
+        board: what was moved.
+        times: (B,) moments at which it was seen.
+        world_from_boards: (B, 3, 4) where it was.
+        delays: (C, B) how late each camera exposed, in steps of time and relative to the others; NaN where the
+            board was not seen, or by no other camera.
+        delay_spread: their standard deviation.
+        joined: (camera, camera, views) by which pairs, and over how many shared views, the rig hangs together.
+        unused: by camera, how many views had too few corners.
     """
 
-    cameras: CameraGroup
-    adjusted: AdjustResult
-    camera: NDArray[np.int64]
-    apart: tuple[tuple[str, int], ...]
+    solved: Solved
+    board: Board
+    times: NDArray[np.int64]
+    world_from_boards: Floats
+    delays: Floats
+    delay_spread: float
+    joined: tuple[tuple[str, str, int], ...]
+    unused: Mapping[str, int]
 
-
-def calibrate_lens(name: str, board: Board, views: Sequence[View], size: tuple[int, int]) -> Camera:
-    """A camera's lens (OPENCV model) from views of a board; its pose is the identity.
-
-    Raises:
-        CalibrationError: too few views.
-    """
-    good = [v for v in views if len(v[0]) >= _FEWEST_CORNERS]
-    if len(good) < FEWEST_VIEWS:
-        raise CalibrationError(
-            f"camera {name}: the board is seen in {len(good)} usable views of {len(views)}, at least {FEWEST_VIEWS} "
-            "are needed; show it closer, flatter lit and from more sides"
-        )
-    objects = [board.corners[ids].astype(np.float32).reshape(-1, 1, 3) for ids, _ in good]
-    images = [px.astype(np.float32).reshape(-1, 1, 2) for _, px in good]
-    _, matrix, bend, _, _ = cv2.calibrateCamera(objects, images, size, None, None, flags=cv2.CALIB_FIX_K3)
-    k = np.asarray(bend).ravel()[:4]
-    params = (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *k)
-    return Camera(name, "OPENCV", size[0], size[1], tuple(map(float, params)), np.eye(4)[:3])
+    @property
+    def cameras(self) -> CameraGroup:
+        """The calibrated cameras."""
+        return self.solved.cameras
 
 
 def calibrate_rig(
-    board: Board, views: Mapping[str, Mapping[int, View]], sizes: Mapping[str, tuple[int, int]]
+    board: Board,
+    views: Views,
+    sizes: Mapping[str, tuple[int, int]],
+    options: BoardOptions = BoardOptions(),
+    known: CameraGroup | None = None,
 ) -> RigCalibration:
     """Cameras that saw a moved board at the same times; the first camera is the world.
 
@@ -69,87 +98,106 @@ def calibrate_rig(
         board: what was moved.
         views: by camera and by time.
         sizes: (width, height) px by camera.
+        options: how.
+        known: cameras whose lenses are known and held; only poses are found then.
 
     Raises:
         CalibrationError: too few views of a camera, or one that shares no view with the rest (named).
     """
     names = list(views)
-    lenses = [calibrate_lens(n, board, list(views[n].values()), sizes[n]) for n in names]
-    seen: list[dict[int, Floats]] = [
-        {t: _board_pose(c, board, v) for t, v in views[c.name].items() if len(v[0]) >= _FEWEST_CORNERS}
-        for c in lenses
+    good = {n: _good(views[n]) for n in names}
+    lenses = [
+        known[n].posed(np.eye(4)[:3])
+        if known is not None
+        else calibrate_lens(n, board, list(views[n].values()), sizes[n], options.lens)[0]
+        for n in names
     ]
-    poses = _chain(names, seen)
-    cameras = CameraGroup(tuple(c.posed(p[:3]) for c, p in zip(lenses, poses, strict=True)))
-    times = sorted(set().union(*seen))
-    bodies = []
-    for t in times:  # the camera that sees most of the board says where it starts
-        c = max((c for c in range(len(names)) if t in seen[c]), key=lambda c: len(views[names[c]][t][0]))
-        bodies.append(np.linalg.inv(poses[c]) @ seen[c][t])
-    rows = [(c, b, *views[names[c]][t]) for c in range(len(names)) for b, t in enumerate(times) if t in seen[c]]
-    camera = np.concatenate([np.full(len(ids), c) for c, _, ids, _ in rows])
-    free = [FreeCamera(True, True, True, pose=c > 0) for c in range(len(names))]
-    problem = AdjustProblem(
-        cameras=cameras, camera=camera, point=np.concatenate([r[2] for r in rows]),
-        pixels=np.concatenate([r[3] for r in rows]), sigma_px=np.full(len(camera), _CORNER_SIGMA_PX),
-        points=board.corners, points_free=np.zeros(len(board.corners), bool), free=tuple(free),
-        body=np.concatenate([np.full(len(ids), b) for _, b, ids, _ in rows]), bodies=np.stack(bodies)[:, :3],
+    seen = [{t: board_pose(c, board, v) for t, v in good[c.name].items()} for c in lenses]
+    found = chain(names, seen, board)
+    rates = board_rates(_own_numbering(seen, found, board), board.corners.mean(axis=0))
+    times = choose_times(good, sizes, options.max_views)
+    problem = _problem(board, good, lenses, found, times, known is not None)
+    many = len({(c, b) for c, b in zip(problem.camera, problem.body, strict=True)}) > len(problem.bodies)
+    spread = 0.0 if options.in_step or not many else FIRST_SPREAD
+    problem, result, delays, spread = _adjust_swaying(problem, rates, times, spread)
+    turned = np.einsum("nij,nj->ni", result.bodies[problem.body, :, :3], problem.points[problem.point])
+    world = turned + result.bodies[problem.body, :, 3]
+    bodies = result.bodies.copy()
+    bodies[:, :, 3] -= bodies[:, :, :3] @ board.corners.mean(axis=0)
+    return RigCalibration(
+        solved=solved(problem, result, np.array(times)[problem.body], world), board=board, times=np.array(times),
+        world_from_boards=bodies, delays=delays, delay_spread=spread,
+        joined=tuple((names[a], names[b], n) for a, b, n in found.joined),
+        unused={n: len(views[n]) - len(good[n]) for n in names},
     )  # fmt: skip
-    return _adjust_in_step(problem, [(names[c], times[b]) for c, b, _, _ in rows], [len(r[2]) for r in rows])
 
 
-def _adjust_in_step(problem: AdjustProblem, views: list[tuple[str, int]], counts: list[int]) -> RigCalibration:
-    """Adjust, with views that were not taken when the others were counted for their own camera's lens only.
+def _good(views: Mapping[int, View]) -> dict[int, View]:
+    return {t: v for t, v in views.items() if usable([v])}
 
-    Cameras that are triggered by software are milliseconds apart; where the board moved fast, its pose differs
-    between them by more than the corners' noise. Such a view gets a pose of the board of its own.
-    """
-    view = np.repeat(np.arange(len(views)), counts)
-    everything = problem.free
-    held = tuple(FreeCamera(pose=f.pose) for f in everything)
-    result = adjust(replace(problem, free=held, loss_sigma=10.0))
-    apart: set[int] = set()
-    for free in (held, everything, everything, everything):
-        squares = np.nan_to_num((result.residuals_px**2).sum(axis=1), nan=1e6)
-        rms = np.sqrt(np.bincount(view, squares) / counts)
-        late = set(np.nonzero(rms > max(_OUT_OF_STEP * float(np.median(rms)), 2 * _CORNER_SIGMA_PX))[0]) - apart
-        body, bodies = problem.body.copy(), [*result.bodies]
-        for v in sorted(late):
-            bodies.append(result.bodies[body[view == v][0]])
-            body[view == v] = len(bodies) - 1
-        apart |= late
-        problem = replace(
-            problem, cameras=result.cameras, bodies=np.stack(bodies), body=body, free=free, loss_sigma=3.0
-        )
+
+def _own_numbering(seen: Sequence[Mapping[int, Floats]], found: Chain, board: Board) -> list[dict[int, Floats]]:
+    """The board's poses, all numbered the same way round."""
+    turns = [s[0] for s in symmetries(board)]
+    return [{t: p @ np.linalg.inv(turns[found.turns[c, t]]) for t, p in s.items()} for c, s in enumerate(seen)]
+
+
+def _problem(
+    board: Board, views: Views, lenses: Sequence[Camera], found: Chain, times: Sequence[int], held: bool
+) -> AdjustProblem:
+    """The adjustment at its start; the board turns about its middle."""
+    numbers = [s[1] for s in symmetries(board)]
+    rows = [
+        (c, b, numbers[found.turns[c, t]][views[camera.name][t][0]], views[camera.name][t][1])
+        for c, camera in enumerate(lenses)
+        for b, t in enumerate(times)
+        if t in views[camera.name]
+    ]
+    middle = board.corners.mean(axis=0)
+    bodies = np.stack([found.world_from_board[t][:3] for t in times])
+    bodies[:, :, 3] += bodies[:, :, :3] @ middle
+    lens = not held
+    return AdjustProblem(
+        cameras=CameraGroup(tuple(c.posed(p[:3]) for c, p in zip(lenses, found.poses, strict=True))),
+        camera=np.concatenate([np.full(len(r[2]), r[0]) for r in rows]),
+        point=np.concatenate([r[2] for r in rows]), pixels=np.concatenate([r[3] for r in rows]),
+        sigma_px=np.full(sum(len(r[2]) for r in rows), CORNER_SIGMA_PX),
+        points=board.corners - middle, points_free=np.zeros(len(board.corners), np.bool_),
+        free=tuple(FreeCamera(lens, lens, lens, pose=c > 0) for c in range(len(lenses))),
+        body=np.concatenate([np.full(len(r[2]), r[1]) for r in rows]), bodies=bodies,
+        priors=tuple(lens_prior(c) for c in lenses) if lens else (),
+    )  # fmt: skip
+
+
+def _adjust_swaying(
+    problem: AdjustProblem, rates: Sequence[Mapping[int, Floats]], times: Sequence[int], spread: float
+) -> tuple[AdjustProblem, AdjustResult, Floats, float]:
+    """Adjust, and find how far apart the cameras' exposures are; zero `spread`: they are not."""
+    shape = len(problem.cameras), len(problem.bodies)
+    held = tuple(FreeCamera(pose=f.pose) for f in problem.free)
+    views = np.full(shape, max(spread, 1e-9))
+    has = np.zeros(shape, np.bool_)
+    has[problem.camera, problem.body] = True
+    shared = has & (has.sum(axis=0) > 1)
+    free = problem.free
+    problem = replace(problem, free=held, loss_sigma=20.0)
+    for k in range(_ROUNDS):
+        if spread > 0:
+            rotations = np.stack([c.rotation for c in problem.cameras])
+            problem = replace(problem, sway=sway(world_rates(rates, rotations, times), views))
         result = adjust(problem)
-    return RigCalibration(result.cameras, result, problem.camera, tuple(views[v] for v in sorted(apart)))
-
-
-def _board_pose(camera: Camera, board: Board, view: View) -> Floats:
-    """(4, 4) cam_from_board."""
-    ids, px = view
-    slopes = camera.unproject(px)
-    _, turn, shift = cv2.solvePnP(board.corners[ids], slopes, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = cv2.Rodrigues(turn)[0], shift.ravel()
-    return out
-
-
-def _chain(names: Sequence[str], seen: Sequence[Mapping[int, Floats]]) -> list[Floats]:
-    """(4, 4) cam_from_first of each camera, over the pairs that share most views."""
-    poses: dict[int, Floats] = {0: np.eye(4)}
-    while len(poses) < len(names):
-        new = [b for b in range(len(names)) if b not in poses]
-        pairs = [(len(seen[a].keys() & seen[b].keys()), a, b) for a in poses for b in new]
-        most, a, b = max(pairs)
-        if most == 0:
-            lost = ", ".join(n for k, n in enumerate(names) if k not in poses)
-            raise CalibrationError(
-                f"{lost}: no view of the board is shared with the other cameras; show it where both see it at once"
-            )
-        relative = np.stack([seen[b][t] @ np.linalg.inv(seen[a][t]) for t in sorted(seen[a].keys() & seen[b].keys())])
-        turn = np.einsum("nij,mij->nm", relative[:, :3, :3], relative[:, :3, :3])
-        apart = np.arccos(np.clip((turn - 1) / 2, -1, 1))
-        apart += np.linalg.norm(relative[:, None, :3, 3] - relative[None, :, :3, 3], axis=-1)
-        poses[b] = relative[np.argmin(np.median(apart, axis=1))] @ poses[a]
-    return [poses[k] for k in range(len(names))]
+        before = spread
+        if spread > 0:
+            assert result.swayed is not None and result.swayed_variance is not None
+            delays = np.where(shared, result.swayed[..., 0] * views, np.nan)
+            spread, views = next_spread(views, result.swayed, result.swayed_variance, shared, spread)
+        if k == _ROUNDS - 1 or (k > 1 and abs(spread - before) <= _SETTLED * before):
+            break
+        sigma = np.full(len(problem.pixels), max(result.noise * float(problem.sigma_px[0]), 0.05))
+        problem = replace(
+            problem, cameras=result.cameras, bodies=result.bodies, free=free, loss_sigma=4.0,
+            sigma_px=sigma if k > 0 else problem.sigma_px,
+        )  # fmt: skip
+    if before == 0:
+        delays = np.where(shared, 0.0, np.nan)
+    return problem, result, delays, before

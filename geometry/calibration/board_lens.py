@@ -1,0 +1,167 @@
+"""A camera's lens from its own views of a board, and what is known of lenses before any view."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import CalibrationError
+from muybridge.geometry.calibration.adjust import AdjustProblem, AdjustResult, FreeCamera, LensPrior, adjust
+from muybridge.geometry.calibration.board import Board
+from muybridge.geometry.cameras import Camera, CameraGroup
+
+Floats = NDArray[np.float64]
+View = tuple[NDArray[np.int64], Floats]
+"""Numbers of a board's corners and their (n, 2) px."""
+Lens = Literal["pinhole", "fisheye"]
+"""Pinhole with radial and tangential distortion (OPENCV) or Kannala and Brandt's fisheye (OPENCV_FISHEYE)."""
+
+FEWEST_VIEWS = 4
+FEWEST_CORNERS = 6
+CORNER_SIGMA_PX = 0.2
+# Standard deviations of what is known before: fx / fy (sensors have square pixels), the principal point from the
+# middle as a share of the longer side, and the distortion terms of usual lenses.
+_ASPECT, _MIDDLE = 0.003, 0.03
+_PINHOLE_TERMS, _FISHEYE_TERMS = (0.5, 0.5, 0.003, 0.003), (0.3, 0.3, 0.3, 0.3)
+_FISHEYE_VIEWS_DEG = (80.0, 110.0, 140.0, 170.0)
+_FISHEYE_WIDEST = np.tan(np.radians(85))
+
+
+def lens_prior(camera: Camera) -> LensPrior:
+    """What is known of a lens of model OPENCV or OPENCV_FISHEYE before any view; nothing of its focal length."""
+    long_side, focal = max(camera.width, camera.height), float(np.mean(camera.params[:2]))
+    terms = _FISHEYE_TERMS if camera.model == "OPENCV_FISHEYE" else _PINHOLE_TERMS
+    information = np.diag([0.0, 0.0, *[(_MIDDLE * long_side) ** -2] * 2, *(s**-2 for s in terms)])
+    information[:2, :2] = np.array([[1, -1], [-1, 1]]) / (_ASPECT * focal) ** 2
+    mean = np.array([focal, focal, (camera.width - 1) / 2, (camera.height - 1) / 2, 0, 0, 0, 0])
+    return LensPrior(mean, information)
+
+
+def usable(views: Sequence[View]) -> list[View]:
+    """Views with corners enough, not all on one line."""
+    return [v for v in views if len(v[0]) >= FEWEST_CORNERS and np.linalg.matrix_rank(v[1] - v[1].mean(axis=0), 1) > 1]
+
+
+def board_pose(camera: Camera, board: Board, view: View) -> Floats:
+    """(4, 4) cam_from_board of a view."""
+    ids, px = view
+    slopes = camera.unproject(px)
+    seen = np.isfinite(slopes).all(axis=1)
+    out = np.eye(4)
+    if seen.sum() < 4:
+        out[2, 3] = 1.0
+        return out
+    _, turn, shift = cv2.solvePnP(
+        board.corners[ids][seen], slopes[seen], np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE
+    )
+    out[:3, :3], out[:3, 3] = cv2.Rodrigues(turn)[0], shift.ravel()
+    return out
+
+
+def calibrate_lens(
+    name: str, board: Board, views: Sequence[View], size: tuple[int, int], lens: Lens = "pinhole"
+) -> tuple[Camera, AdjustResult]:
+    """A camera's lens from views of a board; its pose is the identity.
+
+    Args:
+        name: of the camera.
+        board: what is seen.
+        views: one for each picture.
+        size: (width, height) px.
+        lens: model.
+
+    Returns:
+        The camera and the adjustment that it comes from, the board at a pose of its own in every usable view.
+
+    Raises:
+        CalibrationError: too few views, or all alike.
+    """
+    good = usable(views)
+    if len(good) < FEWEST_VIEWS:
+        raise CalibrationError(
+            f"camera {name}: the board is seen in {len(good)} usable views of {len(views)}, at least {FEWEST_VIEWS} "
+            "are needed; show it closer, flatter lit and from more sides"
+        )
+    camera = _fisheye_start(name, board, good, size) if lens == "fisheye" else _pinhole_start(name, board, good, size)
+    result = adjust_lens(camera, board, good)
+    if not np.isfinite(result.focal_std[0]) or result.focal_std[0] > 0.2 * result.cameras[0].params[0]:
+        raise CalibrationError(
+            f"camera {name}: the views do not tell the focal length (known to {result.focal_std[0]:.0f} px of "
+            f"{result.cameras[0].params[0]:.0f}); tilt the board by 30 to 60 degrees, not always facing the camera"
+        )
+    return result.cameras[0], result
+
+
+def adjust_lens(camera: Camera, board: Board, views: Sequence[View]) -> AdjustResult:
+    """Adjust a lens to views of a board, each with a pose of its own."""
+    bodies = np.stack([board_pose(camera, board, v)[:3] for v in views])
+    ids = np.concatenate([v[0] for v in views])
+    problem = AdjustProblem(
+        cameras=CameraGroup((camera,)), camera=np.zeros(len(ids), np.int64), point=ids,
+        pixels=np.concatenate([v[1] for v in views]), sigma_px=np.full(len(ids), CORNER_SIGMA_PX),
+        points=board.corners, points_free=np.zeros(len(board.corners), np.bool_),
+        free=(FreeCamera(focal=True, principal=True, distortion=True, pose=False),),
+        body=np.repeat(np.arange(len(views)), [len(v[0]) for v in views]), bodies=bodies,
+        priors=(lens_prior(camera),), loss_sigma=20.0,
+    )  # fmt: skip
+    first = adjust(problem)
+    spread = max(first.noise * CORNER_SIGMA_PX, 0.05)  # as sharp as this camera's pictures are
+    return adjust(
+        replace(
+            problem, cameras=first.cameras, bodies=first.bodies, sigma_px=np.full(len(ids), spread), loss_sigma=4.0
+        )
+    )
+
+
+def _pinhole_start(name: str, board: Board, views: Sequence[View], size: tuple[int, int]) -> Camera:
+    objects = [board.corners[ids].astype(np.float32).reshape(-1, 1, 3) for ids, _ in views]
+    images = [px.astype(np.float32).reshape(-1, 1, 2) for _, px in views]
+    flags = cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
+    try:
+        _, matrix, bend, _, _ = cv2.calibrateCamera(objects, images, size, None, None, flags=flags)
+    except cv2.error as error:
+        raise CalibrationError(f"camera {name}: no lens fits its views of the board ({error.err})") from None
+    k = float(np.clip(np.asarray(bend).ravel()[0], -0.6, 0.6))
+    focal = float(np.sqrt(matrix[0, 0] * matrix[1, 1]))
+    middle = ((size[0] - 1) / 2, (size[1] - 1) / 2)
+    if not np.isfinite(focal) or not 0.1 < focal / max(size) < 20:
+        focal, k = 1.0 * max(size), 0.0
+    return Camera(name, "OPENCV", *size, (focal, focal, *middle, k, 0.0, 0.0, 0.0), np.eye(4)[:3])
+
+
+def _fisheye_start(name: str, board: Board, views: Sequence[View], size: tuple[int, int]) -> Camera:
+    """The angle of view, of a few, under which the views look most like those of a flat board."""
+    best: tuple[float, Camera] | None = None
+    for view_deg in _FISHEYE_VIEWS_DEG:
+        focal = max(size) / np.radians(view_deg)
+        camera = Camera(
+            name, "OPENCV_FISHEYE", *size, (focal, focal, (size[0] - 1) / 2, (size[1] - 1) / 2, 0, 0, 0, 0),
+            np.eye(4)[:3],
+        )  # fmt: skip
+        inside = [_within(camera, v) for v in views]
+        if min(len(v[0]) for v in inside) < FEWEST_CORNERS:
+            continue
+        poses = [board_pose(camera, board, v) for v in inside]
+        errors = [
+            camera.posed(p[:3]).project(board.corners[v[0]]) - v[1] for p, v in zip(poses, inside, strict=True)
+        ]
+        cost = float(np.nanmedian(np.abs(np.concatenate(errors))))
+        if np.isfinite(cost) and (best is None or cost < best[0]):
+            best = cost, camera
+    if best is None:
+        raise CalibrationError(
+            f"camera {name}: no fisheye lens fits its views of the board; try --lens pinhole, or keep the board "
+            "away from the border of the picture"
+        )
+    return best[1]
+
+
+def _within(camera: Camera, view: View) -> View:
+    slopes = camera.unproject(view[1])
+    keep = np.isfinite(slopes).all(axis=1) & (np.linalg.norm(slopes, axis=1) < _FISHEYE_WIDEST)
+    return view[0][keep], view[1][keep]
