@@ -157,7 +157,13 @@ def take_person(
     Returns:
         points_px (C, T, J, 2) and variance_px2 (C, T, J), NaN where missing, and score (C, T, J), zero there.
     """
-    slots = selection.slots
+    return take_slots(keypoints, selection.slots)
+
+
+def take_slots(
+    keypoints: Keypoints2D, slots: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """As `take_person`, by the slot (C, T) that the person has in every camera and frame, -1 where none."""
     at = np.maximum(slots, 0)[:, :, None, None]
     gone = (slots < 0)[:, :, None]
     points = np.take_along_axis(keypoints.points_px, at[..., None], axis=2)[:, :, 0]

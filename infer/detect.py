@@ -8,9 +8,9 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from muybridge.infer.video import VideoWriter, fit_inside, read_chunks
 from muybridge.models.model_card import find_card
 from muybridge.models.registry import Precision, shipped_model
 
+MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
 PROXY_LONG_SIDE_PX = 960
 # The code that a camera's 2D landmarks depend on.
 _CODE = (
@@ -57,6 +58,8 @@ class DetectOptions:
         model_card: what that network takes in and gives out, where it is not one of muybridge's: a TOML file, or
             the name of a card that came along, such as `rtmpose-coco17`; see docs/other-models.md.
         people_model: person detector to use in place of the shipped one.
+        markers: virtual markers on the skin, written to `markers.c3d` under a laboratory's names: Plug-in Gait's 39,
+            CMU's 41, or all 72 that are known.
         workers: cameras worked on at the same time; each takes about half a gigabyte.
         keypoints: how each camera's landmarks are found.
     """
@@ -65,6 +68,7 @@ class DetectOptions:
     keypoint_model: Path | None = None
     model_card: str | None = None
     people_model: Path | None = None
+    markers: MarkerChoice = "none"
     workers: int = 2
     keypoints: KeypointOptions = field(default_factory=KeypointOptions)
 
@@ -115,7 +119,8 @@ def open_models(options: DetectOptions) -> Models:
     keypoints = options.keypoint_model or shipped_model("keypoints", options.precision)
     if options.model_card is not None and options.keypoint_model is None:
         raise ModelError(f"a model card ({options.model_card}) without a model; name its file with --keypoint-model")
-    network = open_keypoints(keypoints, options.model_card, options.keypoints.onnx)
+    marked = options.markers != "none"
+    network = open_keypoints(keypoints, options.model_card, options.keypoints.onnx, marked)
     card = find_card(keypoints, options.model_card)
     people = options.people_model or shipped_model("people")
     people_card = PeopleNetwork(people, options.keypoints.onnx).card
@@ -216,12 +221,9 @@ class _CameraWork:
         start = time.perf_counter()
         tracks = self._compute()
         arrays: dict[str, NDArray[Any]] = {
-            "points_px": tracks.points_px.astype(np.float32),
-            "variance_px2": tracks.variance_px2.astype(np.float32),
-            "score": tracks.score.astype(np.float32),
-            "visibility": tracks.visibility.astype(np.float32),
-            "boxes_px": tracks.boxes_px.astype(np.float32),
-            "ids": tracks.ids,
+            f.name: values if f.name == "ids" else values.astype(np.float32)
+            for f in fields(tracks)
+            if f.name != "landmarks" and (values := getattr(tracks, f.name)) is not None
         }
         result = self.store.save(stage, key, arrays, {}, time.perf_counter() - start)
         return CameraResult(_tracks(result, self.models.landmarks), self.proxy, result)
@@ -234,6 +236,7 @@ class _CameraWork:
             self.session.fps,
             camera,
             self.options.keypoints,
+            self.options.markers != "none",
             self.models.metadata,
             code_digest(*_CODE),
         )
@@ -242,8 +245,9 @@ class _CameraWork:
         video, camera = self.session.videos[self.index], self.session.cameras[self.index]
         models = self.models
         estimator = PoseEstimator(
-            models.keypoints, models.people, camera, self.options.keypoints, models.model_card
-        )
+            models.keypoints, models.people, camera, self.options.keypoints, models.model_card,
+            self.options.markers != "none",
+        )  # fmt: skip
         size = fit_inside(video.width, video.height, PROXY_LONG_SIDE_PX)
         with VideoWriter(self.proxy, *size, fps=self.session.fps) as writer:
             for frames in read_chunks(video, self.session.frame_indices[self.index]):

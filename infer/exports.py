@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import save_calibration
-from muybridge.infer.detect import CameraResult
+from muybridge.infer.detect import CameraResult, MarkerChoice
+from muybridge.infer.markers import marker_set
 from muybridge.infer.outputs import OutputFolder
 from muybridge.infer.overlay import OverlayOptions, write_overlay
 from muybridge.infer.progress import Progress, Task
@@ -26,7 +27,7 @@ from muybridge.motion.formats.bvh import write_bvh
 from muybridge.motion.formats.c3d import write_c3d
 from muybridge.motion.formats.trc import write_trc
 
-POINTS_TRC, POINTS_C3D, MOTION_BVH = "points.trc", "points.c3d", "motion.bvh"
+POINTS_TRC, POINTS_C3D, MOTION_BVH, MARKERS_C3D = "points.trc", "points.c3d", "motion.bvh", "markers.c3d"
 CALIBRATION, REPORT, RUN = "calibration.toml", "report.html", "run.json"
 THUMBNAILS = 4
 _OVERLAY_CODE = ("muybridge.infer.overlay", "muybridge.infer.video", "muybridge.geometry.cameras")
@@ -44,17 +45,19 @@ def result_names(camera_files: Sequence[str]) -> tuple[str, ...]:
         camera_files: the cameras' names as file names.
     """
     overlays = tuple(overlay_name(name) for name in camera_files)
-    return (POINTS_TRC, POINTS_C3D, MOTION_BVH, *overlays, REPORT, RUN, CALIBRATION)
+    return (POINTS_TRC, POINTS_C3D, MOTION_BVH, MARKERS_C3D, *overlays, REPORT, RUN, CALIBRATION)
 
 
-def write_motion(output: OutputFolder, session: Session, solution: Solution) -> list[str]:
-    """Write the points, the motion and the calibration as used; returns their names."""
+def write_motion(output: OutputFolder, session: Session, solution: Solution, markers: MarkerChoice) -> list[str]:
+    """Write the points, the motion, the markers of a set and the calibration as used; returns their names."""
     writers: dict[str, Callable[[Path], object]] = {
         POINTS_TRC: lambda path: write_trc(path, solution.points),
         POINTS_C3D: lambda path: write_c3d(path, solution.points),
         CALIBRATION: lambda path: save_calibration(session.cameras, path),
     }
-    motion = solution.motion
+    motion, skin = solution.motion, solution.markers
+    if skin is not None:
+        writers[MARKERS_C3D] = lambda path: write_c3d(path, marker_set(skin, markers))
     if motion is not None:
         writers[MOTION_BVH] = lambda path: write_bvh(path, motion)
     for name, write in writers.items():

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.cameras import Camera
-from muybridge.geometry.landmarks import Keypoints2D, LandmarkSet
+from muybridge.geometry.landmarks import SURFACE, Keypoints2D, LandmarkSet
 from muybridge.infer.onnx import OnnxOptions, PeopleNetwork
 from muybridge.infer.other_models import open_keypoints
 from muybridge.infer.people import PeopleDetector, PeopleOptions
@@ -57,6 +57,8 @@ class CameraTracks:
         visibility: (T, P, J) probability that the landmark is not hidden; zero where missing.
         boxes_px: (T, P, 4) left, top, right, bottom of the box that was cropped; NaN where there was none.
         ids: (T, P) number of the track, -1 where there is none. A slot may hold several, one after another.
+        markers_px, markers_variance_px2, markers_score: (T, P, M, 2) and (T, P, M), the same of the virtual markers
+            on the skin; None where they were not asked for.
     """
 
     landmarks: LandmarkSet
@@ -66,6 +68,9 @@ class CameraTracks:
     visibility: NDArray[np.float64]
     boxes_px: NDArray[np.float64]
     ids: NDArray[np.int64]
+    markers_px: NDArray[np.float64] | None = None
+    markers_variance_px2: NDArray[np.float64] | None = None
+    markers_score: NDArray[np.float64] | None = None
 
 
 class _Found(NamedTuple):
@@ -95,6 +100,7 @@ class PoseEstimator:
         camera: Camera | None = None,
         options: KeypointOptions = KeypointOptions(),
         model_card: str | None = None,
+        markers: bool = False,
     ) -> None:
         """Open the networks.
 
@@ -104,11 +110,13 @@ class PoseEstimator:
             camera: calibration at the video's size; without it crops are plain squares.
             options: how.
             model_card: of the keypoint model, where it is not one of ours: see `other_models.open_keypoints`.
+            markers: find the virtual markers too.
 
         Raises:
             ModelError: a file is missing or not one of ours.
         """
-        self._network = open_keypoints(keypoint_model, model_card, options.onnx)
+        self._network = open_keypoints(keypoint_model, model_card, options.onnx, markers)
+        self._markers = len(SURFACE) if markers else 0
         self._people = PeopleNetwork(people_model, options.onnx)
         self._camera = camera
         self._options = options
@@ -161,7 +169,7 @@ class PoseEstimator:
         """Everything found so far; T is the number of frames processed, P the slots that were used."""
         looks = -(-self._frames // self._options.people.every)
         min_seen = min(self._options.track.min_seen, looks)
-        return _assemble(self._found, self._frames, self.landmarks, min_seen)
+        return _assemble(self._found, self._frames, self.landmarks, self._markers, min_seen)
 
     def _process_part(self, frames: NDArray[np.uint8], parts: _Parts) -> None:
         detector, tracker, reader = parts
@@ -211,7 +219,7 @@ def _seen_later(ids: NDArray[np.int64], seen: NDArray[np.bool_]) -> NDArray[np.b
     return later
 
 
-def _assemble(found: list[_Found], frames: int, landmarks: LandmarkSet, min_seen: int) -> CameraTracks:
+def _assemble(found: list[_Found], frames: int, landmarks: LandmarkSet, markers: int, min_seen: int) -> CameraTracks:
     """Dense arrays from the chunks' poses, without tracks that were hardly ever seen."""
     frame, slot, track, seen = (
         np.concatenate([getattr(f, name) for f in found]) if found else np.empty(0, dtype=np.int64)
@@ -239,6 +247,9 @@ def _assemble(found: list[_Found], frames: int, landmarks: LandmarkSet, min_seen
         visibility=dense(3, (count,), 0.0),
         boxes_px=dense(4, (4,), np.nan),
         ids=ids,
+        markers_px=dense(5, (markers, 2), np.nan) if markers else None,
+        markers_variance_px2=dense(6, (markers,), np.nan) if markers else None,
+        markers_score=dense(7, (markers,), 0.0) if markers else None,
     )
 
 
@@ -253,17 +264,27 @@ def merge_tracks(tracks: Sequence[CameraTracks]) -> Keypoints2D:
     frames = sorted({len(t.points_px) for t in tracks})
     if len(frames) > 1 or any(t.landmarks != tracks[0].landmarks for t in tracks):
         raise ValueError(f"the cameras differ in frames ({frames}) or landmarks")
-    slots = max(t.points_px.shape[1] for t in tracks)
-
-    def merged(parts: list[NDArray[np.float64]], missing: float) -> NDArray[np.float64]:
-        result = np.full((len(parts), len(parts[0]), slots, *parts[0].shape[2:]), missing)
-        for camera, part in enumerate(parts):
-            result[camera, :, : part.shape[1]] = part
-        return result
-
     return Keypoints2D(
         landmarks=tracks[0].landmarks,
-        points_px=merged([t.points_px for t in tracks], np.nan),
-        variance_px2=merged([t.variance_px2 for t in tracks], np.nan),
-        score=merged([t.score for t in tracks], 0.0),
+        points_px=_merged([t.points_px for t in tracks], np.nan),
+        variance_px2=_merged([t.variance_px2 for t in tracks], np.nan),
+        score=_merged([t.score for t in tracks], 0.0),
     )
+
+
+def merge_markers(tracks: Sequence[CameraTracks]) -> Keypoints2D | None:
+    """The virtual markers of the same people in the same slots as `merge_tracks`; None where there are none."""
+    parts = [(t.markers_px, t.markers_variance_px2, t.markers_score) for t in tracks]
+    points, variances, scores = ([p for p in part if p is not None] for part in zip(*parts, strict=True))
+    if len(points) < len(tracks):
+        return None
+    return Keypoints2D(SURFACE, _merged(points, np.nan), _merged(variances, np.nan), _merged(scores, 0.0))
+
+
+def _merged(parts: list[NDArray[np.float64]], missing: float) -> NDArray[np.float64]:
+    """(C, T, P, ...) of the cameras' (T, p, ...), p padded to the most that one has."""
+    slots = max(part.shape[1] for part in parts)
+    result = np.full((len(parts), len(parts[0]), slots, *parts[0].shape[2:]), missing)
+    for camera, part in enumerate(parts):
+        result[camera, :, : part.shape[1]] = part
+    return result

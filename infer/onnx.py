@@ -44,10 +44,12 @@ class OnnxOptions:
 
 
 class Located(NamedTuple):
-    """Landmarks of N crops: points, variances and scores in crop px, and visibility (N, J), logits."""
+    """Landmarks of N crops: points, variances and scores in crop px, and visibility (N, J), logits; the same of the
+    virtual markers, where they were asked for."""
 
     found: DecodedHeatmaps
     visibility: NDArray[np.float32]
+    markers: DecodedHeatmaps | None = None
 
 
 class KeypointNetwork:
@@ -59,27 +61,41 @@ class KeypointNetwork:
         metadata: the same as text, for reports.
     """
 
-    def __init__(self, path: Path, options: OnnxOptions = OnnxOptions()) -> None:
+    def __init__(self, path: Path, options: OnnxOptions = OnnxOptions(), markers: bool = False) -> None:
         """Open a network.
 
+        Args:
+            path: of the file.
+            options: how it runs.
+            markers: the virtual markers are wanted too.
+
         Raises:
-            ModelError: the file is missing, damaged, or not a keypoint network of ours.
+            ModelError: the file is missing, damaged, or not a keypoint network of ours, or finds no markers.
         """
         self.path = path
         self._options = options
         self._session = open_session(path, options)
         self.card: KeypointModelCard = keypoint_card(_metadata(self._session), path)
         count = len(self.card.landmarks)
-        _check_signature(
-            self._session, path, channels=3, outputs={"heatmaps": (4, count), "visibility": (2, count)}
-        )
-        self._mirror = np.array(self.card.landmarks.mirror)
+        outputs = {"heatmaps": (4, count), "visibility": (2, count)}
+        self._sets = [self.card.landmarks]
+        if markers:
+            if self.card.markers is None:
+                raise ModelError(f"{path}: this network finds no virtual markers; {_REMEDY}, or ask for no markers")
+            self._sets.append(self.card.markers)
+            outputs |= {"marker_heatmaps": (4, len(self.card.markers))}
+        _check_signature(self._session, path, channels=3, outputs=outputs)
         self.metadata = dict(self.card.metadata)
 
     @property
     def landmarks(self) -> LandmarkSet:
         """What comes out."""
         return self.card.landmarks
+
+    @property
+    def markers(self) -> LandmarkSet | None:
+        """The virtual markers that come out too, where they were asked for."""
+        return self._sets[1] if len(self._sets) > 1 else None
 
     @property
     def crop_size(self) -> int:
@@ -97,35 +113,48 @@ class KeypointNetwork:
 
     def locate(self, crops: NDArray[np.uint8]) -> Located:
         """Landmarks in (N, S, S, 3) RGB crops."""
-        heatmaps, visibility = self(crops)
-        return Located(decode_heatmaps(heatmaps, self.card.stride, self.card.spread), visibility)
+        heatmaps, visibility, *markers = self(crops)
+        spread, marked = self.card.marker_spread, None
+        if markers and spread is not None:
+            marked = decode_heatmaps(markers[0], self.card.stride, spread)
+        return Located(decode_heatmaps(heatmaps, self.card.stride, self.card.spread), visibility, marked)
 
-    def __call__(self, crops: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def __call__(self, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
         """Run the network.
 
         Args:
             crops: (N, S, S, 3) RGB, S the card's `input_size`.
 
         Returns:
-            heatmaps (N, J, S/stride, S/stride) and visibility (N, J), both logits.
+            heatmaps (N, J, S/stride, S/stride) and visibility (N, J), both logits, and where markers were asked for
+            their heatmaps (N, M, S/stride, S/stride).
         """
-        size, count = self.card.input_size, len(self.card.landmarks)
+        size = self.card.input_size
         if crops.shape[1:] != (size, size, 3):
             raise ValueError(f"crops must be (N, {size}, {size}, 3), not {crops.shape}")
         cells = size // self.card.stride
-        heatmaps = np.empty((len(crops), count, cells, cells), dtype=np.float32)
-        visibility = np.empty((len(crops), count), dtype=np.float32)
+        maps = [np.empty((len(crops), len(s), cells, cells), dtype=np.float32) for s in self._sets]
+        visibility = np.empty((len(crops), len(self._sets[0])), dtype=np.float32)
         for part in batches(len(crops), self._options.batch):
-            heatmaps[part], visibility[part] = self._run(crops[part])
-            if self._options.flip:
-                mirrored, seen = self._run(crops[part, :, ::-1])
-                heatmaps[part] = (heatmaps[part] + mirrored[:, self._mirror, :, ::-1]) / 2
-                visibility[part] = (visibility[part] + seen[:, self._mirror]) / 2
-        return heatmaps, visibility
+            found, *mirrored = [self._run(c) for c in self._views(crops[part])]
+            visibility[part] = found[1]
+            for k, out in enumerate(maps):
+                out[part] = found[2 * k]
+            for other in mirrored:
+                twin = [np.array(s.mirror) for s in self._sets]
+                visibility[part] = (visibility[part] + other[1][:, twin[0]]) / 2
+                for k, out in enumerate(maps):
+                    out[part] = (out[part] + other[2 * k][:, twin[k], :, ::-1]) / 2
+        return [maps[0], visibility, *maps[1:]]
+
+    def _views(self, crops: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+        """The crops, and mirrored if so wished."""
+        return [crops, crops[:, :, ::-1]] if self._options.flip else [crops]
 
     def _run(self, crops: NDArray[np.uint8]) -> Sequence[NDArray[np.float32]]:
         image = np.multiply(crops.transpose(0, 3, 1, 2), np.float32(1 / 255), dtype=np.float32)
-        return run_session(self._session, self.path, ["heatmaps", "visibility"], np.ascontiguousarray(image))
+        outputs = ["heatmaps", "visibility", "marker_heatmaps"][: len(self._sets) + 1]
+        return run_session(self._session, self.path, outputs, np.ascontiguousarray(image))
 
 
 class PeopleNetwork:

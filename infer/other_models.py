@@ -145,16 +145,23 @@ class OtherNetwork:
         return decode_simcc(x, y, card.split_ratio, card.spread, card.softmax_scale, radius)
 
 
-def open_keypoints(path: Path, card: str | None, options: OnnxOptions) -> KeypointNetwork | OtherNetwork:
+def open_keypoints(
+    path: Path, card: str | None, options: OnnxOptions, markers: bool = False
+) -> KeypointNetwork | OtherNetwork:
     """Our keypoint network, or another model where there is a card for it.
 
     Args:
         path: of the ONNX file.
         card: a TOML file, the name of a shipped card, or None for `<model>.toml` beside the file, if any.
         options: how it runs.
+        markers: the virtual markers are wanted too, which networks of ours alone find.
 
     Raises:
         ModelError: a file is missing or unusable.
     """
     found = find_card(path, card)
-    return KeypointNetwork(path, options) if found is None else OtherNetwork(path, load_card(found), options)
+    if found is None:
+        return KeypointNetwork(path, options, markers)
+    if markers:
+        raise ModelError(f"{path}: virtual markers come from muybridge's own networks alone; ask for no markers")
+    return OtherNetwork(path, load_card(found), options)

@@ -6,7 +6,7 @@ import platform
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from muybridge.errors import SessionError
 from muybridge.geometry.landmarks import Keypoints2D
 from muybridge.infer import exports
 from muybridge.infer.detect import CameraResult, DetectOptions, detect, file_names, open_models
-from muybridge.infer.keypoints import CameraTracks, merge_tracks
+from muybridge.infer.keypoints import CameraTracks, merge_markers, merge_tracks
 from muybridge.infer.outputs import WORK, OutputFolder, open_output
 from muybridge.infer.overlay import OverlayOptions
 from muybridge.infer.progress import Progress
@@ -103,15 +103,16 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     for notice in session.notices:
         progress.notice(notice)
     detected = detect(session, files, models, store, options.detect, progress)
-    session, keypoints = _common(session, detected, progress)
+    session, keypoints, markers = _common(session, detected, progress)
     clocks = session_clocks(session)
     if clocks is not None:
         keypoints = synchronised(keypoints, clocks, session.fps)
+        markers = None if markers is None else synchronised(markers, clocks, session.fps)
         notice = f"the cameras' 2D landmarks were put in step by {SYNC_FILE}"
         progress.notice(notice)
         session = replace(session, notices=(*session.notices, notice))
     key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras, clocks)
-    solution = solve(session.cameras, keypoints, session.fps, key, store, options.solve, progress)
+    solution = solve(session.cameras, keypoints, session.fps, key, store, options.solve, progress, markers)
     progress.say(solution.person)
     if solution.motion is None:
         session = replace(session, notices=(*session.notices, f"there is no motion: {solution.no_motion}"))
@@ -156,7 +157,7 @@ def _write(
 ) -> tuple[list[str], dict[str, StageResult]]:
     """Write every result but `run.json`; returns their names and all stages by name."""
     stages = {f"2D {files[c]}": d.stage for c, d in enumerate(detected)} | solution.stages
-    written = exports.write_motion(output, session, solution)
+    written = exports.write_motion(output, session, solution, options.detect.markers)
     drawn, thumbnails = exports.write_overlays(
         output, store, session, files, detected, solution, options.overlay, options.detect.workers, progress
     )
@@ -169,8 +170,10 @@ def _write(
     return [*written, exports.REPORT], stages
 
 
-def _common(session: Session, detected: Sequence[CameraResult], progress: Progress) -> tuple[Session, Keypoints2D]:
-    """Everyone's 2D landmarks over the frames that every camera really had."""
+def _common(
+    session: Session, detected: Sequence[CameraResult], progress: Progress
+) -> tuple[Session, Keypoints2D, Keypoints2D | None]:
+    """Everyone's 2D landmarks and markers over the frames that every camera really had."""
     counts = [len(d.tracks.points_px) for d in detected]
     frames = min(counts)
     if frames == 0:
@@ -181,21 +184,15 @@ def _common(session: Session, detected: Sequence[CameraResult], progress: Progre
         notice = f"{shortest} has {frames} frames, fewer than its header suggests: the first {frames} are used"
         progress.notice(notice)
         session = replace(with_frames(session, frames), notices=(*session.notices, notice))
-    return session, merge_tracks([_first(d.tracks, frames) for d in detected])
+    tracks = [_first(d.tracks, frames) for d in detected]
+    return session, merge_tracks(tracks), merge_markers(tracks)
 
 
 def _first(tracks: CameraTracks, frames: int) -> CameraTracks:
     if len(tracks.points_px) == frames:
         return tracks
-    return replace(
-        tracks,
-        points_px=tracks.points_px[:frames],
-        variance_px2=tracks.variance_px2[:frames],
-        score=tracks.score[:frames],
-        visibility=tracks.visibility[:frames],
-        boxes_px=tracks.boxes_px[:frames],
-        ids=tracks.ids[:frames],
-    )
+    values = {f.name: getattr(tracks, f.name) for f in fields(tracks) if f.name != "landmarks"}
+    return replace(tracks, **{name: array[:frames] for name, array in values.items() if array is not None})
 
 
 def session_facts(session: Session) -> dict[str, Any]:

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from muybridge.geometry.cameras import Camera
-from muybridge.geometry.crops import crops_for_boxes
+from muybridge.geometry.crops import Crops, crops_for_boxes
 from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.infer.crops import extract_crops
 from muybridge.infer.onnx import KeypointNetwork
 from muybridge.infer.other_models import OtherNetwork
 from muybridge.infer.tracking import filled_boxes, smoothed_boxes
 from muybridge.infer.upright import Upright
+from muybridge.models.decode import DecodedHeatmaps
 
 # How far a person reaches beyond their landmarks, in longer sides of the landmarks' own box.
 _REACH = {"nose": 0.11, "eye": 0.11, "ear": 0.11, "wrist": 0.10}
@@ -43,6 +44,9 @@ class Poses(NamedTuple):
         score: (K, J).
         visibility: (K, J).
         boxes_px: (K, 4) that were cropped, upright px.
+        markers_px: (K, M, 2) px of the frame; M is zero where no virtual markers were asked for.
+        markers_variance_px2: (K, M).
+        markers_score: (K, M).
     """
 
     points_px: NDArray[np.float64]
@@ -50,6 +54,9 @@ class Poses(NamedTuple):
     score: NDArray[np.float64]
     visibility: NDArray[np.float64]
     boxes_px: NDArray[np.float64]
+    markers_px: NDArray[np.float64]
+    markers_variance_px2: NDArray[np.float64]
+    markers_score: NDArray[np.float64]
 
     @property
     def sureness(self) -> NDArray[np.float64]:
@@ -90,12 +97,15 @@ class PoseReader:
         for index in np.unique(frame):
             here = np.flatnonzero(frame == index)
             pixels[here] = extract_crops(frames[index], crops.select(here))
-        (points_crop, variance_crop, score), visibility = network.locate(pixels)
-        points = crops.to_image(points_crop)
-        variance = crops.variance_to_image(points_crop, variance_crop)
-        score[~np.isfinite(points).all(axis=-1)] = 0.0
+        found, visibility, markers = network.locate(pixels)
         seen = 1 / (1 + np.exp(-np.clip(visibility.astype(np.float64), -50, 50)))
-        return Poses(points, variance, score, seen, boxes_px)
+        if markers is None:
+            none = np.empty((len(crops), 0))
+            marked = none[..., None].repeat(2, axis=-1), none, none
+        else:
+            marked = _in_frame(markers, crops)
+        points, variance, score = _in_frame(found, crops)
+        return Poses(points, variance, score, seen, boxes_px, *marked)
 
     def own_boxes(self, poses: Poses) -> NDArray[np.float64]:
         """(K, 4) boxes that the landmarks themselves suggest, upright px; NaN where there are none."""
@@ -168,6 +178,16 @@ class PoseReader:
             if np.median(np.median(away, axis=1) / np.maximum(side[a], side[b])) < _SAME_PERSON:
                 gone.add(older if sureness[younger] > sureness[older] + _MUCH_SURER else younger)
         return np.array(sorted(gone), dtype=np.int64)
+
+
+def _in_frame(
+    found: DecodedHeatmaps, crops: Crops
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Points (K, J, 2), variances (K, J) and scores (K, J) in px of the frame."""
+    points_crop, variance_crop, score = found
+    points = crops.to_image(points_crop)
+    score[~np.isfinite(points).all(axis=-1)] = 0.0
+    return points, crops.variance_to_image(points_crop, variance_crop), score
 
 
 def _between(known: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.association import AssociateOptions, select_person, take_person
+from muybridge.geometry.association import AssociateOptions, select_person, take_person, take_slots
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.ik import FitOptions, fit_body, landmarks_from_motion
 from muybridge.geometry.landmarks import Keypoints2D, LandmarkSet, Points3D
@@ -17,6 +17,7 @@ from muybridge.geometry.skeleton import Motion, Skeleton
 from muybridge.geometry.smoothing import SmoothOptions, smooth_points
 from muybridge.geometry.swaps import SwapOptions, repair_swaps
 from muybridge.geometry.triangulation import TriangulateOptions, leave_one_out_error, triangulate
+from muybridge.infer.markers import triangulate_markers
 from muybridge.infer.progress import Progress
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
 
@@ -61,6 +62,7 @@ class Solution:
         noise_px: noise that the take shows beyond the network's own variance.
         motion: the fitted skeleton; None where the points did not suffice for one.
         no_motion: why there is none.
+        markers: virtual markers on the skin, smoothed; None where they were not asked for.
         stages: the stages by name, in order, for their timings.
     """
 
@@ -74,6 +76,7 @@ class Solution:
     noise_px: float
     motion: Motion | None
     no_motion: str
+    markers: Points3D | None
     stages: dict[str, StageResult]
 
 
@@ -85,6 +88,7 @@ def solve(
     store: StageStore,
     options: SolveOptions,
     progress: Progress,
+    markers: Keypoints2D | None = None,
 ) -> Solution:
     """Follow one person through the take.
 
@@ -96,6 +100,7 @@ def solve(
         store: where finished stages are.
         options: how.
         progress: whom to tell.
+        markers: the same people's virtual markers, in the same slots.
     """
     stage = _Stages(store, progress, [inputs, code_digest("muybridge.geometry"), fps])
     person = stage("person", options.person, lambda: _select(cameras, keypoints, options.person))
@@ -119,6 +124,14 @@ def solve(
     except MuybridgeError as error:
         # The points and the pictures show what is wrong: they are worth having without a motion.
         no_motion = str(error)
+    marked = None
+    if markers is not None:
+        skin = stage(
+            "markers",
+            [person.key, options.swaps, options.triangulate],
+            lambda: _markers(cameras, person.arrays, keypoints.landmarks, markers, options),
+        )
+        marked = smooth_points(_as_points(markers.landmarks, skin.arrays, skin.arrays, fps), options.smooth)
     return Solution(
         person=str(person.facts["reason"]),
         points_px=px,
@@ -130,6 +143,7 @@ def solve(
         noise_px=float(cloud.facts["noise_px"]),
         motion=motion,
         no_motion=no_motion,
+        markers=marked,
         stages=stage.done,
     )
 
@@ -203,6 +217,14 @@ def _points(
         "leave_one_out_px": leave_one_out_error(cameras, points_px, variance_px2, options),
     }
     return arrays, {"noise_px": found.noise_px}
+
+
+def _markers(
+    cameras: CameraGroup, person: Arrays, landmarks: LandmarkSet, markers: Keypoints2D, options: SolveOptions
+) -> tuple[Arrays, Mapping[str, Any]]:
+    points_px, variance_px2, _ = take_slots(markers, person["slots"])
+    body = person["points_px"], person["variance_px2"], landmarks
+    return triangulate_markers(cameras, body, (points_px, variance_px2), options.swaps, options.triangulate), {}
 
 
 def _smooth(points: Points3D, options: SmoothOptions) -> tuple[Arrays, Mapping[str, Any]]:

@@ -5,6 +5,9 @@ output is a classification over cells, not a regression: while left and right ar
 of the time where a mean never is.
 """
 
+import copy
+from typing import TypeVar
+
 import torch
 from torch import Tensor, nn
 
@@ -69,7 +72,7 @@ class KeypointNet(nn.Module):
         self,
         landmarks: int = 23,
         widths: tuple[int, int, int, int] = (32, 64, 128, 160),
-        depths: tuple[int, int, int, int] = (1, 2, 3, 2),
+        depths: tuple[int, int, int, int] = (0, 2, 3, 2),
     ) -> None:
         super().__init__()
         self.config = {"landmarks": landmarks, "widths": widths, "depths": depths}
@@ -86,12 +89,52 @@ class KeypointNet(nn.Module):
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """(N, 3, S, S) RGB in 0..1 -> heatmap logits (N, J, S/4, S/4), visibility logits (N, J)."""
+        fine, coarse = self.features(image)
+        return self.head(fine), self.visibility(coarse)
+
+    def features(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, 3, S, S) -> (N, widths[0], S/4, S/4), of which heatmaps are made, and (N, widths[3]) of the whole."""
         x = self.stem((image - self.mean) / self.std)
         features = []
         for level in self.levels:
             x = level(x)
             features.append(x)
-        visibility = self.visibility(x.mean((2, 3)))
+        coarse = x.mean((2, 3))
         for lateral, fine in zip(self.laterals, features[-2::-1], strict=True):
             x = lateral(x, fine)
-        return self.head(x), visibility
+        return x, coarse
+
+
+class SeparateHeads(nn.Module):
+    """A `KeypointNet` whose body landmarks and virtual markers come out apart, for whoever wants the body alone.
+
+    Args:
+        net: J landmarks, the first `body` of them of the body.
+        body: how many.
+    """
+
+    def __init__(self, net: KeypointNet, body: int) -> None:
+        super().__init__()
+        self.net = net
+        self.marker_head = _rows(net.head, slice(body, None))
+        self.marker_visibility = _rows(net.visibility, slice(body, None))
+        self.body_head, self.body_visibility = _rows(net.head, slice(body)), _rows(net.visibility, slice(body))
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """(N, 3, S, S) -> heatmaps and visibility of the body, then of the markers; logits as of `KeypointNet`."""
+        fine, coarse = self.net.features(image)
+        return (
+            self.body_head(fine), self.body_visibility(coarse),
+            self.marker_head(fine), self.marker_visibility(coarse),
+        )  # fmt: skip
+
+
+_Layer = TypeVar("_Layer", nn.Conv2d, nn.Linear)
+
+
+def _rows(layer: _Layer, rows: slice) -> _Layer:
+    """A copy of a layer with some of its outputs."""
+    part = copy.deepcopy(layer)
+    part.weight = nn.Parameter(layer.weight[rows].detach().clone())
+    part.bias = nn.Parameter(layer.bias[rows].detach().clone())  # type: ignore[index]
+    return part

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from muybridge.errors import ModelError
-from muybridge.geometry.landmarks import BODY23, LandmarkSet
+from muybridge.geometry.landmarks import BODY23, SURFACE, LandmarkSet
 from muybridge.models.decode import SpreadCalibration
 
 ModelKind = Literal["keypoints", "people"]
@@ -35,6 +35,8 @@ class KeypointModelCard:
         input_size: side of the square crops, px.
         stride: crop px a heatmap cell.
         spread: how a heatmap's spread becomes a variance.
+        markers: the virtual markers that the network finds too; None of one that finds none.
+        marker_spread: as `spread`, of the markers.
         box_padding: side of a crop over the longer side of the person's box.
         metadata: everything the file says, as text.
     """
@@ -44,6 +46,8 @@ class KeypointModelCard:
     input_size: int
     stride: int
     spread: SpreadCalibration
+    markers: LandmarkSet | None
+    marker_spread: SpreadCalibration | None
     box_padding: float
     metadata: Mapping[str, str]
 
@@ -98,18 +102,16 @@ def keypoint_card(metadata: Mapping[str, str], path: Path) -> KeypointModelCard:
     """
     read = _Reader(metadata, path)
     read.kind("keypoints")
-    names = read.names()
-    spread = read.json_object("variance")
+    names = read.names("names")
+    marked = "marker_names" in metadata
     return KeypointModelCard(
         version=read.text("version"),
         landmarks=_landmark_set(read.text("landmark_set"), names, read),
         input_size=read.integer("input_size", multiple_of=32),
         stride=read.integer("stride"),
-        spread=SpreadCalibration(
-            scale=read.positive(spread.get("scale"), "variance.scale"),
-            floor_px2=read.positive(spread.get("floor_px2"), "variance.floor_px2"),
-            knots=read.knots(spread.get("knots", []), "variance.knots"),
-        ),
+        spread=read.spread("variance"),
+        markers=_marker_set(read.names("marker_names"), read) if marked else None,
+        marker_spread=read.spread("marker_variance") if marked else None,
         box_padding=read.positive(read.text("box_padding"), "box_padding"),
         metadata=dict(metadata),
     )
@@ -139,6 +141,12 @@ def _landmark_set(name: str, names: tuple[str, ...], read: _Reader) -> LandmarkS
     except ValueError:
         raise read.error("a landmark's left or right twin is not among its landmark names") from None
     return landmarks
+
+
+def _marker_set(names: tuple[str, ...], read: _Reader) -> LandmarkSet:
+    if names != SURFACE.names:
+        raise read.error(f"its marker names are not those of {SURFACE.name}")
+    return SURFACE
 
 
 class _Reader:
@@ -201,10 +209,18 @@ class _Reader:
             raise self.error(f"{key} is not a JSON object")
         return value
 
-    def names(self) -> tuple[str, ...]:
-        value = self._json("names")
+    def spread(self, key: str) -> SpreadCalibration:
+        spread = self.json_object(key)
+        return SpreadCalibration(
+            scale=self.positive(spread.get("scale"), f"{key}.scale"),
+            floor_px2=self.positive(spread.get("floor_px2"), f"{key}.floor_px2"),
+            knots=self.knots(spread.get("knots", []), f"{key}.knots"),
+        )
+
+    def names(self, key: str) -> tuple[str, ...]:
+        value = self._json(key)
         if not isinstance(value, list) or not value or not all(isinstance(n, str) for n in value):
-            raise self.error("names is not a JSON list of landmark names")
+            raise self.error(f"{key} is not a JSON list of landmark names")
         if len(set(value)) != len(value):
             raise self.error("a landmark name is there twice")
         return tuple(value)

@@ -2,7 +2,7 @@
 
 import datetime
 import pathlib
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -12,10 +12,10 @@ from scipy.optimize import minimize
 import muybridge
 from muybridge.errors import ModelError
 from muybridge.geometry.crops import BOX_PADDING
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps
 from muybridge.models.export import export_onnx
-from muybridge.models.keypoint_net import MEAN, STD, STRIDE, KeypointNet
+from muybridge.models.keypoint_net import MEAN, STD, STRIDE, KeypointNet, SeparateHeads
 from muybridge.models.people_net import STRIDE as PEOPLE_STRIDE
 from muybridge.models.people_net import PeopleNet
 from muybridge.models.quantize import int8_path, quantize
@@ -58,35 +58,58 @@ def people_net(saved: dict[str, Any]) -> PeopleNet:
     return net.eval()
 
 
-def held_out_errors(
-    net: KeypointNet, batches: list[Batch]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Errors (N, J, 2) and spreads (N, J) in crop pixels, as decoded in use, and which landmarks lie inside."""
-    errors, spreads, inside = [], [], []
+class HeldOut(NamedTuple):
+    """How landmarks of held-out crops were found: N crops, J landmarks.
+
+    Attributes:
+        error_px: (N, J, 2), NaN where the truth is unknown.
+        spread_px2: (N, J) of the heatmaps.
+        inside: (N, J) the landmark is known and lies inside of the crop.
+        visible: (N, J) and is not hidden.
+    """
+
+    error_px: NDArray[np.float64]
+    spread_px2: NDArray[np.float64]
+    inside: NDArray[np.bool_]
+    visible: NDArray[np.bool_]
+
+    def select(self, crops: slice, landmarks: slice) -> "HeldOut":
+        """Some of the crops and landmarks."""
+        return HeldOut(*(values[crops, landmarks] for values in self))
+
+
+def held_out(net: KeypointNet, batches: list[Batch]) -> HeldOut:
+    """All that the network finds in crops, body first, then markers, in crop pixels, as decoded in use."""
+    parts = []
     for batch in batches:
         with torch.inference_mode():
             heatmaps, _ = net(batch.image.float().div(255))
         decoded = decode_heatmaps(heatmaps.numpy(), STRIDE, SpreadCalibration(1.0, 1e-12))
-        at = batch.landmarks_px.numpy()
-        errors.append(decoded.points_crop_px - at)
-        spreads.append(decoded.variance_crop_px2)
-        inside.append(((at >= 0) & (at < batch.image.shape[-1])).all(-1))
-    return np.concatenate(errors), np.concatenate(spreads), np.concatenate(inside)
+        at = np.concatenate([batch.landmarks_px, batch.markers_px], 1)[:, : heatmaps.shape[1]]
+        seen = np.concatenate([batch.visible, batch.markers_visible], 1)[:, : heatmaps.shape[1]]
+        inside = ((at >= 0) & (at < batch.image.shape[-1])).all(-1)
+        parts.append((decoded.points_crop_px - at, decoded.variance_crop_px2, inside, seen & inside))
+    return HeldOut(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
-def fit_spread(error_px: NDArray[np.float64], spread_px2: NDArray[np.float64]) -> SpreadCalibration:
+def fit_spread(
+    error_px: NDArray[np.float64], spread_px2: NDArray[np.float64], visible: NDArray[np.bool_] | None = None
+) -> SpreadCalibration:
     """The map from spread to variance under which one and two sigma hold their share of held-out errors.
 
     "Within n sigma" is meant a coordinate: |x error| < n sigma and |y error| < n sigma count one each, and a
     Gaussian has 68.3 and 95.4 % of them. Errors are no Gaussian given the spread, though: most landmarks are near
     and a few lie on the other hypothesis, so that a sigma from the 68.3 % quantile is too small for 95.4 % and one
     from half of the 95.4 % quantile too large for 68.3 %. In every range of spreads the variance lies between the
-    two, by one weight for all, with which neither share is farther off than the other.
+    two, by one weight for all, with which no share is farther off than need be, neither of all landmarks nor of
+    the visible ones.
 
     Args:
         error_px: (K, 2).
         spread_px2: (K,).
+        visible: (K,) which of them are not hidden; without, only all together are looked at.
     """
+    groups = [slice(None)] if visible is None or not visible.any() else [slice(None), visible]
     order = np.argsort(spread_px2)
     count = max(1, min(KNOTS, len(order) // 50))
     parts = np.array_split(order, count)
@@ -102,8 +125,9 @@ def fit_spread(error_px: NDArray[np.float64], spread_px2: NDArray[np.float64]) -
         return SpreadCalibration(scale, floor, _pairs(at, variance))
 
     def worse(weight: float) -> float:
-        first, second = sigma_coverage(error_px, spread_px2, calibration(weight))
-        return max(abs(first - WITHIN_ONE), abs(second - WITHIN_TWO))
+        fitted = calibration(weight)
+        within = [sigma_coverage(error_px[group], spread_px2[group], fitted) for group in groups]
+        return max(max(abs(one - WITHIN_ONE), abs(two - WITHIN_TWO)) for one, two in within)
 
     weights = np.linspace(0.0, 1.0, 21)
     return calibration(float(weights[np.argmin([worse(w) for w in weights])]))
@@ -155,23 +179,47 @@ def publish_keypoints(
     the 8-bit version's ranges are measured on the first of them."""
     saved = load_checkpoint(checkpoint)
     net = keypoint_net(saved)
-    errors, spreads, inside = held_out_errors(net, batches)
-    half = len(errors) // 2
-    spread = fit_spread(errors[:half][inside[:half]], spreads[:half][inside[:half]])
-    within = sigma_coverage(errors[half:][inside[half:]], spreads[half:][inside[half:]], spread)
+    found, body = held_out(net, batches), len(BODY23)
     size = batches[0].image.shape[-1]
+    variance, within = _calibrated(found, slice(body))
     metadata = _common(saved, "keypoints", command) | {
         "precision": "fp32", "landmark_set": BODY23.name, "names": list(BODY23.names),
         "input_size": str(size), "stride": str(STRIDE),
         "normalisation": NORMALISATION, "box_padding": str(BOX_PADDING),
-        "variance": {"scale": spread.scale, "floor_px2": spread.floor_px2, "knots": spread.knots},
-        "sigma_coverage": {"one": round(within[0], 3), "two": round(within[1], 3)},
+        "variance": variance, "sigma_coverage": within,
     }  # fmt: skip
+    outputs, exported = ["heatmaps", "visibility"], net
+    if found.error_px.shape[1] > body and found.inside[:, body:].any():
+        variance, within = _calibrated(found, slice(body, None))
+        metadata |= {
+            "marker_names": list(SURFACE.names), "marker_variance": variance, "marker_sigma_coverage": within,
+            "marker_scores": marker_scores(found.select(slice(None), slice(body, None))),
+        }  # fmt: skip
+        outputs += ["marker_heatmaps", "marker_visibility"]
+        exported = SeparateHeads(net, body).eval()
     path.parent.mkdir(parents=True, exist_ok=True)
-    export_onnx(net, path, (2, 3, size, size), ("heatmaps", "visibility"), metadata)
+    export_onnx(exported, path, (2, 3, size, size), tuple(outputs), metadata)
     images = np.concatenate([batch.image.numpy() for batch in batches])
     quantize(path, int8_path(path), images[:CALIBRATION_IMAGES])
     return metadata
+
+
+def _calibrated(found: HeldOut, landmarks: slice) -> tuple[dict[str, Any], dict[str, float]]:
+    """The variance's calibration from one half of the crops and its coverage on the other, as metadata."""
+    half = len(found.inside) // 2
+    fit, test = found.select(slice(half), landmarks), found.select(slice(half, None), landmarks)
+    spread = fit_spread(fit.error_px[fit.inside], fit.spread_px2[fit.inside], fit.visible[fit.inside])
+    within = {}
+    for name, chosen in (("", test.inside), ("_visible", test.visible)):
+        one, two = sigma_coverage(test.error_px[chosen], test.spread_px2[chosen], spread)
+        within |= {f"one{name}": round(one, 3), f"two{name}": round(two, 3)}
+    return {"scale": spread.scale, "floor_px2": spread.floor_px2, "knots": spread.knots}, within
+
+
+def marker_scores(found: HeldOut) -> dict[str, float]:
+    """Median error of the visible markers in crop pixels and the share within ten."""
+    distance = np.linalg.norm(found.error_px, axis=-1)[found.visible]
+    return {"median_px": round(float(np.median(distance)), 3), "within_10px": round(float((distance < 10).mean()), 4)}
 
 
 def publish_people(checkpoint: pathlib.Path, path: pathlib.Path, command: str) -> dict[str, Any]:
