@@ -6,11 +6,12 @@ from typing import Annotated
 
 import tyro
 
-from muybridge.train.options import Evaluation, KeypointTraining, PeopleTraining, Synthesis
+from muybridge.train.options import Evaluation, KeypointTraining, LabelTraining, PeopleTraining, Synthesis
 
 _Network = Annotated[
     Annotated[KeypointTraining, tyro.conf.subcommand("keypoints")]
-    | Annotated[PeopleTraining, tyro.conf.subcommand("people")],
+    | Annotated[PeopleTraining, tyro.conf.subcommand("people")]
+    | Annotated[LabelTraining, tyro.conf.subcommand("labels")],
     tyro.conf.arg(name=""),
 ]
 
@@ -32,6 +33,14 @@ def synth(options: Annotated[Synthesis, tyro.conf.arg(name="")]) -> None:
 
 def train(network: _Network) -> None:
     """Train a network on synthetic people, from renders to ONNX, on a CPU or a GPU; resumes a killed run."""
+    if isinstance(network, LabelTraining):
+        from muybridge.train import labels
+        from muybridge.train.labels_publish import publish_labels
+
+        path = network.out / "labels.onnx"
+        publish_labels(labels.train(network), path, network.clips, _command_line())
+        print(f"wrote {path}; use it with `muybridge label FILE --model {path}`")
+        return
     if isinstance(network, PeopleTraining):
         from muybridge.train import people
         from muybridge.train.publish import publish_people

@@ -47,8 +47,7 @@ class MarkerBodies:
 
     def __init__(self, seed: int) -> None:
         self.model = BodyModel(seed)
-        self.model.rng = self.model.poses.rng = np.random.default_rng([seed, 77])
-        self.rng = self.model.rng
+        self.reseed(seed)
         table = marker_table()
         self.vertices, self.place = np.unique(table.vertices, return_inverse=True)
         self.place = self.place.reshape(table.vertices.shape)
@@ -60,6 +59,10 @@ class MarkerBodies:
         self.weights /= self.weights.sum(1, keepdims=True)
         self.bones = np.take_along_axis(bones, order, 1)
         self.outward = self._outward()
+
+    def reseed(self, seed: int) -> None:
+        """Everything drawn from now on depends on `seed` alone."""
+        self.rng = self.model.rng = self.model.poses.rng = np.random.default_rng(seed)
 
     def _outward(self) -> Array:
         """(M,) +1 where the landmark's triangle runs anticlockwise seen from outside, else -1."""
@@ -139,11 +142,14 @@ class MarkerBodies:
 def make_marker_clips(out: pathlib.Path, shards: range, seed: int = 0) -> None:
     """Makes those of `shards` that are not in the folder `out` yet."""
     out.mkdir(parents=True, exist_ok=True)
+    bodies = None
     for k in shards:
         path = out / f"{k:05}.npz"
         if path.exists():
             continue
-        made = MarkerBodies(int(np.random.SeedSequence([seed, k]).generate_state(1)[0])).clips(CLIPS)
+        bodies = bodies or MarkerBodies(seed)
+        bodies.reseed(int(np.random.SeedSequence([seed, k]).generate_state(1)[0]))
+        made = bodies.clips(CLIPS)
         with replacing(path) as temporary, open(temporary, "wb") as file:
             np.savez(file, points=made.points, normals=made.normals, kinds=made.kinds, names=np.array(SURFACE.names))
 

@@ -2,6 +2,7 @@
 
 import pathlib
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,25 @@ class PeopleTraining(Training):
     out: pathlib.Path = pathlib.Path("runs/people")
     minutes: float = 30.0
     batch: int = 32
+
+
+@dataclass(frozen=True)
+class LabelTraining(Training):
+    """Train the marker labelling network on synthetic marker clouds.
+
+    Attributes:
+        markerset: what the network sees most of: `pig39`, `cmu41`, or `all` (both, and random sets).
+        clips: folder of marker trajectories, made where they are missing.
+        shards: how many shards of 32 clips there shall be; the first four are held out from training.
+    """
+
+    out: pathlib.Path = pathlib.Path("runs/labels")
+    clips: pathlib.Path = pathlib.Path("runs/labels/clips")
+    shards: int = 96
+    markerset: Literal["all", "pig39", "cmu41"] = "all"
+    batch: int = 32
+    decay: float = 0.3
+    workers: int = 0
 
 
 @dataclass(frozen=True)
