@@ -17,7 +17,7 @@ from muybridge.geometry.landmarks import SURFACE
 from muybridge.train.bodies import BodyModel
 from muybridge.train.markers import TABLE
 from muybridge.train.render import Renderer, View, look_at
-from muybridge.train.wardrobe import Outfit, sample_outfit
+from muybridge.train.wardrobe import Outfit, bare_outfit
 
 DOCS = pathlib.Path(__file__).parents[1] / "docs"
 # Centre (metres), width (metres), direction to the camera, height and width (pixels), and which markers: all, or
@@ -39,11 +39,12 @@ TABLE_HEAD = "## The table\n"
 
 def plain_outfit() -> Outfit:
     """Bare skin in even light."""
-    values = sample_outfit(np.random.default_rng(0), 0.0).values | {
-        "skin": (0.45, 0.33, 0.27), "shoe_top": -2.0, "hair_line": -1.0, "has_shirt": 0, "has_trousers": 0,
-        "light_colour": (1.0, 1.0, 1.0), "ambient_up": (0.3, 0.3, 0.3), "ambient_down": (0.2, 0.2, 0.2),
+    outfit = bare_outfit(np.random.default_rng(0))
+    values = outfit.values | {
+        "fill_colour": (0.0, 0.0, 0.0), "light_colour": (1.0, 1.0, 1.0), "ambient_up": (0.3, 0.3, 0.3),
+        "ambient_down": (0.2, 0.2, 0.2),
     }  # fmt: skip
-    return Outfit("briefs", False, False, (0.0, 0.0, 1.0), values)
+    return Outfit(outfit.kind, outfit.parts, (0.0, 0.0, 1.0), values)
 
 
 def names_of(row: dict[str, str]) -> str:

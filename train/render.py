@@ -8,17 +8,22 @@ import pathlib
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from muybridge.train import fabrics
 from muybridge.train.bodies import BODY_VERTICES, BodyModel
 from muybridge.train.markers import marker_normals, markers_seen, virtual_markers
+from muybridge.train.shells import Shells
 from muybridge.train.wardrobe import Outfit
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 SHADERS = pathlib.Path(__file__).parent / "shaders"
 SHADOW_MAP = 512
+PARTS = ("body", "trousers", "shirt", "shoes", "skirt", "long_hair", "hair", "hat")
+DOT = 0.007  # metres, radius of a reflective dot
+# Mean luma (0..255) of a person that the camera's exposure keeps to.
+LUMA = (38.0, 205.0)
 NEAR, FAR = 0.1, 60.0
 
 # How far, in metres for a body of 1.7 m, a landmark lies under the skin: beyond it, something hides it.
@@ -102,6 +107,25 @@ class Render:
     markers_visible: NDArray[np.bool_]
 
 
+class Program:
+    """A shader program and its uniforms by name."""
+
+    def __init__(self, ctx: object, vertex: str, fragment: str) -> None:
+        self.program = ctx.program(vertex_shader=vertex, fragment_shader=fragment)  # type: ignore[attr-defined]
+        members = {k: self.program[k] for k in self.program}
+        self._uniforms = {k: m for k, m in members.items() if hasattr(m, "value")}
+
+    def set(self, values: dict[str, object]) -> None:
+        """Sets those of `values` that the program has; matrices are (4, 4)."""
+        for key, uniform in self._uniforms.items():
+            if key in values:
+                value = values[key]
+                if isinstance(value, np.ndarray):
+                    uniform.write(value.T.astype("f4").tobytes())
+                else:
+                    uniform.value = value
+
+
 class Renderer:
     """An OpenGL context with the body's buffers in it; one a process."""
 
@@ -130,15 +154,21 @@ class Renderer:
 
     def _programs(self) -> None:
         common = (SHADERS / "common.glsl").read_text()
-        vertex = common + (SHADERS / "person.vert").read_text()
-        fragment = {k: common + (SHADERS / f"{k}.frag").read_text() for k in ("person", "depth", "mask")}
-        camera = vertex.replace("PROJECTION", "clip_from_world")
-        light = vertex.replace("PROJECTION", "light_clip_from_world")
-        self.programs = {
-            "person": self.ctx.program(vertex_shader=camera, fragment_shader=fragment["person"]),
-            "depth": self.ctx.program(vertex_shader=light, fragment_shader=fragment["depth"]),
-            "mask": self.ctx.program(vertex_shader=camera, fragment_shader=fragment["mask"]),
-        }
+        vertex = (SHADERS / "person.vert").read_text()
+        self.programs: dict[str, list[Program]] = {}
+        # One program a part: on a CPU a shader pays for every branch that its source has.
+        for name, projection in (("person", "clip"), ("depth", "light_clip"), ("mask", "clip")):
+            fragment = (SHADERS / f"{name}.frag").read_text()
+            self.programs[name] = [
+                Program(self.ctx, *(
+                    common.replace("PART_NUMBER", str(part)) + stage
+                    for stage in (vertex.replace("PROJECTION", projection + "_from_world"), fragment)
+                )) for part in range(len(PARTS) + 1)
+            ]  # fmt: skip
+        self.dots = Program(self.ctx, (SHADERS / "dots.vert").read_text(), (SHADERS / "dots.frag").read_text())
+        self._noise()
+
+    def _noise(self) -> None:
         rng = np.random.default_rng(1)
         white = rng.random((32, 32, 32)).astype("f4")
 
@@ -152,31 +182,37 @@ class Renderer:
             self.ctx.texture3d((n,) * 3, 1, (a.clip(0, 1) * 255).astype("u1").tobytes())
             for n, a in ((32, white), (64, fractal))
         ]
+        self.cloth = []
+        for layers in (fabrics.make_patterns(), fabrics.make_prints(), fabrics.make_folds()):
+            n = layers.shape[1]
+            texture = self.ctx.texture_array((n, n, len(layers)), 4, layers.tobytes())
+            texture.build_mipmaps()
+            texture.filter = (self.gl.LINEAR_MIPMAP_LINEAR, self.gl.LINEAR)
+            self.cloth.append(texture)
 
     def _buffers(self, body: BodyModel) -> None:
-        v = len(body.rest)
-        self.dynamic = self.ctx.buffer(reserve=v * 24, dynamic=True)
-        static = np.concatenate([body.rest, np.stack([body.is_head, body.is_eye, body.arm_weight], 1)], 1).astype("f4")
-        self.static = self.ctx.buffer(static.tobytes())
+        self._shells = Shells(body)
+        shells = self._shells
+        self.dynamic = self.ctx.buffer(reserve=shells.count * 36, dynamic=True)
+        self.dot_buffer = self.ctx.buffer(reserve=256 * 12, dynamic=True)
+        self.static = self.ctx.buffer(shells.static.tobytes())
+        indices = [self.ctx.buffer(f.astype("i4").tobytes()) for f in shells.parts]
         self.arrays: dict[str, list[object]] = {}
-        indices = [self.ctx.buffer(f.astype("i4").tobytes()) for f in body.parts]
-        for name, program in self.programs.items():
-            content = [
-                self._attributes(program, self.dynamic, (("position", 12), ("normal", 12))),
-                self._attributes(program, self.static, (("rest", 12), ("traits", 12))),
-            ]
-            self.arrays[name] = [self.ctx.vertex_array(program, content, i) for i in indices]
+        for name, programs in self.programs.items():
+            self.arrays[name] = []
+            for part, index in enumerate(indices):
+                program = programs[min(part, len(PARTS))].program
+                content = [
+                    self._attributes(program, self.dynamic, (("position", 12), ("normal", 12), ("slack", 12))),
+                    self._attributes(program, self.static, (("rest", 12), ("traits", 12))),
+                ]
+                self.arrays[name].append(self.ctx.vertex_array(program, [c for c in content if len(c) > 2], index))
+        self.dot_array = self.ctx.vertex_array(self.dots.program, [(self.dot_buffer, "3f", "position")])
         shadow = self.ctx.depth_texture((SHADOW_MAP, SHADOW_MAP))
         shadow.compare_func = ""
         shadow.repeat_x = shadow.repeat_y = False
         self.shadow_texture = shadow
         self.shadow_target = self.ctx.framebuffer([], shadow)
-        faces = np.concatenate(body.parts)
-        self._faces = faces
-        self._incidence = sp.csr_matrix(
-            (np.ones(faces.size, "f4"), (faces.reshape(-1), np.repeat(np.arange(len(faces)), 3))),
-            shape=(v, len(faces)),
-        )
 
     @staticmethod
     def _attributes(program: object, buffer: object, fields: tuple[tuple[str, int], ...]) -> tuple[object, ...]:
@@ -185,39 +221,49 @@ class Renderer:
         layout = " ".join("3f" if n in used else f"{size}x" for n, size in fields)
         return (buffer, layout, *used)
 
-    def normals(self, vertices: F32) -> F32:
-        """(V, 3) unit normals, area-weighted over all shells."""
-        t = vertices[self._faces]
-        n = self._incidence @ np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
-        return np.asarray(n / (np.linalg.norm(n, axis=1, keepdims=True) + 1e-12), np.float32)
-
     def load(self, vertices: F32) -> None:
         """Makes `vertices` (V, 3) the person that the next renders show."""
         self.vertices = vertices
-        normals = self.normals(vertices)
+        table, self._normals = self._shells.shape(vertices)
         self.markers = virtual_markers(vertices[None])[0]
-        self.marker_normals = marker_normals(normals[None])[0]
-        self.dynamic.write(np.concatenate([vertices, normals], 1).astype("f4").tobytes())
+        self.marker_normals = marker_normals(self._normals[None, : len(vertices)])[0]
+        self.dynamic.write(table.tobytes())
 
-    def _set(self, program: object, values: dict[str, object]) -> None:
-        for key, value in values.items():
-            if key in program:  # type: ignore[operator]
-                if isinstance(value, np.ndarray):
-                    program[key].write(value.T.astype("f4").tobytes())  # type: ignore[index]
-                else:
-                    program[key].value = value  # type: ignore[index]
+    def _dress(self, outfit: Outfit) -> None:
+        """Writes the accessories and dots of `outfit` where they are on the loaded person."""
+        table = self._shells.accessories(outfit.accessories, self.vertices)
+        if len(table):
+            self.dynamic.write(table.tobytes(), offset=self._shells.first * 36)
+        count, seed = outfit.dots
+        if count:
+            chosen = np.random.default_rng(seed).choice(self._shells.dot_places, count, replace=False)
+            at = self.vertices[chosen] + self._normals[chosen] * (0.6 * DOT + 0.005)
+            self.dot_buffer.write(at.astype("f4").tobytes())
 
-    def _draw(self, name: str, outfit: Outfit) -> None:
-        program = self.programs[name]
+    def _draw(self, name: str, outfit: Outfit, values: dict[str, object]) -> None:
         for part, array in enumerate(self.arrays[name]):
-            if (part == 2 and not outfit.skirt) or (part == 3 and not outfit.long_hair):
+            if 0 < part < len(PARTS) and PARTS[part] not in outfit.parts:
                 continue
+            if part >= len(PARTS) + len(outfit.accessories):
+                break
             if part == 0:
                 self.ctx.enable(self.gl.CULL_FACE)
             else:
                 self.ctx.disable(self.gl.CULL_FACE)
-            program["part"].value = part
+            program = self.programs[name][min(part, len(PARTS))]
+            if part <= len(PARTS):
+                program.set(values)
+            if part >= len(PARTS):
+                item = outfit.accessories[part - len(PARTS)]
+                program.set({"item_colour": item.colour, "item_hair": int(item.hair)})
             array.render()  # type: ignore[attr-defined]
+
+    def _draw_dots(self, outfit: Outfit, view: View) -> None:
+        lamps = np.mean(outfit.values["light_colour"]) + np.mean(outfit.values["ambient_up"])
+        reach = 2 * DOT * view.focal_px
+        self.dots.set({"clip_from_world": view.clip_from_world, "reach_px": reach, "light": float(lamps)})
+        self.ctx.enable(self.gl.PROGRAM_POINT_SIZE)
+        self.dot_array.render(self.gl.POINTS, vertices=outfit.dots[0])
 
     def render(self, view: View, outfit: Outfit, landmarks_world: NDArray[np.floating]) -> Render:
         """The loaded person in `outfit` as `view` sees it, floor at z = 0."""
@@ -230,30 +276,29 @@ class Renderer:
         shear[0, 2], shear[1, 2], shear[2, 2] = (
             -outfit.light[0] / max(outfit.light[2], 0.15), -outfit.light[1] / max(outfit.light[2], 0.15), 0.0
         )  # fmt: skip
+        self._dress(outfit)
         common = outfit.uniforms() | {
             "clip_from_world": view.clip_from_world, "light_clip_from_world": light_clip,
             "eye_world": tuple(-view.cam_from_world[:, :3].T @ view.cam_from_world[:, 3]),
+            "shadow_map": 0, "white3": 1, "fractal3": 2, "patterns": 3, "prints": 4, "folds": 5,
         }  # fmt: skip
-        for program in self.programs.values():
-            self._set(program, common)
+        for unit, texture in enumerate((self.shadow_texture, *self.noise, *self.cloth)):
+            texture.use(unit)
         self.ctx.enable(self.gl.DEPTH_TEST)
         self.shadow_target.use()
         self.shadow_target.clear(depth=1.0)
-        self._draw("depth", outfit)
+        self._draw("depth", outfit, common)
         target, mask_target, depth_texture = self._target(view.width, view.height)
         mask_target.use()  # type: ignore[attr-defined]
         mask_target.clear(0, 0, 0, 0)  # type: ignore[attr-defined]
         self.ctx.disable(self.gl.DEPTH_TEST)
-        self._set(self.programs["mask"], {"clip_from_world": view.clip_from_world @ shear})
-        self._draw("mask", outfit)
+        self._draw("mask", outfit, common | {"clip_from_world": view.clip_from_world @ shear})
         self.ctx.enable(self.gl.DEPTH_TEST)
         target.use()  # type: ignore[attr-defined]
         target.clear(0, 0, 0, 0, depth=1.0)  # type: ignore[attr-defined]
-        self.shadow_texture.use(0)
-        self.noise[0].use(1)
-        self.noise[1].use(2)
-        self._set(self.programs["person"], {"shadow_map": 0, "white3": 1, "fractal3": 2})
-        self._draw("person", outfit)
+        self._draw("person", outfit, common)
+        if outfit.dots[0]:
+            self._draw_dots(outfit, view)
         return self._read(view, target, mask_target, depth_texture, landmarks_world)
 
     @staticmethod
@@ -286,7 +331,7 @@ class Renderer:
         height = float(np.ptp(self.vertices[:BODY_VERTICES], axis=0).max())
         visible = inside & (depth_m - front < LANDMARK_DEPTH * min(height, 1.8) / 1.7 + 0.02)
         labels = px.astype(np.float32), visible, box.astype(np.float32)
-        return Render(rgba.copy(), shadow.copy(), *labels, *self._read_markers(view, metres, height))
+        return Render(_expose(rgba.copy()), shadow.copy(), *labels, *self._read_markers(view, metres, height))
 
     def _read_markers(self, view: View, metres: NDArray[np.floating], height: float) -> tuple[F32, NDArray[np.bool_]]:
         """Pixels (M, 2) of the loaded person's markers and whether they are seen."""
@@ -295,6 +340,21 @@ class Renderer:
         eye = -view.cam_from_world[:, :3].T @ view.cam_from_world[:, 3]
         seen = markers_seen(self.markers, self.marker_normals, eye, depth_m, front, height)
         return px.astype(np.float32), inside & seen
+
+
+def _expose(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Brings the mean luma of a person into `LUMA`, in place, as a camera's exposure would: nobody is a black hole."""
+    person = rgba[rgba[..., 3] > 0, :3]
+    if not len(person):
+        return rgba
+    luma = float(person.mean(0) @ [0.299, 0.587, 0.114])
+    wanted = float(np.clip(luma, *LUMA))
+    if wanted != luma:
+        steps = np.arange(256) / 255
+        gain = wanted / max(luma, 4.0)
+        curve = (1 - (1 - steps) ** gain) if gain > 1 else steps * gain  # brightening keeps white white
+        rgba[..., :3] = (curve.clip(0, 1) * 255).round().astype(np.uint8)[rgba[..., :3]]
+    return rgba
 
 
 def _front(px: F64, metres: NDArray[np.floating]) -> tuple[NDArray[np.bool_], NDArray[np.floating]]:

@@ -1,100 +1,114 @@
-"""What a synthetic person wears and how they are lit: the renderer's uniforms, drawn at random."""
+"""What a synthetic person wears and how they are lit: the renderer's uniforms and accessories, drawn at random."""
 
-import colorsys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-Colour = tuple[float, float, float]
+from muybridge.train.fabrics import colour_of, fabric_colour
+from muybridge.train.garments import SLOTS, Accessory
+from muybridge.train.outfits import Dresser
+
+Values = dict[str, Any]
 
 # Linear skin colours from light to dark.
 SKIN = np.array(
     [[0.90, 0.66, 0.53], [0.82, 0.56, 0.43], [0.70, 0.45, 0.32], [0.55, 0.33, 0.22], [0.36, 0.20, 0.13],
-     [0.22, 0.12, 0.08]]
+     [0.26, 0.15, 0.10]]
 )  # fmt: skip
-HAIR: tuple[Colour, ...] = (
-    (0.02, 0.015, 0.01), (0.06, 0.03, 0.015), (0.16, 0.08, 0.03), (0.4, 0.27, 0.1), (0.3, 0.3, 0.3)
-)  # fmt: skip
-# Kinds of outfit: clothed, athlete without a shirt, swimmer in briefs, motion-capture suit.
-KINDS = {"clothed": 0.62, "no_shirt": 0.18, "briefs": 0.07, "suit": 0.13}
+# Kinds of outfit: clothed, sports clothes, athlete without a shirt, swimmer in briefs, motion-capture suit.
+KINDS = {"clothed": 0.48, "sports": 0.17, "no_shirt": 0.15, "briefs": 0.07, "suit": 0.13}
+# Exposure puts a white card that faces the light about here, linear; the film's shoulder lies above.
+EXPOSURE, EXPOSURE_SD = 0.95, 0.27
+GONE = 9.0  # an edge that is nowhere
 
 
 @dataclass(frozen=True)
 class Outfit:
-    """Uniforms of the person's shaders; lengths are heights in the body at rest, metres."""
+    """What the person's shaders are told; lengths are heights in the body at rest, metres.
+
+    Attributes:
+        kind: one of `KINDS`.
+        parts: shells that are drawn beside the body: trousers, shirt, shoes, skirt, long_hair, hair, hat.
+        light: unit direction to the main light, world.
+        values: uniforms by name.
+        accessories: at most `garments.SLOTS` things tied to the body.
+        dots: number of reflective dots on the body, and the seed of where they are.
+    """
 
     kind: str
-    skirt: bool
-    long_hair: bool
+    parts: frozenset[str]
     light: tuple[float, float, float]
-    values: dict[str, object]
+    values: Values
+    accessories: tuple[Accessory, ...] = field(default=())
+    dots: tuple[int, int] = (0, 0)
 
-    def uniforms(self) -> dict[str, object]:
+    def uniforms(self) -> Values:
         """Names and values as the shaders have them."""
-        return self.values | {"light": self.light, "has_skirt": int(self.skirt)}
+        worn = {f"has_{p}": int(p in self.parts) for p in ("shirt", "trousers", "skirt", "hat")}
+        return self.values | worn | {"light": self.light}
 
 
-def fabric_colour(rng: np.random.Generator) -> Colour:
-    """Fabrics as they are worn: dark and grey ones over-sampled, saturated ones rare."""
-    if rng.random() < 0.3:
-        value = rng.uniform(0.005, 0.05)
-        return tuple(float(c) for c in value * rng.uniform(0.8, 1.2, 3))  # type: ignore[return-value]
-    return colorsys.hsv_to_rgb(rng.random(), rng.beta(1.0, 1.8), rng.uniform(0.03, 0.9))
-
-
-def _light(rng: np.random.Generator) -> tuple[tuple[float, float, float], dict[str, object]]:
+def _light(rng: np.random.Generator) -> tuple[tuple[float, float, float], Values]:
+    """A main light, a fill light and the sky and floor, exposed for the person."""
     direction = np.array([rng.normal(), rng.normal(), abs(rng.normal()) + 0.6])
     direction /= np.linalg.norm(direction)
+    fill = np.array([rng.normal(), rng.normal(), 0.5 * rng.normal() + 0.3])
+    fill /= np.linalg.norm(fill)
     tint = 1 + rng.normal(0, 0.06, 3)
-    key = rng.uniform(0.15, 1.3)
-    return tuple(float(x) for x in direction), {  # type: ignore[return-value]
-        "light_colour": tuple(key * tint),
-        "ambient_up": tuple(rng.uniform(0.2, 0.75) * tint * (1 + rng.normal(0, 0.05, 3))),
-        "ambient_down": tuple(rng.uniform(0.08, 0.4) * (1 + rng.normal(0, 0.08, 3))),
-    }
+    hard = rng.beta(1.3, 1.6)  # share of the main light
+    key, up, down = 1.5 * hard, (1 - hard) * rng.uniform(0.8, 1.3) + 0.12, (1 - hard) * rng.uniform(0.25, 0.8) + 0.06
+    side = rng.uniform(0, 0.35) if rng.random() < 0.6 else 0.0
+    white = 0.55 * key + 0.5 * (up + down) + 0.3 * side
+    gain = EXPOSURE * float(np.exp(np.clip(rng.normal(0, EXPOSURE_SD), -0.5, 0.6))) / white
+    return colour_of(direction), {
+        "light_colour": colour_of(gain * key * tint), "fill": colour_of(fill),
+        "fill_colour": colour_of(gain * side * (1 + rng.normal(0, 0.1, 3))),
+        "ambient_up": colour_of(gain * up * tint * (1 + rng.normal(0, 0.05, 3))),
+        "ambient_down": colour_of(gain * down * (1 + rng.normal(0, 0.08, 3))),
+    }  # fmt: skip
 
 
-def sample_outfit(rng: np.random.Generator, gender: float) -> Outfit:
-    """A random outfit and light; `gender` 0 male .. 1 female."""
+def _bare(rng: np.random.Generator) -> Values:
+    """Uniforms of a person with nothing on."""
+    dark = fabric_colour(rng)
+    return {
+        "sleeve": 0.0, "hem": 0.1, "neckline": 0.57, "v_neck": 0.0, "tank": 0.0, "waist": 0.13, "cuff": -0.7,
+        "skirt_top": 0.16, "skirt_length": -0.3, "hair_length": 0.5, "hair_line": 0.70, "hair_low": 0.63, "bald": 0.0,
+        "shoe_top": -GONE, "sock_top": -GONE, "glove": GONE, "hat_line": GONE, "hat_slope": 0.5, "ears_out": 1,
+        "hooded": 0, "puff_shirt": 0.004, "puff_trousers": 0.004, "loose_shirt": 0.0, "loose_trousers": 0.0,
+        "flare_hem": 0.0, "flare_sleeve": 0.0, "flare_leg": 0.0, "flare_skirt": 0.05, "pleats": 0.0, "bulge": 0.0,
+        "shoe_bulk": 0.006, "sole": 0.006, "toe": 0.0, "hair_volume": 0.008, "hair_top": 1.0, "hair_lumps": 0.5,
+        "hat_volume": 0.008, "seed": float(rng.uniform(0, 50)), "covered": 0, "beard": 0, "sheen": 0,
+        "hair_colour": (0.02, 0.015, 0.01), "hair_paint": 0.0, "shoe_colour": dark, "sole_colour": dark,
+        "sock_colour": dark, "hat_a": dark, "hat_b": dark, "cover_colour": (0.3, 0.5, 0.6), "glove_colour": dark,
+        "shirt_a": dark, "shirt_b": dark, "shirt_c": dark, "trousers_a": dark, "trousers_b": dark,
+        "trousers_c": dark, "skirt_a": dark, "skirt_b": dark, "item_colour": dark, "item_hair": 0,
+        "pattern": (0, 0, 0), "pattern_size": (0.3, 0.3, 0.3), "fold_kind": (0, 2, 1), "print_layer": -1,
+        "print_back": 0, "print_box": (0.0, 0.35, 0.1, 0.1), "shirt_style": 0, "trousers_style": 0, "straps": 0,
+        "fold_depth": 0.5, "bodily": 1.0, "gloss_cloth": 0.03,
+    }  # fmt: skip
+
+
+def bare_outfit(rng: np.random.Generator) -> Outfit:
+    """Nothing on and no hair, as a plain model of the body."""
+    light, lighting = _light(rng)
+    return Outfit("briefs", frozenset(), light, _bare(rng) | lighting | {"skin": (0.45, 0.33, 0.27)})
+
+
+def sample_outfit(rng: np.random.Generator, gender: float, kind: str | None = None) -> Outfit:
+    """A random outfit and light; `gender` 0 male .. 1 female; `kind` is one of `KINDS`, by default drawn."""
     female = gender > 0.5
-    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
-    if kind == "no_shirt" and female and rng.random() < 0.7:
-        kind = "briefs"
-    skirt = kind == "clothed" and female and rng.random() < 0.3
+    if kind is None:
+        kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+        if kind == "no_shirt" and female and rng.random() < 0.6:
+            kind = "sports"
     light, lighting = _light(rng)
     tone = rng.uniform(0, 5)
     low = int(tone)
-    skin = (SKIN[low] * (1 - tone % 1) + SKIN[min(low + 1, 5)] * (tone % 1)) ** 1.6
-    sleeve = rng.uniform(0.40, 0.50) if rng.random() < 0.4 else rng.uniform(0.18, 0.32)
-    cuff = rng.uniform(-0.80, -0.70) if rng.random() < 0.6 else rng.uniform(-0.45, -0.15)
-    shoe = rng.uniform(-0.80, -0.72) if rng.random() < 0.8 else -2.0
-    puff_shirt, puff_trousers = rng.uniform(0.002, 0.026, 2)
-    shirt, trousers = fabric_colour(rng), fabric_colour(rng)
-    has_shirt = True
-    if kind in ("no_shirt", "briefs"):
-        has_shirt = female
-        sleeve = 0.0 if female else sleeve
-        cuff = rng.uniform(-0.42, -0.12) if kind == "no_shirt" else -0.07
-        shoe = -2.0 if rng.random() < 0.6 else shoe
-        puff_trousers = rng.uniform(0.001, 0.012)
-    elif kind == "suit":
-        sleeve, cuff, puff_shirt, puff_trousers = 0.50, -0.80, 0.003, 0.003
-        trousers = shirt if rng.random() < 0.6 else trousers
-    cap = rng.random() < 0.12
-    hair = fabric_colour(rng) if cap else HAIR[rng.integers(len(HAIR))]
-    long_hair = not cap and rng.random() < (0.65 if female else 0.08)
-    values: dict[str, object] = lighting | {
-        "sleeve": float(sleeve), "hem": float(rng.uniform(-0.06, 0.08)), "neckline": float(rng.uniform(0.53, 0.61)),
-        "cuff": float(cuff), "skirt_length": float(rng.uniform(-0.65, -0.2)),
-        "hair_length": float(rng.uniform(0.35, 0.62)), "shoe_top": float(shoe),
-        "has_shirt": int(has_shirt), "has_trousers": 1, "puff_shirt": float(puff_shirt),
-        "puff_trousers": float(puff_trousers), "skin": tuple(skin), "shirt_a": shirt,
-        "shirt_b": fabric_colour(rng), "trousers_a": trousers, "trousers_b": fabric_colour(rng),
-        "hair_colour": hair, "shoe_colour": fabric_colour(rng),
-        "pattern": (int(rng.choice(7, p=[0.46, 0.12, 0.05, 0.07, 0.12, 0.06, 0.12])),
-                    int(rng.choice([0, 0, 0, 0, 3, 4]))),
-        "pattern_scale": (float(rng.uniform(6, 40)), float(rng.uniform(6, 40))),
-        "seed": float(rng.uniform(0, 50)), "fold_depth": float(rng.uniform(0.3, 2.2)),
-        "hair_line": float(rng.uniform(0.685, 0.72)) if rng.random() < 0.9 else -1.0,
-    }  # fmt: skip
-    return Outfit(kind, bool(skirt), bool(long_hair), light, values)
+    skin = (SKIN[low] * (1 - tone % 1) + SKIN[min(low + 1, 5)] * (tone % 1)) ** 1.5
+    dresser = Dresser(rng, female, kind, _bare(rng) | lighting | {"skin": colour_of(skin)})
+    dresser.dress()
+    return Outfit(kind, frozenset(dresser.parts), light, dresser.values, tuple(dresser.things[: SLOTS]),
+                  dresser.dots)  # fmt: skip
+

@@ -1,3 +1,3 @@
 in vec3 Q;
-in float arm;
-void main() { if (absent(Q, arm)) discard; }
+in float arm, head;
+void main() { if (absent(Q, arm, head)) discard; }

@@ -1,4 +1,4 @@
 in vec3 Q;
-in float arm;
+in float arm, head;
 out vec4 colour;
-void main() { if (absent(Q, arm)) discard; colour = vec4(1); }
+void main() { if (absent(Q, arm, head)) discard; colour = vec4(1); }

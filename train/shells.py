@@ -1,0 +1,87 @@
+"""Vertices of everything that is drawn of a person: the body, its shells, the dome round the skull, accessories."""
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from muybridge.train import garments
+from muybridge.train.bodies import BODY_VERTICES, BodyModel
+from muybridge.train.garments import Accessory
+
+F32 = NDArray[np.float32]
+I32 = NDArray[np.int32]
+
+
+class Shells:
+    """Which faces make up each part, and where all vertices are for a posed body.
+
+    Attributes:
+        parts: triangles of body, trousers, shirt, shoes, skirt, long hair, hair, hat and the accessories' slots.
+        static: (count, 6) position at rest and traits (head, eye, arm).
+        count: number of vertices.
+        first: the first vertex of the accessories.
+        dot_places: vertices of the body where a reflective dot may be.
+    """
+
+    def __init__(self, body: BodyModel) -> None:
+        body_faces, tights, skirt, long_hair = body.parts
+        v = len(body.rest)
+        rings, spokes = garments.DOME
+        self._dome = garments.dome_weights(body.rest[:BODY_VERTICES], body.is_head[:BODY_VERTICES] > 0.5)
+        dome_rest = self._dome @ body.rest[:BODY_VERTICES]
+        dome = garments.grid_faces(rings, spokes, closed=True)[:, ::-1] + v
+        rows, columns = garments.GRID
+        self.first = v + len(dome_rest)
+        self._grid = garments.grid_faces(rows, columns, closed=False)
+        slots = [self._grid + self.first + k * rows * columns for k in range(garments.SLOTS)]
+        self.count = self.first + garments.SLOTS * rows * columns
+        q = body.rest[tights]
+        arm = body.arm_weight[tights].max(1) > 0.3
+        trousers = tights[(q[..., 2].min(1) < 0.24) & ~arm]
+        shirt = tights[(q[..., 2].max(1) > -0.13) | arm]
+        shoes = tights[(q[..., 2].min(1) < -0.44) & ~arm]
+        self.parts: list[I32] = [body_faces, trousers, shirt, shoes, skirt, long_hair, dome, dome, *slots]
+        self.static = np.zeros((self.count, 6), np.float32)
+        self.static[:v, :3] = body.rest
+        self.static[:v, 3:] = np.stack([body.is_head, body.is_eye, body.arm_weight], 1)
+        self.static[v : self.first, :3] = dome_rest
+        self.static[v : self.first, 3] = 1
+        self._tights = int(tights.min()), int(tights.max()) + 1
+        self._mean = garments.smoothing(tights, self._tights[0], self._tights[1] - self._tights[0])
+        self._anchors = garments.Anchors(body.rest, body.arm_weight, BODY_VERTICES)
+        self._faces = np.concatenate([*body.parts, dome])
+        self._incidence = _incidence(self._faces, self.first)
+        self._grid_incidence = _incidence(self._grid, rows * columns)
+        skin = body.rest[:BODY_VERTICES]
+        limbs = (body.is_head[:BODY_VERTICES] < 0.5) & (skin[:, 2] > -0.80) & (np.abs(skin[:, 0]) < 0.455)
+        self.dot_places = np.nonzero(limbs)[0]
+
+    def shape(self, vertices: F32) -> tuple[F32, F32]:
+        """The buffer (first, 9) of positions, normals and slack positions of a posed body (V, 3); and the normals."""
+        points = np.concatenate([vertices, self._dome @ vertices[:BODY_VERTICES]])
+        t = points[self._faces]
+        normals = _unit(self._incidence @ np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]))
+        table = np.concatenate([points, normals, points], 1).astype(np.float32)
+        low, high = self._tights
+        table[low:high, 6:] = garments.slack(vertices[low:high], self._mean)
+        return table, normals
+
+    def accessories(self, items: tuple[Accessory, ...], vertices: F32) -> F32:
+        """(len(items) * rows * columns, 9): the same of accessories on a posed body."""
+        tables = []
+        for item in items:
+            points = self._anchors.carry(item, vertices)
+            t = points[self._grid]
+            normals = _unit(self._grid_incidence @ np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]))
+            tables.append(np.concatenate([points, normals, points], 1))
+        return np.concatenate(tables).astype(np.float32) if tables else np.zeros((0, 9), np.float32)
+
+
+def _incidence(faces: I32, count: int) -> sp.csr_matrix:
+    """(count, F) which faces a vertex belongs to."""
+    entries = np.ones(faces.size, "f4"), (faces.reshape(-1), np.repeat(np.arange(len(faces)), 3))
+    return sp.csr_matrix(entries, shape=(count, len(faces)))
+
+
+def _unit(normals: NDArray[np.floating]) -> F32:
+    return np.asarray(normals / (np.linalg.norm(normals, axis=1, keepdims=True) + 1e-12), np.float32)
