@@ -350,8 +350,9 @@ class _Solver:
         root = np.sqrt(np.maximum(np.diag(reduced), 1e-30))
         scaled = reduced / root / root[:, None]
         modes = self.gauge(s)[self.free] * root[:, None]
+        moving = np.linalg.norm(modes, axis=0) > 0
         modes /= np.maximum(np.linalg.norm(modes, axis=0), 1e-30)
-        loose = np.einsum("gk,gh,hk->k", modes, scaled, modes) < 1e-7
+        loose = moving & (np.einsum("gk,gh,hk->k", modes, scaled, modes) < 1e-7)
         if loose.any():
             q, _ = np.linalg.qr(modes[:, loose])
             inverse = np.linalg.pinv(scaled + q @ q.T, hermitian=True) - q @ q.T

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+_SEARCH_PX = 1000
 
 
 @dataclass(frozen=True)
@@ -79,10 +80,36 @@ class BoardDetector:
             if ids is None or len(ids) == 0:
                 return np.zeros(0, np.int64), np.zeros((0, 2))
             return ids.reshape(-1).astype(np.int64), px.reshape(-1, 2).astype(float)
-        found, px = cv2.findChessboardCornersSB(image, (self.board.columns, self.board.rows), None)
-        if not found:
-            return np.zeros(0, np.int64), np.zeros((0, 2))
-        return np.arange(self.board.columns * self.board.rows), px.reshape(-1, 2).astype(float)
+        px = find_checkerboard(image, self.board.columns, self.board.rows)
+        return (np.arange(len(px)) if len(px) else np.zeros(0, np.int64)), px
+
+
+def find_checkerboard(gray: NDArray[np.uint8], columns: int, rows: int) -> Floats:
+    """(columns rows, 2) px of the inner corners, row by row from either end; (0, 2) where there is no such board.
+
+    Found in a reduced image, which is several times as fast and misses less, then measured in the full one.
+    """
+    size = (columns, rows)
+    scale = min(1.0, _SEARCH_PX / max(gray.shape))
+    small = gray if scale == 1.0 else cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    found, px = cv2.findChessboardCornersSB(small, size, None, cv2.CALIB_CB_EXHAUSTIVE)
+    if not found:
+        return np.zeros((0, 2))
+    px = (px.reshape(-1, 2).astype(float) + 0.5) / scale - 0.5
+    if scale == 1.0:
+        return px
+    margin = 1.6 * np.ptp(px, axis=0).max() / (min(size) - 0.5)
+    low = np.maximum(px.min(axis=0) - margin, 0).astype(int)
+    high = np.minimum(px.max(axis=0) + margin + 1, np.array(gray.shape[::-1])).astype(int)
+    window = np.ascontiguousarray(gray[low[1] : high[1], low[0] : high[0]])
+    found, fine = cv2.findChessboardCornersSB(window, size, None, cv2.CALIB_CB_EXHAUSTIVE)
+    if not found:
+        return px
+    fine = fine.reshape(-1, 2).astype(float) + low
+    for candidate in (fine, fine[::-1]):
+        if np.abs(candidate - px).max() < 2.0 / scale:
+            return np.asarray(candidate)
+    return px
 
 
 def fitting_descriptions(board: Board, images: list[NDArray[np.uint8]]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import cv2
@@ -30,6 +30,22 @@ _ASPECT, _MIDDLE = 0.003, 0.03
 _PINHOLE_TERMS, _FISHEYE_TERMS = (0.5, 0.5, 0.003, 0.003), (0.3, 0.3, 0.3, 0.3)
 _FISHEYE_VIEWS_DEG = (80.0, 110.0, 140.0, 170.0)
 _FISHEYE_WIDEST = np.tan(np.radians(85))
+_MISREAD_PX, _HOPELESS = 3.0, 0.2
+
+
+@dataclass(frozen=True)
+class LensCalibration:
+    """A lens from a board.
+
+    Attributes:
+        camera: at the identity.
+        result: the adjustment that it comes from, the board at a pose of its own in every view.
+        views: those that took part.
+    """
+
+    camera: Camera
+    result: AdjustResult
+    views: list[View]
 
 
 def lens_prior(camera: Camera) -> LensPrior:
@@ -65,7 +81,7 @@ def board_pose(camera: Camera, board: Board, view: View) -> Floats:
 
 def calibrate_lens(
     name: str, board: Board, views: Sequence[View], size: tuple[int, int], lens: Lens = "pinhole"
-) -> tuple[Camera, AdjustResult]:
+) -> LensCalibration:
     """A camera's lens from views of a board; its pose is the identity.
 
     Args:
@@ -76,7 +92,7 @@ def calibrate_lens(
         lens: model.
 
     Returns:
-        The camera and the adjustment that it comes from, the board at a pose of its own in every usable view.
+        The lens; views in which something else was taken for the board are left out.
 
     Raises:
         CalibrationError: too few views, or all alike.
@@ -87,14 +103,30 @@ def calibrate_lens(
             f"camera {name}: the board is seen in {len(good)} usable views of {len(views)}, at least {FEWEST_VIEWS} "
             "are needed; show it closer, flatter lit and from more sides"
         )
-    camera = _fisheye_start(name, board, good, size) if lens == "fisheye" else _pinhole_start(name, board, good, size)
-    result = adjust_lens(camera, board, good)
-    if not np.isfinite(result.focal_std[0]) or result.focal_std[0] > 0.2 * result.cameras[0].params[0]:
+    start = _fisheye_start if lens == "fisheye" else _pinhole_start
+    result = adjust_lens(start(name, board, good, size), board, good)
+    kept = [v for v, e in zip(good, _view_errors(result, good), strict=True) if e <= _misread(result, good)]
+    if FEWEST_VIEWS <= len(kept) < len(good):
+        result = adjust_lens(result.cameras[0], board, kept)
+    focal, known = result.cameras[0].params[0], result.focal_std[0]
+    if not np.isfinite(known) or known > _HOPELESS * focal:
         raise CalibrationError(
-            f"camera {name}: the views do not tell the focal length (known to {result.focal_std[0]:.0f} px of "
-            f"{result.cameras[0].params[0]:.0f}); tilt the board by 30 to 60 degrees, not always facing the camera"
+            f"camera {name}: the views do not tell the focal length (known to {known:.0f} px of {focal:.0f}); "
+            "tilt the board by 30 to 60 degrees, not always facing the camera"
         )
-    return result.cameras[0], result
+    return LensCalibration(result.cameras[0], result, [v for v in views if any(v is k for k in kept)])
+
+
+def _view_errors(result: AdjustResult, views: Sequence[View]) -> list[float]:
+    """Median error of each view, px."""
+    ends = np.cumsum([len(v[0]) for v in views])[:-1]
+    errors = np.nan_to_num(np.linalg.norm(result.residuals_px, axis=1), nan=1e6)
+    return [float(np.median(e)) for e in np.split(errors, ends)]
+
+
+def _misread(result: AdjustResult, views: Sequence[View]) -> float:
+    """Median error from which a view is no picture of the board, px."""
+    return max(_MISREAD_PX, 8 * float(np.median(_view_errors(result, views))))
 
 
 def adjust_lens(camera: Camera, board: Board, views: Sequence[View]) -> AdjustResult:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.adjust import AdjustProblem, AdjustResult, FreeCamera, adjust
 from muybridge.geometry.calibration.board import Board
 from muybridge.geometry.calibration.board_chain import Chain, chain, symmetries
@@ -33,6 +34,7 @@ Views = Mapping[str, Mapping[int, View]]
 """By camera and time (a whole number, steps of time): what was seen of the board."""
 _ROUNDS = 8
 _SETTLED = 0.05
+_MISREAD_PX = 4.0
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class RigCalibration:
             board was not seen, or by no other camera.
         delay_spread: their standard deviation.
         joined: (camera, camera, views) by which pairs, and over how many shared views, the rig hangs together.
-        unused: by camera, how many views had too few corners.
+        unused: by camera, how many views had too few corners or were none of the board.
     """
 
     solved: Solved
@@ -105,13 +107,18 @@ def calibrate_rig(
         CalibrationError: too few views of a camera, or one that shares no view with the rest (named).
     """
     names = list(views)
-    good = {n: _good(views[n]) for n in names}
-    lenses = [
-        known[n].posed(np.eye(4)[:3])
-        if known is not None
-        else calibrate_lens(n, board, list(views[n].values()), sizes[n], options.lens)[0]
-        for n in names
-    ]
+    lenses: list[Camera] = []
+    good: dict[str, dict[int, View]] = {}
+    for n in names:
+        mine = {t: v for t, v in views[n].items() if usable([v])}
+        few = choose_times({n: mine}, sizes, options.max_views)
+        lens = (
+            known[n].posed(np.eye(4)[:3])
+            if known is not None
+            else calibrate_lens(n, board, [mine[t] for t in few], sizes[n], options.lens).camera
+        )
+        lenses.append(lens)
+        good[n] = _fitting(lens, board, mine)
     seen = [{t: board_pose(c, board, v) for t, v in good[c.name].items()} for c in lenses]
     found = chain(names, seen, board)
     rates = board_rates(_own_numbering(seen, found, board), board.corners.mean(axis=0))
@@ -132,8 +139,20 @@ def calibrate_rig(
     )  # fmt: skip
 
 
-def _good(views: Mapping[int, View]) -> dict[int, View]:
-    return {t: v for t, v in views.items() if usable([v])}
+def _fitting(lens: Camera, board: Board, views: Mapping[int, View]) -> dict[int, View]:
+    """The views that a flat board explains."""
+    out = {}
+    for t, (ids, px) in views.items():
+        pose = board_pose(lens, board, (ids, px))
+        error = np.linalg.norm(lens.posed(pose[:3]).project(board.corners[ids]) - px, axis=1)
+        if np.median(np.nan_to_num(error, nan=np.inf)) <= _MISREAD_PX:
+            out[t] = (ids, px)
+    if len(out) < 0.5 * len(views):
+        raise CalibrationError(
+            f"camera {lens.name}: {len(views) - len(out)} of {len(views)} views of the board do not fit its lens; "
+            "was the lens calibrated at another zoom or size, or is the lens fisheye (--lens fisheye)?"
+        )
+    return out
 
 
 def _own_numbering(seen: Sequence[Mapping[int, Floats]], found: Chain, board: Board) -> list[dict[int, Floats]]:
