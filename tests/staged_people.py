@@ -8,6 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.cameras import Camera
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.infer import detect, pipeline
 from muybridge.infer.cli import run_command
 from muybridge.infer.keypoints import CameraTracks
@@ -54,12 +55,25 @@ def person(frames: int, fps: float = 30.0) -> NDArray[np.float64]:
     return points
 
 
+def skin(frames: int) -> NDArray[np.float64]:
+    """(T, 72, 3) metres: markers around the person's middle, each at a place of its own, left ones on the left."""
+    turns = np.arange(len(SURFACE)) / len(SURFACE) * 20
+    around = 0.2 * np.stack([np.cos(turns), np.sin(turns), np.linspace(-4, 4, len(SURFACE))], -1)
+    side = np.array([1 if n.startswith("left_") else -1 if n.startswith("right_") else 0 for n in SURFACE.names])
+    around[:, 0] = 0.15 * side + 0.05 * around[:, 0]
+    return person(frames).mean(axis=1, keepdims=True) + around
+
+
 class StagedEstimator:
     """Stands in for `PoseEstimator`: the person, projected into the camera, half a pixel of noise on it."""
 
-    def __init__(self, keypoints: Path, people: Path, camera: Camera, options: Any) -> None:
+    def __init__(
+        self, keypoints: Path, people: Path, camera: Camera, options: Any, model_card: str | None, markers: bool
+    ) -> None:
+        assert model_card is None
         self._camera = camera
         self._frames = 0
+        self._markers = markers
 
     def process(self, frames: NDArray[np.uint8]) -> None:
         assert frames.shape[1:] == (self._camera.height, self._camera.width, 3)
@@ -74,7 +88,7 @@ class StagedEstimator:
             points[:] = np.nan
         seen = np.isfinite(points).all(axis=-1)
         boxes = np.concatenate([points.min(axis=2), points.max(axis=2)], axis=-1)
-        return CameraTracks(
+        tracks = CameraTracks(
             landmarks=BODY23,
             points_px=points,
             variance_px2=np.where(seen, 0.25, np.nan),
@@ -83,6 +97,12 @@ class StagedEstimator:
             boxes_px=boxes,
             ids=np.zeros((t, 1), np.int64),
         )
+        return replace(tracks, **self._skin(t)) if self._markers else tracks
+
+    def _skin(self, frames: int) -> dict[str, NDArray[np.float64]]:
+        points = self._camera.project(skin(frames))[:, None]
+        known = np.full(points.shape[:-1], 1.0)
+        return {"markers_px": points, "markers_variance_px2": 0.25 * known, "markers_score": 0.9 * known}
 
 
 def staged_models(options: detect.DetectOptions) -> detect.Models:

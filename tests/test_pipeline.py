@@ -14,7 +14,7 @@ import av
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmarks import BODY23, Points3D
+from muybridge.geometry.landmarks import BODY23, PLUG_IN_GAIT, Points3D
 from muybridge.infer.cli import run_command
 from muybridge.infer.demo import score
 from muybridge.infer.keypoints import CameraTracks
@@ -87,6 +87,19 @@ def test_the_result_is_where_the_person_is(take, staged, staged_people):
     points = read_trc(take / "muybridge" / "points.trc").points_world
     error = np.linalg.norm(points - staged_people.person(30), axis=-1)
     assert np.nanmean(error) < 0.015
+
+
+def test_virtual_markers_leave_under_a_laboratorys_names(take, staged, staged_people):
+    assert staged("run", take, "--quiet", "--markers", "plug-in-gait").returncode == 0
+    markers = read_c3d(take / "muybridge" / "markers.c3d")
+    assert markers.landmarks.names == PLUG_IN_GAIT.labels
+    truth = staged_people.skin(30)[:, PLUG_IN_GAIT.surface_indices]
+    assert np.nanmax(np.linalg.norm(markers.points_world - truth, axis=-1)) < 0.02
+    assert "markers.c3d" in json.loads((take / "muybridge" / "run.json").read_text())["results"]
+    # Another set of names needs no network; none at all takes the file away.
+    done = staged("run", take, "--markers", "cmu")
+    assert "2D landmarks resumed" in done.stderr + done.stdout
+    assert "LFWT" in read_c3d(take / "muybridge" / "markers.c3d").landmarks.names
 
 
 def test_a_second_run_resumes_everything_and_says_so(take, staged):
@@ -395,7 +408,7 @@ def test_the_real_take_with_the_references_landmarks(real_data, tmp_path, staged
 
 
 def test_gaps_are_filled_from_the_body_only_where_it_is_known():
-    from muybridge.geometry.landmarks import BODY23, Points3D
+    from muybridge.geometry.landmarks import BODY23, PLUG_IN_GAIT, Points3D
     from muybridge.infer.solve import _filled
 
     frames = 4

@@ -29,6 +29,10 @@ class CameraFaults:
     def apply(self, image: Tensor) -> Tensor:
         """(B, 3, H, W) in 0..1 -> the same shape, not clamped."""
         rng = self.rng
+        # Cameras expose for what they see: hardly any picture is dark all over.
+        level = image.mean((1, 2, 3), keepdim=True)
+        wanted = self._column(rng.uniform(0.12, 0.3, len(image)))
+        image = image * (wanted / level.clamp(min=1e-3)).clamp(1.0, 5.0)
         some = self._some(0.45, image)
         if len(some):
             sigma = self._uniform(0.3, 1.6, len(some)).view(-1, 1).expand(-1, 2) * (min(image.shape[-2:]) / 192)
