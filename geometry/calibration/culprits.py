@@ -12,7 +12,7 @@ The best explanation is applied, and the search goes on from there.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
 
@@ -24,12 +24,20 @@ from muybridge.geometry.calibration.culprits_fit import (
     alike,
     fit_camera,
     fit_shift,
-    student_cost,
     student_scale,
 )
+from muybridge.geometry.calibration.culprits_take import (
+    Setup,
+    Take,
+    left_out,
+    rig_errors,
+    take_of,
+    weighed,
+    with_correction,
+    with_shift,
+    with_swap,
+)
 from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.clocks import resample
-from muybridge.geometry.triangulation import TriangulateOptions, take_noise, triangulate
 
 Floats = NDArray[np.float64]
 Kind = Literal["turned", "moved", "focal", "shifted", "swapped", "unrelated"]
@@ -41,8 +49,6 @@ _FREE = {
     "moved": np.array([1, 1, 1, 1, 1, 1, 0], dtype=bool),
     "focal": np.array([0, 0, 0, 0, 0, 0, 1], dtype=bool),
 }
-_BLOCKS = 6  # of frames, fitted and held out in turn
-_FEWEST_FRAMES = 8
 
 
 @dataclass(frozen=True)
@@ -54,21 +60,25 @@ class CulpritOptions:
         max_shift: shifts of up to this many frames are tried.
         max_faults: at most so many are named.
         min_evidence: log-likelihood (nats) that an explanation must gain.
+        min_evidence_more: the same for a second and further fault.
         min_effect: by how much a fault must displace the camera's 2D points, in standard deviations of their noise.
         min_turn_deg, min_move, min_shift, min_focal: what is smaller is no fault (degrees, metres, frames, share).
+        farthest_turn_deg: a camera that is turned by more and wrong in other ways besides shows something else.
         unrelated: error against the other cameras, as a share of the image's longer side, from which a video that
             nothing puts right is taken to show something else.
     """
 
-    max_frames: int = 120
+    max_frames: int = 80
     max_shift: int = 30
     max_faults: int = 3
-    min_evidence: float = 8.0
+    min_evidence: float = 6.5
+    min_evidence_more: float = 12.0
     min_effect: float = 0.6
     min_turn_deg: float = 0.2
     min_move: float = 0.02
     min_shift: float = 0.6
     min_focal: float = 0.008
+    farthest_turn_deg: float = 6.0
     unrelated: float = 0.04
 
 
@@ -138,55 +148,16 @@ class CulpritReport:
 
 
 @dataclass(frozen=True)
-class _Setup:
-    """Cameras, and which landmarks they get from when."""
-
-    cameras: CameraGroup
-    shifts: tuple[float, ...]
-    files: tuple[int, ...]
-
-
-@dataclass(frozen=True)
 class _Trial:
     """A change, and what it is worth."""
 
     kind: Kind
     cameras: tuple[int, ...]
-    setup: _Setup
+    setup: Setup
     gain: float
     effect_px: float
     correction: Correction | None = None
     shift: float = 0.0
-
-
-@dataclass
-class _Take:
-    """The landmarks of a take at chosen frames."""
-
-    px: Floats
-    variance: Floats
-    frames: Floats
-    held: NDArray[np.bool_]  # (K,) which of two halves a frame belongs to
-    noise_px: float = 0.0
-    relative: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.relative = float(np.nanmedian(self.variance))
-
-    def of(self, setup: _Setup, c: int, shift: float | None = None) -> tuple[Floats, Floats]:
-        """(K, J, 2) px and (K, J) variances that camera c has under a setup (or at another shift)."""
-        row = setup.files[c]
-        times = self.frames + (setup.shifts[c] if shift is None else shift)
-        return resample(self.px[row], self.variance[row], 1.0, times)
-
-    def all(self, setup: _Setup) -> tuple[Floats, Floats]:
-        """(C, K, J, 2) and (C, K, J)."""
-        each = [self.of(setup, c) for c in range(len(setup.cameras))]
-        return np.stack([px for px, _ in each]), np.stack([v for _, v in each])
-
-    def sigma(self, variance: Floats) -> Floats:
-        """Relative standard deviations, of which none is much smaller than the median."""
-        return np.sqrt(np.maximum(variance / self.relative, 0.1))
 
 
 def find_culprits(
@@ -209,9 +180,9 @@ def find_culprits(
     Raises:
         ValueError: arrays that do not match the cameras.
     """
-    take, note = _take(cameras, points_px, variance_px2, options)
+    take, note = take_of(cameras, points_px, variance_px2, options.max_frames)
     count = len(cameras)
-    setup = _Setup(cameras, (0.0,) * count, tuple(range(count)))
+    setup = Setup(cameras, (0.0,) * count, tuple(range(count)))
     table, probability = np.zeros((count, len(KINDS))), np.zeros(count)
     if take is None:
         nothing = float("nan")
@@ -226,17 +197,18 @@ def find_culprits(
         credible = [t for t in trials if _matters(t, last_noise, options)]
         if step == 0:
             first_noise, table = last_noise, _table(trials, count)
-        chances = _chances(credible, count)
-        probability = np.maximum(probability, chances)
+            probability = _chances(credible, count)
         best = max(credible, key=lambda t: t.gain, default=None)
-        if best is None or best.gain < options.min_evidence or step == options.max_faults:
-            lost = _unrelated(take, setup, options) if best is None or best.gain < options.min_evidence else []
-            faults += [f for f in lost if not any(set(f.cameras) & set(g.cameras) for g in faults)]
+        least = options.min_evidence_more if faults else options.min_evidence
+        if best is None or best.gain < least:
+            faults += _unrelated(take, setup, faults, options)
             break
-        faults.append(_fault(best, credible, cameras.names))
-        setup = best.setup
+        if step < options.max_faults:
+            faults.append(_fault(best, credible, cameras.names))
+            setup = best.setup
+    faults = _one_camera_only(faults, cameras.names, options)
     for fault in faults:
-        probability[[cameras.names.index(n) for n in fault.cameras]] = np.clip(1 - np.exp(-fault.evidence), 0, 1)
+        probability[[cameras.names.index(n) for n in fault.cameras]] = 1 - np.exp(-fault.evidence)
     order = sorted(range(count), key=lambda c: (-probability[c], -table[c].max()))
     return CulpritReport(
         cameras.names, tuple(faults), probability, table, tuple(order), first_noise, last_noise,
@@ -244,49 +216,12 @@ def find_culprits(
     )  # fmt: skip
 
 
-def _take(
-    cameras: CameraGroup, points_px: Floats, variance_px2: Floats, options: CulpritOptions
-) -> tuple[_Take | None, str]:
-    """The take at chosen frames; None and why, where nothing can be told."""
-    px, variance = np.array(points_px, dtype=np.float64), np.array(variance_px2, dtype=np.float64)
-    if px.ndim != 4 or px.shape[0] != len(cameras) or px.shape[3] != 2 or variance.shape != px.shape[:3]:
-        raise ValueError(
-            f"points_px must be ({len(cameras)}, T, J, 2) and variance_px2 ({len(cameras)}, T, J), "
-            f"not {px.shape} and {variance.shape}"
-        )
-    missing = ~(np.isfinite(px).all(-1) & np.isfinite(variance) & (variance > 0))
-    px[missing], variance[missing] = np.nan, np.nan
-    if len(cameras) < 3:
-        return None, "With two cameras it cannot be told which of them is wrong; a third would tell."
-    shared = np.flatnonzero(((~missing).sum(axis=0) >= 3).sum(axis=1) >= 3)
-    if len(shared) < _FEWEST_FRAMES:
-        return None, (
-            f"Only {len(shared)} frames have landmarks that three cameras share, {_FEWEST_FRAMES} are needed to "
-            "tell which camera is wrong."
-        )
-    chosen = np.unique(np.linspace(0, len(shared) - 1, min(len(shared), options.max_frames)).round().astype(int))
-    frames = shared[chosen].astype(float)
-    held = (np.arange(len(frames)) * _BLOCKS // len(frames)) % 2 == 1
-    take = _Take(px, variance, frames, held)
-    # The level of the noise is that of the cameras that agree best, so that a wrong one cannot hide in it.
-    near, spread = take.all(_Setup(cameras, (0.0,) * len(cameras), tuple(range(len(cameras)))))
-    levels = []
-    for c in range(len(cameras)):
-        rest = [k for k in range(len(cameras)) if k != c]
-        noise, scale = take_noise(CameraGroup(tuple(cameras[k] for k in rest)), near[rest], spread[rest])
-        levels.append((noise**2 + scale * float(np.nanmedian(spread)), noise, scale))
-    _, take.noise_px, scale = min(levels)
-    take.variance *= scale
-    take.relative *= scale
-    return take, ""
-
-
-def _search(take: _Take, setup: _Setup, options: CulpritOptions) -> tuple[float, list[_Trial]]:
+def _search(take: Take, setup: Setup, options: CulpritOptions) -> tuple[float, list[_Trial]]:
     """All explanations of what is wrong with a setup; the scale of its errors, px, beside them."""
-    cost, noise, errors = _weighed([_errors(take, setup)])
+    cost, noise, errors = weighed([rig_errors(take, setup)])
     found: list[tuple[float, Floats, _Trial]] = []
     for trial, halves in _trials(take, setup, options):
-        trial_cost, _, trial_errors = _weighed(halves)
+        trial_cost, _, trial_errors = weighed(halves)
         found.append((trial_cost, trial_errors, trial))
     lowest = min(found, key=lambda f: f[0], default=(cost, errors, None))
     best_errors = lowest[1] if lowest[0] < cost else errors
@@ -300,51 +235,28 @@ def _search(take: _Take, setup: _Setup, options: CulpritOptions) -> tuple[float,
     return noise, trials
 
 
-def _errors(take: _Take, setup: _Setup, rows: NDArray[np.bool_] | None = None) -> Floats:
-    """(C, K, J, 2) reprojection errors of the triangulated rig over relative standard deviations."""
-    px, variance = take.all(setup)
-    if rows is not None:
-        px, variance = px[:, rows], variance[:, rows]
-    found = triangulate(setup.cameras, px, variance, TriangulateOptions(noise_px=take.noise_px))
-    error = setup.cameras.project(found.points_world) - px
-    seen = np.isfinite(variance)
-    # Where no two cameras agree, each is as wrong as a camera that does not take part may be.
-    far = 0.05 * max(max(c.width, c.height) for c in setup.cameras)
-    error[seen & ~np.isfinite(error).all(-1)] = far
-    error[:, seen.sum(axis=0) < min(3, len(setup.cameras))] = np.nan
-    return np.asarray(error / take.sigma(variance)[..., None])
-
-
-def _weighed(parts: list[Floats]) -> tuple[float, float, Floats]:
-    """Mean robust cost, scale in px, and the errors in one array."""
-    errors = np.concatenate(parts, axis=1)
-    squares = (errors**2).sum(-1)
-    known = squares[np.isfinite(squares)]
-    scale = student_scale(known)
-    return float(student_cost(known, scale).mean()), scale, errors
-
-
-def _trials(take: _Take, setup: _Setup, options: CulpritOptions) -> Iterator[tuple[_Trial, list[Floats]]]:
+def _trials(take: Take, setup: Setup, options: CulpritOptions) -> Iterator[tuple[_Trial, list[Floats]]]:
     """Every explanation, and its errors in the two halves of the frames, each held out from its fit."""
     halves = (take.held, ~take.held)
     for c in range(len(setup.cameras)):
-        points = _left_out(take, setup, c)
+        points = left_out(take, setup, c)
         for kind, free in _FREE.items():
             both = _fit(take, setup, c, points, free, np.ones_like(take.held))
             one, two = (_fit(take, setup, c, points, free, rows, both) for rows in halves)
             if both is None or one is None or two is None:
                 continue
-            errors = [_errors(take, _with(setup, c, f), rows) for f, rows in ((two, halves[0]), (one, halves[1]))]
+            crossed = ((two, halves[0]), (one, halves[1]))
+            errors = [rig_errors(take, with_correction(setup, c, f), rows) for f, rows in crossed]
             effect = _displacement(setup.cameras[c].project(points), both.camera.project(points))
-            yield _Trial(kind, (c,), _with(setup, c, both), 0.0, effect, both), errors
+            yield _Trial(kind, (c,), with_correction(setup, c, both), 0.0, effect, both), errors
         yield from _shift_trials(take, setup, c, points, options)
     for pair in combinations(range(len(setup.cameras)), 2):
-        swapped = _swapped(setup, *pair)
-        yield _Trial("swapped", pair, swapped, 0.0, np.inf), [_errors(take, swapped)]
+        swapped = with_swap(setup, *pair)
+        yield _Trial("swapped", pair, swapped, 0.0, np.inf), [rig_errors(take, swapped)]
 
 
 def _shift_trials(
-    take: _Take, setup: _Setup, c: int, points: Floats, options: CulpritOptions
+    take: Take, setup: Setup, c: int, points: Floats, options: CulpritOptions
 ) -> Iterator[tuple[_Trial, list[Floats]]]:
     predicted = setup.cameras[c].project(points)
     most = int(min(options.max_shift, take.px.shape[1] // 4))
@@ -361,23 +273,15 @@ def _shift_trials(
     if shift is None:
         return
     each = [shift_of(rows, 2, shift) for rows in halves]
-    one, two, both = (_shifted(setup, c, shift if s is None else s) for s in (*each, shift))
-    errors = [_errors(take, two, halves[0]), _errors(take, one, halves[1])]
+    one, two, both = (with_shift(setup, c, shift if s is None else s) for s in (*each, shift))
+    errors = [rig_errors(take, two, halves[0]), rig_errors(take, one, halves[1])]
     effect = _displacement(take.of(setup, c)[0], take.of(both, c)[0])
     yield _Trial("shifted", (c,), both, 0.0, effect, shift=shift), errors
 
 
-def _left_out(take: _Take, setup: _Setup, c: int) -> Floats:
-    """(K, J, 3) points that the cameras other than c know."""
-    rest = [k for k in range(len(setup.cameras)) if k != c]
-    px, variance = take.all(setup)
-    others = CameraGroup(tuple(setup.cameras[k] for k in rest))
-    return triangulate(others, px[rest], variance[rest], TriangulateOptions(noise_px=take.noise_px)).points_world
-
-
 def _fit(
-    take: _Take,
-    setup: _Setup,
+    take: Take,
+    setup: Setup,
     c: int,
     points: Floats,
     free: NDArray[np.bool_],
@@ -389,25 +293,6 @@ def _fit(
         setup.cameras[c], points[rows].reshape(-1, 3), px[rows].reshape(-1, 2),
         take.sigma(variance[rows]).ravel(), free, start,
     )  # fmt: skip
-
-
-def _with(setup: _Setup, c: int, correction: Correction) -> _Setup:
-    cameras = list(setup.cameras)
-    cameras[c] = correction.camera
-    return replace(setup, cameras=CameraGroup(tuple(cameras)))
-
-
-def _shifted(setup: _Setup, c: int, shift: float) -> _Setup:
-    shifts = list(setup.shifts)
-    shifts[c] += shift
-    return replace(setup, shifts=tuple(shifts))
-
-
-def _swapped(setup: _Setup, a: int, b: int) -> _Setup:
-    files, shifts = list(setup.files), list(setup.shifts)
-    files[a], files[b] = files[b], files[a]
-    shifts[a], shifts[b] = shifts[b], shifts[a]
-    return replace(setup, files=tuple(files), shifts=tuple(shifts))
 
 
 def _displacement(before: Floats, after: Floats) -> float:
@@ -492,6 +377,8 @@ def _sentence(trial: _Trial, names: tuple[str, ...], also: tuple[Kind, ...]) -> 
             text += " That it was moved instead explains it nearly as well."
         return text
     what = f"turned by {turn:.1f} degrees" if trial.kind == "turned" else _moved(turn, move)
+    if trial.kind == "turned" and "moved" in also:
+        what = f"turned by about {turn:.1f} degrees, and perhaps moved,"
     return (
         f"{name} was {what} since it was calibrated ({effect}), or its picture is cropped otherwise; "
         "calibrate it again, or refine the cameras from the people."
@@ -502,21 +389,34 @@ def _moved(turn: float, move: float) -> str:
     return f"moved by {move * 100:.0f} cm and turned by {turn:.1f} degrees"
 
 
-def _unrelated(take: _Take, setup: _Setup, options: CulpritOptions) -> list[Fault]:
-    """Cameras that nothing puts right: they show something else, or their calibration is of another rig."""
+def _other(name: str, px: float, evidence: float) -> Fault:
+    sentence = (
+        f"{name} shows something else than the others ({px:.0f} px apart), and no turn or move, shift in time, other "
+        "focal length nor exchange of files mends it: is it a video of another take, or a calibration of another place?"
+    )
+    return Fault("unrelated", (name,), 0.0, 0.0, px, evidence, (), (), sentence)
+
+
+def _one_camera_only(faults: list[Fault], names: tuple[str, ...], options: CulpritOptions) -> list[Fault]:
+    """Several grave faults of one camera are none of them: it shows something else."""
+    for name in names:
+        own = [f for f in faults if f.cameras == (name,)]
+        if len(own) >= 2 and max(f.turn_deg for f in own) > options.farthest_turn_deg:
+            other = _other(name, max(f.effect_px for f in own), max(f.evidence for f in own))
+            faults = [other if f is own[0] else f for f in faults if f is own[0] or f not in own]
+    return faults
+
+
+def _unrelated(take: Take, setup: Setup, faults: list[Fault], options: CulpritOptions) -> list[Fault]:
+    """The camera that nothing puts right, if there is one and nothing was found to be wrong with it."""
     found = []
     for c, camera in enumerate(setup.cameras):
         px, _ = take.of(setup, c)
-        error = np.linalg.norm(camera.project(_left_out(take, setup, c)) - px, axis=-1)
+        error = np.linalg.norm(camera.project(left_out(take, setup, c)) - px, axis=-1)
         known = error[np.isfinite(error)]
-        typical = float(np.median(known)) if known.size else 0.0
-        if typical < options.unrelated * max(camera.width, camera.height) or known.size < 100:
-            continue
-        sentence = (
-            f"{camera.name} shows something else than the others: {typical:.0f} px apart, and neither a turn, a "
-            "move, a shift in time, another focal length nor an exchange of files mends it. Is it a video of "
-            "another take, or a calibration of another place?"
-        )
-        found.append(Fault("unrelated", (camera.name,), 0.0, 0.0, typical, options.min_evidence, (), (), sentence))
+        typical = float(np.median(known)) if known.size >= 100 else 0.0
+        if typical >= options.unrelated * max(camera.width, camera.height):
+            found.append(_other(camera.name, typical, options.min_evidence))
     # Where one does not fit, it draws the others away from each other: only the worst is named.
-    return sorted(found, key=lambda f: -f.effect_px)[:1]
+    worst = max(found, key=lambda f: f.effect_px, default=None)
+    return [] if worst is None or any(set(worst.cameras) & set(f.cameras) for f in faults) else [worst]
