@@ -22,6 +22,7 @@ from muybridge.infer.detect import DetectOptions
 from muybridge.infer.overlay import OverlayOptions
 from muybridge.infer.pipeline import RunOptions, run_session, summary
 from muybridge.infer.progress import Progress
+from muybridge.infer.second_look import SecondLookOptions
 from muybridge.infer.session import SessionOptions
 from muybridge.infer.solve import SolveOptions
 
@@ -37,6 +38,7 @@ def run(
     session: Annotated[SessionOptions, _Flat] = SessionOptions(),  # noqa: B008 - frozen
     detect: Annotated[DetectOptions, _Flat] = DetectOptions(),  # noqa: B008
     person: AssociateOptions = AssociateOptions(),  # noqa: B008
+    second_look: SecondLookOptions = SecondLookOptions(),  # noqa: B008
     swaps: SwapOptions = SwapOptions(),  # noqa: B008
     triangulate: TriangulateOptions = TriangulateOptions(),  # noqa: B008
     smooth: SmoothOptions = SmoothOptions(),  # noqa: B008
@@ -55,6 +57,7 @@ def run(
         session: how session folders are read.
         detect: 2D landmarks.
         person: which person is followed.
+        second_look: views that lack the person, looked at again where the others know them to be.
         swaps: left and right, where one camera has exchanged them.
         triangulate: 3D points.
         smooth: points over time.
@@ -66,7 +69,7 @@ def run(
     if not sessions:
         raise SessionError("name at least one session folder: muybridge run FOLDER [FOLDER ...]")
     solve = SolveOptions(person, swaps, triangulate, smooth, fit, fill_share)
-    options = RunOptions(session, detect, solve, overlay, overwrite)
+    options = RunOptions(session, detect, solve, second_look, overlay, overwrite)
     jobs = plan(sessions, out)
     if len(jobs) == 1:
         with Progress(quiet=quiet) as progress:

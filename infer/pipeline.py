@@ -21,6 +21,7 @@ from muybridge.infer.outputs import WORK, OutputFolder, open_output
 from muybridge.infer.overlay import OverlayOptions
 from muybridge.infer.progress import Progress
 from muybridge.infer.quality import Quality, assess
+from muybridge.infer.second_look import SecondLook, SecondLookOptions
 from muybridge.infer.session import Session, SessionOptions, open_session, with_frames
 from muybridge.infer.solve import Solution, SolveOptions, solve
 from muybridge.infer.stages import StageResult, StageStore, digest
@@ -48,6 +49,7 @@ class RunOptions:
         session: how the session folder is read.
         detect: 2D landmarks.
         solve: 3D points and motion.
+        second_look: views that lack the person, looked at again where the others know them to be.
         overlay: the videos with what was found.
         overwrite: replace files of our names in the results folder that muybridge did not write.
     """
@@ -55,6 +57,7 @@ class RunOptions:
     session: SessionOptions = field(default_factory=SessionOptions)
     detect: DetectOptions = field(default_factory=DetectOptions)
     solve: SolveOptions = field(default_factory=SolveOptions)
+    second_look: SecondLookOptions = field(default_factory=SecondLookOptions)
     overlay: OverlayOptions = field(default_factory=OverlayOptions)
     overwrite: bool = False
 
@@ -105,14 +108,20 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     detected = detect(session, files, models, store, options.detect, progress)
     session, keypoints, markers = _common(session, detected, progress)
     clocks = session_clocks(session)
+
+    def in_step(found: Keypoints2D) -> Keypoints2D:
+        return found if clocks is None else synchronised(found, clocks, session.fps)
+
+    keypoints, markers = in_step(keypoints), None if markers is None else in_step(markers)
     if clocks is not None:
-        keypoints = synchronised(keypoints, clocks, session.fps)
-        markers = None if markers is None else synchronised(markers, clocks, session.fps)
         notice = f"the cameras' 2D landmarks were put in step by {SYNC_FILE}"
         progress.notice(notice)
         session = replace(session, notices=(*session.notices, notice))
     key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras, clocks)
-    solution = solve(session.cameras, keypoints, session.fps, key, store, options.solve, progress, markers)
+    again = SecondLook(
+        session, detected, files, models, store, options.detect, options.second_look, progress, clocks, in_step
+    )
+    solution = solve(session.cameras, keypoints, session.fps, key, store, options.solve, progress, markers, again)
     progress.say(solution.person)
     if solution.motion is None:
         session = replace(session, notices=(*session.notices, f"there is no motion: {solution.no_motion}"))

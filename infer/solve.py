@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.association import AssociateOptions, select_person, take_person, take_slots
+from muybridge.geometry.association import AssociateOptions, select_person, take_slots
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.ik import FitOptions, fit_body, landmarks_from_motion
 from muybridge.geometry.landmarks import Keypoints2D, LandmarkSet, Points3D
@@ -19,7 +19,11 @@ from muybridge.geometry.swaps import SwapOptions, repair_swaps
 from muybridge.geometry.triangulation import TriangulateOptions, leave_one_out_error, triangulate
 from muybridge.infer.markers import triangulate_markers
 from muybridge.infer.progress import Progress
+from muybridge.infer.second_look import SecondLook
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
+
+# Appended to the names of stages that follow a second look.
+_AGAIN = ", second look"
 
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]
@@ -89,6 +93,7 @@ def solve(
     options: SolveOptions,
     progress: Progress,
     markers: Keypoints2D | None = None,
+    look_again: SecondLook | None = None,
 ) -> Solution:
     """Follow one person through the take.
 
@@ -101,19 +106,23 @@ def solve(
         options: how.
         progress: whom to tell.
         markers: the same people's virtual markers, in the same slots.
+        look_again: looks for the person in views that lack them.
     """
     stage = _Stages(store, progress, [inputs, code_digest("muybridge.geometry"), fps])
     person = stage("person", options.person, lambda: _select(cameras, keypoints, options.person))
-    sides = stage(
-        "sides", [person.key, options.swaps], lambda: _sides(cameras, keypoints, person.arrays, options.swaps)
-    )
-    px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
-    cloud = stage(
-        "points",
-        [sides.key, options.triangulate],
-        lambda: _points(cameras, px, variance, options.triangulate),
-    )
+    sides, cloud = _to_points(stage, "", cameras, keypoints, person, options)
     measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
+    again = None if look_again is None else look_again(person.arrays["slots"], measured)
+    if again is not None:
+        stage.done |= again.stages
+        keypoints, markers, facts = again.keypoints, again.markers, person.facts
+        looked = [person.key, [s.key for s in again.stages.values()]]
+        person = stage(
+            f"person{_AGAIN}", looked, lambda: (_taken(keypoints, again.slots), {"reason": str(facts["reason"])})
+        )
+        sides, cloud = _to_points(stage, _AGAIN, cameras, keypoints, person, options)
+        measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
+    px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
     smooth = stage("smooth", [cloud.key, options.smooth], lambda: _smooth(measured, options.smooth))
     points = _as_points(keypoints.landmarks, smooth.arrays, cloud.arrays, fps)
     motion, no_motion = None, ""
@@ -171,6 +180,29 @@ class _Stages:
         return result
 
 
+def _to_points(
+    stage: _Stages, suffix: str, cameras: CameraGroup, keypoints: Keypoints2D, person: StageResult,
+    options: SolveOptions,
+) -> tuple[StageResult, StageResult]:  # fmt: skip
+    """The person's landmarks with the sides put back, and triangulated."""
+    sides = stage(
+        f"sides{suffix}", [person.key, options.swaps],
+        lambda: _sides(cameras, keypoints, person.arrays, options.swaps),
+    )  # fmt: skip
+    px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
+    cloud = stage(
+        f"points{suffix}", [sides.key, options.triangulate],
+        lambda: _points(cameras, px, variance, options.triangulate),
+    )  # fmt: skip
+    return sides, cloud
+
+
+def _taken(keypoints: Keypoints2D, slots: NDArray[np.int64]) -> Arrays:
+    """The landmarks in the slots (C, T) of one person."""
+    points_px, variance_px2, score = take_slots(keypoints, slots)
+    return {"slots": slots, "points_px": points_px, "variance_px2": variance_px2, "score": score}
+
+
 def _as_points(landmarks: LandmarkSet, positions: Arrays, measurement: Arrays, fps: float) -> Points3D:
     return Points3D(
         landmarks=landmarks,
@@ -186,14 +218,7 @@ def _select(
     cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions
 ) -> tuple[Arrays, Mapping[str, Any]]:
     selection = select_person(cameras, keypoints, options)
-    points_px, variance_px2, score = take_person(keypoints, selection)
-    arrays = {
-        "slots": selection.slots,
-        "points_px": points_px,
-        "variance_px2": variance_px2,
-        "score": score,
-    }
-    return arrays, {"reason": selection.reason}
+    return _taken(keypoints, selection.slots), {"reason": selection.reason}
 
 
 def _sides(
