@@ -2,8 +2,8 @@
 
 A command is a plain function registered in the entry-point group ``muybridge.commands``. Its signature
 becomes flags (tyro), the first line of its docstring is its line in ``muybridge --help``, and what it returns
-is the exit code (None is 0). The help reads that line from the source without importing it, so that it works
-at once and without the extras.
+is the exit code (None is 0). A command's name may be two words (`calibrate board`). The help reads that line
+from the source without importing it, so that it works at once and without the extras.
 
 Exit codes: 0 done; 2 an error that the user can mend, in one line; 130 interrupted; anything else is a bug,
 with its traceback.
@@ -62,12 +62,18 @@ def _dispatch(argv: Sequence[str]) -> int:
     if argv[0] in ("-V", "--version"):
         print(f"muybridge {__version__}")
         return 0
-    name = argv[0]
-    if name not in commands:
-        near = difflib.get_close_matches(name, commands, n=1)
-        hint = f"did you mean `muybridge {near[0]}`?" if near else "`muybridge --help` lists them"
-        raise MuybridgeError(f"no command `{name}` among {', '.join(commands)}; {hint}")
-    return _call(commands[name], list(argv[1:]))
+    for words in (2, 1):
+        name = " ".join(argv[:words])
+        if name in commands:
+            return _call(commands[name], list(argv[words:]))
+    group = {n: e for n, e in commands.items() if n.startswith(f"{argv[0]} ")}
+    if group and (len(argv) == 1 or argv[1] in ("-h", "--help", "help")):
+        print(_help(group, f"{argv[0]} COMMAND"))
+        return 0
+    name = " ".join(argv[: 2 if group else 1])
+    near = difflib.get_close_matches(name, commands, n=1)
+    hint = f"did you mean `muybridge {near[0]}`?" if near else "`muybridge --help` lists them"
+    raise MuybridgeError(f"no command `{name}` among {', '.join(group or commands)}; {hint}")
 
 
 def find_commands() -> dict[str, importlib.metadata.EntryPoint]:
@@ -126,12 +132,12 @@ def extra_of(module: str) -> str | None:
     return None
 
 
-def _help(commands: dict[str, importlib.metadata.EntryPoint]) -> str:
+def _help(commands: dict[str, importlib.metadata.EntryPoint], usage: str = "COMMAND") -> str:
     width = max((len(n) for n in commands), default=0)
     lines = [f"  {name:<{width}}  {summary(entry)}" for name, entry in commands.items()]
     return "\n".join(
         [
-            "usage: muybridge COMMAND [OPTIONS]",
+            f"usage: muybridge {usage} [OPTIONS]",
             "",
             f"muybridge {__version__}: motion capture from videos of a few calibrated cameras.",
             "",

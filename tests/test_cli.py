@@ -50,7 +50,7 @@ def command(monkeypatch, tmp_path):
 def test_help_lists_every_command_with_a_line():
     done = installed("--help")
     assert done.returncode == 0 and done.stderr == ""
-    lines = {line.split()[0]: line for line in done.stdout.splitlines() if line.startswith("  ")}
+    lines = {line[2:].split("  ")[0]: line for line in done.stdout.splitlines() if line.startswith("  ")}
     assert set(lines) == set(cli.find_commands()) >= {"run", "demo"}
     for name in ("run", "demo"):
         assert len(lines[name].split()) > 4
@@ -74,7 +74,7 @@ def test_help_needs_nothing_but_the_standard_library():
 
 @pytest.mark.parametrize("name", sorted(cli.find_commands()))
 def test_every_command_explains_itself_without_the_extras(name):
-    done = python(BASE_INSTALL + f"main([{name!r}, '--help'])")
+    done = python(BASE_INSTALL + f"main([*{name!r}.split(), '--help'])")
     assert (done.returncode, done.stderr) == (0, "")
     assert f"usage: muybridge {name}" in done.stdout
 
@@ -89,6 +89,14 @@ def test_training_without_its_extra_says_what_to_install():
     done = python(BASE_INSTALL + "main(['train', 'keypoints'])")
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert 'pip install "muybridge[train]"' in done.stderr
+
+
+def test_commands_of_two_words_are_listed_and_corrected():
+    listed = installed("calibrate")
+    assert listed.returncode == 0 and "calibrate board" in listed.stdout and "calibrate people" in listed.stdout
+    assert installed("calibrate", "--help").stdout == listed.stdout
+    done = installed("calibrate", "bord")
+    assert done.returncode == 2 and "did you mean `muybridge calibrate board`?" in done.stderr
 
 
 def test_an_unknown_command_is_one_line():

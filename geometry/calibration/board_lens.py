@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -40,12 +40,14 @@ class LensCalibration:
     Attributes:
         camera: at the identity.
         result: the adjustment that it comes from, the board at a pose of its own in every view.
-        views: those that took part.
+        views: those that took part, by their moments.
+        noise_px: standard deviation of a coordinate, as the residuals show it.
     """
 
     camera: Camera
     result: AdjustResult
-    views: list[View]
+    views: dict[int, View]
+    noise_px: float
 
 
 def lens_prior(camera: Camera) -> LensPrior:
@@ -80,14 +82,14 @@ def board_pose(camera: Camera, board: Board, view: View) -> Floats:
 
 
 def calibrate_lens(
-    name: str, board: Board, views: Sequence[View], size: tuple[int, int], lens: Lens = "pinhole"
+    name: str, board: Board, views: Mapping[int, View], size: tuple[int, int], lens: Lens = "pinhole"
 ) -> LensCalibration:
     """A camera's lens from views of a board; its pose is the identity.
 
     Args:
         name: of the camera.
         board: what is seen.
-        views: one for each picture.
+        views: by moment.
         size: (width, height) px.
         lens: model.
 
@@ -97,24 +99,33 @@ def calibrate_lens(
     Raises:
         CalibrationError: too few views, or all alike.
     """
-    good = usable(views)
+    times = [t for t, v in views.items() if usable([v])]
+    good = [views[t] for t in times]
     if len(good) < FEWEST_VIEWS:
         raise CalibrationError(
             f"camera {name}: the board is seen in {len(good)} usable views of {len(views)}, at least {FEWEST_VIEWS} "
             "are needed; show it closer, flatter lit and from more sides"
         )
     start = _fisheye_start if lens == "fisheye" else _pinhole_start
-    result = adjust_lens(start(name, board, good, size), board, good)
-    kept = [v for v, e in zip(good, _view_errors(result, good), strict=True) if e <= _misread(result, good)]
-    if FEWEST_VIEWS <= len(kept) < len(good):
-        result = adjust_lens(result.cameras[0], board, kept)
+    result, sigma = adjust_lens(start(name, board, good, size), board, good)
+    fits = np.array(_view_errors(result, good)) <= _misread(result, good)
+    if FEWEST_VIEWS <= fits.sum() < len(good):
+        times = [t for t, f in zip(times, fits, strict=True) if f]
+        good = [views[t] for t in times]
+        result, sigma = adjust_lens(result.cameras[0], board, good)
+    if (median := float(np.nanmedian(np.linalg.norm(result.residuals_px, axis=1)))) > _MISREAD_PX:
+        hint = "" if lens == "fisheye" else ", or the lens is fisheye (--lens fisheye)"
+        raise CalibrationError(
+            f"camera {name}: what was found looks like no flat board of that description (median error "
+            f"{median:.1f} px); the description is wrong{hint}"
+        )
     focal, known = result.cameras[0].params[0], result.focal_std[0]
     if not np.isfinite(known) or known > _HOPELESS * focal:
         raise CalibrationError(
             f"camera {name}: the views do not tell the focal length (known to {known:.0f} px of {focal:.0f}); "
             "tilt the board by 30 to 60 degrees, not always facing the camera"
         )
-    return LensCalibration(result.cameras[0], result, [v for v in views if any(v is k for k in kept)])
+    return LensCalibration(result.cameras[0], result, dict(zip(times, good, strict=True)), result.noise * sigma)
 
 
 def _view_errors(result: AdjustResult, views: Sequence[View]) -> list[float]:
@@ -129,8 +140,8 @@ def _misread(result: AdjustResult, views: Sequence[View]) -> float:
     return max(_MISREAD_PX, 8 * float(np.median(_view_errors(result, views))))
 
 
-def adjust_lens(camera: Camera, board: Board, views: Sequence[View]) -> AdjustResult:
-    """Adjust a lens to views of a board, each with a pose of its own."""
+def adjust_lens(camera: Camera, board: Board, views: Sequence[View]) -> tuple[AdjustResult, float]:
+    """Adjust a lens to views of a board, each with a pose of its own; also the corners' assumed precision, px."""
     bodies = np.stack([board_pose(camera, board, v)[:3] for v in views])
     ids = np.concatenate([v[0] for v in views])
     problem = AdjustProblem(
@@ -143,11 +154,10 @@ def adjust_lens(camera: Camera, board: Board, views: Sequence[View]) -> AdjustRe
     )  # fmt: skip
     first = adjust(problem)
     spread = max(first.noise * CORNER_SIGMA_PX, 0.05)  # as sharp as this camera's pictures are
-    return adjust(
-        replace(
-            problem, cameras=first.cameras, bodies=first.bodies, sigma_px=np.full(len(ids), spread), loss_sigma=4.0
-        )
+    problem = replace(
+        problem, cameras=first.cameras, bodies=first.bodies, sigma_px=np.full(len(ids), spread), loss_sigma=4.0
     )
+    return adjust(problem), spread
 
 
 def _pinhole_start(name: str, board: Board, views: Sequence[View], size: tuple[int, int]) -> Camera:

@@ -18,6 +18,7 @@ from muybridge.geometry.calibration.board_chain import Chain, chain, symmetries
 from muybridge.geometry.calibration.board_lens import (
     CORNER_SIGMA_PX,
     Lens,
+    LensCalibration,
     View,
     board_pose,
     calibrate_lens,
@@ -107,18 +108,7 @@ def calibrate_rig(
         CalibrationError: too few views of a camera, or one that shares no view with the rest (named).
     """
     names = list(views)
-    lenses: list[Camera] = []
-    good: dict[str, dict[int, View]] = {}
-    for n in names:
-        mine = {t: v for t, v in views[n].items() if usable([v])}
-        few = choose_times({n: mine}, sizes, options.max_views)
-        lens = (
-            known[n].posed(np.eye(4)[:3])
-            if known is not None
-            else calibrate_lens(n, board, [mine[t] for t in few], sizes[n], options.lens).camera
-        )
-        lenses.append(lens)
-        good[n] = _fitting(lens, board, mine)
+    lenses, good, _ = _lenses(board, views, sizes, options, known)
     seen = [{t: board_pose(c, board, v) for t, v in good[c.name].items()} for c in lenses]
     found = chain(names, seen, board)
     rates = board_rates(_own_numbering(seen, found, board), board.corners.mean(axis=0))
@@ -136,6 +126,49 @@ def calibrate_rig(
         world_from_boards=bodies, delays=delays, delay_spread=spread,
         joined=tuple((names[a], names[b], n) for a, b, n in found.joined),
         unused={n: len(views[n]) - len(good[n]) for n in names},
+    )  # fmt: skip
+
+
+def _lenses(
+    board: Board, views: Views, sizes: Mapping[str, tuple[int, int]], options: BoardOptions, known: CameraGroup | None
+) -> tuple[list[Camera], dict[str, dict[int, View]], list[LensCalibration]]:
+    """Each camera's lens, the views that it explains, and how it came about where it was not known."""
+    lenses: list[Camera] = []
+    good: dict[str, dict[int, View]] = {}
+    made: list[LensCalibration] = []
+    for name in views:
+        mine = {t: v for t, v in views[name].items() if usable([v])}
+        if known is None:
+            few = choose_times({name: mine}, sizes, options.max_views)
+            made.append(calibrate_lens(name, board, {t: mine[t] for t in few}, sizes[name], options.lens))
+        lenses.append(made[-1].camera if known is None else known[name].posed(np.eye(4)[:3]))
+        good[name] = _fitting(lenses[-1], board, mine)
+    return lenses, good, made
+
+
+def calibrate_lenses(
+    board: Board, views: Views, sizes: Mapping[str, tuple[int, int]], options: BoardOptions = BoardOptions()
+) -> Solved:
+    """Lenses alone, each from its own camera's views; all cameras are at the identity.
+
+    Args and errors as `calibrate_rig`.
+    """
+    _, _, made = _lenses(board, views, sizes, options, None)
+    counts = [len(m.result.residuals_px) for m in made]
+    world = [
+        np.concatenate([board.corners[v[0]] @ b[:, :3].T + b[:, 3] for v, b in zip(m.views.values(), m.result.bodies,
+                                                                                   strict=True)])
+        for m in made
+    ]  # fmt: skip
+    every = [(t, *v) for m in made for t, v in m.views.items()]
+    return Solved(
+        cameras=CameraGroup(tuple(m.camera for m in made)), camera=np.repeat(np.arange(len(made)), counts),
+        time=np.concatenate([np.full(len(ids), t) for t, ids, _ in every]),
+        point=np.concatenate([ids for _, ids, _ in every]), pixels=np.concatenate([px for _, _, px in every]),
+        points_world=np.concatenate(world), residuals_px=np.concatenate([m.result.residuals_px for m in made]),
+        weights=np.concatenate([m.result.weights for m in made]),
+        covariances=tuple(m.result.covariances[0] for m in made),
+        noise_px=float(np.median([m.noise_px for m in made])),
     )  # fmt: skip
 
 

@@ -1,0 +1,213 @@
+"""Pictures of a calibration board: films or folders of images, one a camera, and which of them belong together.
+
+Moments are whole numbers. Films count frames (by time where their rates differ); `timestamps.csv` beside them
+(columns `sync_index`, `cam_id`, `frame_time`: a row a frame) says otherwise; images are numbered by their names.
+"""
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import CalibrationError
+from muybridge.geometry.calibration.board import Board, BoardDetector
+from muybridge.geometry.calibration.board_lens import View
+from muybridge.infer.progress import Progress
+from muybridge.infer.session import natural_key
+from muybridge.infer.video import VideoInfo, is_video, probe_video, read_chunks
+
+Gray = NDArray[np.uint8]
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+TIMESTAMPS = "timestamps.csv"
+_LOOKS_A_SECOND = 6.0
+_MOST_LOOKS = 600
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """What one camera saw.
+
+    Attributes:
+        name: the camera's.
+        path: its film, or its folder of images.
+        video: of a film.
+        images: of a folder.
+        moments: (n,) which moment each picture is of.
+        looked_at: (m,) which pictures are looked at.
+    """
+
+    name: str
+    path: Path
+    video: VideoInfo | None
+    images: tuple[Path, ...]
+    moments: NDArray[np.int64]
+    looked_at: NDArray[np.int64]
+
+
+def find_pictures(folder: Path, timestamps: Path | None = None, every: int | None = None) -> list[Pictures]:
+    """The cameras' films or folders of images in `folder` (or in `videos/` in it).
+
+    Args:
+        folder: where to look.
+        timestamps: which frames belong together; None for `timestamps.csv` in the folder, if there.
+        every: look at every so many-th frame of films; None for about six a second.
+
+    Raises:
+        CalibrationError: nothing there, or time stamps that do not fit the films.
+    """
+    if not folder.is_dir():
+        raise CalibrationError(f"{folder}: no such folder; name one with a film or a folder of images for each camera")
+    entries = sorted((p for p in folder.iterdir() if not p.name.startswith(".")), key=lambda p: natural_key(p.name))
+    films = [p for p in entries if p.is_file() and p.suffix.lower() not in IMAGE_SUFFIXES and is_video(p)]
+    folders = [(p, _images(p)) for p in entries if p.is_dir()]
+    folders = [(p, images) for p, images in folders if images]
+    if not films and not folders and (folder / "videos").is_dir():
+        return find_pictures(folder / "videos", timestamps, every)
+    if not films and not folders and _images(folder):
+        folders = [(folder, _images(folder))]
+    if not films and not folders:
+        raise CalibrationError(f"{folder}: neither films nor folders of images; there must be one for each camera")
+    if films and folders:
+        names = ", ".join(p.name for p in (films + [p for p, _ in folders])[:6])
+        raise CalibrationError(f"{folder}: films and folders of images ({names}); leave only what shows the board")
+    if folders:
+        numbered = [_numbers(images) for _, images in folders]
+        return [
+            Pictures(p.name, p, None, tuple(images), n, np.arange(len(images)))
+            for (p, images), n in zip(folders, numbered, strict=True)
+        ]
+    stamps = timestamps or (folder / TIMESTAMPS if (folder / TIMESTAMPS).is_file() else None)
+    return _films(films, stamps, every)
+
+
+def _images(folder: Path) -> list[Path]:
+    found = [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith(".")]
+    return sorted(found, key=lambda p: natural_key(p.name))
+
+
+def _numbers(images: Sequence[Path]) -> NDArray[np.int64]:
+    """Moments by the last number in the names that differs from image to image, else by order."""
+    found = [[int(n) for n in re.findall(r"\d+", p.stem)] for p in images]
+    if len({len(f) for f in found}) == 1:
+        for column in reversed(range(len(found[0]))):
+            numbers = [f[column] for f in found]
+            if len(set(numbers)) == len(numbers):
+                return np.array(numbers)
+    return np.arange(len(images))
+
+
+def _films(films: Sequence[Path], stamps: Path | None, every: int | None) -> list[Pictures]:
+    infos = [probe_video(p) for p in films]
+    if stamps is not None:
+        moments = _by_stamps(stamps, infos)
+    else:
+        rate = infos[0].fps
+        same = all(abs(i.fps / rate - 1) < 0.01 and not i.variable_rate for i in infos)
+        moments = [np.arange(i.frames) if same else np.round(i.times * rate).astype(np.int64) for i in infos]
+    out = []
+    for info, mine in zip(infos, moments, strict=True):
+        usual = max(1, round(info.fps / _LOOKS_A_SECOND) if stamps is None else 1, -(-info.frames // _MOST_LOOKS))
+        looked = np.nonzero(mine % (every or usual) == 0)[0]
+        _, first = np.unique(mine[looked], return_index=True)
+        out.append(Pictures(info.path.stem, info.path, info, (), mine, looked[first]))
+    return out
+
+
+def _by_stamps(path: Path, infos: Sequence[VideoInfo]) -> list[NDArray[np.int64]]:
+    """Moments of each film's frames from a table."""
+    rows: dict[str, list[tuple[float, int]]] = {}
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            for line, row in enumerate(csv.DictReader(file), start=2):
+                camera = row.get("cam_id") or row.get("port") or row.get("camera")
+                if camera is None:
+                    raise ValueError(f"line {line} names no camera in a column cam_id")
+                rows.setdefault(camera.strip(), []).append((float(row["frame_time"]), int(row["sync_index"])))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CalibrationError(
+            f"{path}: cannot be read ({error}); it needs the columns sync_index, cam_id, frame_time, a row a frame"
+        ) from None
+    out = []
+    for info in infos:
+        stem = info.path.stem
+        key = stem if stem in rows else "".join(re.findall(r"\d+$", stem)).lstrip("0") or "0"
+        if key not in rows:
+            raise CalibrationError(f"{path}: no rows for {stem}; it has cam_id {', '.join(sorted(rows))}")
+        if len(rows[key]) != info.frames:
+            raise CalibrationError(
+                f"{path}: {len(rows[key])} rows for {stem}, whose film has {info.frames} frames; they must match"
+            )
+        out.append(np.array([moment for _, moment in sorted(rows[key])]))
+    return out
+
+
+def read_gray(pictures: Pictures, numbers: NDArray[np.int64]) -> Iterator[Gray]:
+    """The pictures of these numbers (ascending), in gray.
+
+    Raises:
+        CalibrationError: an image that cannot be read.
+        VideoError: a film that cannot be decoded.
+    """
+    if pictures.video is not None:
+        for chunk in read_chunks(pictures.video, numbers):
+            for image in chunk:
+                yield cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.uint8, copy=False)
+        return
+    for k in numbers:
+        image = cv2.imread(str(pictures.images[k]), cv2.IMREAD_GRAYSCALE)
+        if image is None:
+            raise CalibrationError(f"{pictures.images[k]}: cannot be read as an image; copy it again or remove it")
+        yield image.astype(np.uint8, copy=False)
+
+
+def look_for_board(
+    cameras: Sequence[Pictures], board: Board, progress: Progress
+) -> tuple[dict[str, dict[int, View]], dict[str, tuple[int, int]]]:
+    """The board's corners in all pictures.
+
+    Returns:
+        Views by camera and moment (those with any corner), and (width, height) by camera.
+
+    Raises:
+        CalibrationError: an image that cannot be read, images of different sizes.
+    """
+    views: dict[str, dict[int, View]] = {}
+    sizes: dict[str, tuple[int, int]] = {}
+    total = sum(len(c.looked_at) for c in cameras)
+    with progress.task("looking for the board", total) as task:
+
+        def look(pictures: Pictures) -> tuple[dict[int, View], tuple[int, int]]:
+            detector, found = BoardDetector(board), {}
+            size: tuple[int, int] | None = None
+            for k, image in zip(pictures.looked_at, read_gray(pictures, pictures.looked_at), strict=False):
+                seen = (image.shape[1], image.shape[0])
+                if size is not None and seen != size:
+                    raise CalibrationError(
+                        f"{pictures.images[k]}: {seen[0]} x {seen[1]} px, the other images of camera {pictures.name} "
+                        f"{size[0]} x {size[1]}; a lens can only be calibrated from images of one size and zoom"
+                    )
+                size = seen
+                ids, px = detector.detect(image)
+                if len(ids):
+                    found[int(pictures.moments[k])] = (ids, px)
+                task.advance()
+            assert size is not None
+            return found, size
+
+        with ThreadPoolExecutor() as pool:
+            for pictures, (found, size) in zip(cameras, pool.map(look, cameras), strict=True):
+                views[pictures.name], sizes[pictures.name] = found, size
+    return views, sizes
+
+
+def some_pictures(pictures: Pictures, count: int) -> list[Gray]:
+    """A few of the pictures that were looked at, spread over all of them."""
+    chosen = np.unique(np.linspace(0, len(pictures.looked_at) - 1, min(count, len(pictures.looked_at))).astype(int))
+    return list(read_gray(replace(pictures), pictures.looked_at[chosen]))
