@@ -26,15 +26,15 @@ _FILES = {
 }
 
 
-def _number(value: float, digits: int = 1, unit: str = "") -> str:
+def number_text(value: float, digits: int = 1, unit: str = "") -> str:
     """A number with its unit, a dash where there is none."""
     if not np.isfinite(value):
         return '<span class="none">–</span>'
     return f"{value:.{digits}f}{unit}"
 
 
-def _percent(value: float, digits: int = 0) -> str:
-    return _number(100.0 * value, digits, " %")
+def percent_text(value: float, digits: int = 0) -> str:
+    return number_text(100.0 * value, digits, " %")
 
 
 def heading_section(
@@ -55,17 +55,17 @@ def heading_section(
         covered += f", {100 * filled:.1f} % of them by filling gaps"
     agreement = "from one camera to what the others say, at the person"
     tiles = [
-        _tile("Coverage", _percent(figures.coverage, 1), covered),
-        _tile("Agreement", _number(figures.agreement_mm, 0, " mm"), agreement),
-        _tile("Leave one out", _number(figures.leave_one_out_px, 1, " px"), "the same, in the image"),
-        _tile(
-            "Reprojection", _number(figures.residual_px, 1, " px"), "of the 3D points, to their own 2D points"
+        tile("Coverage", percent_text(figures.coverage, 1), covered),
+        tile("Agreement", number_text(figures.agreement_mm, 0, " mm"), agreement),
+        tile("Leave one out", number_text(figures.leave_one_out_px, 1, " px"), "the same, in the image"),
+        tile(
+            "Reprojection", number_text(figures.residual_px, 1, " px"), "of the 3D points, to their own 2D points"
         ),
     ]
     total = sum(timings_s.values())
     if total > 0:
         per_image = f"{1000 * total / (frames * camera_count):.0f} ms an image, all stages together"
-        tiles.append(_tile("Computing time", f"{total:.0f} s" if total >= 10 else f"{total:.1f} s", per_image))
+        tiles.append(tile("Computing time", f"{total:.0f} s" if total >= 10 else f"{total:.1f} s", per_image))
     facts = " · ".join(
         fact.replace(" ", "&nbsp;")
         for fact in (
@@ -94,14 +94,14 @@ def _file_list(files: Sequence[str]) -> str:
     return f'<details class="files"><summary>Files of this run</summary><ul>{links}</ul></details>'
 
 
-def _tile(name: str, value: str, meaning: str) -> str:
+def tile(name: str, value: str, meaning: str) -> str:
     return (
         f'<div class="tile"><dt>{name}</dt><dd class="value">{value}</dd>'
         f'<dd class="meaning">{meaning}</dd></div>'
     )
 
 
-def _table(columns: Sequence[tuple[str, str]], rows: Sequence[str], kind: str = "figures") -> str:
+def table_of(columns: Sequence[tuple[str, str]], rows: Sequence[str], kind: str = "figures") -> str:
     """A table that scrolls sideways where it is too wide; columns are (name, meaning)."""
     cells = "".join(
         f'<th scope="col"{f" title={json.dumps(html.escape(meaning))}" if meaning else ""}>'
@@ -114,7 +114,9 @@ def _table(columns: Sequence[tuple[str, str]], rows: Sequence[str], kind: str = 
     )
 
 
-def findings_section(said: Sequence[Finding], person: str) -> str:
+def findings_section(
+    said: Sequence[Finding], person: str, nothing: str = "Nothing stands out in this take."
+) -> str:
     """The sentences, each with its severity in words and a button that shows the frame."""
     names = {"bad": "Problem", "look": "Look", "note": "Note"}
     items = []
@@ -130,9 +132,7 @@ def findings_section(said: Sequence[Finding], person: str) -> str:
             f"<p>{html.escape(finding.text)}{button}</p></li>"
         )
     if not items:
-        items = [
-            '<li class="fine"><span class="mark">Fine</span><p>Nothing stands out in this take.</p></li>'
-        ]
+        items = [f'<li class="fine"><span class="mark">Fine</span><p>{html.escape(nothing)}</p></li>']
     who = f'<p class="person"><strong>Who was captured.</strong> {html.escape(person)}</p>' if person else ""
     return f'<ul class="findings">{"".join(items)}</ul>{who}'
 
@@ -155,25 +155,25 @@ def cameras_section(cameras: Sequence[CameraFigures]) -> str:
     rows = []
     for camera, error in zip(cameras, loo, strict=True):
         cells = (
-            f"<td>{_percent(camera.seen)}</td>",
-            f"<td>{_percent(camera.rejected)}</td>",
-            _heat(camera.residual_px * camera.mm_per_px, camera.residual_px, " px"),
-            f"<td>{_number(camera.residual_p95_px, 1, ' px')}</td>",
-            _heat(error, camera.leave_one_out_px, " px"),
-            f"<td>{_number(error, 0, ' mm')}</td>",
-            f"<td>{_percent(camera.unanswered, 1)}</td>",
-            f"<td>{_number(float(np.linalg.norm(camera.bias_px)), 1, ' px')}</td>",
+            f"<td>{percent_text(camera.seen)}</td>",
+            f"<td>{percent_text(camera.rejected)}</td>",
+            heat_cell(camera.residual_px * camera.mm_per_px, camera.residual_px, " px"),
+            f"<td>{number_text(camera.residual_p95_px, 1, ' px')}</td>",
+            heat_cell(error, camera.leave_one_out_px, " px"),
+            f"<td>{number_text(error, 0, ' mm')}</td>",
+            f"<td>{percent_text(camera.unanswered, 1)}</td>",
+            f"<td>{number_text(float(np.linalg.norm(camera.bias_px)), 1, ' px')}</td>",
             f"<td>{_signed(camera.lag_frames)}</td>",
         )
         rows.append(f'<tr><th scope="row">{html.escape(camera.name)}</th>{"".join(cells)}</tr>')
-    return _table(head, rows)
+    return table_of(head, rows)
 
 
 def _signed(value: float) -> str:
     return f"{value:+.1f}" if np.isfinite(value) else '<span class="none">–</span>'
 
 
-def _heat(mm: float, value: float, unit: str = "") -> str:
+def heat_cell(mm: float, value: float, unit: str = "") -> str:
     """A cell whose tint grows with the error at the person: none at 0 mm, full at 60 mm."""
     if not np.isfinite(value):
         return '<td class="heat none">–</td>'
@@ -193,12 +193,12 @@ def landmarks_section(points: Points3D, cameras: Sequence[CameraFigures]) -> str
     head += [("all", "median over all cameras, px"), ("coverage", "share of frames with a 3D position")]
     rows = []
     for j, name in enumerate(landmarks.names):
-        cells = "".join(_heat(median[c, j] * scale[c], median[c, j]) for c in range(len(cameras)))
+        cells = "".join(heat_cell(median[c, j] * scale[c], median[c, j]) for c in range(len(cameras)))
         rows.append(
-            f'<tr><th scope="row">{readable(name)}</th>{cells}{_heat(overall_mm[j], overall[j])}'
-            f"<td>{_percent(float(found[j]))}</td></tr>"
+            f'<tr><th scope="row">{readable(name)}</th>{cells}{heat_cell(overall_mm[j], overall[j])}'
+            f"<td>{percent_text(float(found[j]))}</td></tr>"
         )
-    return _table(head, rows, "figures dense")
+    return table_of(head, rows, "figures dense")
 
 
 def bones_section(bones: Sequence[BoneFigures]) -> str:
@@ -210,21 +210,21 @@ def bones_section(bones: Sequence[BoneFigures]) -> str:
         pair = [bone, bones[bone.twin]] if bone.twin >= 0 else [bone]
         name = bone.name.replace("left ", "") if len(pair) == 2 else bone.name
         cells = "".join(
-            f"<td>{_number(1000 * b.median_m, 0)}</td>"
-            f'<td class="heat" style="--h:{_bone_tint(b):.0f}%">±{_number(1000 * b.spread_m, 0)}</td>'
+            f"<td>{number_text(1000 * b.median_m, 0)}</td>"
+            f'<td class="heat" style="--h:{_bone_tint(b):.0f}%">±{number_text(1000 * b.spread_m, 0)}</td>'
             for b in pair
         )
         if len(pair) == 1:
             cells += '<td class="none">–</td><td class="none">–</td><td class="none">–</td>'
         else:
-            cells += f"<td>{_number(1000 * (pair[0].median_m - pair[1].median_m), 0)}</td>"
+            cells += f"<td>{number_text(1000 * (pair[0].median_m - pair[1].median_m), 0)}</td>"
         rows.append(f'<tr><th scope="row">{html.escape(name)}</th>{cells}</tr>')
     spread = "half the range of the middle 68 % of the frames, mm"
     head = (
         ("Bone (mm)", ""), ("left", "median length; for a bone without a twin the only one"), ("±", spread),
         ("right", "median length"), ("±", spread), ("differ", "left minus right"),
     )  # fmt: skip
-    return _table(head, rows)
+    return table_of(head, rows)
 
 
 def _bone_tint(bone: BoneFigures) -> float:

@@ -81,6 +81,7 @@ class CalibrationQuality:
         position_sd: (C,) metres; NaN where unknown.
         pictures: residuals over each image.
         plan: the room from above.
+        fitted: whether the calibration was made from these very observations.
         culprits: which camera is wrong; None where it was not asked.
     """
 
@@ -94,6 +95,7 @@ class CalibrationQuality:
     position_sd: Floats
     pictures: tuple[ImagePicture, ...]
     plan: Plan
+    fitted: bool = False
     culprits: CulpritReport | None = None
 
 
@@ -232,6 +234,7 @@ def check_adjustment(problem: AdjustProblem, result: AdjustResult, source: str) 
         position_sd=np.asarray(result.position_std),
         pictures=pictures,
         plan=plan_of(cameras, world, views),
+        fitted=True,
     )
 
 

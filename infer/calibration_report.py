@@ -1,0 +1,187 @@
+"""`calibration.html`: how good a calibration is, and which camera is wrong, on a page that needs no network."""
+
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from muybridge.files import replacing
+from muybridge.geometry.calibration.quality import CalibrationQuality
+from muybridge.infer.calibration_figures import cameras_table, evidence_table, pictures_figure, plan_figure
+from muybridge.infer.report_findings import Finding
+from muybridge.infer.report_sections import findings_section, number_text, percent_text, run_section, tile
+
+# A focal length known less well than this makes depth and size a guess.
+_FOCAL_LOOK, _FOCAL_BAD = 0.01, 0.03
+_POSITION_LOOK = 0.03
+_COVERED_LOOK = 0.35
+
+
+@dataclass(frozen=True)
+class CalibrationPage:
+    """What a page shows.
+
+    Attributes:
+        title: e.g. the session's name.
+        quality: the figures.
+        notes: sentences that should be read besides.
+        timings_s: seconds by stage.
+        options: resolved options, nested.
+        versions: what it was made with.
+    """
+
+    title: str
+    quality: CalibrationQuality
+    notes: tuple[str, ...] = ()
+    timings_s: Mapping[str, float] = field(default_factory=dict)
+    options: Mapping[str, object] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+
+def calibration_findings(quality: CalibrationQuality) -> tuple[Finding, ...]:
+    """What is wrong with a calibration, the gravest first: culprits, then what is not known well enough."""
+    found: list[Finding] = []
+    report = quality.culprits
+    if report is not None:
+        found += [Finding("bad", fault.sentence) for fault in report.faults]
+        if report.note:
+            found.append(Finding("note", report.note))
+    if quality.fitted:
+        found += _known_findings(quality)
+    order = {"bad": 0, "look": 1, "note": 2}
+    return tuple(sorted(found, key=lambda f: order[f.severity]))
+
+
+def _known_findings(quality: CalibrationQuality) -> list[Finding]:
+    """Numbers that a low residual hides: focal lengths and positions that the observations do not tell."""
+    found = []
+    for c, camera in enumerate(quality.cameras):
+        focal, position = quality.focal_sd[c], quality.position_sd[c]
+        if focal > _FOCAL_LOOK:
+            found.append(
+                Finding(
+                    "bad" if focal > _FOCAL_BAD else "look",
+                    f"The focal length of {camera.name} is only known to ±{100 * focal:.1f} %, though its residual is "
+                    f"{quality.residual_px[c]:.1f} px: a low residual is no proof here. Show the board at other "
+                    "distances and tilted, or take the lens from a calibration of its own.",
+                )
+            )
+        if position > _POSITION_LOOK:
+            found.append(
+                Finding(
+                    "look",
+                    f"The position of {camera.name} is only known to ±{1000 * position:.0f} mm: it shares too few "
+                    "views with the others, or all from one place.",
+                )
+            )
+        if quality.pictures[c].covered < _COVERED_LOOK:
+            found.append(
+                Finding(
+                    "look",
+                    f"Only {100 * quality.pictures[c].covered:.0f} % of the image of {camera.name} was looked at: "
+                    "towards its edges the lens's distortion is a guess.",
+                )
+            )
+    return found
+
+
+def calibration_section(quality: CalibrationQuality) -> str:
+    """Tables and pictures of a calibration, for a page's section."""
+    report = quality.culprits
+    faulty = [] if report is None else [n for f in report.faults for n in f.cameras]
+    parts = [
+        cameras_table(quality),
+        f"<h3>Where the residuals are</h3>{pictures_figure(quality)}",
+        f"<h3>What the cameras cover</h3>{plan_figure(quality.cameras, quality.plan, faulty)}",
+    ]
+    if report is not None and not report.note:
+        parts.append(
+            "<h3>What would explain it</h3><p class=\"lead\">How much better the whole rig would fit frames that were "
+            "held out, if this one thing of this one camera were put right (log-likelihood; "
+            f"0: not at all). A rig in order has small numbers everywhere.</p>{evidence_table(report)}"
+        )
+    return "".join(parts)
+
+
+def render_calibration(page: CalibrationPage) -> str:
+    """The page as text."""
+    quality = page.quality
+    said = calibration_findings(quality)
+    notes = tuple(Finding("note", text) for text in page.notes)
+    parts = {
+        "title": html.escape(page.title),
+        "css": _asset("report.css"),
+        "heading": _heading(page, said),
+        "findings": findings_section([*said, *notes], "", "Nothing stands out in this calibration."),
+        "calibration": calibration_section(quality),
+        "run": run_section(page.timings_s, {}, page.options, page.versions),
+    }
+    text = _asset("calibration.html")
+    for name, part in parts.items():
+        text = text.replace(f"<!--@{name}-->", part, 1)
+    return text
+
+
+def write_calibration_page(path: Path, page: CalibrationPage) -> Path:
+    """Write the page; it appears under `path` only when it is complete.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    text = render_calibration(page)
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+    return path
+
+
+def _heading(page: CalibrationPage, said: Sequence[Finding]) -> str:
+    quality = page.quality
+    rating, label, sentence = _verdict(quality, said)
+    tiles = [
+        tile("Residual", number_text(_median(quality.residual_px), 1, " px"), "median over the cameras"),
+    ]
+    if np.isfinite(quality.leave_one_out_px).any():
+        meaning = "from one camera to what the others say"
+        tiles.append(tile("Leave one out", number_text(_median(quality.leave_one_out_px), 1, " px"), meaning))
+    if quality.culprits is not None and quality.culprits.faults:
+        better = f"{quality.culprits.noise_px:.1f} → {quality.culprits.corrected_px:.1f} px"
+        tiles.append(tile("If mended", better, "scale of the errors before and after"))
+    tiles.append(tile("Seen by three", percent_text(quality.plan.seen_by_three), "of the points that two cameras saw"))
+    focal = quality.focal_sd[np.isfinite(quality.focal_sd)]
+    if quality.fitted and focal.size:
+        tiles.append(tile("Focal length", f"±{100 * focal.max():.1f} %", "of the camera that knows it least"))
+    facts = f"{len(quality.cameras)} cameras · judged by {quality.source}"
+    return (
+        f'<header><p class="kicker">muybridge calibration</p><h1>{html.escape(page.title)}</h1>'
+        f'<p class="facts">{html.escape(facts)}</p>'
+        f'<p class="verdict {rating}"><strong>{label}</strong> {html.escape(sentence)}</p>'
+        f'<dl class="tiles">{"".join(tiles)}</dl></header>'
+    )
+
+
+def _verdict(quality: CalibrationQuality, said: Sequence[Finding]) -> tuple[str, str, str]:
+    report = quality.culprits
+    if report is not None and report.faults:
+        names = sorted({n for f in report.faults for n in f.cameras})
+        return "poor", f"Look at {' and '.join(names)}", report.sentence
+    if any(f.severity == "bad" for f in said):
+        return "poor", "Not to be trusted", next(f.text for f in said if f.severity == "bad")
+    if any(f.severity == "look" for f in said):
+        return "fair", "Usable, with care", next(f.text for f in said if f.severity == "look")
+    if report is not None and report.note:
+        return "fair", "Cannot be told", report.note
+    return "good", "Good calibration", (
+        report.sentence if report is not None else "Every focal length and position is known well."
+    )  # fmt: skip
+
+
+def _median(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")
+
+
+def _asset(name: str) -> str:
+    return resources.files("muybridge.infer").joinpath("assets", name).read_text(encoding="utf-8")
