@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.body import BODY, SHAPE_PRIOR, STATURE_M, STATURE_SD_M, Body, BodyModel, prior_shape
+from muybridge.geometry.ik_shape import length_equations
 from muybridge.geometry.ik_solve import Pose, Problem, landmark_positions, solve_in_stretches
 from muybridge.geometry.ik_start import start_pose
 from muybridge.geometry.landmarks import LandmarkSet, Points3D
@@ -269,28 +270,9 @@ def _fit_shape(model: BodyModel, problem: Problem, pose: Pose, shape_frames: int
 
     Unknown are the shape and the stature; the stature's share of each length is the prior's mean.
     """
-    every = max(len(pose) // 1000, 1)
-    skeleton = problem.skeleton
-    rotations = skeleton.rotations_from_angles(pose.angles[::every])
-    rotations[:, 0] = pose.turn[::every]
-    turns, _ = skeleton.forward(pose.root[::every], rotations)
-    t_count, size = len(turns), model.joint_basis.shape[-1]
-    of_joint = np.zeros((t_count, len(skeleton), 3, size))
-    for j, parent in enumerate(skeleton.parents):
-        if parent >= 0:
-            of_joint[:, j] = of_joint[:, parent] + turns[:, parent] @ model.joint_basis[j]
-    carrier = model.landmark_joints
-    design = of_joint[:, carrier] + turns[:, carrier] @ model.landmark_basis
-    information = problem.information[::every]
-    target = problem.targets[::every] - pose.root[::every, None]
-    pulled = information @ design
-    by_root = pulled.sum(axis=1)  # (T, 3, S)
-    root = information.sum(axis=1) + np.eye(3) * 1e-6
-    back = np.linalg.solve(root, by_root)
-    residual = np.einsum("tlij,tlj->ti", information, target)
-    matrix = np.einsum("tlis,tlir->sr", design, pulled, optimize=True) - np.einsum("tis,tir->sr", by_root, back)
-    vector = np.einsum("tlis,tli->s", pulled, target) - np.einsum("tis,ti->s", back, residual)
-    share = min(1.0, shape_frames / t_count)
+    matrix, vector = length_equations(problem, pose, model.joint_basis, model.landmark_basis)
+    size = len(vector)
+    share = min(1.0, shape_frames / (len(pose) / max(len(pose) // 1000, 1)))
     ratio, spread = np.array(list(SHAPE_PRIOR.values())).T
     certain = 1.0 / (spread * STATURE_M) ** 2
     full = np.zeros((size + 1, size + 1))
