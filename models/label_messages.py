@@ -37,55 +37,60 @@ class _Messages(torch.autograd.Function):
     def forward(ctx: Any, here: Tensor, there: Tensor, edge: Tensor, neighbour: Tensor) -> Tensor:
         rows, count, width = edge.shape
         out = torch.empty(rows, 2 * width)
-        best = torch.empty(rows, width, dtype=torch.uint8)
-        on = torch.empty(rows, count, width, dtype=torch.bool)
+        message = torch.empty(rows, count, width)
         index = neighbour.reshape(rows, count)
-        arrays = (here, there, edge, index, out, best, on)
-        _forward(*(a.detach().contiguous().numpy() for a in arrays))
-        ctx.save_for_backward(index, best, on)
+        _forward(*(a.detach().contiguous().numpy() for a in (here, there, edge, index, out, message)))
+        ctx.save_for_backward(index, message, out)
         return out
 
     @staticmethod
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
-        index, best, on = ctx.saved_tensors
-        rows, count, width = on.shape
+        index, message, out = ctx.saved_tensors
+        rows, count, width = message.shape
         here, there = torch.zeros(rows, width), torch.zeros(rows, width)
         edge = torch.empty(rows, count, width)
-        arrays = (grads[0].float(), index, best, on, here, there, edge)
+        arrays = (grads[0].float(), index, message, out, here, there, edge)
         _backward(*(a.contiguous().numpy() for a in arrays))
         return here, there, edge, None
 
 
 @numba.njit(cache=True, fastmath=True)  # type: ignore[untyped-decorator]
-def _forward(here: Any, there: Any, edge: Any, index: Any, out: Any, best: Any, on: Any) -> None:
+def _forward(here: Any, there: Any, edge: Any, index: Any, out: Any, message: Any) -> None:
     rows, count, width = edge.shape
     share = np.float32(1.0 / count)
+    most, total = np.empty(width, np.float32), np.empty(width, np.float32)
     for i in range(rows):
-        for c in range(width):
-            out[i, c] = np.float32(0.0)
-            out[i, width + c] = np.float32(0.0)
-            best[i, c] = 0
+        own = here[i]
+        most[:] = 0
+        total[:] = 0
         for k in range(count):
-            j = index[i, k]
+            other, link, m = there[index[i, k]], edge[i, k], message[i, k]
             for c in range(width):
-                m = max(here[i, c] + there[j, c] + edge[i, k, c], np.float32(0.0))
-                on[i, k, c] = m > 0
-                out[i, width + c] += m * share
-                if m > out[i, c]:
-                    out[i, c] = m
-                    best[i, c] = k
+                m[c] = max(own[c] + other[c] + link[c], np.float32(0.0))
+            for c in range(width):
+                total[c] += m[c]
+                most[c] = max(most[c], m[c])
+        for c in range(width):
+            out[i, c] = most[c]
+            out[i, width + c] = total[c] * share
 
 
 @numba.njit(cache=True, fastmath=True)  # type: ignore[untyped-decorator]
-def _backward(grad: Any, index: Any, best: Any, on: Any, here: Any, there: Any, edge: Any) -> None:
-    rows, count, width = on.shape
+def _backward(grad: Any, index: Any, message: Any, out: Any, here: Any, there: Any, edge: Any) -> None:
+    rows, count, width = message.shape
     share = np.float32(1.0 / count)
+    zero = np.float32(0.0)
+    g = np.empty(width, np.float32)
     for i in range(rows):
+        top, mean, most, own = grad[i, :width], grad[i, width:], out[i, :width], here[i]
         for k in range(count):
-            j = index[i, k]
+            m, link, other = message[i, k], edge[i, k], there[index[i, k]]
             for c in range(width):
-                g = grad[i, width + c] * share + (grad[i, c] if best[i, c] == k else np.float32(0.0))
-                g = g if on[i, k, c] else np.float32(0.0)
-                edge[i, k, c] = g
-                here[i, c] += g
-                there[j, c] += g
+                value = mean[c] * share + (top[c] if m[c] == most[c] else zero)
+                g[c] = value if m[c] > zero else zero
+            for c in range(width):
+                link[c] = g[c]
+            for c in range(width):
+                own[c] += g[c]
+            for c in range(width):
+                other[c] += g[c]

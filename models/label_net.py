@@ -58,7 +58,7 @@ class LabelNet(nn.Module):
                                        "layers": layers, "neighbours": neighbours, "rounds": rounds}  # fmt: skip
         self.labels, self.neighbours, self.rounds = labels, neighbours, rounds
         window = len(WINDOW)
-        self.edges = nn.Sequential(nn.Linear(6 + 4 * window, edge), nn.ReLU(), nn.Linear(edge, edge), nn.ReLU())
+        self.edges = nn.Sequential(nn.Linear(11 + 4 * window, edge), nn.ReLU(), nn.Linear(edge, edge), nn.ReLU())
         self.nodes = nn.Linear(4 * window, width)
         self.set = nn.Linear(labels, width)
         self.layers = nn.ModuleList(_Layer(width, message, edge) for _ in range(layers))
@@ -85,26 +85,43 @@ class LabelNet(nn.Module):
     def logits(self, points: Tensor, seen: Tensor, asked: Tensor) -> Tensor:
         """(B, N, L + 1) before the assignment; arguments as `forward`."""
         b, _, n, _ = points.shape
-        at, known = points[:, 0] / LENGTH, seen[:, 0]
-        moved = (points[:, 1:] - points[:, :1]) / LENGTH * seen[:, 1:, :, None]  # (B, W, N, 3)
-        features = torch.cat([moved, seen[:, 1:, :, None]], -1).permute(0, 2, 1, 3).reshape(b, n, -1)
+        at, known, k = points[:, 0] / LENGTH, seen[:, 0], self.neighbours
         neighbour = self._neighbours(at, known)
-        k = self.neighbours
 
         def there(x: Tensor) -> Tensor:
             return x.reshape(b * n, -1).index_select(0, neighbour).reshape(b * n, k, -1)
 
         to = there(at) - at.reshape(b * n, 1, 3)
-        distance = (to.square().sum(-1, keepdim=True) + 1e-8).sqrt()
+        heading = self._heading(to)
+        moved = (points[:, 1:] - points[:, :1]).permute(0, 2, 1, 3).reshape(b * n, -1, 3) / LENGTH
+        linked = seen[:, 1:].permute(0, 2, 1).reshape(b * n, -1, 1)
+        features = torch.cat([moved * linked, linked], -1).flatten(1)  # (B N, 4 W)
         both = features.reshape(b * n, 1, -1, 4), there(features).reshape(b * n, k, -1, 4)
         linked = both[0][..., 3:] * both[1][..., 3:]
-        relative = torch.cat([(both[1][..., :3] - both[0][..., :3]) * linked, linked], -1)
-        edge = torch.cat([to, distance, torch.exp(-distance), torch.exp(-4 * distance), relative.flatten(2)], -1)
+        relative = _turn((both[1][..., :3] - both[0][..., :3]) * linked, heading.reshape(b * n, 1, 1, 2))
+        distance = (to.square().sum(-1, keepdim=True) + 1e-8).sqrt()
+        other = there(heading)
+        edge = torch.cat([
+            _turn(to, heading.unsqueeze(1)), _turn(to, other), _turn(other, heading.unsqueeze(1)), distance,
+            torch.exp(-distance), torch.exp(-4 * distance), torch.cat([relative, linked], -1).flatten(2),
+        ], -1)  # fmt: skip
         edge = self.edges(edge)
-        h = (self.nodes(features) + self.set(asked).unsqueeze(1)).reshape(b * n, -1)
+        own = torch.cat([_turn(both[0][:, 0, :, :3], heading.unsqueeze(1)), both[0][:, 0, :, 3:]], -1).flatten(1)
+        h = (self.nodes(own).reshape(b, n, -1) + self.set(asked).unsqueeze(1)).reshape(b * n, -1)
         for layer in self.layers:
             h = layer(h, edge, neighbour)
         return self.out(h).reshape(b, n, -1)
+
+    @staticmethod
+    def _heading(to: Tensor) -> Tensor:
+        """(R, 2) horizontal unit vectors of nodes: towards the middle of their neighbours.
+
+        All vectors at a node are seen from its heading, so that the network does not have to learn that a person may
+        face any way.
+        """
+        towards = to[..., :2].mean(1)
+        towards = towards + torch.tensor([1e-4, 0.0], device=to.device)
+        return towards / towards.square().sum(-1, keepdim=True).sqrt()
 
     def _neighbours(self, at: Tensor, known: Tensor) -> Tensor:
         """Flat indices (B * N * K) of the nearest known points; where there are fewer, the point itself."""
@@ -116,6 +133,13 @@ class LabelNet(nn.Module):
         itself = torch.arange(n, device=at.device).reshape(1, n, 1)
         index = torch.where(nearest < FAR / 2, index, itself)
         return (index + (torch.arange(b, device=at.device) * n).reshape(b, 1, 1)).reshape(-1)
+
+
+def _turn(vectors: Tensor, heading: Tensor) -> Tensor:
+    """Vectors (..., 2 or 3) as seen from horizontal headings (..., 2): the first axis along the heading, z as it is."""
+    c, s = heading[..., :1], heading[..., 1:]
+    x, y = vectors[..., :1], vectors[..., 1:2]
+    return torch.cat([x * c + y * s, y * c - x * s, vectors[..., 2:]], -1)
 
 
 def sinkhorn(scores: Tensor, known: Tensor, asked: Tensor, dust: Tensor, rounds: int) -> Tensor:

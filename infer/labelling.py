@@ -1,0 +1,150 @@
+"""From unnamed points to named markers: orientation and unit, network, trajectories, votes."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import FormatError
+from muybridge.geometry.landmarks import MarkerSet
+from muybridge.geometry.marker_tracking import TrackOptions, Tracks, find_tracks
+from muybridge.geometry.marker_votes import VoteOptions, assign_frames, cut_tracks, elect, overlaps, vote
+from muybridge.infer.label_network import LabelNetwork
+
+Float = NDArray[np.float64]
+# How far markers of a person spread about their middle (root mean square), metres: a child that crouches, an adult
+# with the arms up.
+SPREAD_M = (0.16, 0.95)
+FACTORS = (1.0, 0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
+
+
+@dataclass(frozen=True)
+class LabelOptions:
+    """How markers are named.
+
+    Attributes:
+        track: trajectories.
+        vote: votes of trajectories.
+        window: the network sees where points were and will be.
+        votes: trajectories vote; else every frame is labelled by itself.
+    """
+
+    track: TrackOptions = TrackOptions()
+    vote: VoteOptions = VoteOptions()
+    window: bool = True
+    votes: bool = True
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """Named markers.
+
+    Attributes:
+        markers: the marker set, M labels.
+        points: (T, M, 3) metres, in the file's axes; NaN where a marker was not found.
+        confidence: (T, M) probability that a point is the marker it is called; 0 where there is none.
+        column: (T, M) column of the file that a marker comes from, -1 where there is none.
+        turn: (3, 3) from the file's axes to Z up, scaled to metres.
+        tracks: trajectories of the file's points.
+        label: (T, S) index of the label of every slot of `tracks`, -1 for none.
+        notes: what the user should know.
+    """
+
+    markers: MarkerSet
+    points: Float
+    confidence: Float
+    column: NDArray[np.intp]
+    turn: Float
+    tracks: Tracks
+    label: NDArray[np.intp]
+    notes: list[str] = field(default_factory=list)
+
+
+def label_points(points: Float, fps: float, markers: MarkerSet, network: LabelNetwork,
+                 options: LabelOptions = LabelOptions()) -> Labelled:  # fmt: skip
+    """Names the points of a recording.
+
+    Args:
+        points: (T, K, 3) metres as far as the file's unit is right, any axis up; NaN where missing.
+        fps: frames a second.
+        markers: the set to look for.
+        network: scores points.
+        options: how.
+
+    Raises:
+        FormatError: there are fewer points than a person can be told by.
+    """
+    count = np.isfinite(points[..., 0]).sum(1)
+    if count.max(initial=0) < 6:
+        raise FormatError(
+            f"no frame has more than {count.max(initial=0)} points; at least 6 markers of one person are needed"
+        )
+    notes: list[str] = []
+    scale = _unit(points, notes)
+    scaled = points * scale
+    tracks = find_tracks(scaled, fps, options.track)
+    if tracks.tracked:
+        notes.append("the file's trajectories jump from marker to marker: the points were tracked anew")
+    asked = np.array(markers.surface_indices)
+    turn = _upright(tracks, fps, asked, network)
+    scores = network.scores(tracks, fps, asked, turn=turn, windowed=options.window).astype(np.float64)
+    label = _elect(scores, tracks, fps, options)
+    out = np.full((len(points), len(asked), 3), np.nan)
+    confidence = np.zeros(out.shape[:2])
+    column = np.full(out.shape[:2], -1, np.intp)
+    t, s = np.nonzero(label >= 0)
+    m = label[t, s]
+    out[t, m] = points[t, tracks.column[t, s]]
+    confidence[t, m] = np.exp(scores[t, s, m])
+    column[t, m] = tracks.column[t, s]
+    return Labelled(markers, out, confidence, column, turn * scale, tracks, label, notes)
+
+
+def _elect(scores: Float, tracks: Tracks, fps: float, options: LabelOptions) -> NDArray[np.intp]:
+    if not options.votes:
+        return assign_frames(scores)
+    pieces = cut_tracks(scores, tracks.track, fps, options.vote)
+    votes, frames = vote(scores, pieces, fps, options.vote)
+    label = elect(votes, overlaps(frames, len(scores)))
+    return np.where(pieces >= 0, label[pieces], -1)
+
+
+def _unit(points: Float, notes: list[str]) -> float:
+    """The factor to metres: 1 where the points are as large as a person, else the power of ten that makes them so."""
+    centre = np.nanmedian(points, 1, keepdims=True)
+    spread = float(np.nanmedian(np.sqrt(np.nanmedian(((points - centre) ** 2).sum(-1), 1))))
+    for factor in FACTORS:
+        if SPREAD_M[0] <= spread * factor <= SPREAD_M[1]:
+            if factor != 1.0:
+                notes.append(f"the points are not in the unit that the file states: they were multiplied by {factor:g}")
+            return factor
+    raise FormatError(f"the points spread over {spread:.3g} m, which is no person in any unit; check the file's unit")
+
+
+def _upright(tracks: Tracks, fps: float, asked: NDArray[np.intp], network: LabelNetwork) -> Float:
+    """The rotation, of the six that turn an axis of the file up, that the network recognises most with."""
+    full = (tracks.track >= 0).sum(1)
+    frames = np.linspace(0, len(full) - 1, min(32, len(full))).astype(int)
+    frames = frames[full[frames] >= 0.6 * full.max()]
+    if not len(frames):
+        frames = np.array([int(full.argmax())])
+    best, most = np.eye(3), -np.inf
+    for axis, sign in itertools.product((2, 1, 0), (1.0, -1.0)):
+        turn = _up(axis, sign)
+        scores = network.scores(tracks, fps, asked, frames, turn)
+        known = np.isfinite(scores[..., 0])
+        sure = float(scores[known][:, :-1].max(1).clip(-6).mean())
+        if sure > most:
+            best, most = turn, sure
+    return best
+
+
+def _up(axis: int, sign: float) -> Float:
+    """A rotation that turns the signed axis of the file to +Z."""
+    up = np.zeros(3)
+    up[axis] = sign
+    x = np.roll(np.abs(up), 1)
+    return np.stack([x, np.cross(up, x), up])
