@@ -3,6 +3,7 @@
 import json
 import pathlib
 
+import cv2
 import numpy as np
 import pytest
 
@@ -132,6 +133,7 @@ def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
     losses = [line["loss"] for line in lines if "loss" in line]
     assert losses[-1] < losses[0]
     assert lines[0]["options"]["seed"] == "0" and "torch" in lines[0]
+    assert cv2.imread(str(options.out / "curves.png")).std() > 5
     pool = loop.background_pool(options)
     path = tmp_path / "out" / "keypoints.onnx"
     publish_keypoints(checkpoint, path, keypoints.held_out_batches(store, pool, 64, 2), "a test")

@@ -19,6 +19,7 @@ from muybridge.errors import SessionError
 from muybridge.files import replacing
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.bodies import BodyModel
+from muybridge.train.curves import write_curves
 from muybridge.train.options import Training
 from muybridge.train.render import Renderer
 from muybridge.train.renders import SIZE, RenderSet, load_renders
@@ -231,6 +232,7 @@ class Fit:
         })  # fmt: skip
         loss = float(np.mean(losses)) if losses else float("nan")
         log_line(self.log, dict(self.state) | {"loss": loss, "images_a_second": round(speed, 1)} | scores)
+        write_curves(self.log)
         shown = "  ".join(f"{k} {v:.3f}" for k, v in scores.items())
         minutes = self.state["seconds"] / 60
         print(f"{self.state['images']:>9,} images {minutes:6.1f} min  loss {loss:.3f}  {shown}  {speed:.0f} images/s",
