@@ -188,7 +188,7 @@ class Dresser:
 
     def _suit(self) -> None:
         v = self.values
-        dark = self.chance(0.75)
+        dark = self.chance(0.85)
         colour = tuple(np.exp(self.rng.uniform(np.log(0.02), np.log(0.06))) * self.rng.uniform(0.9, 1.2, 3))
         colour = tuple(float(c) for c in colour) if dark else fabric_colour(self.rng)
         second = v["trousers_b"] if self.chance(0.35) else colour
@@ -321,7 +321,7 @@ class Dresser:
         if self.kind in ("clothed", "sports") and "shirt" in self.parts:
             if self.chance(0.07):
                 half = (self.between(0.12, 0.16), self.between(0.05, 0.10), self.between(0.15, 0.23))
-                bag = garments.blob((0, 0.11 + half[1], 0.52 - half[2]), half, 0.45)
+                bag = garments.blob((0, 0.065 + half[1], 0.52 - half[2]), half, 0.45)
                 self.things.append(Accessory("back", bag, colour))
                 v["straps"] = 1
             elif self.chance(0.06):

@@ -21,6 +21,15 @@ KINDS: dict[str, float] = {
     "kick": 0.06, "jump": 0.04, "crawl": 0.03, "lie": 0.03,
 }  # fmt: skip
 
+# Hands: share, degrees that a finger's three joints and the thumb bend.
+GRIPS: dict[str, tuple[float, float, float, float, float]] = {
+    "flat": (0.16, 4, 6, 4, 0), "relaxed": (0.42, 26, 34, 18, 12), "grip": (0.16, 52, 68, 32, 28),
+    "fist": (0.20, 74, 88, 40, 40), "point": (0.06, 74, 88, 40, 38),
+}  # fmt: skip
+# Axes of the left hand at rest: along the knuckles to the little finger, out of the back of the hand, of the thumb.
+KNUCKLES, PALM = np.array([0.387, 0.82, -0.418]), np.array([0.736, -0.017, 0.647])
+THUMB = np.array([0.87, -0.49, -0.15])
+
 SPINE = ("spine05", "spine04", "spine03", "spine02", "spine01")
 NECK = (("neck01", 0.3), ("neck02", 0.2), ("neck03", 0.2), ("head", 0.3))
 
@@ -180,13 +189,26 @@ class PoseSampler:
             self._hand(rotvec, suffix, sign)
 
     def _hand(self, rotvec: Array, suffix: str, sign: float) -> None:
-        """Fingers between open and fist; the curl is about the hand's own width, roughly the y axis."""
-        curl = np.clip(self.rng.beta(0.9, 1.4, len(rotvec)), 0, 1) * 75
-        zero = np.zeros(len(rotvec))
+        """Hands: flat, relaxed, gripping, fists, pointing; fingers bend about the line of the knuckles."""
+        n, u = len(rotvec), self._uniform
+        kind = self.rng.choice(len(GRIPS), n, p=[share for share, *_ in GRIPS.values()])
+        table = np.array([bends for _, *bends in GRIPS.values()])  # (kinds, 3 joints + thumb), degrees
+        bends = table[kind] * u(n, 0.75, 1.1)[:, None] + self._normal(n, 4)[:, None]
+        fan = u(n, -0.25, 0.35)  # the little finger bends more than the index, or less
+        spread = u(n, -1, 3.5)
+        mirror = np.array([1.0, sign, sign])
         for finger in range(2, 6):
-            for joint in range(1, 4):
-                name = f"finger{finger}-{joint}.{suffix}"
-                rotvec[:, self.index[name]] = _rotvec_deg(zero, sign * curl, zero)
+            straight = (kind == list(GRIPS).index("point")) & (finger == 2)
+            more = np.where(straight, 0.08, 1 + fan * (finger - 3.5) / 1.5) * u(n, 0.85, 1.15)
+            for joint in range(3):
+                angle = np.radians((bends[:, joint] * more).clip(-12, 100))
+                bend = angle[:, None] * KNUCKLES * mirror
+                if joint == 0:
+                    bend = bend + np.radians(spread * (finger - 3.5))[:, None] * PALM * mirror
+                rotvec[:, self.index[f"finger{finger}-{joint + 1}.{suffix}"]] = bend
+        for joint, share in ((1, 0.5), (2, 0.8), (3, 1.0)):
+            angle = np.radians((bends[:, 3] * share * u(n, 0.6, 1.2)).clip(-10, 70))
+            rotvec[:, self.index[f"finger1-{joint}.{suffix}"]] = angle[:, None] * THUMB * mirror
 
     def _root(self, rotvec: Array, is_kind: dict[str, NDArray[np.bool_]]) -> None:
         """Whole-body tilt: small for all, to the ground for crawling and lying, sideways in balances."""

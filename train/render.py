@@ -325,8 +325,8 @@ class Renderer:
         z = np.frombuffer(depth.read(alignment=1), "f4").reshape(h, w)[::-1]  # type: ignore[attr-defined]
         metres = 2 * FAR * NEAR / (FAR + NEAR - (2 * z - 1) * (FAR - NEAR))
         px, depth_m = view.project(landmarks_world)
-        body_px, _ = view.project(self.vertices[:BODY_VERTICES])
-        box = np.concatenate([body_px.min(0), body_px.max(0)])
+        body_px = np.ascontiguousarray(view.project(self.vertices[:BODY_VERTICES])[0].T)
+        box = np.concatenate([body_px.min(1), body_px.max(1)])
         inside, front = _front(px, metres)
         height = float(np.ptp(self.vertices[:BODY_VERTICES], axis=0).max())
         visible = inside & (depth_m - front < LANDMARK_DEPTH * min(height, 1.8) / 1.7 + 0.02)

@@ -43,8 +43,8 @@ def sample_view(vertices: NDArray[np.float32], rng: np.random.Generator, size: i
     focal = size
     for _ in range(3):  # the box's middle moves a little as the camera turns to it
         view = View(look_at(eye, target), focal, (middle, middle), size, size)
-        px, _ = view.project(body)
-        low, high = px.min(0), px.max(0)
+        px = np.ascontiguousarray(view.project(body)[0].T)
+        low, high = px.min(1), px.max(1)
         focal = focal * size / (span * float((high - low).max()))
         offset = ((low + high) / 2 - middle) / view.focal_px
         ray = view.cam_from_world[:, :3].T @ np.array([offset[0], offset[1], 1.0])
