@@ -38,10 +38,10 @@ class LabelNetwork:
         path: of the file; card: what it says about itself.
     """
 
-    def __init__(self, path: Path, options: OnnxOptions = OnnxOptions(threads=2, batch=64)) -> None:
+    def __init__(self, path: Path, threads: int = 2, batch: int = 64) -> None:
         """Opens the file; ModelError where it is missing, damaged or no labelling network of ours."""
-        self.path, self._batch = path, options.batch
-        self._session = open_session(path, options)
+        self.path, self._batch = path, batch
+        self._session = open_session(path, OnnxOptions(threads, batch))
         self.card: LabelModelCard = label_card(dict(self._session.get_modelmeta().custom_metadata_map), path)
 
     def scores(self, tracks: Tracks, fps: float, asked: NDArray[np.intp], frames: NDArray[np.intp] | None = None,

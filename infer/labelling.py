@@ -10,6 +10,12 @@ from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks import MarkerSet
+from muybridge.geometry.marker_rigidity import (
+    RigidityOptions,
+    distance_scores,
+    measured_rigidity,
+    prior_rigidity,
+)
 from muybridge.geometry.marker_tracking import TrackOptions, Tracks, find_tracks
 from muybridge.geometry.marker_votes import VoteOptions, assign_frames, cut_tracks, elect, overlaps, vote
 from muybridge.infer.label_network import LabelNetwork
@@ -30,12 +36,15 @@ class LabelOptions:
         vote: votes of trajectories.
         window: the network sees where points were and will be.
         votes: trajectories vote; else every frame is labelled by itself.
+        distances: distances between markers repair what the network got wrong.
     """
 
     track: TrackOptions = TrackOptions()
     vote: VoteOptions = VoteOptions()
+    rigidity: RigidityOptions = RigidityOptions()
     window: bool = True
     votes: bool = True
+    distances: bool = True
 
 
 @dataclass(frozen=True)
@@ -92,13 +101,15 @@ def label_points(points: Float, fps: float, markers: MarkerSet, network: LabelNe
     turn = _upright(tracks, fps, asked, network)
     scores = network.scores(tracks, fps, asked, turn=turn, windowed=options.window).astype(np.float64)
     label = _elect(scores, tracks, fps, options)
+    if options.distances:
+        scores, label = _repair(scores, label, tracks, turn, fps, asked, network, options)
     out = np.full((len(points), len(asked), 3), np.nan)
     confidence = np.zeros(out.shape[:2])
     column = np.full(out.shape[:2], -1, np.intp)
     t, s = np.nonzero(label >= 0)
     m = label[t, s]
     out[t, m] = points[t, tracks.column[t, s]]
-    confidence[t, m] = np.exp(scores[t, s, m])
+    confidence[t, m] = np.exp(scores[t, s, m] - np.logaddexp.reduce(scores[t, s], -1))
     column[t, m] = tracks.column[t, s]
     return Labelled(markers, out, confidence, column, turn * scale, tracks, label, notes)
 
@@ -110,6 +121,32 @@ def _elect(scores: Float, tracks: Tracks, fps: float, options: LabelOptions) -> 
     votes, frames = vote(scores, pieces, fps, options.vote)
     label = elect(votes, overlaps(frames, len(scores)))
     return np.where(pieces >= 0, label[pieces], -1)
+
+
+def _repair(scores: Float, label: NDArray[np.intp], tracks: Tracks, turn: Float, fps: float, asked: NDArray[np.intp],
+            network: LabelNetwork, options: LabelOptions) -> tuple[Float, NDArray[np.intp]]:  # fmt: skip
+    """Scores to which distances have contributed, and the labels that follow."""
+    card, choice = network.card, np.ix_(asked, asked)
+    how = options.rigidity
+    prior = prior_rigidity(card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice], how.links)
+    fitted = scores
+    for _ in range(how.rounds):
+        named, owner = _named(label, tracks.points, len(asked))
+        measured = measured_rigidity(named, prior, how)
+        fit = distance_scores(tracks.points, named, owner, measured)
+        fitted = scores.copy()
+        fitted[..., :-1] = np.maximum(scores[..., :-1], options.vote.floor) + how.weight * 2.5 * fit
+        label = _elect(fitted, tracks, fps, options)
+    return fitted, label
+
+
+def _named(label: NDArray[np.intp], points: Float, count: int) -> tuple[Float, NDArray[np.intp]]:
+    """Markers (T, A, 3) and the slots (T, A) they come from, by the slots' labels (T, S)."""
+    named, owner = np.full((len(points), count, 3), np.nan), np.full((len(points), count), -1, np.intp)
+    t, s = np.nonzero(label >= 0)
+    named[t, label[t, s]] = points[t, s]
+    owner[t, label[t, s]] = s
+    return named, owner
 
 
 def _unit(points: Float, notes: list[str]) -> float:
