@@ -205,8 +205,8 @@ def _camera_mark(camera: Camera, at: tuple[float, float], faulty: bool, width: f
     side = np.array([-axis[1], axis[0]])
     x = np.array(at)
     corners = " ".join(f"{p[0]:.1f},{p[1]:.1f}" for p in (x, x + 16 * axis + 8 * side, x + 16 * axis - 8 * side))
-    anchor = "end" if at[0] > 0.8 * width else "start" if at[0] < 0.2 * width else "middle"
-    label = x - 14 * axis
+    anchor = "end" if at[0] > 0.85 * width else "start" if at[0] < 0.15 * width else "middle"
+    label = x + np.array([0.0, 16.0 if axis[1] < 0 else -16.0])
     return (
         f'<g class="camera{" fault" if faulty else ""}"><polygon points="{corners}"/><circle cx="{at[0]:.1f}" '
         f'cy="{at[1]:.1f}" r="4"/><text x="{label[0]:.1f}" y="{label[1] + 4:.1f}" text-anchor="{anchor}">'

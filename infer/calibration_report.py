@@ -111,13 +111,14 @@ def render_calibration(page: CalibrationPage) -> str:
     quality = page.quality
     said = calibration_findings(quality)
     notes = tuple(Finding("note", text) for text in page.notes)
+    made = run_section(page.timings_s, {}, page.options, page.versions)
     parts = {
         "title": html.escape(page.title),
         "css": _asset("report.css"),
         "heading": _heading(page, said),
         "findings": findings_section([*said, *notes], "", "Nothing stands out in this calibration."),
         "calibration": calibration_section(quality),
-        "run": run_section(page.timings_s, {}, page.options, page.versions),
+        "run": f'<section id="run"><h2>How it was made</h2>{made}</section>' if made else "",
     }
     text = _asset("calibration.html")
     for name, part in parts.items():
@@ -166,7 +167,7 @@ def _verdict(quality: CalibrationQuality, said: Sequence[Finding]) -> tuple[str,
     report = quality.culprits
     if report is not None and report.faults:
         names = sorted({n for f in report.faults for n in f.cameras})
-        return "poor", f"Look at {' and '.join(names)}", report.sentence
+        return "poor", f"Look at {' and '.join(names)}", report.faults[0].sentence
     if any(f.severity == "bad" for f in said):
         return "poor", "Not to be trusted", next(f.text for f in said if f.severity == "bad")
     if any(f.severity == "look" for f in said):

@@ -141,7 +141,7 @@ def plan_of(cameras: CameraGroup, points_world: Floats, views: Ints) -> Plan:
         cameras.centers_world[:, :2]
     )  # fmt: skip
     low, high = everything.min(axis=0), everything.max(axis=0)
-    margin = 0.06 * max(float((high - low).max()), 0.5)
+    margin = 0.1 * max(float((high - low).max()), 0.5)
     low, high = low - margin, high + margin
     cell = float((high - low).max()) / _PLAN_CELLS
     columns, rows = (np.ceil((high - low) / cell).astype(int)).tolist()

@@ -1,0 +1,120 @@
+"""`muybridge calibrate check`: judges a session's calibration by the person in its videos, and names the culprit."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+from muybridge.errors import MuybridgeError
+from muybridge.geometry.association import select_person, take_person
+from muybridge.geometry.calibration.culprits import CulpritOptions
+from muybridge.geometry.calibration.quality import CalibrationQuality, check_take
+from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.landmarks import Keypoints2D
+from muybridge.infer.calibrate_people import session_keypoints
+from muybridge.infer.calibration_figures import blamed
+from muybridge.infer.calibration_report import CalibrationPage, write_calibration_page
+from muybridge.infer.detect import DetectOptions
+from muybridge.infer.progress import Progress
+from muybridge.infer.session import SessionOptions, open_session
+
+Floats = NDArray[np.float64]
+
+PAGE = "calibration.html"
+_HARDLY = 0.2  # share of frames below which the association has given a camera up
+_FLAT = tyro.conf.arg(name="")
+
+
+def check(
+    session: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SESSION")],
+    /,
+    out: Path | None = None,
+    options: Annotated[CulpritOptions, _FLAT] = CulpritOptions(),  # noqa: B008 - frozen
+    work: Path | None = None,
+    read: Annotated[SessionOptions, _FLAT] = SessionOptions(),  # noqa: B008
+    detect: Annotated[DetectOptions, _FLAT] = DetectOptions(),  # noqa: B008
+    quiet: bool = False,
+) -> int:
+    """Is the calibration good, and if not, which camera is it: turned, out of step, wrong lens or file?
+
+    Args:
+        session: folder with `videos/` and a calibration, in which a person moves.
+        out: page to write (default: `calibration.html` in the session's results folder).
+        options: what counts as a fault.
+        work: results folder whose finished 2D landmarks are used (default: `muybridge/` inside the session).
+        read: how the session folder is read.
+        detect: 2D landmarks.
+        quiet: say only the result.
+    """
+    from muybridge.infer.sync import session_clocks, synchronised
+
+    start = time.perf_counter()
+    with Progress(quiet=quiet) as progress:
+        opened = open_session(session, read)
+        for notice in opened.notices:
+            progress.notice(notice)
+        opened, keypoints = session_keypoints(opened, work, detect, progress)
+        clocks = session_clocks(opened)
+        if clocks is not None:
+            keypoints = synchronised(keypoints, clocks, opened.fps)
+        quality = check_keypoints(opened.cameras, keypoints, options)
+    page = out or (work or session / "muybridge") / PAGE
+    seconds = {"in all": time.perf_counter() - start}
+    write_calibration_page(page, CalibrationPage(opened.name, quality, opened.notices, seconds))
+    for line in told(quality):
+        print(line)
+    print(f"{page} shows it")
+    return 0
+
+
+def check_keypoints(cameras: CameraGroup, keypoints: Keypoints2D, options: CulpritOptions) -> CalibrationQuality:
+    """Judge cameras by everyone's landmarks, of whom one person is followed.
+
+    Raises:
+        SessionError: nobody was found.
+    """
+    points_px, variance_px2 = person_to_check(cameras, keypoints)
+    source = f"one person's landmarks in {points_px.shape[1]} frames"
+    return check_take(cameras, points_px, variance_px2, options, source)
+
+
+def person_to_check(cameras: CameraGroup, keypoints: Keypoints2D) -> tuple[Floats, Floats]:
+    """One person's landmarks, with those of cameras that the calibration keeps apart from the others.
+
+    Who is who between cameras is found by the calibration that is in question. So a camera that hardly has the
+    person by it, but sees one person alone for most of the take, is taken at its word.
+
+    Returns:
+        (C, T, J, 2) px and (C, T, J) variances.
+    """
+    selection = select_person(cameras, keypoints)
+    points_px, variance_px2, _ = take_person(keypoints, selection)
+    points_px, variance_px2 = points_px.copy(), variance_px2.copy()
+    found = np.isfinite(keypoints.variance_px2).any(axis=-1)
+    for c in range(len(cameras)):
+        alone = found[c].sum(axis=1) == 1
+        if (selection.slots[c] >= 0).mean() < _HARDLY and alone.mean() > 0.5:
+            frames = np.flatnonzero(alone)
+            slots = found[c, frames].argmax(axis=1)
+            points_px[c, frames] = keypoints.points_px[c, frames, slots]
+            variance_px2[c, frames] = keypoints.variance_px2[c, frames, slots]
+    return points_px, variance_px2
+
+
+def told(quality: CalibrationQuality) -> list[str]:
+    """What was found, in lines: a sentence, then a line a camera."""
+    report = quality.culprits
+    if report is None:
+        raise MuybridgeError("no culprit was looked for")
+    rows = [report.sentence]
+    width = max(len(n) for n in quality.cameras.names)
+    for c in report.order if report.faults else range(len(quality.cameras)):
+        name = quality.cameras.names[c]
+        rows.append(
+            f"  {name:<{width}}  reprojection {quality.residual_px[c]:5.1f} px   left out "
+            f"{quality.leave_one_out_px[c]:5.1f} px   {blamed(report, name) or 'nothing wrong'}"
+        )
+    return rows
