@@ -22,9 +22,9 @@ GRID = (12, 20)  # rows and columns of an accessory
 SLOTS = 6  # accessories that a person can have
 # Patches of the body at rest that carry accessories: centre and reach, metres; hands only where arms are.
 ANCHORS: dict[str, tuple[tuple[float, float, float], float]] = {
-    "head": ((0.0, 0.0, 0.80), 0.085), "back": ((0.0, 0.06, 0.38), 0.14), "left_hip": ((0.15, 0.0, 0.08), 0.08),
-    "right_hip": ((-0.15, 0.0, 0.08), 0.08), "left_hand": ((0.445, -0.235, 0.19), 0.06),
-    "right_hand": ((-0.445, -0.235, 0.19), 0.06),
+    "head": ((0.0, -0.03, 0.76), 0.125), "face": ((0.0, -0.13, 0.73), 0.07), "back": ((0.0, 0.06, 0.38), 0.14),
+    "left_hip": ((0.15, 0.0, 0.08), 0.08), "right_hip": ((-0.15, 0.0, 0.08), 0.08),
+    "left_hand": ((0.445, -0.235, 0.19), 0.06), "right_hand": ((-0.445, -0.235, 0.19), 0.06),
 }  # fmt: skip
 
 
@@ -132,9 +132,11 @@ class Anchors:
         flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
         rotation = u @ flip @ vt
         scale = float(np.trace(np.diag(s) @ flip) / ((a - ca) ** 2).sum())
-        if item.hangs:
-            rotation = _upright(rotation, item.hangs) @ rotation
-        return np.asarray((item.points.reshape(-1, 3) - ca) @ rotation.T * scale + cb, np.float32)
+        points = (item.points.reshape(-1, 3) - ca) @ rotation.T * scale + cb
+        if item.hangs:  # from its first row
+            pivot = points[: item.points.shape[1]].mean(0)
+            points = (points - pivot) @ _upright(rotation, item.hangs).T + pivot
+        return np.asarray(points, np.float32)
 
 
 def _upright(rotation: F64, share: float) -> F64:

@@ -260,7 +260,7 @@ class Dresser:
             v |= {"covered": 1, "cover_colour": fabric_colour(rng) if self.chance(0.4) else (0.35, 0.55, 0.65)}
         if self.chance(0.10):
             dark = self.chance(0.5)
-            self.things.append(Accessory("head", garments.glasses(0.036 if dark else 0.012), (0.015, 0.015, 0.018)))
+            self.things.append(Accessory("face", garments.glasses(0.036 if dark else 0.012), (0.015, 0.015, 0.018)))
         if self.chance(0.2 if self.kind != "briefs" else 0.35):
             self._hat()
 
