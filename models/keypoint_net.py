@@ -72,7 +72,7 @@ class KeypointNet(nn.Module):
         self,
         landmarks: int = 23,
         widths: tuple[int, int, int, int] = (32, 64, 128, 160),
-        depths: tuple[int, int, int, int] = (0, 2, 3, 2),
+        depths: tuple[int, int, int, int] = (0, 2, 2, 2),
     ) -> None:
         super().__init__()
         self.config = {"landmarks": landmarks, "widths": widths, "depths": depths}
