@@ -15,7 +15,7 @@ from muybridge.models.label_messages import gather_messages
 
 # Seconds before and after a frame at which the window looks.
 WINDOW = (-0.3, -0.1, 0.1, 0.3)
-NEIGHBOURS = 10
+NEIGHBOURS = 8
 FAR = 1e4
 # Lengths are divided by this, metres.
 LENGTH = 0.3
@@ -29,7 +29,7 @@ class _Layer(nn.Module):
         self.norm = nn.LayerNorm(width)
         self.here, self.there = nn.Linear(width, message), nn.Linear(width, message, bias=False)
         self.edge = nn.Linear(edge, message, bias=False)
-        self.mix = nn.Sequential(nn.Linear(width + 2 * message, 2 * width), nn.ReLU(), nn.Linear(2 * width, width))
+        self.mix = nn.Sequential(nn.Linear(width + 2 * message, width), nn.ReLU(), nn.Linear(width, width))
 
     def forward(self, h: Tensor, edge: Tensor, neighbour: Tensor) -> Tensor:
         x = self.norm(h)
@@ -51,7 +51,7 @@ class LabelNet(nn.Module):
         rounds: of Sinkhorn's normalisation.
     """
 
-    def __init__(self, labels: int = 72, width: int = 64, message: int = 48, edge: int = 32, layers: int = 5,
+    def __init__(self, labels: int = 72, width: int = 64, message: int = 40, edge: int = 24, layers: int = 5,
                  neighbours: int = NEIGHBOURS, rounds: int = 4) -> None:  # fmt: skip
         super().__init__()
         self.config: dict[str, Any] = {"labels": labels, "width": width, "message": message, "edge": edge,

@@ -85,7 +85,8 @@ class LabelTraining(Training):
     clips: pathlib.Path = pathlib.Path("runs/labels/clips")
     shards: int = 96
     markerset: Literal["all", "pig39", "cmu41"] = "all"
-    batch: int = 32
+    batch: int = 48
+    rate: float = 3e-3
     decay: float = 0.3
     workers: int = 0
 

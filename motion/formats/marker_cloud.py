@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
-from muybridge.motion.formats.c3d import METRES_OF_UNIT, _labels, _text
 from muybridge.motion.formats.trc import read_trc
 
 Float = NDArray[np.float64]
+METRES_OF_UNIT = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 # Parameters of POINT that list what is stored as points and is none.
 _DERIVED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS")
 _NO_MARKER = re.compile(r"(angles?|forces?|moments?|powers?|centreofmass|centerofmass|grf|cop)$", re.IGNORECASE)
@@ -84,8 +84,7 @@ def _read_c3d(path: Path) -> MarkerCloud:
         also = f", only {analog} analog channels" if analog else ""
         raise FormatError(f"{path}: holds no points{also}; export the markers into it")
     names = _labels(point, data.shape[1])
-    names += [f"*{k}" for k in range(len(names), data.shape[1])]
-    unit = _text(point, "UNITS", "")
+    unit = _text(point, "UNITS")
     if unit and unit not in METRES_OF_UNIT:
         raise FormatError(f"{path}: POINT:UNITS is {unit!r}; valid are {', '.join(METRES_OF_UNIT)}")
     lists = [point[key].get("value", ()) for key in _DERIVED if key in point]
@@ -99,6 +98,19 @@ def _read_c3d(path: Path) -> MarkerCloud:
     fps = float(rate[0]) if len(rate) and rate[0] > 0 else float("nan")
     return MarkerCloud(xyz[:, keep] * METRES_OF_UNIT.get(unit, 1.0), tuple(np.array(names, object)[keep]), fps, unit,
                        tuple(np.array(names, object)[~keep]))  # fmt: skip
+
+
+def _text(point: Any, key: str) -> str:
+    value = point[key].get("value", ()) if key in point else ()
+    return str(value[0]).strip().lower() if len(value) else ""
+
+
+def _labels(point: Any, count: int) -> list[str]:
+    """The labels of all points: more than 255 are continued in LABELS2, LABELS3, ..."""
+    keys = ["LABELS", *(f"LABELS{k}" for k in range(2, 30))]
+    names = [str(n).strip() for key in keys if key in point for n in point[key].get("value", ())]
+    names += [f"*{k}" for k in range(len(names), count)]
+    return names[:count]
 
 
 def _read_trc(path: Path) -> MarkerCloud:
