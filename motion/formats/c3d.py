@@ -1,11 +1,15 @@
-"""C3D, the binary file of biomechanics, through ezc3d: Z up, millimetres, 4-byte floats.
+"""C3D, the binary file of biomechanics: written through ezc3d (Z up, millimetres, 4-byte floats), read by `c3d_read`.
 
 A missing point has the residual -1 (and zeros as coordinates: every reader goes by the residual). A known
 point's residual is one standard deviation of its position where a covariance is known: the format means "the
 average residual of the intersecting rays", which the same figure stands for. It has one byte: whole
-millimetres from 1 to 127, and 0 for "not measured".
+millimetres from 1 to 127, and 0 for "not measured". Readers disagree on which of two bytes that is, the other being
+a mask of cameras: the format's text and most readers take the low one, ezc3d the high one. We write it into both, as
+there is no mask to tell, and read the low one.
 """
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +20,76 @@ from muybridge import __version__
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks import Points3D
-from muybridge.motion.formats.points3d import points_of_file
+from muybridge.motion.formats.c3d_read import RawC3D, read_raw_c3d
+from muybridge.motion.formats.points3d import METRES_OF_UNIT, UP_PERMUTATION, check_unit, check_up, points_of_file
 
-METRES_OF_UNIT = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+Array = NDArray[np.float64]
+
 # The axis parameters as the C3D manual has them: what points right and up on a screen that shows the subject
 # from its left.
 _X_SCREEN, _Y_SCREEN = "+Y", "+Z"
-_UP_PERMUTATION = {"+Z": (0, 1, 2), "+Y": (2, 0, 1)}
+_UP_OF_SCREEN = {"+Z": "z", "+Y": "y"}
+# Results of gait models that are stored as points but are none; the names of the parameters that list them.
+_NOT_POINTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "ENERGIES", "REACTIONS", "MODEL_OUTPUTS")
 
 
-def write_c3d(path: Path, points: Points3D) -> None:
-    """Write points in millimetres, Z up.
+@dataclass(frozen=True)
+class Event:
+    """Something that happened.
+
+    Attributes:
+        label: what, such as "Foot Strike".
+        time: seconds, as the file counts: frame 1 of the recording is at zero, also where the file begins later.
+        context: "Left", "Right" or "General".
+        subject: whom it concerns.
+        description: more about it.
+    """
+
+    label: str
+    time: float
+    context: str = "General"
+    subject: str = ""
+    description: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Analog:
+    """Sampled channels beside the points: force plates, muscles.
+
+    Attributes:
+        labels: (M,)
+        units: (M,)
+        rate: samples a second, a whole multiple of the points' frames.
+        values: (S, M) in `units`.
+    """
+
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+    rate: float
+    values: Array
+
+
+@dataclass(frozen=True, eq=False)
+class C3DTake:
+    """All of a C3D file that we keep.
+
+    Attributes:
+        points: metres, Z up.
+        first_frame: number of the first frame in the recording, from 1.
+        events: in order of time.
+        analog: None where there are no channels.
+        force_platforms: parameters of the group FORCE_PLATFORM, in millimetres and Z up.
+    """
+
+    points: Points3D
+    first_frame: int = 1
+    events: tuple[Event, ...] = ()
+    analog: Analog | None = None
+    force_platforms: Mapping[str, Any] = field(default_factory=dict)
+
+
+def write_c3d(path: Path, points: Points3D | C3DTake) -> None:
+    """Write points in millimetres, Z up, and what else a take has.
 
     Args:
         path: the file to write; replaced only once it is complete.
@@ -37,18 +100,23 @@ def write_c3d(path: Path, points: Points3D) -> None:
     """
     import ezc3d  # type: ignore[import-untyped]  # here, since it is slow to load and few need it
 
+    take = points if isinstance(points, C3DTake) else C3DTake(points)
+    points = take.points
     xyz_mm = np.asarray(points.points_world, dtype=np.float64) * 1e3
     frames, markers = xyz_mm.shape[:2]
     missing = ~np.all(np.isfinite(xyz_mm), axis=-1)
     c3d: Any = ezc3d.c3d()
     c3d["header"]["points"]["frame_rate"] = float(points.fps)
+    c3d["header"]["points"]["first_frame"] = take.first_frame - 1
     parameters = c3d["parameters"]
     parameters["POINT"]["RATE"]["value"] = [float(points.fps)]
     parameters["POINT"]["UNITS"]["value"] = ["mm"]
-    parameters["POINT"]["LABELS"]["value"] = tuple(points.landmarks.names)
-    parameters["POINT"]["DESCRIPTIONS"]["value"] = tuple(
-        f"{points.landmarks.name} landmark" for _ in points.landmarks.names
-    )
+    # More labels than one parameter holds go on in LABELS2, LABELS3, ...
+    for k in range(0, max(markers, 1), 255):
+        names = points.landmarks.names[k : k + 255]
+        suffix = str(k // 255 + 1) if k else ""
+        c3d.add_parameter("POINT", f"LABELS{suffix}", list(names))
+        c3d.add_parameter("POINT", f"DESCRIPTIONS{suffix}", [f"{points.landmarks.name} landmark"] * len(names))
     c3d.add_parameter("POINT", "X_SCREEN", [_X_SCREEN])
     c3d.add_parameter("POINT", "Y_SCREEN", [_Y_SCREEN])
     c3d.add_parameter("MANUFACTURER", "COMPANY", ["muybridge"])
@@ -59,7 +127,9 @@ def write_c3d(path: Path, points: Points3D) -> None:
     c3d["data"]["points"] = data
     residual = np.where(missing, -1.0, _standard_deviation_mm(points.covariance_world))
     c3d["data"]["meta_points"]["residuals"] = residual.T[None]
-    c3d["data"]["meta_points"]["camera_masks"] = np.zeros((7, markers, frames), dtype=bool)
+    byte = np.maximum(residual.T, 0).astype(np.int64)
+    c3d["data"]["meta_points"]["camera_masks"] = (byte[None] >> np.arange(7)[:, None, None] & 1).astype(np.bool_)
+    _add_extras(c3d, take, frames)
     with replacing(path) as temporary:
         try:
             c3d.write(str(temporary))
@@ -67,67 +137,125 @@ def write_c3d(path: Path, points: Points3D) -> None:
             raise OSError(str(error)) from error
 
 
-def read_c3d(path: Path) -> Points3D:
+def _add_extras(c3d: Any, take: C3DTake, frames: int) -> None:
+    """Analog samples, force plates and events."""
+    analog = take.analog
+    if analog is not None and analog.values.size:
+        parameters = c3d["parameters"]["ANALOG"]
+        parameters["RATE"]["value"] = [float(analog.rate)]
+        parameters["LABELS"]["value"] = tuple(analog.labels)
+        parameters["UNITS"]["value"] = tuple(analog.units)
+        per_frame = round(analog.rate / take.points.fps)
+        values = np.zeros((frames * per_frame, len(analog.labels)))
+        values[: len(analog.values)] = analog.values[: len(values)]
+        c3d["data"]["analogs"] = values.T[None]
+    for name, value in take.force_platforms.items():
+        if isinstance(value, np.ndarray):  # ezc3d takes whole numbers only as a flat list
+            value = value.astype(np.float64) if value.ndim > 1 else value.tolist()
+        c3d.add_parameter("FORCE_PLATFORM", name, value)
+    if take.events:
+        times = np.array([divmod(e.time, 60.0) for e in take.events]).T
+        c3d.add_parameter("EVENT", "USED", [len(take.events)])
+        c3d.add_parameter("EVENT", "TIMES", times)
+        for key in ("label", "context", "subject", "description"):
+            c3d.add_parameter("EVENT", f"{key.upper()}S", [getattr(e, key) for e in take.events])
+        c3d.add_parameter("EVENT", "ICON_IDS", [0.0] * len(take.events))
+        c3d.add_parameter("EVENT", "GENERIC_FLAGS", [0.0] * len(take.events))
+
+
+def read_c3d(path: Path, unit: str | None = None, up: str | None = None) -> Points3D:
     """Read points into metres, Z up (a file whose Y_SCREEN says +Y is turned).
+
+    Args:
+        path: the file.
+        unit: m, cm or mm, whatever the file says; None for what it says.
+        up: y or z, likewise.
 
     Returns:
         points_world (T, J, 3), NaN where the residual is negative; covariance isotropic from the residual
-        where that is above zero, else NaN.
+        where that is above zero, else NaN. Results of gait models that the file lists as angles, forces, moments or
+        powers are left out.
 
     Raises:
         FormatError: the file is not a C3D, holds no points, or its unit or axes are of no known kind.
     """
-    import ezc3d
+    return read_c3d_take(path, unit, up).points
 
+
+def read_c3d_take(path: Path, unit: str | None = None, up: str | None = None) -> C3DTake:
+    """Read points as `read_c3d` does, with events, analog channels, force plates and the first frame's number."""
     path = Path(path)
-    if not path.is_file():
-        raise FormatError(f"{path}: no such file; give an existing C3D file")
-    try:
-        c3d: Any = ezc3d.c3d(str(path))
-        point = c3d["parameters"]["POINT"]
-        fps = float(point["RATE"]["value"][0])
-        data = np.asarray(c3d["data"]["points"], dtype=np.float64)
-        residual_file = np.asarray(c3d["data"]["meta_points"]["residuals"], dtype=np.float64)[0].T
-    except (RuntimeError, OSError, KeyError, IndexError, ValueError, MemoryError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise FormatError(f"{path}: is not a readable C3D ({reason}); export it again") from error
-    names = _labels(point, data.shape[1])
-    if not names or not data.shape[2]:
-        raise FormatError(f"{path}: holds no points (labels: {len(names)}, frames: {data.shape[2]}); export them")
-    if not fps > 0:
-        raise FormatError(f"{path}: POINT:RATE is {fps}; it must be above zero")
-    unit = _text(point, "UNITS", "mm")
-    if unit not in METRES_OF_UNIT:
-        raise FormatError(f"{path}: POINT:UNITS is {unit!r}; valid are {', '.join(METRES_OF_UNIT)}")
-    up = _text(point, "Y_SCREEN", "+Z")
-    if up not in _UP_PERMUTATION:
-        raise FormatError(f"{path}: POINT:Y_SCREEN is {up!r}; valid are {', '.join(_UP_PERMUTATION)}")
-    metres = METRES_OF_UNIT[unit]
-    xyz = data[:3].transpose(2, 1, 0)[..., _UP_PERMUTATION[up]] * metres
-    xyz[(residual_file < 0) | ~np.all(np.isfinite(xyz), axis=-1)] = np.nan
-    points = points_of_file(path, names, xyz, fps, "c3d")
-    variance = np.where((residual_file > 0) & np.isfinite(xyz[..., 0]), (residual_file * metres) ** 2, np.nan)
+    raw = read_raw_c3d(path)
+    frames, count = raw.points.shape[:2]
+    names = raw.texts("POINT", "LABELS")[:count]
+    names += [f"point_{k + 1}" for k in range(len(names), count)]
+    not_points = {n for key in _NOT_POINTS for n in raw.texts("POINT", key)}
+    kept = [k for k, name in enumerate(names) if name not in not_points]
+    if not kept or not frames:
+        raise FormatError(f"{path}: holds no points (labels: {len(kept)}, frames: {frames}); export them")
+    if not 0 < raw.fps < 1e9:
+        raise FormatError(f"{path}: POINT:RATE is {raw.fps}; it must be above zero")
+    metres = METRES_OF_UNIT[check_unit(path, unit or (raw.texts("POINT", "UNITS") or [""])[0] or "mm", "POINT:UNITS")]
+    screen = (raw.texts("POINT", "Y_SCREEN") or [""])[0] or "+Z"
+    if up is None and screen not in _UP_OF_SCREEN:
+        raise FormatError(f"{path}: POINT:Y_SCREEN is {screen!r}; valid are {', '.join(_UP_OF_SCREEN)}")
+    turn = list(UP_PERMUTATION[check_up(up or _UP_OF_SCREEN[screen])])
+    xyz = raw.points[:, kept][..., turn] * metres
+    residual = raw.residuals[:, kept]
+    xyz[(residual < 0) | ~np.all(np.abs(xyz) < 1e12, axis=-1)] = np.nan
+    points = points_of_file(path, [names[k] or f"point_{k + 1}" for k in kept], xyz, raw.fps, "c3d")
+    variance = np.where((residual > 0) & np.isfinite(xyz[..., 0]), (residual * metres) ** 2, np.nan)
     points.covariance_world[:] = np.where(
         np.isfinite(variance)[..., None, None], np.eye(3) * variance[..., None, None], np.nan
     )
-    return points
+    return C3DTake(points, raw.first_frame, _events(raw), _analog(raw), _force_platforms(raw, metres, turn))
 
 
-def _standard_deviation_mm(covariance_world: NDArray[np.float64]) -> NDArray[np.float64]:
+def _events(raw: RawC3D) -> tuple[Event, ...]:
+    times = raw.parameters.get("EVENT", {}).get("TIMES")
+    if not isinstance(times, np.ndarray) or times.ndim != 2 or len(times) != 2:
+        return tuple(Event(label, seconds) for label, seconds in raw.header_events)
+    columns = [raw.texts("EVENT", key) for key in ("LABELS", "CONTEXTS", "SUBJECTS", "DESCRIPTIONS")]
+
+    def word(column: list[str], k: int) -> str:
+        return column[k] if k < len(column) else ""
+
+    found = [
+        Event(word(columns[0], k), float(60 * minutes + seconds), *(word(c, k) for c in columns[1:]))
+        for k, (minutes, seconds) in enumerate(times.T)
+        if np.isfinite(minutes + seconds)
+    ]
+    return tuple(sorted(found, key=lambda e: e.time))
+
+
+def _analog(raw: RawC3D) -> Analog | None:
+    channels = raw.analog.shape[1]
+    if not channels or not len(raw.analog):
+        return None
+    labels, units = raw.texts("ANALOG", "LABELS")[:channels], raw.texts("ANALOG", "UNITS")[:channels]
+    labels += [f"channel_{k + 1}" for k in range(len(labels), channels)]
+    units += [""] * (channels - len(units))
+    return Analog(tuple(labels), tuple(units), raw.fps * raw.analog_per_frame, raw.analog)
+
+
+def _force_platforms(raw: RawC3D, metres: float, turn: list[int]) -> dict[str, Any]:
+    """The group's parameters; corners and origins follow the points' unit, corners their axes as well."""
+    group = raw.parameters.get("FORCE_PLATFORM", {})
+    if raw.analog.size == 0 or not raw.numbers("FORCE_PLATFORM", "USED").any():
+        return {}
+    out: dict[str, Any] = {}
+    for name, value in group.items():
+        if isinstance(value, np.ndarray) and name in ("CORNERS", "ORIGIN"):
+            value = value * metres * 1e3
+            value = value[turn] if name == "CORNERS" and len(value) == 3 else value
+        if isinstance(value, list) or value.size:
+            whole = isinstance(value, np.ndarray) and name in ("USED", "TYPE", "ZERO", "CHANNEL")
+            out[name] = value.astype(int) if whole else value
+    return out
+
+
+def _standard_deviation_mm(covariance_world: Array) -> Array:
     """(T, J): root of the mean variance a coordinate, in the range the format has; 0 where it is unknown."""
     variance = np.trace(np.asarray(covariance_world, dtype=np.float64), axis1=-2, axis2=-1) / 3.0
     known = np.isfinite(variance) & (variance > 0)
     return np.where(known, np.clip(np.rint(np.sqrt(np.where(known, variance, 0.0)) * 1e3), 1, 127), 0.0)
-
-
-def _text(point: Any, key: str, default: str) -> str:
-    value = point[key]["value"] if key in point else []
-    return str(value[0]).strip() or default if len(value) else default
-
-
-def _labels(point: Any, count: int) -> list[str]:
-    """The labels of all points: more than 255 are continued in LABELS2, LABELS3, ..."""
-    names = [str(name).strip() for name in point["LABELS"]["value"]]
-    for key in (f"LABELS{k}" for k in range(2, 9)):
-        names += [str(name).strip() for name in (point[key]["value"] if key in point else [])]
-    return names[:count]

@@ -14,11 +14,9 @@ from numpy.typing import NDArray
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks import Points3D
-from muybridge.motion.formats.points3d import points_of_file
+from muybridge.motion.formats.points3d import METRES_OF_UNIT, UP_PERMUTATION, check_unit, check_up, points_of_file
 
 WORLD_AXIS_OF_TRC = (1, 2, 0)
-TRC_AXIS_OF_WORLD = (2, 0, 1)
-METRES_OF_UNIT = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _KEYS = (
     "DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units",
     "OrigDataRate", "OrigDataStartFrame", "OrigNumFrames",
@@ -57,8 +55,13 @@ def write_trc(path: Path, points: Points3D) -> None:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 
-def read_trc(path: Path) -> Points3D:
+def read_trc(path: Path, unit: str | None = None, up: str = "y") -> Points3D:
     """Read points into metres, Z up.
+
+    Args:
+        path: the file.
+        unit: m, cm or mm, whatever the file says; None for what it says.
+        up: y or z; the format does not say.
 
     Returns:
         points_world (T, J, 3), NaN where a cell is empty; covariance NaN, since the format has none.
@@ -78,9 +81,7 @@ def read_trc(path: Path) -> Points3D:
     head = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
     head = {key.strip(): value.strip() for key, value in head.items()}
     fps = _header_number(path, head, "DataRate")
-    unit = head.get("Units", "")
-    if unit not in METRES_OF_UNIT:
-        raise FormatError(f"{path}: line 3: Units is {unit!r}; valid are {', '.join(METRES_OF_UNIT)}")
+    metres = METRES_OF_UNIT[check_unit(path, unit or head.get("Units", ""), "line 3: Units")]
     names = [name.strip() for name in lines[3].split("\t")[2:] if name.strip()]
     if not names:
         raise FormatError(f"{path}: line 4 names no markers; it must be Frame#, Time, a name per 3 cells")
@@ -90,8 +91,11 @@ def read_trc(path: Path) -> Points3D:
         )
     rows = [_row(path, i, line, len(names)) for i, line in enumerate(lines[5:], start=6) if line.strip()]
     xyz = np.array(rows, dtype=np.float64).reshape(len(rows), len(names), 3)
-    xyz[~np.all(np.isfinite(xyz), axis=-1)] = np.nan
-    return points_of_file(path, names, xyz[..., TRC_AXIS_OF_WORLD] * METRES_OF_UNIT[unit], fps, "trc")
+    xyz[~np.all(np.abs(xyz) < 1e12, axis=-1)] = np.nan
+    points = points_of_file(path, names, xyz[..., UP_PERMUTATION[check_up(up)]] * metres, fps, "trc")
+    if not rows:
+        raise FormatError(f"{path}: has no row of points after its header; is it cut off?")
+    return points
 
 
 def _header_number(path: Path, head: dict[str, str], key: str) -> float:
