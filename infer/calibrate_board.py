@@ -22,6 +22,7 @@ from muybridge.infer.board_pictures import Pictures, find_pictures, look_for_boa
 from muybridge.infer.progress import Progress
 
 _LOOKED_FOR_OTHERS = 6
+_OUT_OF_STEP = 0.05
 
 
 @dataclass(frozen=True)
@@ -198,11 +199,13 @@ def told(rig: RigCalibration) -> list[str]:
     names = rig.cameras.names
     median = float(np.nanmedian(rig.solved.errors_px))
     lines = [f"median reprojection error {median:.2f} px over {len(rig.times)} moments"]
-    if rig.delay_spread > 0.02:
-        late = [f"{n} {d:+.2f}" for n, d in zip(names, np.nanmean(rig.delays, axis=1), strict=True) if np.isfinite(d)]
+    late = np.array([np.nanmean(d) if np.isfinite(d).any() else np.nan for d in rig.delays])
+    late -= late[np.isfinite(late)][0] if np.isfinite(late).any() else 0.0
+    if rig.delay_spread > _OUT_OF_STEP or np.nanmax(np.abs(late)) > _OUT_OF_STEP:
+        means = ", ".join(f"{n} {d:+.2f}" for n, d in zip(names[1:], late[1:], strict=True) if np.isfinite(d))
         lines.append(
-            f"the cameras do not expose together: delays spread by {rig.delay_spread:.2f} steps between moments "
-            f"(mean: {', '.join(late)}); the errors above are with that taken into account"
+            f"the cameras do not expose together; against {names[0]}, in frames of the table of moments: {means}, each "
+            f"view +- {rig.delay_spread:.2f}; the errors above are those left once this is taken into account"
         )
     weak = [n for n, count in ((b, c) for _, b, c in rig.joined) if count < 5]
     if weak:

@@ -67,6 +67,7 @@ class AdjustProblem:
         sway: (C, B, 6, R) how a body may have moved (rotation, then shift of its origin, world axes) between a
             camera's exposure and the time of `bodies`: R independent movements of one standard deviation each.
             None where all cameras expose at once.
+        sway_mean: (C, B, R) how many standard deviations of each movement to expect; None for zero.
     """
 
     cameras: CameraGroup
@@ -83,6 +84,7 @@ class AdjustProblem:
     max_iterations: int = 50
     priors: tuple[LensPrior | None, ...] = ()
     sway: Floats | None = None
+    sway_mean: Floats | None = None
 
     def __post_init__(self) -> None:
         count = len(self.camera)
@@ -178,6 +180,8 @@ class _Solver:
         self.is_body = self.used >= len(problem.points)
         none = np.zeros((len(problem.cameras), len(problem.bodies), 6, 0))
         self.sway = none if problem.sway is None else problem.sway
+        mean = problem.sway_mean
+        self.sway_mean = np.zeros((*self.sway.shape[:2], self.sway.shape[3])) if mean is None else mean
         known = [p is not None and any((f.focal, f.principal, f.distortion))
                  for p, f in zip(problem.priors, problem.free, strict=False)]  # fmt: skip
         self.priors = [(c, p) for c, p in enumerate(problem.priors) if p is not None and known[c]]
@@ -190,7 +194,7 @@ class _Solver:
             cameras.centers_world.copy(),
             np.array(self.problem.points, dtype=float),
             np.array(self.problem.bodies, dtype=float),
-            np.zeros((*self.sway.shape[:2], self.sway.shape[3])),
+            self.sway_mean.copy(),
         )
 
     def world(self, s: _State) -> tuple[Floats, Floats]:
@@ -242,7 +246,7 @@ class _Solver:
     def cost(self, s: _State) -> float:
         """What is made small: robust errors, movements between exposures, what is known of the lenses."""
         known = sum(d @ p.information @ d for c, p in self.priors for d in [s.params[c] - p.mean])
-        return self.weigh(self.evaluate(s, False)[0])[0] + 0.5 * float((s.swayed**2).sum() + known)
+        return self.weigh(self.evaluate(s, False)[0])[0] + 0.5 * float(((s.swayed - self.sway_mean) ** 2).sum() + known)
 
     def normal(self, s: _State) -> tuple[tuple[Floats, ...], list[_Swayed]]:
         """The normal equations, the movements between exposures eliminated, and what takes a step back to them."""
@@ -279,7 +283,7 @@ class _Solver:
             ut = np.swapaxes(jl[rows] @ way[np.repeat(np.arange(len(first)), np.diff([*first, len(rows)]))], 1, 2)
             by = np.concatenate([jc, jl[rows], r[rows, :, None]], axis=-1)
             uj = np.add.reduceat(ut @ by, first)[views]
-            uj[..., -1] += s.swayed[c, body]
+            uj[..., -1] += (s.swayed - self.sway_mean)[c, body]
             inner = np.add.reduceat(ut @ np.swapaxes(ut, 1, 2), first)[views] + np.eye(way.shape[2])
             k = np.linalg.solve(inner, uj)
             d = jc.shape[-1]

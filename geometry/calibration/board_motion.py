@@ -10,6 +10,8 @@ share of it across the velocity, since boards do not move straight.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +21,25 @@ from muybridge.geometry.rotations import log_so3
 Floats = NDArray[np.float64]
 
 FIRST_SPREAD = 0.1
-_ACROSS = 0.3
+_ACROSS, _ASTRAY = 0.3, 0.3
 _DEGREES_OF_FREEDOM = 4.0
 _LONGEST_GAP = 3.5
 _SMALLEST_SPREAD = 1e-4
+
+
+@dataclass(frozen=True)
+class Delays:
+    """How late cameras expose, in steps of time.
+
+    Attributes:
+        mean: (C,) of each camera.
+        views: (C, B) standard deviation of each view's delay about its camera's: larger for those that are late.
+        spread: what most views have for it.
+    """
+
+    mean: Floats
+    views: Floats
+    spread: float
 
 
 def board_rates(seen: Sequence[Mapping[int, Floats]], middle: Floats) -> list[dict[int, Floats]]:
@@ -33,8 +50,8 @@ def board_rates(seen: Sequence[Mapping[int, Floats]], middle: Floats) -> list[di
         middle: (3,) of the board.
 
     Returns:
-        For each camera, by time: (6,) rotation and shift of the board's middle a step of time, in camera axes. Only
-        where the board was seen just before or after.
+        For each camera, by time: (2, 6) rotation and shift of the board's middle a step of time, and their change a
+        step, in camera axes. Only where the board was seen just before or after; no change where not both.
     """
     times = sorted(set().union(*seen)) if seen else []
     step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
@@ -42,74 +59,88 @@ def board_rates(seen: Sequence[Mapping[int, Floats]], middle: Floats) -> list[di
     for poses in seen:
         known, mine = sorted(poses), {}
         for k, t in enumerate(known):
-            near = [u for u in known[max(k - 1, 0) : k + 2] if u != t and abs(u - t) <= _LONGEST_GAP * step]
-            if not near:
+            near = [u for u in known[max(k - 1, 0) : k + 2] if abs(u - t) <= _LONGEST_GAP * step]
+            if len(near) < 2:
                 continue
-            a, b = (near[0], near[-1]) if len(near) == 2 else sorted((t, near[0]))
-            turn = log_so3(poses[b][:3, :3] @ poses[a][:3, :3].T)
-            shift = (poses[b] - poses[a])[:3, :3] @ middle + (poses[b] - poses[a])[:3, 3]
-            mine[t] = np.concatenate([turn, shift]) * step / (b - a)
+            ways = [_way(poses[a], poses[b], middle) * step / (b - a) for a, b in pairwise(near)]
+            gaps = np.diff(near) / step
+            change = (ways[-1] - ways[0]) * 2 / gaps.sum() if len(ways) == 2 else np.zeros(6)
+            # Of a parabola through three places: the slope at the one in the middle.
+            speed = (ways[0] * gaps[-1] + ways[-1] * gaps[0]) / gaps.sum() if len(ways) == 2 else ways[0]
+            mine[t] = np.stack([speed, change])
         rates.append(mine)
     return rates
 
 
+def _way(a: Floats, b: Floats, middle: Floats) -> Floats:
+    """(6,) rotation and shift of the middle from one pose to another."""
+    shift = (b - a)[:3, :3] @ middle + (b - a)[:3, 3]
+    return np.concatenate([log_so3(b[:3, :3] @ a[:3, :3].T), shift])
+
+
 def world_rates(rates: Sequence[Mapping[int, Floats]], rotations: Floats, times: Sequence[int]) -> Floats:
-    """(B, 6) movement of the board a step of time in world axes, NaN where no camera knows it.
+    """(B, 2, 6) movement of the board a step of time and its change, in world axes; NaN where no camera knows it.
 
     Args:
         rates: of `board_rates`.
         rotations: (C, 3, 3) cam_from_world.
         times: (B,).
     """
-    out = np.full((len(times), 6), np.nan)
+    out = np.full((len(times), 2, 6), np.nan)
     for b, t in enumerate(times):
-        known = [np.concatenate([r.T @ mine[t][:3], r.T @ mine[t][3:]])
+        known = [np.concatenate([mine[t][:, :3] @ r, mine[t][:, 3:] @ r], axis=1)
                  for mine, r in zip(rates, rotations, strict=True) if t in mine]  # fmt: skip
         if known:
             out[b] = np.median(known, axis=0)
     return out
 
 
-def sway(rates: Floats, spread: Floats) -> Floats:
-    """(C, B, 6, 7) movements of one standard deviation between exposures, as `AdjustProblem` takes them.
+def sway(rates: Floats, delays: Delays) -> tuple[Floats, Floats]:
+    """Movements between exposures, as `AdjustProblem` takes them.
 
     Args:
-        rates: (B, 6) of `world_rates`.
-        spread: (C, B) standard deviation of each view's delay, steps of time.
-    """
-    known = np.isfinite(rates[:, 0])
-    turning, speed = np.linalg.norm(rates[:, :3], axis=1), np.linalg.norm(rates[:, 3:], axis=1)
-    usual = [float(np.median(v[known])) if known.any() else 0.0 for v in (turning, speed)]
-    out = np.zeros((*spread.shape, 6, 7))
-    out[..., 0] = np.where(known[:, None], rates, 0.0) * spread[..., None]
-    for k, size in enumerate((turning, speed)):
-        # Across its path a board sways with a share of its speed; where the path is unknown, with all of it.
-        across = np.where(known, _ACROSS * np.maximum(np.nan_to_num(size), 0.2 * usual[k]), usual[k])
-        for axis in range(3):
-            out[:, :, 3 * k + axis, 1 + 3 * k + axis] = across * spread
-    return out
-
-
-def next_spread(
-    spread: Floats, swayed: Floats, variance: Floats, used: NDArray[np.bool_], common: float
-) -> tuple[float, Floats]:
-    """The spread of the delays after an adjustment.
-
-    Args:
-        spread: (C, B) what it was, steps of time.
-        swayed: (C, B, R) of the adjustment, its first the delay in `spread`s.
-        variance: (C, B, R) what stayed unknown.
-        used: (C, B) views of times that several cameras saw.
-        common: (before) the cameras' common spread.
+        rates: (B, 2, 6) of `world_rates`.
+        delays: what is known of the delays so far.
 
     Returns:
-        The common spread and (C, B) each view's: larger for those that are late.
+        (C, B, 6, 7) of one standard deviation each, and (C, B, 7) how many of them to expect.
     """
-    if not used.any():
-        return common, np.full(spread.shape, max(common, _SMALLEST_SPREAD))
-    power = (swayed[..., 0] ** 2 + variance[..., 0]) * spread**2
+    spread, mean = delays.views, delays.mean[:, None]
+    known = np.isfinite(rates[:, 0, 0])
+    speed = np.where(known[:, None], rates[:, 0], 0.0)
+    bend = 0.5 * mean[..., None] ** 2 * np.where(known[:, None], rates[:, 1], 0.0)
+    moves, expected = np.zeros((*spread.shape, 6, 7)), np.zeros((*spread.shape, 7))
+    moves[..., 0], expected[..., 0] = speed * spread[..., None], mean / spread
+    for k in (0, 3):  # rotation, shift
+        size = np.linalg.norm(speed[:, k : k + 3], axis=1)
+        usual = float(np.median(size[known])) if known.any() else 0.0
+        # Across its path a board sways with a share of its speed; where the path is unknown, with all of it.
+        across = np.where(known, _ACROSS * np.maximum(size, 0.2 * usual), usual)
+        across = np.maximum(across * np.hypot(spread, _ASTRAY * mean), 1e-12)
+        for axis in range(3):
+            moves[:, :, k + axis, 1 + k + axis] = across
+            expected[:, :, 1 + k + axis] = bend[..., k + axis] / across
+    return moves, expected
+
+
+def next_delays(before: Delays, swayed: Floats, variance: Floats, shared: NDArray[np.bool_]) -> Delays:
+    """The delays after an adjustment.
+
+    Args:
+        before: those that it was made with.
+        swayed: (C, B, R) of the adjustment, its first the delay in standard deviations.
+        variance: (C, B, R) what stayed unknown.
+        shared: (C, B) views of moments that several cameras saw.
+    """
+    if not shared.any():
+        return before
+    delay = swayed[..., 0] * before.views
+    weight = np.where(shared, before.views**-2, 0.0)
+    mean = (weight * delay).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-30)
+    mean -= mean[shared.any(axis=1)].mean()
+    power = (delay - mean[:, None]) ** 2 + variance[..., 0] * before.views**2
     n = _DEGREES_OF_FREEDOM
-    weight = (n + 1) / (n + power / common**2)
-    common = max(float(np.sqrt((weight * power)[used].sum() / used.sum())), _SMALLEST_SPREAD)
-    weight = (n + 1) / (n + power / common**2)
-    return common, np.where(used, common / np.sqrt(weight), common)
+    say = (n + 1) / (n + power / before.spread**2)
+    spread = max(float(np.sqrt((say * power)[shared].mean())), _SMALLEST_SPREAD)
+    say = (n + 1) / (n + power / spread**2)
+    return Delays(mean, np.where(shared, spread / np.sqrt(say), spread), spread)

@@ -25,7 +25,14 @@ from muybridge.geometry.calibration.board_lens import (
     lens_prior,
     usable,
 )
-from muybridge.geometry.calibration.board_motion import FIRST_SPREAD, board_rates, next_spread, sway, world_rates
+from muybridge.geometry.calibration.board_motion import (
+    FIRST_SPREAD,
+    Delays,
+    board_rates,
+    next_delays,
+    sway,
+    world_rates,
+)
 from muybridge.geometry.calibration.board_views import choose_times
 from muybridge.geometry.calibration.solved import Solved, solved
 from muybridge.geometry.cameras import Camera, CameraGroup
@@ -68,7 +75,7 @@ class RigCalibration:
         world_from_boards: (B, 3, 4) where it was.
         delays: (C, B) how late each camera exposed, in steps of time and relative to the others; NaN where the
             board was not seen, or by no other camera.
-        delay_spread: their standard deviation.
+        delay_spread: their standard deviation about each camera's mean; 0 where `in_step`.
         joined: (camera, camera, views) by which pairs, and over how many shared views, the rig hangs together.
         unused: by camera, how many views had too few corners or were none of the board.
     """
@@ -114,16 +121,14 @@ def calibrate_rig(
     rates = board_rates(_own_numbering(seen, found, board), board.corners.mean(axis=0))
     times = choose_times(good, sizes, options.max_views)
     problem = _problem(board, good, lenses, found, times, known is not None)
-    many = len({(c, b) for c, b in zip(problem.camera, problem.body, strict=True)}) > len(problem.bodies)
-    spread = 0.0 if options.in_step or not many else FIRST_SPREAD
-    problem, result, delays, spread = _adjust_swaying(problem, rates, times, spread)
+    problem, result, of_views, delays = _adjust_swaying(problem, rates, times, options.in_step)
     turned = np.einsum("nij,nj->ni", result.bodies[problem.body, :, :3], problem.points[problem.point])
     world = turned + result.bodies[problem.body, :, 3]
     bodies = result.bodies.copy()
     bodies[:, :, 3] -= bodies[:, :, :3] @ board.corners.mean(axis=0)
     return RigCalibration(
         solved=solved(problem, result, np.array(times)[problem.body], world), board=board, times=np.array(times),
-        world_from_boards=bodies, delays=delays, delay_spread=spread,
+        world_from_boards=bodies, delays=of_views, delay_spread=delays.spread,
         joined=tuple((names[a], names[b], n) for a, b, n in found.joined),
         unused={n: len(views[n]) - len(good[n]) for n in names},
     )  # fmt: skip
@@ -222,34 +227,36 @@ def _problem(
 
 
 def _adjust_swaying(
-    problem: AdjustProblem, rates: Sequence[Mapping[int, Floats]], times: Sequence[int], spread: float
-) -> tuple[AdjustProblem, AdjustResult, Floats, float]:
-    """Adjust, and find how far apart the cameras' exposures are; zero `spread`: they are not."""
+    problem: AdjustProblem, rates: Sequence[Mapping[int, Floats]], times: Sequence[int], in_step: bool
+) -> tuple[AdjustProblem, AdjustResult, Floats, Delays]:
+    """Adjust, and find how far apart the cameras' exposures are, unless they are in step.
+
+    Returns:
+        The last problem, its result, (C, B) the delay of each view that others shared, and the delays as a whole.
+    """
     shape = len(problem.cameras), len(problem.bodies)
-    held = tuple(FreeCamera(pose=f.pose) for f in problem.free)
-    views = np.full(shape, max(spread, 1e-9))
     has = np.zeros(shape, np.bool_)
     has[problem.camera, problem.body] = True
     shared = has & (has.sum(axis=0) > 1)
+    delays = Delays(np.zeros(shape[0]), np.full(shape, FIRST_SPREAD), FIRST_SPREAD)
+    in_step = in_step or not shared.any()
     free = problem.free
-    problem = replace(problem, free=held, loss_sigma=20.0)
+    problem = replace(problem, free=tuple(FreeCamera(pose=f.pose) for f in free), loss_sigma=20.0)
     for k in range(_ROUNDS):
-        if spread > 0:
+        if not in_step:
             rotations = np.stack([c.rotation for c in problem.cameras])
-            problem = replace(problem, sway=sway(world_rates(rates, rotations, times), views))
+            moves, expected = sway(world_rates(rates, rotations, times), delays)
+            problem = replace(problem, sway=moves, sway_mean=expected)
         result = adjust(problem)
-        before = spread
-        if spread > 0:
-            assert result.swayed is not None and result.swayed_variance is not None
-            delays = np.where(shared, result.swayed[..., 0] * views, np.nan)
-            spread, views = next_spread(views, result.swayed, result.swayed_variance, shared, spread)
-        if k == _ROUNDS - 1 or (k > 1 and abs(spread - before) <= _SETTLED * before):
+        before, of_views = delays, np.where(shared, 0.0, np.nan)
+        if result.swayed is not None and result.swayed_variance is not None:
+            of_views = np.where(shared, result.swayed[..., 0] * delays.views, np.nan)
+            delays = next_delays(delays, result.swayed, result.swayed_variance, shared)
+        if k > 1 and (in_step or k == _ROUNDS - 1 or abs(delays.spread / before.spread - 1) <= _SETTLED):
             break
         sigma = np.full(len(problem.pixels), max(result.noise * float(problem.sigma_px[0]), 0.05))
         problem = replace(
             problem, cameras=result.cameras, bodies=result.bodies, free=free, loss_sigma=4.0,
             sigma_px=sigma if k > 0 else problem.sigma_px,
         )  # fmt: skip
-    if before == 0:
-        delays = np.where(shared, 0.0, np.nan)
-    return problem, result, delays, before
+    return problem, result, of_views, before if not in_step else Delays(before.mean, before.views * 0, 0.0)
