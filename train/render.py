@@ -7,6 +7,7 @@ occluders and the camera's faults come later (`augment.py`), so that one render 
 import pathlib
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -89,7 +90,7 @@ class Render:
     """What a view shows.
 
     Attributes:
-        rgba: (H, W, 4) uint8, not premultiplied; alpha is coverage.
+        rgba: (H, W, 4) uint8, premultiplied by alpha, which is coverage.
         shadow: (H, W) uint8, where the floor lies in the person's shadow.
         landmarks_px: (23, 2) pixels.
         visible: (23,) whether the landmark is not hidden by the person's own body and in the image.
@@ -198,9 +199,10 @@ class Renderer:
         self.static = self.ctx.buffer(shells.static.tobytes())
         indices = [self.ctx.buffer(f.astype("i4").tobytes()) for f in shells.parts]
         self.arrays: dict[str, list[object]] = {}
+        coarse = self.ctx.buffer(shells.coarse_body.astype("i4").tobytes())
         for name, programs in self.programs.items():
             self.arrays[name] = []
-            for part, index in enumerate(indices):
+            for part, index in enumerate(indices if name == "person" else [coarse, *indices[1:]]):
                 program = programs[min(part, len(PARTS))].program
                 content = [
                     self._attributes(program, self.dynamic, (("position", 12), ("normal", 12), ("slack", 12))),
@@ -331,7 +333,7 @@ class Renderer:
         height = float(np.ptp(self.vertices[:BODY_VERTICES], axis=0).max())
         visible = inside & (depth_m - front < LANDMARK_DEPTH * min(height, 1.8) / 1.7 + 0.02)
         labels = px.astype(np.float32), visible, box.astype(np.float32)
-        return Render(_expose(rgba.copy()), shadow.copy(), *labels, *self._read_markers(view, metres, height))
+        return Render(_soften(_expose(rgba.copy())), shadow.copy(), *labels, *self._read_markers(view, metres, height))
 
     def _read_markers(self, view: View, metres: NDArray[np.floating], height: float) -> tuple[F32, NDArray[np.bool_]]:
         """Pixels (M, 2) of the loaded person's markers and whether they are seen."""
@@ -354,6 +356,15 @@ def _expose(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
         gain = wanted / max(luma, 4.0)
         curve = (1 - (1 - steps) ** gain) if gain > 1 else steps * gain  # brightening keeps white white
         rgba[..., :3] = (curve.clip(0, 1) * 255).round().astype(np.uint8)[rgba[..., :3]]
+    return rgba
+
+
+def _soften(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Smooths the staircase along the silhouette; what lies within keeps its detail."""
+    smooth = cv2.GaussianBlur(rgba, (3, 3), 0.65)
+    cover = smooth[..., 3]
+    edge = (cover > 0) & (cover < 255)
+    rgba[edge] = smooth[edge]
     return rgba
 
 

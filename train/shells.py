@@ -17,6 +17,7 @@ class Shells:
 
     Attributes:
         parts: triangles of body, trousers, shirt, shoes, skirt, long hair, hair, hat and the accessories' slots.
+        coarse_body: triangles of the body for shadows, a few millimetres less detailed.
         static: (count, 6) position at rest and traits (head, eye, arm).
         count: number of vertices.
         first: the first vertex of the accessories.
@@ -41,6 +42,7 @@ class Shells:
         shirt = tights[(q[..., 2].max(1) > -0.13) | arm]
         shoes = tights[(q[..., 2].min(1) < -0.44) & ~arm]
         self.parts: list[I32] = [body_faces, trousers, shirt, shoes, skirt, long_hair, dome, dome, *slots]
+        self.coarse_body = _coarse(body_faces, body.rest, body.arm_weight > 0.5)
         self.static = np.zeros((self.count, 6), np.float32)
         self.static[:v, :3] = body.rest
         self.static[:v, 3:] = np.stack([body.is_head, body.is_eye, body.arm_weight], 1)
@@ -75,6 +77,15 @@ class Shells:
             normals = _unit(self._grid_incidence @ np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]))
             tables.append(np.concatenate([points, normals, points], 1))
         return np.concatenate(tables).astype(np.float32) if tables else np.zeros((0, 9), np.float32)
+
+
+def _coarse(faces: I32, rest: F32, on_arm: NDArray[np.bool_], cell: float = 0.008) -> I32:
+    """`faces` with the vertices in each cube of `cell` metres at rest made one; arms apart from the trunk."""
+    cube = np.concatenate([np.round(rest / cell).astype(int), on_arm[:, None]], 1)
+    _, first, number = np.unique(cube, axis=0, return_index=True, return_inverse=True)
+    merged = first[number.ravel()][faces]
+    a, b, c = merged.T
+    return np.asarray(merged[(a != b) & (b != c) & (a != c)], np.int32)
 
 
 def _incidence(faces: I32, count: int) -> sp.csr_matrix:

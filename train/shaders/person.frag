@@ -97,7 +97,7 @@ vec3 trousers(vec4 t) {
     float worn = smoothstep(.07, .01, abs(ax - .15)) * step(Q.y, -.02) * smoothstep(.05, -.1, Q.z);
     a = mix(a, a * 1.6 + .03, .5 * worn * fractal(Q * 6. + seed));
   }
-  if ((trousers_style & 16) != 0) a *= 1. - .4 * line(outer - .04, .004); // seam
+  if ((trousers_style & 16) != 0) a *= 1. - .25 * line(outer - .04, .003); // seam
   return a * (1. - .3 * line(edge - .02, .004));
 }
 
