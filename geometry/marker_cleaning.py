@@ -66,7 +66,7 @@ class Cleaned:
 
 def clean_markers(points: Float, fps: float, options: CleanOptions = CleanOptions()) -> Cleaned:
     """Spikes out, gaps filled; `points` (T, M, 3) in metres, any axis up."""
-    spikes = find_spikes(points, options)
+    spikes = find_spikes(points, _partners(points), options)
     known = np.where(spikes[..., None], np.nan, points)
     sample = np.where(np.isfinite(known[..., 0]), Sample.MEASURED, Sample.MISSING).astype(np.uint8)
     error = np.full(sample.shape, np.nan)
@@ -78,24 +78,28 @@ def clean_markers(points: Float, fps: float, options: CleanOptions = CleanOption
     return Cleaned(filled, sample, spikes, error)
 
 
-def find_spikes(points: Float, options: CleanOptions = CleanOptions()) -> NDArray[np.bool_]:
-    """(T, M) samples that stand off the line through the samples around them, as no marker moves: one or two frames
-    long."""
+def find_spikes(points: Float, partners: NDArray[np.intp], options: CleanOptions = CleanOptions()) -> NDArray[np.bool_]:
+    """(T, M) samples that are off for a frame or two: from the line through those around them, as the marker's own
+    motion nearby is not, and from where the rigid body of its partners has it, so that an impact is no spike."""
     out = np.zeros(points.shape[:2], bool)
-    for width in (1, 2):
-        if len(points) < 2 * width + 3:
-            break
-        between = (points[: -2 * width] + points[2 * width :]) / 2
+    if len(points) < 7:
+        return out
+    for first, second in ((1, 1), (1, 2), (2, 1)):  # single samples; the first and the second of two
+        between = (points[: len(points) - first - second] * second + points[first + second :] * first)
         off = np.full(points.shape[:2], np.nan)
-        off[width:-width] = np.linalg.norm(points[width:-width] - between, axis=-1)
-        # What the path bends by nearby is motion.
-        before, after = np.roll(off, 2 * width + 1, 0), np.roll(off, -2 * width - 1, 0)
+        inner = slice(first, len(points) - second)
+        off[inner] = np.linalg.norm(points[inner] - between / (first + second), axis=-1)
         with np.errstate(invalid="ignore"):
-            usual = np.fmax(before, after)
-            typical = _median(off)
-            out |= (off > options.spike * typical) & (off > options.spike_m) & (off > 4 * np.nan_to_num(usual))
-    # A spike bends the path of its neighbours too: of a run only the worst stand off.
-    return out & ~_outdone(points, out)
+            usual = np.fmax(np.roll(off, 4, 0), np.roll(off, -4, 0))
+            out |= (off > options.spike * _median(off)) & (off > options.spike_m) & (off > 4 * np.nan_to_num(usual))
+    out &= ~_outdone(points, out)
+    for t, m in zip(*np.nonzero(out), strict=True):
+        a, b = max(t - 2, 1), min(t + 3, len(points) - 1)
+        body = partners[m][np.isfinite(points[a - 1 : b + 1, partners[m], 0]).all(0)][:4]
+        carried = fill_rigid(points[:, m], points[:, body], a, b) if len(body) >= 3 else None
+        if carried is not None:
+            out[t, m] = np.linalg.norm(carried[t - a] - points[t, m]) > 1.5 * options.spike_m
+    return out
 
 
 def _outdone(points: Float, spikes: NDArray[np.bool_]) -> NDArray[np.bool_]:

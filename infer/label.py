@@ -7,6 +7,7 @@ from typing import Annotated
 
 import tyro
 
+from muybridge.geometry.marker_cleaning import CleanOptions
 from muybridge.infer.labelling import LabelOptions
 
 
@@ -15,10 +16,12 @@ def label(
     /,
     out: Path,
     markerset: str = "pig39",
+    corrections: Path | None = None,
     model: Path | None = None,
     fps: float | None = None,
     overwrite: bool = False,
     options: Annotated[LabelOptions, tyro.conf.arg(name="")] = LabelOptions(),  # noqa: B008 - frozen
+    clean: CleanOptions = CleanOptions(),  # noqa: B008
 ) -> int:
     """Name the markers of a recording that nobody has labelled, or not rightly.
 
@@ -26,12 +29,15 @@ def label(
         file: points as C3D, TRC or CSV.
         out: folder of the results: `labelled.c3d`, `label.json`, `report.html`.
         markerset: what the person wears: `pig39`, `cmu41`, ... or a text file of your own.
+        corrections: what a person settled, a line each (see docs/labelling.md); it is kept in the results folder, where
+            later runs find it.
         model: labelling network; the shipped one by default.
         fps: frames a second, where the file does not say.
         overwrite: replace files in the results folder that muybridge did not write or that were changed.
         options: how markers are named.
+        clean: spikes and gaps.
     """
     from muybridge.infer.label_run import run_label
 
-    print(run_label(file, out, markerset, model, fps, overwrite, options))
+    print(run_label(file, out, markerset, corrections, model, fps, overwrite, options, clean))
     return 0

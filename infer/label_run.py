@@ -2,46 +2,95 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from muybridge.errors import FormatError, MuybridgeError
-from muybridge.geometry.landmarks import CMU, PLUG_IN_GAIT, LandmarkSet, MarkerSet, Points3D
+from muybridge.errors import FormatError
+from muybridge.geometry.landmarks import LandmarkSet, Points3D
+from muybridge.geometry.marker_cleaning import Cleaned, CleanOptions, clean_markers
+from muybridge.geometry.marker_sets import MarkerPlan
+from muybridge.infer.label_corrections import apply_corrections, read_corrections
 from muybridge.infer.label_network import LabelNetwork
-from muybridge.infer.labelling import Labelled, LabelOptions, label_points
+from muybridge.infer.label_outputs import label_json
+from muybridge.infer.label_report import render_label_report
+from muybridge.infer.labelling import Labelled, LabelOptions, label_points, relabelled
 from muybridge.infer.outputs import open_output
 from muybridge.models.label_card import shipped_labels
 from muybridge.motion.formats.c3d import write_c3d
 from muybridge.motion.formats.marker_cloud import MarkerCloud, read_marker_cloud
+from muybridge.motion.formats.marker_set import find_marker_set
 
-FILES = ("labelled.c3d",)
-SETS = {"pig39": PLUG_IN_GAIT, "cmu41": CMU}
+FILES = ("labelled.c3d", "label.json", "report.html")
+CORRECTIONS = "corrections.txt"
+SURE = 0.9
 
 
-def run_label(file: Path, out: Path, markerset: str, model: Path | None, fps: float | None, overwrite: bool,
-              options: LabelOptions) -> str:  # fmt: skip
+def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, model: Path | None, fps: float | None,
+              overwrite: bool, options: LabelOptions, clean: CleanOptions) -> str:  # fmt: skip
     """Labels `file` into the folder `out`; returns what to tell the user."""
-    markers = find_set(markerset)
+    plan = find_marker_set(markerset)
     cloud = read_marker_cloud(file)
     rate = rate_of(file, cloud, fps)
+    settled = corrections or (out / CORRECTIONS if (out / CORRECTIONS).is_file() else None)
+    lines = read_corrections(settled) if settled else []
     folder = open_output(out, FILES, [file], overwrite)
     try:
-        labelled = label_points(cloud.points, rate, markers, LabelNetwork(model or shipped_labels()), options)
+        labelled = label_points(cloud.points, rate, plan.markers, LabelNetwork(model or shipped_labels()), options)
     except FormatError as error:
         raise FormatError(f"{file}: {error}") from None
-    folder.write("labelled.c3d", lambda path: write_c3d(path, as_points(labelled, rate)))
+    corrected: list[str] = []
+    if settled:
+        label, corrected = apply_corrections(labelled.label, labelled.tracks.column, lines, plan.markers.labels,
+                                             cloud.names, settled)  # fmt: skip
+        labelled = relabelled(labelled, label, cloud.points)
+        if settled != out / CORRECTIONS:
+            folder.write(CORRECTIONS, lambda path: path.write_bytes(settled.read_bytes()))
+    cleaned = clean_markers(labelled.points, rate, clean)
+    content = label_json(labelled, cleaned, cloud.names, rate, file.name, notes_of(cloud, labelled, plan), corrected,
+                         _figures(labelled))  # fmt: skip
+    folder.write("labelled.c3d", lambda path: write_c3d(path, as_points(labelled, cleaned, rate)))
+    folder.write_text("label.json", json.dumps(content, allow_nan=False))
+    folder.write_text("report.html", render_label_report(labelled, cleaned, content))
+    return summary(content, out)
+
+
+def _figures(labelled: Labelled) -> dict[str, Any]:
     found = np.isfinite(labelled.points[..., 0])
-    lines = [f"{int(found.any(0).sum())} of {len(markers)} markers found, {found.mean():.1%} of their samples"]
-    return "\n".join([*lines, *labelled.notes, f"results: {out}"])
+    sure = labelled.confidence[found] >= SURE
+    return {"markers_found": int(found.any(0).sum()), "sure": round(float(sure.mean()), 4) if sure.size else 0.0}
 
 
-def find_set(name: str) -> MarkerSet:
-    """A marker set by name."""
-    if name not in SETS:
-        raise MuybridgeError(f"no marker set {name!r}; known: {', '.join(SETS)}")
-    return SETS[name]
+def notes_of(cloud: MarkerCloud, labelled: Labelled, plan: MarkerPlan) -> list[str]:
+    """What the user should know, as sentences."""
+    notes = list(labelled.notes)
+    found = np.isfinite(labelled.points[..., 0]).any(0)
+    lost = [plan.markers.labels[i] for i in np.nonzero(~found & ~plan.optional)[0]]
+    if lost:
+        notes.append(f"not found: {', '.join(lost)}")
+    if cloud.left_out:
+        notes.append(f"left out, since they are no points: {', '.join(cloud.left_out[:8])}"
+                     + (f" and {len(cloud.left_out) - 8} more" if len(cloud.left_out) > 8 else ""))  # fmt: skip
+    if cloud.empty:
+        notes.append(f"{len(cloud.empty)} trajectories of the file are empty")
+    return notes
+
+
+def summary(content: dict[str, Any], out: Path) -> str:
+    """What the command prints."""
+    doubtful = len(content["doubtful"])
+    lines = [
+        f"{content['markers_found']} of {len(content['markers'])} markers of {content['marker_set']} found; "
+        f"{content['sure']:.1%} of the names are at least {SURE:.0%} certain, {doubtful} spans are doubtful",
+        *content["notes"],
+        *content["corrections"],
+    ]
+    if doubtful:
+        lines.append(f"see {out / 'report.html'} and settle them with --corrections")
+    return "\n".join([*lines, f"results: {out}"])
 
 
 def rate_of(file: Path, cloud: MarkerCloud, fps: float | None) -> float:
@@ -52,9 +101,9 @@ def rate_of(file: Path, cloud: MarkerCloud, fps: float | None) -> float:
     return rate
 
 
-def as_points(labelled: Labelled, fps: float) -> Points3D:
-    """The named markers as points of a file."""
-    count, size = labelled.points.shape[:2]
+def as_points(labelled: Labelled, cleaned: Cleaned, fps: float) -> Points3D:
+    """The named markers as points of a file, in the axes of the file they come from."""
+    count, size = cleaned.points.shape[:2]
     names = LandmarkSet(labelled.markers.name, labelled.markers.labels, ())
     nothing = np.full((count, size, 3, 3), np.nan)
-    return Points3D(names, labelled.points, nothing, np.empty((0, count, size)), np.empty((0, count, size), bool), fps)
+    return Points3D(names, cleaned.points, nothing, np.empty((0, count, size)), np.empty((0, count, size), bool), fps)

@@ -103,15 +103,31 @@ def label_points(points: Float, fps: float, markers: MarkerSet, network: LabelNe
     label = _elect(scores, tracks, fps, options)
     if options.distances:
         scores, label = _repair(scores, label, tracks, turn, fps, asked, network, options)
-    out = np.full((len(points), len(asked), 3), np.nan)
-    confidence = np.zeros(out.shape[:2])
-    column = np.full(out.shape[:2], -1, np.intp)
+    return _labelled(markers, points, label, scores, turn * scale, tracks, notes)
+
+
+def _labelled(markers: MarkerSet, points: Float, label: NDArray[np.intp], scores: Float, turn: Float, tracks: Tracks,
+              notes: list[str]) -> Labelled:  # fmt: skip
+    shape = (len(points), len(markers))
+    out, confidence, column = np.full((*shape, 3), np.nan), np.zeros(shape), np.full(shape, -1, np.intp)
     t, s = np.nonzero(label >= 0)
     m = label[t, s]
     out[t, m] = points[t, tracks.column[t, s]]
     confidence[t, m] = np.exp(scores[t, s, m] - np.logaddexp.reduce(scores[t, s], -1))
     column[t, m] = tracks.column[t, s]
-    return Labelled(markers, out, confidence, column, turn * scale, tracks, label, notes)
+    return Labelled(markers, out, confidence, column, turn, tracks, label, notes)
+
+
+def relabelled(labelled: Labelled, label: NDArray[np.intp], points: Float) -> Labelled:
+    """The same with labels (T, S) that a person settled: those are certain. `points` as for `label_points`."""
+    sure = np.zeros((*label.shape, len(labelled.markers) + 1))
+    changed = label != labelled.label
+    t, s = np.nonzero((label >= 0) & ~changed)
+    found = labelled.confidence[t, label[t, s]]
+    sure[t, s, label[t, s]] = np.log(found / np.maximum(1 - found, 1e-9) * len(labelled.markers) + 1e-9)
+    t, s = np.nonzero((label >= 0) & changed)
+    sure[t, s, label[t, s]] = 20.0
+    return _labelled(labelled.markers, points, label, sure, labelled.turn, labelled.tracks, labelled.notes)
 
 
 def _elect(scores: Float, tracks: Tracks, fps: float, options: LabelOptions) -> NDArray[np.intp]:
