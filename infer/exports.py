@@ -25,9 +25,11 @@ from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
 from muybridge.infer.video import probe_video, read_chunks
 from muybridge.motion.formats.bvh import write_bvh
 from muybridge.motion.formats.c3d import write_c3d
+from muybridge.motion.formats.gltf import write_glb
 from muybridge.motion.formats.trc import write_trc
 
-POINTS_TRC, POINTS_C3D, MOTION_BVH, MARKERS_C3D = "points.trc", "points.c3d", "motion.bvh", "markers.c3d"
+POINTS_TRC, POINTS_C3D, MARKERS_C3D = "points.trc", "points.c3d", "markers.c3d"
+MOTION_BVH, MOTION_GLB = "motion.bvh", "motion.glb"
 CALIBRATION, REPORT, RUN = "calibration.toml", "report.html", "run.json"
 THUMBNAILS = 4
 _OVERLAY_CODE = ("muybridge.infer.overlay", "muybridge.infer.video", "muybridge.geometry.cameras")
@@ -45,7 +47,7 @@ def result_names(camera_files: Sequence[str]) -> tuple[str, ...]:
         camera_files: the cameras' names as file names.
     """
     overlays = tuple(overlay_name(name) for name in camera_files)
-    return (POINTS_TRC, POINTS_C3D, MOTION_BVH, MARKERS_C3D, *overlays, REPORT, RUN, CALIBRATION)
+    return (POINTS_TRC, POINTS_C3D, MOTION_BVH, MOTION_GLB, MARKERS_C3D, *overlays, REPORT, RUN, CALIBRATION)
 
 
 def write_motion(output: OutputFolder, session: Session, solution: Solution, markers: MarkerChoice) -> list[str]:
@@ -60,6 +62,7 @@ def write_motion(output: OutputFolder, session: Session, solution: Solution, mar
         writers[MARKERS_C3D] = lambda path: write_c3d(path, marker_set(skin, markers))
     if motion is not None:
         writers[MOTION_BVH] = lambda path: write_bvh(path, motion)
+        writers[MOTION_GLB] = lambda path: write_glb(path, motion)
     for name, write in writers.items():
         output.write(name, write)
     return list(writers)

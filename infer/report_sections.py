@@ -21,6 +21,7 @@ _FILES = {
     ".trc": "3D points (OpenSim, Pose2Sim)",
     ".c3d": "3D points (biomechanics software)",
     ".bvh": "moving skeleton (Blender, Maya, Unreal)",
+    ".glb": "moving skeleton with a mesh (viewers, game engines)",
     ".mp4": "video with what was found drawn in",
     ".json": "figures, options and versions",
 }

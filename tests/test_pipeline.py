@@ -23,7 +23,7 @@ from muybridge.motion.formats.c3d import read_c3d
 from muybridge.motion.formats.trc import read_trc
 
 FILES = {
-    "points.trc", "points.c3d", "motion.bvh", "report.html", "run.json", "calibration.toml",
+    "points.trc", "points.c3d", "motion.bvh", "motion.glb", "report.html", "run.json", "calibration.toml",
     "overlay_cam1.mp4", "overlay_cam2.mp4", "overlay_cam3.mp4", "work",
 }  # fmt: skip
 
@@ -361,7 +361,7 @@ def test_the_real_demo_is_near_its_truth(tmp_path, capfd):
 def test_the_real_take_meets_its_bars(real_data, tmp_path):
     out = tmp_path / "balancing"
     assert run_command(["run", str(real_data / "balancing"), "--out", str(out)]) == 0
-    names = {"points.trc", "points.c3d", "motion.bvh", "report.html", "run.json", "calibration.toml"}
+    names = {"points.trc", "points.c3d", "motion.bvh", "motion.glb", "report.html", "run.json", "calibration.toml"}
     assert {p.name for p in out.iterdir()} == names | {f"overlay_cam0{k}.mp4" for k in (1, 2, 3, 4)} | {"work"}
     scored = subprocess.run(
         [sys.executable, real_data.parent / "tools" / "score_balancing.py", out / "points.trc", "--json"],
