@@ -92,13 +92,13 @@ def label_points(points: Float, fps: float, markers: MarkerSet, network: LabelNe
             f"no frame has more than {count.max(initial=0)} points; at least 6 markers of one person are needed"
         )
     notes: list[str] = []
-    scale = _unit(points, notes)
+    scale = metres_of(points, notes)
     scaled = points * scale
     tracks = find_tracks(scaled, fps, options.track)
     if tracks.tracked:
         notes.append("the file's trajectories jump from marker to marker: the points were tracked anew")
     asked = np.array(markers.surface_indices)
-    turn = _upright(tracks, fps, asked, network)
+    turn = upright(tracks, fps, asked, network)
     scores = network.scores(tracks, fps, asked, turn=turn, windowed=options.window).astype(np.float64)
     label = _elect(scores, tracks, fps, options)
     if options.distances:
@@ -165,7 +165,7 @@ def _named(label: NDArray[np.intp], points: Float, count: int) -> tuple[Float, N
     return named, owner
 
 
-def _unit(points: Float, notes: list[str]) -> float:
+def metres_of(points: Float, notes: list[str]) -> float:
     """The factor to metres: 1 where the points are as large as a person, else the power of ten that makes them so."""
     centre = np.nanmedian(points, 1, keepdims=True)
     spread = float(np.nanmedian(np.sqrt(np.nanmedian(((points - centre) ** 2).sum(-1), 1))))
@@ -177,7 +177,7 @@ def _unit(points: Float, notes: list[str]) -> float:
     raise FormatError(f"the points spread over {spread:.3g} m, which is no person in any unit; check the file's unit")
 
 
-def _upright(tracks: Tracks, fps: float, asked: NDArray[np.intp], network: LabelNetwork) -> Float:
+def upright(tracks: Tracks, fps: float, asked: NDArray[np.intp], network: LabelNetwork) -> Float:
     """The rotation, of the six that turn an axis of the file up, that the network recognises most with."""
     full = (tracks.track >= 0).sum(1)
     frames = np.linspace(0, len(full) - 1, min(32, len(full))).astype(int)

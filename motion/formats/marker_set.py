@@ -102,8 +102,8 @@ def _millimetres(path: Path, number: int, text: str) -> float:
     return value
 
 
-def write_marker_set(path: Path, plan: MarkerPlan, comment: str = "") -> None:
-    """A set as a text file that `read_marker_set` reads."""
+def marker_set_text(plan: MarkerPlan, comment: str = "") -> str:
+    """A set as the text that `read_marker_set` reads."""
     lines = [f"# {comment}"] if comment else []
     wide = max(len(label) for label in plan.markers.labels)
     for i, (label, name) in enumerate(zip(plan.markers.labels, plan.markers.names, strict=True)):
@@ -111,5 +111,10 @@ def write_marker_set(path: Path, plan: MarkerPlan, comment: str = "") -> None:
         words = [f"{label:<{wide}}", f"{name:<26}", f"jitter={plan.jitter_m[i] * 1000:.0f}"]
         words += [f"mirror={twin}"] * (twin != label) + ["optional"] * bool(plan.optional[i])
         lines.append("  ".join(words))
+    return "\n".join(lines)
+
+
+def write_marker_set(path: Path, plan: MarkerPlan, comment: str = "") -> None:
+    """A set as a text file."""
     with replacing(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+        temporary.write_text(marker_set_text(plan, comment) + "\n", encoding="utf-8", newline="\n")
