@@ -21,6 +21,7 @@ from muybridge.geometry.rotations import exp_so3
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+_GIVEN_DEGREES = 4.0
 
 
 @dataclass(frozen=True)
@@ -418,8 +419,12 @@ def _result(problem: AdjustProblem, solver: _Solver, state: _State, done: int) -
     error = solver.evaluate(state, False)[0]
     weights = solver.weigh(error)[1]
     r2 = ((error / problem.sigma_px[:, None]) ** 2).sum(axis=1)
-    degrees = 2 * weights.sum() - solver.free.sum() - 3 * (~solver.is_body).sum() - 6 * solver.is_body.sum()
-    noise = float(np.sqrt(np.nansum(weights * r2) / max(degrees, 1.0)))
+    loose = np.asarray(problem.points_free)[solver.used[~solver.is_body]].sum()
+    degrees = 2 * weights.sum() - solver.free.sum() - 3 * loose - 6 * solver.is_body.sum()
+    degrees += sum(np.linalg.matrix_rank(p.information) for _, p in solver.priors)
+    # The given precision counts like a few observations, for problems with hardly more of them than unknowns.
+    squares = np.nansum(weights * r2) + _GIVEN_DEGREES
+    noise = float(np.sqrt(squares / (max(degrees, 0.0) + _GIVEN_DEGREES)))
     covariance = noise**2 * solver.covariance(state)
     variance = np.maximum(np.diag(covariance), 0.0)
     variance_of = np.ones_like(state.swayed)
