@@ -129,7 +129,7 @@ def _motifs(rng: np.random.Generator, y: F32, x: F32) -> list[U8]:
         _layer(_letters(rng, N, 4, 0.6)),
         _layer(triangles, 1, _step(pick, 0.5, 0.2) * (1 - triangles)),
         _layer(_step(-np.abs(spots - 0.6), -0.35, 0.2), 1, _step(spots, 1.0, 0.2)),
-        _layer(0, 0.55 + 0.5 * ridges**0.4),
+        _layer(0, np.asarray(0.55 + 0.5 * ridges**0.4, np.float32)),
         _layer(_scatter(rng, 40, 3, 12), 1, _scatter(rng, 25, 3, 12)),
     ]
 

@@ -112,6 +112,43 @@ def slack(points: F32, mean: sp.csr_matrix, rounds: int = 6) -> F32:
     return points
 
 
+SHOULDER, ELBOW, WRIST = np.array([[0.167, -0.015, 0.525], [0.313, -0.013, 0.35], [0.43, -0.175, 0.245]])
+HIP, KNEE, ANKLE = np.array([[0.11, -0.013, 0.05], [0.158, -0.032, -0.37], [0.22, 0.0, -0.745]])
+FALL, WINDOW = 0.12, np.cos(np.radians(25))  # how fast cloth falls in; how far round it hangs from what juts out
+
+
+def drape(rest: F32, on_arm: NDArray[np.bool_], mean: sp.csr_matrix) -> F32:
+    """(count,) metres that cloth lies off each vertex of the tights' shell at rest when it hangs from what juts out
+    above: shoulder blades, bust, seat and calves."""
+    q = rest.astype(np.float64)
+    side = np.where(q[:, 0] < 0, -1, 1)
+    folded = q * np.stack([side, np.ones_like(side), np.ones_like(side)], 1)
+    fall, out = np.zeros(len(q)), np.zeros((len(q), 3))
+    for group, chain in (("arm", (SHOULDER, ELBOW, WRIST)), ("leg", (HIP, KNEE, ANKLE))):
+        member = on_arm if group == "arm" else ~on_arm & (q[:, 2] < -0.03)
+        points = folded[member]
+        bend = ((points - chain[1]) @ (chain[2] - chain[1])) > 0
+        start = np.where(bend[:, None], chain[1], chain[0])
+        axis = np.where(bend[:, None], chain[2] - chain[1], chain[1] - chain[0])
+        axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+        along = ((points - start) * axis).sum(1)
+        fall[member] = along + bend * np.linalg.norm(chain[1] - chain[0])
+        out[member] = points - start - along[:, None] * axis
+    trunk = ~on_arm & (q[:, 2] >= -0.03)
+    fall[trunk], out[trunk] = -q[trunk, 2], q[trunk] * [1, 1, 0] + [0, 0.02, 0]
+    part = np.where(trunk, 0, np.where(on_arm, 1, 2) * side)
+    radius = np.linalg.norm(out, axis=1)
+    unit = out / (radius[:, None] + 1e-9)
+    lower = fall[:, None] - fall[None]
+    above = (part[:, None] == part[None]) & (lower > 0) & (unit @ unit.T > WINDOW) & (lower < 0.6)
+    above &= (fall > -0.44)[None] | (part != 0)[None]  # not from the neck
+    hang = np.where(above, radius[None] - FALL * lower, 0).max(1)
+    off = np.clip(hang - radius, 0, 0.07)
+    for _ in range(3):
+        off = 0.5 * off + 0.5 * (mean @ off)
+    return np.asarray(off, np.float32)
+
+
 class Anchors:
     """Similarities that carry patches of the body at rest to where they are in a posed body."""
 
@@ -207,7 +244,7 @@ def glasses(height: float, wide: float = 0.82) -> F64:
     turn = np.linspace(-wide * np.pi / 2, wide * np.pi / 2, columns)[None]
     v = np.linspace(-0.5, 0.5, rows)[:, None]
     x = np.sin(turn) * 0.074
-    y = -np.cos(turn) ** 0.45 * 0.105 - 0.055
+    y = -(np.cos(turn) ** 0.45) * 0.105 - 0.055
     nose = 0.35 * np.exp(-((turn / 0.12) ** 2))
     temple = 0.3 + 0.7 * (np.abs(turn) < 0.62 * wide * np.pi / 2)
     z = 0.7275 + v * height * (temple - nose) + nose * 0.2 * height

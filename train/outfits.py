@@ -81,6 +81,7 @@ class Dresser:
             "sleeve": sleeve, "hem": v["waist"] - 0.035 if tucked else self.between(-0.08, 0.06),
             "neckline": self.between(0.54, 0.61), "v_neck": self.between(0.03, 0.12) if self.chance(0.25) else 0.0,
             "puff_shirt": 0.004 + 0.016 * loose, "loose_shirt": 0.25 + 0.75 * loose,
+            "drape_shirt": loose * self.between(0.6, 1.2),
             "flare_hem": 0.0 if tucked else self.between(0, 0.05) * loose,
             "flare_sleeve": self.between(0, 0.035) * loose if sleeve < 0.4 else self.between(-0.006, 0.012),
         }  # fmt: skip
@@ -114,7 +115,7 @@ class Dresser:
         cuff = self.between(-0.42, -0.12) if short else self.between(-0.78, -0.68)
         v |= {
             "waist": self.between(0.09, 0.19), "cuff": cuff, "puff_trousers": 0.003 + 0.012 * loose,
-            "loose_trousers": 0.2 + 0.8 * loose,
+            "loose_trousers": 0.2 + 0.8 * loose, "drape_trousers": loose * self.between(0.5, 1.3),
             "flare_leg": (self.between(0.0, 0.04) if short else self.between(-0.004, 0.03)) * loose,
         }  # fmt: skip
         style = 0
@@ -143,7 +144,7 @@ class Dresser:
         if self.female and self.chance(0.75):  # bare legs or tights
             tights = self.chance(0.3)
             v |= {"cuff": -0.79 if tights else v["skirt_length"] + 0.1, "puff_trousers": 0.002, "bulge": 0.01,
-                  "loose_trousers": 0.0, "flare_leg": 0.0, "trousers_style": 0}  # fmt: skip
+                  "loose_trousers": 0.0, "drape_trousers": 0.0, "flare_leg": 0.0, "trousers_style": 0}  # fmt: skip
             if not tights:
                 v |= {"trousers_a": v["skirt_a"], "trousers_b": v["skirt_b"], "cuff": max(v["cuff"], -0.05)}
         self.parts.add("skirt")
@@ -157,8 +158,8 @@ class Dresser:
         cut = rng.random()
         if self.female and cut < 0.35:  # sports bra, crop top
             v |= {"hem": self.between(0.24, 0.32), "neckline": self.between(0.46, 0.54), "sleeve": 0.0,
-                  "tank": self.between(0.10, 0.13), "puff_shirt": 0.003, "loose_shirt": 0.0, "bulge": 0.004,
-                  "flare_hem": 0.0, "shirt_style": 0, "v_neck": 0.0}  # fmt: skip
+                  "tank": self.between(0.10, 0.13), "puff_shirt": 0.003, "loose_shirt": 0.0, "drape_shirt": 0.0,
+                  "bulge": 0.004, "flare_hem": 0.0, "shirt_style": 0, "v_neck": 0.0}  # fmt: skip
         elif cut < 0.65:  # tank top
             v |= {"sleeve": 0.0, "tank": self.between(0.09, 0.14), "neckline": self.between(0.48, 0.56),
                   "flare_sleeve": 0.0}  # fmt: skip
@@ -172,12 +173,12 @@ class Dresser:
         v["bulge"] = min(v["bulge"], 0.008)
         if short:
             v |= {"cuff": self.between(-0.09, -0.05), "waist": self.between(0.04, 0.13), "puff_trousers": 0.002,
-                  "loose_trousers": 0.0, "flare_leg": 0.0, "trousers_style": 0}  # fmt: skip
+                  "loose_trousers": 0.0, "drape_trousers": 0.0, "flare_leg": 0.0, "trousers_style": 0}  # fmt: skip
         if self.female:
             swimsuit = short and self.chance(0.5)
             v |= {"hem": 0.02 if swimsuit else self.between(0.26, 0.33), "neckline": self.between(0.44, 0.50),
                   "sleeve": 0.0, "tank": self.between(0.08, 0.12), "puff_shirt": 0.002, "shirt_style": 0,
-                  "loose_shirt": 0.0}  # fmt: skip
+                  "loose_shirt": 0.0, "drape_shirt": 0.0}  # fmt: skip
             if swimsuit:
                 v |= {"trousers_a": v["shirt_a"], "trousers_b": v["shirt_b"], "trousers_c": v["shirt_c"],
                       "pattern": (v["pattern"][0],) * 2 + v["pattern"][2:],
@@ -356,5 +357,3 @@ class Dresser:
         else:  # a phone, a book
             half = (0.006, self.between(0.035, 0.08), self.between(0.06, 0.11))
             self.things.append(Accessory(anchor, garments.blob(tuple(palm + [-side * 0.015, 0, 0]), half, 0.3), colour))
-
-

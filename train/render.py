@@ -206,7 +206,7 @@ class Renderer:
                 program = programs[min(part, len(PARTS))].program
                 content = [
                     self._attributes(program, self.dynamic, (("position", 12), ("normal", 12), ("slack", 12))),
-                    self._attributes(program, self.static, (("rest", 12), ("traits", 12))),
+                    self._attributes(program, self.static, (("rest", 12), ("traits", 16))),
                 ]
                 self.arrays[name].append(self.ctx.vertex_array(program, [c for c in content if len(c) > 2], index))
         self.dot_array = self.ctx.vertex_array(self.dots.program, [(self.dot_buffer, "3f", "position")])
@@ -220,7 +220,7 @@ class Renderer:
     def _attributes(program: object, buffer: object, fields: tuple[tuple[str, int], ...]) -> tuple[object, ...]:
         """A vertex array's content entry; attributes that the compiler dropped become padding."""
         used = [n for n, _ in fields if n in program]  # type: ignore[operator]
-        layout = " ".join("3f" if n in used else f"{size}x" for n, size in fields)
+        layout = " ".join(f"{size // 4}f" if n in used else f"{size}x" for n, size in fields)
         return (buffer, layout, *used)
 
     def load(self, vertices: F32) -> None:
@@ -285,7 +285,7 @@ class Renderer:
             "shadow_map": 0, "white3": 1, "fractal3": 2, "patterns": 3, "prints": 4, "folds": 5,
         }  # fmt: skip
         for unit, texture in enumerate((self.shadow_texture, *self.noise, *self.cloth)):
-            texture.use(unit)
+            texture.use(unit)  # type: ignore[attr-defined]
         self.ctx.enable(self.gl.DEPTH_TEST)
         self.shadow_target.use()
         self.shadow_target.clear(depth=1.0)

@@ -18,7 +18,7 @@ class Shells:
     Attributes:
         parts: triangles of body, trousers, shirt, shoes, skirt, long hair, hair, hat and the accessories' slots.
         coarse_body: triangles of the body for shadows, a few millimetres less detailed.
-        static: (count, 6) position at rest and traits (head, eye, arm).
+        static: (count, 7) position at rest and traits (head, eye, arm, metres that loose cloth hangs off).
         count: number of vertices.
         first: the first vertex of the accessories.
         dot_places: vertices of the body where a reflective dot may be.
@@ -43,13 +43,15 @@ class Shells:
         shoes = tights[(q[..., 2].min(1) < -0.44) & ~arm]
         self.parts: list[I32] = [body_faces, trousers, shirt, shoes, skirt, long_hair, dome, dome, *slots]
         self.coarse_body = _coarse(body_faces, body.rest, body.arm_weight > 0.5)
-        self.static = np.zeros((self.count, 6), np.float32)
+        self.static = np.zeros((self.count, 7), np.float32)
         self.static[:v, :3] = body.rest
-        self.static[:v, 3:] = np.stack([body.is_head, body.is_eye, body.arm_weight], 1)
+        self.static[:v, 3:6] = np.stack([body.is_head, body.is_eye, body.arm_weight], 1)
         self.static[v : self.first, :3] = dome_rest
         self.static[v : self.first, 3] = 1
         self._tights = int(tights.min()), int(tights.max()) + 1
         self._mean = garments.smoothing(tights, self._tights[0], self._tights[1] - self._tights[0])
+        low, high = self._tights
+        self.static[low:high, 6] = garments.drape(body.rest[low:high], body.arm_weight[low:high] > 0.5, self._mean)
         self._anchors = garments.Anchors(body.rest, body.arm_weight, BODY_VERTICES)
         self._faces = np.concatenate([*body.parts, dome])
         self._incidence = _incidence(self._faces, self.first)

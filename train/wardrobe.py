@@ -78,6 +78,7 @@ def _bare(rng: np.random.Generator) -> Values:
         "shoe_top": -GONE, "sock_top": -GONE, "glove": GONE, "hat_line": GONE, "hat_slope": 0.5, "ears_out": 1,
         "hooded": 0, "puff_shirt": 0.004, "puff_trousers": 0.004, "loose_shirt": 0.0, "loose_trousers": 0.0,
         "flare_hem": 0.0, "flare_sleeve": 0.0, "flare_leg": 0.0, "flare_skirt": 0.05, "pleats": 0.0, "bulge": 0.0,
+        "drape_shirt": 0.0, "drape_trousers": 0.0,
         "shoe_bulk": 0.006, "sole": 0.006, "toe": 0.0, "hair_volume": 0.008, "hair_top": 1.0, "hair_lumps": 0.5,
         "hat_volume": 0.008, "seed": float(rng.uniform(0, 50)), "covered": 0, "beard": 0, "sheen": 0,
         "hair_colour": (0.02, 0.015, 0.01), "hair_paint": 0.0, "shoe_colour": dark, "sole_colour": dark,
@@ -111,4 +112,3 @@ def sample_outfit(rng: np.random.Generator, gender: float, kind: str | None = No
     dresser.dress()
     return Outfit(kind, frozenset(dresser.parts), light, dresser.values, tuple(dresser.things[: SLOTS]),
                   dresser.dots)  # fmt: skip
-

@@ -1,10 +1,10 @@
 uniform mat4 clip_from_world, light_clip_from_world;
 uniform float puff_shirt, puff_trousers, loose_shirt, loose_trousers, flare_hem, flare_sleeve, flare_leg, flare_skirt;
-uniform float pleats, bulge, shoe_bulk, sole, toe, hair_volume, hair_top, hair_lumps, hat_volume, seed;
+uniform float pleats, bulge, drape_shirt, drape_trousers, shoe_bulk, sole, toe, hair_volume, hair_top, hair_lumps, hat_volume, seed;
 uniform int covered;
 uniform sampler2DArray folds;
 in vec3 position, normal, slack, rest;
-in vec3 traits; // head, eye, arm
+in vec4 traits; // head, eye, arm, hanging off
 out float arm, eye, head;
 out vec3 N, P, Q;
 out vec4 light_position;
@@ -20,7 +20,7 @@ void main() {
     float wave = lump(vec2(q.y * 2.5 + side, along * 2.2) + seed, 0.) * bulge;
     if (part == SHIRT) {
       w = mix(position, slack, loose_shirt);
-      offset = puff_shirt;
+      offset = puff_shirt + drape_shirt * traits.w;
       if (arm > .5) offset += flare_sleeve * smoothstep(.13, 0., sleeve - along) + wave * smoothstep(-.05, .08, along);
       else offset += flare_hem * smoothstep(.30, 0., q.z - hem) + wave * smoothstep(.06, -.05, q.z - .45);
       offset = max(offset, .003);
@@ -31,7 +31,7 @@ void main() {
       }
     } else {
       w = mix(position, slack, loose_trousers);
-      offset = puff_trousers + flare_leg * smoothstep(.0, -.5, q.z) + wave * smoothstep(.05, -.1, q.z);
+      offset = puff_trousers + drape_trousers * traits.w + flare_leg * smoothstep(.0, -.5, q.z) + wave * smoothstep(.05, -.1, q.z);
       offset = max(offset, .002) * (cuff > -.66 ? 1. : 1. - .3 * smoothstep(.1, 0., q.z - cuff));
     }
   }
