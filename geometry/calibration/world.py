@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import CalibrationError
+from muybridge.geometry.calibration.adjust import AdjustProblem, FreeCamera, adjust
 from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.rotations import kabsch
 
 Floats = NDArray[np.float64]
 
@@ -77,3 +81,76 @@ def on_board(cameras: CameraGroup, world_from_board: Floats) -> Floats:
     if height.mean() < 0:  # numbered so that its z axis points into the floor: x stays, y and z turn over
         rotation[:, 1:] *= -1
     return np.column_stack([rotation.T, -rotation.T @ origin])
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How a world is to be changed so that marked points lie where they should.
+
+    Attributes:
+        new_from_old: (3, 4) rotation | translation, after scaling.
+        scale: new metres per old metre.
+        errors: (N,) metres, how far each point is off afterwards; NaN for those not used.
+        points: (N, 3) metres, where the cameras see the points, in the new world; NaN where fewer than two do.
+    """
+
+    new_from_old: Floats
+    scale: float
+    errors: Floats
+    points: Floats
+
+
+def marked(cameras: CameraGroup, pixels: Floats) -> Floats:
+    """(N, 3) points from their (C, N, 2) px, NaN where unseen; NaN for points that fewer than two cameras see."""
+    seen = np.isfinite(pixels).all(axis=-1)
+    enough = seen.sum(axis=0) >= 2
+    out = np.full((pixels.shape[1], 3), np.nan)
+    if not enough.any():
+        return out
+    rows, sides = np.zeros((pixels.shape[1], 3, 3)), np.zeros((pixels.shape[1], 3))
+    for c, camera in enumerate(cameras):  # nearest point to all rays
+        ray = camera.rays(np.where(seen[c][:, None], pixels[c], np.nan))
+        away = np.where(seen[c][:, None, None], np.eye(3) - ray[:, :, None] * ray[:, None, :], 0.0)
+        rows, sides = rows + np.nan_to_num(away), sides + np.nan_to_num(away) @ camera.center_world
+    out[enough] = np.linalg.solve(rows[enough], sides[enough][..., None])[..., 0]
+    camera, point = np.nonzero(seen & enough)
+    result = adjust(
+        AdjustProblem(
+            cameras=cameras, camera=camera, point=point, pixels=pixels[camera, point], sigma_px=np.ones(len(camera)),
+            points=np.nan_to_num(out), points_free=enough, free=(FreeCamera(pose=False),) * len(cameras),
+        )
+    )  # fmt: skip
+    out[enough] = result.points[enough]
+    return out
+
+
+def on_points(cameras: CameraGroup, pixels: Floats, known: Floats, keep_scale: bool = False) -> Placement:
+    """The world in which marked points have known coordinates.
+
+    Args:
+        cameras: C cameras, calibrated up to where their world is.
+        pixels: (C, N, 2) px of the points, NaN where unseen.
+        known: (N, 3) metres, where they should be.
+        keep_scale: only turn and move.
+
+    Raises:
+        CalibrationError: fewer than three points are seen by two cameras, or they lie on a line.
+    """
+    found = marked(cameras, pixels)
+    good = np.isfinite(found).all(axis=1)
+    if good.sum() < 3:
+        raise CalibrationError(
+            f"{good.sum()} of the {len(known)} points are seen by two cameras or more, three are needed to set a "
+            "world; mark each in at least two cameras"
+        )
+    middle, target = found[good].mean(axis=0), known[good].mean(axis=0)
+    a, b = found[good] - middle, known[good] - target
+    spread = np.linalg.svd(b, compute_uv=False)
+    if spread[1] < 0.02 * spread[0]:
+        raise CalibrationError("the points lie on a line, about which the world could turn; mark one off the line")
+    rotation = kabsch(a, b, np.ones(len(a)))
+    scale = 1.0 if keep_scale else float((b * (a @ rotation.T)).sum() / (a * a).sum())
+    shift = target - scale * rotation @ middle
+    points = scale * found @ rotation.T + shift
+    errors = np.where(good, np.linalg.norm(points - known, axis=1), np.nan)
+    return Placement(np.column_stack([rotation, shift]), scale, errors, points)
