@@ -1,0 +1,220 @@
+"""All formats by suffix: one function that reads any of them, one that writes any of them.
+
+A file holds points or a motion. A motion can be written as points (its joints' places, by forward kinematics); points
+become a motion only by fitting a body, which is `muybridge solve`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import FormatError
+from muybridge.geometry.landmarks import LandmarkSet, Points3D
+from muybridge.geometry.skeleton import Motion
+from muybridge.motion.formats.asf_amc import CMU_FPS, read_amc, write_amc
+from muybridge.motion.formats.bone_mesh import rest_positions
+from muybridge.motion.formats.bvh import read_bvh, write_bvh
+from muybridge.motion.formats.c3d import C3DTake, read_c3d_take, write_c3d
+from muybridge.motion.formats.csv_points import read_csv, write_csv
+from muybridge.motion.formats.gltf import read_gltf, write_glb
+from muybridge.motion.formats.npz import read_npz, write_npz
+from muybridge.motion.formats.parquet import read_parquet, write_parquet
+from muybridge.motion.formats.trc import read_trc, write_trc
+
+Array = NDArray[np.float64]
+
+METRES_OF_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "cmu": 0.0254 / 0.45}
+# Units a figure is tall, and what a unit then is; between these nothing is guessed.
+_TALL = ((0.4, 3.0, "m"), (20.0, 40.0, "cmu"), (100.0, 300.0, "cm"), (1000.0, 3000.0, "mm"))
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What a file does not say, or says wrongly.
+
+    Attributes:
+        units: of lengths: m, cm, mm; for BVH also in and cmu (0.0254 / 0.45 m).
+        up: y or z, of points.
+        fps: frames a second.
+        asf: the skeleton of an AMC.
+    """
+
+    units: str | None = None
+    up: str | None = None
+    fps: float | None = None
+    asf: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """What a file holds: points or a motion.
+
+    Attributes:
+        points: None in a file of motion.
+        motion: None in a file of points.
+        c3d: what a C3D has besides points.
+        notices: what was assumed in reading, one sentence each.
+    """
+
+    points: Points3D | None = None
+    motion: Motion | None = None
+    c3d: C3DTake | None = None
+    notices: tuple[str, ...] = field(default_factory=tuple)
+
+    @property
+    def fps(self) -> float:
+        """Frames a second."""
+        return self.positions.fps if self.motion is None else self.motion.fps
+
+    @property
+    def positions(self) -> Points3D:
+        """The points, or the joints' places of the motion."""
+        if self.points is not None:
+            return self.points
+        assert self.motion is not None
+        return points_of_motion(self.motion)
+
+
+def points_of_motion(motion: Motion) -> Points3D:
+    """The joints' places over time, by forward kinematics; edges are the bones."""
+    skeleton = motion.skeleton
+    xyz = motion.joint_positions_world()
+    edges = tuple((skeleton.names[p], n) for n, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0)
+    t, j = xyz.shape[:2]
+    return Points3D(
+        landmarks=LandmarkSet("joints", skeleton.names, edges),
+        points_world=xyz,
+        covariance_world=np.full((t, j, 3, 3), np.nan),
+        residual_px=np.empty((0, t, j)),
+        inlier=np.empty((0, t, j), dtype=np.bool_),
+        fps=motion.fps,
+    )
+
+
+_READ: dict[str, Callable[[Path, ReadOptions], Take]] = {
+    ".trc": lambda p, o: Take(points=_at(read_trc(p, o.units, o.up or "y"), o.fps)),
+    ".c3d": lambda p, o: _read_c3d(p, o),
+    ".csv": lambda p, o: Take(points=read_csv(p, o.fps, o.units, o.up or "z")),
+    ".tsv": lambda p, o: Take(points=read_csv(p, o.fps, o.units, o.up or "z")),
+    ".parquet": lambda p, o: Take(points=read_parquet(p, o.fps, o.units, o.up)),
+    ".npz": lambda p, o: Take(points=read_npz(p, o.fps, o.units, o.up or "z")),
+    ".bvh": lambda p, o: _read_bvh(p, o),
+    ".amc": lambda p, o: Take(motion=read_amc(p, o.asf, o.fps or CMU_FPS)),
+    ".glb": lambda p, o: Take(motion=read_gltf(p)),
+    ".gltf": lambda p, o: Take(motion=read_gltf(p)),
+}
+_WRITE_POINTS: dict[str, Callable[[Path, Points3D], object]] = {
+    ".trc": write_trc,
+    ".c3d": write_c3d,
+    ".csv": write_csv,
+    ".parquet": write_parquet,
+    ".npz": write_npz,
+}
+_WRITE_MOTION: dict[str, Callable[[Path, Motion], object]] = {
+    ".bvh": write_bvh,
+    ".amc": write_amc,
+    ".glb": write_glb,
+}
+
+
+def readable() -> tuple[str, ...]:
+    """Suffixes that can be read."""
+    return tuple(_READ)
+
+
+def writable() -> tuple[str, ...]:
+    """Suffixes that can be written."""
+    return (*_WRITE_POINTS, *_WRITE_MOTION)
+
+
+def check_writable(path: Path) -> None:
+    """FormatError where the suffix is of no format that can be written."""
+    suffix = path.suffix.lower()
+    if suffix not in writable():
+        hint = "; write .glb" if suffix in (".gltf", ".fbx") else ""
+        raise FormatError(f"{path}: {suffix or 'a name without suffix'} cannot be written: choose one of "
+                          f"{', '.join(writable())}{hint}")  # fmt: skip
+
+
+def read_file(path: Path, options: ReadOptions | None = None) -> Take:
+    """Read a file of any format we know.
+
+    Raises:
+        FormatError: malformed, or of no format that can be read.
+    """
+    path, options = Path(path), options or ReadOptions()
+    suffix = path.suffix.lower()
+    if suffix == ".asf":
+        raise FormatError(f"{path}: is a skeleton without motion; name the .amc file that goes with it")
+    if suffix not in _READ:
+        raise FormatError(f"{path}: cannot be read by its suffix {suffix!r}: known are {', '.join(_READ)}")
+    if not path.is_file():
+        raise FormatError(f"{path}: no such file; give an existing one")
+    take = _READ[suffix](path, options)
+    if not np.isfinite(take.positions.points_world).any():
+        raise FormatError(f"{path}: every point of it is missing; there is nothing to work with")
+    return take
+
+
+def write_file(path: Path, take: Take) -> None:
+    """Write a take to a file of any format we know.
+
+    Raises:
+        FormatError: the suffix is of no such format, or the take has no motion and the format needs one.
+        OutputError: the file cannot be written.
+    """
+    path = Path(path)
+    check_writable(path)
+    suffix = path.suffix.lower()
+    if suffix in _WRITE_POINTS:
+        if suffix == ".c3d" and take.c3d is not None and take.points is not None:
+            write_c3d(path, replace(take.c3d, points=take.points))
+        else:
+            _WRITE_POINTS[suffix](path, take.positions)
+    elif take.motion is None:
+        raise FormatError(
+            f"{path}: points have no joints that turn, which {suffix} holds; fit a body to them with "
+            "`muybridge solve POINTS --out FOLDER`, which writes it"
+        )
+    else:
+        _WRITE_MOTION[suffix](path, take.motion)
+
+
+def _at(points: Points3D, fps: float | None) -> Points3D:
+    return points if fps is None else replace(points, fps=fps)
+
+
+def _read_c3d(path: Path, options: ReadOptions) -> Take:
+    take = read_c3d_take(path, options.units, options.up)
+    points, analog = _at(take.points, options.fps), take.analog
+    if analog is not None:
+        analog = replace(analog, rate=analog.rate * points.fps / take.points.fps)
+    return Take(points=points, c3d=replace(take, points=points, analog=analog))
+
+
+def _read_bvh(path: Path, options: ReadOptions) -> Take:
+    if options.units is not None:
+        if options.units not in METRES_OF_LENGTH:
+            raise FormatError(f"{path}: {options.units!r} is no unit; valid are {', '.join(METRES_OF_LENGTH)}")
+        return Take(motion=read_bvh(path, METRES_OF_LENGTH[options.units]))
+    motion = read_bvh(path)
+    rest = rest_positions(motion.skeleton)
+    ends = np.concatenate([rest, (rest + motion.skeleton.tips)[np.isfinite(motion.skeleton.tips).all(axis=1)]])
+    tall = float(np.ptp(ends, axis=0).max())
+    for low, high, unit in _TALL:
+        if low <= tall <= high:
+            if unit == "m":
+                return Take(motion=motion)
+            metres = METRES_OF_LENGTH[unit]
+            said = (f"{path.name}: its figure is {tall:.4g} units tall, so a unit is taken to be {metres:.4g} m; "
+                    "--units says otherwise")  # fmt: skip
+            return Take(motion=read_bvh(path, metres), notices=(said,))
+    if len(motion.skeleton) < 8:  # no figure of a person: nothing to go by
+        return Take(motion=motion)
+    raise FormatError(
+        f"{path}: its figure is {tall:.4g} units tall, and BVH does not say what a unit is; say it with --units, one "
+        f"of {', '.join(METRES_OF_LENGTH)}"
+    )
