@@ -24,6 +24,7 @@ from muybridge.geometry.calibration.culprits_fit import (
     alike,
     fit_camera,
     fit_shift,
+    paired_score,
     student_scale,
 )
 from muybridge.geometry.calibration.culprits_take import (
@@ -61,6 +62,8 @@ class CulpritOptions:
         max_faults: at most so many are named.
         min_evidence: log-likelihood (nats) that an explanation must gain.
         min_evidence_more: the same for a second and further fault.
+        min_score: mean gain over the landmarks of all cameras, in standard deviations of that mean.
+        min_score_shift: the same for a shift in time, which pairs every error with others by chance.
         min_effect: by how much a fault must displace the camera's 2D points, in standard deviations of their noise.
         min_turn_deg, min_move, min_shift, min_focal: what is smaller is no fault (degrees, metres, frames, share).
         farthest_turn_deg: a camera that is turned by more and wrong in other ways besides shows something else.
@@ -73,6 +76,8 @@ class CulpritOptions:
     max_faults: int = 3
     min_evidence: float = 6.5
     min_evidence_more: float = 12.0
+    min_score: float = 2.0
+    min_score_shift: float = 3.0
     min_effect: float = 0.6
     min_turn_deg: float = 0.2
     min_move: float = 0.02
@@ -158,6 +163,7 @@ class _Trial:
     effect_px: float
     correction: Correction | None = None
     shift: float = 0.0
+    score: float = 0.0
 
 
 def find_culprits(
@@ -226,12 +232,13 @@ def _search(take: Take, setup: Setup, options: CulpritOptions) -> tuple[float, l
     lowest = min(found, key=lambda f: f[0], default=(cost, errors, None))
     best_errors = lowest[1] if lowest[0] < cost else errors
     scale = student_scale((best_errors**2).sum(-1)[np.isfinite(best_errors[..., 0])])
-    independent = float(np.isfinite(errors[..., 0]).sum()) / alike(best_errors / scale)
-    independent = max(independent, 2.0)
-    trials = [
-        replace(t, gain=independent * (cost - c) - 0.5 * _PARAMETERS[t.kind] * float(np.log(independent)))
-        for c, _, t in found
-    ]
+    independent = max(float(np.isfinite(errors[..., 0]).sum()) / alike(best_errors / scale), 2.0)
+    order = np.argsort(np.concatenate([np.flatnonzero(take.held), np.flatnonzero(~take.held)]))
+    trials = []
+    for trial_cost, trial_errors, trial in found:
+        gain = independent * (cost - trial_cost) - 0.5 * _PARAMETERS[trial.kind] * float(np.log(independent))
+        in_order = trial_errors if trial.kind == "swapped" else trial_errors[:, order]
+        trials.append(replace(trial, gain=gain, score=paired_score(errors, in_order)))
     return noise, trials
 
 
@@ -270,10 +277,10 @@ def _shift_trials(
         return fit_shift(predicted[rows], observed, most, about)
 
     shift = shift_of(np.ones_like(take.held), most, 0.0)
-    if shift is None:
+    if shift is None or round(shift) == 0:
         return
-    each = [shift_of(rows, 2, shift) for rows in halves]
-    one, two, both = (with_shift(setup, c, shift if s is None else s) for s in (*each, shift))
+    each = [shift_of(rows, 2, round(shift)) for rows in halves]
+    one, two, both = (with_shift(setup, c, round(shift if s is None else s)) for s in (*each, shift))
     errors = [rig_errors(take, two, halves[0]), rig_errors(take, one, halves[1])]
     effect = _displacement(take.of(setup, c)[0], take.of(both, c)[0])
     yield _Trial("shifted", (c,), both, 0.0, effect, shift=shift), errors
@@ -303,14 +310,15 @@ def _displacement(before: Floats, after: Floats) -> float:
 
 def _matters(trial: _Trial, noise_px: float, options: CulpritOptions) -> bool:
     """Whether a change is large enough to be called a fault."""
-    if trial.gain <= 0:
+    least = options.min_score_shift if trial.kind == "shifted" else options.min_score
+    if trial.gain <= 0 or trial.score < least:
         return False
     if trial.kind == "swapped":
         return True
+    if trial.kind == "shifted":  # errors of 2D networks look like a turn or a zoom, but not like a delay
+        return abs(trial.shift) >= options.min_shift and trial.effect_px >= 0.25 * options.min_effect * noise_px
     if trial.effect_px < options.min_effect * noise_px:
         return False
-    if trial.kind == "shifted":
-        return abs(trial.shift) >= options.min_shift
     turn, move, focal = _sizes(trial)
     if trial.kind == "focal":
         return abs(focal) >= options.min_focal

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.cameras import Camera, colmap_camera
+from muybridge.geometry.clocks import parabola
 from muybridge.geometry.rotations import exp_so3
 
 Floats = NDArray[np.float64]
@@ -156,14 +157,17 @@ def _linearised(camera: Camera, world: Floats, px: Floats) -> tuple[Floats, Floa
 def fit_shift(
     predicted_px: Floats, observed: Callable[[float], tuple[Floats, Floats]], most: int, about: float = 0.0
 ) -> float | None:
-    """By how many frames a camera's landmarks are late, to a tenth of a frame.
+    """By how many frames a camera's landmarks are late.
+
+    Only whole frames are tried, and a parabola says what lies between: landmarks interpolated between frames are
+    means of two, less noisy, and would always seem to fit better.
 
     Args:
         predicted_px: (K, J, 2) where the other cameras put the landmarks.
         observed: gives (K, J, 2) px and (K, J) relative standard deviations of the camera's landmarks, taken so
             many frames later.
         most: shifts up to this many frames from `about` are tried.
-        about: where to begin.
+        about: a whole number to begin with.
     """
 
     def cost(shift: float, every: int = 1) -> tuple[float, int]:
@@ -179,12 +183,9 @@ def fit_shift(
     if not np.isfinite(values).any():
         return None
     best = float(whole[np.argmin(values)])
-    value = cost(best)[0]
-    for step in (0.5, 0.25, 0.1):
-        for shift in (best - step, best + step):
-            if abs(shift - about) <= most and (found := cost(shift)[0]) < value:
-                best, value = shift, found
-    return best
+    near = np.array([cost(best + k)[0] for k in (-2, -1, 0, 1, 2)])
+    k = int(np.argmin(near))
+    return best + k - 2 + parabola(-near, k)
 
 
 def alike(errors: Floats) -> float:
@@ -204,3 +205,25 @@ def alike(errors: Floats) -> float:
     known = np.nan_to_num(series)
     mean, power = known.sum(axis=1) / count, (known**2).sum(axis=1) / count
     return float(np.clip((count * mean**2).sum() / max(power.sum(), 1e-12), 1.0, errors.shape[1]))
+
+
+def paired_score(before: Floats, after: Floats) -> float:
+    """How sure it is that errors have become smaller: the mean gain over its standard error.
+
+    Each landmark of each camera counts once, as what it gains in one frame it gains in the next (Vuong, "Likelihood
+    ratio tests for model selection and non-nested hypotheses", 1989, with clusters).
+
+    Args:
+        before: (C, K, J, 2) in relative standard deviations; NaN where unknown.
+        after: the same.
+    """
+    costs = []
+    for errors in (before, after):
+        squares = (errors**2).sum(-1)
+        costs.append(student_cost(squares, student_scale(squares[np.isfinite(squares)])))
+    gain = costs[0] - costs[1]
+    count = np.isfinite(gain).sum(axis=1)
+    each = np.nansum(gain, axis=1)[count >= 5] / count[count >= 5]
+    if len(each) < 8:
+        return 0.0
+    return float(each.mean() / max(each.std(ddof=1) / np.sqrt(len(each)), 1e-12))
