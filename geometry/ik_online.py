@@ -8,7 +8,6 @@ Between unknowns the filter keeps no correlations; within a frame the solution h
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from muybridge.geometry.ik_band import log_between
 from muybridge.geometry.ik_kernel import (
@@ -116,7 +115,7 @@ def settle(
     n = len(chain.above)
     matrix, slope = np.zeros((n, n)), np.empty(n)
     old_root, old_turn, old_angles = root.copy(), turn.copy(), angles.copy()
-    damping, best = 1e-3, np.inf
+    damping, best, again = 1e-3, np.inf, False
     for _ in range(iterations):
         cost = frame_equations(chain, root, turn, angles, targets, information, freedom, 1.0, matrix, slope)
         for k in range(n - 6):
@@ -126,11 +125,10 @@ def settle(
             matrix[6 + k, 6 + k] += chain.prior[k]
         if cost > best:
             root[:], turn[:], angles[:] = old_root, old_turn, old_angles
-            damping = min(damping * 20, 1e6)
-            best = np.inf  # the same place again, more carefully
+            damping, again = min(damping * 10, 1e6), True  # from the same place, more carefully
             continue
-        done = best - cost < 1e-9 * cost
-        best = cost
+        done = not again and best - cost < 1e-6 * cost
+        best, again = cost, False
         old_root[:], old_turn[:], old_angles[:] = root, turn, angles
         if done:
             break
@@ -138,8 +136,7 @@ def settle(
             matrix[k, k] += damping * matrix[k, k] + 1e-6
         hold_at_limits(chain, angles, matrix, slope)
         if not factor(chain.above, matrix):
-            damping = min(damping * 20, 1e6)
-            continue
+            break
         for k in range(n):
             slope[k] = -slope[k]
         substitute(chain.above, matrix, slope)
@@ -179,9 +176,7 @@ def track_one(
     first_root, first_turn, first_angles = root.copy(), turn.copy(), angles.copy()
     off = np.zeros(n)
     for k in range(iterations):
-        frame_equations(
-            chain, root, turn, angles, targets, information, freedom, 4.0 if k == 0 else 1.0, matrix, slope
-        )
+        frame_equations(chain, root, turn, angles, targets, information, freedom, 4.0 if k == 0 else 1.0, matrix, slope)
         if k:
             difference(chain, first_root, first_turn, first_angles, root, turn, angles, off)
         for i in range(n):
@@ -230,8 +225,10 @@ def difference(
 
 
 @compiled
-def is_lost(chain: Chain, root: Array, turn: Array, angles: Array, targets: Array, information: Array) -> bool:
-    """Whether more than half of at least four points are further than five standard deviations from the body."""
+def count_far(
+    chain: Chain, root: Array, turn: Array, angles: Array, targets: Array, information: Array
+) -> tuple[int, int]:
+    """How many points there are, and how many are further than five standard deviations from the body."""
     at = landmarks_of(chain, root.reshape(1, 3), turn.reshape(1, 3, 3), angles.reshape((1, *angles.shape)))
     known = far = 0
     for landmark in range(len(targets)):
@@ -241,41 +238,31 @@ def is_lost(chain: Chain, root: Array, turn: Array, angles: Array, targets: Arra
             for i in range(3):
                 square += (at[0, landmark, i] - targets[landmark, i]) ** 2
             far += square * information[landmark] > 75.0
-    return known >= 4 and 2 * far > known
-
-
-@compiled
-def recover(
-    chain: Chain, root: Array, turn: Array, angles: Array, rate: Array, spread: Array, targets: Array,
-    information: Array, freedom: float,
-) -> None:  # fmt: skip
-    """The pose anew from the frame alone, in place; nothing is known of its rates."""
-    settle(chain, root, turn, angles, targets, information, 0.0, 30)
-    settle(chain, root, turn, angles, targets, information, freedom, 15)
-    rate[:], spread[:, 1] = 0.0, 0.0
-    spread[:3, 0], spread[3:, 0] = 0.01**2, 0.1**2
-    spread[:3, 2], spread[3:, 2] = 3.0**2, 12.0**2
+    return known, far
 
 
 @compiled
 def track(
     chain: Chain, root: Array, turn: Array, angles: Array, rate: Array, spread: Array, targets: Array,
-    information: Array, dt: float, jerkiness: Array, freedom: float, iterations: int,
-) -> tuple[Array, Array, Array, NDArray[np.bool_]]:  # fmt: skip
-    """`track_one` over (T, L, 3) targets, which recovers where it has lost the body.
+    information: Array, dt: float, jerkiness: Array, freedom: float, iterations: int, patience: int,
+    roots: Array, turns: Array, all_angles: Array,
+) -> int:  # fmt: skip
+    """`track_one` over (T, L, 3) targets, until the body seems lost: a quarter of the points is far.
+
+    Args, besides those of `track_one`:
+        patience: so many frames at the start are not judged.
+        roots, turns, all_angles: (T, 3), (T, 3, 3) and (T, J, 3), filled.
 
     Returns:
-        Root (T, 3), turn (T, 3, 3) and angles (T, J, 3) of every frame, and (T,) whether it was lost there.
+        The frame at which it was lost (filled all the same), or T.
     """
-    t_count = len(targets)
-    roots, turns, all_angles = np.empty((t_count, 3)), np.empty((t_count, 3, 3)), np.empty((t_count, *angles.shape))
-    lost = np.zeros(t_count, dtype=np.bool_)
-    for t in range(t_count):
+    for t in range(len(targets)):
         track_one(
             chain, root, turn, angles, rate, spread, targets[t], information[t], dt, jerkiness, freedom, iterations
         )
-        if is_lost(chain, root, turn, angles, targets[t], information[t]):
-            lost[t] = True
-            recover(chain, root, turn, angles, rate, spread, targets[t], information[t], freedom)
         roots[t], turns[t], all_angles[t] = root, turn, angles
-    return roots, turns, all_angles, lost
+        if t >= patience:
+            known, far = count_far(chain, root, turn, angles, targets[t], information[t])
+            if known >= 4 and 4 * far > known:
+                return t
+    return len(targets)

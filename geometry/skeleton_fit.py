@@ -2,8 +2,9 @@
 
 `fit_online` is causal: a frame sees itself and what came before it (a Kalman prediction, Gauss-Newton with limits
 and robust weights on top). `fit_take` starts there and then moves all frames together, tied by smoothness. Bones keep
-the lengths that the skeleton has; `calibrate_skeleton` finds them. `muybridge.geometry.ik.fit_body` is the same for
-the project's own body with its landmarks, whose proportions have a prior.
+the lengths that the skeleton has; `muybridge.geometry.skeleton_calibration` finds them.
+`muybridge.geometry.ik.fit_body` is the same for the project's own body with its landmarks, whose proportions have a
+prior.
 """
 
 from dataclasses import dataclass, replace
@@ -13,14 +14,15 @@ from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.ik_kernel import Chain, landmarks_of, make_chain
-from muybridge.geometry.ik_online import settle, track, track_one
-from muybridge.geometry.ik_shape import length_equations
+from muybridge.geometry.ik_online import count_far, settle, track, track_one
 from muybridge.geometry.ik_solve import Pose, Problem, landmark_positions, solve_in_stretches
 from muybridge.geometry.rotations import continuous_quat, exp_so3, kabsch, quat_from_matrix
 from muybridge.geometry.skeleton import Motion, Skeleton
 from muybridge.geometry.skeleton_profiles import with_limits
 
 Array = NDArray[np.float64]
+
+_PATIENCE = 10  # frames until a body that could not be found again is looked for once more
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,8 @@ class SkeletonFitOptions:
 
     sigma: float | None = None
     freedom: float = 4.0
-    root_acceleration: float = 6.0
-    angular_acceleration: float = 40.0
+    root_acceleration: float = 20.0
+    angular_acceleration: float = 130.0
     root_velocity: float = 3.0
     angular_velocity: float = 12.0
     rest_spread: float = 2.0
@@ -123,7 +125,7 @@ def fit_online(
         MuybridgeError: no frame has three points.
     """
     options = options or SkeletonFitOptions()
-    given, (skeleton, rigging) = skeleton, _checked(skeleton, points_world, fps, rigging)
+    given, (skeleton, rigging) = skeleton, checked(skeleton, points_world, fps, rigging)
     chain = _chain(skeleton, rigging, options)
     sigma = options.sigma or noise_of(points_world, fps)
     pose, _ = _tracked(chain, points_world, sigma, fps, options)
@@ -136,16 +138,16 @@ def fit_take(
 ) -> SkeletonFit:  # fmt: skip
     """Fit all frames together; arguments, result and errors as of `fit_online`."""
     options = options or SkeletonFitOptions()
-    given, (skeleton, rigging) = skeleton, _checked(skeleton, points_world, fps, rigging)
+    given, (skeleton, rigging) = skeleton, checked(skeleton, points_world, fps, rigging)
     chain = _chain(skeleton, rigging, options)
     sigma = options.sigma or noise_of(points_world, fps)
     pose, lost = _tracked(chain, points_world, sigma, fps, options)
-    problem = _problem(skeleton, rigging, points_world, sigma, fps, options)
+    problem = take_problem(skeleton, rigging, points_world, sigma, fps, options)
     edges = [0, *_cuts(chain, pose, lost, fps), len(pose)]
     for begin, end in zip(edges, edges[1:], strict=False):
         part, here = problem.frames(begin, end), pose.frames(begin, end)
         for _ in range(options.rounds):
-            here = solve_in_stretches(_weighed(part, here, sigma, options), here, options.steps)
+            here = solve_in_stretches(weighed(part, here, sigma, options), here, options.steps)
         pose.root[begin:end], pose.turn[begin:end], pose.angles[begin:end] = here.root, here.turn, here.angles
     return _result(given, skeleton, chain, pose, points_world, fps, sigma, options)
 
@@ -161,7 +163,8 @@ class OnlineFit:
         self.rigging = rigging or joint_rigging(skeleton)
         self.skeleton, self.fps, self.sigma = solvable(skeleton, self.rigging), fps, sigma
         self._chain = _chain(skeleton, self.rigging, self.options)
-        self._state: tuple[Array, Array, Array, Array, Array] | None = None
+        self._state: tuple[Array, ...] | None = None
+        self._patience = 0
         self._jerkiness = _jerkiness(self._chain, self.options)
 
     def update(self, points_world: Array) -> tuple[Array, Array] | None:
@@ -178,131 +181,20 @@ class OnlineFit:
             self._state = _begun(self._chain, targets[0], information[0], self.options)
         else:
             o = self.options
-            track_one(
-                self._chain, *self._state, targets[0], information[0], 1 / self.fps, self._jerkiness, o.freedom,
-                o.iterations,
-            )  # fmt: skip
+            data = targets[0], information[0]
+            track_one(self._chain, *self._state, *data, 1 / self.fps, self._jerkiness, o.freedom, o.iterations)
+            known, far = count_far(self._chain, *self._state[:3], *data)
+            self._patience -= 1
+            if known >= 4 and 4 * far > known and self._patience < 0:
+                self._state, found = _recovered(self._chain, self._state, *data, o)
+                self._patience = 0 if found else _PATIENCE
         root, turn, angles = self._state[:3]
         rotations = self.skeleton.rotations_from_angles(angles[None])[0]
         rotations[0] = turn
         return root.copy(), rotations
 
 
-def calibrate_skeleton(
-    skeleton: Skeleton, points_world: Array, fps: float, rigging: Rigging | None = None,
-    options: SkeletonFitOptions | None = None, length_spread: float = 0.2, offset_spread: float = 0.0,
-) -> tuple[Skeleton, Rigging]:  # fmt: skip
-    """Lengths of a person's bones, and where the points sit on them, from a take.
-
-    One scale a bone along the offset that the template has, the same left and right where names pair
-    (`left_x`/`right_x`, `LeftX`/`RightX`); alternately the pose by `fit_take` and the scales by linear least squares.
-
-    Args:
-        skeleton: the template; its lengths are the prior, up to one scale that the points tell.
-        points_world, fps, rigging, options: as of `fit_take`; a second of varied motion is enough.
-        length_spread: standard deviation of a bone's share of its length, over the common scale.
-        offset_spread: metres, how far points may sit from where `rigging` has them; 0: they do not move.
-
-    Returns:
-        The skeleton with its new offsets and tips, and the rigging with its new offsets.
-    """
-    options = options or SkeletonFitOptions()
-    given, (skeleton, rigging) = skeleton, _checked(skeleton, points_world, fps, rigging)
-    common = _common_scale(skeleton, rigging, points_world)
-    template = replace(skeleton, offsets=skeleton.offsets * common, tips=skeleton.tips * common)
-    rigging = Rigging(rigging.joints, rigging.offsets * common)
-    group = _bone_groups(template)
-    groups, size = group.max() + 1, group.max() + 1 + (3 * len(rigging.joints) if offset_spread > 0 else 0)
-    joint_basis = np.zeros((len(template), 3, size))
-    moves = group >= 0
-    joint_basis[moves, :, group[moves]] = template.offsets[moves]
-    landmark_basis = np.zeros((len(rigging.joints), 3, size))
-    if offset_spread > 0:
-        for k in range(len(rigging.joints)):
-            landmark_basis[k, :, groups + 3 * k : groups + 3 * k + 3] = np.eye(3)
-    mean = np.r_[np.ones(groups), rigging.offsets.ravel()][:size]
-    spread = np.r_[np.full(groups, length_spread), np.full(size - groups, max(offset_spread, 1e-9))]
-    value, current, rigged = mean.copy(), template, rigging
-    chosen = points_world[_calibration_span(points_world)]
-    for _ in range(4):
-        fit = fit_take(current, chosen, fps, rigged, options)
-        sigma = options.sigma or fit.sigma
-        problem = _problem(current, rigged, chosen, sigma, fps, options)
-        pose = Pose(fit.motion.root_positions_world, _root_turns(fit), fit.angles)
-        problem = _weighed(problem, pose, sigma, options)
-        matrix, vector = length_equations(problem, pose, joint_basis, landmark_basis)
-        if offset_spread == 0:
-            vector -= _of_fixed_offsets(problem, pose, joint_basis, landmark_basis, rigging)
-        certain = 1.0 / spread**2
-        value = np.linalg.solve(matrix + np.diag(certain), vector + certain * mean)
-        scale = np.where(moves, np.clip(value[group], 0.3, 3.0), 1.0)
-        offsets = value[groups:].reshape(-1, 3) if offset_spread > 0 else rigging.offsets
-        current = replace(template, offsets=template.offsets * scale[:, None], tips=_tips(template, scale))
-        rigged = Rigging(rigging.joints, offsets)
-    return replace(given, offsets=current.offsets, tips=current.tips), rigged
-
-
-def _tips(template: Skeleton, scale: Array) -> Array:
-    """The end of a chain grows with the bone before it."""
-    return np.asarray(template.tips * scale[:, None])
-
-
-def _root_turns(fit: SkeletonFit) -> Array:
-    return fit.motion.forward()[:, 0, :3, :3]
-
-
-def _calibration_span(points_world: Array, most: int = 600) -> slice:
-    """The stretch of at most `most` frames with most points in it."""
-    if len(points_world) <= most:
-        return slice(None)
-    known = np.concatenate([[0], np.cumsum(np.isfinite(points_world[..., 0]).sum(axis=1))])
-    start = int(np.argmax(known[most:] - known[:-most]))
-    return slice(start, start + most)
-
-
-def _of_fixed_offsets(
-    problem: Problem, pose: Pose, joint_basis: Array, landmark_basis: Array, rigging: Rigging
-) -> Array:
-    """What points away from joint centres add to the right-hand side when their offsets are not unknown."""
-    still = replace(problem, skeleton=replace(problem.skeleton, offsets=0 * problem.skeleton.offsets))
-    moved = replace(problem, targets=landmark_positions(still, Pose(0 * pose.root, pose.turn, pose.angles)))
-    _, vector = length_equations(moved, Pose(0 * pose.root, pose.turn, pose.angles), joint_basis, landmark_basis)
-    return vector
-
-
-def _bone_groups(skeleton: Skeleton) -> NDArray[np.intp]:
-    """(J,) number of the scale that each bone has, the same on both sides; -1 where there is no length."""
-    pairs = (("right", "left"), ("Right", "Left"), ("RIGHT", "LEFT"), ("R_", "L_"))
-    numbers: dict[str, int] = {}
-    out = np.full(len(skeleton), -1, dtype=np.intp)
-    for j, name in enumerate(skeleton.names):
-        if j == 0 or skeleton.bone_lengths[j] < 1e-6:
-            continue
-        twin = next((name.replace(a, b, 1) for a, b in pairs if a in name), name)
-        if twin == name and name[:1] == "R" and "L" + name[1:] in skeleton.names:
-            twin = "L" + name[1:]
-        key = twin if twin in skeleton.names else name
-        out[j] = numbers.setdefault(key, len(numbers))
-    return out
-
-
-def _common_scale(skeleton: Skeleton, rigging: Rigging, points_world: Array) -> float:
-    """Median of how much longer the points' distances are than at rest, over bones with points at both ends."""
-    at = rest_positions(skeleton)[rigging.joints] + rigging.offsets
-    ratios = []
-    for a, joint in enumerate(rigging.joints):
-        for b, other in enumerate(rigging.joints):
-            length = np.linalg.norm(at[a] - at[b])
-            if skeleton.parents[joint] == other and length > 0.05:
-                seen = np.linalg.norm(points_world[:, a] - points_world[:, b], axis=-1)
-                if np.isfinite(seen).any():
-                    ratios.append(float(np.nanmedian(seen)) / length)
-    return float(np.median(ratios)) if ratios else 1.0
-
-
-def _checked(
-    skeleton: Skeleton, points_world: Array, fps: float, rigging: Rigging | None
-) -> tuple[Skeleton, Rigging]:
+def checked(skeleton: Skeleton, points_world: Array, fps: float, rigging: Rigging | None) -> tuple[Skeleton, Rigging]:
     """The skeleton as it is solved, and the rigging."""
     rigging = rigging or joint_rigging(skeleton)
     if points_world.ndim != 3 or points_world.shape[1:] != (len(rigging.joints), 3):
@@ -381,28 +273,47 @@ def _tracked(
         )
     first = int(np.argmax(count >= wanted))
     state = _begun(chain, targets[first], information[first], options)
-    begin = tuple(a.copy() for a in state[:3])
-    jerkiness = _jerkiness(chain, options)
-    later = slice(first + 1, None)
-    *rest, lost = track(
-        chain, *state, targets[later], information[later], 1 / fps, jerkiness, options.freedom, options.iterations
-    )
-    held = (np.concatenate([np.repeat(b[None], first + 1, 0), r]) for b, r in zip(begin, rest, strict=True))
-    return Pose(*held), np.concatenate([np.zeros(first + 1, bool), lost])
+    poses = tuple(np.repeat(a[None], len(targets), axis=0) for a in state[:3])
+    lost = np.zeros(len(targets), dtype=np.bool_)
+    at = first + 1
+    patience = 0
+    while at < len(targets):
+        later = slice(at, None)
+        here = tuple(p[later] for p in poses)
+        at += track(
+            chain, *state, targets[later], information[later], 1 / fps, _jerkiness(chain, options), options.freedom,
+            options.iterations, patience, *here,
+        )  # fmt: skip
+        if at < len(targets):
+            state, lost[at] = _recovered(chain, state, targets[at], information[at], options)
+            for pose, value in zip(poses, state[:3], strict=True):
+                pose[at] = value
+            patience = 0 if lost[at] else _PATIENCE
+            at += 1
+    return Pose(*poses), lost
+
+
+def _recovered(
+    chain: Chain, state: tuple[Array, ...], targets: Array, information: Array, options: SkeletonFitOptions
+) -> tuple[tuple[Array, ...], bool]:
+    """The state anew from one frame alone, if that leaves at most half as many points far; whether it does."""
+    _, far = count_far(chain, *state[:3], targets, information)
+    new = _begun(chain, targets, information, options)
+    if 2 * count_far(chain, *new[:3], targets, information)[1] > far:
+        return state, False
+    return new, True
 
 
 def _cuts(chain: Chain, pose: Pose, lost: NDArray[np.bool_], fps: float, top_speed: float = 12.0) -> list[int]:
-    """Frames at which the take jumps: the body was lost there, and half of it is faster than any man."""
+    """Frames at which the take jumps: the body was lost there, and a quarter of it is faster than any man."""
     at = landmarks_of(chain, pose.root, pose.turn, pose.angles)
     frames = np.flatnonzero(lost)
     frames = frames[frames > 0]
-    way = np.median(np.linalg.norm(at[frames] - at[frames - 1], axis=-1), axis=-1)
+    way = np.quantile(np.linalg.norm(at[frames] - at[frames - 1], axis=-1), 0.75, axis=-1)
     return [int(t) for t in frames[way * fps > top_speed]]
 
 
-def _begun(
-    chain: Chain, targets: Array, information: Array, options: SkeletonFitOptions
-) -> tuple[Array, Array, Array, Array, Array]:
+def _begun(chain: Chain, targets: Array, information: Array, options: SkeletonFitOptions) -> tuple[Array, ...]:
     """The first frame without a frame before it: from several headings, the best."""
     j_count, n = len(chain.parents), len(chain.above)
     angles = np.zeros((j_count, 3))
@@ -425,7 +336,7 @@ def _begun(
     return root, turn, angles, np.zeros(n), spread
 
 
-def _problem(
+def take_problem(
     skeleton: Skeleton, rigging: Rigging, points_world: Array, sigma: float, fps: float, options: SkeletonFitOptions
 ) -> Problem:
     targets, information = _known(points_world, sigma)
@@ -453,7 +364,7 @@ def _student(square: Array, freedom: float) -> Array:
     return np.minimum((freedom + 3) / (freedom + square), 1.0) if freedom > 0 else np.ones_like(square)
 
 
-def _weighed(problem: Problem, pose: Pose, sigma: float, options: SkeletonFitOptions) -> Problem:
+def weighed(problem: Problem, pose: Pose, sigma: float, options: SkeletonFitOptions) -> Problem:
     """The problem with robust weights taken at a pose."""
     error = landmark_positions(problem, pose) - problem.targets
     weight = _student(np.sum(error**2, axis=-1) / sigma**2, options.freedom)
