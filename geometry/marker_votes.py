@@ -68,75 +68,106 @@ def cut_tracks(scores: Float, track: Int, fps: float, options: VoteOptions = Vot
     return out
 
 
-def vote(scores: Float, track: Int, fps: float, options: VoteOptions = VoteOptions()) -> tuple[Float, list[Int]]:
-    """Votes (P, L + 1) of every trajectory, and its frames; arguments as `cut_tracks`."""
+def vote(scores: Float, track: Int, fps: float, options: VoteOptions = VoteOptions()) -> tuple[Float, Int]:
+    """Votes (P, L + 1) of every trajectory, and its first and last frame (P, 2); arguments as `cut_tracks`."""
     members = _members(track)
     votes = np.zeros((len(members), scores.shape[2]))
+    span = np.zeros((len(members), 2), np.intp)
     for p, (t, s) in enumerate(members):
         votes[p] = np.maximum(np.nan_to_num(scores[t, s], nan=options.floor), options.floor).sum(0)
-    return votes * _weight(fps, options), [t for t, _ in members]
+        span[p] = t[0], t[-1]
+    return votes * _weight(fps, options), span
 
 
-def elect(votes: Float, overlap: NDArray[np.bool_]) -> Int:
+def elect(votes: Float, span: Int, rounds: int = 8) -> Int:
     """Labels (P,) of trajectories, -1 for none.
 
     Args:
         votes: (P, L + 1), the last column for being no marker.
-        overlap: (P, P) whether two are there at the same time.
+        span: (P, 2) first and last frame; trajectories that share a frame share no label.
+        rounds: of improvement.
 
     The votes won are maximised: greedily first, then by moving one trajectory to a label and whoever stands there to
-    its next best, as long as that wins votes.
+    its next best, as long as that wins votes, and by the best assignment (Hungarian method) of all that are there in
+    some frames.
     """
-    gain = votes[:, :-1] - votes[:, -1:]
+    gain = np.ascontiguousarray(votes[:, :-1] - votes[:, -1:])
     label = np.full(len(votes), -1, np.intp)
-    order = np.argsort(-np.partition(gain, -1, 1)[:, -1]) if gain.size else np.zeros(0, np.intp)
-    for p in order:
-        label[p] = _free(p, label, gain, overlap)
-    for _ in range(8):
-        moved = False
-        for p in order:
-            moved |= _improve(int(p), label, gain, overlap)
-        if not moved:
-            break
+    if gain.size:
+        order = np.argsort(-gain.max(1), kind="stable")
+        first, last = np.ascontiguousarray(span[:, 0]), np.ascontiguousarray(span[:, 1])
+        _elect(gain, first, last, order, label, rounds)
+        for frame in np.unique(np.quantile(first, np.linspace(0, 1, 12)).astype(int)):
+            _assign_at(frame, gain, first, last, label)
+        _elect(gain, first, last, order, label, rounds, False)
     return label
 
 
-def _free(p: int, label: Int, gain: Float, overlap: NDArray[np.bool_]) -> int:
-    """The best label that no trajectory beside `p` has, -1 where none wins votes."""
-    taken = label[overlap[p] & (label >= 0)]
-    own = gain[p].copy()
-    own[taken] = -np.inf
-    best = int(own.argmax())
-    return best if own[best] > 0 else -1
+def _assign_at(frame: int, gain: Float, first: Int, last: Int, label: Int) -> None:
+    """The best labels of all trajectories that are there in a frame, as far as the others leave them free."""
+    here = np.nonzero((first <= frame) & (last >= frame))[0]
+    allowed = gain[here].copy()
+    named = np.nonzero(label >= 0)[0]
+    named = named[~np.isin(named, here)]
+    for i, p in enumerate(here):
+        allowed[i, label[named[(first[named] <= last[p]) & (last[named] >= first[p])]]] = -1e9
+    rows, cols = linear_sum_assignment(np.concatenate([allowed, np.zeros((len(here), len(here)))], 1), maximize=True)
+    label[here[rows]] = np.where(cols < gain.shape[1], cols, -1)
 
 
-def _improve(p: int, label: Int, gain: Float, overlap: NDArray[np.bool_]) -> bool:
-    now = gain[p, label[p]] if label[p] >= 0 else 0.0
-    for new in np.argsort(-gain[p])[:5]:
-        if gain[p, new] <= now or new == label[p]:
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _elect(gain: Float, first: Int, last: Int, order: Int, label: Int, rounds: int, fresh: bool = True) -> None:
+    for p in order:
+        if fresh or label[p] < 0:
+            label[p] = _free(p, gain, first, last, label)
+    for _ in range(rounds):
+        moved = False
+        for p in order:
+            moved |= _improve(p, gain, first, last, label)
+        if not moved:
             break
-        rivals = np.nonzero(overlap[p] & (label == new))[0]
-        trial = label.copy()
-        trial[rivals], trial[p] = -1, new
-        for q in rivals[np.argsort(-gain[rivals, new])]:
-            trial[q] = _free(int(q), trial, gain, overlap)
-        changed = np.append(rivals, p)
-        before = sum(gain[q, label[q]] for q in changed if label[q] >= 0)
-        after = sum(gain[q, trial[q]] for q in changed if trial[q] >= 0)
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _free(p: int, gain: Float, first: Int, last: Int, label: Int) -> int:
+    """The best label that no trajectory beside `p` has, -1 where none wins votes."""
+    taken = np.zeros(gain.shape[1], np.bool_)
+    for q in range(len(label)):
+        if label[q] >= 0 and q != p and first[q] <= last[p] and last[q] >= first[p]:
+            taken[label[q]] = True
+    best, most = -1, 0.0
+    for c in range(gain.shape[1]):
+        if not taken[c] and gain[p, c] > most:
+            best, most = c, gain[p, c]
+    return best
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _improve(p: int, gain: Float, first: Int, last: Int, label: Int) -> bool:
+    """Gives `p` a label that it wins more votes with, if whoever stands there can be placed at less loss."""
+    old = label[p]
+    now = gain[p, old] if old >= 0 else 0.0
+    for new in np.argsort(-gain[p])[:5]:
+        if gain[p, new] <= now:
+            return False
+        rivals = [q for q in range(len(label)) if label[q] == new and q != p and first[q] <= last[p]
+                  and last[q] >= first[p]]  # fmt: skip
+        before = now
+        for q in rivals:
+            before += gain[q, new]
+            label[q] = -1
+        label[p] = new
+        after = gain[p, new]
+        for q in rivals:
+            label[q] = _free(q, gain, first, last, label)
+            if label[q] >= 0:
+                after += gain[q, label[q]]
         if after > before + 1e-9:
-            label[:] = trial
             return True
+        for q in rivals:
+            label[q] = new
+        label[p] = old
     return False
-
-
-def overlaps(frames: list[Int], count: int) -> NDArray[np.bool_]:
-    """(P, P) which trajectories share a frame; `frames` those of each, of `count` in all."""
-    there = np.zeros((len(frames), count), np.float32)
-    for p, t in enumerate(frames):
-        there[p, t] = 1
-    out = there @ there.T > 0
-    np.fill_diagonal(out, False)
-    return np.asarray(out)
 
 
 def _weight(fps: float, options: VoteOptions) -> float:

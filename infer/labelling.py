@@ -17,7 +17,7 @@ from muybridge.geometry.marker_rigidity import (
     prior_rigidity,
 )
 from muybridge.geometry.marker_tracking import TrackOptions, Tracks, find_tracks
-from muybridge.geometry.marker_votes import VoteOptions, assign_frames, cut_tracks, elect, overlaps, vote
+from muybridge.geometry.marker_votes import VoteOptions, assign_frames, cut_tracks, elect, vote
 from muybridge.infer.label_network import LabelNetwork
 
 Float = NDArray[np.float64]
@@ -134,8 +134,7 @@ def _elect(scores: Float, tracks: Tracks, fps: float, options: LabelOptions) -> 
     if not options.votes:
         return assign_frames(scores)
     pieces = cut_tracks(scores, tracks.track, fps, options.vote)
-    votes, frames = vote(scores, pieces, fps, options.vote)
-    label = elect(votes, overlaps(frames, len(scores)))
+    label = elect(*vote(scores, pieces, fps, options.vote))
     return np.where(pieces >= 0, label[pieces], -1)
 
 
