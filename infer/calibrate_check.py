@@ -14,10 +14,11 @@ from muybridge.geometry.calibration.culprits import CulpritOptions
 from muybridge.geometry.calibration.quality import CalibrationQuality, check_take
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import Keypoints2D
-from muybridge.infer.calibrate_people import session_keypoints
+from muybridge.infer.calibrate_people import DEFAULT_RESULTS, session_keypoints
 from muybridge.infer.calibration_figures import blamed
 from muybridge.infer.calibration_report import CalibrationPage, write_calibration_page
 from muybridge.infer.detect import DetectOptions
+from muybridge.infer.outputs import open_output
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import SessionOptions, open_session
 
@@ -61,12 +62,16 @@ def check(
         if clocks is not None:
             keypoints = synchronised(keypoints, clocks, opened.fps)
         quality = check_keypoints(opened.cameras, keypoints, options)
-    page = out or (work or session / "muybridge") / PAGE
     seconds = {"in all": time.perf_counter() - start}
-    write_calibration_page(page, CalibrationPage(opened.name, quality, opened.notices, seconds))
+    page = CalibrationPage(opened.name, quality, opened.notices, seconds)
+    if out is None:
+        results = work or session / DEFAULT_RESULTS
+        place = open_output(results, (), [opened.calibration]).write(PAGE, lambda path: write_calibration_page(path, page))
+    else:
+        place = write_calibration_page(out, page)
     for line in told(quality):
         print(line)
-    print(f"{page} shows it")
+    print(f"{place} shows it")
     return 0
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from muybridge.errors import MuybridgeError, OutputError
+from muybridge.errors import MuybridgeError
 from muybridge.geometry.association import select_person, take_person
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.calibration.people import (
@@ -21,12 +21,12 @@ from muybridge.geometry.swaps import repair_swaps
 from muybridge.geometry.triangulation import leave_one_out_error
 from muybridge.infer.detect import DetectOptions, detect, file_names, open_models
 from muybridge.infer.keypoints import merge_tracks
-from muybridge.infer.outputs import WORK
+from muybridge.infer.outputs import open_output
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import Session, SessionOptions, open_session, with_frames
 from muybridge.infer.stages import StageStore
 
-_DEFAULT_RESULTS = "muybridge"
+DEFAULT_RESULTS = "muybridge"
 
 
 def session_keypoints(
@@ -41,13 +41,10 @@ def session_keypoints(
         progress: whom to tell.
 
     Raises:
-        OutputError: the folder cannot be made.
+        OutputError: the folder cannot be made, or is none for results.
     """
-    folder = (results or session.path / _DEFAULT_RESULTS) / WORK
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made ({error.strerror}); choose another folder with --work") from None
+    inputs = [session.calibration, *(v.path for v in session.videos)]
+    folder = open_output(results or session.path / DEFAULT_RESULTS, (), inputs).work
     models = open_models(options)
     found = detect(session, file_names(session.cameras.names), models, StageStore(folder), options, progress)
     frames = min(len(d.tracks.points_px) for d in found)
