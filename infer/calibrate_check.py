@@ -65,8 +65,8 @@ def check(
     seconds = {"in all": time.perf_counter() - start}
     page = CalibrationPage(opened.name, quality, opened.notices, seconds)
     if out is None:
-        results = work or session / DEFAULT_RESULTS
-        place = open_output(results, (), [opened.calibration]).write(PAGE, lambda path: write_calibration_page(path, page))
+        results = open_output(work or session / DEFAULT_RESULTS, (), [opened.calibration])
+        place = results.write(PAGE, lambda path: write_calibration_page(path, page))
     else:
         place = write_calibration_page(out, page)
     for line in told(quality):

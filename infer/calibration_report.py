@@ -41,9 +41,11 @@ class CalibrationPage:
     versions: Mapping[str, str] = field(default_factory=dict)
 
 
-def calibration_findings(quality: CalibrationQuality) -> tuple[Finding, ...]:
+def calibration_findings(quality: CalibrationQuality | None) -> tuple[Finding, ...]:
     """What is wrong with a calibration, the gravest first: culprits, then what is not known well enough."""
     found: list[Finding] = []
+    if quality is None:
+        return ()
     report = quality.culprits
     if report is not None:
         found += [Finding("bad", fault.sentence) for fault in report.faults]
@@ -104,6 +106,17 @@ def calibration_section(quality: CalibrationQuality) -> str:
             f"0: not at all). A rig in order has small numbers everywhere.</p>{evidence_table(report)}"
         )
     return "".join(parts)
+
+
+def calibration_in_report(quality: CalibrationQuality | None) -> str:
+    """The section of a take's report; empty where the calibration was not judged."""
+    if quality is None or quality.culprits is None:
+        return ""
+    return (
+        '<section id="calibration"><h2>Is the calibration good?</h2>'
+        f'<p class="lead">{html.escape(quality.culprits.sentence)} Judged by {html.escape(quality.source)}.</p>'
+        f"{calibration_section(quality)}</section>"
+    )
 
 
 def render_calibration(page: CalibrationPage) -> str:

@@ -44,6 +44,7 @@ def run(
     smooth: SmoothOptions = SmoothOptions(),  # noqa: B008
     fit: FitOptions = FitOptions(),  # noqa: B008
     fill_share: float = SolveOptions.fill_share,
+    refine_cameras: bool = False,
     overlay: OverlayOptions = OverlayOptions(),  # noqa: B008
 ) -> int:
     """Motion from session folders: videos and a calibration in; points, motion, overlays and a report out.
@@ -64,12 +65,13 @@ def run(
         fit: skeleton and joint angles.
         fill_share: a landmark that the cameras do not agree on is taken from the fitted body in frames where at
             least this share of the landmarks was measured; above 1, never.
+        refine_cameras: first make the calibration's poses better by the person; the report says what it gained.
         overlay: videos with what was found drawn in.
     """
     if not sessions:
         raise SessionError("name at least one session folder: muybridge run FOLDER [FOLDER ...]")
     solve = SolveOptions(person, swaps, triangulate, smooth, fit, fill_share)
-    options = RunOptions(session, detect, solve, second_look, overlay, overwrite)
+    options = RunOptions(session, detect, solve, second_look, overlay, refine_cameras, overwrite)
     jobs = plan(sessions, out)
     if len(jobs) == 1:
         with Progress(quiet=quiet) as progress:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import save_calibration
+from muybridge.geometry.calibration.quality import CalibrationQuality
 from muybridge.infer.detect import CameraResult, MarkerChoice
 from muybridge.infer.markers import marker_set
 from muybridge.infer.outputs import OutputFolder
@@ -161,6 +162,7 @@ def write_report_page(
     session: Session,
     solution: Solution,
     quality: Quality,
+    calibration: CalibrationQuality | None,
     thumbnails: Sequence[Thumbnail],
     timings: Mapping[str, float],
     options: Mapping[str, Any],
@@ -180,6 +182,7 @@ def write_report_page(
         joint_names=() if motion is None else motion.skeleton.names,
         joint_parents=() if motion is None else tuple(motion.skeleton.parents),
         person=solution.person,
+        calibration=calibration,
         warnings=session.notices,
         timings_s=timings,
         quality=plain(

@@ -13,8 +13,9 @@ from typing import Any
 
 from muybridge import __version__
 from muybridge.errors import SessionError
+from muybridge.geometry.calibration.quality import CalibrationQuality
 from muybridge.geometry.landmarks import Keypoints2D
-from muybridge.infer import exports
+from muybridge.infer import calibration_stage, exports, refine_cameras
 from muybridge.infer.detect import CameraResult, DetectOptions, detect, file_names, open_models
 from muybridge.infer.keypoints import CameraTracks, merge_markers, merge_tracks
 from muybridge.infer.outputs import WORK, OutputFolder, open_output
@@ -51,6 +52,7 @@ class RunOptions:
         solve: 3D points and motion.
         second_look: views that lack the person, looked at again where the others know them to be.
         overlay: the videos with what was found.
+        refine_cameras: make the cameras' poses better by the person first.
         overwrite: replace files of our names in the results folder that muybridge did not write.
     """
 
@@ -59,6 +61,7 @@ class RunOptions:
     solve: SolveOptions = field(default_factory=SolveOptions)
     second_look: SecondLookOptions = field(default_factory=SecondLookOptions)
     overlay: OverlayOptions = field(default_factory=OverlayOptions)
+    refine_cameras: bool = False
     overwrite: bool = False
 
 
@@ -118,6 +121,13 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
         progress.notice(notice)
         session = replace(session, notices=(*session.notices, notice))
     key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras, clocks)
+    before: dict[str, StageResult | None] = {}
+    if options.refine_cameras:
+        session, before[refine_cameras.STAGE] = refine_cameras.refined(session, keypoints, key, store, progress)
+        key = digest(key, session.cameras.cameras)
+    calibration, before[calibration_stage.STAGE] = calibration_stage.judge(
+        session.cameras, keypoints, key, store, progress
+    )
     again = SecondLook(
         session, detected, files, models, store, options.detect, options.second_look, progress, clocks, in_step
     )
@@ -126,7 +136,10 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     if solution.motion is None:
         session = replace(session, notices=(*session.notices, f"there is no motion: {solution.no_motion}"))
     quality = assess(session.cameras, solution)
-    written, stages = _write(output, store, session, files, detected, solution, quality, options, progress)
+    solution.stages.update({name: stage for name, stage in before.items() if stage is not None})
+    written, stages = _write(
+        output, store, session, files, detected, solution, quality, calibration, options, progress
+    )
     seconds = time.perf_counter() - start
     facts = {
         "format": RUN_FORMAT,
@@ -136,6 +149,7 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
         "session": session_facts(session),
         "results": [*written, exports.RUN],
         "quality": asdict(quality),
+        "calibration": calibration_facts(calibration),
         "person": solution.person,
         "notices": session.notices,
         "stages": stage_facts(stages),
@@ -161,6 +175,7 @@ def _write(
     detected: Sequence[CameraResult],
     solution: Solution,
     quality: Quality,
+    calibration: CalibrationQuality | None,
     options: RunOptions,
     progress: Progress,
 ) -> tuple[list[str], dict[str, StageResult]]:
@@ -174,7 +189,7 @@ def _write(
     written += [exports.overlay_name(name) for name in files]
     timings = {name: stage.seconds for name, stage in stages.items()}
     exports.write_report_page(
-        output, session, solution, quality, thumbnails, timings, asdict(options), versions(), written
+        output, session, solution, quality, calibration, thumbnails, timings, asdict(options), versions(), written
     )
     return [*written, exports.REPORT], stages
 
@@ -226,6 +241,18 @@ def session_facts(session: Session) -> dict[str, Any]:
             }
             for name, video in zip(session.cameras.names, session.videos, strict=True)
         },
+    }
+
+
+def calibration_facts(calibration: CalibrationQuality | None) -> dict[str, Any] | None:
+    """What `run.json` says of the calibration: which camera is wrong, and how."""
+    if calibration is None or calibration.culprits is None:
+        return None
+    report = calibration.culprits
+    return {
+        "sentence": report.sentence,
+        "faults": [asdict(f) for f in report.faults],
+        "probability": dict(zip(report.names, report.probability.tolist(), strict=True)),
     }
 
 

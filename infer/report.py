@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import OutputError
+from muybridge.geometry.calibration.quality import CalibrationQuality
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.landmarks import Points3D
+from muybridge.infer.calibration_report import calibration_findings, calibration_in_report
 from muybridge.infer.overlay import side_of
 from muybridge.infer.report_figures import bone_figures, camera_figures, headline, timeline
 from muybridge.infer.report_findings import findings
@@ -69,6 +71,7 @@ class ReportData:
         joint_positions_world: (T, Jm, 3) the fitted motion's joints, metres.
         joint_names: (Jm,) their names.
         joint_parents: (Jm,) index of the parent joint, -1 for the root.
+        calibration: the calibration judged by this take; None where it was not.
         person: one sentence: who was picked as the person, and why.
         warnings: what the run warned of, as sentences.
         timings_s: seconds by stage, in order.
@@ -88,6 +91,7 @@ class ReportData:
     joint_positions_world: Floats | None = None
     joint_names: tuple[str, ...] = ()
     joint_parents: tuple[int, ...] = ()
+    calibration: CalibrationQuality | None = None
     person: str = ""
     warnings: tuple[str, ...] = ()
     timings_s: Mapping[str, float] = field(default_factory=dict)
@@ -127,7 +131,10 @@ def render_report(data: ReportData) -> str:
     cameras = camera_figures(data.cameras, points, data.keypoints_px, data.leave_one_out_px)
     summary = headline(data.cameras, points, data.delivered or points, data.leave_one_out_px)
     bones = bone_figures(points)
-    said = findings(points, cameras, bones, data.warnings)
+    judged = data.calibration is not None and data.calibration.culprits is not None
+    said = findings(points, cameras, bones, data.warnings, judged and not data.calibration.culprits.note)
+    order = {"bad": 0, "look": 1, "note": 2}
+    said = tuple(sorted((*calibration_findings(data.calibration), *said), key=lambda finding: order[finding.severity]))
     pictures = [(t.camera, t.frame, base64.b64encode(t.jpeg).decode("ascii")) for t in data.thumbnails]
     parts = {
         "title": html.escape(data.title),
@@ -135,6 +142,7 @@ def render_report(data: ReportData) -> str:
         "heading": heading_section(data.title, points, summary, len(cameras), data.timings_s, data.files),
         "findings": findings_section(said, data.person),
         "cameras": cameras_section(cameras),
+        "calibration": calibration_in_report(data.calibration),
         "landmarks": landmarks_section(points, cameras),
         "bones": bones_section(bones),
         "thumbnails": thumbnails_section(pictures),
