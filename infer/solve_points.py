@@ -1,0 +1,243 @@
+"""The command `solve`: a body fitted to anyone's labelled points."""
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+from muybridge.errors import FormatError
+from muybridge.geometry.ik import BodyFit, FitOptions
+
+Units = Literal["m", "cm", "mm"]
+Up = Literal["y", "z"]
+Floats = NDArray[np.float64]
+
+MOTION_BVH, MOTION_GLB, LANDMARKS_TRC, LANDMARKS_C3D, FACTS = (
+    "motion.bvh", "motion.glb", "landmarks.trc", "landmarks.c3d", "solve.json"
+)  # fmt: skip
+RESULTS = (MOTION_BVH, MOTION_GLB, LANDMARKS_TRC, LANDMARKS_C3D, FACTS)
+# Metres: nobody who stands is outside; children from two years on are inside.
+_STATURES = (0.75, 2.60)
+_FEWEST = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Labelled:
+    """Points as the body knows them.
+
+    Attributes:
+        points: of BODY23.
+        used: what the file calls the points that were used.
+        unused: the others.
+        how: one sentence on how they were understood.
+    """
+
+    points: Any
+    used: tuple[str, ...]
+    unused: tuple[str, ...]
+    how: str
+
+
+def solve(
+    points: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="POINTS")],
+    /,
+    out: Path,
+    units: Units | None = None,
+    up: Up | None = None,
+    fps: float | None = None,
+    overwrite: bool = False,
+    fit: FitOptions = FitOptions(),  # noqa: B008 - frozen
+) -> int:
+    """A moving skeleton from labelled 3D points of any program: .trc .c3d .csv .parquet .npz
+
+    Understood are the landmarks of COCO, HALPE, OpenPose, Pose2Sim and MediaPipe, the joints of common skeletons, and
+    the markers of Plug-in Gait and CMU. Written are motion.bvh, motion.glb, the body's own landmarks as landmarks.trc
+    and landmarks.c3d, and solve.json with how well they agree.
+
+    Args:
+        points: labelled points of one person.
+        out: folder of the results.
+        units: unit of the file's numbers, where it does not say or says it wrongly.
+        up: which axis is up, where the file does not say or says it wrongly.
+        fps: frames a second, where the file does not say or says it wrongly.
+        overwrite: replace files in the results folder that muybridge did not write or that were changed.
+        fit: skeleton and joint angles.
+    """
+    from muybridge.geometry.ik import fit_body
+    from muybridge.infer.outputs import open_output
+    from muybridge.motion.formats.registry import ReadOptions, read_file
+
+    take = read_file(points, ReadOptions(units, up, fps))
+    notices = list(take.notices)
+    labelled = understand(points, take.positions)
+    stature = check_size(points, labelled, ReadOptions(units, up, fps))
+    tilt = _tilt_deg(labelled.points.points_world)
+    if tilt > 60:
+        notices.append(f"the trunk is {tilt:.0f} degrees from upright in most frames: does the person lie? If not, "
+                       "the file's up axis is another one: see --up")  # fmt: skip
+    output = open_output(out, RESULTS, [points.resolve()], overwrite)
+    for notice in notices:
+        print(f"note: {notice}", file=sys.stderr)
+    fitted = fit_body(labelled.points, fit)
+    facts = _facts(points, labelled, fitted, stature, notices)
+    _write(output, labelled, fitted, facts)
+    error = facts["residual_mm"]
+    print(
+        f"{out}: {len(fitted.motion)} frames at {fitted.motion.fps:.6g} fps; {labelled.how}; stature "
+        f"{fitted.body.stature_m:.2f} m; landmarks lie {error['median']:.1f} mm (median) and {error['p95']:.1f} mm "
+        "(95 %) from the body's"
+    )
+    return 0
+
+
+def understand(path: Path, points: Any) -> Labelled:
+    """Landmarks of BODY23 out of a file's points, by their names.
+
+    Raises:
+        FormatError: too few names are understood; the message lists what is there.
+    """
+    from dataclasses import replace
+
+    from muybridge.geometry.landmark_names import map_body, map_surface
+    from muybridge.geometry.landmarks import BODY23
+    from muybridge.geometry.marker_joints import landmarks_from_markers
+
+    names = points.landmarks.names
+    body, surface = map_body(names), map_surface(names)
+    if len(body) < _FEWEST and len(surface) < _FEWEST:
+        known = "nose, LShoulder, left_hip, RKnee, ...; LASI, RKNE, ..."
+        raise FormatError(
+            f"{path}: of {len(names)} labels ({', '.join(names[:6])}, ...) only {max(len(body), len(surface))} are "
+            f"landmarks or markers we know ({known}); rename them, or name unlabelled points with `muybridge label`"
+        )
+    if len(body) >= len(surface):
+        shape = (len(points.points_world), len(BODY23), 3)
+        xyz, covariance = np.full(shape, np.nan), np.full((*shape, 3), np.nan)
+        for name, column in body.items():
+            xyz[:, BODY23.index(name)] = points.points_world[:, column]
+            covariance[:, BODY23.index(name)] = points.covariance_world[:, column]
+        none = (0, *shape[:2])
+        mapped = replace(points, landmarks=BODY23, points_world=xyz, covariance_world=covariance,
+                         residual_px=np.empty(none), inlier=np.empty(none, dtype=np.bool_))  # fmt: skip
+        columns, how = set(body.values()), f"{len(body)} landmarks by their names"
+    else:
+        mapped = landmarks_from_markers(points, surface)
+        known = int(np.isfinite(mapped.points_world).any(axis=(0, 2)).sum())
+        columns, how = set(surface.values()), f"{known} landmarks from {len(surface)} markers"
+    used = tuple(n for i, n in enumerate(names) if i in columns)
+    return Labelled(mapped, used, tuple(n for i, n in enumerate(names) if i not in columns), how)
+
+
+def stature_of(points_world: Floats) -> float:
+    """Metres: the height that the median lengths of trunk and limbs ask for; NaN where none is known.
+
+    Args:
+        points_world: (T, 23, 3) of BODY23.
+    """
+    from muybridge.geometry.body import SHAPE_PRIOR
+    from muybridge.geometry.landmarks import BODY23
+
+    pairs = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"),
+             "shin": ("knee", "ankle"), "trunk": ("hip", "shoulder")}  # fmt: skip
+    found = []
+    for part, (a, b) in pairs.items():
+        for side in ("left", "right"):
+            bone = points_world[:, BODY23.index(f"{side}_{a}")] - points_world[:, BODY23.index(f"{side}_{b}")]
+            length = np.linalg.norm(bone, axis=-1)
+            if np.isfinite(length).any():
+                found.append(float(np.nanmedian(length)) / SHAPE_PRIOR[part][0])
+    return float(np.median(found)) if found else float("nan")
+
+
+def check_size(path: Path, labelled: Labelled, options: Any) -> float:
+    """The person's stature in metres, if it can be one.
+
+    Raises:
+        FormatError: nobody is as tall; the message has the unit that the file's numbers are likely in.
+    """
+    from dataclasses import replace
+
+    from muybridge.motion.formats.registry import read_file
+
+    stature = stature_of(labelled.points.points_world)
+    if not np.isfinite(stature) or _STATURES[0] <= stature <= _STATURES[1]:
+        return stature
+    likely = []
+    for unit in ("m", "cm", "mm"):
+        other = read_file(path, replace(options, units=unit)).positions
+        if _STATURES[0] <= stature_of(understand(path, other).points.points_world) <= _STATURES[1]:
+            likely.append(unit)
+    words = {"m": "metres", "cm": "centimetres", "mm": "millimetres"}
+    hint = (f"the file's numbers are likely {words[likely[0]]}: give --units {likely[0]}" if likely
+            else "no usual unit makes that a person: are the labels right?")  # fmt: skip
+    raise FormatError(f"{path}: the person would be {stature:,.4g} m tall; {hint}")
+
+
+def _tilt_deg(points_world: Floats) -> float:
+    """Median angle between the trunk and up; 0 where it is not known."""
+    from muybridge.geometry.landmarks import BODY23
+
+    def middle(part: str) -> Floats:
+        return np.asarray(sum(points_world[:, BODY23.index(f"{side}_{part}")] for side in ("left", "right"))) / 2
+
+    trunk = middle("shoulder") - middle("hip")
+    length = np.linalg.norm(trunk, axis=-1)
+    known = np.isfinite(length) & (length > 1e-6)
+    if not known.any():
+        return 0.0
+    return float(np.degrees(np.median(np.arccos(np.clip(trunk[known, 2] / length[known], -1, 1)))))
+
+
+def _facts(path: Path, labelled: Labelled, fitted: BodyFit, stature: float, notices: list[str]) -> dict[str, Any]:
+    from muybridge import __version__
+
+    def percentiles(residual: Floats) -> dict[str, float | None]:
+        known = residual[np.isfinite(residual)] * 1e3
+        return {
+            "median": round(float(np.median(known)), 3) if known.size else None,
+            "p95": round(float(np.percentile(known, 95)), 3) if known.size else None,
+        }
+
+    skeleton = fitted.motion.skeleton
+    names = labelled.points.landmarks.names
+    return {
+        "muybridge": __version__,
+        "points": path.name,
+        "understood": labelled.how,
+        "labels_used": labelled.used,
+        "labels_unused": labelled.unused,
+        "notices": notices,
+        "frames": len(fitted.motion),
+        "fps": fitted.motion.fps,
+        "stature_m": round(fitted.body.stature_m, 4),
+        "stature_of_points_m": round(stature, 4) if np.isfinite(stature) else None,
+        "bone_lengths_m": {n: round(float(v), 5) for n, v in zip(skeleton.names, skeleton.bone_lengths, strict=True)},
+        "noise_scale": round(fitted.noise_scale, 4),
+        "coverage": round(float(np.isfinite(fitted.residual_m).mean()), 4),
+        "residual_mm": percentiles(fitted.residual_m),
+        "residual_mm_by_landmark": {n: percentiles(fitted.residual_m[:, j]) for j, n in enumerate(names)},
+    }
+
+
+def _write(output: Any, labelled: Labelled, fitted: BodyFit, facts: dict[str, Any]) -> None:
+    from dataclasses import replace
+
+    from muybridge.geometry.ik import landmarks_from_motion
+    from muybridge.motion.formats.bvh import write_bvh
+    from muybridge.motion.formats.c3d import write_c3d
+    from muybridge.motion.formats.gltf import write_glb
+    from muybridge.motion.formats.trc import write_trc
+
+    places = landmarks_from_motion(fitted.motion, fitted.body, labelled.points.landmarks)
+    unknown = np.full((*places.shape, 3), np.nan)
+    body = replace(labelled.points, points_world=places, covariance_world=unknown)
+    output.write(MOTION_BVH, lambda path: write_bvh(path, fitted.motion))
+    output.write(MOTION_GLB, lambda path: write_glb(path, fitted.motion))
+    output.write(LANDMARKS_TRC, lambda path: write_trc(path, body))
+    output.write(LANDMARKS_C3D, lambda path: write_c3d(path, body))
+    output.write_text(FACTS, json.dumps(facts, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
