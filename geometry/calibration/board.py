@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 _SEARCH_PX = 1000
+_LARGER = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_LARGER
+_FAMILIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL",
+             "DICT_APRILTAG_16H5", "DICT_APRILTAG_25H9", "DICT_APRILTAG_36H10", "DICT_APRILTAG_36H11")  # fmt: skip
+_SMALLER = (50, 100, 250, 1000)
 
 
 @dataclass(frozen=True)
@@ -90,10 +94,10 @@ def find_checkerboard(gray: NDArray[np.uint8], columns: int, rows: int) -> Float
     Found in a reduced image, which is several times as fast and misses less, then measured in the full one.
     """
     size = (columns, rows)
-    scale = min(1.0, _SEARCH_PX / max(gray.shape))
-    small = gray if scale == 1.0 else cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    found, px = cv2.findChessboardCornersSB(small, size, None, cv2.CALIB_CB_EXHAUSTIVE)
-    if not found:
+    small, scale = _reduced(gray)
+    # A larger board than described holds the described one, each time somewhere else: that is not the board.
+    found, px, meta = cv2.findChessboardCornersSBWithMeta(small, size, _LARGER)
+    if not found or meta.shape != (rows, columns):
         return np.zeros((0, 2))
     px = (px.reshape(-1, 2).astype(float) + 0.5) / scale - 0.5
     if scale == 1.0:
@@ -112,14 +116,96 @@ def find_checkerboard(gray: NDArray[np.uint8], columns: int, rows: int) -> Float
     return px
 
 
+def _reduced(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], float]:
+    """An image of at most `_SEARCH_PX`, and its scale."""
+    scale = min(1.0, _SEARCH_PX / max(gray.shape))
+    if scale == 1.0:
+        return gray, scale
+    return cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False), scale
+
+
 def fitting_descriptions(board: Board, images: list[NDArray[np.uint8]]) -> list[str]:
-    """Variants of a description under which the board is found in images where it is not found as described."""
-    variants = [replace(board, columns=board.rows, rows=board.columns), replace(board, inverted=not board.inverted)]
-    if board.kind == "charuco":
-        names = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000")
-        variants += [replace(board, legacy=not board.legacy), *(replace(board, dictionary=n) for n in names)]
-    found = [v.describe() for v in variants if any(len(BoardDetector(v).detect(i)[0]) >= 4 for i in images)]
-    detector = BoardDetector(board)
-    if any(len(detector.detect(np.ascontiguousarray(i[:, ::-1]))[0]) >= 4 for i in images):
-        found.append("the same board, but the images are mirrored")
-    return found
+    """Descriptions under which clearly more of a board is found than as described, the best first.
+
+    Args:
+        board: as described.
+        images: some pictures, gray.
+    """
+    tried = _charuco_variants(board, images) if board.kind == "charuco" else []
+    if not tried:
+        tried += [(v, False) for v in _checkerboards(board, images)]
+    if board.kind == "checkerboard" and not tried:
+        tried += _charuco_variants(Board("charuco", board.columns + 1, board.rows + 1, board.square), images)
+    had = _seen(board, images)
+    counts = {}
+    for variant, mirrored in tried:
+        shown = [np.ascontiguousarray(i[:, ::-1]) for i in images] if mirrored else images
+        words = variant.describe() + (", its pictures mirrored left to right" if mirrored else "")
+        counts[words] = _seen(variant, shown)
+    best = max(counts.values(), default=0)
+    good = [w for w, n in sorted(counts.items(), key=lambda c: -c[1]) if n >= max(0.9 * best, 1.2 * had, 4)]
+    return [w for w in good if w != board.describe()][:3]
+
+
+def _seen(board: Board, images: list[NDArray[np.uint8]]) -> int:
+    """How many corners are found where they can be: beside each other on a plane."""
+    detector, total = BoardDetector(board), 0
+    for image in images:
+        ids, px = detector.detect(image)
+        if len(ids) >= 4 and board.kind == "charuco":
+            # A wrong layout still finds corners, but no plane through them.
+            flat, fits = cv2.findHomography(board.corners[ids][:, :2], px, cv2.RANSAC, 0.02 * np.ptp(px, axis=0).max())
+            total += int(fits.sum()) if flat is not None else 0
+        else:
+            total += len(ids)
+    return total
+
+
+def _charuco_variants(board: Board, images: list[NDArray[np.uint8]]) -> list[tuple[Board, bool]]:
+    """ChArUco boards whose markers are in the pictures, and whether these are mirrored."""
+    out = []
+    for mirrored in (False, True):
+        for inverted in (False, True):
+            shown = [_reduced(255 - i if inverted else i)[0] for i in images]
+            shown = [np.ascontiguousarray(i[:, ::-1]) for i in shown] if mirrored else shown
+            counted = [(_markers(name, shown), name) for name in _FAMILIES]
+            ids, name = max(counted, key=lambda c: len(c[0]))
+            if len(ids) >= 2:
+                out += [(v, mirrored) for v in _layouts(board, name, inverted, int(max(ids)) + 1)]
+    return out
+
+
+def _markers(name: str, images: list[NDArray[np.uint8]]) -> list[int]:
+    """Numbers of a family's markers that are seen, as often as they are."""
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)))
+    found = [detector.detectMarkers(image)[1] for image in images]
+    return [int(i) for ids in found if ids is not None for i in np.ravel(ids)]
+
+
+def _layouts(board: Board, family: str, inverted: bool, markers: int) -> list[Board]:
+    """Boards of a marker family, with as many markers as were seen, or the described size."""
+    sizes = {(board.columns, board.rows), (board.rows, board.columns)}
+    sizes |= {(c, r) for c in range(3, 25) for r in range(3, 25) if c * r // 2 == markers and c < 3 * r and r < 3 * c}
+    name = board.dictionary if board.dictionary.rsplit("_", 1)[0] == family.rsplit("_", 1)[0] else family
+    if name == family and family.endswith("_1000"):
+        stem = family.rsplit("_", 1)[0]
+        name = next(f"{stem}_{n}" for n in _SMALLER if n >= markers)
+    kept = replace(board, dictionary=name, inverted=inverted)
+    out = [replace(kept, columns=c, rows=r) for c, r in sorted(sizes) if c * r // 2 >= markers]
+    return out + [replace(b, legacy=not b.legacy) for b in out if b.rows % 2 == 0]
+
+
+def _checkerboards(board: Board, images: list[NDArray[np.uint8]]) -> list[Board]:
+    """Checkerboards of any size that are in the pictures."""
+    found = []
+    for image in images:
+        for inverted in (False, True):
+            small, _ = _reduced(255 - image if inverted else image)
+            ok, _, meta = cv2.findChessboardCornersSBWithMeta(small, (3, 3), _LARGER)
+            if ok:
+                rows, columns = meta.shape
+                if (columns < rows) != (board.columns < board.rows):
+                    columns, rows = rows, columns
+                found.append(Board("checkerboard", columns, rows, board.square, inverted=inverted))
+                break
+    return sorted(set(found), key=lambda b: -found.count(b))[:2]
