@@ -101,7 +101,9 @@ def pictures_figure(quality: CalibrationQuality) -> str:
     full = float(np.quantile(cells, 0.95)) if cells.size else 1.0
     full = float(f"{max(full, 0.1):.1g}")
     lengths = np.concatenate([np.linalg.norm(p.mean_px, axis=-1)[p.count >= 3] for p in quality.pictures])
-    longest = max(float(np.nanmax(lengths)) if lengths.size and np.isfinite(lengths).any() else 1.0, 1e-6)
+    lengths = lengths[np.isfinite(lengths)]
+    # A few cells of wrong points must not make all other arrows vanish.
+    longest = max(float(np.quantile(lengths, 0.95)) if lengths.size else 1.0, 1e-6)
     figures = "".join(
         f'<figure class="residuals">{_picture(camera, picture, full, longest)}'
         f"<figcaption>{html.escape(camera.name)}{_blame_caption(quality, camera)}</figcaption></figure>"
@@ -109,8 +111,8 @@ def pictures_figure(quality: CalibrationQuality) -> str:
     )
     return (
         f'<p class="lead"><span class="key heat">Tint</span> median residual in that part of the image, full at '
-        f"{full:g} px. Arrows: where the 2D points lie from the reprojection, in the median; the longest is "
-        f"{longest:.1f} px. Arrows that all point one way: the camera was turned. Arrows to or from the middle: "
+        f"{full:g} px. Arrows: where the 2D points lie from the reprojection, in the median; the longest are "
+        f"{longest:.1f} px or more. Arrows that all point one way: the camera was turned. To or from the middle: "
         f"its focal length, or it was moved along its axis. Empty parts were never looked at.</p>"
         f'<div class="gallery">{figures}</div>'
     )
@@ -138,7 +140,8 @@ def _picture(camera: Camera, picture: ImagePicture, full: float, longest: float)
     for r in range(rows):
         for q in range(columns):
             if picture.count[r, q] >= 3:
-                by = picture.mean_px[r, q] / longest * _LONGEST * cell
+                by = picture.mean_px[r, q] / longest
+                by = by / max(float(np.hypot(*by)), 1.0) * _LONGEST * cell
                 parts.append(_arrow((q + 0.5) * cell, (r + 0.5) * cell, by))
     label = html.escape(f"residuals of {camera.name} over its image", quote=True)
     return (

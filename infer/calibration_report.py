@@ -99,7 +99,7 @@ def calibration_section(quality: CalibrationQuality) -> str:
         f"<h3>Where the residuals are</h3>{pictures_figure(quality)}",
         f"<h3>What the cameras cover</h3>{plan_figure(quality.cameras, quality.plan, faulty)}",
     ]
-    if report is not None and not report.note:
+    if report is not None and np.isfinite(report.noise_px):
         parts.append(
             "<h3>What would explain it</h3><p class=\"lead\">How much better the whole rig would fit frames that were "
             "held out, if this one thing of this one camera were put right (log-likelihood; "
@@ -112,9 +112,12 @@ def calibration_in_report(quality: CalibrationQuality | None) -> str:
     """The section of a take's report; empty where the calibration was not judged."""
     if quality is None or quality.culprits is None:
         return ""
+    said = quality.culprits.sentence
+    if quality.culprits.faults:
+        said = "No: the sentences at the top say which camera is wrong, and how."
     return (
         '<section id="calibration"><h2>Is the calibration good?</h2>'
-        f'<p class="lead">{html.escape(quality.culprits.sentence)} Judged by {html.escape(quality.source)}.</p>'
+        f'<p class="lead">{html.escape(said)} Judged by {html.escape(quality.source)}.</p>'
         f"{calibration_section(quality)}</section>"
     )
 

@@ -132,7 +132,7 @@ def render_report(data: ReportData) -> str:
     summary = headline(data.cameras, points, data.delivered or points, data.leave_one_out_px)
     bones = bone_figures(points)
     judged = data.calibration is not None and data.calibration.culprits is not None
-    said = findings(points, cameras, bones, data.warnings, judged and not data.calibration.culprits.note)
+    said = findings(points, cameras, bones, data.warnings, judged and bool(np.isfinite(data.calibration.culprits.noise_px)))
     order = {"bad": 0, "look": 1, "note": 2}
     said = tuple(sorted((*calibration_findings(data.calibration), *said), key=lambda finding: order[finding.severity]))
     pictures = [(t.camera, t.frame, base64.b64encode(t.jpeg).decode("ascii")) for t in data.thumbnails]

@@ -129,7 +129,7 @@ class CulpritReport:
         cameras: corrected.
         shifts: (C,) frames by which each camera's video is late.
         files: (C,) index of the camera whose file is this camera's.
-        note: one sentence about what could not be looked at; empty where all was.
+        note: what could not be told; empty where all could.
     """
 
     names: tuple[str, ...]
@@ -148,7 +148,7 @@ class CulpritReport:
     def sentence(self) -> str:
         """All faults in words."""
         if self.faults:
-            return " ".join(f.sentence for f in self.faults)
+            return " ".join([*(f.sentence for f in self.faults), *([self.note] if self.note else [])])
         return self.note or "All cameras agree: none stands out as turned, out of step, of a wrong lens or file."
 
 
@@ -209,9 +209,17 @@ def find_culprits(
         if best is None or best.gain < least:
             faults += _unrelated(take, setup, faults, options)
             break
-        if step < options.max_faults:
-            faults.append(_fault(best, credible, cameras.names))
-            setup = best.setup
+        if step == options.max_faults:
+            break
+        blamed = {n for f in faults for n in f.cameras} | {cameras.names[c] for c in best.cameras}
+        if faults and len(blamed) > count // 2:
+            note = (
+                "The rest fits no better than that: with half of the cameras wrong, the others cannot be told from "
+                "them. Calibrate all again, or give `muybridge run` --refine-cameras."
+            )
+            break
+        faults.append(_fault(best, credible, cameras.names))
+        setup = best.setup
     faults = _one_camera_only(faults, cameras.names, options)
     for fault in faults:
         probability[[cameras.names.index(n) for n in fault.cameras]] = 1 - np.exp(-fault.evidence)
@@ -389,7 +397,7 @@ def _sentence(trial: _Trial, names: tuple[str, ...], also: tuple[Kind, ...]) -> 
         what = f"turned by about {turn:.1f} degrees, and perhaps moved,"
     return (
         f"{name} was {what} since it was calibrated ({effect}), or its picture is cropped otherwise; "
-        "calibrate it again, or refine the cameras from the people."
+        "calibrate it again, or give `muybridge run` --refine-cameras."
     )
 
 
