@@ -60,7 +60,8 @@ def cut_tracks(scores: Float, track: Int, fps: float, options: VoteOptions = Vot
     out = np.full_like(track, -1)
     number = 0
     for t, s in _members(track):
-        votes = weight * np.maximum(np.nan_to_num(scores[t, s], nan=options.floor), options.floor)
+        # What is a marker does not become a ghost: whether it is one is for the votes to say.
+        votes = weight * np.maximum(np.nan_to_num(scores[t, s, :-1], nan=options.floor), options.floor)
         path = _best_path(np.ascontiguousarray(votes, np.float64), options.switch)
         piece = np.cumsum(np.concatenate([[0], path[1:] != path[:-1]]))
         out[t, s] = number + piece

@@ -82,7 +82,8 @@ def label_json(
         }  # fmt: skip
     return {
         "muybridge": __version__, "source": source, "marker_set": labelled.markers.name, "frames": len(found),
-        "fps": fps, "metres_z_up_from_file": np.round(labelled.turn, 6).tolist(), "notes": notes, **figures,
+        "fps": fps, "z_up_from_file": np.round(labelled.turn).astype(int).tolist(),
+        "unit_factor": labelled.factor, "notes": notes, **figures,
         "corrections": corrected, "doubtful": doubtful(labelled), "markers": markers,
         "changes": changes(labelled, cleaned, names),
     }  # fmt: skip

@@ -112,13 +112,12 @@ def _scene(labelled: Labelled, cleaned: Cleaned, content: dict[str, Any]) -> dic
     order = np.argsort(~np.isfinite(loose[..., 0]), 1, kind="stable")
     most = max(1, int(np.isfinite(loose[..., 0]).sum(1).max(initial=0)))
     loose = np.take_along_axis(loose, order[..., None], 1)[:, :most]
-    turn = labelled.turn / np.cbrt(abs(np.linalg.det(labelled.turn)))
     return {
         "labels": list(labels), "edges": [list(e) for e in labelled.markers.edge_indices],
         "sides": [label[0] if label[0] in "LR" else "" for label in labels], "fps": round(content["fps"], 4),
         "stride": stride, "shown": -(-count // stride), "state": _states(labelled, cleaned)[::stride],
         "points": _packed(cleaned.points[::stride] @ labelled.turn.T),
-        "loose": _packed(loose @ turn.T) | {"count": most},
+        "loose": _packed(loose @ labelled.turn.T) | {"count": most},
     }  # fmt: skip
 
 

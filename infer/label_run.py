@@ -46,13 +46,13 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
     if settled:
         label, corrected = apply_corrections(labelled.label, labelled.tracks.column, lines, plan.markers.labels,
                                              cloud.names, settled)  # fmt: skip
-        labelled = relabelled(labelled, label, cloud.points)
+        labelled = relabelled(labelled, label)
         if settled != out / CORRECTIONS:
             folder.write(CORRECTIONS, lambda path: path.write_bytes(settled.read_bytes()))
     cleaned = clean_markers(labelled.points, rate, clean)
     content = label_json(labelled, cleaned, cloud.names, rate, file.name, notes_of(cloud, labelled, plan), corrected,
                          _figures(labelled))  # fmt: skip
-    folder.write("labelled.c3d", lambda path: write_c3d(path, as_points(labelled, cleaned, rate)))
+    folder.write("labelled.c3d", lambda path: _write(path, labelled, cleaned, rate))
     folder.write_text("label.json", json.dumps(content, allow_nan=False))
     folder.write_text("report.html", render_label_report(labelled, cleaned, content))
     return summary(content, out)
@@ -99,6 +99,19 @@ def rate_of(file: Path, cloud: MarkerCloud, fps: float | None) -> float:
     if not (math.isfinite(rate) and rate > 0):
         raise FormatError(f"{file}: does not say how many frames it has a second; give --fps")
     return rate
+
+
+def _write(path: Path, labelled: Labelled, cleaned: Cleaned, fps: float) -> None:
+    """The markers in the axes of their file, which the C3D names."""
+    write_c3d(path, as_points(labelled, cleaned, fps))
+    up = next(("XYZ"[axis] for axis in range(3) if labelled.turn[2, axis] > 0.5), "")
+    if up == "Y":
+        import ezc3d  # type: ignore[import-untyped]
+
+        file: Any = ezc3d.c3d(str(path))
+        file["parameters"]["POINT"]["X_SCREEN"]["value"] = ["+X"]
+        file["parameters"]["POINT"]["Y_SCREEN"]["value"] = ["+Y"]
+        file.write(str(path))
 
 
 def as_points(labelled: Labelled, cleaned: Cleaned, fps: float) -> Points3D:

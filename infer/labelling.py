@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks import MarkerSet
+from muybridge.geometry.marker_people import split_people
 from muybridge.geometry.marker_rigidity import (
     RigidityOptions,
     distance_scores,
@@ -53,10 +54,12 @@ class Labelled:
 
     Attributes:
         markers: the marker set, M labels.
-        points: (T, M, 3) metres, in the file's axes; NaN where a marker was not found.
+        points: (T, M, 3) metres, in the file's axes (in metres also where the file states another unit than it is
+            in); NaN where a marker was not found.
         confidence: (T, M) probability that a point is the marker it is called; 0 where there is none.
         column: (T, M) column of the file that a marker comes from, -1 where there is none.
-        turn: (3, 3) from the file's axes to Z up, scaled to metres.
+        turn: (3, 3) rotation from the file's axes to Z up.
+        factor: what the file's points, in the unit it states, were multiplied by to be in metres.
         tracks: trajectories of the file's points.
         label: (T, S) index of the label of every slot of `tracks`, -1 for none.
         notes: what the user should know.
@@ -67,6 +70,7 @@ class Labelled:
     confidence: Float
     column: NDArray[np.intp]
     turn: Float
+    factor: float
     tracks: Tracks
     label: NDArray[np.intp]
     notes: list[str] = field(default_factory=list)
@@ -97,29 +101,32 @@ def label_points(points: Float, fps: float, markers: MarkerSet, network: LabelNe
     tracks = find_tracks(scaled, fps, options.track)
     if tracks.tracked:
         notes.append("the file's trajectories jump from marker to marker: the points were tracked anew")
+    tracks, *others = split_people(tracks, len(markers))
+    if others:
+        notes.append("the file holds two people: the one with more points was labelled, the other's points were not")
     asked = np.array(markers.surface_indices)
     turn = upright(tracks, fps, asked, network)
     scores = network.scores(tracks, fps, asked, turn=turn, windowed=options.window).astype(np.float64)
     label = _elect(scores, tracks, fps, options)
     if options.distances:
         scores, label = _repair(scores, label, tracks, turn, fps, asked, network, options)
-    return _labelled(markers, points, label, scores, turn * scale, tracks, notes)
+    return _labelled(markers, label, scores, turn, scale, tracks, notes)
 
 
-def _labelled(markers: MarkerSet, points: Float, label: NDArray[np.intp], scores: Float, turn: Float, tracks: Tracks,
+def _labelled(markers: MarkerSet, label: NDArray[np.intp], scores: Float, turn: Float, factor: float, tracks: Tracks,
               notes: list[str]) -> Labelled:  # fmt: skip
-    shape = (len(points), len(markers))
+    shape = (len(label), len(markers))
     out, confidence, column = np.full((*shape, 3), np.nan), np.zeros(shape), np.full(shape, -1, np.intp)
     t, s = np.nonzero(label >= 0)
     m = label[t, s]
-    out[t, m] = points[t, tracks.column[t, s]]
+    out[t, m] = tracks.points[t, s]
     confidence[t, m] = np.exp(scores[t, s, m] - np.logaddexp.reduce(scores[t, s], -1))
     column[t, m] = tracks.column[t, s]
-    return Labelled(markers, out, confidence, column, turn, tracks, label, notes)
+    return Labelled(markers, out, confidence, column, turn, factor, tracks, label, notes)
 
 
-def relabelled(labelled: Labelled, label: NDArray[np.intp], points: Float) -> Labelled:
-    """The same with labels (T, S) that a person settled: those are certain. `points` as for `label_points`."""
+def relabelled(labelled: Labelled, label: NDArray[np.intp]) -> Labelled:
+    """The same with labels (T, S) that a person settled: those are certain."""
     sure = np.zeros((*label.shape, len(labelled.markers) + 1))
     changed = label != labelled.label
     t, s = np.nonzero((label >= 0) & ~changed)
@@ -127,7 +134,7 @@ def relabelled(labelled: Labelled, label: NDArray[np.intp], points: Float) -> La
     sure[t, s, label[t, s]] = np.log(found / np.maximum(1 - found, 1e-9) * len(labelled.markers) + 1e-9)
     t, s = np.nonzero((label >= 0) & changed)
     sure[t, s, label[t, s]] = 20.0
-    return _labelled(labelled.markers, points, label, sure, labelled.turn, labelled.tracks, labelled.notes)
+    return _labelled(labelled.markers, label, sure, labelled.turn, labelled.factor, labelled.tracks, labelled.notes)
 
 
 def _elect(scores: Float, tracks: Tracks, fps: float, options: LabelOptions) -> NDArray[np.intp]:
