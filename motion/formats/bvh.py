@@ -176,7 +176,10 @@ def read_bvh(path: Path, metres_per_unit: float = 1.0) -> Motion:
         upper=free,
     )
     quat = continuous_quat(np.roll(quat_xyzw, 1, axis=-1))
-    return Motion(skeleton, 1 / seconds, positions @ BVH_FROM_WORLD * metres_per_unit, quat)
+    fps = 1 / seconds
+    # Most write a 120th of a second as .0083333.
+    fps = float(round(fps)) if abs(fps - round(fps)) < 2e-5 * fps else fps
+    return Motion(skeleton, fps, positions @ BVH_FROM_WORLD * metres_per_unit, quat)
 
 
 def _read_joints(words: _Words, joints: list[_Joint]) -> None:
