@@ -121,13 +121,8 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
         progress.notice(notice)
         session = replace(session, notices=(*session.notices, notice))
     key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras, clocks)
-    before: dict[str, StageResult | None] = {}
-    if options.refine_cameras:
-        session, before[refine_cameras.STAGE] = refine_cameras.refined(session, keypoints, key, store, progress)
-        key = digest(key, session.cameras.cameras)
-    calibration, before[calibration_stage.STAGE] = calibration_stage.judge(
-        session.cameras, keypoints, key, store, progress
-    )
+    session, calibration, before = _calibrated(session, keypoints, key, store, options, progress)
+    key = digest(key, session.cameras.cameras)
     again = SecondLook(
         session, detected, files, models, store, options.detect, options.second_look, progress, clocks, in_step
     )
@@ -136,7 +131,7 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     if solution.motion is None:
         session = replace(session, notices=(*session.notices, f"there is no motion: {solution.no_motion}"))
     quality = assess(session.cameras, solution)
-    solution.stages.update({name: stage for name, stage in before.items() if stage is not None})
+    solution.stages.update(before)
     written, stages = _write(
         output, store, session, files, detected, solution, quality, calibration, options, progress
     )
@@ -165,6 +160,23 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
             "what was found: if the marks are on the person, the calibration does not belong to these videos"
         )
     return RunResult(output.path, session, solution, quality, seconds)
+
+
+def _calibrated(
+    session: Session,
+    keypoints: Keypoints2D,
+    key: str,
+    store: StageStore,
+    options: RunOptions,
+    progress: Progress,
+) -> tuple[Session, CalibrationQuality | None, dict[str, StageResult]]:
+    """The session with its cameras refined if that was asked, how good they are, and the stages by name."""
+    stages: dict[str, StageResult | None] = {}
+    if options.refine_cameras:
+        session, stages[refine_cameras.STAGE] = refine_cameras.refined(session, keypoints, key, store, progress)
+        key = digest(key, session.cameras.cameras)
+    judged, stages[calibration_stage.STAGE] = calibration_stage.judge(session.cameras, keypoints, key, store, progress)
+    return session, judged, {name: stage for name, stage in stages.items() if stage is not None}
 
 
 def _write(

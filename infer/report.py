@@ -131,8 +131,9 @@ def render_report(data: ReportData) -> str:
     cameras = camera_figures(data.cameras, points, data.keypoints_px, data.leave_one_out_px)
     summary = headline(data.cameras, points, data.delivered or points, data.leave_one_out_px)
     bones = bone_figures(points)
-    judged = data.calibration is not None and data.calibration.culprits is not None
-    said = findings(points, cameras, bones, data.warnings, judged and bool(np.isfinite(data.calibration.culprits.noise_px)))
+    report = None if data.calibration is None else data.calibration.culprits
+    judged = report is not None and bool(np.isfinite(report.noise_px))
+    said = findings(points, cameras, bones, data.warnings, judged)
     order = {"bad": 0, "look": 1, "note": 2}
     said = tuple(sorted((*calibration_findings(data.calibration), *said), key=lambda finding: order[finding.severity]))
     pictures = [(t.camera, t.frame, base64.b64encode(t.jpeg).decode("ascii")) for t in data.thumbnails]

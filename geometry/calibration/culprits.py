@@ -45,6 +45,10 @@ Kind = Literal["turned", "moved", "focal", "shifted", "swapped", "unrelated"]
 KINDS: tuple[Kind, ...] = ("turned", "moved", "focal", "shifted", "swapped")
 
 _PARAMETERS = {"turned": 3, "moved": 6, "focal": 1, "shifted": 1, "swapped": 1}
+_TOO_MANY = (
+    "The rest fits no better than that: with half of the cameras wrong, the others cannot be told from them. "
+    "Calibrate all again, or give `muybridge run` --refine-cameras."
+)
 _FREE = {
     "turned": np.array([1, 1, 1, 0, 0, 0, 0], dtype=bool),
     "moved": np.array([1, 1, 1, 1, 1, 1, 0], dtype=bool),
@@ -213,10 +217,7 @@ def find_culprits(
             break
         blamed = {n for f in faults for n in f.cameras} | {cameras.names[c] for c in best.cameras}
         if faults and len(blamed) > count // 2:
-            note = (
-                "The rest fits no better than that: with half of the cameras wrong, the others cannot be told from "
-                "them. Calibrate all again, or give `muybridge run` --refine-cameras."
-            )
+            note = _TOO_MANY
             break
         faults.append(_fault(best, credible, cameras.names))
         setup = best.setup
