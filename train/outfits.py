@@ -172,7 +172,7 @@ class Dresser:
         self._trousers(0.0 if short else self.rng.beta(0.8, 1.6), 1.0)
         v["bulge"] = min(v["bulge"], 0.008)
         if short:
-            v |= {"cuff": self.between(-0.09, -0.05), "waist": self.between(0.04, 0.13), "puff_trousers": 0.002,
+            v |= {"cuff": self.between(-0.15, -0.055), "waist": self.between(0.08, 0.14), "puff_trousers": 0.002,
                   "loose_trousers": 0.0, "drape_trousers": 0.0, "flare_leg": 0.0, "trousers_style": 0}  # fmt: skip
         if self.female:
             swimsuit = short and self.chance(0.5)

@@ -20,7 +20,7 @@ from muybridge.train.wardrobe import Outfit
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 SHADERS = pathlib.Path(__file__).parent / "shaders"
-SHADOW_MAP = 512
+SHADOW_MAPS = (384, 224)  # pixels: of the main light, of the sky
 PARTS = ("body", "trousers", "shirt", "shoes", "skirt", "long_hair", "hair", "hat")
 DOT = 0.007  # metres, radius of a reflective dot
 # Mean luma (0..255) of a person that the camera's exposure keeps to.
@@ -210,11 +210,11 @@ class Renderer:
                 ]
                 self.arrays[name].append(self.ctx.vertex_array(program, [c for c in content if len(c) > 2], index))
         self.dot_array = self.ctx.vertex_array(self.dots.program, [(self.dot_buffer, "3f", "position")])
-        shadow = self.ctx.depth_texture((SHADOW_MAP, SHADOW_MAP))
-        shadow.compare_func = ""
-        shadow.repeat_x = shadow.repeat_y = False
-        self.shadow_texture = shadow
-        self.shadow_target = self.ctx.framebuffer([], shadow)
+        self.shadow_textures = [self.ctx.depth_texture((n, n)) for n in SHADOW_MAPS]
+        for shadow in self.shadow_textures:
+            shadow.compare_func = ""
+            shadow.repeat_x = shadow.repeat_y = False
+        self.shadow_targets = [self.ctx.framebuffer([], t) for t in self.shadow_textures]
 
     @staticmethod
     def _attributes(program: object, buffer: object, fields: tuple[tuple[str, int], ...]) -> tuple[object, ...]:
@@ -272,7 +272,7 @@ class Renderer:
         body = self.vertices[:BODY_VERTICES]
         center = ((body.min(0) + body.max(0)) / 2).astype(float)
         radius = float(np.linalg.norm(body - center, axis=1).max())
-        light_clip = self._light(outfit.light, center, radius)
+        lamps = self._light(outfit.light, center, radius), self._light(outfit.sky, center, radius)
         shear = np.eye(4)
         # A shadow on the floor: every point slides along the light until z = 0.
         shear[0, 2], shear[1, 2], shear[2, 2] = (
@@ -280,16 +280,18 @@ class Renderer:
         )  # fmt: skip
         self._dress(outfit)
         common = outfit.uniforms() | {
-            "clip_from_world": view.clip_from_world, "light_clip_from_world": light_clip,
+            "clip_from_world": view.clip_from_world, "light_clip_from_world": lamps[0], "sky_clip_from_world": lamps[1],
             "eye_world": tuple(-view.cam_from_world[:, :3].T @ view.cam_from_world[:, 3]),
             "shadow_map": 0, "white3": 1, "fractal3": 2, "patterns": 3, "prints": 4, "folds": 5,
+            "sky_map": 6,
         }  # fmt: skip
-        for unit, texture in enumerate((self.shadow_texture, *self.noise, *self.cloth)):
+        for unit, texture in enumerate((self.shadow_textures[0], *self.noise, *self.cloth, self.shadow_textures[1])):
             texture.use(unit)  # type: ignore[attr-defined]
         self.ctx.enable(self.gl.DEPTH_TEST)
-        self.shadow_target.use()
-        self.shadow_target.clear(depth=1.0)
-        self._draw("depth", outfit, common)
+        for shadow_target, lamp in zip(self.shadow_targets, lamps, strict=True):
+            shadow_target.use()
+            shadow_target.clear(depth=1.0)
+            self._draw("depth", outfit, common | {"light_clip_from_world": lamp})
         target, mask_target, depth_texture = self._target(view.width, view.height)
         mask_target.use()  # type: ignore[attr-defined]
         mask_target.clear(0, 0, 0, 0)  # type: ignore[attr-defined]

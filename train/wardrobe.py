@@ -19,7 +19,7 @@ SKIN = np.array(
 # Kinds of outfit: clothed, sports clothes, athlete without a shirt, swimmer in briefs, motion-capture suit.
 KINDS = {"clothed": 0.48, "sports": 0.17, "no_shirt": 0.15, "briefs": 0.07, "suit": 0.13}
 # Exposure puts a white card that faces the light about here, linear; the film's shoulder lies above.
-EXPOSURE, EXPOSURE_SD = 0.95, 0.27
+EXPOSURE, EXPOSURE_SD = 1.12, 0.27
 GONE = 9.0  # an edge that is nowhere
 
 
@@ -33,6 +33,7 @@ class Outfit:
         light: unit direction to the main light, world.
         values: uniforms by name.
         accessories: at most `garments.SLOTS` things tied to the body.
+        sky: unit direction from which the soft light mostly comes, world.
         dots: number of reflective dots on the body, and the seed of where they are.
     """
 
@@ -42,6 +43,7 @@ class Outfit:
     values: Values
     accessories: tuple[Accessory, ...] = field(default=())
     dots: tuple[int, int] = (0, 0)
+    sky: tuple[float, float, float] = (0.0, 0.1, 0.995)
 
     def uniforms(self) -> Values:
         """Names and values as the shaders have them."""
@@ -105,10 +107,12 @@ def sample_outfit(rng: np.random.Generator, gender: float, kind: str | None = No
         if kind == "no_shirt" and female and rng.random() < 0.6:
             kind = "sports"
     light, lighting = _light(rng)
+    sky = np.array([rng.normal(0, 0.35), rng.normal(0, 0.35), 1.0])
     tone = rng.uniform(0, 5)
     low = int(tone)
     skin = (SKIN[low] * (1 - tone % 1) + SKIN[min(low + 1, 5)] * (tone % 1)) ** 1.5
     dresser = Dresser(rng, female, kind, _bare(rng) | lighting | {"skin": colour_of(skin)})
     dresser.dress()
-    return Outfit(kind, frozenset(dresser.parts), light, dresser.values, tuple(dresser.things[: SLOTS]),
-                  dresser.dots)  # fmt: skip
+    things = tuple(dresser.things[:SLOTS])
+    sky /= np.linalg.norm(sky)
+    return Outfit(kind, frozenset(dresser.parts), light, dresser.values, things, dresser.dots, colour_of(sky))

@@ -1,6 +1,7 @@
 in vec3 N, P, Q;
 in float arm, eye, head;
 in vec4 light_position;
+in vec3 sky_position;
 uniform vec3 eye_world, light, light_colour, fill, fill_colour, ambient_up, ambient_down;
 uniform vec3 skin, hair_colour, shoe_colour, sole_colour, sock_colour, hat_a, hat_b, cover_colour, glove_colour;
 uniform vec3 shirt_a, shirt_b, shirt_c, trousers_a, trousers_b, trousers_c, skirt_a, skirt_b, item_colour;
@@ -9,7 +10,7 @@ uniform vec3 pattern_size; // metres
 uniform vec4 print_box; // centre x, z and half sizes on the chest
 uniform int print_layer, print_back, shirt_style, trousers_style, straps, item_hair, covered, beard, sheen;
 uniform float seed, fold_depth, bodily, gloss_cloth, hair_paint;
-uniform sampler2D shadow_map;
+uniform sampler2D shadow_map, sky_map;
 uniform sampler3D white3, fractal3;
 uniform sampler2DArray patterns, prints, folds;
 out vec4 colour;
@@ -212,12 +213,15 @@ void main() {
   if (part == ACCESSORY && dot(n, eye_world - P) < 0.) n = -n;
   vec3 view = normalize(eye_world - P), halfway = normalize(light + view);
   vec3 lp = light_position.xyz / light_position.w * .5 + .5;
-  float lit = 0.;
-  for (int i = -1; i < 2; i++) for (int j = -1; j < 2; j++)
-    lit += texture(shadow_map, lp.xy + vec2(i, j) / 512.).r < lp.z - .008 ? 0. : 1.;
+  float lit = 0., open = 0.;
+  for (int i = -1; i < 2; i++) for (int j = -1; j < 2; j++) {
+    lit += texture(shadow_map, lp.xy + vec2(i, j) / 400.).r < lp.z - .008 ? 0. : 1.;
+    open += clamp(1. - (sky_position.z - .012 - texture(sky_map, sky_position.xy + vec2(i, j) / 60.).r) * 9., 0., 1.);
+  }
   lit /= 9.;
+  open = mix(.42, 1., open / 9.); // how much of the sky is seen
   float key = max((dot(n, light) + .12) / 1.12, 0.) * lit;
-  vec3 c = a * shade * (light_colour * key + fill_colour * max(dot(n, fill), 0.) + mix(ambient_down, ambient_up, .5 + .5 * n.z))
+  vec3 c = a * shade * (light_colour * key + fill_colour * max(dot(n, fill), 0.) + mix(ambient_down * (.5 + .5 * open), ambient_up * open, .5 + .5 * n.z))
          + light_colour * gloss * (lit + .15) * (pow(max(dot(n, halfway), 0.), power) + .25 * pow(1. - max(dot(n, view), 0.), 4.));
   c = mix(c, 1. - exp(-c * 1.15), smoothstep(.45, 1.1, max(c.r, max(c.g, c.b)))); // a film's shoulder
   colour = vec4(pow(clamp(c, 0., 1.), vec3(1. / 2.2)), 1);

@@ -1,4 +1,4 @@
-uniform mat4 clip_from_world, light_clip_from_world;
+uniform mat4 clip_from_world, light_clip_from_world, sky_clip_from_world;
 uniform float puff_shirt, puff_trousers, loose_shirt, loose_trousers, flare_hem, flare_sleeve, flare_leg, flare_skirt;
 uniform float pleats, bulge, drape_shirt, drape_trousers, shoe_bulk, sole, toe, hair_volume, hair_top, hair_lumps, hat_volume, seed;
 uniform int covered;
@@ -8,6 +8,7 @@ in vec4 traits; // head, eye, arm, hanging off
 out float arm, eye, head;
 out vec3 N, P, Q;
 out vec4 light_position;
+out vec3 sky_position;
 
 float lump(vec2 at, float layer) { return textureLod(folds, vec3(at, layer), 2.5).b - .5; }
 
@@ -61,5 +62,6 @@ void main() {
   w += normal * offset;
   gl_Position = PROJECTION * vec4(w, 1);
   light_position = light_clip_from_world * vec4(w, 1);
+  sky_position = (sky_clip_from_world * vec4(w, 1)).xyz * .5 + .5;
   N = normal; P = w; Q = q;
 }
