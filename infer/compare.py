@@ -98,7 +98,7 @@ def compare_points(
     names, columns = _match(first, second, called)
     a, b = first.points_world[:, columns[0]], second.points_world[:, columns[1]]
     times, a, b = _common_time(a, b, first.fps, second.fps, shift, called)
-    both = np.isfinite(a).all(-1) & np.isfinite(b).all(-1)
+    both: NDArray[np.bool_] = np.isfinite(a + b).all(axis=-1)
     if not both.any():
         raise FormatError(f"{called[1]}: has no point that {called[0]} has at the same time; see --shift")
     scale, how = 1.0, "as they are"
@@ -234,7 +234,13 @@ def _draw(path: Path, found: Comparison, title: str) -> None:
     right.plot(found.times, over_time[1], color="#22384d", linewidth=1.2, marker="." if len(found.times) < 3 else None)
     right.set_xlabel("seconds")
     right.set_ylabel("mm: median joint, and 10 to 90 % of the joints")
-    right.set_ylim(bottom=0)
+    top = float(np.nanmax(over_time[2]))
+    usual = 1.6 * float(np.nanpercentile(over_time[2], 99)) + 1e-3
+    right.set_ylim(0, min(1.05 * top + 1e-3, usual))
+    if top > usual:
+        worst = found.times[int(np.nanargmax(over_time[2]))]
+        beyond = f"beyond: {top:.0f} mm at {worst:.2f} s"
+        right.text(0.99, 0.98, beyond, transform=right.transAxes, ha="right", va="top")
     for axes in (left, right):
         axes.grid(axis="x" if axes is left else "y", color="#dddddd", linewidth=0.6)
         axes.set_axisbelow(True)

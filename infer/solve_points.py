@@ -118,9 +118,9 @@ def understand(path: Path, points: Any) -> Labelled:
     if len(body) >= len(surface):
         shape = (len(points.points_world), len(BODY23), 3)
         xyz, covariance = np.full(shape, np.nan), np.full((*shape, 3), np.nan)
-        for name, column in body.items():
-            xyz[:, BODY23.index(name)] = points.points_world[:, column]
-            covariance[:, BODY23.index(name)] = points.covariance_world[:, column]
+        for landmark, column in body.items():
+            xyz[:, BODY23.index(landmark)] = points.points_world[:, column]
+            covariance[:, BODY23.index(landmark)] = points.covariance_world[:, column]
         none = (0, *shape[:2])
         mapped = replace(points, landmarks=BODY23, points_world=xyz, covariance_world=covariance,
                          residual_px=np.empty(none), inlier=np.empty(none, dtype=np.bool_))  # fmt: skip

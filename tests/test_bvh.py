@@ -1,5 +1,6 @@
 """BVH: round trips, what an independent reader sees, malformed files, CMU's file."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -212,3 +213,61 @@ def test_sliding_joints_are_refused_and_missing_files_named(tmp_path):
         read_bvh(path)
     with pytest.raises(FormatError, match="cannot be read"):
         read_bvh(tmp_path / "none.bvh")
+
+
+def test_positions_of_other_joints_replace_their_offset(tmp_path):
+    path = tmp_path / "p.bvh"
+    channels = "CHANNELS 6 Xrotation Yposition Zrotation Xposition Yrotation Zposition"
+    text = GOOD.replace("CHANNELS 3 Zrotation Xrotation Yrotation", channels)
+    text = text.replace("90 0 0\n", "0 2 90 0.5 0 -3\n").replace("0 90 0\n", "90 2 0 0.5 0 -3\n")
+    path.write_text(text)
+    motion = read_bvh(path)
+    np.testing.assert_allclose(motion.skeleton.offsets[1], [0.5, 3, 2])
+    np.testing.assert_allclose(motion.joint_positions_world()[1], [[0, 0, 1], [0.5, 3, 3]], atol=1e-12)
+    # Rotations are multiplied in the order in which the channels stand, whatever lies between them.
+    np.testing.assert_allclose(motion.forward()[0, 1, :3, :3] @ [0, 0, 1], [-1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(motion.forward()[1, 1, :3, :3] @ [0, 0, 1], [0, -1, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("order", ["XYZ", "YZX", "ZXY", "ZYX", "XZY", "YXZ", "XYX"])
+def test_any_order_of_channels_may_differ_by_joint(tmp_path, order):
+    if order == "XYX":
+        pytest.raises(FormatError, read_bvh, _with_order(tmp_path, order))
+        return
+    motion = read_bvh(_with_order(tmp_path, order))
+    matrix = np.eye(3)
+    for axis, angle in zip(order, (20.0, 40.0, -70.0), strict=True):
+        matrix = matrix @ Rotation.from_rotvec(np.radians(angle) * np.eye(3)["XYZ".index(axis)]).as_matrix()
+    to_world = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    np.testing.assert_allclose(motion.forward()[0, 1, :3, :3], to_world @ matrix @ to_world.T, atol=1e-12)
+
+
+def _with_order(tmp_path, order):
+    channels = " ".join(f"{axis}rotation" for axis in order)
+    text = GOOD.replace("CHANNELS 3 Zrotation Xrotation Yrotation", f"CHANNELS 3 {channels}")
+    path = tmp_path / "o.bvh"
+    path.write_text(text.replace("90 0 0\n", "20 40 -70\n"))
+    return path
+
+
+def test_end_sites_names_and_centimetres(tmp_path):
+    motion = make_motion(3)
+    skeleton = replace(motion.skeleton, names=("the hips", *motion.skeleton.names[1:]))
+    skeleton.tips[skeleton.index("head")] = np.nan
+    skeleton.tips[skeleton.index("left_toe")] = (0, 0, 1e-4)
+    motion = replace(motion, skeleton=skeleton)
+    write_bvh(tmp_path / "cm.bvh", motion, units="cm")
+    back = read_bvh(tmp_path / "cm.bvh", metres_per_unit=0.01)
+    assert back.skeleton.names[0] == "the_hips"
+    np.testing.assert_allclose(back.forward()[:, 0], motion.forward()[:, 0], atol=2e-6)
+    assert back.joint_positions_world().max() == pytest.approx(motion.joint_positions_world().max(), abs=1e-5)
+    tips = back.skeleton.tips[np.isfinite(back.skeleton.tips[:, 0])]
+    assert len(tips) == 5 and np.linalg.norm(tips, axis=1).min() == pytest.approx(0.01)
+    rows = (tmp_path / "cm.bvh").read_text().split("Frame Time")[1].split("\n")[1:-1]
+    assert all(len(cell.split(".")[1]) == 6 for row in rows for cell in row.split())
+
+
+def test_more_frames_than_the_file_can_hold(tmp_path):
+    (tmp_path / "x.bvh").write_text(GOOD.replace("Frames: 2", "Frames: 99999999999"))
+    with pytest.raises(FormatError, match="announces 99999999999 frames"):
+        read_bvh(tmp_path / "x.bvh")

@@ -8,8 +8,9 @@ BVH says neither unit nor axes, so reading keeps lengths unless a scale is given
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,33 +24,54 @@ from muybridge.motion.formats.euler import smooth_euler
 
 Array = NDArray[np.float64]
 
+_SHORTEST_M = 0.01
 BVH_FROM_WORLD = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 _AXES = "xyz"
 
 
-def write_bvh(path: Path, motion: Motion) -> None:
+def write_bvh(path: Path, motion: Motion, units: Literal["m", "cm"] = "m") -> None:
     """Write a motion: six channels on the root, three on every other joint, end sites on the tips.
+
+    An end site is at least 1 cm from its joint, as some programs drop a bone without length. Spaces in names become
+    underscores, since a name ends at a space.
 
     Args:
         path: the file to write; replaced only once it is complete.
         motion: metres, Z up.
+        units: what one unit of the file is; the format does not say it.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    skeleton = motion.skeleton
+    skeleton, per_metre = motion.skeleton, {"m": 1.0, "cm": 100.0}[units]
     order: list[int] = []
     lines = ["HIERARCHY"]
-    _write_joint(skeleton, 0, 0, lines, order)
+    names = ["_".join(n.split()) or "_" for n in skeleton.names]
+    names = [n if n not in names[:i] else f"{n}.{i:03d}" for i, n in enumerate(names)]
+    scaled = replace(
+        skeleton, names=tuple(names), offsets=skeleton.offsets * per_metre, tips=_long_tips(skeleton) * per_metre
+    )
+    _write_joint(scaled, 0, 0, lines, order)
     xyzw = np.roll(motion.quat_wxyz[:, order], -1, axis=-1)
     xyzw[..., :3] = xyzw[..., :3] @ BVH_FROM_WORLD.T
     t_count = len(motion)
     degrees = np.degrees(smooth_euler(xyzw, "ZXY")).reshape(t_count, -1)
-    root = motion.root_positions_world @ BVH_FROM_WORLD.T
+    root = motion.root_positions_world @ BVH_FROM_WORLD.T * per_metre
     lines += ["MOTION", f"Frames: {t_count}", f"Frame Time: {1 / motion.fps:.9f}"]
     lines += [" ".join(f"{v:.6f}" for v in row) for row in np.concatenate([root, degrees], axis=1)]
     with replacing(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="ascii", newline="\n")
+
+
+def _long_tips(skeleton: Skeleton) -> Array:
+    """(J, 3): tips of at least 1 cm; one that is not known goes on in the direction of its bone."""
+    tips = np.nan_to_num(skeleton.tips)
+    short = np.linalg.norm(tips, axis=1) < _SHORTEST_M
+    for directions in (skeleton.offsets, np.tile([0.0, 0.0, 1.0], (len(tips), 1)), tips):
+        length = np.linalg.norm(directions, axis=1)
+        use = short & (length > 1e-6)
+        tips[use] = directions[use] * (_SHORTEST_M / length[use])[:, None]
+    return np.asarray(tips)
 
 
 def _write_joint(skeleton: Skeleton, j: int, depth: int, lines: list[str], order: list[int]) -> None:
@@ -68,8 +90,8 @@ def _write_joint(skeleton: Skeleton, j: int, depth: int, lines: list[str], order
     for child in children:
         _write_joint(skeleton, child, depth + 1, lines, order)
     if not children:
-        tip = np.nan_to_num(skeleton.tips[j])
-        lines += [f"{indent}  End Site", f"{indent}  {{", f"{indent}    {offset(tip)}", f"{indent}  }}"]
+        end = offset(skeleton.tips[j])
+        lines += [f"{indent}  End Site", f"{indent}  {{", f"{indent}    {end}", f"{indent}  }}"]
     lines.append(f"{indent}}}")
 
 
@@ -88,6 +110,7 @@ class _Words:
 
     def __init__(self, path: Path, text: str) -> None:
         self.path = path
+        self.size = len(text)
         self._words: Iterator[tuple[int, str]] = (
             (number, word) for number, line in enumerate(text.split("\n"), start=1) for word in line.split()
         )
@@ -121,7 +144,7 @@ class _Words:
             value = float(found)
         except ValueError:
             value = np.nan
-        if not np.isfinite(value):
+        if not abs(value) < 1e12:
             raise self.bad(found, wanted)
         return value
 
@@ -143,8 +166,8 @@ def read_bvh(path: Path, metres_per_unit: float = 1.0) -> Motion:
         metres_per_unit: what one unit of the file is: 1 for ours, 0.01 for many, 0.0254 / 0.45 for CMU's.
 
     Returns:
-        A Motion; its skeleton has no limits (BVH knows none) and the file's rest pose. Joints may not be
-        moved against their parents: position channels of others than the root must hold their offset.
+        A Motion; its skeleton has no limits (BVH knows none) and the file's rest pose. Position channels of other
+        joints than the root replace their OFFSET; they may not change over time.
 
     Raises:
         FormatError: malformed; the message names the line.
@@ -248,6 +271,10 @@ def _read_values(words: _Words, channels: int) -> tuple[Array, float]:
     seconds = words.number("the seconds of a frame")
     if seconds <= 0:
         raise words.bad(f"{seconds:g}", "a frame time above zero")
+    if frames * max(channels, 1) > words.size:
+        raise FormatError(
+            f"{words.path}: announces {frames} frames of {channels} numbers, more than it can hold; is it cut off?"
+        )
     values = np.empty((frames, channels))
     for t in range(frames):
         begun = 0
@@ -288,9 +315,11 @@ def _split_channels(path: Path, joints: list[_Joint], values: Array) -> tuple[Ar
             axis = _AXES.index(name[0])
             if j == 0:
                 positions[:, axis] = mine[:, k]
-            elif np.ptp(mine[:, k]) > 1e-3 * max(1.0, float(np.abs(np.asarray(joint.offset)).max())):
+            elif t_count and np.ptp(mine[:, k]) > 1e-3 * max(1.0, float(np.abs(mine[:, k]).max())):
                 raise FormatError(
                     f"{path}: line {joint.line}: the joint {joint.name!r} slides against its parent; a "
                     "skeleton with constant bones is needed: bake the positions into rotations before export"
                 )
+            elif t_count and joint.offset is not None:
+                joint.offset[axis] = np.median(mine[:, k])
     return positions, quat
