@@ -1,0 +1,498 @@
+"""People followed in 3D: every camera's detections are given, frame by frame, to the bodies that they fit.
+
+A body is predicted from its last frames, seen from every camera, and takes in each the detection nearest to that
+view (one assignment a camera, so that the effort grows with the number of cameras and not with their combinations).
+Detections that nobody takes begin bodies where views agree, and the more views the better: two rays meet easily by
+accident, three do not. No appearance is used, and the cameras' own tracks only break ties: at crossings bodies part in 3D
+where their pictures lie on each other.
+
+The idea of assigning detections to predicted bodies rather than views to views is that of Zhang et al. 2020 (4D
+Association Graph) and Chen et al. 2020 (Cross-view tracking); here without appearance and without a graph.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.landmarks import Keypoints2D
+from muybridge.geometry.rays import nearest_points, pair_points, ray_directions, ray_distance
+
+_Floats = NDArray[np.float64]
+_Ints = NDArray[np.int64]
+
+# Landmarks that a comparison needs, and the share of them, the nearest, that it is made with.
+_LEAST_LANDMARKS = 4
+_SHARE = 0.7
+# Frames worked on between two calls to the cameras' models.
+_CHUNK = 128
+# What it is worth, in body sizes, that a camera's own tracker stayed with a detection.
+_LOYALTY = 0.01
+# A view that lies this much farther off than the others', and this far in body sizes, is of someone else.
+_ODD_VIEW, _ODD_VIEW_SIZE = 3.0, 0.08
+# Bodies that share no view and lie this near each other, in body sizes, are one.
+_SAME_BODY = 0.12
+
+
+@dataclass(frozen=True)
+class AssociateOptions:
+    """How detections of several cameras become people. Sizes are the longer side of a person's landmarks.
+
+    Attributes:
+        gate: distance of a detection from a body's predicted view, in body sizes, up to which it may be its own.
+        gate_growth: how the gate widens with every frame in which the body was not seen.
+        start: distance of two views' rays, in body sizes, up to which they may begin a body.
+        min_frames: people seen by two cameras in fewer frames are dropped as accidents.
+        coast: frames for which a body is predicted without being seen, before it is looked for as a new one.
+        same_build: mean difference of limbs' lengths up to which someone who comes back is who left.
+    """
+
+    gate: float = 0.12
+    gate_growth: float = 0.015
+    start: float = 0.06
+    min_frames: int = 5
+    coast: int = 30
+    same_build: float = 0.04
+
+
+@dataclass(eq=False)
+class Body:
+    """Someone who is followed: where, how fast, and which detection of which camera it had in every frame."""
+
+    points: _Floats
+    slots: _Ints
+    confirmed: bool
+    first: int
+    velocity: _Floats = field(default_factory=lambda: np.zeros(3))
+    unseen: int = 0
+    """Frames since any camera saw it."""
+    unmet: int = 0
+    """Frames since two cameras did."""
+    met: int = 0
+    """Frames in which two cameras saw it."""
+    track: dict[int, _Floats] = field(default_factory=dict)
+    """Landmarks by frame, where two cameras saw it."""
+
+
+class PeopleTracker:
+    """Follows people through a take; see `track_people`."""
+
+    def __init__(self, cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions) -> None:
+        self._cameras, self._keypoints, self._options = cameras, keypoints, options
+        self._centers = cameras.centers_world
+        self._mirror = np.array(keypoints.landmarks.mirror)
+        self._focal = np.array([camera.camera_matrix[0, 0] for camera in cameras])
+        self._size_px = np.array([[camera.width, camera.height] for camera in cameras], dtype=np.float64)
+        self._limbs = _limb_pairs(keypoints)
+        self._taken = np.zeros(keypoints.points_px.shape[:3], dtype=np.bool_)
+        self._bodies: list[Body] = []
+        self._ended: list[Body] = []
+        self._chunk = -1
+
+    def run(self) -> list[Body]:
+        """Everyone, forwards through the take and then back to where each was first seen."""
+        frames = self._keypoints.points_px.shape[1]
+        for t in range(frames):
+            self._load(t)
+            self._step(t)
+        bodies = [*self._ended, *self._bodies]
+        least = min(self._options.min_frames, max(1, frames // 4))
+        bodies = [b for b in bodies if b.met >= least and (b.confirmed or frames < 2 * self._options.min_frames)]
+        for body in bodies:
+            self._backwards(body)
+        return bodies
+
+    def _load(self, t: int) -> None:
+        """Rays of the frames around t."""
+        if self._chunk >= 0 and self._chunk <= t < self._chunk + self._rays.shape[1]:
+            return
+        self._chunk = (t // _CHUNK) * _CHUNK
+        px = self._keypoints.points_px[:, self._chunk : self._chunk + _CHUNK]
+        known = np.isfinite(px).all(-1)
+        enough = known.sum(-1) >= min(_LEAST_LANDMARKS, px.shape[3])
+        self._px = np.where(known[..., None] & enough[..., None, None], px, np.nan)
+        self._rays = ray_directions(self._cameras, self._px)
+        self._there = enough
+
+    def _step(self, t: int) -> None:
+        k = t - self._chunk
+        free = self._there[:, k].copy()
+        for body in self._bodies:
+            body.points = body.points + body.velocity
+        for confirmed in (True, False):
+            bodies = [b for b in self._bodies if b.confirmed == confirmed]
+            if bodies:
+                self._follow(bodies, t, free)
+        self._begin(t, free)
+        self._merge(t)
+        self._retire()
+
+    def _follow(self, bodies: list[Body], t: int, free: NDArray[np.bool_]) -> None:
+        """Gives the free detections (C, P) of a frame to the bodies and moves these to where they are seen."""
+        k = t - self._chunk
+        away, mirrored = self._distances(np.stack([b.points for b in bodies]), k)
+        chosen = self._assign(bodies, away, t, free)
+        self._face(bodies, chosen, mirrored)
+        rays = self._chosen_rays(chosen, mirrored, k)
+        old = np.stack([b.points for b in bodies])
+        points, chosen = self._meet(old, rays, chosen)
+        for n, body in enumerate(bodies):
+            seen = chosen[:, n] >= 0
+            body.slots[:, t] = chosen[:, n]
+            free[seen, chosen[seen, n]] = False
+            body.unseen = 0 if seen.any() else body.unseen + 1
+            if seen.sum() >= 2:
+                self._moved(body, points[n], t)
+            else:
+                body.unmet += 1
+                if seen.any():
+                    self._slide(body, int(np.flatnonzero(seen)[0]), rays[:, n])
+                body.velocity *= 0.9
+            if body.met >= 5 and not body.confirmed:
+                body.confirmed = True
+
+    def _distances(self, points: _Floats, k: int) -> tuple[_Floats, NDArray[np.bool_]]:
+        """(C, N, P) distance of detections from the views of bodies (N, J, 3), in body sizes, and whether a
+        detection fits with its sides exchanged."""
+        view = self._cameras.project(points)[:, :, None]
+        size = _extent(view)
+        px = self._px[:, k][:, None]
+        with np.errstate(invalid="ignore"):
+            both = np.stack([_near_mean(np.linalg.norm(p - view, axis=-1)) for p in (px, px[..., self._mirror, :])])
+            both = np.nan_to_num(both / size, nan=np.inf)
+        # Sides are exchanged only where that is clearly better.
+        mirrored = both[1] < 0.7 * both[0] - 0.01
+        return np.where(mirrored, both[1], both[0]), mirrored
+
+    def _assign(self, bodies: list[Body], away: _Floats, t: int, free: NDArray[np.bool_]) -> _Ints:
+        """(C, N) the detection of every camera that each body takes, -1 for none."""
+        options = self._options
+        gate = np.array([options.gate + options.gate_growth * b.unseen for b in bodies]).clip(max=0.4)
+        chosen = np.full(away.shape[:2], -1, dtype=np.int64)
+        last = np.stack([b.slots[:, t - 1] for b in bodies], 1) if t else chosen
+        for c in range(len(away)):
+            columns = np.flatnonzero(free[c])
+            if not len(columns):
+                continue
+            loyal = last[c][:, None] == columns[None]
+            cost = away[c][:, columns] - _LOYALTY * loyal
+            allowed = away[c][:, columns] < gate[:, None]
+            rows, cols = linear_sum_assignment(np.where(allowed, cost, 10.0))
+            good = allowed[rows, cols]
+            chosen[c, rows[good]] = columns[cols[good]]
+        return chosen
+
+    def _face(self, bodies: list[Body], chosen: _Ints, mirrored: NDArray[np.bool_]) -> None:
+        """Sides are as most views have them: a body that most views would have to be exchanged for is exchanged."""
+        for n, body in enumerate(bodies):
+            cameras = np.flatnonzero(chosen[:, n] >= 0)
+            if 2 * mirrored[cameras, n, chosen[cameras, n]].sum() > len(cameras):
+                body.points = body.points[self._mirror]
+                mirrored[:, n] = ~mirrored[:, n]
+
+    def _chosen_rays(self, chosen: _Ints, mirrored: NDArray[np.bool_], k: int) -> _Floats:
+        """(C, N, J, 3) rays of the chosen detections (C, N), sides put back, NaN where there is none."""
+        cameras = np.arange(len(chosen))[:, None]
+        at = np.maximum(chosen, 0)
+        rays = self._rays[cameras, k, at]
+        flipped = mirrored[cameras, np.arange(chosen.shape[1])[None], at]
+        rays = np.where(flipped[..., None, None], rays[:, :, self._mirror], rays)
+        return np.where((chosen < 0)[..., None, None], np.nan, rays)
+
+    def _weights(self, points: _Floats) -> _Floats:
+        """(C, N) inverse variance of a pixel's error at the bodies' distance, relative."""
+        middle = np.nan_to_num(np.nanmedian(points, axis=1))
+        depth = np.linalg.norm(middle[None] - self._centers[:, None], axis=-1)
+        return np.asarray((self._focal[:, None] / np.maximum(depth, 0.1)) ** 2 / self._focal.max() ** 2)
+
+    def _meet(self, old: _Floats, rays: _Floats, chosen: _Ints) -> tuple[_Floats, _Ints]:
+        """Bodies (N, J, 3) from their rays, without views that contradict the others."""
+        weights = self._weights(old)
+        points, away = nearest_points(self._centers, rays, weights)
+        size = np.maximum(_extent(points), 1e-6)
+        off = _near_mean(away) / size  # (C, N)
+        worst = np.argmax(np.nan_to_num(off, nan=-1.0), axis=0)
+        columns = np.arange(len(worst))
+        rest = off.copy()
+        rest[worst, columns] = np.nan
+        usual = np.nan_to_num(_nanmax(rest), nan=np.inf)
+        views = np.isfinite(off).sum(0)
+        odd = (views >= 3) & (off[worst, columns] > np.maximum(_ODD_VIEW * usual, _ODD_VIEW_SIZE))
+        if odd.any():
+            chosen = chosen.copy()
+            chosen[worst[odd], columns[odd]] = -1
+            rays[worst[odd], columns[odd]] = np.nan
+            points, _ = nearest_points(self._centers, rays, weights)
+        return points, chosen
+
+    def _moved(self, body: Body, points: _Floats, t: int) -> None:
+        """A body as it is seen by two cameras or more; landmarks that are not move along."""
+        known = np.isfinite(points).all(-1) & np.isfinite(body.points).all(-1)
+        shift = np.median((points - body.points)[known], axis=0) if known.any() else np.zeros(3)
+        body.velocity = body.velocity + 0.5 * shift / (body.unmet + 1)
+        # What cannot be: more than a fifth of a body a frame.
+        limit = 0.2 * max(float(_extent(points)), 1e-6) if np.isfinite(_extent(points)) else np.inf
+        speed = float(np.linalg.norm(body.velocity))
+        body.velocity *= min(1.0, limit / max(speed, 1e-9))
+        body.points = np.where(np.isfinite(points), points, body.points + shift)
+        body.track[t] = points
+        body.unmet = 0
+        body.met += 1
+
+    def _slide(self, body: Body, camera: int, rays: _Floats) -> None:
+        """One view moves a body across its line of sight, at the distance that it had."""
+        offset = body.points - self._centers[camera]
+        ray = rays[camera]
+        shift = np.sum(offset * ray, axis=-1, keepdims=True) * ray - offset
+        known = np.isfinite(shift).all(-1)
+        if known.any():
+            step = np.median(shift[known], axis=0)
+            body.points = body.points + step
+            body.velocity = body.velocity + 0.3 * step
+
+    def _begin(self, t: int, free: NDArray[np.bool_]) -> None:
+        """New bodies from detections that nobody took."""
+        k = t - self._chunk
+        while (free.any(axis=1)).sum() >= 2:
+            found = self._best_start(k, free)
+            if found is None:
+                return
+            points, chosen, visible = found
+            seen = chosen >= 0
+            free[seen, chosen[seen]] = False
+            if any(_apart(points, b.points) < _SAME_BODY for b in self._bodies if b.confirmed):
+                continue
+            sure = seen.sum() >= 3 or visible <= 2
+            slots = np.full(self._taken.shape[:2], -1, dtype=np.int64)
+            slots[:, t] = chosen
+            body = Body(points, slots, bool(sure), t, met=1)
+            body.track[t] = points
+            self._bodies.append(body)
+
+    def _best_start(self, k: int, free: NDArray[np.bool_]) -> tuple[_Floats, _Ints, int] | None:
+        """The points (J, 3) on which most views agree, each camera's detection (C,), and how many cameras look
+        that way; None where no two agree."""
+        guesses = self._guesses(k, free)
+        if not len(guesses):
+            return None
+        away, mirrored = self._distances(guesses, k)
+        away = np.where(free[:, None], away, np.inf)
+        nearest = away.argmin(-1)
+        value = np.take_along_axis(away, nearest[..., None], -1)[..., 0]
+        gate = self._options.gate
+        support = np.where(value < gate, 1 - value / gate, 0.0).sum(0)
+        best = int(support.argmax())
+        chosen = np.where(value[:, best] < gate, nearest[:, best], -1)
+        if (chosen >= 0).sum() < 2:
+            return None
+        rays = self._chosen_rays(chosen[:, None], mirrored[:, best : best + 1], k)
+        points, rest = self._meet(guesses[best : best + 1], rays, chosen[:, None])
+        known = np.isfinite(points[0]).all(-1)
+        if known.sum() < _LEAST_LANDMARKS and known.sum() < points.shape[1]:
+            return None
+        view = self._cameras.project(points[0])
+        inside = ((view >= 0) & (view < self._size_px[:, None])).all(-1).mean(1) > 0.5
+        filled = np.where(known[:, None], points[0], np.nanmedian(points[0], axis=0))
+        return filled, rest[:, 0], int(inside.sum())
+
+    def _guesses(self, k: int, free: NDArray[np.bool_]) -> _Floats:
+        """(G, J, 3) bodies that two free detections of different cameras would make, the best few dozen."""
+        bodies, errors = [], []
+        cameras = [c for c in range(len(free)) if free[c].any()]
+        for i, a in enumerate(cameras):
+            for b in cameras[:i]:
+                rays_a = self._rays[a, k][free[a]]
+                rays_b = self._rays[b, k][free[b]]
+                for other in (rays_b, rays_b[:, self._mirror]):
+                    points, gap = pair_points(self._centers[a], rays_a, self._centers[b], other)
+                    size = _extent(points)
+                    error = _near_mean(gap) / size
+                    good = (error < self._options.start) & self._symmetric(points)
+                    bodies.append(points[good])
+                    errors.append(error[good])
+        if not bodies:
+            return np.empty((0, self._rays.shape[3], 3))
+        error = np.concatenate(errors)
+        return np.asarray(np.concatenate(bodies)[np.argsort(error)[:48]])
+
+    def _symmetric(self, points: _Floats) -> NDArray[np.bool_]:
+        """(...) whether left and right limbs of bodies (..., J, 3) are about equally long: accidents are not."""
+        if not len(self._limbs):
+            return np.ones(points.shape[:-2], dtype=np.bool_)
+        ends = points[..., self._limbs, :]
+        length = np.linalg.norm(ends[..., 0, :] - ends[..., 1, :], axis=-1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            uneven = np.abs(np.log(length[..., 0] / length[..., 1]))
+        return np.nan_to_num(_near_mean(uneven, least=2), nan=0.0) < 0.6
+
+    def _merge(self, t: int) -> None:
+        """Younger bodies that lie in an older one and share no view with it are the older one."""
+        bodies = sorted(self._bodies, key=lambda b: (not b.confirmed, b.first))
+        for i, old in enumerate(bodies):
+            for young in bodies[i + 1 :]:
+                both = (old.slots[:, t] >= 0) & (young.slots[:, t] >= 0)
+                if young in self._bodies and not both.any() and _apart(old.points, young.points) < _SAME_BODY:
+                    self._bodies.remove(young)
+                    if (young.slots[:, t] >= 0).sum() >= 2 > (old.slots[:, t] >= 0).sum():
+                        old.points, old.velocity, old.unmet, old.unseen = young.points, young.velocity, 0, 0
+                        old.track[t] = young.points
+                        old.met += 1
+                    old.slots[:, t] = np.where(old.slots[:, t] >= 0, old.slots[:, t], young.slots[:, t])
+
+    def _retire(self) -> None:
+        """Bodies that were not seen for long end; doubtful ones soon."""
+        kept = []
+        for body in self._bodies:
+            patience = self._options.coast if body.confirmed else 3
+            gone = body.unseen > patience or body.unmet > 2 * patience
+            (self._ended if gone else kept).append(body)
+        self._bodies = kept
+
+    def _backwards(self, body: Body) -> None:
+        """The frames before a body was begun, as long as free detections fit it."""
+        if not body.track:
+            return
+        frames = sorted(body.track)
+        for c, t in zip(*np.nonzero(body.slots >= 0), strict=True):
+            self._taken[c, t, body.slots[c, t]] = True
+        probe = Body(body.track[frames[0]], body.slots, True, body.first)
+        probe.points = np.where(np.isfinite(probe.points), probe.points, np.nanmedian(probe.points, axis=0))
+        later = [f for f in frames if f <= frames[0] + 5]
+        if len(later) > 1:
+            moved = np.nanmedian(body.track[later[-1]] - body.track[later[0]], axis=0) / (later[-1] - later[0])
+            probe.velocity = -np.nan_to_num(moved)
+        t = frames[0] - 1
+        while t >= 0 and probe.unmet < 3:
+            self._load(t)
+            free = self._there[:, t - self._chunk] & ~self._taken[:, t]
+            probe.points = probe.points + probe.velocity
+            before = probe.met
+            self._follow([probe], t, free)
+            if probe.met == before:
+                body.slots[:, t] = -1
+            else:
+                body.track[t] = probe.track[t]
+                seen = body.slots[:, t] >= 0
+                self._taken[seen, t, body.slots[seen, t]] = True
+            t -= 1
+
+
+def track_people(
+    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions | None = None
+) -> list[NDArray[np.int64]]:
+    """The slots (C, T) of everyone whom two cameras see, -1 where a camera does not see them.
+
+    Args:
+        cameras: C calibrated cameras.
+        keypoints: their detections; a slot is a camera's own track, which need not be right.
+        options: see `AssociateOptions`.
+    """
+    options = options or AssociateOptions()
+    bodies = PeopleTracker(cameras, keypoints, options).run()
+    return [np.asarray(group) for group in _rejoined(bodies, keypoints, options)]
+
+
+def _rejoined(bodies: list[Body], keypoints: Keypoints2D, options: AssociateOptions) -> list[_Ints]:
+    """Slots of bodies, those joined that are the same person before and after they were out of sight."""
+    edges = np.array(keypoints.landmarks.edge_indices, dtype=np.int64).reshape(-1, 2)
+    bodies = sorted(bodies, key=lambda b: min(b.track))
+    builds = [_build(b, edges) for b in bodies]
+    groups: list[list[int]] = []
+    for n, body in enumerate(bodies):
+        options_here = []
+        for group in groups:
+            last = bodies[group[-1]]
+            end, start = max(last.track), min(body.track)
+            if end >= start:
+                continue
+            size = max(float(_extent(last.track[end])), 1e-6)
+            jump = _jump(last, body) / size
+            reach = 0.3 + 0.12 * (start - end)
+            difference = _difference(builds[group[-1]], builds[n])
+            # Who vanishes and is there again at once is the same, whatever the measurements of the limbs say.
+            bound = options.same_build if start - end > 2 * options.coast else 2 * options.same_build
+            if jump < reach and difference < bound:
+                options_here.append((difference + 0.05 * jump / reach, group))
+        if options_here:
+            min(options_here, key=lambda pair: pair[0])[1].append(n)
+        else:
+            groups.append([n])
+    result = []
+    for group in groups:
+        slots = bodies[group[0]].slots.copy()
+        for n in group[1:]:
+            slots = np.where(slots >= 0, slots, bodies[n].slots)
+        result.append(slots)
+    return result
+
+
+def _jump(before: Body, after: Body) -> float:
+    """Distance between where one body was last and another first seen."""
+    last, first = before.track[max(before.track)], after.track[min(after.track)]
+    return float(np.linalg.norm(np.nanmedian(last, axis=0) - np.nanmedian(first, axis=0)))
+
+
+def _build(body: Body, edges: _Ints) -> tuple[_Floats, _Floats]:
+    """Median lengths of the limbs and their standard errors."""
+    frames = sorted(body.track)
+    points = np.stack([body.track[t] for t in frames[:: max(1, len(frames) // 200)]])
+    length = np.linalg.norm(points[:, edges[:, 0]] - points[:, edges[:, 1]], axis=-1)
+    known = np.isfinite(length).sum(0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        middle = np.nanmedian(np.where(known > 0, length, 0.0), axis=0)
+        spread = 1.4826 * np.nanmedian(np.where(known > 0, np.abs(length - middle), np.inf), axis=0)
+        return np.where(known > 0, middle, np.nan), 1.25 * spread / np.sqrt(known)
+
+
+def _difference(a: tuple[_Floats, _Floats], b: tuple[_Floats, _Floats]) -> float:
+    """Mean relative difference of limbs that both know, each weighed by how well; zero where none is known."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        relative = np.abs(np.log(a[0] / b[0]))
+        weight = 1 / (0.02**2 + (a[1] / a[0]) ** 2 + (b[1] / b[0]) ** 2)
+    good = np.isfinite(relative) & np.isfinite(weight)
+    return float(np.average(relative[good], weights=weight[good])) if good.any() else 0.0
+
+
+def _limb_pairs(keypoints: Keypoints2D) -> _Ints:
+    """(L, 2, 2) limbs of the left side and their twins on the right, as indices of landmarks."""
+    landmarks, mirror = keypoints.landmarks, keypoints.landmarks.mirror
+    left = [(a, b) for a, b in landmarks.edge_indices if all(landmarks.names[i].startswith("left_") for i in (a, b))]
+    return np.array([[(a, b), (mirror[a], mirror[b])] for a, b in left], dtype=np.int64).reshape(-1, 2, 2)
+
+
+def _apart(a: _Floats, b: _Floats) -> float:
+    """Median distance of two bodies' landmarks, in body sizes."""
+    size = max(float(np.nan_to_num(_extent(a))), 1e-6)
+    away = np.linalg.norm(a - b, axis=-1)
+    return float(np.nanmedian(away)) / size if np.isfinite(away).any() else np.inf
+
+
+def _extent(points: _Floats) -> _Floats:
+    """(...) longest side of the box round points (..., J, D), NaN ones left out; NaN without any."""
+    known = np.isfinite(points)
+    low = np.where(known, points, np.inf).min(axis=-2)
+    high = np.where(known, points, -np.inf).max(axis=-2)
+    longest = (high - low).max(axis=-1)
+    return np.where(np.isfinite(longest) & (longest > 0), longest, np.nan)
+
+
+def _near_mean(values: _Floats, least: int = _LEAST_LANDMARKS) -> _Floats:
+    """(...) mean of the smaller numbers of the last axis without its NaNs; NaN with fewer than `least`."""
+    known = np.isfinite(values)
+    count = known.sum(-1)
+    ordered = np.sort(np.where(known, values, np.inf), axis=-1)
+    used = np.ceil(_SHARE * count)
+    inside = np.arange(values.shape[-1]) < used[..., None]
+    total = np.where(inside, ordered, 0.0).sum(-1)
+    enough = count >= min(least, values.shape[-1])
+    return np.where(enough, total / np.maximum(used, 1), np.nan)
+
+
+def _nanmax(values: _Floats) -> _Floats:
+    """Over the first axis; NaN where all are."""
+    best = np.where(np.isfinite(values), values, -np.inf).max(0)
+    return np.where(np.isfinite(best), best, np.nan)
