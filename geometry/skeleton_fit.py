@@ -162,7 +162,7 @@ class OnlineFit:
         self.options = options or SkeletonFitOptions()
         self.rigging = rigging or joint_rigging(skeleton)
         self.skeleton, self.fps, self.sigma = solvable(skeleton, self.rigging), fps, sigma
-        self._chain = _chain(skeleton, self.rigging, self.options)
+        self._chain = _chain(self.skeleton, self.rigging, self.options)
         self._state: tuple[Array, ...] | None = None
         self._patience = 0
         self._jerkiness = _jerkiness(self._chain, self.options)
