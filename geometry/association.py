@@ -1,12 +1,7 @@
 """Who is who between cameras, and who of them is the person of interest.
 
-Every camera brings tracks (a slot of `Keypoints2D`). They are cut where they jump or pause; the pieces of
-different cameras are compared by the epipolar distance of their landmarks, measured in body sizes, and
-grouped into people so that the evidence within a group is positive as a whole (a group in which a third
-camera contradicts does not form, which is what cycle consistency asks for). No appearance is used.
-
-The groups are then followed frame by frame: the person triangulated from all its cameras says which detection
-of each camera is the one, so a tracker that lost its person or jumped to another is put right.
+People whom two cameras see are followed in 3D (`muybridge.geometry.people_tracking`), whatever the cameras' own tracks
+say. What is left of these are people seen by one camera alone, of whom nothing in 3D is made up. No appearance is used.
 """
 
 from __future__ import annotations
@@ -17,19 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
-from muybridge.geometry.affinity import (
-    AssociateOptions,
-    Piece,
-    affinities,
-    cut_tracks,
-    extent,
-    group_pieces,
-    row_median,
-    scene_of,
-)
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import Keypoints2D
-from muybridge.geometry.triangulation import TriangulateOptions, triangulate
+from muybridge.geometry.people_tracking import AssociateOptions, track_people
+from muybridge.geometry.robust import extent, row_median
+from muybridge.geometry.triangulation import triangulate
 
 __all__ = ["Person", "PersonSelection", "AssociateOptions", "find_people", "select_person", "take_person"]
 
@@ -93,18 +80,9 @@ def find_people(
         raise ValueError(
             f"keypoints have {keypoints.points_px.shape[0]} cameras, the calibration {len(cameras)}"
         )
-    scene = scene_of(cameras, keypoints)
-    pieces = cut_tracks(scene, options)
-    affinity, weight = affinities(cameras, scene, pieces, options)
-    groups = group_pieces(pieces, affinity * weight, weight)
-    slots = [_slots_of([pieces[i] for i in group], keypoints) for group in groups]
-    slots = _followed(slots, [_distance(cameras, keypoints, s) for s in slots], options)
-    people = []
-    for group, followed in zip(groups, slots, strict=True):
-        inside = np.ix_(group, group)
-        total = weight[inside].sum()
-        mean = float((affinity * weight)[inside].sum() / total) if total > 0 else 0.0
-        people.append(_described(cameras, keypoints, followed, max(mean, 0.0)))
+    followed = track_people(cameras, keypoints, options)
+    people = [_described(cameras, keypoints, slots, _agreement(cameras, keypoints, slots)) for slots in followed]
+    people += [_described(cameras, keypoints, slots, 0.0) for slots in _left_over(keypoints, followed)]
     people.sort(key=lambda person: (-person.rank, -float((person.slots >= 0).sum() * person.size_px)))
     return tuple(people)
 
@@ -212,61 +190,42 @@ def _one_from_each(people: tuple[Person, ...]) -> NDArray[np.int64]:
     return slots
 
 
-def _slots_of(pieces: list[Piece], keypoints: Keypoints2D) -> NDArray[np.int64]:
-    """(C, T) slots of a group; where two pieces overlap, the one with the better score."""
-    cameras, frames = keypoints.points_px.shape[:2]
-    slots = np.full((cameras, frames), -1, dtype=np.int64)
-    score = np.nansum(keypoints.score, axis=-1)
-    best = np.full((cameras, frames), -np.inf)
-    for piece in pieces:
-        here = score[piece.camera, piece.frames, piece.slot]
-        better = here > best[piece.camera, piece.frames]
-        slots[piece.camera, piece.frames[better]] = piece.slot
-        best[piece.camera, piece.frames[better]] = here[better]
-    return slots
+# Tracks of one camera are cut where they pause for more frames, or jump farther (body sizes) from frame to frame.
+_PAUSE, _JUMP = 10, 0.6
 
 
-def _distance(cameras: CameraGroup, keypoints: Keypoints2D, slots: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(C, T, P) distance of every detection to a person triangulated from its slots, in body sizes.
-
-    Infinite where the person or the detection is not there.
-    """
-    if (slots >= 0).any(axis=1).sum() < 2:
-        return np.full(keypoints.points_px.shape[:3], np.inf)
-    points, variance, _ = take_person(keypoints, _person(slots))
-    result = triangulate(cameras, points, variance, TriangulateOptions(gate_sigma=8.0))
-    expected_px = cameras.project(result.points_world)[:, :, None]  # (C, T, 1, J, 2)
-    twins = np.array(keypoints.landmarks.mirror)
-    readings = (keypoints.points_px, keypoints.points_px[..., twins, :])
-    away = np.stack([row_median(np.linalg.norm(seen - expected_px, axis=-1)) for seen in readings])
-    size_px = extent(expected_px)
-    distance = np.where(np.isnan(away), np.inf, away).min(axis=0) / np.where(size_px > 0, size_px, np.nan)
-    return np.where(np.isnan(distance), np.inf, distance)
-
-
-def _followed(
-    slots: list[NDArray[np.int64]], distances: list[NDArray[np.float64]], options: AssociateOptions
-) -> list[NDArray[np.int64]]:
-    """The slots (C, T) of all people, put right frame by frame, given `_distance` of each."""
-    # How well every detection fits the person that has it: nobody may take what is another's.
-    taken = np.full(distances[0].shape, np.inf) if distances else np.empty(0)
-    for own, distance in zip(slots, distances, strict=True):
-        at = np.maximum(own, 0)[..., None]
-        value = np.where(own >= 0, np.take_along_axis(distance, at, axis=-1)[..., 0], np.inf)
-        better = np.minimum(np.take_along_axis(taken, at, axis=-1)[..., 0], value)
-        np.put_along_axis(taken, at, better[..., None], axis=-1)
+def _left_over(keypoints: Keypoints2D, followed: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
+    """Slots (C, T) of what single cameras see and nobody in 3D has: pieces of tracks without pause or jump."""
+    points = keypoints.points_px.copy()
+    for slots in followed:
+        cameras, frames = np.nonzero(slots >= 0)
+        points[cameras, frames, slots[cameras, frames]] = np.nan
+    size = extent(points)
+    middle = np.stack([row_median(points[..., axis]) for axis in (0, 1)], -1)
+    cameras, total, people = size.shape
+    least = min(5, max(1, total // 4))
     result = []
-    for own, distance in zip(slots, distances, strict=True):
-        own_distance = np.take_along_axis(distance, np.maximum(own, 0)[..., None], axis=-1)[..., 0]
-        own_distance = np.where(own >= 0, own_distance, np.inf)
-        free = np.where(distance < 0.5 * taken, distance, np.inf)
-        nearest = np.argmin(free, axis=-1)
-        nearest_distance = np.take_along_axis(free, nearest[..., None], axis=-1)[..., 0]
-        # A track is left only for one that fits clearly better: two readings of one person are equally good.
-        switch = (nearest_distance < options.follow) & (nearest_distance < 0.5 * own_distance)
-        lost = (own >= 0) & np.isfinite(own_distance) & (own_distance > 2 * options.follow) & ~switch
-        result.append(np.where(switch, nearest, np.where(lost, -1, own)))
+    for c in range(cameras):
+        for p in range(people):
+            frames = np.flatnonzero(np.isfinite(size[c, :, p]))
+            if not len(frames):
+                continue
+            moved = np.linalg.norm(np.diff(middle[c, frames, p], axis=0), axis=-1) / size[c, frames[1:], p]
+            cut = (np.diff(frames) > _PAUSE) | (moved > _JUMP)
+            for piece in np.split(frames, np.flatnonzero(cut) + 1):
+                if len(piece) >= least:
+                    slots = np.full((cameras, total), -1, dtype=np.int64)
+                    slots[c, piece] = p
+                    result.append(slots)
     return result
+
+
+def _agreement(cameras: CameraGroup, keypoints: Keypoints2D, slots: NDArray[np.int64]) -> float:
+    """0..1, one less the median reprojection error in twelfths of the person's size."""
+    points, variance, _ = take_slots(keypoints, slots)
+    residual = triangulate(cameras, points, variance).residual_px
+    off = row_median(residual, least=1) / extent(points)
+    return float(np.clip(1 - 12 * np.nanmedian(off), 0.0, 1.0)) if np.isfinite(off).any() else 0.0
 
 
 def _person(slots: NDArray[np.int64]) -> Person:

@@ -3,8 +3,8 @@
 A body is predicted from its last frames, seen from every camera, and takes in each the detection nearest to that
 view (one assignment a camera, so that the effort grows with the number of cameras and not with their combinations).
 Detections that nobody takes begin bodies where views agree, and the more views the better: two rays meet easily by
-accident, three do not. No appearance is used, and the cameras' own tracks only break ties: at crossings bodies part in 3D
-where their pictures lie on each other.
+accident, three do not. No appearance is used, and the cameras' own tracks only break ties: at crossings bodies part in
+3D where their pictures lie on each other.
 
 The idea of assigning detections to predicted bodies rather than views to views is that of Zhang et al. 2020 (4D
 Association Graph) and Chen et al. 2020 (Cross-view tracking); here without appearance and without a graph.
@@ -20,7 +20,7 @@ from scipy.optimize import linear_sum_assignment
 
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import Keypoints2D
-from muybridge.geometry.rays import nearest_points, pair_points, ray_directions, ray_distance
+from muybridge.geometry.rays import nearest_points, pair_points, ray_directions
 
 _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
@@ -34,6 +34,8 @@ _CHUNK = 128
 _LOYALTY = 0.01
 # A view that lies this much farther off than the others', and this far in body sizes, is of someone else.
 _ODD_VIEW, _ODD_VIEW_SIZE = 3.0, 0.08
+# Frames between two of the same track up to which what lies between is taken too.
+_BRIDGE = 6
 # Bodies that share no view and lie this near each other, in body sizes, are one.
 _SAME_BODY = 0.12
 
@@ -104,6 +106,7 @@ class PeopleTracker:
         bodies = [b for b in bodies if b.met >= least and (b.confirmed or frames < 2 * self._options.min_frames)]
         for body in bodies:
             self._backwards(body)
+        self._bridge(bodies)
         return bodies
 
     def _load(self, t: int) -> None:
@@ -379,6 +382,25 @@ class PeopleTracker:
                 seen = body.slots[:, t] >= 0
                 self._taken[seen, t, body.slots[seen, t]] = True
             t -= 1
+
+
+    def _bridge(self, bodies: list[Body]) -> None:
+        """Gives a body the detections that it left out between two of the same camera track, where nobody has them:
+        a bad frame is for the triangulation to judge."""
+        there = np.isfinite(self._keypoints.points_px).all(-1).any(-1)
+        taken = np.zeros_like(there)
+        for body in bodies:
+            c, t = np.nonzero(body.slots >= 0)
+            taken[c, t, body.slots[c, t]] = True
+        for body in bodies:
+            for c, row in enumerate(body.slots):
+                frames = np.flatnonzero(row >= 0)
+                for a, b in zip(frames[:-1], frames[1:], strict=True):
+                    if 1 < b - a <= _BRIDGE and row[a] == row[b]:
+                        gap = np.arange(a + 1, b)
+                        free = there[c, gap, row[a]] & ~taken[c, gap, row[a]]
+                        row[gap[free]] = row[a]
+                        taken[c, gap[free], row[a]] = True
 
 
 def track_people(

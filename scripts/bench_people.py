@@ -2,9 +2,10 @@
 
     python scripts/bench_people.py --takes 6
 
-The model. People of 1.55 to 1.95 m walk to and fro on straight lines through the middle of a room of 6 x 6 m, past
-each other (35 cm from middle to middle is the least), at 0.7 to 1.5 m/s, their limbs swinging, and turn within 0.7 s; 4 to 6 cameras of 1920 x 1080 px stand
-around at heights of 1.2 to 3 m; 30 frames a second. A camera's detections: landmarks with Gaussian noise of 4 px, 3 % of
+The model. People of 1.55 to 1.95 m walk to and fro through the middle of a room of 6 x 6 m and past each other (35 cm
+from middle to middle is the least), at 0.7 to 1.5 m/s, their limbs swinging, and turn within 0.7 s; 4 to 6 cameras of
+1920 x 1080 px stand around at heights of 1.2 to 3 m; 30 frames a second.
+A camera's detections: landmarks with Gaussian noise of 4 px, 3 % of
 them with a further one of 60 px, 2 % of the poses with left and right exchanged, landmarks outside of the image and
 5 % of the others missing; a person is missed in 5 % of the frames, and whenever nearer people cover 60 % of their box;
 one false person every other frame, of a random pose, lasting for 1 to 12 frames. Detections become tracks by the boxes

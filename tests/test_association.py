@@ -208,7 +208,7 @@ def test_cameras_that_never_agree_fall_back_to_what_is_conspicuous() -> None:
         + rng.normal(0, 400, (3, 1, 1, 1, 2))
         + 500 * np.arange(3)[:, None, None, None, None]
     )
-    selection = select_person(cameras, replace(keypoints, points_px=px), AssociateOptions(max_epipolar=0.02))
+    selection = select_person(cameras, replace(keypoints, points_px=px), AssociateOptions(start=0.02))
     assert "calibration or the synchronisation" in selection.reason
     np.testing.assert_array_equal(selection.slots, np.zeros((3, 30)))
 
