@@ -1,6 +1,7 @@
 """Reading and writing of camera calibrations, one module a format."""
 
 from muybridge.geometry.calibration.common import Calibration
+from muybridge.geometry.calibration.export import EXPORT_FORMATS, ExportFormat, export_calibration
 from muybridge.geometry.calibration.files import (
     KNOWN_FORMATS,
     find_calibration,
@@ -11,9 +12,12 @@ from muybridge.geometry.calibration.files import (
 from muybridge.geometry.calibration.video_size import VideoFit, fit_to_video
 
 __all__ = [
+    "EXPORT_FORMATS",
     "KNOWN_FORMATS",
     "Calibration",
+    "ExportFormat",
     "VideoFit",
+    "export_calibration",
     "find_calibration",
     "fit_to_video",
     "load_calibration",

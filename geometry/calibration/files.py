@@ -11,10 +11,13 @@ from muybridge.errors import CalibrationError, OutputError
 from muybridge.files import replacing
 from muybridge.geometry.calibration.colmap import colmap_files, is_colmap_file, read_colmap
 from muybridge.geometry.calibration.common import Calibration, Malformed, upright_note
+from muybridge.geometry.calibration.easymocap import easymocap_sibling, read_easymocap
 from muybridge.geometry.calibration.native import native_text, read_native
 from muybridge.geometry.calibration.opencv_yaml import MATRIX_KEYS, read_opencv_yaml
+from muybridge.geometry.calibration.optitrack import read_optitrack_csv, read_optitrack_xml
 from muybridge.geometry.calibration.qualisys import read_qualisys
 from muybridge.geometry.calibration.rig_toml import read_rig_toml
+from muybridge.geometry.calibration.vicon import read_vicon
 from muybridge.geometry.cameras import CameraGroup
 
 KNOWN_FORMATS = (
@@ -23,6 +26,9 @@ KNOWN_FORMATS = (
     "Pose2Sim/Anipose TOML",
     "Caliscope TOML",
     "OpenCV YAML",
+    "EasyMocap (intri.yml and extri.yml)",
+    "Vicon (.xcp)",
+    "OptiTrack (.mcal, or a .csv of its attributes)",
     "COLMAP model (text or binary: cameras and images)",
 )
 """The formats that `load_calibration` reads."""
@@ -34,6 +40,7 @@ _MAX_BYTES = 16 * 2**20
 # Marks that survive a truncated or damaged file, so that its reader can say what is wrong with it. The first
 # that matches counts: our own TOML says what it is; XML and YAML have a first line; the rest is TOML.
 _Reader = Callable[[str, Path], Calibration]
+_XML = r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*"
 _MARKS: tuple[tuple[str, re.Pattern[str], _Reader], ...] = (
     ("Muybridge TOML", re.compile(r"^\s*muybridge_calibration\s*=", re.M), lambda text, _: read_native(text)),
     (
@@ -42,6 +49,26 @@ _MARKS: tuple[tuple[str, re.Pattern[str], _Reader], ...] = (
             r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*<(?:QTM_Parameters[^>]*>\s*<)?calibration\b", re.S
         ),
         lambda text, _: read_qualisys(text),
+    ),
+    (
+        "Vicon",
+        re.compile(_XML + r"<Cameras\b", re.S),
+        lambda text, _: read_vicon(text),
+    ),
+    (
+        "OptiTrack",
+        re.compile(_XML + r"<calibrationProfile\b", re.S),
+        lambda text, _: read_optitrack_xml(text),
+    ),
+    (
+        "OptiTrack",
+        re.compile(r"\A[^\n]*\bOrientMatrix0\b[^\n]*,|\A[^\n]*,\s*OrientMatrix0\b"),
+        lambda text, _: read_optitrack_csv(text),
+    ),
+    (
+        "EasyMocap",
+        re.compile(r"^(?:K|R|Rot|T|dist)_[^\s:]+\s*:\s*!!opencv-matrix", re.M),
+        lambda text, path: read_easymocap(text, path),
     ),
     (
         "OpenCV YAML",
@@ -115,6 +142,8 @@ def _text(path: Path) -> str | None:
     if not path.is_file() or path.stat().st_size > _MAX_BYTES:
         return None
     data = path.read_bytes()
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff") or data[:4] == b"<\0?\0":  # Motive's XML
+        return data.decode("utf-16" if data[:1] != b"<" else "utf-16-le", errors="replace")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -178,6 +207,9 @@ def _candidates(folder: Path) -> tuple[list[Path], list[str]]:
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or not path.is_file() or (has_model and is_colmap_file(path)):
             continue
+        sibling = easymocap_sibling(path)
+        if sibling is not None and sibling in found:
+            continue  # the two files of one calibration
         if _recognise(_text(path)):
             found.append(path)
         else:

@@ -64,7 +64,7 @@ def read_opencv_yaml(text: str, file_stem: str) -> Calibration:
     Raises:
         Malformed: what is wrong, with line or camera and field.
     """
-    data = _parse(text)
+    data = parse_yaml(text)
     found: list[tuple[str, dict[str, Any]]] = []
     if _is_camera(data):
         found = [(_label(data, file_stem), data)]
@@ -98,13 +98,13 @@ def read_opencv_yaml(text: str, file_stem: str) -> Calibration:
 
 
 def _camera(name: str, item: dict[str, Any]) -> Camera:
-    matrix = _array(item, _MATRIX)
-    distortion = _array(item, _DISTORTION) if _key(item, _DISTORTION) else np.zeros(0)
+    matrix = array_of(item, _MATRIX)
+    distortion = array_of(item, _DISTORTION) if _key(item, _DISTORTION) else np.zeros(0)
     if matrix.size != 9:
         raise Malformed(f"{_key(item, _MATRIX)} has {matrix.size} numbers, not 9")
     lens = opencv_lens(matrix, distortion, _is_fisheye(item))
     if _key(item, _EXTRINSIC):
-        extrinsic = _array(item, _EXTRINSIC)
+        extrinsic = array_of(item, _EXTRINSIC)
         if extrinsic.size not in (12, 16):
             raise Malformed(
                 f"{_key(item, _EXTRINSIC)} has {extrinsic.size} numbers, not 12 (3x4) or 16 (4x4)"
@@ -112,7 +112,7 @@ def _camera(name: str, item: dict[str, Any]) -> Camera:
         rows = extrinsic[:12].reshape(3, 4)
         rotation, translation = rotation_from(rows[:, :3].ravel(), "the rotation"), rows[:, 3]
     else:
-        values, translation = _array(item, _ROTATION), _array(item, _TRANSLATION)
+        values, translation = array_of(item, _ROTATION), array_of(item, _TRANSLATION)
         if values.size not in (3, 9) or translation.size != 3:
             raise Malformed("the rotation must have 3 or 9 numbers and the translation 3")
         rotation = rotation_from(values, str(_key(item, _ROTATION)))
@@ -160,7 +160,7 @@ def _key(item: dict[str, Any], spellings: tuple[str, ...]) -> str | None:
     return present[0] if present else None
 
 
-def _array(item: dict[str, Any], spellings: tuple[str, ...]) -> NDArray[np.float64]:
+def array_of(item: dict[str, Any], spellings: tuple[str, ...]) -> NDArray[np.float64]:
     """A matrix, given as OpenCV's rows, cols and data or as a plain list, flattened."""
     key = _key(item, spellings)
     if key is None:
@@ -178,7 +178,7 @@ def _array(item: dict[str, Any], spellings: tuple[str, ...]) -> NDArray[np.float
     return numbers(value, key)
 
 
-def _parse(text: str) -> dict[str, Any]:
+def parse_yaml(text: str) -> dict[str, Any]:
     """The whole file as dicts, lists, strings and floats."""
     if not text.startswith("%YAML"):
         body = text if text.lstrip().startswith("---") else "---\n" + text
