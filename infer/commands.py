@@ -44,6 +44,7 @@ def run(
     smooth: SmoothOptions = SmoothOptions(),  # noqa: B008
     fit: FitOptions = FitOptions(),  # noqa: B008
     fill_share: float = SolveOptions.fill_share,
+    everyone: bool = False,
     refine_cameras: bool = False,
     overlay: OverlayOptions = OverlayOptions(),  # noqa: B008
 ) -> int:
@@ -66,11 +67,12 @@ def run(
         fill_share: a landmark that the cameras do not agree on is taken from the fitted body in frames where at
             least this share of the landmarks was measured; above 1, never.
         refine_cameras: first make the calibration's poses better by the person; the report says what it gained.
+        everyone: write the other people whom two cameras see, too: `points_2.trc`, `motion_2.bvh` and so on.
         overlay: videos with what was found drawn in.
     """
     if not sessions:
         raise SessionError("name at least one session folder: muybridge run FOLDER [FOLDER ...]")
-    solve = SolveOptions(person, swaps, triangulate, smooth, fit, fill_share)
+    solve = SolveOptions(person, swaps, triangulate, smooth, fit, fill_share, everyone)
     options = RunOptions(session, detect, solve, second_look, overlay, refine_cameras, overwrite)
     jobs = plan(sessions, out)
     if len(jobs) == 1:

@@ -33,6 +33,8 @@ POINTS_TRC, POINTS_C3D, MARKERS_C3D = "points.trc", "points.c3d", "markers.c3d"
 MOTION_BVH, MOTION_GLB = "motion.bvh", "motion.glb"
 CALIBRATION, REPORT, RUN = "calibration.toml", "report.html", "run.json"
 THUMBNAILS = 4
+# Of a run that follows everyone; whoever comes after these in interest is left out.
+MOST_PEOPLE = 12
 _OVERLAY_CODE = ("muybridge.infer.overlay", "muybridge.infer.video", "muybridge.geometry.cameras")
 
 
@@ -48,25 +50,41 @@ def result_names(camera_files: Sequence[str]) -> tuple[str, ...]:
         camera_files: the cameras' names as file names.
     """
     overlays = tuple(overlay_name(name) for name in camera_files)
-    return (POINTS_TRC, POINTS_C3D, MOTION_BVH, MOTION_GLB, MARKERS_C3D, *overlays, REPORT, RUN, CALIBRATION)
+    motion = POINTS_TRC, POINTS_C3D, MOTION_BVH, MOTION_GLB, MARKERS_C3D
+    others = tuple(of_person(name, n) for n in range(2, MOST_PEOPLE + 1) for name in motion)
+    return (*motion, *others, *overlays, REPORT, RUN, CALIBRATION)
+
+
+def of_person(name: str, number: int) -> str:
+    """`points.trc` of the second person is `points_2.trc`."""
+    path = Path(name)
+    return name if number == 1 else f"{path.stem}_{number}{path.suffix}"
 
 
 def write_motion(output: OutputFolder, session: Session, solution: Solution, markers: MarkerChoice) -> list[str]:
     """Write the points, the motion, the markers of a set and the calibration as used; returns their names."""
+    output.write(CALIBRATION, lambda path: save_calibration(session.cameras, path))
+    names = [CALIBRATION]
+    for number, person in enumerate((solution, *solution.others[: MOST_PEOPLE - 1]), start=1):
+        for name, write in _writers(person, markers).items():
+            output.write(of_person(name, number), write)
+            names.append(of_person(name, number))
+    return names
+
+
+def _writers(person: Solution, markers: MarkerChoice) -> dict[str, Callable[[Path], object]]:
+    """The files of one person by name."""
+    motion, skin = person.motion, person.markers
     writers: dict[str, Callable[[Path], object]] = {
-        POINTS_TRC: lambda path: write_trc(path, solution.points),
-        POINTS_C3D: lambda path: write_c3d(path, solution.points),
-        CALIBRATION: lambda path: save_calibration(session.cameras, path),
+        POINTS_TRC: lambda path: write_trc(path, person.points),
+        POINTS_C3D: lambda path: write_c3d(path, person.points),
     }
-    motion, skin = solution.motion, solution.markers
     if skin is not None:
         writers[MARKERS_C3D] = lambda path: write_c3d(path, marker_set(skin, markers))
     if motion is not None:
         writers[MOTION_BVH] = lambda path: write_bvh(path, motion)
         writers[MOTION_GLB] = lambda path: write_glb(path, motion)
-    for name, write in writers.items():
-        output.write(name, write)
-    return list(writers)
+    return writers
 
 
 def write_overlays(

@@ -59,6 +59,12 @@ class OutputFolder:
             shutil.rmtree(partial.parent, ignore_errors=True)
         return path
 
+    def retire(self, names: Iterable[str]) -> None:
+        """Remove results of earlier runs that this one does not have; what is not as muybridge left it stays."""
+        for name in names:
+            if self.owns(name):
+                (self.path / name).unlink()
+
     def write_text(self, name: str, text: str) -> Path:
         """Write a text file (UTF-8)."""
         return self.write(name, lambda path: _write_text(path, text))

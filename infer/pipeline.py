@@ -203,6 +203,8 @@ def _write(
     exports.write_report_page(
         output, session, solution, quality, calibration, thumbnails, timings, asdict(options), versions(), written
     )
+    kept = {*written, exports.REPORT, exports.RUN}
+    output.retire(name for name in exports.result_names(files) if name not in kept)
     return [*written, exports.REPORT], stages
 
 

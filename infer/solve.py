@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,7 @@ class SolveOptions:
         fit: the skeleton and its joint angles.
         fill_share: a landmark that the cameras do not agree on is taken from the fitted body in frames where at
             least this share of the landmarks was measured; above 1, never.
+        everyone: follow the other people too.
     """
 
     person: AssociateOptions = field(default_factory=AssociateOptions)
@@ -49,6 +50,7 @@ class SolveOptions:
     smooth: SmoothOptions = field(default_factory=SmoothOptions)
     fit: FitOptions = field(default_factory=FitOptions)
     fill_share: float = 0.5
+    everyone: bool = False
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,7 @@ class Solution:
         no_motion: why there is none.
         markers: virtual markers on the skin, smoothed; None where they were not asked for.
         stages: the stages by name, in order, for their timings.
+        others: the other people whom two cameras see, where everyone was asked for; they have no others.
     """
 
     person: str
@@ -82,6 +85,7 @@ class Solution:
     no_motion: str
     markers: Points3D | None
     stages: dict[str, StageResult]
+    others: "tuple[Solution, ...]" = ()
 
 
 def solve(
@@ -95,7 +99,7 @@ def solve(
     markers: Keypoints2D | None = None,
     look_again: SecondLook | None = None,
 ) -> Solution:
-    """Follow one person through the take.
+    """Follow the person of interest through the take, or everyone.
 
     Args:
         cameras: C cameras, as the videos are.
@@ -110,7 +114,33 @@ def solve(
     """
     stage = _Stages(store, progress, [inputs, code_digest("muybridge.geometry"), fps])
     person = stage("person", options.person, lambda: _select(cameras, keypoints, options.person))
-    sides, cloud = _to_points(stage, "", cameras, keypoints, person, options)
+    take = _Take(stage, cameras, keypoints, markers, fps, options)
+    main = _followed(take, "", person, look_again)
+    if not options.everyone:
+        return main
+    others = []
+    for n, slots in enumerate(person.arrays["others"], start=2):
+        one = stage(f"person {n}", person.key, lambda slots=slots: (_taken(keypoints, slots), {"reason": ""}))
+        others.append(_followed(take, f" {n}", one, None))
+    return replace(main, others=tuple(others))
+
+
+@dataclass(frozen=True)
+class _Take:
+    """What is the same for everyone in a take."""
+
+    stage: "_Stages"
+    cameras: CameraGroup
+    keypoints: Keypoints2D
+    markers: Keypoints2D | None
+    fps: float
+    options: SolveOptions
+
+
+def _followed(take: _Take, number: str, person: StageResult, look_again: SecondLook | None) -> Solution:
+    """One person from 2D landmarks to motion; `number` is appended to the names of the stages."""
+    stage, cameras, keypoints, markers, fps, options = (getattr(take, f.name) for f in fields(take))
+    sides, cloud = _to_points(stage, number, cameras, keypoints, person, options)
     measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
     again = None if look_again is None else look_again(person.arrays["slots"], measured)
     if again is not None:
@@ -123,11 +153,11 @@ def solve(
         sides, cloud = _to_points(stage, _AGAIN, cameras, keypoints, person, options)
         measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
     px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
-    smooth = stage("smooth", [cloud.key, options.smooth], lambda: _smooth(measured, options.smooth))
+    smooth = stage(f"smooth{number}", [cloud.key, options.smooth], lambda: _smooth(measured, options.smooth))
     points = _as_points(keypoints.landmarks, smooth.arrays, cloud.arrays, fps)
     motion, no_motion = None, ""
     try:
-        fitted = stage("motion", [cloud.key, options.fit], lambda: _fit(measured, options.fit))
+        fitted = stage(f"motion{number}", [cloud.key, options.fit], lambda: _fit(measured, options.fit))
         motion = _unpack(fitted)
         points = _filled(points, measured, fitted.arrays, options.fill_share)
     except MuybridgeError as error:
@@ -136,7 +166,7 @@ def solve(
     marked = None
     if markers is not None:
         skin = stage(
-            "markers",
+            f"markers{number}",
             [person.key, options.swaps, options.triangulate],
             lambda: _markers(cameras, person.arrays, keypoints.landmarks, markers, options),
         )
@@ -218,7 +248,10 @@ def _select(
     cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions
 ) -> tuple[Arrays, Mapping[str, Any]]:
     selection = select_person(cameras, keypoints, options)
-    return _taken(keypoints, selection.slots), {"reason": selection.reason}
+    others = [p.slots for p in selection.people[1:] if p.rank > 0]
+    arrays = dict(_taken(keypoints, selection.slots))
+    arrays["others"] = np.array(others, dtype=np.int64).reshape(-1, *selection.slots.shape)
+    return arrays, {"reason": selection.reason}
 
 
 def _sides(

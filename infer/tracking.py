@@ -53,7 +53,7 @@ class TrackOptions:
         min_seen: tracks that were seen in fewer frames are dropped as accidents.
     """
 
-    max_people: int = 4
+    max_people: int = 6
     start_score: float = 0.35
     max_coast: int = 30
     smooth_frames: float = 1.5

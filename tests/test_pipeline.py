@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -96,10 +97,38 @@ def test_virtual_markers_leave_under_a_laboratorys_names(take, staged, staged_pe
     truth = staged_people.skin(30)[:, PLUG_IN_GAIT.surface_indices]
     assert np.nanmax(np.linalg.norm(markers.points_world - truth, axis=-1)) < 0.02
     assert "markers.c3d" in json.loads((take / "muybridge" / "run.json").read_text())["results"]
-    # Another set of names needs no network; none at all takes the file away.
+    # Another set of names needs no network; a run without any takes the file away.
     done = staged("run", take, "--markers", "cmu")
     assert "2D landmarks resumed" in done.stderr + done.stdout
     assert "LFWT" in read_c3d(take / "muybridge" / "markers.c3d").landmarks.names
+    assert staged("run", take, "--quiet").returncode == 0
+    assert not (take / "muybridge" / "markers.c3d").exists()
+
+
+def test_everyone_leaves_in_files_of_their_own(take, staged, staged_people, monkeypatch):
+    """Two people who walk past each other; the second stands two metres beside the first."""
+    estimator = staged_people.StagedEstimator
+    alone = estimator.finish
+
+    def both(self):
+        one = alone(self)
+        t, j = self._frames, len(BODY23)
+        far = self._camera.project(staged_people.person(t) + [0.8, 1.0, 0.0])[:, None]
+        two = {
+            "points_px": far, "variance_px2": np.full((t, 1, j), 0.25), "score": np.full((t, 1, j), 0.9),
+            "visibility": np.full((t, 1, j), 0.9), "boxes_px": one.boxes_px, "ids": np.ones((t, 1), np.int64),
+        }  # fmt: skip
+        return replace(one, **{k: np.concatenate([getattr(one, k), v], 1) for k, v in two.items()})
+
+    monkeypatch.setattr(estimator, "finish", both)
+    assert staged("run", take, "--quiet", "--everyone").returncode == 0
+    out = take / "muybridge"
+    found = [read_trc(out / name).points_world for name in ("points.trc", "points_2.trc")]
+    truth = [staged_people.person(30), staged_people.person(30) + [0.8, 1.0, 0.0]]
+    for points in found:
+        assert min(np.nanmean(np.linalg.norm(points - t, axis=-1)) for t in truth) < 0.02
+    assert np.linalg.norm(found[0] - found[1], axis=-1).min() > 0.5
+    assert (out / "motion_2.bvh").exists() and not (out / "points_3.trc").exists()
 
 
 def test_a_second_run_resumes_everything_and_says_so(take, staged):
@@ -408,7 +437,7 @@ def test_the_real_take_with_the_references_landmarks(real_data, tmp_path, staged
 
 
 def test_gaps_are_filled_from_the_body_only_where_it_is_known():
-    from muybridge.geometry.landmarks import BODY23, PLUG_IN_GAIT, Points3D
+    from muybridge.geometry.landmarks import BODY23, Points3D
     from muybridge.infer.solve import _filled
 
     frames = 4
