@@ -20,7 +20,7 @@ from muybridge.geometry.rotations import kabsch, log_so3
 
 Floats = NDArray[np.float64]
 _MOST_SHARED = 60
-_AGREE_RAD, _AGREE_SHARE = 0.15, 0.5
+_AGREE_RAD, _AGREE_SHARE, _MIRRORED_RAD = 0.5, 0.5, 0.2
 _AMBIGUOUS = 0.7
 
 
@@ -119,17 +119,16 @@ def _relative(
 ) -> Floats:
     """(4, 4) camera_from_world on which most times agree, whichever way round the camera numbered the board."""
     # candidate[t, g]: the camera's pose if it numbered the board turned by g at t.
-    candidate = np.stack([[n @ np.linalg.inv(s) @ np.linalg.inv(w) for s in turns] for n, w in zip(new, boards,
-                                                                                                   strict=True)])
-    flat = candidate.reshape(-1, 4, 4)
-    turn = np.einsum("nij,mij->nm", flat[:, :3, :3], flat[:, :3, :3])
+    candidate = [[n @ np.linalg.inv(s) @ np.linalg.inv(w) for s in turns] for n, w in zip(new, boards, strict=True)]
+    flat = np.array(candidate).reshape(-1, 4, 4)
+    cosine = np.einsum("nij,mij->nm", flat[:, :3, :3], flat[:, :3, :3])
     centers = -np.einsum("nji,nj->ni", flat[:, :3, :3], flat[:, :3, 3])
-    apart = np.arccos(np.clip((turn - 1) / 2, -1, 1))
-    apart += np.linalg.norm(centers[:, None] - centers, axis=-1) / (2 * size)
-    nearest = apart.reshape(len(flat), len(new), len(turns)).min(axis=2)
-    cost = np.median(nearest, axis=1)
+    turned = np.arccos(np.clip((cosine - 1) / 2, -1, 1))
+    apart = turned + np.linalg.norm(centers[:, None] - centers, axis=-1) / (2 * size)
+    groups = len(flat), len(new), len(turns)
+    cost = np.median(apart.reshape(groups).min(axis=2), axis=1)
     best = int(np.argmin(cost))
-    agree = float((nearest[best] < 2 * _AGREE_RAD).mean())
+    agree = float((turned.reshape(groups)[best].min(axis=1) < _AGREE_RAD).mean())
     if len(new) >= 3 and agree < _AGREE_SHARE:
         raise CalibrationError(
             f"camera {name}: where it stands comes out differently from view to view ({agree:.0%} of {len(new)} shared "
@@ -154,7 +153,7 @@ def _why(new: Sequence[Floats], boards: Sequence[Floats]) -> str:
     normals = np.stack([p[:3, 2] for p in new]), np.stack([p[:3, 2] for p in boards])
     plain = _mismatch(*normals)
     mirrored = _mismatch(normals[0] @ flip, normals[1])
-    if mirrored < 0.5 * plain and mirrored < _AGREE_RAD:
+    if mirrored < 0.5 * plain and mirrored < _MIRRORED_RAD:
         return "its pictures are mirrored: they fit when flipped left to right; turn mirroring off in the camera"
     return (
         "check that the pictures of all cameras belong to the same moments (timestamps.csv, numbers of the images), "
