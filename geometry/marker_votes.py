@@ -56,28 +56,21 @@ def cut_tracks(scores: Float, track: Int, fps: float, options: VoteOptions = Vot
         fps: frames a second.
         options: how.
     """
-    weight = _weight(fps, options)
+    # What is a marker does not become a ghost: whether it is one is for the votes to say.
+    t, s, starts = ordered(track)
+    votes = _weight(fps, options) * np.maximum(scores[t, s, :-1], options.floor)
     out = np.full_like(track, -1)
-    number = 0
-    for t, s in _members(track):
-        # What is a marker does not become a ghost: whether it is one is for the votes to say.
-        votes = weight * np.maximum(np.nan_to_num(scores[t, s, :-1], nan=options.floor), options.floor)
-        path = _best_path(np.ascontiguousarray(votes, np.float64), options.switch)
-        piece = np.cumsum(np.concatenate([[0], path[1:] != path[:-1]]))
-        out[t, s] = number + piece
-        number += int(piece[-1]) + 1
+    out[t, s] = _cut(np.ascontiguousarray(votes), starts, options.switch)
     return out
 
 
 def vote(scores: Float, track: Int, fps: float, options: VoteOptions = VoteOptions()) -> tuple[Float, Int]:
     """Votes (P, L + 1) of every trajectory, and its first and last frame (P, 2); arguments as `cut_tracks`."""
-    members = _members(track)
-    votes = np.zeros((len(members), scores.shape[2]))
-    span = np.zeros((len(members), 2), np.intp)
-    for p, (t, s) in enumerate(members):
-        votes[p] = np.maximum(np.nan_to_num(scores[t, s], nan=options.floor), options.floor).sum(0)
-        span[p] = t[0], t[-1]
-    return votes * _weight(fps, options), span
+    t, s, starts = ordered(track)
+    if not len(t):
+        return np.zeros((0, scores.shape[2])), np.zeros((0, 2), np.intp)
+    votes = np.add.reduceat(np.maximum(scores[t, s], options.floor), starts[:-1], 0)
+    return votes * _weight(fps, options), np.stack([t[starts[:-1]], t[starts[1:] - 1]], 1)
 
 
 def elect(votes: Float, span: Int, rounds: int = 8) -> Int:
@@ -175,15 +168,29 @@ def _weight(fps: float, options: VoteOptions) -> float:
     return 1.0 / (1.0 + fps * options.memory)
 
 
-def _members(track: Int) -> list[tuple[Int, Int]]:
-    """Frames and slots of every trajectory, in the order of their numbers."""
+def ordered(track: Int) -> tuple[Int, Int, Int]:
+    """Frames and slots of all points, trajectory by trajectory, and where each begins (P + 1)."""
     t, s = np.nonzero(track >= 0)
     number = track[t, s]
     order = np.lexsort((t, number))
     cuts = np.nonzero(np.diff(number[order]))[0] + 1
-    if not len(order):
-        return []
-    return list(zip(np.split(t[order], cuts), np.split(s[order], cuts), strict=True))
+    return t[order], s[order], np.concatenate([[0], cuts, [len(t)]]).astype(np.intp)
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _cut(votes: Float, starts: Int, switch: float) -> Int:
+    """A number for every piece of every trajectory, (N,)."""
+    out = np.empty(len(votes), np.intp)
+    number = -1
+    for p in range(len(starts) - 1):
+        if starts[p] == starts[p + 1]:
+            continue
+        path = _best_path(votes[starts[p] : starts[p + 1]], switch)
+        for i in range(len(path)):
+            if i == 0 or path[i] != path[i - 1]:
+                number += 1
+            out[starts[p] + i] = number
+    return out
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks import MarkerSet
 from muybridge.geometry.marker_people import split_people
+from muybridge.geometry.marker_recovery import RecoverOptions, recover_points
 from muybridge.geometry.marker_rigidity import (
     RigidityOptions,
     distance_scores,
@@ -18,7 +19,7 @@ from muybridge.geometry.marker_rigidity import (
     prior_rigidity,
 )
 from muybridge.geometry.marker_tracking import TrackOptions, Tracks, find_tracks
-from muybridge.geometry.marker_votes import VoteOptions, assign_frames, cut_tracks, elect, vote
+from muybridge.geometry.marker_votes import VoteOptions, assign_frames, cut_tracks, elect, ordered, vote
 from muybridge.infer.label_network import LabelNetwork
 
 Float = NDArray[np.float64]
@@ -43,6 +44,7 @@ class LabelOptions:
     track: TrackOptions = TrackOptions()
     vote: VoteOptions = VoteOptions()
     rigidity: RigidityOptions = RigidityOptions()
+    recover: RecoverOptions = RecoverOptions()
     window: bool = True
     votes: bool = True
     distances: bool = True
@@ -110,7 +112,24 @@ def label_points(points: Float, fps: float, markers: MarkerSet, network: LabelNe
     label = _elect(scores, tracks, fps, options)
     if options.distances:
         scores, label = _repair(scores, label, tracks, turn, fps, asked, network, options)
-    return _labelled(markers, label, scores, turn, scale, tracks, notes)
+    sure = _over_time(scores, tracks.track, fps, options) if options.votes else scores
+    return _labelled(markers, label, sure, turn, scale, tracks, notes)
+
+
+def _over_time(scores: Float, track: NDArray[np.intp], fps: float, options: LabelOptions) -> Float:
+    """Scores in which half a second to either side has a say, and the whole trajectory has some: what a name's
+    confidence is measured by."""
+    out = scores.copy()
+    weight, half = 1.0 / (1.0 + fps * options.vote.memory), max(1, round(0.5 * fps))
+    t, s, starts = ordered(track)
+    total = np.cumsum(np.maximum(scores[t, s], options.vote.floor), 0)
+    total = np.concatenate([np.zeros((1, total.shape[1])), total])
+    count = np.diff(starts)
+    first, last = np.repeat(starts[:-1], count), np.repeat(starts[1:], count)
+    low, high = np.maximum(np.arange(len(t)) - half, first), np.minimum(np.arange(len(t)) + half + 1, last)
+    mean = (total[last] - total[first]) / (last - first)[:, None]
+    out[t, s] = (total[high] - total[low]) * weight + mean * np.minimum(5.0, (last - first) * weight)[:, None]
+    return out
 
 
 def _labelled(markers: MarkerSet, label: NDArray[np.intp], scores: Float, turn: Float, factor: float, tracks: Tracks,
@@ -159,6 +178,8 @@ def _repair(scores: Float, label: NDArray[np.intp], tracks: Tracks, turn: Float,
         fitted = scores.copy()
         fitted[..., :-1] = np.maximum(scores[..., :-1], options.vote.floor) + how.weight * 2.5 * fit
         label = _elect(fitted, tracks, fps, options)
+    if options.votes:
+        label = recover_points(tracks.points, label, fitted[..., :-1] - fitted[..., -1:], options.recover)
     return fitted, label
 
 
