@@ -187,8 +187,11 @@ def _trial(way: Sample, marker: int, a: int, b: int, known: Float, body: NDArray
     """Median distance by which a way misses gaps as long as this one, put beside it; infinite where none fits."""
     length, errors = b - a, []
     path = known[:, marker]
-    for start in (a - length - 2, b + 2, a - 2 * length - 4, b + length + 4):
+    steps = [k * (length + 2) for k in range(1, 7)]
+    for start in [at for step in steps for at in (a - step, b + step - length)]:
         end = start + length
+        if len(errors) == 4:
+            break
         if start < 1 or end >= len(path) or not np.isfinite(path[start - 1 : end + 1, 0]).all():
             continue
         hidden = path.copy()

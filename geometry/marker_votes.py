@@ -204,13 +204,10 @@ def _best_path(votes: Float, switch: float) -> Int:
         for c in range(labels):
             if best[c] > best[top]:
                 top = c
+        changed = best[top] - switch
         for c in range(labels):
-            if best[c] >= best[top] - switch:
-                came[i, c] = c
-                best[c] += votes[i, c]
-            else:
-                came[i, c] = top
-                best[c] = best[top] - switch + votes[i, c]
+            came[i, c] = c if best[c] >= changed else top
+            best[c] = max(best[c], changed) + votes[i, c]
     out = np.empty(count, np.intp)
     out[count - 1] = best.argmax()
     for i in range(count - 1, 0, -1):
