@@ -184,27 +184,30 @@ def _ways(marker: int, a: int, b: int, known: Float, partners: NDArray[np.intp],
 
 def _trial(way: Sample, marker: int, a: int, b: int, known: Float, body: NDArray[np.intp],
            options: CleanOptions) -> float:  # fmt: skip
-    """Median distance by which a way misses gaps as long as this one, put beside it; infinite where none fits."""
-    length, errors = b - a, []
-    path = known[:, marker]
-    steps = [k * (length + 2) for k in range(1, 7)]
-    for start in [at for step in steps for at in (a - step, b + step - length)]:
-        end = start + length
-        if len(errors) == 4:
-            break
-        if start < 1 or end >= len(path) or not np.isfinite(path[start - 1 : end + 1, 0]).all():
-            continue
-        hidden = path.copy()
-        hidden[start:end] = np.nan
-        if way == Sample.CURVE:
-            found = fill_curve(hidden, start, end)
-        else:
-            fill = fill_rigid if way == Sample.RIGID else fill_pattern
-            whole = np.isfinite(known[start - 1 : end + 1][:, body]).all()
-            found = fill(hidden, known[:, body], start, end) if whole else None
-        if found is not None and np.isfinite(found).all():
-            errors.append(float(np.median(np.linalg.norm(found - path[start:end], axis=1))))
-    return float(np.mean(errors)) if errors else float("inf")
+    """Median distance by which a way misses gaps as long as this one, put beside it (shorter ones, where there is no
+    room); infinite where none fits."""
+    path, errors = known[:, marker], list[float]()
+    whole = np.isfinite(path[:, 0]) & np.isfinite(known[:, body, 0]).all(1)
+    for length in (b - a, (b - a + 1) // 2, (b - a + 3) // 4):
+        steps = [k * (length + 2) for k in range(1, 7)]
+        for start in [at for step in steps for at in (a - step, b + step - length)]:
+            end = start + length
+            if len(errors) == 4 or start < 1 or end >= len(path) or not whole[start - 1 : end + 1].all():
+                continue
+            hidden = path.copy()
+            hidden[start:end] = np.nan
+            found = _fill(way, hidden, known[:, body], start, end)
+            if found is not None and np.isfinite(found).all():
+                errors.append(float(np.median(np.linalg.norm(found - path[start:end], axis=1))))
+        if errors:
+            return float(np.mean(errors))
+    return float("inf")
+
+
+def _fill(way: Sample, path: Float, body: Float, a: int, b: int) -> Float | None:
+    if way == Sample.CURVE:
+        return fill_curve(path, a, b)
+    return fill_rigid(path, body, a, b) if way == Sample.RIGID else fill_pattern(path, body, a, b)
 
 
 def fill_curve(path: Float, a: int, b: int, support: int = 4) -> Float | None:
