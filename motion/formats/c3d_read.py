@@ -219,7 +219,7 @@ class _Reader:
             if count > len(self.data):
                 raise self.error(f"its parameter {name} is larger than the file")
             text = [self.text(at + k * width, width) for k in range(count)]
-            return [t.rstrip("\0 ").strip() for t in text]
+            return [t.strip() for t in text]
         numbers = self.words(at, size, {1: "i1", 2: "i2", 4: "f4"}[kind])
         return numbers.astype(np.float64).reshape(shape, order="F")
 
@@ -228,9 +228,11 @@ class _Reader:
             raise self.error("it ends within a name: is it cut off?")
         raw = self.data[at : at + length]
         try:
-            return raw.decode("utf-8")
+            text = raw.decode("utf-8")
         except UnicodeDecodeError:
-            return raw.decode("latin-1")
+            text = raw.decode("latin-1")
+        text = text.rstrip("\0 ")
+        return "".join(c if c.isprintable() else "?" for c in text)
 
     def header_events(self) -> tuple[tuple[str, float], ...]:
         """Up to 18 events of four letters each, in the header itself."""
@@ -238,7 +240,7 @@ class _Reader:
         if key != _EVENT_LABELS or not 0 < count <= 18:
             return ()
         seconds = self.words(304, count, "f4")
-        labels = [self.text(396 + 4 * k, 4).strip("\0 ") for k in range(count)]
+        labels = [self.text(396 + 4 * k, 4).strip() for k in range(count)]
         return tuple((label, float(s)) for label, s in zip(labels, seconds, strict=True) if np.isfinite(s))
 
 

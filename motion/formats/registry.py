@@ -20,6 +20,7 @@ from muybridge.motion.formats.bvh import read_bvh, write_bvh
 from muybridge.motion.formats.c3d import C3DTake, read_c3d_take, write_c3d
 from muybridge.motion.formats.csv_points import read_csv, write_csv
 from muybridge.motion.formats.gltf import read_gltf, write_glb
+from muybridge.motion.formats.mot import write_mot
 from muybridge.motion.formats.npz import read_npz, write_npz
 from muybridge.motion.formats.parquet import read_parquet, write_parquet
 from muybridge.motion.formats.trc import read_trc, write_trc
@@ -117,6 +118,7 @@ _WRITE_MOTION: dict[str, Callable[[Path, Motion], object]] = {
     ".bvh": write_bvh,
     ".amc": write_amc,
     ".glb": write_glb,
+    ".mot": write_mot,
 }
 
 
