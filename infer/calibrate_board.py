@@ -19,9 +19,10 @@ from muybridge.geometry.calibration.solved import Solved, table
 from muybridge.geometry.calibration.world import level, moved, on_board
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.infer.board_pictures import Pictures, find_pictures, look_for_board, some_pictures
+from muybridge.infer.calibration_report import write_solved_page
 from muybridge.infer.progress import Progress
 
-_LOOKED_FOR_OTHERS = 6
+_LOOKED_FOR_OTHERS = 4
 _OUT_OF_STEP = 0.05
 
 
@@ -134,7 +135,8 @@ def board(
                 raise CalibrationError(f"{error}{_others(wanted, pictures, views)}") from None
     cameras, said = _world(rig, floor)
     save_calibration(cameras, out)
-    for line in [*table(rig.solved), *told(rig), said, f"written: {out}"]:
+    shown = write_solved_page(out, folder.resolve().name, rig.solved, f"a board at {len(rig.times)} moments", cameras)
+    for line in [*table(rig.solved), *told(rig), said, f"written: {out}", shown]:
         print(line)
     return 0
 
@@ -158,7 +160,7 @@ def check_seen(wanted: Board, pictures: Sequence[Pictures], views: Mapping[str, 
 
 def _others(wanted: Board, pictures: Sequence[Pictures], views: Mapping[str, Mapping[int, View]]) -> str:
     """Descriptions under which more would be found, as the end of a sentence."""
-    images = [image for p in pictures for image in some_pictures(p, max(2, _LOOKED_FOR_OTHERS // len(pictures)))]
+    images = [image for p in pictures for image in some_pictures(p, max(1, _LOOKED_FOR_OTHERS // len(pictures)))]
     found = fitting_descriptions(wanted, images)
     return f"; it would be found as: {' | '.join(found)}" if found else ""
 

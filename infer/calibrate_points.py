@@ -13,6 +13,7 @@ from muybridge.geometry.calibration.board_lens import Lens
 from muybridge.geometry.calibration.points import KnownPoints, calibrate_points
 from muybridge.geometry.calibration.solved import table
 from muybridge.geometry.cameras import CameraGroup
+from muybridge.infer.calibration_report import write_solved_page
 from muybridge.infer.video import probe_video
 
 COLUMNS = ("camera", "x", "y", "z", "u", "v")
@@ -102,7 +103,9 @@ def points(
             )
     result = calibrate_points(known, sizes, given, lens, sigma_px)
     save_calibration(result.solved.cameras, out)
-    for line in [*table(result.solved), *result.notes, f"written: {out}"]:
+    solved = result.solved
+    shown = write_solved_page(out, out.stem, solved, f"{len(np.unique(solved.point))} known points", solved.cameras)
+    for line in [*table(result.solved), *result.notes, f"written: {out}", shown]:
         print(line)
     return 0
 

@@ -88,7 +88,8 @@ def _scan_photos(source: Path, folder: Path, most: int) -> int:
     """Put the scan's photographs into a folder; returns how many."""
     folder.mkdir(parents=True)
     if source.is_dir():
-        files = sorted((p for p in source.iterdir() if p.suffix.lower() in _PICTURES), key=lambda p: natural_key(p.name))
+        pictures = (p for p in source.iterdir() if p.suffix.lower() in _PICTURES)
+        files = sorted(pictures, key=lambda p: natural_key(p.name))
         for k, file in enumerate(files):
             shutil.copy(file, folder / f"{k:05d}{file.suffix.lower()}")
         if not files:

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.files import replacing
-from muybridge.geometry.calibration.quality import CalibrationQuality
+from muybridge.geometry.calibration.quality import CalibrationQuality, check_solved
+from muybridge.geometry.calibration.solved import Solved
+from muybridge.geometry.cameras import CameraGroup
 from muybridge.infer.calibration_figures import cameras_table, evidence_table, pictures_figure, plan_figure
 from muybridge.infer.report_findings import Finding
 from muybridge.infer.report_sections import findings_section, number_text, percent_text, run_section, tile
@@ -140,6 +142,22 @@ def render_calibration(page: CalibrationPage) -> str:
     for name, part in parts.items():
         text = text.replace(f"<!--@{name}-->", part, 1)
     return text
+
+
+def write_solved_page(calibration: Path, title: str, result: Solved, source: str, cameras: CameraGroup) -> str:
+    """Write the page of an adjustment beside the calibration file that it gave; returns the line that says so.
+
+    Args:
+        calibration: the calibration file; the page has its name with `.html`.
+        title: of the page.
+        result: the adjustment.
+        source: phrase for what it was adjusted to ("a board in 80 pictures").
+        cameras: the cameras as they were written.
+    """
+    quality = check_solved(result, source, cameras)
+    page = write_calibration_page(calibration.with_suffix(".html"), CalibrationPage(title, quality))
+    grave = [f.text for f in calibration_findings(quality) if f.severity == "bad"]
+    return "\n".join([*grave, f"{page} shows residuals, coverage and how well each number is known"])
 
 
 def write_calibration_page(path: Path, page: CalibrationPage) -> Path:

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from muybridge.errors import CalibrationError
+from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.scan import ScanCalibration, ScanOptions, calibrate_scan
 from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.infer.cli import run_command
 
 _HALF = np.array([2.6, 2.1])  # of the room, metres
 _HEIGHT = 2.6
@@ -124,3 +126,42 @@ def test_the_room_is_as_large_as_it_is(found: ScanCalibration) -> None:
     np.testing.assert_allclose(high[:2], _HALF, atol=0.08)
     np.testing.assert_allclose(low[:2], -_HALF, atol=0.08)
     assert abs(low[2]) < 0.05
+
+
+def test_what_lacks_is_said_before_the_work(tmp_path: Path) -> None:
+    for part in ("scan", "fixed"):
+        (tmp_path / part).mkdir()
+    picture = np.zeros((48, 64), np.uint8)
+    cv2.imwrite(str(tmp_path / "fixed" / "left.png"), picture)
+    with pytest.raises(CalibrationError, match="size of a marker"):
+        calibrate_scan(tmp_path, tmp_path)
+    with pytest.raises(CalibrationError, match="known distance is between two of the cameras left"):
+        calibrate_scan(tmp_path, tmp_path, pair=("left", "right"), options=ScanOptions(distance=2.0))
+    with pytest.raises(CalibrationError, match="0 photographs"):
+        calibrate_scan(tmp_path, tmp_path, options=ScanOptions(marker_size=0.2))
+    for k in range(3):
+        cv2.imwrite(str(tmp_path / "scan" / f"{k}.png"), picture)
+    with pytest.raises(CalibrationError, match="0 of 3 photographs of the scan fit together"):
+        calibrate_scan(tmp_path, tmp_path, options=ScanOptions(marker_size=0.2))
+    with pytest.raises(ValueError, match="DICT_4X4_50"):
+        ScanOptions(marker_dictionary="DICT_3X3")
+
+
+def test_the_command_scales_by_a_distance(
+    scene: tuple[Path, CameraGroup], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Photographs and stills from folders; the world stands upright without a marker, and is as large as it is."""
+    folder, truth = scene
+    apart = float(np.linalg.norm(truth["left"].center_world - truth["right"].center_world))
+    arguments = ["calibrate", "scan", str(folder / "scan"), "--cameras", str(folder / "fixed"), "--max-features", "900"]
+    arguments += ["--between", "left", "right", "--distance", f"{apart:.4f}", "--out", str(tmp_path / "rig.toml")]
+    assert run_command([*arguments, "--quiet"]) == 0
+    said = capsys.readouterr().out
+    assert "14 of 14 photographs" in said or "13 of 14 photographs" in said
+    cameras = load_calibration(tmp_path / "rig.toml")
+    centers = {c.name: c.center_world for c in cameras}
+    assert np.linalg.norm(centers["left"] - centers["back"]) == pytest.approx(
+        np.linalg.norm(truth["left"].center_world - truth["back"].center_world), rel=0.01
+    )
+    for camera in truth:
+        assert centers[camera.name][2] == pytest.approx(camera.center_world[2], abs=0.15)

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.calibration.adjust import AdjustProblem, AdjustResult, FreeCamera, adjust
+from muybridge.geometry.calibration.adjust import AdjustProblem, FreeCamera, adjust
 from muybridge.geometry.calibration.culprits import CulpritOptions, CulpritReport, find_culprits
 from muybridge.geometry.calibration.culprits_fit import alike
 from muybridge.geometry.calibration.lens import ADJUSTABLE_MODELS
+from muybridge.geometry.calibration.solved import Solved
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.triangulation import leave_one_out_error, triangulate
 
@@ -201,28 +202,27 @@ def check_take(
     )
 
 
-def check_adjustment(problem: AdjustProblem, result: AdjustResult, source: str) -> CalibrationQuality:
+def check_solved(result: Solved, source: str, cameras: CameraGroup | None = None) -> CalibrationQuality:
     """Judge a calibration by the adjustment that it came from (a board, or known points).
 
     Args:
-        problem: what was adjusted.
-        result: the outcome.
+        result: the adjustment.
         source: phrase for what it was adjusted to.
+        cameras: the same cameras where they were put in another world since.
     """
-    cameras = result.cameras
+    world = result.points_world
+    if cameras is None:
+        cameras = result.cameras
+    else:  # the first camera takes its points along
+        seen = world @ result.cameras[0].rotation.T + result.cameras[0].translation
+        world = (seen - cameras[0].translation) @ cameras[0].rotation
     error = -result.residuals_px
     length = np.linalg.norm(error, axis=1)
-    rows = [problem.camera == c for c in range(len(cameras))]
-    pictures = tuple(residual_picture(c, problem.pixels[r], error[r]) for c, r in zip(cameras, rows, strict=True))
-    world = result.points[problem.point]
-    body = problem.body if problem.body is not None else np.full(len(world), -1)
-    on = body >= 0
-    poses = result.bodies[body[on]]
-    world[on] = np.einsum("nij,nj->ni", poses[:, :, :3], world[on]) + poses[:, :, 3]
-    _, place = np.unique(np.stack([problem.point, body]), axis=1, return_inverse=True)
+    rows = [result.camera == c for c in range(len(cameras))]
+    pictures = tuple(residual_picture(c, result.pixels[r], error[r]) for c, r in zip(cameras, rows, strict=True))
+    _, place = np.unique(np.stack([result.point, result.time]), axis=1, return_inverse=True)
     views = np.bincount(place.ravel())[place.ravel()]
-    focal = np.array([c.params[0] for c in cameras])
-    free = np.array([f.focal for f in problem.free])
+    focal, known = np.array([c.params[0] for c in cameras]), result.focal_std_px
     return CalibrationQuality(
         cameras=cameras,
         source=source,
@@ -230,8 +230,8 @@ def check_adjustment(problem: AdjustProblem, result: AdjustResult, source: str) 
         residual_px=np.array([_quantile(length[None, r], 0.5)[0] for r in rows]),
         p95_px=np.array([_quantile(length[None, r], 0.95)[0] for r in rows]),
         leave_one_out_px=np.full(len(cameras), np.nan),
-        focal_sd=np.where(free, result.focal_std / focal, np.nan),
-        position_sd=np.asarray(result.position_std),
+        focal_sd=np.where(known > 0, known / focal, np.nan),
+        position_sd=np.where(result.position_std > 0, result.position_std, np.nan),
         pictures=pictures,
         plan=plan_of(cameras, world, views),
         fitted=True,
