@@ -24,6 +24,7 @@ from muybridge.motion.formats.mot import write_mot
 from muybridge.motion.formats.npz import read_npz, write_npz
 from muybridge.motion.formats.parquet import read_parquet, write_parquet
 from muybridge.motion.formats.trc import read_trc, write_trc
+from muybridge.motion.formats.usd import write_usda
 
 Array = NDArray[np.float64]
 
@@ -119,6 +120,7 @@ _WRITE_MOTION: dict[str, Callable[[Path, Motion], object]] = {
     ".amc": write_amc,
     ".glb": write_glb,
     ".mot": write_mot,
+    ".usda": write_usda,
 }
 
 
