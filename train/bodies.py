@@ -155,7 +155,7 @@ class BodyModel:
         batches: list[BodyBatch] = []
         count = 0
         while count < n:
-            rotvec, kinds = self._sample_poses(min(64, 2 * (n - count) + 8))
+            rotvec, kinds = self._sample_poses(min(64, round(1.15 * (n - count)) + 2))  # one in twelve is rejected
             phenotypes = self.sample_phenotypes(len(kinds))
             vertices, landmarks, height, joints = self.forward(rotvec, phenotypes)
             good = np.nonzero(~self.penetrates(joints, height))[0]

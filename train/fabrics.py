@@ -204,8 +204,8 @@ def colour_of(values: Any) -> Colour:
 def fabric_colour(rng: np.random.Generator) -> Colour:
     """Linear colours of fabrics as they are worn: dark, grey, white and blue ones lead, saturated ones are rare."""
     kind = rng.random()
-    if kind < 0.30:  # black and charcoal: cloth returns 2 % of the light at least
-        return colour_of(np.exp(rng.uniform(np.log(0.02), np.log(0.09))) * rng.uniform(0.85, 1.15, 3))
+    if kind < 0.30:  # black and charcoal: even black cloth returns 3 % of the light
+        return colour_of(np.exp(rng.uniform(np.log(0.026), np.log(0.1))) * rng.uniform(0.85, 1.15, 3))
     if kind < 0.42:  # white and light grey
         return colour_of(rng.uniform(0.4, 0.82) * rng.uniform(0.92, 1.03, 3))
     if kind < 0.54:  # navy to jeans

@@ -190,7 +190,7 @@ class Dresser:
     def _suit(self) -> None:
         v = self.values
         dark = self.chance(0.85)
-        colour = tuple(np.exp(self.rng.uniform(np.log(0.02), np.log(0.06))) * self.rng.uniform(0.9, 1.2, 3))
+        colour = tuple(np.exp(self.rng.uniform(np.log(0.026), np.log(0.07))) * self.rng.uniform(0.9, 1.2, 3))
         colour = tuple(float(c) for c in colour) if dark else fabric_colour(self.rng)
         second = v["trousers_b"] if self.chance(0.35) else colour
         v |= {

@@ -24,7 +24,7 @@ SHADOW_MAPS = (384, 224)  # pixels: of the main light, of the sky
 PARTS = ("body", "trousers", "shirt", "shoes", "skirt", "long_hair", "hair", "hat")
 DOT = 0.007  # metres, radius of a reflective dot
 # Mean luma (0..255) of a person that the camera's exposure keeps to.
-LUMA = (38.0, 205.0)
+LUMA = (45.0, 205.0)
 NEAR, FAR = 0.1, 60.0
 
 # How far, in metres for a body of 1.7 m, a landmark lies under the skin: beyond it, something hides it.
@@ -348,14 +348,13 @@ class Renderer:
 
 def _expose(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Brings the mean luma of a person into `LUMA`, in place, as a camera's exposure would: nobody is a black hole."""
-    person = rgba[rgba[..., 3] > 0, :3]
-    if not len(person):
-        return rgba
-    luma = float(person.mean(0) @ [0.299, 0.587, 0.114])
-    wanted = float(np.clip(luma, *LUMA))
-    if wanted != luma:
-        steps = np.arange(256) / 255
-        gain = wanted / max(luma, 4.0)
+    person = rgba[..., 3] > 0
+    for _ in range(3 if person.any() else 0):
+        luma = float(rgba[person, :3].mean(0) @ [0.299, 0.587, 0.114])
+        wanted = float(np.clip(luma, *LUMA))
+        if abs(wanted - luma) < 1:
+            break
+        steps, gain = np.arange(256) / 255, wanted / max(luma, 4.0)
         curve = (1 - (1 - steps) ** gain) if gain > 1 else steps * gain  # brightening keeps white white
         rgba[..., :3] = (curve.clip(0, 1) * 255).round().astype(np.uint8)[rgba[..., :3]]
     return rgba

@@ -63,8 +63,7 @@ class Shells:
     def shape(self, vertices: F32) -> tuple[F32, F32]:
         """The buffer (first, 9) of positions, normals and slack positions of a posed body (V, 3); and the normals."""
         points = np.concatenate([vertices, self._dome @ vertices[:BODY_VERTICES]])
-        t = points[self._faces]
-        normals = _unit(self._incidence @ np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]))
+        normals = _unit(self._incidence @ _face_normals(points, self._faces))
         table = np.concatenate([points, normals, points], 1).astype(np.float32)
         low, high = self._tights
         table[low:high, 6:] = garments.slack(vertices[low:high], self._mean)
@@ -75,8 +74,7 @@ class Shells:
         tables = []
         for item in items:
             points = self._anchors.carry(item, vertices)
-            t = points[self._grid]
-            normals = _unit(self._grid_incidence @ np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]))
+            normals = _unit(self._grid_incidence @ _face_normals(points, self._grid))
             tables.append(np.concatenate([points, normals, points], 1))
         return np.concatenate(tables).astype(np.float32) if tables else np.zeros((0, 9), np.float32)
 
@@ -96,5 +94,13 @@ def _incidence(faces: I32, count: int) -> sp.csr_matrix:
     return sp.csr_matrix(entries, shape=(count, len(faces)))
 
 
+def _face_normals(points: F32, faces: I32) -> F32:
+    """(F, 3) normals as long as twice the area."""
+    a = points[faces[:, 0]]
+    u, v = (points[faces[:, 1]] - a).T, (points[faces[:, 2]] - a).T
+    return np.stack([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]], 1)
+
+
 def _unit(normals: NDArray[np.floating]) -> F32:
-    return np.asarray(normals / (np.linalg.norm(normals, axis=1, keepdims=True) + 1e-12), np.float32)
+    size = np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None]
+    return np.asarray(normals / (size + 1e-12), np.float32)

@@ -19,7 +19,7 @@ SKIN = np.array(
 # Kinds of outfit: clothed, sports clothes, athlete without a shirt, swimmer in briefs, motion-capture suit.
 KINDS = {"clothed": 0.48, "sports": 0.17, "no_shirt": 0.15, "briefs": 0.07, "suit": 0.13}
 # Exposure puts a white card that faces the light about here, linear; the film's shoulder lies above.
-EXPOSURE, EXPOSURE_SD = 1.12, 0.27
+EXPOSURE, EXPOSURE_SD = 1.32, 0.27
 GONE = 9.0  # an edge that is nowhere
 
 

@@ -29,7 +29,7 @@ float in_shirt(vec3 q, float arm) {
 }
 float in_trousers(vec3 q, float arm) {
   if (has_trousers == 0 || arm > .5) return -1.;
-  return min(waist - q.z, q.z - cuff);
+  return min(min(waist - q.z, q.z - cuff), q.z < -.72 ? q.y + .075 : 9.); // the foot is out of them
 }
 float in_skirt(vec3 q) { return has_skirt == 0 ? -1. : min(skirt_top - q.z, q.z - skirt_length); }
 float in_shoe(vec3 q) { return abs(q.x) < .34 ? shoe_top - q.z - .12 * max(0., -q.y - .03) : -1.; }
@@ -56,10 +56,13 @@ bool absent(vec3 q, float arm, float head) {
     if (arm < .5 && head < .5 && (in_trousers(q, arm) > .012 || in_skirt(q) > .05)) return true;
     return head > .5 && in_hat(q) > .012;
   }
-  if (part == TROUSERS) return in_trousers(q, arm) < 0. || in_shoe(q) > .05 || in_skirt(q) > .05;
+  if (part == TROUSERS) {
+    if (hem < waist - .06 && in_shirt(q, arm) > .015) return true; // the shirt hangs over them
+    return in_trousers(q, arm) < 0. || in_shoe(q) > .05 || in_skirt(q) > .05;
+  }
   if (part == SHIRT) return in_shirt(q, arm) < 0. || (hem > skirt_top - .06 && has_skirt == 1 && in_skirt(q) > .03);
   if (part == SHOES) return in_shoe(q) < 0.;
-  if (part == SKIRT) return in_skirt(q) < 0.;
+  if (part == SKIRT) return in_skirt(q) < 0. || (hem < skirt_top - .06 && in_shirt(q, arm) > .03);
   if (part == LONG_HAIR)
     return q.z < hair_length || (q.y < -.055 && q.z < .765) || (q.y < -.03 && q.z < .70) || in_hat(q) > -.005;
   if (part == HAIR) return in_hair(q) < 0. || in_hat(q) > .012;

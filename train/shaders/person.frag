@@ -191,7 +191,7 @@ void main() {
     a = strands(Q, 1.);
     vec3 q = Q * vec3(60., 60., 14.) + seed;
     n = normalize(n + 1.3 * (vec3(fractal(q), fractal(q + 3.), fractal(q + 7.)) - .45));
-    gloss = .25; power = 14.;
+    gloss = .14; power = 12.;
   }
   if (cloth) {
     int kind = arm > .5 ? fold_kind.y : (part == SKIRT ? 3 : (Q.z < -.03 ? fold_kind.z : fold_kind.x));

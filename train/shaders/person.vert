@@ -33,6 +33,10 @@ void main() {
     } else {
       w = mix(position, slack, loose_trousers);
       offset = puff_trousers + drape_trousers * traits.w + flare_leg * smoothstep(.0, -.5, q.z) + wave * smoothstep(.05, -.1, q.z);
+      if (has_shirt == 1 && hem < waist - .06) { // tucked in under the shirt that hangs over them
+        float under = .7 * (puff_shirt + drape_shirt * traits.w);
+        offset = mix(offset, min(offset, under), smoothstep(-.07, .0, q.z - hem));
+      }
       offset = max(offset, .002) * (cuff > -.66 ? 1. : 1. - .3 * smoothstep(.1, 0., q.z - cuff));
     }
   }
