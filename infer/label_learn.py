@@ -13,7 +13,7 @@ from muybridge.geometry.marker_sets import SETS, MarkerPlan, plan_of
 from muybridge.geometry.marker_tracking import Tracks
 from muybridge.infer.label_network import LabelNetwork
 from muybridge.infer.labelling import metres_of, upright
-from muybridge.models.label_card import shipped_labels
+from muybridge.models.registry import shipped_model
 from muybridge.motion.formats.marker_cloud import read_marker_cloud
 
 _FRAMES = 200
@@ -35,7 +35,7 @@ def learn_marker_set(trial: Path, model: Path | None) -> tuple[MarkerPlan, list[
         twice = next(n for n in labels if labels.count(n) > 1)
         raise FormatError(f"{trial}: {twice!r} names more than one trajectory; give a trial with every marker labelled")
     known = {label: name for s in reversed(SETS.values()) for label, name in zip(s.labels, s.names, strict=True)}
-    said, notes = _network_says(cloud.points, cloud.fps, LabelNetwork(model or shipped_labels()))
+    said, notes = _network_says(cloud.points, cloud.fps, LabelNetwork(model or shipped_model("labels")))
     chosen: dict[str, str] = {label: known[label] for label in labels if label in known}
     free = [i for i, name in enumerate(SURFACE.names) if name not in chosen.values()]
     rest = [i for i, label in enumerate(labels) if label not in chosen]

@@ -19,7 +19,7 @@ from muybridge.infer.label_outputs import label_json
 from muybridge.infer.label_report import render_label_report
 from muybridge.infer.labelling import Labelled, LabelOptions, label_points, relabelled
 from muybridge.infer.outputs import open_output
-from muybridge.models.label_card import shipped_labels
+from muybridge.models.registry import shipped_model
 from muybridge.motion.formats.c3d import write_c3d
 from muybridge.motion.formats.marker_cloud import MarkerCloud, read_marker_cloud
 from muybridge.motion.formats.marker_set import find_marker_set
@@ -39,7 +39,7 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
     lines = read_corrections(settled) if settled else []
     folder = open_output(out, FILES, [file], overwrite)
     try:
-        labelled = label_points(cloud.points, rate, plan.markers, LabelNetwork(model or shipped_labels()), options)
+        labelled = label_points(cloud.points, rate, plan.markers, LabelNetwork(model or shipped_model("labels")), options)
     except FormatError as error:
         raise FormatError(f"{file}: {error}") from None
     corrected: list[str] = []

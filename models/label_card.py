@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import SURFACE
 from muybridge.models.registry import _Reader
 
@@ -50,8 +48,7 @@ def label_card(metadata: Mapping[str, str], path: Path) -> LabelModelCard:
         ModelError: not a labelling network of ours, or its metadata is damaged.
     """
     read = _Reader(metadata, path)
-    if metadata.get("muybridge_kind") != "labels":
-        read.kind("labels")  # type: ignore[arg-type]
+    read.kind("labels")
     rigidity = read.json_object("rigidity")
     tables = [_matrix(rigidity.get(key), key, read) for key in ("distance_mm", "motion_mm", "bodies_mm")]
     window = read._json("window")
@@ -71,13 +68,3 @@ def _matrix(value: Any, key: str, read: _Reader) -> NDArray[np.float64]:
     out = np.zeros((size, size))
     out[upper] = np.asarray(value, np.float64) / 1000
     return out + out.T
-
-
-def shipped_labels() -> Path:
-    """Path of the labelling network that came with the package; ModelError if the installation has none."""
-    path = Path(str(resources.files("muybridge.models"))) / "weights" / "labels.onnx"
-    if not path.is_file():
-        raise ModelError(
-            f"{path}: the shipped labelling network is missing; reinstall muybridge, or name a model file of yours"
-        )
-    return path

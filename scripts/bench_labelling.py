@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from muybridge.geometry.marker_tracking import TrackOptions
 from muybridge.infer.label_network import LabelNetwork
 from muybridge.infer.labelling import LabelOptions, label_points
-from muybridge.models.label_card import shipped_labels
+from muybridge.models.registry import shipped_model
 from muybridge.motion.formats.marker_cloud import read_marker_cloud
 from muybridge.motion.formats.marker_set import find_marker_set
 
@@ -72,7 +72,7 @@ def main() -> None:
     parser.add_argument("--protocols", nargs="*", default=list(PROTOCOLS))
     parser.add_argument("--variants", nargs="*", default=list(VARIANTS))
     a = parser.parse_args()
-    network = LabelNetwork(a.model or shipped_labels())
+    network = LabelNetwork(a.model or shipped_model("labels"))
     for file in a.files:
         cloud = read_marker_cloud(file)
         names = [n.split(":")[-1] for n in cloud.names]
