@@ -1,0 +1,95 @@
+"""People followed in 3D: crossings, absence and return, accidents of two rays; the primitives below it."""
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from muybridge.geometry.association import take_slots
+from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.people_tracking import AssociateOptions, track_people
+from muybridge.geometry.rays import nearest_points, pair_points, ray_directions
+from muybridge.geometry.triangulation import triangulate
+
+
+@pytest.fixture(scope="module")
+def bench(repository: Path) -> ModuleType:
+    """The benchmark's model of people, cameras and detections."""
+    spec = importlib.util.spec_from_file_location("bench_people", repository / "scripts" / "bench_people.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_identities_survive_crossings(bench) -> None:
+    frames, rng = 150, np.random.default_rng(7)
+    cameras, people = bench.room(5, rng), bench.walkers(3, frames, rng)
+    middle = people[..., :2].mean(2)
+    assert np.linalg.norm(middle[0] - middle[1], axis=-1).min() < 1.5  # they do meet
+    keypoints = bench.keypoints_of(cameras, people, 7, 6)
+    switches, error = bench.compare(people, bench.solved(cameras, keypoints))
+    assert switches == 0
+    assert np.isfinite(error).any(-1).mean() > 0.9
+    assert np.nanmean(error) < 30
+
+
+def test_who_leaves_and_comes_back_is_the_same_person(bench) -> None:
+    rng = np.random.default_rng(3)
+    cameras, people = bench.room(4, rng), bench.walkers(2, 200, rng)
+    keypoints = bench.keypoints_of(cameras, people, 3, 6)
+    px = keypoints.points_px.copy()
+    # The second person is out of everyone's sight for two seconds.
+    truth = cameras.project(people)
+    for c in range(4):
+        away = np.nanmedian(np.linalg.norm(px[c, 60:120] - truth[c, 1, 60:120, None], axis=-1), axis=-1)
+        px[c, 60:120][away < 40] = np.nan
+    switches, error = bench.compare(people, bench.solved(cameras, replace(keypoints, points_px=px)))
+    assert switches == 0
+    assert np.isnan(error[1, 70:110]).all() and np.isfinite(error[1, 140:]).any(-1).mean() > 0.8
+
+
+def test_nobody_is_made_of_detections_that_only_two_cameras_share_by_accident(bench) -> None:
+    rng = np.random.default_rng(5)
+    cameras, people = bench.room(5, rng), bench.walkers(1, 60, rng)
+    keypoints = bench.keypoints_of(cameras, people, 5, 6)
+    assert len(track_people(cameras, keypoints)) == 1
+    # And a person whom one camera alone sees is not in 3D.
+    single = keypoints.points_px.copy()
+    single[1:] = np.nan
+    assert track_people(cameras, replace(keypoints, points_px=single)) == []
+
+
+def test_slots_are_disjoint_and_point_at_detections(bench) -> None:
+    rng = np.random.default_rng(11)
+    cameras, people = bench.room(4, rng), bench.walkers(4, 60, rng)
+    keypoints = bench.keypoints_of(cameras, people, 11, 6)
+    found = track_people(cameras, keypoints, AssociateOptions())
+    taken = np.zeros(keypoints.points_px.shape[:3], int)
+    for slots in found:
+        c, t = np.nonzero(slots >= 0)
+        np.add.at(taken, (c, t, slots[c, t]), 1)
+        px, variance, _ = take_slots(keypoints, slots)
+        assert np.isfinite(px[c, t]).any(axis=(-1, -2)).all()
+        assert np.isfinite(triangulate(cameras, px, variance).points_world).any()
+    assert taken.max() == 1
+
+
+def test_rays_meet_where_the_point_is(bench) -> None:
+    rng = np.random.default_rng(0)
+    cameras, body = bench.room(4, rng), bench.BODY
+    rays = ray_directions(cameras, cameras.project(body))
+    centers = cameras.centers_world
+    points, away = nearest_points(centers, rays[:, None], np.ones((4, 1)))
+    np.testing.assert_allclose(points[0], body, atol=1e-6)
+    assert np.nanmax(away) < 1e-6
+    # One camera's gross errors do not move the points by much.
+    rays[2] = ray_directions(cameras, cameras.project(body) + 80.0)[2]
+    points, _ = nearest_points(centers, rays[:, None], np.ones((4, 1)))
+    assert np.median(np.linalg.norm(points[0] - body, axis=-1)) < 0.02
+    two, gap = pair_points(centers[0], rays[:1][0][None], centers[1], rays[1][None])
+    np.testing.assert_allclose(two[0, 0], body, atol=1e-6)
+    assert gap.max() < 1e-6
+    assert len(BODY23) == len(body)
