@@ -23,8 +23,11 @@ from muybridge.geometry.kinematics.tree import (
     Wishes,
     errors,
     forward,
+    forward_from,
     turned,
 )
+
+_LATER = 0.1  # weight of what comes one link later
 
 
 class Nodes(NamedTuple):
@@ -134,15 +137,18 @@ def cyclic_descent(
     for k in range(iterations):
         if good_enough(place, turn, near, straight):
             return theta, k
+        forward(links, theta, turns, places, axes)
         for j in range(n - 1, -1, -1):
-            forward(links, theta, turns, places, axes)
             sums[:] = 0.0
             turn_joint(links, wishes, theta, j, turns, places, axes, sums)
-            theta[j] = best_angle(sums, theta[j], links.lower[j], links.upper[j])
+            angle = best_angle(sums, theta[j], links.lower[j], links.upper[j])
+            if angle != theta[j]:
+                theta[j] = angle
+                forward_from(links, theta, j, turns, places, axes)
         now = errors(links, wishes, theta, place, turn)
         if now < value:
             best, value = theta.copy(), now
-        since = 0 if now < 0.98 * local else since + 1
+        since = 0 if now < 0.999 * local else since + 1
         local = min(local, now)
         if since > patience:
             tried += 1
@@ -195,42 +201,65 @@ def reach_back(nodes: Nodes, wishes: Wishes, places: Array, points: Array, wante
 
 
 @compiled
+def wishes_of_node(
+    links: Links, nodes: Nodes, wishes: Wishes, g: int, j: int, wanted: Array, counts: Array, turns: Array,
+    places: Array, axes: Array,
+    later: float,
+    sums: Array,
+) -> None:  # fmt: skip
+    """Add to `sums` what hangs on hinge `j` of node `g` says about its angle.
+
+    That is the nodes after it and the effectors on it, as in FABRIK; and with a small weight what comes one link
+    later, or a hinge along a link (a roll) would have nothing to go by and an elbow would stay in its plane.
+    """
+    now, wish = np.empty(3), np.empty(3)
+    for other in range(g + 1, len(nodes.first)):
+        up = nodes.parent[other]
+        if counts[other] == 0 or up < 0 or (up != g and nodes.parent[up] != g):
+            continue
+        for i in range(3):
+            now[i] = places[nodes.first[other], i] - places[j, i]
+            wish[i] = wanted[other, i] - places[j, i]
+        add_pair(axes[j], now, wish, 1.0 if up == g else later, sums)
+    for e in range(len(wishes.joint)):
+        carrier = wishes.joint[e]
+        here = nodes.of_joint[carrier]
+        if here == g and carrier < j or here != g and nodes.parent[here] != g:
+            continue
+        weight = 1.0 if here == g else later
+        turned(turns[carrier], wishes.offset[e], now)
+        if wishes.place_weight[e] > 0:
+            for i in range(3):
+                now[i] += places[carrier, i] - places[j, i]
+                wish[i] = wishes.place[e, i] - places[j, i]
+            add_pair(axes[j], now, wish, weight * wishes.place_weight[e] ** 2, sums)
+        share = 0.5 if wishes.pairs[e] == 3 else 1.0
+        for p in range(wishes.pairs[e]):
+            turned(turns[carrier], wishes.local[e, p], now)
+            add_pair(axes[j], now, wishes.world[e, p], share * weight * wishes.turn_weight[e] ** 2, sums)
+
+
+@compiled
 def reach_forward(
     links: Links, nodes: Nodes, wishes: Wishes, theta: Array, wanted: Array, counts: Array, turns: Array,
-    places: Array, axes: Array,
+    places: Array, axes: Array, later: float,
 ) -> None:  # fmt: skip
     """FABRIK from the base: each node's hinges point its links at where the nodes after it should be, limits kept."""
-    now, wish, sums = np.empty(3), np.empty(3), np.empty(2)
+    sums = np.empty(2)
+    forward(links, theta, turns, places, axes)
     for g in range(len(nodes.first)):
         if counts[g] == 0:
             continue
-        hinges = nodes.last[g] - nodes.first[g] + 1
-        for sweep in range(3 if hinges > 1 else 1):
-            for k in range(hinges):
-                j = nodes.last[g] - k if sweep % 2 else nodes.first[g] + k
-                forward(links, theta, turns, places, axes)
+        for _ in range(3 if nodes.last[g] > nodes.first[g] else 1):
+            for j in range(nodes.last[g], nodes.first[g] - 1, -1):
+                if nodes.of_joint[j] != g:
+                    continue
                 sums[:] = 0.0
-                for child in range(g + 1, len(nodes.first)):
-                    if nodes.parent[child] == g and counts[child] > 0:
-                        c = nodes.first[child]
-                        for i in range(3):
-                            now[i] = places[c, i] - places[j, i]
-                            wish[i] = wanted[child, i] - places[j, i]
-                        add_pair(axes[j], now, wish, 1.0, sums)
-                for e in range(len(wishes.joint)):
-                    if nodes.of_joint[wishes.joint[e]] != g:
-                        continue
-                    carrier = wishes.joint[e]
-                    turned(turns[carrier], wishes.offset[e], now)
-                    if wishes.place_weight[e] > 0:
-                        for i in range(3):
-                            wish[i] = wishes.place[e, i] - places[j, i]
-                        add_pair(axes[j], now, wish, wishes.place_weight[e] ** 2, sums)
-                    for p in range(wishes.pairs[e]):
-                        turned(turns[carrier], wishes.local[e, p], now)
-                        add_pair(axes[j], now, wishes.world[e, p], 0.5 * wishes.turn_weight[e] ** 2, sums)
-                theta[j] = best_angle(sums, theta[j], links.lower[j], links.upper[j])
-    forward(links, theta, turns, places, axes)
+                wishes_of_node(links, nodes, wishes, g, j, wanted, counts, turns, places, axes, later, sums)
+                angle = best_angle(sums, theta[j], links.lower[j], links.upper[j])
+                if angle != theta[j]:
+                    theta[j] = angle
+                    forward_from(links, theta, j, turns, places, axes)
 
 
 @compiled
@@ -263,11 +292,12 @@ def fabrik(
             if counts[g] == 0:
                 counts[g] = 1.0
                 wanted[g] = at[g]
-        reach_forward(links, nodes, wishes, theta, wanted, counts, turns, places, axes)
+        later = _LATER * 0.9 ** (k % 60)
+        reach_forward(links, nodes, wishes, theta, wanted, counts, turns, places, axes, later)
         now = errors(links, wishes, theta, place, turn)
         if now < value:
             best, value = theta.copy(), now
-        since = 0 if now < 0.98 * local else since + 1
+        since = 0 if now < 0.999 * local else since + 1
         local = min(local, now)
         if since > patience:
             tried += 1

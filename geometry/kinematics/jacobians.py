@@ -2,9 +2,9 @@
 
 Sources: S. R. Buss, "Introduction to inverse kinematics with Jacobian transpose, pseudoinverse and damped least
 squares methods", 2009 (step of the transpose, clamped goals); Y. Nakamura, H. Hanafusa, 1986, and A. A. Maciejewski,
-C. A. Klein, 1988 (damping that grows as the smallest singular value goes to zero); R. Parent, Computer Animation, 3rd
-edition, 2012, section 5.3 (secondary goals with gains in the null space); R. Baerlocher, R. Boulic, 2004 (limits by
-locking joints and solving again).
+C. A. Klein, 1988 (damping that grows as the smallest singular value goes to zero), T. Sugihara, 2011 (and with the
+error); R. Parent, Computer Animation, 3rd edition, 2012, section 5.3 (secondary goals with gains in the null space);
+R. Baerlocher, R. Boulic, 2004 (limits by locking joints and solving again).
 """
 
 import math
@@ -77,21 +77,22 @@ def equations(links: Links, wishes: Wishes, theta: Array, longest: float, jacobi
 
 
 @compiled
-def damped_inverse(jacobian: Array, method: int, damping: float, near: float) -> Array:
-    """(N, M) pseudo-inverse of the Jacobian; damped where its smallest singular value falls below `near`.
+def inverses(jacobian: Array, damping: float, near: float) -> tuple[Array, Array]:
+    """(N, M) pseudo-inverse of the Jacobian, damped where its smallest singular value falls below `near`, and plain.
 
-    lambda^2 = (1 - (s_min / near)^2) damping^2 there, and zero elsewhere; the plain pseudo-inverse only drops
-    singular values of nothing.
+    lambda^2 = (1 - (s_min / near)^2) damping^2 there, and zero elsewhere; the plain one only drops singular values of
+    nothing.
     """
     values, vectors = np.linalg.eigh(jacobian @ jacobian.T)
     m = len(values)
     smallest = math.sqrt(max(values[0], 0.0))
-    square = (1 - (smallest / near) ** 2) * damping**2 if method >= DAMPED and smallest < near else 0.0
-    gains = np.zeros(m)
+    square = (1 - (smallest / near) ** 2) * damping**2 if smallest < near else 0.0
+    gains, plain = np.zeros(m), np.zeros(m)
     for i in range(m):
-        if values[i] > 1e-12 * max(values[m - 1], 1e-12):
+        if values[i] > 1e-10 * max(values[m - 1], 1e-10):
             gains[i] = 1.0 / (values[i] + square)
-    return jacobian.T @ ((vectors * gains) @ vectors.T)
+            plain[i] = 1.0 / values[i]
+    return jacobian.T @ ((vectors * gains) @ vectors.T), jacobian.T @ ((vectors * plain) @ vectors.T)
 
 
 @compiled
@@ -109,14 +110,16 @@ def step_of(
         along = free @ back
         square = along @ along
         return back * ((wanted @ along) / square) if square > 1e-18 else back
-    inverse = damped_inverse(free, method, damping, near)
-    step = inverse @ wanted
+    # What is nearly there needs no damping: its steps are short anyway (Sugihara 2011).
+    near_goal = min(1.0, math.sqrt(wanted @ wanted) / 0.1)
+    damped, plain = inverses(free, damping * near_goal, near)
+    step = (plain if method == PSEUDO_INVERSE else damped) @ wanted
     if method == NULL_SPACE:
         gradient = 2 * gains * (theta - preferred)
         for j in range(len(locked)):
             if locked[j]:
                 gradient[j] = 0.0
-        step += inverse @ (free @ gradient) - gradient
+        step += plain @ (free @ gradient) - gradient
     return step
 
 
@@ -200,7 +203,7 @@ def follow_jacobian(
         now = errors(links, wishes, theta, place, turn)
         if now < value and done < 0:
             best, value = theta.copy(), now
-        if now < 0.99 * local:
+        if now < 0.999 * local:
             local, since = now, 0
         else:
             since += 1

@@ -245,21 +245,36 @@ def theta_of_rotations(tree: KinematicTree, skeleton: Skeleton, rotations: Array
 
 
 @compiled
+def forward_joint(links: Links, theta: Array, j: int, little: Array, turns: Array, places: Array, axes: Array) -> None:
+    """Joint `j` from its parent; `little` (3, 3) is scratch."""
+    up, a, o = links.parents[j], links.axes[j], links.offsets[j]
+    exp_one(a[0] * theta[j], a[1] * theta[j], a[2] * theta[j], little)
+    if up < 0:
+        for i in range(3):
+            places[j, i], axes[j, i] = o[i], a[i]
+            for k in range(3):
+                turns[j, i, k] = little[i, k]
+        return
+    r = turns[up]
+    for i in range(3):
+        places[j, i] = places[up, i] + r[i, 0] * o[0] + r[i, 1] * o[1] + r[i, 2] * o[2]
+        axes[j, i] = r[i, 0] * a[0] + r[i, 1] * a[1] + r[i, 2] * a[2]
+        for k in range(3):
+            turns[j, i, k] = r[i, 0] * little[0, k] + r[i, 1] * little[1, k] + r[i, 2] * little[2, k]
+
+
+@compiled
 def forward(links: Links, theta: Array, turns: Array, places: Array, axes: Array) -> None:
     """Base from joint (N, 3, 3), places (N, 3) and the joints' axes (N, 3), all in the base's axes."""
+    forward_from(links, theta, 0, turns, places, axes)
+
+
+@compiled
+def forward_from(links: Links, theta: Array, start: int, turns: Array, places: Array, axes: Array) -> None:
+    """`forward` where only angles from joint `start` on have changed."""
     little = np.empty((3, 3))
-    for j in range(len(links.parents)):
-        up, a = links.parents[j], links.axes[j]
-        exp_one(a[0] * theta[j], a[1] * theta[j], a[2] * theta[j], little)
-        if up < 0:
-            places[j], axes[j], turns[j] = links.offsets[j], a, little
-            continue
-        r, o = turns[up], links.offsets[j]
-        for i in range(3):
-            places[j, i] = places[up, i] + r[i, 0] * o[0] + r[i, 1] * o[1] + r[i, 2] * o[2]
-            axes[j, i] = r[i, 0] * a[0] + r[i, 1] * a[1] + r[i, 2] * a[2]
-            for k in range(3):
-                turns[j, i, k] = r[i, 0] * little[0, k] + r[i, 1] * little[1, k] + r[i, 2] * little[2, k]
+    for j in range(start, len(links.parents)):
+        forward_joint(links, theta, j, little, turns, places, axes)
 
 
 @compiled
