@@ -20,6 +20,7 @@ def convert(
     up: Up | None = None,
     fps: float | None = None,
     asf: Path | None = None,
+    to_units: Literal["m", "cm"] = "m",
     overwrite: bool = False,
 ) -> int:
     """Points or motion from one file format into another, by their suffixes.
@@ -34,6 +35,7 @@ def convert(
         up: which axis is up in FROM, where the file does not say (points only).
         fps: frames a second of FROM, where the file does not say or says it wrongly.
         asf: the skeleton of an .amc file (default: the .asf beside it that has its name).
+        to_units: unit of lengths in a BVH that is written; every other format has its own.
         overwrite: replace TO if it is there.
     """
     from muybridge.motion.formats.registry import ReadOptions, check_writable, read_file, write_file
@@ -46,7 +48,7 @@ def convert(
     take = read_file(source, ReadOptions(units, up, fps, asf))
     for notice in take.notices:
         print(f"note: {notice}", file=sys.stderr)
-    write_file(target, take)
+    write_file(target, take, to_units)
     points = take.positions
     count = f"{len(points.landmarks)} {'joints' if take.motion is not None else 'points'}"
     print(f"{target}: {len(points.points_world)} frames at {points.fps:.6g} fps, {count}")

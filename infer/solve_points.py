@@ -17,10 +17,9 @@ Units = Literal["m", "cm", "mm"]
 Up = Literal["y", "z"]
 Floats = NDArray[np.float64]
 
-MOTION_BVH, MOTION_GLB, LANDMARKS_TRC, LANDMARKS_C3D, FACTS = (
-    "motion.bvh", "motion.glb", "landmarks.trc", "landmarks.c3d", "solve.json"
-)  # fmt: skip
-RESULTS = (MOTION_BVH, MOTION_GLB, LANDMARKS_TRC, LANDMARKS_C3D, FACTS)
+MOTION_BVH, MOTION_GLB, MOTION_MOT = "motion.bvh", "motion.glb", "motion.mot"
+LANDMARKS_TRC, LANDMARKS_C3D, FACTS = "landmarks.trc", "landmarks.c3d", "solve.json"
+RESULTS = (MOTION_BVH, MOTION_GLB, MOTION_MOT, LANDMARKS_TRC, LANDMARKS_C3D, FACTS)
 # Metres: nobody who stands is outside; children from two years on are inside.
 _STATURES = (0.75, 2.60)
 _FEWEST = 6
@@ -56,8 +55,8 @@ def solve(
     """A moving skeleton from labelled 3D points of any program: .trc .c3d .csv .parquet .npz
 
     Understood are the landmarks of COCO, HALPE, OpenPose, Pose2Sim and MediaPipe, the joints of common skeletons, and
-    the markers of Plug-in Gait and CMU. Written are motion.bvh, motion.glb, the body's own landmarks as landmarks.trc
-    and landmarks.c3d, and solve.json with how well they agree.
+    the markers of Plug-in Gait and CMU. Written are motion.bvh, motion.glb, motion.mot (OpenSim's joint angles), the
+    body's own landmarks as landmarks.trc and landmarks.c3d, and solve.json with how well they agree.
 
     Args:
         points: labelled points of one person.
@@ -231,6 +230,7 @@ def _write(output: Any, labelled: Labelled, fitted: BodyFit, facts: dict[str, An
     from muybridge.motion.formats.bvh import write_bvh
     from muybridge.motion.formats.c3d import write_c3d
     from muybridge.motion.formats.gltf import write_glb
+    from muybridge.motion.formats.mot import write_mot
     from muybridge.motion.formats.trc import write_trc
 
     places = landmarks_from_motion(fitted.motion, fitted.body, labelled.points.landmarks)
@@ -238,6 +238,7 @@ def _write(output: Any, labelled: Labelled, fitted: BodyFit, facts: dict[str, An
     body = replace(labelled.points, points_world=places, covariance_world=unknown)
     output.write(MOTION_BVH, lambda path: write_bvh(path, fitted.motion))
     output.write(MOTION_GLB, lambda path: write_glb(path, fitted.motion))
+    output.write(MOTION_MOT, lambda path: write_mot(path, fitted.motion))
     output.write(LANDMARKS_TRC, lambda path: write_trc(path, body))
     output.write(LANDMARKS_C3D, lambda path: write_c3d(path, body))
     output.write_text(FACTS, json.dumps(facts, indent=2, ensure_ascii=False, allow_nan=False) + "\n")

@@ -7,6 +7,7 @@ become a motion only by fitting a body, which is `muybridge solve`.
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,8 +164,13 @@ def read_file(path: Path, options: ReadOptions | None = None) -> Take:
     return take
 
 
-def write_file(path: Path, take: Take) -> None:
+def write_file(path: Path, take: Take, bvh_units: Literal["m", "cm"] = "m") -> None:
     """Write a take to a file of any format we know.
+
+    Args:
+        path: its suffix says the format.
+        take: points or a motion.
+        bvh_units: what one unit is, in a BVH.
 
     Raises:
         FormatError: the suffix is of no such format, or the take has no motion and the format needs one.
@@ -183,6 +189,8 @@ def write_file(path: Path, take: Take) -> None:
             f"{path}: points have no joints that turn, which {suffix} holds; fit a body to them with "
             "`muybridge solve POINTS --out FOLDER`, which writes it"
         )
+    elif suffix == ".bvh":
+        write_bvh(path, take.motion, bvh_units)
     else:
         _WRITE_MOTION[suffix](path, take.motion)
 
