@@ -12,7 +12,7 @@ Association Graph) and Chen et al. 2020 (Cross-view tracking); here without appe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,9 @@ from scipy.optimize import linear_sum_assignment
 
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import Keypoints2D
+from muybridge.geometry.people_bodies import Body, rejoined
 from muybridge.geometry.rays import nearest_points, pair_points, ray_directions
+from muybridge.geometry.robust import extent
 
 _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
@@ -59,25 +61,6 @@ class AssociateOptions:
     min_frames: int = 5
     coast: int = 30
     same_build: float = 0.04
-
-
-@dataclass(eq=False)
-class Body:
-    """Someone who is followed: where, how fast, and which detection of which camera it had in every frame."""
-
-    points: _Floats
-    slots: _Ints
-    confirmed: bool
-    first: int
-    velocity: _Floats = field(default_factory=lambda: np.zeros(3))
-    unseen: int = 0
-    """Frames since any camera saw it."""
-    unmet: int = 0
-    """Frames since two cameras did."""
-    met: int = 0
-    """Frames in which two cameras saw it."""
-    track: dict[int, _Floats] = field(default_factory=dict)
-    """Landmarks by frame, where two cameras saw it."""
 
 
 class PeopleTracker:
@@ -162,7 +145,7 @@ class PeopleTracker:
         """(C, N, P) distance of detections from the views of bodies (N, J, 3), in body sizes, and whether a
         detection fits with its sides exchanged."""
         view = self._cameras.project(points)[:, :, None]
-        size = _extent(view)
+        size = extent(view)
         px = self._px[:, k][:, None]
         with np.errstate(invalid="ignore"):
             both = np.stack([_near_mean(np.linalg.norm(p - view, axis=-1)) for p in (px, px[..., self._mirror, :])])
@@ -216,7 +199,7 @@ class PeopleTracker:
         """Bodies (N, J, 3) from their rays, without views that contradict the others."""
         weights = self._weights(old)
         points, away = nearest_points(self._centers, rays, weights)
-        size = np.maximum(_extent(points), 1e-6)
+        size = np.maximum(extent(points), 1e-6)
         off = _near_mean(away) / size  # (C, N)
         worst = np.argmax(np.nan_to_num(off, nan=-1.0), axis=0)
         columns = np.arange(len(worst))
@@ -238,7 +221,7 @@ class PeopleTracker:
         shift = np.median((points - body.points)[known], axis=0) if known.any() else np.zeros(3)
         body.velocity = body.velocity + 0.5 * shift / (body.unmet + 1)
         # What cannot be: more than a fifth of a body a frame.
-        limit = 0.2 * max(float(_extent(points)), 1e-6) if np.isfinite(_extent(points)) else np.inf
+        limit = 0.2 * max(float(extent(points)), 1e-6) if np.isfinite(extent(points)) else np.inf
         speed = float(np.linalg.norm(body.velocity))
         body.velocity *= min(1.0, limit / max(speed, 1e-9))
         body.points = np.where(np.isfinite(points), points, body.points + shift)
@@ -312,7 +295,7 @@ class PeopleTracker:
                 rays_b = self._rays[b, k][free[b]]
                 for other in (rays_b, rays_b[:, self._mirror]):
                     points, gap = pair_points(self._centers[a], rays_a, self._centers[b], other)
-                    size = _extent(points)
+                    size = extent(points)
                     error = _near_mean(gap) / size
                     good = (error < self._options.start) & self._symmetric(points)
                     bodies.append(points[good])
@@ -415,68 +398,7 @@ def track_people(
     """
     options = options or AssociateOptions()
     bodies = PeopleTracker(cameras, keypoints, options).run()
-    return [np.asarray(group) for group in _rejoined(bodies, keypoints, options)]
-
-
-def _rejoined(bodies: list[Body], keypoints: Keypoints2D, options: AssociateOptions) -> list[_Ints]:
-    """Slots of bodies, those joined that are the same person before and after they were out of sight."""
-    edges = np.array(keypoints.landmarks.edge_indices, dtype=np.int64).reshape(-1, 2)
-    bodies = sorted(bodies, key=lambda b: min(b.track))
-    builds = [_build(b, edges) for b in bodies]
-    groups: list[list[int]] = []
-    for n, body in enumerate(bodies):
-        options_here = []
-        for group in groups:
-            last = bodies[group[-1]]
-            end, start = max(last.track), min(body.track)
-            if end >= start:
-                continue
-            size = max(float(_extent(last.track[end])), 1e-6)
-            jump = _jump(last, body) / size
-            reach = 0.3 + 0.12 * (start - end)
-            difference = _difference(builds[group[-1]], builds[n])
-            # Who vanishes and is there again at once is the same, whatever the measurements of the limbs say.
-            bound = options.same_build if start - end > 2 * options.coast else 2 * options.same_build
-            if jump < reach and difference < bound:
-                options_here.append((difference + 0.05 * jump / reach, group))
-        if options_here:
-            min(options_here, key=lambda pair: pair[0])[1].append(n)
-        else:
-            groups.append([n])
-    result = []
-    for group in groups:
-        slots = bodies[group[0]].slots.copy()
-        for n in group[1:]:
-            slots = np.where(slots >= 0, slots, bodies[n].slots)
-        result.append(slots)
-    return result
-
-
-def _jump(before: Body, after: Body) -> float:
-    """Distance between where one body was last and another first seen."""
-    last, first = before.track[max(before.track)], after.track[min(after.track)]
-    return float(np.linalg.norm(np.nanmedian(last, axis=0) - np.nanmedian(first, axis=0)))
-
-
-def _build(body: Body, edges: _Ints) -> tuple[_Floats, _Floats]:
-    """Median lengths of the limbs and their standard errors."""
-    frames = sorted(body.track)
-    points = np.stack([body.track[t] for t in frames[:: max(1, len(frames) // 200)]])
-    length = np.linalg.norm(points[:, edges[:, 0]] - points[:, edges[:, 1]], axis=-1)
-    known = np.isfinite(length).sum(0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        middle = np.nanmedian(np.where(known > 0, length, 0.0), axis=0)
-        spread = 1.4826 * np.nanmedian(np.where(known > 0, np.abs(length - middle), np.inf), axis=0)
-        return np.where(known > 0, middle, np.nan), 1.25 * spread / np.sqrt(known)
-
-
-def _difference(a: tuple[_Floats, _Floats], b: tuple[_Floats, _Floats]) -> float:
-    """Mean relative difference of limbs that both know, each weighed by how well; zero where none is known."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        relative = np.abs(np.log(a[0] / b[0]))
-        weight = 1 / (0.02**2 + (a[1] / a[0]) ** 2 + (b[1] / b[0]) ** 2)
-    good = np.isfinite(relative) & np.isfinite(weight)
-    return float(np.average(relative[good], weights=weight[good])) if good.any() else 0.0
+    return [np.asarray(group) for group in rejoined(bodies, keypoints.landmarks, options.coast, options.same_build)]
 
 
 def _limb_pairs(keypoints: Keypoints2D) -> _Ints:
@@ -488,18 +410,9 @@ def _limb_pairs(keypoints: Keypoints2D) -> _Ints:
 
 def _apart(a: _Floats, b: _Floats) -> float:
     """Median distance of two bodies' landmarks, in body sizes."""
-    size = max(float(np.nan_to_num(_extent(a))), 1e-6)
+    size = max(float(np.nan_to_num(extent(a))), 1e-6)
     away = np.linalg.norm(a - b, axis=-1)
     return float(np.nanmedian(away)) / size if np.isfinite(away).any() else np.inf
-
-
-def _extent(points: _Floats) -> _Floats:
-    """(...) longest side of the box round points (..., J, D), NaN ones left out; NaN without any."""
-    known = np.isfinite(points)
-    low = np.where(known, points, np.inf).min(axis=-2)
-    high = np.where(known, points, -np.inf).max(axis=-2)
-    longest = (high - low).max(axis=-1)
-    return np.where(np.isfinite(longest) & (longest > 0), longest, np.nan)
 
 
 def _near_mean(values: _Floats, least: int = _LEAST_LANDMARKS) -> _Floats:

@@ -1,0 +1,100 @@
+"""Bodies that are followed, and who of them is the same person before and after an absence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.landmarks import LandmarkSet
+from muybridge.geometry.robust import extent
+
+_Floats = NDArray[np.float64]
+_Ints = NDArray[np.int64]
+
+
+@dataclass(eq=False)
+class Body:
+    """Someone who is followed: where, how fast, and which detection of which camera it had in every frame."""
+
+    points: _Floats
+    slots: _Ints
+    confirmed: bool
+    first: int
+    velocity: _Floats = field(default_factory=lambda: np.zeros(3))
+    unseen: int = 0
+    """Frames since any camera saw it."""
+    unmet: int = 0
+    """Frames since two cameras did."""
+    met: int = 0
+    """Frames in which two cameras saw it."""
+    track: dict[int, _Floats] = field(default_factory=dict)
+    """Landmarks by frame, where two cameras saw it."""
+
+
+def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: int, same_build: float) -> list[_Ints]:
+    """Slots of bodies, those joined that are the same person before and after they were out of sight.
+
+    Args:
+        bodies: in any order.
+        landmarks: what their landmarks are; its edges are the limbs that builds are compared by.
+        coast, same_build: see `people_tracking.AssociateOptions`.
+    """
+    edges = np.array(landmarks.edge_indices, dtype=np.int64).reshape(-1, 2)
+    bodies = sorted(bodies, key=lambda b: min(b.track))
+    builds = [_build(b, edges) for b in bodies]
+    groups: list[list[int]] = []
+    for n, body in enumerate(bodies):
+        fitting = []
+        for group in groups:
+            last = bodies[group[-1]]
+            end, start = max(last.track), min(body.track)
+            if end >= start:
+                continue
+            size = max(float(extent(last.track[end])), 1e-6)
+            jump = _jump(last, body) / size
+            reach = 0.3 + 0.12 * (start - end)
+            difference = _difference(builds[group[-1]], builds[n])
+            # Who vanishes and is there again at once is the same, whatever the measurements of the limbs say.
+            bound = same_build if start - end > 2 * coast else 2 * same_build
+            if jump < reach and difference < bound:
+                fitting.append((difference + 0.05 * jump / reach, group))
+        if fitting:
+            min(fitting, key=lambda pair: pair[0])[1].append(n)
+        else:
+            groups.append([n])
+    result = []
+    for group in groups:
+        slots = bodies[group[0]].slots.copy()
+        for n in group[1:]:
+            slots = np.where(slots >= 0, slots, bodies[n].slots)
+        result.append(slots)
+    return result
+
+
+def _jump(before: Body, after: Body) -> float:
+    """Distance between where one body was last and another first seen."""
+    last, first = before.track[max(before.track)], after.track[min(after.track)]
+    return float(np.linalg.norm(np.nanmedian(last, axis=0) - np.nanmedian(first, axis=0)))
+
+
+def _build(body: Body, edges: _Ints) -> tuple[_Floats, _Floats]:
+    """Median lengths of the limbs and their standard errors."""
+    frames = sorted(body.track)
+    points = np.stack([body.track[t] for t in frames[:: max(1, len(frames) // 200)]])
+    length = np.linalg.norm(points[:, edges[:, 0]] - points[:, edges[:, 1]], axis=-1)
+    known = np.isfinite(length).sum(0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        middle = np.nanmedian(np.where(known > 0, length, 0.0), axis=0)
+        spread = 1.4826 * np.nanmedian(np.where(known > 0, np.abs(length - middle), np.inf), axis=0)
+        return np.where(known > 0, middle, np.nan), 1.25 * spread / np.sqrt(known)
+
+
+def _difference(a: tuple[_Floats, _Floats], b: tuple[_Floats, _Floats]) -> float:
+    """Mean relative difference of limbs that both know, each weighed by how well; zero where none is known."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        relative = np.abs(np.log(a[0] / b[0]))
+        weight = 1 / (0.02**2 + (a[1] / a[0]) ** 2 + (b[1] / b[0]) ** 2)
+    good = np.isfinite(relative) & np.isfinite(weight)
+    return float(np.average(relative[good], weights=weight[good])) if good.any() else 0.0
