@@ -37,9 +37,10 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
     rate = rate_of(file, cloud, fps)
     settled = corrections or (out / CORRECTIONS if (out / CORRECTIONS).is_file() else None)
     lines = read_corrections(settled) if settled else []
+    network = LabelNetwork(model or shipped_model("labels"))
     folder = open_output(out, FILES, [file], overwrite)
     try:
-        labelled = label_points(cloud.points, rate, plan.markers, LabelNetwork(model or shipped_model("labels")), options)
+        labelled = label_points(cloud.points, rate, plan.markers, network, options)
     except FormatError as error:
         raise FormatError(f"{file}: {error}") from None
     corrected: list[str] = []

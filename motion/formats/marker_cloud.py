@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
+from muybridge.motion.formats.c3d_read import read_raw_c3d
 from muybridge.motion.formats.trc import read_trc
 
 Float = NDArray[np.float64]
@@ -68,49 +69,27 @@ def read_marker_cloud(path: Path) -> MarkerCloud:
 
 
 def _read_c3d(path: Path) -> MarkerCloud:
-    import ezc3d  # type: ignore[import-untyped]
-
-    try:
-        file: Any = ezc3d.c3d(str(path))
-        point = file["parameters"]["POINT"]
-        data = np.asarray(file["data"]["points"], np.float64)
-        residual = np.asarray(file["data"]["meta_points"]["residuals"], np.float64)[0].T
-        rate = point["RATE"]["value"]
-    except Exception as error:  # ezc3d has one exception for everything, and not always its own
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise FormatError(f"{path}: is not a readable C3D, or is cut off ({reason}); export it again") from error
-    if not data.shape[1] or not data.shape[2]:
-        analog = file["data"]["analogs"].shape[1]
+    raw = read_raw_c3d(path)
+    frames, count = raw.points.shape[:2]
+    if not count or not frames:
+        analog = raw.analog.shape[1]
         also = f", only {analog} analog channels" if analog else ""
         raise FormatError(f"{path}: holds no points{also}; export the markers into it")
-    names = _labels(point, data.shape[1])
-    unit = _text(point, "UNITS")
+    names = [name.strip() for name in raw.texts("POINT", "LABELS")]
+    names = [*names, *(f"*{k}" for k in range(len(names), count))][:count]
+    unit = (raw.texts("POINT", "UNITS") or [""])[0].strip().lower()
     if unit and unit not in METRES_OF_UNIT:
         raise FormatError(f"{path}: POINT:UNITS is {unit!r}; valid are {', '.join(METRES_OF_UNIT)}")
-    lists = [point[key].get("value", ()) for key in _DERIVED if key in point]
-    listed = {str(name).strip() for names_of in lists for name in names_of}
-    none = [n in listed or bool(_NO_MARKER.search(n.split(":")[-1])) for n in names]
-    if all(none):
+    listed = {name.strip() for key in _DERIVED for name in raw.texts("POINT", key)}
+    none = np.array([n in listed or bool(_NO_MARKER.search(n.split(":")[-1])) for n in names])
+    if none.all():
         raise FormatError(f"{path}: holds no markers, only {', '.join(names[:4])} and the like; export the markers")
-    xyz = data[:3].transpose(2, 1, 0)
-    xyz[(residual < 0) | ~np.isfinite(xyz).all(-1) | (xyz == 0).all(-1)] = np.nan
-    keep = ~np.array(none)
-    fps = float(rate[0]) if len(rate) and rate[0] > 0 else float("nan")
-    return MarkerCloud(xyz[:, keep] * METRES_OF_UNIT.get(unit, 1.0), tuple(np.array(names, object)[keep]), fps, unit,
-                       tuple(np.array(names, object)[~keep]))  # fmt: skip
-
-
-def _text(point: Any, key: str) -> str:
-    value = point[key].get("value", ()) if key in point else ()
-    return str(value[0]).strip().lower() if len(value) else ""
-
-
-def _labels(point: Any, count: int) -> list[str]:
-    """The labels of all points: more than 255 are continued in LABELS2, LABELS3, ..."""
-    keys = ["LABELS", *(f"LABELS{k}" for k in range(2, 30))]
-    names = [str(n).strip() for key in keys if key in point for n in point[key].get("value", ())]
-    names += [f"*{k}" for k in range(len(names), count)]
-    return names[:count]
+    xyz = np.array(raw.points, np.float64)
+    xyz[(raw.residuals < 0) | ~np.isfinite(xyz).all(-1) | (xyz == 0).all(-1)] = np.nan
+    named = np.array(names, object)
+    fps = raw.fps if raw.fps > 0 else float("nan")
+    return MarkerCloud(xyz[:, ~none] * METRES_OF_UNIT.get(unit, 1.0), tuple(named[~none]), fps, unit,
+                       tuple(named[none]))  # fmt: skip
 
 
 def _read_trc(path: Path) -> MarkerCloud:
