@@ -297,7 +297,7 @@ def fabrik(
         now = errors(links, wishes, theta, place, turn)
         if now < value:
             best, value = theta.copy(), now
-        since = 0 if now < 0.999 * local else since + 1
+        since = 0 if now < 0.98 * local else since + 1
         local = min(local, now)
         if since > patience:
             tried += 1
