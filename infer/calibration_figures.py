@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from muybridge.geometry.calibration.culprits import KINDS, CulpritReport
 from muybridge.geometry.calibration.quality import CalibrationQuality, ImagePicture, Plan
 from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.infer.report_sections import heat_cell, number_text, percent_text, table_of
+from muybridge.infer.report_sections import number_text, percent_text, table_of
 
 Floats = NDArray[np.float64]
 
@@ -36,12 +36,14 @@ def cameras_table(quality: CalibrationQuality) -> str:
     head += [
         ("residual", "median distance of a 2D point to its reprojection"),
         ("95 %", "95th percentile of the residual"),
-        ("leave one out", "median distance to what the other cameras alone say"),
         ("image covered", "share of the image where something was seen"),
         ("focal length", "as calibrated"),
         ("known to", _focal_meaning(quality)),
         ("position known to", "standard deviation from the adjustment, relative to all cameras"),
     ]
+    left_out = bool(np.isfinite(quality.leave_one_out_px).any())
+    if left_out:
+        head.insert(-4, ("leave one out", "median distance to what the other cameras alone say"))
     order = report.order if report is not None and report.faults else range(len(quality.cameras))
     rows = []
     for c in order:
@@ -53,9 +55,9 @@ def cameras_table(quality: CalibrationQuality) -> str:
                       f"<td>{percent_text(float(report.probability[c]))}</td>"]  # fmt: skip
         width = max(camera.width, camera.height)
         cells += [
-            heat_cell(60.0 * 200 * quality.residual_px[c] / width, quality.residual_px[c], " px"),
-            f"<td>{number_text(quality.p95_px[c], 1, ' px')}</td>",
-            heat_cell(60.0 * 100 * quality.leave_one_out_px[c] / width, quality.leave_one_out_px[c], " px"),
+            _heat_px(200 / width, quality.residual_px[c]),
+            f"<td>{pixels(quality.p95_px[c])}</td>",
+            *([_heat_px(100 / width, quality.leave_one_out_px[c])] if left_out else []),
             f"<td>{percent_text(quality.pictures[c].covered)}</td>",
             f"<td>{camera.params[0]:.0f} px</td>",
             _known(quality.focal_sd[c] * 100, "±{:.1f} %", 8.0 if quality.fitted else np.inf),
@@ -63,6 +65,18 @@ def cameras_table(quality: CalibrationQuality) -> str:
         ]
         rows.append(f'<tr><th scope="row">{html.escape(camera.name)}</th>{"".join(cells)}</tr>')
     return table_of(head, rows)
+
+
+def pixels(value: float) -> str:
+    """A length in pixels, finer where it is small."""
+    return number_text(value, 1 if not value < 1 else 2, " px")
+
+
+def _heat_px(share: float, value: float) -> str:
+    """A cell whose tint is full where `share` of the value is one."""
+    if not np.isfinite(value):
+        return '<td class="heat none">–</td>'
+    return f'<td class="heat" style="--h:{100 * min(share * value, 1.0):.0f}%">{pixels(value)}</td>'
 
 
 def _focal_meaning(quality: CalibrationQuality) -> str:
@@ -87,8 +101,7 @@ def evidence_table(report: CulpritReport) -> str:
     rows = []
     for c in report.order:
         cells = "".join(
-            f'<td class="heat" style="--h:{100 * v / most:.0f}%">{v:.0f}</td>' if v >= 0.5 else '<td class="none">0'
-            for v in report.evidence[c]
+            f'<td class="heat" style="--h:{100 * max(v, 0.0) / most:.0f}%">{v:.0f}</td>' for v in report.evidence[c]
         )
         rows.append(f'<tr><th scope="row">{html.escape(report.names[c])}</th>{cells}</tr>')
     return table_of(head, rows)
@@ -197,7 +210,8 @@ def plan_figure(cameras: CameraGroup, plan: Plan, faulty: Sequence[str]) -> str:
         f'<p class="lead"><span class="key bar">Tint</span> how many of the {len(cameras)} images a place at '
         f"{plan.height:.1f} m above the floor is in. Dots: where points were.{three}</p>"
         f'<figure class="plan"><svg role="img" aria-label="the room from above" '
-        f'viewBox="0 0 {columns * scale:g} {rows * scale + 30:g}">{"".join(parts)}</svg></figure>'
+        f'viewBox="0 0 {columns * scale:g} {rows * scale + 30:g}" '
+        f'style="max-width:{1.8 * columns * scale:.0f}px">{"".join(parts)}</svg></figure>'
     )
 
 

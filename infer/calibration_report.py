@@ -12,9 +12,9 @@ from muybridge.files import replacing
 from muybridge.geometry.calibration.quality import CalibrationQuality, check_solved
 from muybridge.geometry.calibration.solved import Solved
 from muybridge.geometry.cameras import CameraGroup
-from muybridge.infer.calibration_figures import cameras_table, evidence_table, pictures_figure, plan_figure
+from muybridge.infer.calibration_figures import cameras_table, evidence_table, pictures_figure, pixels, plan_figure
 from muybridge.infer.report_findings import Finding
-from muybridge.infer.report_sections import findings_section, number_text, percent_text, run_section, tile
+from muybridge.infer.report_sections import findings_section, percent_text, run_section, tile
 
 # A focal length known less well than this makes depth and size a guess.
 _FOCAL_LOOK, _FOCAL_BAD = 0.01, 0.03
@@ -69,7 +69,7 @@ def _known_findings(quality: CalibrationQuality) -> list[Finding]:
                 Finding(
                     "bad" if focal > _FOCAL_BAD else "look",
                     f"The focal length of {camera.name} is only known to ±{100 * focal:.1f} %, though its residual is "
-                    f"{quality.residual_px[c]:.1f} px: a low residual is no proof here. Show the board at other "
+                    f"{quality.residual_px[c]:.2f} px: a low residual is no proof here. Show the board at other "
                     "distances and tilted, or take the lens from a calibration of its own.",
                 )
             )
@@ -81,14 +81,19 @@ def _known_findings(quality: CalibrationQuality) -> list[Finding]:
                     "views with the others, or all from one place.",
                 )
             )
-        if quality.pictures[c].covered < _COVERED_LOOK:
-            found.append(
-                Finding(
-                    "look",
-                    f"Only {100 * quality.pictures[c].covered:.0f} % of the image of {camera.name} was looked at: "
-                    "towards its edges the lens's distortion is a guess.",
-                )
+    little = [
+        f"{camera.name} ({100 * picture.covered:.0f} %)"
+        for camera, picture in zip(quality.cameras, quality.pictures, strict=True)
+        if picture.covered < _COVERED_LOOK
+    ]
+    if little:
+        found.append(
+            Finding(
+                "look",
+                f"Little of the image was looked at in {', '.join(little)}: towards the edges the lens's distortion is "
+                "a guess. Show the board all over each image.",
             )
+        )
     return found
 
 
@@ -176,11 +181,11 @@ def _heading(page: CalibrationPage, said: Sequence[Finding]) -> str:
     quality = page.quality
     rating, label, sentence = _verdict(quality, said)
     tiles = [
-        tile("Residual", number_text(_median(quality.residual_px), 1, " px"), "median over the cameras"),
+        tile("Residual", pixels(_median(quality.residual_px)), "median over the cameras"),
     ]
     if np.isfinite(quality.leave_one_out_px).any():
         meaning = "from one camera to what the others say"
-        tiles.append(tile("Leave one out", number_text(_median(quality.leave_one_out_px), 1, " px"), meaning))
+        tiles.append(tile("Leave one out", pixels(_median(quality.leave_one_out_px)), meaning))
     if quality.culprits is not None and quality.culprits.faults:
         better = f"{quality.culprits.noise_px:.1f} → {quality.culprits.corrected_px:.1f} px"
         tiles.append(tile("If mended", better, "scale of the errors before and after"))
@@ -192,7 +197,7 @@ def _heading(page: CalibrationPage, said: Sequence[Finding]) -> str:
     return (
         f'<header><p class="kicker">muybridge calibration</p><h1>{html.escape(page.title)}</h1>'
         f'<p class="facts">{html.escape(facts)}</p>'
-        f'<p class="verdict {rating}"><strong>{label}</strong> {html.escape(sentence)}</p>'
+        f'<p class="verdict {rating}"><strong>{html.escape(label)}</strong> {html.escape(sentence)}</p>'
         f'<dl class="tiles">{"".join(tiles)}</dl></header>'
     )
 

@@ -147,6 +147,7 @@ def test_what_lacks_is_said_before_the_work(tmp_path: Path) -> None:
         ScanOptions(marker_dictionary="DICT_3X3")
 
 
+@pytest.mark.slow
 def test_the_command_scales_by_a_distance(
     scene: tuple[Path, CameraGroup], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
