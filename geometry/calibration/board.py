@@ -15,6 +15,7 @@ _LARGER = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_LARGER
 _FAMILIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL",
              "DICT_APRILTAG_16H5", "DICT_APRILTAG_25H9", "DICT_APRILTAG_36H10", "DICT_APRILTAG_36H11")  # fmt: skip
 _SMALLER = (50, 100, 250, 1000)
+_SURE_CORNERS = 6
 
 
 @dataclass(frozen=True)
@@ -163,16 +164,18 @@ def _seen(board: Board, images: list[NDArray[np.uint8]]) -> int:
 
 def _charuco_variants(board: Board, images: list[NDArray[np.uint8]]) -> list[tuple[Board, bool]]:
     """ChArUco boards whose markers are in the pictures, and whether these are mirrored."""
-    out = []
-    for mirrored in (False, True):
-        for inverted in (False, True):
-            shown = [_reduced(255 - i if inverted else i)[0] for i in images]
-            shown = [np.ascontiguousarray(i[:, ::-1]) for i in shown] if mirrored else shown
-            counted = [(_markers(name, shown), name) for name in _FAMILIES]
-            ids, name = max(counted, key=lambda c: len(c[0]))
-            if len(ids) >= 2:
-                out += [(v, mirrored) for v in _layouts(board, name, inverted, int(max(ids)) + 1)]
-    return out
+    polarities = (board.inverted, not board.inverted)
+    for mirrored, inverted in [(m, i) for m in (False, True) for i in polarities]:
+        shown = [_reduced(255 - i if inverted else i)[0] for i in images]
+        shown = [np.ascontiguousarray(i[:, ::-1]) for i in shown] if mirrored else shown
+        ids, name = max(((_markers(name, shown), name) for name in _FAMILIES), key=lambda c: len(c[0]))
+        if len(ids) < 2:
+            continue
+        found = _layouts(board, name, inverted, int(max(ids)) + 1)
+        full = [np.ascontiguousarray(i[:, ::-1]) for i in images] if mirrored else images
+        if any(_seen(v, full) >= _SURE_CORNERS for v in found):  # not only something taken for markers
+            return [(v, mirrored) for v in found]
+    return []
 
 
 def _markers(name: str, images: list[NDArray[np.uint8]]) -> list[int]:
