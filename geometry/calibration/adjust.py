@@ -202,6 +202,7 @@ class _Solver:
         """(N, 3) observed points in world axes, and turned (not moved) by their body."""
         x = s.points[self.problem.point]
         turned = x.copy()
+        assert self.problem.body is not None
         on, b = self.on_body, self.problem.body[self.on_body]
         turned[on] = np.einsum("nij,nj->ni", s.bodies[b, :, :3], x[on])
         world = turned.copy()
@@ -274,33 +275,43 @@ class _Solver:
             hlc[index[first], :, at] = np.add.reduceat(jt @ jc, first)
             hll[index[first]] += np.add.reduceat(jt @ jl[rows], first)
             bl[index[first]] += np.add.reduceat((jt @ r[rows, :, None])[..., 0], first)
-            views = np.nonzero(self.is_body[index[first]])[0]
-            if not self.sway.size or not len(views):
-                continue
-            local = index[first][views]
-            body = self.used[local] - len(s.points)
-            way = np.zeros((len(first), 6, self.sway.shape[3]))
-            way[views] = self.sway[c, body]
-            ut = np.swapaxes(jl[rows] @ way[np.repeat(np.arange(len(first)), np.diff([*first, len(rows)]))], 1, 2)
-            by = np.concatenate([jc, jl[rows], r[rows, :, None]], axis=-1)
-            uj = np.add.reduceat(ut @ by, first)[views]
-            uj[..., -1] += (s.swayed - self.sway_mean)[c, body]
-            inner = np.add.reduceat(ut @ np.swapaxes(ut, 1, 2), first)[views] + np.eye(way.shape[2])
-            k = np.linalg.solve(inner, uj)
-            d = jc.shape[-1]
-            ct, lt = np.swapaxes(uj[..., :d], 1, 2), np.swapaxes(uj[..., d:-1], 1, 2)
-            hcc[at, at] -= (ct @ k[..., :d]).sum(axis=0)
-            bc[at] -= (ct @ k[..., -1:]).sum(axis=0)[:, 0]
-            hlc[local, :, at] -= lt @ k[..., :d]
-            hll[local] -= lt @ k[..., d:-1]
-            bl[local] -= (lt @ k[..., -1:])[..., 0]
-            back.append(_Swayed(c, body, local, k, inner))
+            if self.sway.size:
+                back += self.eliminate(s, c, rows, (jc, jl[rows], r[rows]), (hcc, bc, hlc, hll, bl))
         for c, prior in self.priors:
             at = slice(self.offsets[c], self.offsets[c] + len(prior.mean))
             hcc[at, at] += prior.information
             bc[at] += prior.information @ (s.params[c] - prior.mean)
         hcc, bc, hlc = hcc[np.ix_(self.free, self.free)], bc[self.free], hlc[:, :, self.free]
         return (hcc, bc, hlc, hll, bl), back
+
+    def eliminate(
+        self, s: _State, c: int, rows: Ints, by: tuple[Floats, Floats, Floats], normal: tuple[Floats, ...]
+    ) -> list[_Swayed]:
+        """Take a camera's movements between exposures out of the normal equations (changed in place)."""
+        jc, jl, r = by
+        hcc, bc, hlc, hll, bl = normal
+        at, d = slice(self.offsets[c], self.offsets[c + 1]), jc.shape[-1]
+        index = self.local[rows]
+        first = np.nonzero(np.r_[True, np.diff(index) != 0])[0]
+        views = np.nonzero(self.is_body[index[first]])[0]
+        if not len(views):
+            return []
+        local = index[first][views]
+        body = self.used[local] - len(s.points)
+        way = np.zeros((len(first), 6, self.sway.shape[3]))
+        way[views] = self.sway[c, body]
+        ut = np.swapaxes(jl @ way[np.repeat(np.arange(len(first)), np.diff([*first, len(rows)]))], 1, 2)
+        uj = np.add.reduceat(ut @ np.concatenate([jc, jl, r[..., None]], axis=-1), first)[views]
+        uj[..., -1] += (s.swayed - self.sway_mean)[c, body]
+        inner = np.add.reduceat(ut @ np.swapaxes(ut, 1, 2), first)[views] + np.eye(way.shape[2])
+        k: Floats = np.linalg.solve(inner, uj)
+        ct, lt = np.swapaxes(uj[..., :d], 1, 2), np.swapaxes(uj[..., d:-1], 1, 2)
+        hcc[at, at] -= (ct @ k[..., :d]).sum(axis=0)
+        bc[at] -= (ct @ k[..., -1:]).sum(axis=0)[:, 0]
+        hlc[local, :, at] -= lt @ k[..., :d]
+        hll[local] -= lt @ k[..., d:-1]
+        bl[local] -= (lt @ k[..., -1:])[..., 0]
+        return [_Swayed(c, body, local, k, inner)]
 
     @staticmethod
     def reduce(normal: tuple[Floats, ...], damping: float) -> tuple[Floats, Floats, Floats]:
@@ -322,7 +333,7 @@ class _Solver:
         step = np.zeros(len(right))
         if len(right):
             diagonal = np.diag(normal[0])
-            step = -np.linalg.solve(reduced + np.diag(damping * diagonal + 1e-12 * diagonal + 1e-30), right)
+            step[:] = -np.linalg.solve(reduced + np.diag(damping * diagonal + 1e-12 * diagonal + 1e-30), right)
             full[self.free] = step
         local = -(solved[..., -1] + solved[..., :-1] @ step)
         kept = (s.rotations, s.centers, s.points, s.bodies, s.swayed)

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 _SEARCH_PX = 1000
 _LARGER = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_LARGER
-_FAMILIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL",
-             "DICT_APRILTAG_16H5", "DICT_APRILTAG_25H9", "DICT_APRILTAG_36H10", "DICT_APRILTAG_36H11")  # fmt: skip
-_SMALLER = (50, 100, 250, 1000)
+# The first markers of a family's dictionaries are the same, and more than 250 no board has.
+_FAMILIES = ("DICT_4X4_250", "DICT_5X5_250", "DICT_6X6_250", "DICT_7X7_250", "DICT_ARUCO_ORIGINAL",
+             "DICT_APRILTAG_16H5", "DICT_APRILTAG_25H9", "DICT_APRILTAG_36H11")  # fmt: skip
+_SMALLER = (50, 100, 250)
 _SURE_CORNERS = 6
 
 
@@ -55,7 +56,8 @@ class Board:
         """(K, 3) inner corners, metres, row by row, z = 0."""
         less = 1 if self.kind == "charuco" else 0
         x, y = np.meshgrid(np.arange(self.columns - less), np.arange(self.rows - less))
-        return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) * self.square
+        corners: Floats = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) * float(self.square)
+        return corners
 
     def describe(self) -> str:
         """In words, for messages."""
@@ -190,7 +192,7 @@ def _layouts(board: Board, family: str, inverted: bool, markers: int) -> list[Bo
     sizes = {(board.columns, board.rows), (board.rows, board.columns)}
     sizes |= {(c, r) for c in range(3, 25) for r in range(3, 25) if c * r // 2 == markers and c < 3 * r and r < 3 * c}
     name = board.dictionary if board.dictionary.rsplit("_", 1)[0] == family.rsplit("_", 1)[0] else family
-    if name == family and family.endswith("_1000"):
+    if name == family and family.endswith("_250"):
         stem = family.rsplit("_", 1)[0]
         name = next(f"{stem}_{n}" for n in _SMALLER if n >= markers)
     kept = replace(board, dictionary=name, inverted=inverted)

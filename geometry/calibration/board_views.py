@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from muybridge.geometry.calibration.board_lens import View
 
@@ -60,7 +61,7 @@ def _traits(
     return out
 
 
-def _tilt(px: np.ndarray) -> tuple[int, int]:  # type: ignore[type-arg]
+def _tilt(px: NDArray[np.float64]) -> tuple[int, int]:
     """Shape of the seen board, coarsely: how flat, and along which direction."""
     centered = px - px.mean(axis=0)
     values, vectors = np.linalg.eigh(centered.T @ centered)

@@ -48,7 +48,8 @@ class Solved:
     @property
     def errors_px(self) -> Floats:
         """(N,) length of each residual, px."""
-        return np.linalg.norm(self.residuals_px, axis=1)
+        errors: Floats = np.linalg.norm(self.residuals_px, axis=1)
+        return errors
 
     @property
     def rms_px(self) -> Floats:

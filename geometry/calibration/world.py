@@ -102,7 +102,7 @@ class Placement:
 
 def marked(cameras: CameraGroup, pixels: Floats) -> Floats:
     """(N, 3) points from their (C, N, 2) px, NaN where unseen; NaN for points that fewer than two cameras see."""
-    seen = np.isfinite(pixels).all(axis=-1)
+    seen: NDArray[np.bool_] = np.isfinite(pixels[..., 0])
     enough = seen.sum(axis=0) >= 2
     out = np.full((pixels.shape[1], 3), np.nan)
     if not enough.any():
@@ -113,10 +113,10 @@ def marked(cameras: CameraGroup, pixels: Floats) -> Floats:
         away = np.where(seen[c][:, None, None], np.eye(3) - ray[:, :, None] * ray[:, None, :], 0.0)
         rows, sides = rows + np.nan_to_num(away), sides + np.nan_to_num(away) @ camera.center_world
     out[enough] = np.linalg.solve(rows[enough], sides[enough][..., None])[..., 0]
-    camera, point = np.nonzero(seen & enough)
+    which, point = np.nonzero(seen & enough)
     result = adjust(
         AdjustProblem(
-            cameras=cameras, camera=camera, point=point, pixels=pixels[camera, point], sigma_px=np.ones(len(camera)),
+            cameras=cameras, camera=which, point=point, pixels=pixels[which, point], sigma_px=np.ones(len(which)),
             points=np.nan_to_num(out), points_free=enough, free=(FreeCamera(pose=False),) * len(cameras),
         )
     )  # fmt: skip
