@@ -57,7 +57,7 @@ def test_the_page_names_the_culprit_first(turned: CalibrationQuality) -> None:
     rows = re.findall(r'<th scope="row">([^<]*)</th>', page)
     assert rows[0] == "cam&lt;2&gt;" and len(rows) == 8  # figures and evidence, the culprit first in both
     assert page.count('<figure class="residuals">') == 4 and page.count('<g class="camera fault">') == 1
-    assert "http" not in re.sub(r"Content-Security-Policy.*", "", page) and "nan" not in page.lower()
+    assert "://" not in page and "nan" not in page.lower()
 
     class Tags(HTMLParser):
         stack: list[str] = []

@@ -78,7 +78,7 @@ class CulpritOptions:
     max_frames: int = 80
     max_shift: int = 30
     max_faults: int = 3
-    min_evidence: float = 6.5
+    min_evidence: float = 6.0
     min_evidence_more: float = 12.0
     min_score: float = 2.0
     min_score_shift: float = 3.0
@@ -241,7 +241,10 @@ def _search(take: Take, setup: Setup, options: CulpritOptions) -> tuple[float, l
     lowest = min(found, key=lambda f: f[0], default=(cost, errors, None))
     best_errors = lowest[1] if lowest[0] < cost else errors
     scale = student_scale((best_errors**2).sum(-1)[np.isfinite(best_errors[..., 0])])
-    independent = max(float(np.isfinite(errors[..., 0]).sum()) / alike(best_errors / scale), 2.0)
+    known = np.isfinite(errors[..., 0])
+    views = known.sum() / max(known.any(axis=0).sum(), 1)
+    # A point that was triangulated takes three of its errors' freedoms, and makes them smaller by as much.
+    independent = max(float(known.sum() * (1 - 1.5 / views)) / alike(best_errors / scale), 2.0)
     order = np.argsort(np.concatenate([np.flatnonzero(take.held), np.flatnonzero(~take.held)]))
     trials = []
     for trial_cost, trial_errors, trial in found:
