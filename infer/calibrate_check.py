@@ -98,7 +98,7 @@ def person_to_check(cameras: CameraGroup, keypoints: Keypoints2D) -> tuple[Float
     selection = select_person(cameras, keypoints)
     points_px, variance_px2, _ = take_person(keypoints, selection)
     points_px, variance_px2 = points_px.copy(), variance_px2.copy()
-    found = np.isfinite(keypoints.variance_px2).any(axis=-1)
+    found = np.asarray(np.isfinite(keypoints.variance_px2).any(axis=-1))
     for c in range(len(cameras)):
         alone = found[c].sum(axis=1) == 1
         if (selection.slots[c] >= 0).mean() < _HARDLY and alone.mean() > 0.5:

@@ -79,8 +79,8 @@ def packed(quality: CalibrationQuality) -> tuple[dict[str, NDArray[Any]], dict[s
 def unpacked(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str, Any]) -> CalibrationQuality:
     """The judgement of `cameras` that `packed` made arrays and facts of."""
     pictures = tuple(
-        ImagePicture(*(arrays[f"picture{c}_{n}"] for n in ("count", "median_px", "mean_px")), facts["covered"][c])
-        for c in range(len(cameras))
+        ImagePicture(arrays[f"picture{c}_count"], arrays[f"picture{c}_median_px"], arrays[f"picture{c}_mean_px"], covered)
+        for c, covered in enumerate(facts["covered"])
     )
     plan = facts["plan"]
     report = None
@@ -121,4 +121,5 @@ def _report(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str,
 
 
 def _fault(facts: Mapping[str, Any]) -> Fault:
-    return Fault(**{k: tuple(v) if isinstance(v, list) else v for k, v in facts.items()})
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in facts.items()}
+    return Fault(**values)

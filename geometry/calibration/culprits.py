@@ -49,7 +49,7 @@ _TOO_MANY = (
     "The rest fits no better than that: with half of the cameras wrong, the others cannot be told from them. "
     "Calibrate all again, or give `muybridge run` --refine-cameras."
 )
-_FREE = {
+_FREE: dict[Kind, NDArray[np.bool_]] = {
     "turned": np.array([1, 1, 1, 0, 0, 0, 0], dtype=bool),
     "moved": np.array([1, 1, 1, 1, 1, 1, 0], dtype=bool),
     "focal": np.array([0, 0, 0, 0, 0, 0, 1], dtype=bool),
@@ -361,7 +361,7 @@ def _chances(trials: list[_Trial], count: int) -> Floats:
     out = np.zeros(count)
     for trial, w in zip(trials, weight[1:], strict=True):
         out[list(trial.cameras)] += w
-    return np.minimum(out / weight.sum(), 1.0)
+    return np.asarray(np.minimum(out / weight.sum(), 1.0))
 
 
 def _fault(best: _Trial, trials: list[_Trial], names: tuple[str, ...]) -> Fault:

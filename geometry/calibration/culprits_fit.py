@@ -79,7 +79,7 @@ def student_scale(squares: Floats, start: float | None = None) -> float:
 
 def student_cost(squares: Floats, scale: float) -> Floats:
     """Negative log-likelihood of squared lengths under a scale, without constants."""
-    return 2 * np.log(scale) + 0.5 * (_FREEDOM + 2) * np.log1p(squares / (_FREEDOM * scale**2))
+    return np.asarray(2 * np.log(scale) + 0.5 * (_FREEDOM + 2) * np.log1p(squares / (_FREEDOM * scale**2)))
 
 
 def fit_camera(

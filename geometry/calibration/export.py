@@ -29,8 +29,6 @@ ExportFormat = Literal[
 EXPORT_FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 """Names of the formats that `export_calibration` writes."""
 
-_FOLDERS = ("easymocap", "colmap")
-
 
 def export_calibration(cameras: CameraGroup, path: Path, how: ExportFormat) -> list[Path]:
     """Write cameras in a format; `read_calibration` reads every one of them back.
@@ -47,15 +45,17 @@ def export_calibration(cameras: CameraGroup, path: Path, how: ExportFormat) -> l
         CalibrationError: a camera whose lens the format cannot carry (it is named).
         OutputError: a file cannot be written.
     """
+    path = Path(path)
     try:
-        texts = {**_FILES, **_SEVERAL}[how](cameras)
+        if how in _SEVERAL:
+            files = {path / name: text for name, text in _SEVERAL[how](cameras).items()}
+        else:
+            files = {path: _FILES[how](cameras)}
     except ValueError as error:
         raise CalibrationError(
             f"{path}: {error}; write it as muybridge (which keeps everything), or calibrate with a simpler lens"
         ) from None
-    path = Path(path)
-    files = {path: texts} if isinstance(texts, str) else {path / name: text for name, text in texts.items()}
-    if how in _FOLDERS:
+    if how in _SEVERAL:
         try:
             path.mkdir(exist_ok=True)
         except OSError as error:

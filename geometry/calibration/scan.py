@@ -289,8 +289,10 @@ def _marker(rec: Any, images: Path, options: ScanOptions) -> tuple[Floats, float
     for i in rec.reg_image_ids():
         image = rec.images[i]
         picture = cv2.imread(str(images / image.name), cv2.IMREAD_GRAYSCALE)
-        corners, ids, _ = detector.detectMarkers(picture)
-        for number, found in zip(np.ravel(ids) if ids is not None else [], corners, strict=True):
+        if picture is None:
+            continue
+        quads, ids, _ = detector.detectMarkers(picture)
+        for number, found in zip(np.ravel(ids) if ids is not None else [], quads, strict=True):
             if options.marker_id in (-1, int(number)):
                 camera = _camera(rec, image.name, image.name)
                 views.setdefault(int(number), []).append((camera, np.asarray(found, float).reshape(4, 2)))

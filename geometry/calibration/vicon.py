@@ -124,7 +124,7 @@ def _opencv_radial(terms: Floats, focal: float, far: float) -> Floats:
     raw = np.linspace(0, far, 200)[1:]
     straight = raw * (1 + np.polynomial.polynomial.polyval(raw**2, [0.0, *terms])) / focal
     design = np.stack([straight**3, straight**5, straight**7], axis=1)
-    return np.linalg.lstsq(design, raw / focal - straight, rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(design, raw / focal - straight, rcond=None)[0])
 
 
 def _numbers(element: ET.Element, key: str, counts: tuple[int, ...]) -> Floats:
@@ -176,4 +176,4 @@ def _vicon_radial(camera: Camera) -> Floats:
     found = np.linalg.lstsq(design, wanted, rcond=None)[0]
     if not known.all() or np.abs(design @ found - wanted).max() > _CARRIED_PX:
         raise ValueError(f"camera {camera.name}: its {camera.model} lens is more than Vicon's radial terms can hold")
-    return found / camera.width ** np.array([2.0, 4.0, 6.0])
+    return np.asarray(found / camera.width ** np.array([2.0, 4.0, 6.0]))
