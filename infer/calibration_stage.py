@@ -79,8 +79,8 @@ def packed(quality: CalibrationQuality) -> tuple[dict[str, NDArray[Any]], dict[s
 def unpacked(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str, Any]) -> CalibrationQuality:
     """The judgement of `cameras` that `packed` made arrays and facts of."""
     pictures = tuple(
-        ImagePicture(arrays[f"picture{c}_count"], arrays[f"picture{c}_median_px"], arrays[f"picture{c}_mean_px"], covered)
-        for c, covered in enumerate(facts["covered"])
+        ImagePicture(arrays[f"{k}_count"], arrays[f"{k}_median_px"], arrays[f"{k}_mean_px"], covered)
+        for k, covered in ((f"picture{c}", share) for c, share in enumerate(facts["covered"]))
     )
     plan = facts["plan"]
     report = None
