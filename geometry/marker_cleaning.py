@@ -64,9 +64,19 @@ class Cleaned:
     error_m: Float
 
 
-def clean_markers(points: Float, fps: float, options: CleanOptions = CleanOptions()) -> Cleaned:
-    """Spikes out, gaps filled; `points` (T, M, 3) in metres, any axis up."""
+def clean_markers(points: Float, fps: float, options: CleanOptions = CleanOptions(),
+                  settled: NDArray[np.bool_] | None = None) -> Cleaned:  # fmt: skip
+    """Spikes out, gaps filled.
+
+    Args:
+        points: (T, M, 3) metres, any axis up.
+        fps: frames a second.
+        options: how.
+        settled: (T, M) samples that a person has vouched for: they are no spikes.
+    """
     spikes = find_spikes(points, _partners(points), options)
+    if settled is not None:
+        spikes &= ~settled
     known = np.where(spikes[..., None], np.nan, points)
     sample = np.where(np.isfinite(known[..., 0]), Sample.MEASURED, Sample.MISSING).astype(np.uint8)
     error = np.full(sample.shape, np.nan)

@@ -44,13 +44,16 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
     except FormatError as error:
         raise FormatError(f"{file}: {error}") from None
     corrected: list[str] = []
+    by_hand = np.zeros(labelled.column.shape, bool)
     if settled:
+        before = labelled.column
         label, corrected = apply_corrections(labelled.label, labelled.tracks.column, lines, plan.markers.labels,
                                              cloud.names, settled)  # fmt: skip
         labelled = relabelled(labelled, label)
+        by_hand = labelled.column != before
         if settled != out / CORRECTIONS:
             folder.write(CORRECTIONS, lambda path: path.write_bytes(settled.read_bytes()))
-    cleaned = clean_markers(labelled.points, rate, clean)
+    cleaned = clean_markers(labelled.points, rate, clean, by_hand)
     content = label_json(labelled, cleaned, cloud.names, rate, file.name, notes_of(cloud, labelled, plan), corrected,
                          _figures(labelled))  # fmt: skip
     folder.write("labelled.c3d", lambda path: _write(path, labelled, cleaned, rate))
