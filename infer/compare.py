@@ -98,7 +98,7 @@ def compare_points(
     names, columns = _match(first, second, called)
     a, b = first.points_world[:, columns[0]], second.points_world[:, columns[1]]
     times, a, b = _common_time(a, b, first.fps, second.fps, shift, called)
-    both: NDArray[np.bool_] = np.isfinite(a + b).all(axis=-1)
+    both = np.asarray(np.isfinite(a + b).all(axis=-1))
     if not both.any():
         raise FormatError(f"{called[1]}: has no point that {called[0]} has at the same time; see --shift")
     scale, how = 1.0, "as they are"

@@ -126,8 +126,8 @@ def understand(path: Path, points: Any) -> Labelled:
         columns, how = set(body.values()), f"{len(body)} landmarks by their names"
     else:
         mapped = landmarks_from_markers(points, surface)
-        known = int(np.isfinite(mapped.points_world).any(axis=(0, 2)).sum())
-        columns, how = set(surface.values()), f"{known} landmarks from {len(surface)} markers"
+        told = int(np.isfinite(mapped.points_world).any(axis=(0, 2)).sum())
+        columns, how = set(surface.values()), f"{told} landmarks from {len(surface)} markers"
     used = tuple(n for i, n in enumerate(names) if i in columns)
     return Labelled(mapped, used, tuple(n for i, n in enumerate(names) if i not in columns), how)
 
