@@ -123,6 +123,9 @@ def test_cameras_that_never_see_the_board_at_once_are_chained():
     result = calibrate_rig(CHARUCO, views, sizes(truth), BoardOptions(in_step=True))
     assert [(a, b) for a, b, _ in result.joined] == [("c1", "c0"), ("c2", "c1")]
     assert errors(result.cameras, truth).max() < 0.02
+    views["c0"] = {t + 1000: v for t, v in views["c0"].items()}
+    with pytest.raises(CalibrationError, match="^c0: no view of the board is shared with c1, c2; "):
+        calibrate_rig(CHARUCO, views, sizes(truth))
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(5, 7), (6, 6)])

@@ -92,6 +92,13 @@ def test_images_become_a_calibration_file(shown, tmp_path, capfd):
         assert c.params[0] == pytest.approx(camera(k).params[0], rel=0.02)
         assert c.center_world[2] > 0.3  # above the floor
     assert "not seen at that moment" in failed(capfd, "board", shown, *FLAGS, "--floor", 99, "--out", out)
+    again = tmp_path / "again.toml"
+    world = ["world", out, "--floor-board", shown, *FLAGS, "--out", again]
+    assert run_command(["calibrate", *map(str, world), "--moment", "3"]) == 0
+    np.testing.assert_allclose(load_calibration(again).centers_world, found.centers_world, atol=0.01)
+    assert "it must lie still on the floor" in failed(capfd, *world)
+    assert run_command(["calibrate", *map(str, world), "--moment", "4"]) == 0
+    assert np.abs(load_calibration(again).centers_world - found.centers_world).max() > 0.05
 
 
 def test_lenses_first_then_poses(shown, tmp_path, capfd):
@@ -112,6 +119,12 @@ def test_a_checkerboard_of_images(tmp_path):
     assert run_command(["calibrate", "board", str(folder), *flags, "--out", str(out)]) == 0
     found = load_calibration(out)
     assert np.linalg.norm(found[1].center_world - found[0].center_world) == pytest.approx(0.35, abs=0.01)
+    again = tmp_path / "again.toml"
+    world = [str(out), "--floor-board", str(folder), "--moment", "2", *flags, "--out", str(again)]
+    assert run_command(["calibrate", "world", *world]) == 0
+    moved = load_calibration(again)
+    assert np.linalg.norm(moved[1].center_world - moved[0].center_world) == pytest.approx(0.35, abs=0.01)
+    assert (moved.centers_world[:, 2] > 0.3).all()
 
 
 @pytest.mark.parametrize(

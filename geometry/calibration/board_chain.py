@@ -86,10 +86,11 @@ def chain(names: Sequence[str], seen: Sequence[Mapping[int, Floats]], board: Boa
         shared = {k: sorted(boards.keys() & seen[k].keys()) for k in left}
         new = max(left, key=lambda k: len(shared[k]))
         if not shared[new]:
+            here, there = ([names[k] for k in group] for group in (sorted(poses), left))
+            few, many = (here, there) if len(here) < len(there) else (there, here)
             raise CalibrationError(
-                f"{', '.join(names[k] for k in left)}: no view of the board is shared with "
-                f"{', '.join(names[k] for k in sorted(poses))}; show the board where both see it at the same time, "
-                "or check that the frames are paired rightly"
+                f"{', '.join(few)}: no view of the board is shared with {', '.join(many)}; show the board where both "
+                "see it at the same time, or check that the frames are paired rightly"
             )
         partner = max(poses, key=lambda k: len(seen[k].keys() & seen[new].keys()))
         at = _spread(shared[new], _MOST_SHARED)
