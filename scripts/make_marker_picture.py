@@ -41,7 +41,7 @@ def plain_outfit() -> Outfit:
     """Bare skin in even light."""
     outfit = bare_outfit(np.random.default_rng(0))
     values = outfit.values | {
-        "fill_colour": (0.0, 0.0, 0.0), "light_colour": (1.0, 1.0, 1.0), "ambient_up": (0.3, 0.3, 0.3),
+        "bodily": 0.0, "fill_colour": (0.0, 0.0, 0.0), "light_colour": (1.0, 1.0, 1.0), "ambient_up": (0.3, 0.3, 0.3),
         "ambient_down": (0.2, 0.2, 0.2),
     }  # fmt: skip
     return Outfit(outfit.kind, outfit.parts, (0.0, 0.0, 1.0), values)

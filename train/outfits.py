@@ -53,6 +53,7 @@ class Dresser:
         {"clothed": self._clothed, "sports": self._sports, "no_shirt": self._undressed, "briefs": self._undressed,
          "suit": self._suit}[self.kind]()  # fmt: skip
         self._feet()
+        self._bands()
         self._head()
         self._carry()
 
@@ -91,6 +92,9 @@ class Dresser:
         if v["sleeve"] > 0.4 and self.chance(0.3):
             style = (style | 8) & ~3
         v["shirt_style"] = style
+        if v["pattern"][0] == PATTERNS.index("quilted"):  # a padded jacket
+            v |= {"sleeve": 0.46, "puff_shirt": self.between(0.02, 0.035), "hem": self.between(-0.1, 0.08),
+                  "bulge": 0.02, "flare_sleeve": 0.0, "loose_shirt": 1.0}  # fmt: skip
         if v["pattern"][0] < 4 and self.chance(0.4):
             self._print()
         self.parts.add("shirt")
@@ -225,6 +229,16 @@ class Dresser:
         }  # fmt: skip
         self.parts.add("shoes")
 
+    def _bands(self) -> None:
+        """Watches and wristbands, knee braces, stockings."""
+        watch = self.rng.choice([-1.0, 0.0, 1.0], p=[0.05, 0.8, 0.15])
+        brace = self.rng.choice([-1.0, 0.0, 1.0], p=[0.03, 0.94, 0.03])
+        low = self.between(-0.50, -0.41)
+        self.values["bands"] = (float(watch), float(brace), low, low + self.between(0.05, 0.2))
+        self.values["hat_b"] = fabric_colour(self.rng)
+        if self.female and self.kind == "clothed" and self.chance(0.08):
+            self.values["sock_top"] = self.between(-0.35, -0.15)
+
     def _head(self) -> None:
         v, rng, female = self.values, self.rng, self.female
         v["hair_colour"] = HAIR[int(rng.choice(len(HAIR), p=[0.24, 0.18, 0.18, 0.12, 0.09, 0.04, 0.09, 0.06]))]
@@ -286,7 +300,7 @@ class Dresser:
             kind = "swim" if self.chance(0.6) else "cap"
         if kind == "hood" and not (self.kind in ("clothed", "suit") and v["sleeve"] > 0.4):
             kind = "beanie"
-        v |= {"hat_a": fabric_colour(self.rng), "hat_b": fabric_colour(self.rng), "hat_slope": self.between(0.35, 0.7),
+        v |= {"hat_a": fabric_colour(self.rng), "hat_slope": self.between(0.35, 0.7),
               "hat_line": self.between(0.735, 0.765), "hair_lumps": 0.3}  # fmt: skip
         v["hair_volume"] = min(v["hair_volume"], 0.016)
         parts.add("hat")

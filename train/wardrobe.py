@@ -89,7 +89,7 @@ def _bare(rng: np.random.Generator) -> Values:
         "trousers_c": dark, "skirt_a": dark, "skirt_b": dark, "item_colour": dark, "item_hair": 0,
         "pattern": (0, 0, 0), "pattern_size": (0.3, 0.3, 0.3), "fold_kind": (0, 2, 1), "print_layer": -1,
         "print_back": 0, "print_box": (0.0, 0.35, 0.1, 0.1), "shirt_style": 0, "trousers_style": 0, "straps": 0,
-        "fold_depth": 0.5, "bodily": 1.0, "gloss_cloth": 0.03,
+        "bands": (0.0, 0.0, 0.0, 0.0), "fold_depth": 0.5, "bodily": 1.0, "gloss_cloth": 0.03,
     }  # fmt: skip
 
 

@@ -9,6 +9,7 @@ uniform ivec3 pattern, fold_kind; // shirt, trousers, skirt; trunk, arms, legs
 uniform vec3 pattern_size; // metres
 uniform vec4 print_box; // centre x, z and half sizes on the chest
 uniform int print_layer, print_back, shirt_style, trousers_style, straps, item_hair, covered, beard, sheen;
+uniform vec4 bands; // sides of a watch and of a knee brace, 0 for none; the brace's lower and upper end
 uniform float seed, fold_depth, bodily, gloss_cloth, hair_paint;
 uniform sampler2D shadow_map, sky_map;
 uniform sampler3D white3, fractal3;
@@ -133,7 +134,9 @@ vec3 body(out float gloss) {
     a = r < .0055 ? vec3(.02) : (r < .0115 ? vec3(.25, .16, .09) : vec3(.8));
     gloss = .6;
   } else if (arm > .5) {
-    if (arm_along(Q) > glove) { a = glove_colour; gloss = .05; }
+    float along = arm_along(Q);
+    if (bands.x * Q.x > 0. && abs(along - .425) < .013) { a = hat_b * .6; gloss = .3; }
+    if (along > glove) { a = glove_colour; gloss = .05; }
   } else if (bodily > .5 && Q.y < -.06) {
     a = mix(a, a * vec3(.55, .4, .38), step(length(vec2(ax - .082, Q.z - .395)), .013));
     a *= 1. - .6 * smoothstep(.012, .004, length(vec2(Q.x, Q.z - .155)));
@@ -142,6 +145,7 @@ vec3 body(out float gloss) {
     if (in_shoe(Q) < .02 && Q.z < sock_top && ax < .34) {
       a = sock_colour * (Q.z > sock_top - .03 ? .8 : .9 + .1 * sin(Q.z * 900.)); gloss = .03;
     }
+    if (bands.y * Q.x > 0. && Q.z > bands.z && Q.z < bands.w) { a = hat_b * (.8 + .2 * fractal(Q * 50.)); gloss = .03; }
     a *= 1. - .3 * smoothstep(.05, .0, abs(Q.z - .575)) * step(Q.y, -.02); // under the chin
   }
   return a;
