@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from muybridge.geometry.robust import extent
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import LandmarkSet
+from muybridge.geometry.robust import extent
 from muybridge.geometry.triangulation import TriangulateOptions, take_noise, usable_points
 
 _Floats = NDArray[np.float64]
