@@ -166,15 +166,15 @@ def _reason(best: Person, others: tuple[Person, ...], cameras: int, frames: int)
         sentence += ", moves most"
     elif all(best.size_px >= p.size_px for p in others):
         sentence += ", largest in the image"
-    ignored = []
+    besides = []
     if several:
         most = max(len(p.cameras) for p in several)
         who = "1 other person is" if len(several) == 1 else f"{len(several)} other people are"
-        ignored.append(f"{who} seen by {'up to ' if len(several) > 1 else ''}{most} cameras")
+        besides.append(f"{who} seen by {'up to ' if len(several) > 1 else ''}{most} cameras")
     if single:
         who = "1 track is" if single == 1 else f"{single} tracks are"
-        ignored.append(f"{who} seen by one camera only")
-    return f"{sentence}; {' and '.join(ignored)}, ignored"
+        besides.append(f"{who} seen by one camera only")
+    return f"{sentence}; {' and '.join(besides)}"
 
 
 def _one_from_each(people: tuple[Person, ...]) -> NDArray[np.int64]:

@@ -133,10 +133,11 @@ def _write_overlay(
 ) -> StageResult:
     name, camera = overlay_name(camera_file), session.cameras[index]
     projected = camera.project(solution.points.points_world)
+    others = [camera.project(o.points.points_world) for o in solution.others[: MOST_PEOPLE - 1]]
     residual, inlier = solution.measured.residual_px[index], solution.measured.inlier[index]
     key = digest(
         code_digest(*_OVERLAY_CODE), detected.stage.key, camera, options, solution.points_px[index],
-        projected, residual, inlier, session.fps,
+        projected, residual, inlier, session.fps, others,
     )  # fmt: skip
     stored = store.load(f"overlay-{camera_file}", key)
     if stored is not None and output.owns(name):
@@ -161,6 +162,7 @@ def _write_overlay(
                 inlier,
                 thumbnail_frames=pick_thumbnail_frames(solution.measured, THUMBNAILS),
                 options=options,
+                others_px=others,
             ).thumbnails
         )
 
@@ -194,6 +196,7 @@ def write_report_page(
         cameras=session.cameras,
         points=solution.measured,
         delivered=solution.points,
+        others=tuple(other.points.points_world for other in solution.others[: MOST_PEOPLE - 1]),
         keypoints_px=solution.points_px,
         leave_one_out_px=solution.leave_one_out_px,
         joint_positions_world=None if motion is None else motion.joint_positions_world(),

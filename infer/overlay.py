@@ -102,6 +102,7 @@ def write_overlay(
     inlier: NDArray[np.bool_] | None = None,
     thumbnail_frames: Sequence[int] = (),
     options: OverlayOptions = OverlayOptions(),  # noqa: B008 - frozen
+    others_px: Sequence[Floats] = (),
 ) -> Overlay:
     """Write `overlay_<camera>.mp4` (H.264, plays in a browser), one frame at a time in bounded memory.
 
@@ -118,6 +119,7 @@ def write_overlay(
         inlier: (T, J) whether the 2D landmark took part; those that did not are crosses. None: all did.
         thumbnail_frames: frames to hand back as JPEG.
         options: drawing and encoding.
+        others_px: (T, J, 2) for each further person, their 3D landmarks projected; thin figures, numbered from 2.
 
     Returns:
         The path, the number of frames (the shorter of `frames` and T) and the thumbnails.
@@ -127,6 +129,8 @@ def write_overlay(
         OutputError: the file cannot be written.
     """
     _check_shapes(landmarks, projected_px, keypoints_px, residual_px, inlier)
+    if any(other.shape != projected_px.shape for other in others_px):
+        raise ValueError(f"others_px must each have the shape of projected_px, {projected_px.shape}")
     partial = path.with_name(f".{path.name}.partial")
     wanted = set(thumbnail_frames)
     thumbnails: dict[int, bytes] = {}
@@ -147,6 +151,7 @@ def write_overlay(
                     None if residual_px is None else residual_px[t],
                     None if inlier is None else inlier[t],
                     options.legend,
+                    [other[t] for other in others_px],
                 )
                 if stream is None:
                     stream = _add_stream(container, image, fps, options)
@@ -182,6 +187,7 @@ def draw_overlay(
     residual_px: Floats | None = None,
     inlier: NDArray[np.bool_] | None = None,
     legend: bool = True,
+    others_px: Sequence[Floats] = (),
 ) -> Image:
     """One frame of an overlay: a copy of `frame`, padded to even sides, with everything drawn in.
 
@@ -198,7 +204,13 @@ def draw_overlay(
     if keypoints_px is not None:
         kept = np.ones(len(landmarks), bool) if inlier is None else np.asarray(inlier, bool)
         _draw_keypoints(image, _scaled(keypoints_px, scale), projected, kept, unit)
+    others = [_scaled(other, scale) for other in others_px]
+    for other in others:
+        _draw_figure(image, other, landmarks, unit, thickness=0.5)
     _draw_figure(image, projected, landmarks, unit)
+    if others:
+        for number, figure in enumerate([projected, *others], start=1):
+            _draw_number(image, number, figure, unit)
     _draw_caption(image, t, fps, camera_name, projected, residual_px, unit)
     if legend:
         _draw_legend(image, unit, keypoints_px is not None)
@@ -285,18 +297,34 @@ def _draw_keypoints(
             _line(image, point + [-arm, arm], point + [arm, -arm], colour, width)
 
 
-def _draw_figure(image: Image, points: Floats, landmarks: LandmarkSet, unit: float) -> None:
+def _draw_figure(image: Image, points: Floats, landmarks: LandmarkSet, unit: float, thickness: float = 1.0) -> None:
     bones = [
         (points[a], points[b], (landmarks.names[a], landmarks.names[b])) for a, b in landmarks.edge_indices
     ]
+    width = unit * thickness
     # Dark edges first, for all bones: they keep the figure legible on any background.
     for a, b, _ in bones:
-        _line(image, a, b, DARK, 5.0 * unit)
+        _line(image, a, b, DARK, 5.0 * width)
     for a, b, names in bones:
-        _line(image, a, b, colour_of(*names), 2.6 * unit)
+        _line(image, a, b, colour_of(*names), 2.6 * width)
     for point, name in zip(points, landmarks.names, strict=True):
-        _circle(image, point, 4.2 * unit, DARK, -1)
-        _circle(image, point, 3.0 * unit, colour_of(name), -1)
+        _circle(image, point, 4.2 * width, DARK, -1)
+        _circle(image, point, 3.0 * width, colour_of(name), -1)
+
+
+def _draw_number(image: Image, number: int, points: Floats, unit: float) -> None:
+    """A person's number above the highest of their points in the image."""
+    seen = points[np.isfinite(points).all(-1)]
+    if not len(seen):
+        return
+    size = max(12.0, 22.0 * unit)
+    x, y = seen[seen[:, 1].argmin()]
+    at = round(float(x) - 0.3 * size), round(float(y) - 1.2 * size)
+    if -size < at[0] < image.shape[1] and 0 < at[1] < image.shape[0] + size:
+        step = max(1, round(size / 12.0))
+        for dx, dy in ((-step, 0), (step, 0), (0, -step), (0, step)):
+            _text(image, str(number), (at[0] + dx, at[1] + dy), size, DARK)
+        _text(image, str(number), at, size)
 
 
 def _text(image: Image, text: str, at: tuple[int, int], size: float, colour: Colour = MIDDLE) -> int:

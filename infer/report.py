@@ -65,6 +65,7 @@ class ReportData:
         cameras: C cameras, as used (after crops and scalings).
         points: T frames of J landmarks, as triangulated: what is missing and what disagrees is theirs.
         delivered: the points as they were written (smoothed, gaps filled), shown in 3D; None: `points`.
+        others: (T, J, 3) of each further person as written to files of their own, shown in 3D.
         keypoints_px: (C, T, J, 2) the person's 2D points, NaN where missing; they tell a shifted, lagging or
             left-right-swapping camera.
         leave_one_out_px: (C, T, J) distance of a 2D point to what the other cameras say; NaN where unknown.
@@ -86,6 +87,7 @@ class ReportData:
     cameras: CameraGroup
     points: Points3D
     delivered: Points3D | None = None
+    others: tuple[Floats, ...] = ()
     keypoints_px: Floats | None = None
     leave_one_out_px: Floats | None = None
     joint_positions_world: Floats | None = None
@@ -169,6 +171,7 @@ def _check(data: ReportData) -> None:
             None if data.delivered is None else data.delivered.points_world,
             (frames, landmarks, 3),
         ),
+        *((f"others[{n}]", other, (frames, landmarks, 3)) for n, other in enumerate(data.others)),
         ("keypoints_px", data.keypoints_px, (count, frames, landmarks, 2)),
         ("leave_one_out_px", data.leave_one_out_px, (count, frames, landmarks)),
         ("joint_positions_world", data.joint_positions_world, (frames, len(data.joint_names), 3)),
@@ -209,6 +212,7 @@ def _scene(data: ReportData) -> dict[str, Any]:
             "positions": _packed(shown.points_world[::stride]),
         },
         "joints": None,
+        "others": [_packed(other[::stride]) for other in data.others],
         "timeline": {
             "first": line.first_frame.tolist(),
             "missing": _bytes(line.missing * 100.0),

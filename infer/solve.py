@@ -117,12 +117,14 @@ def solve(
     take = _Take(stage, cameras, keypoints, markers, fps, options)
     main = _followed(take, "", person, look_again)
     if not options.everyone:
-        return main
+        several = len(person.arrays["others"]) > 0
+        return replace(main, person=f"{main.person}; --everyone writes them too") if several else main
     others = []
     for n, slots in enumerate(person.arrays["others"], start=2):
         one = stage(f"person {n}", person.key, lambda slots=slots: (_taken(keypoints, slots), {"reason": ""}))
         others.append(_followed(take, f" {n}", one, None))
-    return replace(main, others=tuple(others))
+    files = "; each further person whom two cameras see has files of their own" if others else ""
+    return replace(main, person=main.person + files, others=tuple(others))
 
 
 @dataclass(frozen=True)

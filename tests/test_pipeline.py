@@ -129,6 +129,8 @@ def test_everyone_leaves_in_files_of_their_own(take, staged, staged_people, monk
         assert min(np.nanmean(np.linalg.norm(points - t, axis=-1)) for t in truth) < 0.02
     assert np.linalg.norm(found[0] - found[1], axis=-1).min() > 0.5
     assert (out / "motion_2.bvh").exists() and not (out / "points_3.trc").exists()
+    # The report's 3D view has the other person too.
+    assert (out / "report.html").read_text().count('"others":[{"offset"') == 1
 
 
 def test_a_second_run_resumes_everything_and_says_so(take, staged):

@@ -45,6 +45,7 @@ class View {
     this.scene = scene;
     this.context = canvas.getContext("2d");
     this.landmarks = { ...scene.landmarks, track: new Track(scene.landmarks.positions, scene.landmarks.names.length) };
+    this.others = (scene.others || []).map((packed) => ({ ...scene.landmarks, track: new Track(packed, scene.landmarks.names.length) }));
     this.joints = scene.joints && { ...scene.joints, track: new Track(scene.joints.positions, scene.joints.names.length) };
     this.show = { points: true, joints: !!this.joints, cameras: true, trails: false, names: false, follow: false };
     this.through = -1;
@@ -179,14 +180,30 @@ class View {
     if (this.show.cameras) this.cameraParts(hole, parts);
     if (this.show.joints && joints) this.figureParts(hole, parts, this.joints, joints, true);
     if (this.show.points) this.figureParts(hole, parts, this.landmarks, points, false);
+    const others = this.others.map((other) => other.track.frame(this.t));
+    others.forEach((found, k) => {
+      this.drawShadow(g, hole, found, this.others[k]);
+      this.figureParts(hole, parts, this.others[k], found, false);
+    });
     parts.sort((x, y) => y.depth - x.depth);
     for (const part of parts) part.draw(g);
     if (this.show.names) this.drawNames(g, hole, points, joints);
+    if (others.length) [points, ...others].forEach((found, k) => this.drawNumber(g, hole, found, String(k + 1)));
     if (this.frame) {
       g.strokeStyle = this.colour.frustum; g.lineWidth = 1.5; g.setLineDash([6, 5]);
       g.strokeRect(...this.frame); g.setLineDash([]);
     }
     this.onchange(points);
+  }
+
+  // Above the highest point of a person, where there are several.
+  drawNumber(g, hole, points, number) {
+    const top = points.filter(Boolean).reduce((best, p) => (!best || p[2] > best[2] ? p : best), null);
+    const e = top && this.toEye(hole, add(top, [0, 0, 0.25]));
+    if (!e || e[2] < NEAR) return;
+    g.fillStyle = this.colour.text; g.font = "600 14px system-ui, sans-serif"; g.textAlign = "center";
+    g.fillText(number, ...this.toPixel(hole, e));
+    g.textAlign = "start";
   }
 
   followPerson(points, joints) {
