@@ -59,6 +59,10 @@ class Batch:
     markers_visible: Tensor
 
 
+# Images that are made together: what they need in between stays in the processor's cache.
+_AT_ONCE = 8
+
+
 class Compositor:
     """Makes batches of crops from renders and backgrounds."""
 
@@ -76,8 +80,13 @@ class Compositor:
 
     def batch(self, count: int, index: NDArray[np.intp] | None = None) -> Batch:
         """`count` crops of random renders, or of the renders `index`."""
-        rng, opt = self.rng, self.options
-        index = rng.integers(0, len(self.renders), count) if index is None else index
+        index = self.rng.integers(0, len(self.renders), count) if index is None else index
+        parts = [self._few(index[i : i + _AT_ONCE]) for i in range(0, count, _AT_ONCE)]
+        return Batch(*(torch.cat(arrays) for arrays in zip(*parts, strict=True)))
+
+    def _few(self, index: NDArray[np.intp]) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+        """The crops of a batch that are made at once, as the fields of `Batch`."""
+        rng, opt, count = self.rng, self.options, len(index)
         matrix, flip = self._placement(index, 0.0)
         person, landmarks, visible = self._warp(index, matrix, flip)
         image = self._background(count)
@@ -98,7 +107,7 @@ class Compositor:
         pixels = self.faults.compress(pixels)
         at, seen = torch.from_numpy(landmarks), torch.from_numpy(visible & inside)
         body = len(BODY23)
-        return Batch(pixels, at[:, :body], seen[:, :body], at[:, body:], seen[:, body:])
+        return pixels, at[:, :body], seen[:, :body], at[:, body:], seen[:, body:]
 
     def _column(self, values: NDArray[np.floating]) -> Tensor:
         return torch.from_numpy(np.asarray(values, np.float32)).view(-1, 1, 1, 1)

@@ -10,12 +10,25 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+_NOISE = 1 << 21  # values in the store of noise
+
 
 class CameraFaults:
     """Random image formation on batches, drawn from `rng`."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
+        # Drawing fresh noise for every pixel would cost as much as all the rest together.
+        self._noise = torch.from_numpy(rng.standard_normal(_NOISE, np.float32))
+
+    def _grain(self, image: Tensor) -> Tensor:
+        """Gaussian noise in the shape of (B, 3, H, W), every image from its own place in a store of it."""
+        size = image[0].numel()
+        store = self._noise
+        while len(store) < 2 * size:
+            store = torch.cat([store, store.flip(0)])
+        starts = self.rng.integers(0, len(store) - size, len(image))
+        return torch.stack([store[start : start + size].view(image.shape[1:]) for start in starts])
 
     def _column(self, values: NDArray[np.floating]) -> Tensor:
         return torch.from_numpy(np.asarray(values, np.float32)).view(-1, 1, 1, 1)
@@ -35,8 +48,8 @@ class CameraFaults:
         image = image * (wanted / level.clamp(min=1e-3)).clamp(1.0, 5.0)
         some = self._some(0.45, image)
         if len(some):
-            sigma = self._uniform(0.3, 1.6, len(some)).view(-1, 1).expand(-1, 2) * (min(image.shape[-2:]) / 192)
-            image[some] = kornia.filters.gaussian_blur2d(image[some], (7, 7), sigma)
+            sigma = rng.uniform(0.3, 1.6, len(some)) * (min(image.shape[-2:]) / 192)
+            image[some] = _blurred(image[some], 7, sigma)
         some = self._some(0.15, image)
         if len(some):
             angle = self._uniform(0, 180, len(some))
@@ -63,13 +76,12 @@ class CameraFaults:
         image = image.clamp(1e-4, 1) ** gamma
         image = image * self._lens_and_shutter(image)
         noise = rng.gamma(1.2, 0.014, len(image)).clip(0, 0.08)
-        grain = torch.from_numpy(rng.standard_normal(image.shape, np.float32))
         # Photon noise grows with the root of the light; the rest is the sensor's own.
         photon = self._column(rng.random(len(image)) < 0.5)
-        image = image + grain * self._column(noise) * (1 + photon * (1.5 * image.clamp(0, 1).sqrt() - 1))
+        image = image + self._grain(image) * self._column(noise) * (1 + photon * (1.5 * image.clamp(0, 1).sqrt() - 1))
         some = self._some(0.2, image)
         if len(some):  # what cameras do against blur
-            soft = kornia.filters.gaussian_blur2d(image[some], (5, 5), (1.0, 1.0))
+            soft = _blurred(image[some], 5, np.ones(len(some)))
             image[some] += (image[some] - soft) * self._uniform(0.3, 1.5, len(some)).view(-1, 1, 1, 1)
         return image
 
@@ -81,7 +93,7 @@ class CameraFaults:
         corner = self._column(rng.uniform(0, 0.35, count) * (rng.random(count) < 0.25))
         gain = 1 - corner * ((x - self._column(rng.normal(0, 0.4, count))) ** 2 + y**2)
         band = self._column(rng.uniform(0, 0.2, count) * (rng.random(count) < 0.08))
-        return gain * (1 + band * torch.sin(self._column(rng.uniform(2, 12, count)) * y + 1.0))
+        return gain * (1 + band * torch.sin(self._column(rng.uniform(2, 12, count)) * y + 1.0))  # of rows alone
 
     def compress(self, pixels: Tensor) -> Tensor:
         """What a sensor's colour filter and the file's codec leave of (B, 3, H, W) uint8, in place: Bayer mosaic,
@@ -98,6 +110,16 @@ class CameraFaults:
                 picture = cv2.imdecode(code, cv2.IMREAD_COLOR)
             pixels[i] = torch.from_numpy(picture.transpose(2, 0, 1).copy())
         return pixels
+
+
+def _blurred(image: Tensor, window: int, sigma: NDArray[np.float64]) -> Tensor:
+    """(B, 3, H, W) through a Gaussian of `sigma` (B,) px, `window` px wide; several times as fast as a convolution."""
+    planes = image.numpy()
+    out = np.empty_like(planes)
+    for source, target, width in zip(planes, out, sigma, strict=True):
+        for k in range(3):
+            cv2.GaussianBlur(source[k], (window, window), width, dst=target[k], borderType=cv2.BORDER_REFLECT_101)
+    return torch.from_numpy(out)
 
 
 def through_bayer(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
