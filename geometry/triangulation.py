@@ -12,6 +12,7 @@ since calibration and synchronisation err too and no network knows about those.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -374,9 +375,18 @@ def _solve(
     points = np.full((count, 3), np.nan)
     covariances = np.full((count, 3, 3), np.nan)
     inliers = np.zeros((count, cameras), dtype=np.bool_)
+    limits = limits_of(views, options)
+    in_chunks(count, options, lambda begin, end: solve_points(
+        views.rig, limits, views.seen, info, begin, end, points, covariances, inliers
+    ))  # fmt: skip
+    return points, covariances, inliers
+
+
+def limits_of(views: _Views, options: TriangulateOptions) -> Limits:
+    """The options in the kernel's units."""
     doubt_u = options.doubt_sigma**2
     tail2 = options.tail_sigma**2
-    limits = Limits(
+    return Limits(
         # So that right and wrong are equally likely at `doubt_sigma`.
         kappa=float(np.exp(-0.5 * doubt_u) * (1 + doubt_u / tail2) ** 1.5),
         tail2=tail2,
@@ -388,9 +398,12 @@ def _solve(
         max_pairs=options.max_pairs,
     )
 
+
+def in_chunks(count: int, options: TriangulateOptions, work: Callable[[int, int], None]) -> None:
+    """Calls `work(begin, end)` for all of `count` points, in threads."""
+
     def run(begin: int) -> None:
-        end = min(begin + _CHUNK, count)
-        solve_points(views.rig, limits, views.seen, info, begin, end, points, covariances, inliers)
+        work(begin, min(begin + _CHUNK, count))
 
     begins = range(0, count, _CHUNK)
     threads = options.threads or int(os.environ.get("NUMBA_NUM_THREADS", 0)) or os.cpu_count() or 1
@@ -400,7 +413,15 @@ def _solve(
     else:
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(run, begins))
-    return points, covariances, inliers
+
+
+def views_of(
+    cameras: CameraGroup, points_px: ArrayLike, variance_px2: ArrayLike, found: Triangulation,
+    options: TriangulateOptions,
+) -> tuple[_Views, NDArray[np.float64]]:  # fmt: skip
+    """The take as the kernel takes it, and (N, C) how much each 2D point is worth, at the noise that was found."""
+    views = _views(cameras, *_checked(cameras, points_px, variance_px2, options))
+    return views, _information(views, found.noise_px, found.variance_scale)
 
 
 def _fit_noise(error2: NDArray[np.float64], variance: NDArray[np.float64]) -> tuple[float, float]:
