@@ -1,8 +1,8 @@
 """The body that skin markers are fitted to: joints, and every marker of SURFACE on the bone that carries it.
 
 Its numbers are the mean and principal components of a statistical body over people of all ages and builds
-(`scripts/make_marker_body.py`). Joints are `body.BODY`'s and a roll in each forearm: pronation turns the wrist's markers
-and not the elbow's.
+(`scripts/make_marker_body.py`). Joints are `body.BODY`'s and a roll in each forearm: pronation turns the wrist's
+markers and not the elbow's.
 """
 
 import functools

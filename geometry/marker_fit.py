@@ -9,7 +9,7 @@ Source of the idea that one statistical body explains both markers and build: M.
 Motion and shape capture from sparse markers", ACM Transactions on Graphics 33, 2014.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from muybridge.geometry.body import Body
 from muybridge.geometry.ik_kernel import Chain, compiled, make_chain
 from muybridge.geometry.ik_online import settle
 from muybridge.geometry.ik_solve import Pose, Problem, jacobian, landmark_positions, moved, solve_in_stretches
+from muybridge.geometry.joint_centres import JointCentres
 from muybridge.geometry.marker_body import MarkerBody, body_of, marker_body, without_rolls
 from muybridge.geometry.rotations import continuous_quat, quat_from_matrix
 from muybridge.geometry.skeleton import Motion, Skeleton
@@ -102,19 +103,6 @@ class MarkerFit:
     weight: Array
     noise_scale: float
     person: Person
-
-
-@dataclass(frozen=True, eq=False)
-class JointCentres:
-    """Joint centres known by other means, as points for the fit.
-
-    Attributes:
-        names: of joints. points_world: (T, N, 3) metres. sigma: (N,) metres a coordinate.
-    """
-
-    names: tuple[str, ...] = ()
-    points_world: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
-    sigma: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def fit_markers(
@@ -334,7 +322,8 @@ class _Shape:
         own = at_ @ a + np.eye(n) * prior + np.eye(n) * 1e-3
         gradient = at_ @ off + pull
         both = np.linalg.solve(own, np.concatenate([ab, gradient], 2))
-        shape = np.einsum("tis,tir->sr", b, b, optimize=True) - np.einsum("tis,tir->sr", ab, both[..., :-1], optimize=True)
+        shape = np.einsum("tis,tir->sr", b, b, optimize=True)
+        shape -= np.einsum("tis,tir->sr", ab, both[..., :-1], optimize=True)
         right = np.einsum("tis,ti->s", b, off[..., 0]) - np.einsum("tis,ti->s", ab, both[..., -1])
         step = np.linalg.solve(shape + np.diag(self.certain), right - self.certain * value)
         return step, both[..., -1] - both[..., :-1] @ step

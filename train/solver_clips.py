@@ -1,6 +1,7 @@
 """Clips for the solver's training: generated motion on several bodies, markers and the truth of every joint.
 
-A store is a folder of shards; shard `k` depends on the seed and `k` alone. Placement and spoiling are drawn in training.
+A store is a folder of shards; shard `k` depends on the seed and `k` alone. Placement and spoiling are drawn while
+training.
 """
 
 import pathlib

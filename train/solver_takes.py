@@ -1,4 +1,4 @@
-"""Labelled marker takes with the truth of every joint, and what spoils them: for the solver's training and benchmark."""
+"""Labelled marker takes with the truth of every joint, and what spoils them."""
 
 from dataclasses import dataclass, replace
 
@@ -55,7 +55,9 @@ class Spoiling:
     run_s: float = 0.0
 
 
-def recorded_take(bodies: MarkerBodies, phenotype: NDArray[np.float32], motion: Motion, placed: float = 1.0) -> SolverTake:
+def recorded_take(
+    bodies: MarkerBodies, phenotype: NDArray[np.float32], motion: Motion, placed: float = 1.0
+) -> SolverTake:
     """One of anny's bodies that follows a recording, its markers placed as laboratories place them.
 
     Args:
