@@ -1,5 +1,7 @@
 """Synthetic people: poses, bodies, renders and training images agree with their labels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from muybridge.geometry.landmarks import BODY23  # noqa: E402
 from muybridge.train.augment import AugmentOptions, Compositor  # noqa: E402
 from muybridge.train.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.bodies import BODY_VERTICES, BodyModel  # noqa: E402
+from muybridge.train.close_ups import cut_boxes, to_crop  # noqa: E402
 from muybridge.train.people import as_tensors, generalised_iou, make_targets  # noqa: E402
 from muybridge.train.render import Renderer, View, look_at  # noqa: E402
 from muybridge.train.renders import SIZE, RenderSet, sample_view  # noqa: E402
@@ -98,14 +101,14 @@ def test_visible_landmarks_lie_on_the_person(renders):
 
 
 PLAIN = AugmentOptions(
-    scale_sd=0, shift_sd=0, rotation_sd_deg=0, tumble=0, second_person=0, occluder=0, mosaic=0, truncate=0
+    scale_sd=0, shift_sd=0, rotation_sd_deg=0, tumble=0, second_person=0, occluder=0, mosaic=0, truncate=0, close_up=0
 )
 
 
 def test_crops_have_the_padding_they_promise(renders):
     compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 0, PLAIN)
     index = np.arange(16)
-    matrix, flip = compositor._placement(index, 0.0)
+    matrix, flip = compositor._placement(renders.box_px[index], 0.0)
     box = renders.box_px[index]
     side = (box[:, 2:] - box[:, :2]).max(1)
     scale = np.abs(np.linalg.det(matrix[:, :, :2])) ** 0.5
@@ -119,7 +122,7 @@ def test_mirrored_crops_swap_left_and_right(renders):
     """In a mirrored crop the labels keep their sides: a shoulder line that went right to left still does."""
     compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 1, PLAIN)
     index = np.arange(len(renders))
-    matrix, _ = compositor._placement(index, 0.0)
+    matrix, _ = compositor._placement(renders.box_px[index], 0.0)
     _, as_is, _ = compositor._warp(index, matrix, np.zeros(len(index), bool))
     _, swapped, _ = compositor._warp(index, matrix, np.ones(len(index), bool))
     np.testing.assert_array_equal(swapped[:, BODY23.index("left_knee")], as_is[:, BODY23.index("right_knee")])
@@ -131,10 +134,43 @@ def test_labels_follow_pixels_through_the_augmentation(renders):
     options = AugmentOptions(second_person=0, occluder=0, truncate=0, mosaic=0)
     compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 2, options)
     index = np.arange(len(renders))
-    matrix, flip = compositor._placement(index, 0.0)
+    matrix, flip = compositor._placement(renders.box_px[index], 0.0)
     person, landmarks, visible = compositor._warp(index, matrix, flip)
     hits = compositor._alpha_at(person[:, 3].numpy(), landmarks)[visible]
     assert np.mean(hits > 0.3) > 0.95
+
+
+def test_close_ups_frame_what_is_left_of_a_person(renders):
+    rng = np.random.default_rng(0)
+    whole = renders.box_px[np.arange(200) % len(renders)]
+    boxes, lines = cut_boxes(rng, whole, 1.0)
+    kept = np.prod(boxes[:, 2:] - boxes[:, :2], 1) / np.prod(whole[:, 2:] - whole[:, :2], 1)
+    assert kept.min() >= 0.29 and kept.max() <= 0.86
+    assert ((boxes[:, :2] >= whole[:, :2]) & (boxes[:, 2:] <= whole[:, 2:])).all()
+    # A crop map that turns and mirrors: the middle of what is left is on the near side of the cut, the rest beyond.
+    turn = np.array([[-0.4, 0.3, 90.0], [0.3, 0.4, 20.0]], np.float32)
+    cuts = to_crop(rng, lines, np.repeat(turn[None], 200, 0))
+
+    def beyond(points):
+        at = points @ turn[:, :2].T + turn[:, 2]
+        return np.einsum("bk,bk->b", at, cuts.line[:, :2]) > cuts.line[:, 2]
+
+    assert not beyond((boxes[:, :2] + boxes[:, 2:]) / 2).any()
+    low, high, middle = whole[:, :2], whole[:, 2:], (whole[:, :2] + whole[:, 2:]) / 2
+    gone = np.where(boxes[:, :2] > low, low, np.where(boxes[:, 2:] < high, high, middle))
+    assert beyond(gone).all()
+
+
+def test_what_a_border_cuts_off_is_black_and_hidden(renders):
+    batch, whole = (
+        Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 3, options).batch(64)
+        for options in (replace(PLAIN, close_up=1.0), PLAIN)
+    )
+    assert batch.visible.float().mean() < 0.85 * whole.visible.float().mean()
+    at = batch.landmarks_px.numpy().round().astype(int)
+    gone = ((at >= 0) & (at < 128)).all(-1) & ~batch.visible.numpy()
+    dark = [batch.image[i, :, at[i, j, 1], at[i, j, 0]].max() == 0 for i, j in zip(*np.nonzero(gone), strict=True)]
+    assert 0.1 < np.mean(dark) < 0.95
 
 
 def test_batches_are_seeded(renders):

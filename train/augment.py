@@ -14,6 +14,7 @@ from torch import Tensor
 
 from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.train.camera_faults import CameraFaults, outside_of_video
+from muybridge.train.close_ups import BORDER, SOMETHING, cut_boxes, to_crop
 from muybridge.train.renders import RenderSet
 
 FACE = tuple(BODY23.index(n) for n in ("nose", "left_eye", "right_eye", "left_ear", "right_ear"))
@@ -34,6 +35,7 @@ class AugmentOptions:
         occluder: share of crops with things in front of the person.
         mosaic: share of crops with a pixelated face.
         truncate: share of crops that reach over the image's border (black there).
+        close_up: share of crops that frame a part of a person, see `close_ups`.
     """
 
     padding: float = 1.25
@@ -45,6 +47,7 @@ class AugmentOptions:
     occluder: float = 0.35
     mosaic: float = 0.08
     truncate: float = 0.12
+    close_up: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,9 @@ class Compositor:
     def _few(self, index: NDArray[np.intp]) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
         """The crops of a batch that are made at once, as the fields of `Batch`."""
         rng, opt, count = self.rng, self.options, len(index)
-        matrix, flip = self._placement(index, 0.0)
+        box, lines = cut_boxes(rng, self.renders.box_px[index], opt.close_up)
+        matrix, flip = self._placement(box, 0.0)
+        cuts = to_crop(rng, lines, matrix)
         person, landmarks, visible = self._warp(index, matrix, flip)
         image = self._background(count)
         image = image * (1 - person[:, 4:] * self._column(rng.uniform(0, 0.6, count)))
@@ -100,8 +105,14 @@ class Compositor:
             image = image * (1 - front[:, 3:4]) + front[:, :3]
         image, visible = self._occlude(image, visible, landmarks)
         self._mosaic(image, landmarks)
+        visible = visible & ~cuts.hidden(landmarks)
+        for i in cuts.chosen(SOMETHING):
+            mask = torch.from_numpy(cuts.mask(i, self.size))
+            image[i, :, mask] = self._background(1)[0, :, mask]
         image = self.faults.apply(image)
         image, visible = self._truncate(image, visible, landmarks)
+        for i in cuts.chosen(BORDER):
+            image[i, :, torch.from_numpy(cuts.mask(i, self.size))] = 0
         inside = ((landmarks >= 0) & (landmarks <= self.size - 1)).all(-1)
         pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8)
         pixels = self.faults.compress(pixels)
@@ -112,11 +123,10 @@ class Compositor:
     def _column(self, values: NDArray[np.floating]) -> Tensor:
         return torch.from_numpy(np.asarray(values, np.float32)).view(-1, 1, 1, 1)
 
-    def _placement(self, index: NDArray[np.intp], offset: float) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """crop_from_render (B, 2, 3) affine maps in pixels, and which are mirrored. `offset` moves people
-        sideways by at least that share of the crop."""
-        rng, opt, n, size = self.rng, self.options, len(index), self.size
-        box = self.renders.box_px[index]
+    def _placement(self, box: NDArray[np.float32], offset: float) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """crop_from_render (B, 2, 3) affine maps in pixels for boxes (B, 4), and which are mirrored. `offset` moves
+        people sideways by at least that share of the crop."""
+        rng, opt, n, size = self.rng, self.options, len(box), self.size
         center = (box[:, :2] + box[:, 2:]) / 2
         side = (box[:, 2:] - box[:, :2]).max(1)
         scale = size / (opt.padding * side) * np.exp(rng.normal(0, opt.scale_sd, n).clip(-0.35, 0.35))
@@ -175,7 +185,7 @@ class Compositor:
         returned as a layer (B, 4, S, S) for when the subject is drawn."""
         chosen = np.nonzero(other)[0]
         index = self.rng.integers(0, len(self.renders), len(chosen))
-        matrix, flip = self._placement(index, 0.3)
+        matrix, flip = self._placement(self.renders.box_px[index], 0.3)
         layer, _, _ = self._warp(index, matrix, flip)
         front = torch.zeros(len(image), 4, self.size, self.size)
         for k, i in enumerate(chosen):

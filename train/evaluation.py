@@ -10,7 +10,7 @@ from muybridge.errors import SessionError
 from muybridge.geometry.landmarks import BODY23
 from muybridge.models.decode import decode_heatmaps
 from muybridge.models.registry import KeypointModelCard, keypoint_card, shipped_model
-from muybridge.train.augment import Compositor
+from muybridge.train.augment import AugmentOptions, Compositor
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.loop import HELD_OUT
 from muybridge.train.options import Evaluation
@@ -33,7 +33,8 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
     if not len(store):
         raise SessionError(f"{options.renders}: no held-out renders; make some with `muybridge synth`")
     # Backgrounds of another seed than any training's pool.
-    compositor = Compositor(store, make_backgrounds(256, SIZE, options.seed), card.input_size, options.seed)
+    backgrounds, whole = make_backgrounds(256, SIZE, options.seed), AugmentOptions(close_up=0)
+    compositor = Compositor(store, backgrounds, card.input_size, options.seed, whole)
     distances, twins, inside_sigma, visibles, insides = [], [], [], [], []
     for _ in range(-(-options.crops // 64)):
         batch = compositor.batch(64)

@@ -16,7 +16,7 @@ from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps
 from muybridge.models.keypoint_net import STRIDE, KeypointNet
 from muybridge.train import loop
-from muybridge.train.augment import Batch, Compositor
+from muybridge.train.augment import AugmentOptions, Batch, Compositor
 from muybridge.train.options import KeypointTraining
 from muybridge.train.renders import RenderSet, load_renders
 
@@ -113,7 +113,8 @@ def held_out_batches(renders: pathlib.Path, pool: pathlib.Path, size: int, count
     `muybridge eval` draws others)."""
     store = load_renders(renders, loop.HELD_OUT)
     backgrounds = np.load(pool, mmap_mode="r")
-    return [Compositor(store, backgrounds, size, 10_000 + i).batch(64) for i in range(count)]
+    whole = AugmentOptions(close_up=0)
+    return [Compositor(store, backgrounds, size, 10_000 + i, whole).batch(64) for i in range(count)]
 
 
 def train(options: KeypointTraining) -> pathlib.Path:
