@@ -209,5 +209,6 @@ def look_for_board(
 
 def some_pictures(pictures: Pictures, count: int) -> list[Gray]:
     """A few of the pictures that were looked at, spread over all of them."""
-    chosen = np.unique(np.linspace(0, len(pictures.looked_at) - 1, min(count, len(pictures.looked_at))).astype(int))
+    last = len(pictures.looked_at) - 1
+    chosen = np.unique(np.linspace(0, last, min(count, last + 1) + 2)[1:-1].round().astype(int))
     return list(read_gray(replace(pictures), pictures.looked_at[chosen]))

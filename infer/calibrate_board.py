@@ -22,7 +22,7 @@ from muybridge.infer.board_pictures import Pictures, find_pictures, look_for_boa
 from muybridge.infer.calibration_report import write_solved_page
 from muybridge.infer.progress import Progress
 
-_LOOKED_FOR_OTHERS = 4
+_LOOKED_FOR_OTHERS = 12
 _OUT_OF_STEP = 0.05
 
 

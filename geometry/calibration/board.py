@@ -17,6 +17,7 @@ _FAMILIES = ("DICT_4X4_250", "DICT_5X5_250", "DICT_6X6_250", "DICT_7X7_250", "DI
              "DICT_APRILTAG_16H5", "DICT_APRILTAG_25H9", "DICT_APRILTAG_36H11")  # fmt: skip
 _SMALLER = (50, 100, 250)
 _SURE_CORNERS = 6
+_CLOSELY = 4
 
 
 @dataclass(frozen=True)
@@ -132,8 +133,9 @@ def fitting_descriptions(board: Board, images: list[NDArray[np.uint8]]) -> list[
 
     Args:
         board: as described.
-        images: some pictures, gray.
+        images: some pictures, gray; those that show most of any markers are looked at closely.
     """
+    images = _telling(images)
     tried = _charuco_variants(board, images) if board.kind == "charuco" else []
     if not tried:
         tried += [(v, False) for v in _checkerboards(board, images)]
@@ -148,6 +150,20 @@ def fitting_descriptions(board: Board, images: list[NDArray[np.uint8]]) -> list[
     best = max(counts.values(), default=0)
     good = [w for w, n in sorted(counts.items(), key=lambda c: -c[1]) if n >= max(0.9 * best, 1.2 * had, 4)]
     return [w for w in good if w != board.describe()][:3]
+
+
+def _telling(images: list[NDArray[np.uint8]]) -> list[NDArray[np.uint8]]:
+    """The few pictures in which most markers are found, of any family and the right way round or not."""
+    if len(images) <= _CLOSELY:
+        return images
+    counts = []
+    for image in images:
+        small = _reduced(image)[0]
+        shown = [small, 255 - small, np.ascontiguousarray(small[:, ::-1]), np.ascontiguousarray(255 - small[:, ::-1])]
+        counts.append(max(len(_markers(name, [one])) for name in _FAMILIES for one in shown))
+    if max(counts) < 2:  # none: any may hold a checkerboard
+        return [images[k] for k in np.linspace(0, len(images) - 1, _CLOSELY).round().astype(int)]
+    return [images[k] for k in sorted(np.argsort(counts, kind="stable")[-_CLOSELY:])]
 
 
 def _seen(board: Board, images: list[NDArray[np.uint8]]) -> int:
