@@ -36,8 +36,12 @@ _ALONG = (
     ("asis", "asis", "psis", 0.08), ("psis", "psis", "asis", 0.06),
 )  # fmt: skip
 # Markers whose place is looser than the examiners' spread at a palpated point.
-_LOOSE = {"left_scapula": 0.03, "right_scapula": 0.03, "t10": 0.025, "xiphoid": 0.02, "c7": 0.015,
+_LOOSE = {"left_scapula": 0.035, "right_scapula": 0.035, "t10": 0.03, "xiphoid": 0.02, "c7": 0.015,
           "left_acromion": 0.015, "right_acromion": 0.015}  # fmt: skip
+# Marker, how often it stands on a wand, and how far off the skin, metres: older guides have wands on thigh and shank.
+_WANDS = (("thigh", 0.08, 0.1), ("shank", 0.08, 0.09))
+# Share of the recordings with the wrist's markers at the ends of a bar, and how far each then stands out, metres.
+_BARS = (0.25, 0.05)
 _HEAD = [SURFACE.index(f"{s}_{e}_head") for s in ("left", "right") for e in ("front", "back")]
 _OPTIONAL = ("upper_arm", "forearm", "scapula", "metacarpal", "thigh", "shank", "t10", "xiphoid", "head")
 
@@ -66,6 +70,10 @@ class CloudSampler:
         for name, value in _LOOSE.items():
             sigma[SURFACE.index(name)] = value
         self.sigma = sigma
+        self.wands = [([SURFACE.index(n) for n in SURFACE.names if stem in n], *how) for stem, *how in _WANDS]
+        self.arms = [tuple(SURFACE.index(f"{s}_{x}") for x in ("acromion", "elbow_lateral", "scapula", "radial_styloid",
+                     "ulnar_styloid")) for s in ("left", "right")]  # fmt: skip
+        self.c7 = SURFACE.index("c7")
         self.along = [tuple(SURFACE.index(f"{s}_{x}") for x in row[:3]) + (row[3],)
                       for row in _ALONG for s in ("left", "right")]  # fmt: skip
 
@@ -76,8 +84,8 @@ class CloudSampler:
         """
         at, normals = self._draw(count)
         asked, present = self._sets(count)
-        at = self._place(at)
-        present &= ~self._hidden(at, normals, present)
+        at = self._place(self._slide(at, normals))
+        present &= ~self._hidden(at, normals[:, 0], present)
         others = self._others(count, at)
         ghosts, ghost_there = self._ghosts(at, present)
         points = np.concatenate([at, others[0], ghosts], 2)
@@ -95,7 +103,7 @@ class CloudSampler:
         # Motion runs slower or faster than it was generated.
         times = frame[:, None] + np.rint(self.offsets * rng.choice([0.34, 0.67, 1.0, 1.0], (count, 1))).astype(int)
         at = self.clips.points[clip[:, None], times].astype(np.float64)
-        normals = self.clips.normals[clip, frame].astype(np.float64) / 127
+        normals = self.clips.normals[clip[:, None], times].astype(np.float64) / 127
         return at, normals
 
     def _sets(self, count: int) -> tuple[Bool, Bool]:
@@ -117,7 +125,32 @@ class CloudSampler:
             group = np.array([stem in n for n in SURFACE.names])
             present[np.ix_(left_out, group)] = False
             asked[np.ix_(told, group)] = False
+        # Somebody wears half of the set, and asks for all of it.
+        half = rng.random(count)
+        lower = np.array([_is_lower(n) for n in SURFACE.names])
+        present[half < 0.03] &= lower
+        present[half > 0.98] &= ~lower
         return asked, present
+
+    def _slide(self, at: NDArray[np.float64], normals: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What stands off the skin, and how the shoulder's skin goes with an arm that is raised: skinning leaves the
+        scapula where it was."""
+        rng, count = self.rng, len(at)
+        moved = at.copy()
+        for markers, often, far in self.wands:
+            out = np.where(rng.random((count, 1, 1, 1)) < often, rng.uniform(0.02, far, (count, 1, 1, 1)), 0.0)
+            moved[:, :, markers] += normals[:, :, markers] * out
+        bar = rng.random((count, 1, 1)) < _BARS[0]
+        for shoulder, elbow, scapula, thumb, little in self.arms:
+            across = _unit(at[:, :, thumb] - at[:, :, little])
+            moved[:, :, thumb] += across * np.where(bar, rng.uniform(0, _BARS[1], (count, 1, 1)), 0.0)
+            moved[:, :, little] -= across * np.where(bar, rng.uniform(0, _BARS[1], (count, 1, 1)), 0.0)
+            raised = ((_unit(at[:, :, elbow] - at[:, :, shoulder])[..., 2:] + 0.2) / 1.2).clip(0, 1)
+            inward = _unit(at[:, :, self.c7] - at[:, :, shoulder])
+            moved[:, :, shoulder] += inward * raised * rng.uniform(0, 0.04, (count, 1, 1))
+            outward = _unit(at[:, :, shoulder] - at[:, :, scapula])
+            moved[:, :, scapula] += outward * raised * rng.uniform(0, 0.05, (count, 1, 1))
+        return moved
 
     def _place(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
         rng, count = self.rng, len(at)
@@ -244,6 +277,10 @@ class CloudSampler:
         labels = np.where(np.take_along_axis(there, order, 1), np.take_along_axis(labels, order, 1), -1)
         points = np.where(seen[..., None], points, 0.0)
         return points.astype(np.float32), seen.astype(np.float32), asked.astype(np.float32), labels
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return vectors / (np.linalg.norm(vectors, axis=-1, keepdims=True) + 1e-9)
 
 
 def _is_lower(name: str) -> bool:
