@@ -2,7 +2,7 @@
 
 import json
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
 from muybridge.geometry.ik import BodyFit, FitOptions
+from muybridge.geometry.marker_fit import MarkerFit, MarkerFitOptions
 
 Units = Literal["m", "cm", "mm"]
 Up = Literal["y", "z"]
+Method = Literal["auto", "markers", "landmarks"]
+Centres = Literal["midpoint", "plane", "harrington", "bell", "davis", "functional"]
 Floats = NDArray[np.float64]
 
 MOTION_BVH, MOTION_GLB, MOTION_MOT = "motion.bvh", "motion.glb", "motion.mot"
@@ -23,6 +26,8 @@ RESULTS = (MOTION_BVH, MOTION_GLB, MOTION_MOT, LANDMARKS_TRC, LANDMARKS_C3D, FAC
 # Metres: nobody who stands is outside; children from two years on are inside.
 _STATURES = (0.75, 2.60)
 _FEWEST = 6
+# So many markers tell a body by themselves.
+_MARKERS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +39,14 @@ class Labelled:
         used: what the file calls the points that were used.
         unused: the others.
         how: one sentence on how they were understood.
+        columns: marker of SURFACE -> column of the file's points; empty where these are landmarks.
     """
 
     points: Any
     used: tuple[str, ...]
     unused: tuple[str, ...]
     how: str
+    columns: dict[str, int] = field(default_factory=dict)
 
 
 def solve(
@@ -50,7 +57,10 @@ def solve(
     up: Up | None = None,
     fps: float | None = None,
     overwrite: bool = False,
+    method: Method = "auto",
+    centres: tuple[Centres, ...] = (),
     fit: FitOptions = FitOptions(),  # noqa: B008 - frozen
+    markers: MarkerFitOptions = MarkerFitOptions(),  # noqa: B008
 ) -> int:
     """A moving skeleton from labelled 3D points of any program: .trc .c3d .csv .parquet .npz
 
@@ -65,7 +75,13 @@ def solve(
         up: which axis is up, where the file does not say or says it wrongly.
         fps: frames a second, where the file does not say or says it wrongly.
         overwrite: replace files in the results folder that muybridge did not write or that were changed.
-        fit: skeleton and joint angles.
+        method: `markers` fits a body with the markers on its skin, `landmarks` one with joint centres that are first
+            found from the markers; `auto` takes the first where there are a dozen markers or more.
+        centres: joint centres that count besides the markers: `midpoint` of the markers on either side, `plane` of
+            three markers of a limb, the hip by `harrington`, `bell` or `davis`, or by its motion (`functional`, the
+            shoulder too); of two for one joint the first named counts.
+        fit: skeleton and joint angles, of landmarks.
+        markers: the same of markers.
     """
     from muybridge.geometry.ik import fit_body
     from muybridge.infer.outputs import open_output
@@ -82,16 +98,38 @@ def solve(
     output = open_output(out, RESULTS, [points.resolve()], overwrite)
     for notice in notices:
         print(f"note: {notice}", file=sys.stderr)
-    fitted = fit_body(labelled.points, fit)
-    facts = _facts(points, labelled, fitted, stature, notices)
-    _write(output, labelled, fitted, facts)
+    by_markers = method == "markers" or (method == "auto" and len(labelled.columns) >= _MARKERS)
+    if by_markers:
+        fitted: BodyFit | MarkerFit = _fit_markers(points, labelled, take.positions, centres, markers)
+    elif centres:
+        raise FormatError(f"{points}: --centres counts besides markers, and {labelled.how}; leave it out")
+    else:
+        fitted = fit_body(labelled.points, fit)
+    names = tuple(labelled.columns) if by_markers else labelled.points.landmarks.names
+    facts = _facts(points, labelled, fitted, stature, notices, names, centres)
+    _write(output, fitted, facts)
     error = facts["residual_mm"]
     print(
         f"{out}: {len(fitted.motion)} frames at {fitted.motion.fps:.6g} fps; {labelled.how}; stature "
-        f"{fitted.body.stature_m:.2f} m; landmarks lie {error['median']:.1f} mm (median) and {error['p95']:.1f} mm "
-        "(95 %) from the body's"
+        f"{fitted.body.stature_m:.2f} m; {'markers' if by_markers else 'landmarks'} lie {error['median']:.1f} mm "
+        f"(median) and {error['p95']:.1f} mm (95 %) from the body's"
     )
     return 0
+
+
+def _fit_markers(
+    path: Path, labelled: Labelled, points: Any, centres: tuple[str, ...], options: MarkerFitOptions
+) -> MarkerFit:
+    from muybridge.geometry.joint_centres import centres_from_markers
+    from muybridge.geometry.landmarks import SURFACE
+    from muybridge.geometry.marker_fit import fit_markers
+
+    if not labelled.columns:
+        raise FormatError(f"{path}: --method markers needs labelled markers on the skin, and {labelled.how}")
+    chosen = points.points_world[:, list(labelled.columns.values())]
+    surface = np.array([SURFACE.index(n) for n in labelled.columns])
+    known = centres_from_markers(points.points_world, labelled.columns, centres)
+    return fit_markers(chosen, surface, points.fps, options, known)
 
 
 def understand(path: Path, points: Any) -> Labelled:
@@ -129,7 +167,12 @@ def understand(path: Path, points: Any) -> Labelled:
         told = int(np.isfinite(mapped.points_world).any(axis=(0, 2)).sum())
         columns, how = set(surface.values()), f"{told} landmarks from {len(surface)} markers"
     used = tuple(n for i, n in enumerate(names) if i in columns)
-    return Labelled(mapped, used, tuple(n for i, n in enumerate(names) if i not in columns), how)
+    skin = {} if len(body) >= len(surface) else {m: i for m, i in surface.items() if _ever(points, i)}
+    return Labelled(mapped, used, tuple(n for i, n in enumerate(names) if i not in columns), how, skin)
+
+
+def _ever(points: Any, column: int) -> bool:
+    return bool(np.isfinite(points.points_world[:, column, 0]).any())
 
 
 def stature_of(points_world: Floats) -> float:
@@ -192,7 +235,10 @@ def _tilt_deg(points_world: Floats) -> float:
     return float(np.degrees(np.median(np.arccos(np.clip(trunk[known, 2] / length[known], -1, 1)))))
 
 
-def _facts(path: Path, labelled: Labelled, fitted: BodyFit, stature: float, notices: list[str]) -> dict[str, Any]:
+def _facts(
+    path: Path, labelled: Labelled, fitted: BodyFit | MarkerFit, stature: float, notices: list[str],
+    names: tuple[str, ...], centres: tuple[str, ...],
+) -> dict[str, Any]:  # fmt: skip
     from muybridge import __version__
 
     def percentiles(residual: Floats) -> dict[str, float | None]:
@@ -203,11 +249,12 @@ def _facts(path: Path, labelled: Labelled, fitted: BodyFit, stature: float, noti
         }
 
     skeleton = fitted.motion.skeleton
-    names = labelled.points.landmarks.names
     return {
         "muybridge": __version__,
         "points": path.name,
         "understood": labelled.how,
+        "method": "markers" if isinstance(fitted, MarkerFit) else "landmarks",
+        "joint_centres": list(centres),
         "labels_used": labelled.used,
         "labels_unused": labelled.unused,
         "notices": notices,
@@ -223,19 +270,19 @@ def _facts(path: Path, labelled: Labelled, fitted: BodyFit, stature: float, noti
     }
 
 
-def _write(output: Any, labelled: Labelled, fitted: BodyFit, facts: dict[str, Any]) -> None:
-    from dataclasses import replace
-
+def _write(output: Any, fitted: BodyFit | MarkerFit, facts: dict[str, Any]) -> None:
     from muybridge.geometry.ik import landmarks_from_motion
+    from muybridge.geometry.landmarks import BODY23, Points3D
     from muybridge.motion.formats.bvh import write_bvh
     from muybridge.motion.formats.c3d import write_c3d
     from muybridge.motion.formats.gltf import write_glb
     from muybridge.motion.formats.mot import write_mot
     from muybridge.motion.formats.trc import write_trc
 
-    places = landmarks_from_motion(fitted.motion, fitted.body, labelled.points.landmarks)
-    unknown = np.full((*places.shape, 3), np.nan)
-    body = replace(labelled.points, points_world=places, covariance_world=unknown)
+    places = landmarks_from_motion(fitted.motion, fitted.body, BODY23)
+    none = (0, *places.shape[:2])
+    body = Points3D(BODY23, places, np.full((*places.shape, 3), np.nan), np.empty(none),
+                    np.empty(none, dtype=np.bool_), fitted.motion.fps)  # fmt: skip
     output.write(MOTION_BVH, lambda path: write_bvh(path, fitted.motion))
     output.write(MOTION_GLB, lambda path: write_glb(path, fitted.motion))
     output.write(MOTION_MOT, lambda path: write_mot(path, fitted.motion))

@@ -1,0 +1,103 @@
+"""The solver's network: what a body fitted to markers is still off, by message passing on a graph of markers and joints.
+
+Nodes are the markers of SURFACE and the joints of BODY. Edges run only where the skeleton or rigidity has them: a marker
+to the joint that carries it and to that joint's parent, a joint to its parent and its children, a marker to the markers
+of the same joint. Two layers see two hops, so that a far limb cannot disturb. Every vector is given and returned in the
+axes of the joint that it belongs to: the network need not learn that a person may face any way.
+
+Source of the idea of locality: X. Pan and others, "A Locality-Based Neural Solver for Optical Motion Capture",
+SIGGRAPH Asia 2023; there the network solves by itself, here it corrects a classical fit.
+"""
+
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+# Frames about the one that is corrected, seconds.
+WINDOW = (-0.1, -0.0333, 0.0, 0.0333, 0.1)
+# Of a marker: its residuals in the window and whether they are known, its place beyond the statistical body's and where
+# it sits. Of a joint: its rotation against its parent and that of its parent (six numbers each).
+MARKER_FEATURES = 4 * len(WINDOW) + 6
+JOINT_FEATURES = 12
+# Metres and radians of one unit.
+LENGTH, ANGLE = 0.01, 0.1
+
+
+class _Layer(nn.Module):
+    """Messages from markers and joints to joints, and back."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.to_joint = nn.Linear(width, width, bias=False)
+        self.from_parent, self.from_child = nn.Linear(width, width, bias=False), nn.Linear(width, width, bias=False)
+        self.to_marker = nn.Linear(width, width, bias=False)
+        self.beside = nn.Linear(width, width, bias=False)
+        self.joint = nn.Sequential(nn.LayerNorm(2 * width), nn.Linear(2 * width, width), nn.ReLU(),
+                                   nn.Linear(width, width))  # fmt: skip
+        self.marker = nn.Sequential(nn.LayerNorm(2 * width), nn.Linear(2 * width, width), nn.ReLU(),
+                                    nn.Linear(width, width))  # fmt: skip
+
+    def forward(self, m: Tensor, j: Tensor, carried: Tensor, same: Tensor, up: Tensor, down: Tensor
+                ) -> tuple[Tensor, Tensor]:  # fmt: skip
+        """Markers (B, M, W), joints (B, J, W); weights of the edges: marker to joint (B, J, M), marker to marker
+        (B, M, M), joint to its child (J, J) and to its parent (J, J)."""
+        gathered = carried @ self.to_joint(m) + up @ self.from_parent(j) + down @ self.from_child(j)
+        j = j + self.joint(torch.cat([j, gathered], -1))
+        back = carried.transpose(1, 2) @ self.to_marker(j) + same @ self.beside(m)
+        return m + self.marker(torch.cat([m, back], -1)), j
+
+
+class SolverNet(nn.Module):
+    """Corrections of joints.
+
+    Args:
+        carrier: joint of each marker, M numbers; parents: of each joint, -1 for the root.
+        width: of the features; layers: rounds of messages; kind: length of what each node knows of who it is.
+    """
+
+    def __init__(self, carrier: list[int], parents: list[int], width: int = 64, layers: int = 2, kind: int = 16) -> None:
+        super().__init__()
+        self.config: dict[str, Any] = {"carrier": carrier, "parents": parents, "width": width, "layers": layers,
+                                       "kind": kind}  # fmt: skip
+        markers, joints = len(carrier), len(parents)
+        own = torch.zeros(joints, markers)
+        own[torch.tensor(carrier), torch.arange(markers)] = 1.0
+        up = torch.zeros(joints, joints)
+        for j, parent in enumerate(parents):
+            if parent >= 0:
+                up[j, parent] = 1.0
+        self.register_buffer("carried", own + 0.5 * (up.T @ own) + 0.5 * (up @ own), persistent=False)
+        same = own.T @ own
+        self.register_buffer("same", same - torch.eye(markers), persistent=False)
+        self.register_buffer("up", up, persistent=False)
+        self.register_buffer("down", up.T / up.T.sum(1, keepdim=True).clamp(min=1), persistent=False)
+        self.marker_kind = nn.Parameter(0.1 * torch.randn(markers, kind))
+        self.joint_kind = nn.Parameter(0.1 * torch.randn(joints, kind))
+        self.marker_in = nn.Linear(MARKER_FEATURES + kind, width)
+        self.joint_in = nn.Linear(JOINT_FEATURES + kind, width)
+        self.layers = nn.ModuleList(_Layer(width) for _ in range(layers))
+        # The last layer is each joint's own: what a thigh is off is not what a head is.
+        self.norm = nn.LayerNorm(width)
+        self.out = nn.Parameter(torch.zeros(joints, width, 6))
+        self.bias = nn.Parameter(torch.zeros(joints, 6))
+
+    def forward(self, markers: Tensor, known: Tensor, joints: Tensor) -> Tensor:
+        """Corrections (B, J, 6): rotation vector in units of ANGLE and shift in units of LENGTH, in each joint's axes.
+
+        Args:
+            markers: (B, M, MARKER_FEATURES).
+            known: (B, M) 1 for markers of the set, else 0.
+            joints: (B, J, JOINT_FEATURES).
+        """
+        b = markers.shape[0]
+        m = self.marker_in(torch.cat([markers, self.marker_kind.expand(b, -1, -1)], -1))
+        j = self.joint_in(torch.cat([joints, self.joint_kind.expand(b, -1, -1)], -1))
+        there = known.unsqueeze(1)
+        carried = self.carried * there
+        carried = carried / carried.sum(-1, keepdim=True).clamp(min=1.0)
+        same = self.same * there
+        same = same / same.sum(-1, keepdim=True).clamp(min=1.0)
+        for layer in self.layers:
+            m, j = layer(m, j, carried, same, self.up, self.down)
+        return (self.norm(j).unsqueeze(-2) @ self.out).squeeze(-2) + self.bias
