@@ -109,14 +109,9 @@ def evidence_table(report: CulpritReport) -> str:
 
 def pictures_figure(quality: CalibrationQuality) -> str:
     """Residuals over every image, one figure a camera, all on one scale."""
-    cells = np.concatenate([p.median_px[p.count >= 3] for p in quality.pictures] + [np.zeros(0)])
-    cells = cells[np.isfinite(cells)]
-    full = float(np.quantile(cells, 0.95)) if cells.size else 1.0
-    full = float(f"{max(full, 0.1):.1g}")
-    lengths = np.concatenate([np.linalg.norm(p.mean_px, axis=-1)[p.count >= 3] for p in quality.pictures])
-    lengths = lengths[np.isfinite(lengths)]
-    # A few cells of wrong points must not make all other arrows vanish.
-    longest = max(float(np.quantile(lengths, 0.95)) if lengths.size else 1.0, 1e-6)
+    # A few cells of wrong points must not make all others pale, and their arrows vanish.
+    full = float(f"{max(_usual(quality, [p.median_px for p in quality.pictures]), 0.1):.1g}")
+    longest = max(_usual(quality, [np.linalg.norm(p.mean_px, axis=-1) for p in quality.pictures]), 1e-6)
     figures = "".join(
         f'<figure class="residuals">{_picture(camera, picture, full, longest)}'
         f"<figcaption>{html.escape(camera.name)}{_blame_caption(quality, camera)}</figcaption></figure>"
@@ -129,6 +124,18 @@ def pictures_figure(quality: CalibrationQuality) -> str:
         f"its focal length, or it was moved along its axis. Empty parts were never looked at.</p>"
         f'<div class="gallery">{figures}</div>'
     )
+
+
+def _usual(quality: CalibrationQuality, values: Sequence[Floats]) -> float:
+    """What nineteen of twenty points lie in cells of no more than."""
+    count = np.concatenate([p.count.ravel() for p in quality.pictures])
+    every = np.concatenate([v.ravel() for v in values])
+    use = (count > 0) & np.isfinite(every)
+    if not use.any():
+        return 1.0
+    order = np.argsort(every[use])
+    share = np.cumsum(count[use][order]) / count[use].sum()
+    return float(every[use][order][int(np.searchsorted(share, 0.95))])
 
 
 def _blame_caption(quality: CalibrationQuality, camera: Camera) -> str:

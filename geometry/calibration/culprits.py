@@ -47,7 +47,7 @@ KINDS: tuple[Kind, ...] = ("turned", "moved", "focal", "shifted", "swapped")
 _PARAMETERS = {"turned": 3, "moved": 6, "focal": 1, "shifted": 1, "swapped": 1}
 _TOO_MANY = (
     "The rest fits no better than that: with half of the cameras wrong, the others cannot be told from them. "
-    "Calibrate all again, or give `muybridge run` --refine-cameras."
+    "Calibrate all again, or run with --refine-cameras."
 )
 _FREE: dict[Kind, NDArray[np.bool_]] = {
     "turned": np.array([1, 1, 1, 0, 0, 0, 0], dtype=bool),
@@ -386,7 +386,7 @@ def _sentence(trial: _Trial, names: tuple[str, ...], also: tuple[Kind, ...]) -> 
         late = "late" if trial.shift > 0 else "early"
         return (
             f"{name} is {abs(trial.shift):.1f} frames {late} ({effect}): what the others see at a frame it shows "
-            f"{'after' if trial.shift > 0 else 'before'} that; put the videos in step with `muybridge sync`."
+            f"{'after' if trial.shift > 0 else 'before'} that; put the videos in step with: muybridge sync."
         )
     if trial.kind == "focal":
         text = (
@@ -401,7 +401,7 @@ def _sentence(trial: _Trial, names: tuple[str, ...], also: tuple[Kind, ...]) -> 
         what = f"turned by about {turn:.1f} degrees, and perhaps moved,"
     return (
         f"{name} was {what} since it was calibrated ({effect}), or its picture is cropped otherwise; "
-        "calibrate it again, or give `muybridge run` --refine-cameras."
+        "calibrate it again, or run with --refine-cameras."
     )
 
 

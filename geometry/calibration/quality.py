@@ -16,14 +16,13 @@ from muybridge.geometry.calibration.adjust import AdjustProblem, FreeCamera, adj
 from muybridge.geometry.calibration.culprits import CulpritOptions, CulpritReport, find_culprits
 from muybridge.geometry.calibration.culprits_fit import alike
 from muybridge.geometry.calibration.lens import ADJUSTABLE_MODELS
-from muybridge.geometry.calibration.solved import Solved
+from muybridge.geometry.calibration.solved import Solved, image_cells
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.triangulation import leave_one_out_error, triangulate
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_CELLS = 12  # along an image's longer side
 _PLAN_CELLS = 40
 _ADJUST_FRAMES = 40
 _ADJUST_LANDMARKS = 25
@@ -108,8 +107,7 @@ def residual_picture(camera: Camera, points_px: Floats, error_px: Floats) -> Ima
         points_px: (N, 2) where something was observed; NaN where nothing was.
         error_px: (N, 2) observed minus projected.
     """
-    side = max(camera.width, camera.height) / _CELLS
-    columns, rows = max(1, round(camera.width / side)), max(1, round(camera.height / side))
+    columns, rows = image_cells(camera)
     use = np.isfinite(points_px).all(-1) & np.isfinite(error_px).all(-1)
     at, error = points_px[use], error_px[use]
     column = np.floor((at[:, 0] + 0.5) / camera.width * columns).astype(int)

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration.adjust import AdjustProblem, AdjustResult
-from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.cameras import Camera, CameraGroup
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_COVERAGE_GRID = (8, 6)
+_CELLS = 12  # along the longer side of an image
 
 
 @dataclass(frozen=True)
@@ -73,10 +73,10 @@ class Solved:
 
     @property
     def coverage(self) -> Floats:
-        """(C,) share of each image, in 8 x 6 fields, in which something was observed."""
+        """(C,) share of each image, in `image_cells`, in which something was observed."""
         out = np.zeros(len(self.cameras))
-        wide, high = _COVERAGE_GRID
         for c, camera in enumerate(self.cameras):
+            wide, high = image_cells(camera)
             px = self.pixels[self.camera == c]
             field = np.clip((px + 0.5) / [camera.width, camera.height] * [wide, high], 0, [wide - 1, high - 1])
             out[c] = len(np.unique(field.astype(np.int64), axis=0)) / (wide * high) if len(px) else 0.0
@@ -102,6 +102,12 @@ def solved(problem: AdjustProblem, result: AdjustResult, time: Ints, points_worl
         residuals_px=result.residuals_px, weights=result.weights, covariances=result.covariances,
         noise_px=result.noise * float(np.median(problem.sigma_px)),
     )  # fmt: skip
+
+
+def image_cells(camera: Camera) -> tuple[int, int]:
+    """Columns and rows of the square fields by which the coverage of an image is counted."""
+    side = max(camera.width, camera.height) / _CELLS
+    return max(1, round(camera.width / side)), max(1, round(camera.height / side))
 
 
 def table(result: Solved) -> list[str]:
