@@ -23,7 +23,8 @@ class TrackOptions:
         gate: largest distance between a point and its prediction in standard deviations.
         coast: frames that a marker out of sight is carried on.
         reach_m: farthest that a point may lie from its prediction, metres.
-        shuffled: share of jumps within a file's columns from which on they are no trajectories.
+        shuffled: share of jumps within a file's columns, or of columns that go on as another does, from which on they
+            are no trajectories.
     """
 
     acceleration: float = 60.0
@@ -67,7 +68,7 @@ def find_tracks(points: Float, fps: float, options: TrackOptions = TrackOptions(
     jumps = _jumps(points, fps, options)
     seen = np.isfinite(points[..., 0])
     steps = (seen[1:] & seen[:-1]).sum()
-    if steps and jumps.sum() / steps > options.shuffled:
+    if steps and max(jumps.sum() / steps, _exchanged(points)) > options.shuffled:
         return track_points(points, fps, options)
     track = np.full(seen.shape, -1, np.intp)
     number = 0
@@ -79,6 +80,22 @@ def find_tracks(points: Float, fps: float, options: TrackOptions = TrackOptions(
         number += int(starts.sum())
     column = np.where(seen, np.arange(seen.shape[1]), -1)
     return Tracks(points, track, column, False)
+
+
+def _exchanged(points: Float, most: int = 150) -> float:
+    """Share of steps that lead to where another column's point would go more easily: near 1 where points are shuffled
+    in every frame, however few frames a second there are."""
+    exchanged = steps = 0
+    for t in np.unique(np.linspace(0, max(len(points) - 2, 0), most).astype(int)):
+        pair = points[t : t + 2]
+        both = np.isfinite(pair[..., 0]).all(0)
+        if len(pair) < 2 or both.sum() < 2:
+            continue
+        off = np.linalg.norm(pair[0][both][:, None] - pair[1][both], axis=-1)
+        rows, cols = linear_sum_assignment(off)
+        exchanged += int(((rows != cols) & (off[rows, rows] > 2 * off[rows, cols] + 0.01)).sum())
+        steps += len(rows)
+    return exchanged / max(steps, 1)
 
 
 def _jumps(points: Float, fps: float, options: TrackOptions) -> NDArray[np.bool_]:

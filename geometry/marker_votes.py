@@ -22,12 +22,15 @@ class VoteOptions:
     Attributes:
         memory: seconds over which a network's errors are alike, so that frames closer than that share one vote.
         floor: least logarithm of a probability that a frame can hold against a label.
-        switch: votes that it costs a trajectory to change its label.
+        switch: votes that it costs a trajectory to change its label where it may have been exchanged: it jumps, or
+            another's path leads to where it is.
+        smooth: votes that it costs elsewhere.
     """
 
     memory: float = 0.12
     floor: float = -5.0
     switch: float = 8.0
+    smooth: float = 40.0
 
 
 def assign_frames(scores: Float, floor: float = -9.0) -> Int:
@@ -47,21 +50,63 @@ def assign_frames(scores: Float, floor: float = -9.0) -> Int:
     return out
 
 
-def cut_tracks(scores: Float, track: Int, fps: float, options: VoteOptions = VoteOptions()) -> Int:
+def cut_tracks(scores: Float, track: Int, points: Float, fps: float, options: VoteOptions = VoteOptions()) -> Int:
     """Track numbers (T, S) with trajectories cut where their label changes for good.
 
     Args:
         scores: (T, S, L + 1) logarithms, NaN where no point is.
         track: (T, S) numbers, -1 where no point is.
+        points: (T, S, 3) metres, NaN where no point is.
         fps: frames a second.
         options: how.
     """
     # What is a marker does not become a ghost: whether it is one is for the votes to say.
     t, s, starts = ordered(track)
     votes = _weight(fps, options) * np.maximum(scores[t, s, :-1], options.floor)
+    cost = np.where(exchangeable(points, track)[t, s], options.switch, options.smooth)
     out = np.full_like(track, -1)
-    out[t, s] = _cut(np.ascontiguousarray(votes), starts, options.switch)
+    out[t, s] = _cut(np.ascontiguousarray(votes), starts, cost)
     return out
+
+
+def exchangeable(points: Float, track: Int, slack: float = 0.03) -> NDArray[np.bool_]:
+    """(T, S) where a trajectory may go on as another marker: the step there is a jump, or the path of another
+    trajectory leads there as well as its own, give or take `slack` metres; arguments as `cut_tracks`."""
+    out = np.zeros(track.shape, np.bool_)
+    _exchangeable(np.ascontiguousarray(points), np.ascontiguousarray(track), slack, out)
+    return out
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _exchangeable(points: Float, track: Int, slack: float, out: NDArray[np.bool_]) -> None:
+    count, slots = track.shape
+    ahead = np.empty((slots, 3))
+    for t in range(1, count):
+        for s in range(slots):
+            before = track[t - 1, s]
+            if before >= 0:
+                moving = t > 1 and track[t - 2, s] == before
+                for i in range(3):
+                    step = points[t - 1, s, i] - points[t - 2, s, i] if moving else 0.0
+                    ahead[s, i] = points[t - 1, s, i] + step
+        for s in range(slots):
+            if track[t, s] < 0 or track[t - 1, s] != track[t, s]:
+                continue
+            own = 0.0
+            for i in range(3):
+                own += (points[t, s, i] - ahead[s, i]) ** 2
+            reach = np.sqrt(own) + slack
+            if reach > 2 * slack:
+                out[t, s] = True
+                continue
+            for r in range(slots):
+                if r != s and track[t - 1, r] >= 0:
+                    off = 0.0
+                    for i in range(3):
+                        off += (points[t, s, i] - ahead[r, i]) ** 2
+                    if off < reach * reach:
+                        out[t, s] = True
+                        break
 
 
 def vote(scores: Float, track: Int, fps: float, options: VoteOptions = VoteOptions()) -> tuple[Float, Int]:
@@ -178,14 +223,14 @@ def ordered(track: Int) -> tuple[Int, Int, Int]:
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def _cut(votes: Float, starts: Int, switch: float) -> Int:
+def _cut(votes: Float, starts: Int, switch: Float) -> Int:
     """A number for every piece of every trajectory, (N,)."""
     out = np.empty(len(votes), np.intp)
     number = -1
     for p in range(len(starts) - 1):
         if starts[p] == starts[p + 1]:
             continue
-        path = _best_path(votes[starts[p] : starts[p + 1]], switch)
+        path = _best_path(votes[starts[p] : starts[p + 1]], switch[starts[p] : starts[p + 1]])
         for i in range(len(path)):
             if i == 0 or path[i] != path[i - 1]:
                 number += 1
@@ -194,8 +239,8 @@ def _cut(votes: Float, starts: Int, switch: float) -> Int:
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def _best_path(votes: Float, switch: float) -> Int:
-    """The labels (N,) of the best course through votes (N, L), each change costing `switch` (Viterbi)."""
+def _best_path(votes: Float, switch: Float) -> Int:
+    """The labels (N,) of the best course through votes (N, L), a change at i costing `switch[i]` (Viterbi)."""
     count, labels = votes.shape
     came = np.empty((count, labels), np.intp)
     best = votes[0].copy()
@@ -204,7 +249,7 @@ def _best_path(votes: Float, switch: float) -> Int:
         for c in range(labels):
             if best[c] > best[top]:
                 top = c
-        changed = best[top] - switch
+        changed = best[top] - switch[i]
         for c in range(labels):
             came[i, c] = c if best[c] >= changed else top
             best[c] = max(best[c], changed) + votes[i, c]

@@ -27,6 +27,8 @@ from muybridge.motion.formats.marker_set import find_marker_set
 FILES = ("labelled.c3d", "label.json", "report.html")
 CORRECTIONS = "corrections.txt"
 SURE = 0.9
+# With fewer points than this share of the set, another set may have been worn.
+FEW = 0.8
 
 
 def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, model: Path | None, fps: float | None,
@@ -75,6 +77,10 @@ def notes_of(cloud: MarkerCloud, labelled: Labelled, plan: MarkerPlan) -> list[s
     lost = [plan.markers.labels[i] for i in np.nonzero(~found & ~plan.optional)[0]]
     if lost:
         notes.append(f"not found: {', '.join(lost)}")
+    usual = float(np.median((labelled.tracks.track >= 0).sum(1)))
+    if usual < FEW * len(plan.markers) and len(lost) > 4:
+        notes.append(f"frames have about {usual:.0f} points, the set {len(plan.markers)} markers: "
+                     "if another set was worn, name it with --markerset")  # fmt: skip
     if cloud.left_out:
         notes.append(f"left out, since they are no points: {', '.join(cloud.left_out[:8])}"
                      + (f" and {len(cloud.left_out) - 8} more" if len(cloud.left_out) > 8 else ""))  # fmt: skip

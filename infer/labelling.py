@@ -159,7 +159,7 @@ def relabelled(labelled: Labelled, label: NDArray[np.intp]) -> Labelled:
 def _elect(scores: Float, tracks: Tracks, fps: float, options: LabelOptions) -> NDArray[np.intp]:
     if not options.votes:
         return assign_frames(scores)
-    pieces = cut_tracks(scores, tracks.track, fps, options.vote)
+    pieces = cut_tracks(scores, tracks.track, tracks.points, fps, options.vote)
     label = elect(*vote(scores, pieces, fps, options.vote))
     return np.where(pieces >= 0, label[pieces], -1)
 

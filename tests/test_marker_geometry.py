@@ -9,7 +9,7 @@ from muybridge.geometry.marker_people import split_people
 from muybridge.geometry.marker_recovery import recover_points
 from muybridge.geometry.marker_rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
 from muybridge.geometry.marker_tracking import Tracks, find_tracks
-from muybridge.geometry.marker_votes import VoteOptions, assign_frames, cut_tracks, elect, vote
+from muybridge.geometry.marker_votes import VoteOptions, assign_frames, cut_tracks, elect, exchangeable, vote
 
 FPS = 100.0
 
@@ -102,10 +102,35 @@ def test_a_trajectory_is_cut_where_its_label_changes_for_good_but_not_where_it_w
     scores = np.full((200, 1, 4), -3.0)
     scores[:120, 0, 0], scores[120:, 0, 1] = -0.1, -0.1
     scores[40:43, 0, 2] = 0.0
-    pieces = cut_tracks(scores, np.zeros((200, 1), int), FPS)
+    jumping = np.zeros((200, 1, 3))
+    jumping[:120] += 0.1
+    pieces = cut_tracks(scores, np.zeros((200, 1), int), jumping, FPS)
     assert np.nonzero(np.diff(pieces[:, 0]))[0].tolist() == [119]
     votes, span = vote(scores, pieces, FPS, VoteOptions())
     assert votes.argmax(1).tolist() == [0, 1] and span.tolist() == [[0, 119], [120, 199]]
+
+
+def test_a_trajectory_is_exchanged_where_it_jumps_or_meets_another_and_not_elsewhere():
+    time = np.linspace(-1, 1, 101)[:, None]
+    points = np.stack([time * [1, 0, 0], time * [-1, 0, 0] + [0, 0.01, 0], time * [1, 0, 0] + [0, 0, 0.5]], 1)
+    points[70:, 2] += [0, 0.2, 0]
+    track = np.tile(np.arange(3), (101, 1))
+    may = exchangeable(points, track)
+    assert may[50, :2].all() and not may[:45, :2].any() and not may[56:, :2].any()
+    assert np.nonzero(may[:, 2])[0].tolist() == [70, 71]  # where it jumps, and where its speed was that of the jump
+    # Doubts in between do not cut it, however long they last.
+    scores = np.full((101, 3, 4), -3.0)
+    scores[:, [0, 1, 2], [0, 1, 2]] = -0.1
+    scores[10:20, 0], scores[60:64, 0] = [-3, -3, -0.1, -3], [-3, -3, -0.1, -3]
+    pieces = cut_tracks(scores, track, points, FPS, VoteOptions(switch=0.2))
+    assert len(set(pieces[:45, 0])) == 1
+
+
+def test_shuffled_frames_are_found_however_few_frames_a_second_there_are():
+    cloud = moving()[::10]
+    rng = np.random.default_rng(3)
+    assert not find_tracks(cloud, FPS / 10).tracked
+    assert find_tracks(np.stack([frame[rng.permutation(6)] for frame in cloud]), FPS / 10).tracked
 
 
 def test_distances_tell_a_marker_from_its_neighbour():
