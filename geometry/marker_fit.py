@@ -50,15 +50,15 @@ class MarkerFitOptions:
     noise_m: float = 0.002
     slack_m: float = 0.003
     freedom: float = 3.0
-    length_m: float = 0.006
-    placement: float = 1.0
+    length_m: float = 0.0015
+    placement: float = 0.5
     root_acceleration: float = 12.0
     angular_acceleration: float = 70.0
     root_velocity: float = 3.0
     angular_velocity: float = 12.0
-    prior_weight: float = 0.3
+    prior_weight: float = 3.0
     calibration_frames: int = 160
-    shape_frames: int = 60
+    shape_frames: int = 12
     rounds: int = 3
     steps: int = 2
 

@@ -1,6 +1,6 @@
 """The solver's network: what a body fitted to markers is still off, by message passing on a graph of markers and joints.
 
-Nodes are the markers of SURFACE and the joints of BODY. Edges run only where the skeleton or rigidity has them: a marker
+Nodes are the markers of SURFACE and the joints of BODY. Edges run only where skeleton or rigidity has them: a marker
 to the joint that carries it and to that joint's parent, a joint to its parent and its children, a marker to the markers
 of the same joint. Two layers see two hops, so that a far limb cannot disturb. Every vector is given and returned in the
 axes of the joint that it belongs to: the network need not learn that a person may face any way.

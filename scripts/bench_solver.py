@@ -2,8 +2,8 @@
 
 Usage: python scripts/bench_solver.py [--motion FILE.bvh] [--bodies 3] [--every 4] [--frames 400]
 
-The truth is anny's own joints under CMU's trial 01_01 (which nothing was trained or tuned on), on bodies drawn anew,
-with placement jitter of the markers. Every take is calibrated from its own spoiled markers. Errors are means over all
+The truth is anny's own joints under CMU's trial 01_01 (which nothing was trained or tuned on), on bodies drawn anew;
+`--placed 1` has markers placed as differently as examiners do. Every take is calibrated from its own spoiled markers. Errors are means over all
 21 joints and frames: of positions, of rotations against the parent, and of rotations in the world.
 
 frame-wise, least squares: the calibrated body on every frame for itself (T. W. Lu, J. J. O'Connor, "Bone position
@@ -100,12 +100,13 @@ def main() -> None:
     parser.add_argument("--bodies", type=int, default=3)
     parser.add_argument("--every", type=int, default=4)
     parser.add_argument("--frames", type=int, default=400)
+    parser.add_argument("--placed", type=float, default=0.0, help="markers' places, in spreads of examiners")
     parser.add_argument("--cases", type=int, default=len(CASES))
     parser.add_argument("--joints", action="store_true", help="errors of every joint of the last take")
     options = parser.parse_args()
     motion = read_motion(options.motion, options.every, options.frames)
     bodies = MarkerBodies(1001)
-    takes = [recorded_take(bodies, p, motion) for p in bodies.model.sample_phenotypes(options.bodies)]
+    takes = [recorded_take(bodies, p, motion, options.placed) for p in bodies.model.sample_phenotypes(options.bodies)]
     for case, how in list(CASES.items())[: options.cases]:
         found: dict[str, list[np.ndarray]] = {}
         rng = np.random.default_rng(77)

@@ -6,12 +6,20 @@ from typing import Annotated
 
 import tyro
 
-from muybridge.train.options import Evaluation, KeypointTraining, LabelTraining, PeopleTraining, Synthesis
+from muybridge.train.options import (
+    Evaluation,
+    KeypointTraining,
+    LabelTraining,
+    PeopleTraining,
+    SolverTraining,
+    Synthesis,
+)
 
 _Network = Annotated[
     Annotated[KeypointTraining, tyro.conf.subcommand("keypoints")]
     | Annotated[PeopleTraining, tyro.conf.subcommand("people")]
-    | Annotated[LabelTraining, tyro.conf.subcommand("labels")],
+    | Annotated[LabelTraining, tyro.conf.subcommand("labels")]
+    | Annotated[SolverTraining, tyro.conf.subcommand("solver")],
     tyro.conf.arg(name=""),
 ]
 
@@ -40,6 +48,14 @@ def train(network: _Network) -> None:
         path = network.out / "labels.onnx"
         publish_labels(labels.train(network), path, network.clips, _command_line())
         print(f"wrote {path}; use it with `muybridge label FILE --model {path}`")
+        return
+    if isinstance(network, SolverTraining):
+        from muybridge.train import solver
+        from muybridge.train.solver_publish import publish_solver
+
+        path = network.out / "solver.onnx"
+        publish_solver(solver.train(network), path, network.out / "fits", _command_line())
+        print(f"wrote {path}; use it with `muybridge solve POINTS --network {path}`")
         return
     if isinstance(network, PeopleTraining):
         from muybridge.train import people

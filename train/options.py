@@ -92,6 +92,25 @@ class LabelTraining(Training):
 
 
 @dataclass(frozen=True)
+class SolverTraining(Training):
+    """Train the network that corrects bodies fitted to markers, on synthetic people.
+
+    Attributes:
+        clips: folder of markers and joints under generated motion, made where they are missing.
+        shards: how many shards of 32 clips there shall be; the first is held out from training.
+    """
+
+    out: pathlib.Path = pathlib.Path("runs/solver")
+    clips: pathlib.Path = pathlib.Path("runs/solver/clips")
+    shards: int = 24
+    minutes: float = 40.0
+    batch: int = 256
+    rate: float = 2e-3
+    decay: float = 0.4
+    workers: int = 0
+
+
+@dataclass(frozen=True)
 class Evaluation:
     """Score a keypoint network on held-out synthetic crops.
 

@@ -1,0 +1,222 @@
+"""Unnamed 2D points of several cameras to unnamed 3D points: matched by epipolar geometry, ghosts rejected.
+
+Two rays that nearly meet propose a point. A marker is where the rays of three cameras or more meet, and every 2D point
+belongs to one marker: points are taken in the order of how many cameras agree, so that what is left over for an
+accidental intersection has already been explained. Two cameras suffice only where a marker was just before.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.rays import ray_directions
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class MatchOptions:
+    """How 2D points become 3D points.
+
+    Attributes:
+        near_m: metres, how near two rays must pass.
+        error_px: pixels, farthest that a 2D point may be from the 3D point's projection.
+        views: cameras that must agree; known_views: where a marker was a moment before.
+        known_m: metres, how near it must have been.
+    """
+
+    near_m: float = 0.006
+    error_px: float = 2.0
+    views: int = 3
+    known_views: int = 2
+    known_m: float = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """3D points of one frame.
+
+    Attributes:
+        points: (N, 3) metres. members: (N, C) index of each camera's 2D point, -1 where it has none.
+        error_px: (N,) root mean square distance of the 2D points from the projection.
+    """
+
+    points: Array
+    members: Index
+    error_px: Array
+
+
+def match_points(cameras: CameraGroup, seen: list[Array], known: Array | None = None,
+                 options: MatchOptions = MatchOptions()) -> Matched:  # fmt: skip
+    """The 3D points of one frame.
+
+    Args:
+        cameras: C cameras.
+        seen: C arrays (K, 2) of pixels.
+        known: (P, 3) metres, where markers are expected.
+        options: see MatchOptions.
+    """
+    width = max((len(s) for s in seen), default=0)
+    count = len(cameras)
+    if width == 0:
+        return Matched(np.zeros((0, 3)), np.zeros((0, count), np.intp), np.zeros(0))
+    px = np.full((count, width, 2), np.nan)
+    for c, points in enumerate(seen):
+        px[c, : len(points)] = points[:, :2]
+    rays = ray_directions(cameras, px)
+    centres = cameras.centers_world
+    candidates = [_meeting(centres, rays, a, b, options.near_m) for a in range(count) for b in range(a + 1, count)]
+    proposed = np.concatenate([*candidates, *([known] if known is not None and len(known) else [])])
+    members = _members(cameras, px, proposed, 2 * options.error_px)
+    members = np.unique(members[(members >= 0).sum(1) >= 2], axis=0)
+    points, members, error = _located(cameras, centres, px, rays, members, options.error_px)
+    views = (members >= 0).sum(1)
+    expected = np.zeros(len(points), bool)
+    if known is not None and len(known) and len(points):
+        gap = np.linalg.norm(points[:, None] - known[None], axis=-1).min(1)
+        expected = gap < options.known_m
+    good = (views >= options.views) | (expected & (views >= options.known_views))
+    order = np.lexsort((error, -(views + 0.5 * expected)))
+    used = np.zeros((count, width), bool)
+    kept = []
+    for k in order:
+        own = np.nonzero(members[k] >= 0)[0]
+        if good[k] and not used[own, members[k, own]].any():
+            used[own, members[k, own]] = True
+            kept.append(k)
+    # Where markers cover one another in a camera, both may be that one point, if enough others tell them apart.
+    for k in order:
+        own = np.nonzero(members[k] >= 0)[0]
+        free = ~used[own, members[k, own]]
+        if k in kept or not good[k] or free.sum() < options.views:
+            continue
+        if np.linalg.norm(points[kept] - points[k], axis=-1).min(initial=1.0) > 0.012:
+            used[own, members[k, own]] = True
+            kept.append(k)
+    chosen = np.array(kept, dtype=np.intp)
+    return Matched(points[chosen], members[chosen], error[chosen])
+
+
+def _meeting(centres: Array, rays: Array, a: int, b: int, near: float) -> Array:
+    """(N, 3) middles between the rays of two cameras that pass near one another, in front of both."""
+    first, second = rays[a][np.isfinite(rays[a, :, 0])], rays[b][np.isfinite(rays[b, :, 0])]
+    base = centres[b] - centres[a]
+    cosine = first @ second.T
+    along, across = first @ base, second @ base
+    determinant = np.maximum(1 - cosine**2, 1e-9)
+    s = (along[:, None] - cosine * across[None]) / determinant
+    t = (cosine * along[:, None] - across[None]) / determinant
+    one = centres[a] + s[..., None] * first[:, None]
+    two = centres[b] + t[..., None] * second[None]
+    good = (np.linalg.norm(one - two, axis=-1) < near) & (s > 0) & (t > 0) & (determinant > 1e-4)
+    return np.asarray((one + two)[good] / 2)
+
+
+def _members(cameras: CameraGroup, px: Array, points: Array, reach: float) -> Index:
+    """(N, C) nearest 2D point of each camera to the projections of (N, 3) points within `reach` pixels, else -1."""
+    out = np.full((len(points), len(cameras)), -1, dtype=np.intp)
+    if not len(points):
+        return out
+    at = cameras.project(points)
+    for c in range(len(cameras)):
+        gap = np.linalg.norm(at[c][:, None] - px[c][None], axis=-1)
+        gap = np.where(np.isfinite(gap), gap, np.inf)
+        best = gap.argmin(1)
+        near = gap[np.arange(len(points)), best] < reach
+        out[near, c] = best[near]
+    return out
+
+
+def _located(cameras: CameraGroup, centres: Array, px: Array, rays: Array, members: Index, reach: float
+             ) -> tuple[Array, Index, Array]:  # fmt: skip
+    """Points (N, 3) where their rays meet, without 2D points farther than `reach`; members again and errors."""
+    count, members = len(cameras), members.copy()
+    points, error = np.full((len(members), 3), np.nan), np.full(len(members), np.inf)
+    for _ in range(3):
+        has = members >= 0
+        d = np.where(has[..., None], rays[np.arange(count), np.maximum(members, 0)], 0.0)
+        points = meet(centres, d, has)
+        at = np.moveaxis(cameras.project(points), 0, 1)
+        off = np.linalg.norm(at - px[np.arange(count), np.maximum(members, 0)], axis=-1)
+        off = np.where(has & np.isfinite(off), off, np.where(has, np.inf, np.nan))
+        worst = np.where(np.isnan(off), -1.0, off).argmax(1)
+        far = off[np.arange(len(off)), worst] > reach
+        members[np.nonzero(far)[0], worst[far]] = -1
+        error = np.sqrt(np.nanmean(np.where(has, off, np.nan) ** 2, axis=1)) if len(off) else np.zeros(0)
+        if not far.any():
+            break
+    good = ((members >= 0).sum(1) >= 2) & np.isfinite(points).all(1) & (error < reach)
+    points, members, error = points[good], members[good], error[good]
+    members, first = np.unique(members, axis=0, return_index=True)
+    return points[first], members, error[first]
+
+
+def meet(centres: Array, rays: Array, known: NDArray[np.bool_]) -> Array:
+    """(N, 3) points nearest to their rays (N, C, 3), those of `known` (N, C); near cameras count more."""
+    weight = known.astype(np.float64)
+    out = np.zeros((len(rays), 3))
+    for _ in range(2):
+        projector = weight[..., None, None] * (np.eye(3) - rays[..., :, None] * rays[..., None, :])
+        matrix = projector.sum(1) + 1e-12 * np.eye(3)
+        out = np.linalg.solve(matrix, np.einsum("ncij,cj->ni", projector, centres)[..., None])[..., 0]
+        weight = known / np.maximum(np.sum((out[:, None] - centres) ** 2, axis=-1), 1e-2)
+    return out
+
+
+def follow_points(cameras: CameraGroup, seen: list[list[Array]], fps: float,
+                  options: MatchOptions = MatchOptions()) -> tuple[Array, list[Matched]]:  # fmt: skip
+    """All frames, each with where the points of the two before are going.
+
+    Args:
+        cameras: C cameras. seen: for each of T frames C arrays (K, 2) of pixels. fps: frames a second.
+
+    Returns:
+        (T, N, 3) metres, unnamed and in no order, NaN for padding; and what each frame matched.
+    """
+    frames: list[Matched] = []
+    for t, now in enumerate(seen):
+        known = _expected(frames[-1].points, frames[-2].points if t > 1 else None, fps) if t else None
+        frames.append(match_points(cameras, now, known, options))
+    most = max((len(f.points) for f in frames), default=0)
+    out = np.full((len(frames), most, 3), np.nan)
+    for t, frame in enumerate(frames):
+        out[t, : len(frame.points)] = frame.points
+    return out, frames
+
+
+def _expected(last: Array, before: Array | None, fps: float, fastest: float = 12.0) -> Array:
+    """Where points are likely to be next: on as from the nearest point of the frame before."""
+    if before is None or not len(before) or not len(last):
+        return last
+    gap = np.linalg.norm(last[:, None] - before[None], axis=-1)
+    nearest = gap.argmin(1)
+    step = np.where(gap[np.arange(len(last)), nearest, None] < fastest / fps, last - before[nearest], 0.0)
+    return np.asarray(last + step)
+
+
+def without_ghosts(points: Array, track: Index, least: int, fps: float) -> NDArray[np.bool_]:
+    """(T, S) which samples of trajectories belong to markers on somebody: not to flickers nor to lamps.
+
+    Args:
+        points: (T, S, 3) metres in slots; track: (T, S) number of the trajectory, -1 for none.
+        least: frames that a trajectory must last.
+        fps: frames a second.
+    """
+    good = track >= 0
+    numbers = np.unique(track[good])
+    spread = {}
+    for n in numbers:
+        at = points[track == n]
+        if len(at) < least:
+            good[track == n] = False
+        else:
+            spread[n] = float(np.sqrt(np.mean(np.var(at, axis=0).sum())))
+    # A lamp does not move at all, over seconds, while others do.
+    typical = float(np.median(list(spread.values()))) if spread else 0.0
+    for n, value in spread.items():
+        if value < 0.0015 and typical > 0.02 and (track == n).sum() > 0.5 * fps:
+            good[track == n] = False
+    return good
