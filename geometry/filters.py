@@ -33,7 +33,8 @@ class FilterOptions:
         window: seconds, of `savgol`, `median` and `loess`, from end to end.
         degree: of the polynomials of `savgol` and `loess`.
         sigma: seconds, of `gaussian`.
-        smoothing: of `gcv_spline`; None: by generalised cross validation, each column for itself.
+        smoothing: of `gcv_spline`, weight of the squared second derivative, seconds cubed; None: by generalised cross
+            validation, each column for itself.
         min_cutoff_hz, beta: of `one_euro`: the cut-off at rest, and how it rises with speed (per unit a second).
         noise: standard deviation of a value for `kalman`; None: from third differences.
         acceleration: units a second squared, for `kalman`.
@@ -195,8 +196,10 @@ def _savgol(x: Array, fps: float, o: FilterOptions) -> Array:
 def _gcv_spline(x: Array, fps: float, o: FilterOptions) -> Array:
     if len(x) < 5:
         return x
-    time = np.arange(len(x)) / fps
-    return np.stack([make_smoothing_spline(time, column, lam=o.smoothing)(time) for column in x.T], axis=1)
+    # In frames, not seconds: only there does scipy look for the best parameter where it is.
+    time = np.arange(len(x), dtype=np.float64)
+    lam = None if o.smoothing is None else o.smoothing * fps**3
+    return np.stack([make_smoothing_spline(time, column, lam=lam)(time) for column in x.T], axis=1)
 
 
 def _gaussian(x: Array, fps: float, o: FilterOptions) -> Array:

@@ -217,6 +217,6 @@ def without_ghosts(points: Array, track: Index, least: int, fps: float) -> NDArr
     # A lamp does not move at all, over seconds, while others do.
     typical = float(np.median(list(spread.values()))) if spread else 0.0
     for n, value in spread.items():
-        if value < 0.0015 and typical > 0.02 and (track == n).sum() > 0.5 * fps:
+        if value < 0.0015 and typical > 0.02 and (track == n).sum() >= 0.5 * fps:
             good[track == n] = False
     return good

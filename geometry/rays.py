@@ -13,6 +13,39 @@ _Floats = NDArray[np.float64]
 _ROBUST_ROUNDS = 2
 
 
+def midpoint(center_a: _Floats, ray_a: _Floats, center_b: _Floats, ray_b: _Floats) -> tuple[_Floats, _Floats]:
+    """The classical triangulation from two rays: the middle of the shortest way from one to the other.
+
+    With P = center_a + s ray_a and Q = center_b + t ray_b, that way is perpendicular to both rays,
+
+        (P - Q) . ray_a = 0   and   (P - Q) . ray_b = 0,
+
+    which are two linear equations in s and t. It knows no noise and no third view: `triangulation` starts from such
+    points, this is how they come about.
+
+    Args:
+        center_a, center_b: (..., 3) where the rays begin.
+        ray_a, ray_b: (..., 3) directions of any length.
+
+    Returns:
+        (..., 3) the middle of P and Q, NaN where the rays are parallel or the point is behind a camera; (...) the
+        distance of P and Q.
+
+    Source: R. Parent, Computer Animation, 3rd edition, 2012, equations 6.1 to 6.4.
+    """
+    aa, bb, ab = (np.sum(x * y, axis=-1) for x, y in ((ray_a, ray_a), (ray_b, ray_b), (ray_a, ray_b)))
+    between = center_b - center_a
+    along_a, along_b = np.sum(between * ray_a, axis=-1), np.sum(between * ray_b, axis=-1)
+    determinant = aa * bb - ab**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = (bb * along_a - ab * along_b) / determinant
+        t = (ab * along_a - aa * along_b) / determinant
+    ahead = (determinant > 1e-12 * aa * bb) & (s > 0) & (t > 0)
+    on_a, on_b = center_a + s[..., None] * ray_a, center_b + t[..., None] * ray_b
+    middle: _Floats = np.where(ahead[..., None], (on_a + on_b) / 2, np.nan)
+    return middle, np.where(ahead, np.linalg.norm(on_a - on_b, axis=-1), np.nan)
+
+
 def ray_directions(cameras: CameraGroup, points_px: _Floats) -> _Floats:
     """(C, ..., 2) px to (C, ..., 3) unit vectors in the world, from the cameras' centres; NaN stays NaN."""
     slopes = cameras.unproject(points_px)

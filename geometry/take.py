@@ -183,10 +183,11 @@ def _paths(cloud: _Cloud, single: _Cloud, options: TakeOptions) -> tuple[Array, 
         ]  # fmt: skip
         path = np.where(cloud.known[..., None], np.concatenate([c[0] for c in columns], axis=1), 0.0)
         of_path = np.where(cloud.known[..., None, None], np.concatenate([c[1] for c in columns], axis=1), np.eye(3))
-        # What is likely beside the path, and how much more of it than usual.
+        # What is likely beside the path and how sure that is; is it more than usual?
         share = jitter * scale[..., None, None] @ np.linalg.inv(noise)
         beside = np.einsum("tjab,tjb->tja", share, cloud.xyz - path)
         far = np.einsum("tja,tjab,tjb->tj", beside, np.linalg.inv(jitter), beside)
+        far += scale * (3 - np.trace(share, axis1=-2, axis2=-1))
         scale = (options.freedom + far) / (options.freedom + 3)
     return path, of_path, np.array(jitter)
 
@@ -200,6 +201,8 @@ def _recurrences(cloud: _Cloud, options: TakeOptions) -> tuple[Array, Array]:
         return mean, info
     for t, others in enumerate(_candidates(cloud, options, near)):
         others = others[np.abs(others - t) > near][: options.recurrences]
+        # The frame alone, for all of them at once, before the neighbours are looked at.
+        others = others[_unlike_frames(cloud, t, others) < 4 * options.alike]
         if not len(others):
             continue
         beyond = np.array([_unlike(cloud, t, int(u), options.patch) for u in others])
@@ -239,6 +242,16 @@ def _unlike(cloud: _Cloud, t: int, u: int, patch: int) -> float:
     total = (cloud.covariance[a] + cloud.covariance[b])[both]
     far = np.einsum("na,na->n", off, np.linalg.solve(total, off[..., None])[..., 0])
     return max(float(np.median(far)) / _CHI2_3_MEDIAN - 1, 0.0)
+
+
+def _unlike_frames(cloud: _Cloud, t: int, others: NDArray[np.intp]) -> Array:
+    """(K,) as `_unlike`, roughly and of the frames alone; infinite where too little is known."""
+    off = cloud.xyz[others] - cloud.xyz[t]
+    information = np.linalg.inv(2 * cloud.typical)
+    far = np.sort(np.einsum("uja,jab,ujb->uj", off, information, off)
+                  + np.where(cloud.known[others] & cloud.known[t], 0.0, np.inf), axis=1)  # fmt: skip
+    count = np.isfinite(far).sum(axis=1)
+    return np.where(count >= 3, far[np.arange(len(far)), count // 2 - (count > 0)] / _CHI2_3_MEDIAN - 1, np.inf)
 
 
 def _average(cloud: _Cloud, t: int, others: NDArray[np.intp], beyond: float) -> tuple[Array, Array]:

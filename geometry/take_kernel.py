@@ -35,10 +35,14 @@ def _far(point: Array, mean: Array, info: Array) -> float:
 
 @_compiled
 def _off_path(far: float, freedom: float) -> tuple[float, float]:
-    """Cost of being off the path by a squared Mahalanobis distance, and its derivative: Student's t, bounded."""
-    cost = (freedom + 3.0) * math.log(1.0 + far / freedom)
+    """Cost of being off the path by a squared Mahalanobis distance, and its derivative: Student's t, bounded.
+
+    On the path the derivative is one: there, the covariance is what it says.
+    """
+    heavy = freedom + 3.0
+    cost = heavy * math.log(1.0 + far / heavy)
     likely, broken = math.exp(-0.5 * cost), math.exp(-0.5 * _BREAK)
-    return -2.0 * math.log(likely + broken), (freedom + 3.0) / (freedom + far) * likely / (likely + broken)
+    return -2.0 * math.log(likely + broken), heavy / (heavy + far) * likely / (likely + broken)
 
 
 @_compiled

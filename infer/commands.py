@@ -19,6 +19,7 @@ from muybridge.geometry.triangulation import TriangulateOptions
 from muybridge.infer.cli import one_line
 from muybridge.infer.demo import run_demo
 from muybridge.infer.detect import DetectOptions
+from muybridge.infer.marker_session import MarkerVideoOptions, run_marker_session
 from muybridge.infer.overlay import OverlayOptions
 from muybridge.infer.pipeline import RunOptions, run_session, summary
 from muybridge.infer.progress import Progress
@@ -46,6 +47,8 @@ def run(
     fill_share: float = SolveOptions.fill_share,
     everyone: bool = False,
     refine_cameras: bool = False,
+    markers_in_video: bool = False,
+    marker_video: MarkerVideoOptions = MarkerVideoOptions(),  # noqa: B008
     overlay: OverlayOptions = OverlayOptions(),  # noqa: B008
 ) -> int:
     """Motion from session folders: videos and a calibration in; points, motion, overlays and a report out.
@@ -68,10 +71,18 @@ def run(
             least this share of the landmarks was measured; above 1, never.
         refine_cameras: first make the calibration's poses better by the person; the report says what it gained.
         everyone: write the other people whom two cameras see, too: `points_2.trc`, `motion_2.bvh` and so on.
+        markers_in_video: the videos are of bright markers on a dark picture: they are found, matched, named and solved,
+            without the keypoint network.
+        marker_video: how, then.
         overlay: videos with what was found drawn in.
     """
     if not sessions:
         raise SessionError("name at least one session folder: muybridge run FOLDER [FOLDER ...]")
+    if markers_in_video:
+        for path, place in plan(sessions, out):
+            with Progress(quiet=quiet) as progress:
+                print(run_marker_session(path, place, session, marker_video, overwrite, progress), flush=True)
+        return 0
     solve = SolveOptions(person, swaps, triangulate, smooth, fit, fill_share, everyone)
     options = RunOptions(session, detect, solve, second_look, overlay, refine_cameras, overwrite)
     jobs = plan(sessions, out)

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.take import TakeOptions, triangulate_take
 from muybridge.geometry.triangulation import TriangulateOptions, leave_one_out_error, triangulate
 
 Floats = NDArray[np.float64]
@@ -140,6 +141,13 @@ def measure(title: str, cameras: CameraGroup, px: Floats, truth: Floats) -> floa
     wrong = variance / 25.0
     other, result = best_time(lambda: triangulate(cameras, px, wrong))
     report("robust, variances 25 times too small", other, result.points_world, truth)
+    for name, how in {
+        "whole take": TakeOptions(),
+        "whole take, without recurrences": TakeOptions(recurrences=0),
+    }.items():
+        triangulate_take(cameras, px[:, :40], variance[:, :40], options=how)
+        whole, result = best_time(lambda how=how: triangulate_take(cameras, px, variance, options=how), repeats=3)
+        report(name, whole, result.points_world, truth)
     linear, points = best_time(lambda: weighted_dlt(cameras, px, variance))
     report("weighted DLT", linear, points, truth)
     peer = aniposelib_points(cameras, px)
