@@ -41,7 +41,7 @@ class CleanOptions:
     fill: bool = True
     curve_frames: int = 10
     longest_s: float = 2.0
-    partners: int = 6
+    partners: int = 12
     spike: float = 8.0
     spike_m: float = 0.02
     trust_m: float = 0.05

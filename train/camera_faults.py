@@ -114,8 +114,8 @@ class CameraFaults:
 
 def _blurred(image: Tensor, window: int, sigma: NDArray[np.float64]) -> Tensor:
     """(B, 3, H, W) through a Gaussian of `sigma` (B,) px, `window` px wide; several times as fast as a convolution."""
-    planes = image.numpy()
-    out = np.empty_like(planes)
+    planes = np.ascontiguousarray(image.numpy())
+    out = np.empty(planes.shape, np.float32)
     for source, target, width in zip(planes, out, sigma, strict=True):
         for k in range(3):
             cv2.GaussianBlur(source[k], (window, window), width, dst=target[k], borderType=cv2.BORDER_REFLECT_101)
