@@ -2,7 +2,8 @@
 
 Two rays that nearly meet propose a point. A marker is where the rays of three cameras or more meet, and every 2D point
 belongs to one marker: points are taken in the order of how many cameras agree, so that what is left over for an
-accidental intersection has already been explained. Two cameras suffice only where a marker was just before.
+accidental intersection has already been explained. Two cameras suffice where a marker was just before, or where neither has anything else that
+the point could be.
 """
 
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ class MatchOptions:
         error_px: pixels, farthest that a 2D point may be from the 3D point's projection.
         views: cameras that must agree; known_views: where a marker was a moment before.
         known_m: metres, how near it must have been.
+        pair_px: error up to which two cameras suffice for a new point, where neither 2D point fits anything else.
     """
 
     near_m: float = 0.006
@@ -33,6 +35,7 @@ class MatchOptions:
     views: int = 3
     known_views: int = 2
     known_m: float = 0.03
+    pair_px: float = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +90,7 @@ def match_points(cameras: CameraGroup, seen: list[Array], known: Array | None = 
         if good[k] and not used[own, members[k, own]].any():
             used[own, members[k, own]] = True
             kept.append(k)
+    kept += _lonely_pairs(members, error, views, used, options)
     # Where markers cover one another in a camera, both may be that one point, if enough others tell them apart.
     for k in order:
         own = np.nonzero(members[k] >= 0)[0]
@@ -98,6 +102,23 @@ def match_points(cameras: CameraGroup, seen: list[Array], known: Array | None = 
             kept.append(k)
     chosen = np.array(kept, dtype=np.intp)
     return Matched(points[chosen], members[chosen], error[chosen])
+
+
+def _lonely_pairs(
+    members: Index, error: Array, views: Index, used: NDArray[np.bool_], options: MatchOptions
+) -> list[int]:
+    """Points of two cameras alone, whose 2D points are no other's and could be no other's; marks them as used."""
+    own = [np.nonzero(m >= 0)[0] for m in members]
+    left = [k for k in range(len(members)) if views[k] >= 2 and not used[own[k], members[k, own[k]]].any()]
+    times = np.zeros(used.shape, np.intp)
+    for k in left:
+        times[own[k], members[k, own[k]]] += 1
+    out = []
+    for k in left:
+        if error[k] < options.pair_px and (times[own[k], members[k, own[k]]] == 1).all():
+            used[own[k], members[k, own[k]]] = True
+            out.append(k)
+    return out
 
 
 def _meeting(centres: Array, rays: Array, a: int, b: int, near: float) -> Array:
@@ -214,9 +235,26 @@ def without_ghosts(points: Array, track: Index, least: int, fps: float) -> NDArr
             good[track == n] = False
         else:
             spread[n] = float(np.sqrt(np.mean(np.var(at, axis=0).sum())))
-    # A lamp does not move at all, over seconds, while others do.
-    typical = float(np.median(list(spread.values()))) if spread else 0.0
-    for n, value in spread.items():
-        if value < 0.0015 and typical > 0.02 and (track == n).sum() >= 0.5 * fps:
-            good[track == n] = False
+    # A lamp does not move, and nothing near it does: a foot on the floor stands still below a knee that does not.
+    still = np.array([spread[n] < 0.002 for n in spread], bool)
+    if still.any() and not still.all():
+        apart = _apart(points, track, list(spread))
+        reached = ~still
+        while (new := ~reached & (apart[:, reached] < 0.45).any(1)).any():
+            reached |= new
+        for n, near in zip(spread, reached, strict=True):
+            good[track == n] &= bool(near)
     return good
+
+
+def _apart(points: Array, track: Index, numbers: list[int], samples: int = 60) -> Array:
+    """(N, N) least distance of trajectories at common frames, some of the take's; infinite where there are none."""
+    place = {n: i for i, n in enumerate(numbers)}
+    out = np.full((len(numbers), len(numbers)), np.inf)
+    for t in np.unique(np.linspace(0, len(points) - 1, samples).astype(int)):
+        slots = np.array([s for s in np.nonzero(track[t] >= 0)[0] if int(track[t, s]) in place], dtype=np.intp)
+        own = np.array([place[int(track[t, s])] for s in slots], dtype=np.intp)
+        gap = np.linalg.norm(points[t, slots][:, None] - points[t, slots][None], axis=-1)
+        grid = np.ix_(own, own)
+        out[grid] = np.minimum(out[grid], gap)
+    return out

@@ -2,8 +2,8 @@
 
 Usage: python scripts/bench_marker_video.py [--frames 240] [--kind dance] [--session FOLDER]
 
-Six cameras of 1024 x 1024 at 120 Hz around one of anny's bodies with the 39 Plug-in Gait markers: a marker is seen
-where it faces a camera and no limb (capsules) is in front. Bloom, noise, three lamps in the room, and about one flicker a
+Six cameras of 1024 x 1024 at 120 Hz around one of anny's bodies with the 39 Plug-in Gait markers: one is seen where it
+faces a camera and no limb (capsules) is in front. Bloom, noise, three lamps in the room, and about one flicker a
 camera and frame. A marker counts as visible where at least two (three) cameras see it. With --session the take is
 written as a session folder for `muybridge run FOLDER --markers-in-video`, and that is run and scored.
 """

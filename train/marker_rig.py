@@ -190,7 +190,7 @@ def _lean(skeleton: object, roles: dict[str, int], rest: Array, motion: Motion, 
     def bone(a: str, b: str) -> Array:
         return unit(rest[roles[f"{side}_{b}"]] - rest[roles[f"{side}_{a}"]])
 
-    out = {"foot": np.eye(3)}
+    out = {}
     elbow = Rotation.from_quat(motion.quat_wxyz[:, roles[f"{side}_forearm"]][:, [1, 2, 3, 0]]).as_rotvec()
     axis = np.linalg.svd(elbow, full_matrices=False)[2][0]
     spread = float(np.sqrt(np.mean(elbow**2)))
@@ -200,7 +200,8 @@ def _lean(skeleton: object, roles: dict[str, int], rest: Array, motion: Motion, 
     out["forearm"] = out["hand"] = _onto(arm, np.array([0, 0, -sign]), bone("forearm", "hand"), axis)
     down = np.array([0, 0, -1.0])
     out["thigh"] = turn(between(down, bone("thigh", "shin"))[None])[0]
-    out["shin"] = turn(between(down, bone("shin", "foot"))[None])[0]
+    # A foot's own axes lean as the shin before it: a recording's rest pose may stand astride.
+    out["shin"] = out["foot"] = turn(between(down, bone("shin", "foot"))[None])[0]
     return out
 
 
