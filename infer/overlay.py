@@ -7,7 +7,7 @@ is beside them). The subject's left is warm, the right cool. A rejected 2D point
 Shapes: `T` frames, `J` landmarks.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -132,38 +132,28 @@ def write_overlay(
     if any(other.shape != projected_px.shape for other in others_px):
         raise ValueError(f"others_px must each have the shape of projected_px, {projected_px.shape}")
     partial = path.with_name(f".{path.name}.partial")
-    wanted = set(thumbnail_frames)
-    thumbnails: dict[int, bytes] = {}
-    count = 0
+
+    def drawn() -> Iterator[Image]:
+        for t, frame in zip(range(len(projected_px)), frames, strict=False):
+            yield draw_overlay(
+                frame,
+                t,
+                fps,
+                scale,
+                None if keypoints_px is None else keypoints_px[t],
+                projected_px[t],
+                landmarks,
+                camera_name,
+                None if residual_px is None else residual_px[t],
+                None if inlier is None else inlier[t],
+                options.legend,
+                [other[t] for other in others_px],
+            )
+
     try:
-        with av.open(str(partial), "w", format="mp4", options={"movflags": "+faststart"}) as container:
-            stream: Any = None
-            for t, frame in zip(range(len(projected_px)), frames, strict=False):
-                image = draw_overlay(
-                    frame,
-                    t,
-                    fps,
-                    scale,
-                    None if keypoints_px is None else keypoints_px[t],
-                    projected_px[t],
-                    landmarks,
-                    camera_name,
-                    None if residual_px is None else residual_px[t],
-                    None if inlier is None else inlier[t],
-                    options.legend,
-                    [other[t] for other in others_px],
-                )
-                if stream is None:
-                    stream = _add_stream(container, image, fps, options)
-                for packet in stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")):
-                    container.mux(packet)
-                if t in wanted:
-                    thumbnails[t] = encode_thumbnail(image, options)
-                count += 1
-            if stream is None:
-                raise VideoError(f"{camera_name}: no frame to draw on, so {path.name} was not written")
-            for packet in stream.encode():
-                container.mux(packet)
+        count, thumbnails = _encode(partial, drawn(), fps, set(thumbnail_frames), options)
+        if not count:
+            raise VideoError(f"{camera_name}: no frame to draw on, so {path.name} was not written")
         partial.replace(path)
     except OSError as error:  # PyAV's own errors on files are OSErrors too
         raise OutputError(
@@ -173,6 +163,27 @@ def write_overlay(
     finally:
         partial.unlink(missing_ok=True)
     return Overlay(path, count, thumbnails)
+
+
+def _encode(
+    path: Path, images: Iterable[Image], fps: float, wanted: set[int], options: OverlayOptions
+) -> tuple[int, dict[int, bytes]]:
+    """Write images as a video; how many there were, and those that were `wanted` as JPEG."""
+    thumbnails: dict[int, bytes] = {}
+    count = 0
+    with av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as container:
+        stream: Any = None
+        for t, image in enumerate(images):
+            if stream is None:
+                stream = _add_stream(container, image, fps, options)
+            for packet in stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")):
+                container.mux(packet)
+            if t in wanted:
+                thumbnails[t] = encode_thumbnail(image, options)
+            count += 1
+        for packet in () if stream is None else stream.encode():
+            container.mux(packet)
+    return count, thumbnails
 
 
 def draw_overlay(

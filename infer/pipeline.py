@@ -136,7 +136,30 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
         output, store, session, files, detected, solution, quality, calibration, options, progress
     )
     seconds = time.perf_counter() - start
-    facts = {
+    facts = _facts(began, seconds, session, written, quality, calibration, solution, stages, options, models.metadata)
+    exports.write_run(output, facts)
+    if solution.motion is None:
+        raise SessionError(
+            f"{path}: {solution.no_motion}; {output.path / exports.REPORT} and the overlays beside it show "
+            "what was found: if the marks are on the person, the calibration does not belong to these videos"
+        )
+    return RunResult(output.path, session, solution, quality, seconds)
+
+
+def _facts(
+    began: datetime,
+    seconds: float,
+    session: Session,
+    written: Sequence[str],
+    quality: Quality,
+    calibration: CalibrationQuality | None,
+    solution: Solution,
+    stages: Mapping[str, StageResult],
+    options: RunOptions,
+    models: Mapping[str, Any],
+) -> dict[str, Any]:
+    """What `run.json` says."""
+    return {
         "format": RUN_FORMAT,
         "muybridge": __version__,
         "started": began.isoformat(timespec="seconds"),
@@ -146,20 +169,14 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
         "quality": asdict(quality),
         "calibration": calibration_facts(calibration),
         "person": solution.person,
+        "people": 1 + len(solution.others),
         "notices": session.notices,
         "stages": stage_facts(stages),
         "options": asdict(options),
-        "models": models.metadata,
+        "models": models,
         "versions": versions(),
         "machine": machine(),
     }
-    exports.write_run(output, facts)
-    if solution.motion is None:
-        raise SessionError(
-            f"{path}: {solution.no_motion}; {output.path / exports.REPORT} and the overlays beside it show "
-            "what was found: if the marks are on the person, the calibration does not belong to these videos"
-        )
-    return RunResult(output.path, session, solution, quality, seconds)
 
 
 def _calibrated(
