@@ -15,6 +15,7 @@ from muybridge.infer.report import _asset, _packed, _script_json
 
 _MOST_FRAMES = 3000
 _MOST_ROWS = 60
+_MOST_ORIGINS = 6
 _UNSURE = 0.9
 
 
@@ -73,7 +74,7 @@ def _markers(content: dict[str, Any]) -> str:
     for label, m in content["markers"].items():
         filled = sum(b - a + 1 for a, b, kind in m["samples"] if kind not in ("measured", "missing"))
         origins = list(dict.fromkeys(name for _, _, name in m["from"]))
-        shown = ", ".join(origins[:4]) + (f" and {len(origins) - 4} more" if len(origins) > 4 else "")
+        shown = ", ".join(origins) if len(origins) <= _MOST_ORIGINS else f"pieces of {len(origins)}"
         rows.append(
             f'<tr><td>{html.escape(label)}</td><td>{html.escape(m["body_point"].replace("_", " "))}</td>'
             f'<td class="num">{m["found"]:.1%}</td><td class="num">{filled}</td>'
