@@ -2,8 +2,8 @@
 
 Two rays that nearly meet propose a point. A marker is where the rays of three cameras or more meet, and every 2D point
 belongs to one marker: points are taken in the order of how many cameras agree, so that what is left over for an
-accidental intersection has already been explained. Two cameras suffice where a marker was just before, or where neither has anything else that
-the point could be.
+accidental intersection has already been explained. Two cameras suffice where a marker was
+just before, or where neither has anything else that the point could be.
 """
 
 from dataclasses import dataclass

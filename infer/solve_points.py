@@ -59,6 +59,7 @@ def solve(
     overwrite: bool = False,
     method: Method = "auto",
     centres: tuple[Centres, ...] = (),
+    network: Path | None = None,
     fit: FitOptions = FitOptions(),  # noqa: B008 - frozen
     markers: MarkerFitOptions = MarkerFitOptions(),  # noqa: B008
 ) -> int:
@@ -80,6 +81,7 @@ def solve(
         centres: joint centres that count besides the markers: `midpoint` of the markers on either side, `plane` of
             three markers of a limb, the hip by `harrington`, `bell` or `davis`, or by its motion (`functional`, the
             shoulder too); of two for one joint the first named counts.
+        network: a network of `muybridge train solver`, which corrects the joints of a body fitted to markers.
         fit: skeleton and joint angles, of landmarks.
         markers: the same of markers.
     """
@@ -100,9 +102,10 @@ def solve(
         print(f"note: {notice}", file=sys.stderr)
     by_markers = method == "markers" or (method == "auto" and len(labelled.columns) >= _MARKERS)
     if by_markers:
-        fitted: BodyFit | MarkerFit = _fit_markers(points, labelled, take.positions, centres, markers)
-    elif centres:
-        raise FormatError(f"{points}: --centres counts besides markers, and {labelled.how}; leave it out")
+        fitted: BodyFit | MarkerFit = _fit_markers(points, labelled, take.positions, centres, markers, network)
+    elif centres or network:
+        what = "--centres" if centres else "--network"
+        raise FormatError(f"{points}: {what} is for markers on the skin, and {labelled.how}; leave it out")
     else:
         fitted = fit_body(labelled.points, fit)
     names = tuple(labelled.columns) if by_markers else labelled.points.landmarks.names
@@ -118,8 +121,9 @@ def solve(
 
 
 def _fit_markers(
-    path: Path, labelled: Labelled, points: Any, centres: tuple[str, ...], options: MarkerFitOptions
-) -> MarkerFit:
+    path: Path, labelled: Labelled, points: Any, centres: tuple[str, ...], options: MarkerFitOptions,
+    network: Path | None,
+) -> MarkerFit:  # fmt: skip
     from muybridge.geometry.joint_centres import centres_from_markers
     from muybridge.geometry.landmarks import SURFACE
     from muybridge.geometry.marker_fit import fit_markers
@@ -129,7 +133,13 @@ def _fit_markers(
     chosen = points.points_world[:, list(labelled.columns.values())]
     surface = np.array([SURFACE.index(n) for n in labelled.columns])
     known = centres_from_markers(points.points_world, labelled.columns, centres)
-    return fit_markers(chosen, surface, points.fps, options, known)
+    opened = None
+    if network is not None:
+        from muybridge.infer.solver_network import SolverNetwork, corrected
+
+        opened = SolverNetwork(network)
+    fit = fit_markers(chosen, surface, points.fps, options, known)
+    return fit if opened is None else corrected(fit, chosen, opened)
 
 
 def understand(path: Path, points: Any) -> Labelled:

@@ -70,17 +70,19 @@ def test_matching_finds_markers_and_rejects_accidents() -> None:
             noisy = at[c][known] + rng.normal(0, 0.15, (known.sum(), 2))
             frame.append(rng.permutation(np.concatenate([noisy, lights])))
         seen.append(frame)
-    found, _ = follow_points(cameras, seen, 120.0)
-    errors, ghosts, hit = [], 0, 0
-    for t, points in enumerate(truth):
-        here = found[t][np.isfinite(found[t, :, 0])]
-        gap = np.linalg.norm(here[:, None] - points[None], axis=-1)
-        ghosts += int((gap.min(1) > 0.01).sum())
-        hit += int((gap.min(0) < 0.005).sum())
-        errors.append(gap.min(1)[gap.min(1) < 0.01])
-    assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < 0.0008
-    assert hit / truth[..., 0].size > 0.97
-    assert ghosts < 12  # before trajectories are looked at
+    # Three cameras that agree hardly ever do so by accident; two do, until trajectories are looked at.
+    for options, most in ((MatchOptions(pair_px=0.0), 12), (MatchOptions(), 200)):
+        found, _ = follow_points(cameras, seen, 120.0, options)
+        errors, ghosts, hit = [], 0, 0
+        for t, points in enumerate(truth):
+            here = found[t][np.isfinite(found[t, :, 0])]
+            gap = np.linalg.norm(here[:, None] - points[None], axis=-1)
+            ghosts += int((gap.min(1) > 0.01).sum())
+            hit += int((gap.min(0) < 0.005).sum())
+            errors.append(gap.min(1)[gap.min(1) < 0.01])
+        assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < 0.0008
+        assert hit / truth[..., 0].size > 0.97
+        assert ghosts < most
     tracks = track_points(found, 120.0)
     good = without_ghosts(tracks.points, tracks.track, 5, 120.0)
     gap = np.linalg.norm(tracks.points[:, :, None] - truth[:, None], axis=-1)
