@@ -184,10 +184,10 @@ def calibrate_people(
         posed, px, variance, _state(posed, points, bones), bones, sigma, None, options
     )
     posed, points, notes = world_from_people(posed, adjusted.state.points, names, options.height)
-    # Once more in metres: the bones' tolerance is in them.
-    adjusted, posed, noise = _adjusted(
-        posed, px, variance, _state(posed, points, bones), bones, sigma, None, options
-    )
+    # Once more in metres: the bones' tolerance is in them. The lenses' prior stays where it was.
+    lenses = CameraGroup(tuple(c.posed(p.cam_from_world) for c, p in zip(cameras, posed, strict=True)))
+    start = replace(_state(lenses, points, bones), log_focal=adjusted.state.log_focal)
+    adjusted, posed, noise = _adjusted(lenses, px, variance, start, bones, sigma, None, options)
     posed, points, notes = world_from_people(posed, adjusted.state.points, names, options.height)
     adjusted = replace(adjusted, state=replace(adjusted.state, points=points))
     return _result(posed, adjusted, frames, noise, notes)
@@ -278,7 +278,8 @@ def _adjusted(
             bones=bones,
             bone_sigma=bone_sigma,
             focal_sigma=options.focal_sigma,
-            pose_sigma=None if prior is None else (prior[0] / np.sqrt(alike), prior[1] / np.sqrt(alike)),
+            pose_sigma=prior,
+            prior_worth=alike,
             loss_sigma=options.loss_sigma,
         )
         adjusted = adjust(problem, start, options.max_iterations)

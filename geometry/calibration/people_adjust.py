@@ -35,8 +35,10 @@ class AdjustProblem:
         sigma_px: (C, T, K) standard deviation of each coordinate; NaN where nothing was seen.
         bones: (B, 2) indices into K.
         bone_sigma: (B,) in the unit of the start: how constant a length is in time.
-        focal_sigma: standard deviation of the logarithm of a focal length about its start; 0 to hold it.
+        focal_sigma: standard deviation of the logarithm of a focal length about `focal_px`; 0 to hold it.
         pose_sigma: standard deviations of rotation (rad) and centre (m) about the start; None for no prior.
+        prior_worth: how many frames count as one: errors are alike in neighbouring frames, so priors are weighed
+            as if they had been seen in so many.
         loss_sigma: where Cauchy's loss bends, in standard deviations.
         bone_stiffness: (B,) lengths at the start over `bone_sigma`; `adjust` sets it.
     """
@@ -48,6 +50,7 @@ class AdjustProblem:
     bone_sigma: Floats
     focal_sigma: float = 0.0
     pose_sigma: tuple[float, float] | None = None
+    prior_worth: float = 1.0
     loss_sigma: float = 2.0
     bone_stiffness: Floats = field(default_factory=lambda: np.zeros(0))
 
@@ -199,9 +202,10 @@ def _prior(problem: AdjustProblem, state: AdjustState, start: AdjustState) -> tu
         inverse[:3], inverse[3:6] = 1 / problem.pose_sigma[0], 1 / problem.pose_sigma[1]
     if problem.focal_sigma > 0:
         inverse[6] = 1 / problem.focal_sigma
+    inverse *= np.sqrt(problem.prior_worth)
     turned = log_so3(state.rotations @ np.swapaxes(start.rotations, 1, 2))
     off = np.concatenate(
-        [turned, state.centers - start.centers, (state.log_focal - start.log_focal)[:, None]], axis=1
+        [turned, state.centers - start.centers, state.log_focal[:, None]], axis=1
     )
     return off * inverse, inverse
 
@@ -356,6 +360,9 @@ def _covariance(problem: AdjustProblem, state: AdjustState, normal: _Normal) -> 
         if len(groups) > 1:
             centered = groups - groups.mean(axis=0)
             total += centered.T @ centered * len(groups) / (len(groups) - 1)
+    # What was given beforehand is off by its own standard deviation once, however many frames it is weighed as.
+    weighed = np.tile(_prior(problem, state, state)[1], cameras) ** 2
+    total[np.arange(size), np.arange(size)] += (problem.prior_worth - 1) * weighed
     bend = _bend(problem, normal)
     spread = inverse @ total @ inverse / bend**2 + inverse / bend
     return np.asarray(spread[:size, :size])
