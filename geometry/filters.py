@@ -72,7 +72,7 @@ def smooth(values: Array, fps: float, method: str, options: FilterOptions | None
         raise ValueError(f"unknown filter {method!r}: choose one of {', '.join(METHODS)}")
     if not fps > 0:
         raise ValueError(f"fps must be above zero, not {fps}")
-    flat = np.array(values, dtype=np.float64).reshape(len(values), -1)
+    flat = _columns(values)
     if method == "butterworth" and options.cutoff_hz is None:
         cutoff = residual_cutoff(flat, fps)
         options = _with_cutoff(options, cutoff)
@@ -115,7 +115,7 @@ def hampel(values: Array, half: int, sigmas: float = 3.0) -> tuple[Array, NDArra
     Returns:
         The values without outliers, and where they were.
     """
-    flat = np.array(values, dtype=np.float64).reshape(len(values), -1)
+    flat = _columns(values)
     padded = np.pad(flat, ((half, half), (0, 0)), constant_values=np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0)
     counted = np.isfinite(windows).any(axis=-1)
@@ -135,7 +135,7 @@ def residual_cutoff(values: Array, fps: float) -> float:
     there is, and the cut-off is where the residual is just that. Source: D. A. Winter, Biomechanics and Motor Control
     of Human Movement, 4th edition, section 3.4.4.3.
     """
-    flat = np.array(values, dtype=np.float64).reshape(len(values), -1)
+    flat = _columns(values)
     stretches = [s for s in _stretches(np.isfinite(flat)) if s[1] - s[0] > 30]
     if not stretches:
         return min(6.0, 0.4 * fps)
@@ -156,6 +156,11 @@ def residual_cutoff(values: Array, fps: float) -> float:
         return float(cutoffs[k])
     share = (residual[k - 1] - intercept) / max(residual[k - 1] - residual[k], 1e-12)
     return float(cutoffs[k - 1] + min(max(share, 0.0), 1.0) * (cutoffs[k] - cutoffs[k - 1]))
+
+
+def _columns(values: Array) -> Array:
+    """(T, ...) -> a copy as (T, N)."""
+    return np.array(values, dtype=np.float64).reshape(len(values), math.prod(np.shape(values)[1:]))
 
 
 def _with_cutoff(options: FilterOptions, cutoff: float) -> FilterOptions:
@@ -184,7 +189,8 @@ def _butterworth(x: Array, fps: float, o: FilterOptions) -> Array:
     # Twice through the filter, the gain at the cut-off would be squared: each pass gets a higher one (Winter).
     wide = math.tan(math.pi * o.cutoff_hz / fps) / (math.sqrt(2.0) - 1) ** (1 / (2 * order))
     sections = butter(order, min(math.atan(wide) / math.pi * 2, 0.999), output="sos")
-    pad = min(3 * (2 * len(sections) + 1), len(x) - 1)
+    # Mirrored beyond the ends for longer than the filter remembers.
+    pad = min(math.ceil(2 * fps / o.cutoff_hz), len(x) - 1)
     return np.asarray(sosfiltfilt(sections, x, axis=0, padlen=pad)) if len(x) > 3 else x
 
 

@@ -23,15 +23,17 @@ class GapOptions:
 
     Attributes:
         max_gap: seconds; longer gaps stay open, as do the ends of the take.
-        short: seconds; `auto` takes a spline up to here.
+        short: seconds; where no rigid set of neighbours is known, `auto` takes a spline up to here.
         rigid_spread: metres, standard deviation of the distances within a set of points that counts as rigid.
-        rank: of `low_rank`, at most.
+        rank: of `low_rank`: how many principal components of the other points are used.
+        ridge: metres; components that move less than this count little.
     """
 
     max_gap: float = 2.0
-    short: float = 0.06
+    short: float = 0.2
     rigid_spread: float = 0.012
-    rank: int = 12
+    rank: int = 24
+    ridge: float = 0.003
 
 
 def fill_gaps(xyz: Array, fps: float, method: str = "auto", options: GapOptions | None = None) -> Array:
@@ -40,8 +42,8 @@ def fill_gaps(xyz: Array, fps: float, method: str = "auto", options: GapOptions 
     Args:
         xyz: (T, J, 3) metres, NaN where missing.
         fps: frames a second.
-        method: `spline`, `rigid`, `pattern`, `low_rank`, or `auto`, which takes the best by measurement: a spline for a
-            few frames, then a rigid set of neighbours, else low rank.
+        method: `spline`, `rigid`, `pattern`, `low_rank`, or `auto`, which takes the best by measurement: a rigid set of
+            neighbours where there is one, else a spline for few frames and low rank for more.
         options: see GapOptions.
 
     Returns:
@@ -60,16 +62,11 @@ def fill_gaps(xyz: Array, fps: float, method: str = "auto", options: GapOptions 
     if not gaps:
         return out
     source = out.copy()
-    low_rank = _low_rank(source, options) if method == "low_rank" or (method == "auto" and out.shape[1] >= 8) else None
     for j, start, stop in gaps:
-        filled = None
         if method == "auto":
-            if stop - start > options.short * fps:
-                filled = _rigid(source, j, start, stop, options)
-                if filled is None and low_rank is not None:
-                    filled = _joined(source, low_rank, j, start, stop)
-        elif method == "low_rank":
-            filled = None if low_rank is None else _joined(source, low_rank, j, start, stop)
+            filled = _rigid(source, j, start, stop, options)
+            if filled is None and stop - start > options.short * fps:
+                filled = _low_rank(source, j, start, stop, options)
         else:
             filled = GAP_METHODS[method](source, j, start, stop, options)
         out[start:stop, j] = _spline(source, j, start, stop, options) if filled is None else filled
@@ -156,48 +153,34 @@ def _joined(xyz: Array, guess: Array, j: int, start: int, stop: int) -> Array:
     return np.asarray(guess[frames, j] + (1 - share) * off[0] + share * off[1])
 
 
-def _low_rank(xyz: Array, options: GapOptions, rounds: int = 30) -> Array | None:
-    """(T, J, 3) by principal components of the whole body about its middle, missing values by alternation."""
-    filled = xyz.copy()
-    time = np.arange(len(xyz))
-    for j in range(xyz.shape[1]):
-        known = np.isfinite(xyz[:, j, 0])
-        if known.any():
-            for i in range(3):
-                filled[:, j, i] = np.interp(time, time[known], xyz[known, j, i])
-    seen = np.isfinite(filled[..., 0]).all(axis=0)
-    if seen.sum() < 4 or len(xyz) < 10:
+def _low_rank(xyz: Array, j: int, start: int, stop: int, options: GapOptions) -> Array | None:
+    """Where the other points' principal components put it: regression over the frames that have all of them."""
+    others = _through(xyz, j, start, stop)
+    rows = np.flatnonzero(np.isfinite(xyz[:, others, 0]).all(axis=1))
+    if len(others) < 4:
         return None
-    missing = ~np.isfinite(xyz[:, seen, 0])
-    body = filled[:, seen]
-    centre = _middle(body, missing)
-    frame = _heading(body - centre[:, None])
-    local = (body - centre[:, None]) @ frame
-    rank = min(options.rank, 3 * int(seen.sum()) - 1, len(xyz) - 1)
-    for _ in range(rounds):
-        flat = local.reshape(len(local), -1)
-        mean = flat.mean(axis=0)
-        _, vectors = np.linalg.eigh((flat - mean).T @ (flat - mean))
-        basis = vectors[:, -rank:]
-        again = (mean + (flat - mean) @ basis @ basis.T).reshape(local.shape)
-        change = np.abs(again[missing] - local[missing]).max(initial=0.0)
-        local[missing] = again[missing]
-        if change < 1e-4:
-            break
-    out = filled
-    out[:, seen] = local @ np.swapaxes(frame, -1, -2) + centre[:, None]
-    return out
+    centre = xyz[rows][:, others].mean(axis=1)
+    local = xyz[rows] - centre[:, None]
+    frame = _heading(local[:, others], int(np.searchsorted(rows, start - 1)))
+    seen = (local[:, others] @ frame).reshape(len(rows), -1)
+    wanted = (local[:, j, None] @ frame)[:, 0]
+    known = np.flatnonzero(np.isfinite(wanted[:, 0]))
+    known = known[:: max(1, len(known) // 3000)]
+    if len(known) < 3 * options.rank:
+        return None
+    mean, mean_wanted = seen[known].mean(axis=0), wanted[known].mean(axis=0)
+    _, axes = np.linalg.eigh((seen[known] - mean).T @ (seen[known] - mean))
+    scores = (seen - mean) @ axes[:, -options.rank :]
+    normal = scores[known].T @ scores[known] + len(known) * options.ridge**2 * np.eye(scores.shape[1])
+    guess = scores @ np.linalg.solve(normal, scores[known].T @ (wanted[known] - mean_wanted)) + mean_wanted
+    out = np.full((len(xyz), 1, 3), np.nan)
+    out[rows, 0] = (guess[:, None] @ np.swapaxes(frame, -1, -2))[:, 0] + centre
+    return _joined(xyz[:, j : j + 1], out, 0, start, stop)
 
 
-def _middle(body: Array, missing: NDArray[np.bool_]) -> Array:
-    """(T, 3) the middle of the points that miss least, so that a gap does not move it."""
-    steady = np.argsort(missing.sum(axis=0))[: max(4, body.shape[1] // 3)]
-    return np.asarray(body[:, steady].mean(axis=1))
-
-
-def _heading(local: Array) -> Array:
-    """(T, 3, 3) turns about z to the heading in which the body looks most like its first frame."""
-    a, b = local[0, :, :2], local[:, :, :2]
+def _heading(local: Array, at: int) -> Array:
+    """(T, 3, 3) turns about z to the heading in which the body looks most like it does in frame `at`."""
+    a, b = local[at, :, :2], local[:, :, :2]
     angle = np.unwrap(np.arctan2(
         np.sum(a[:, 0] * b[..., 1] - a[:, 1] * b[..., 0], axis=1), np.sum(a * b, axis=(1, 2))
     ))  # fmt: skip
@@ -211,5 +194,5 @@ GAP_METHODS: dict[str, Callable[[Array, int, int, int, GapOptions], Array | None
     "spline": _spline,
     "rigid": _rigid,
     "pattern": _pattern,
-    "low_rank": _spline,  # solved for the whole take at once, in `fill_gaps`
+    "low_rank": _low_rank,
 }
