@@ -135,10 +135,11 @@ def elect(votes: Float, span: Int, rounds: int = 8) -> Int:
     if gain.size:
         order = np.argsort(-gain.max(1), kind="stable")
         first, last = np.ascontiguousarray(span[:, 0]), np.ascontiguousarray(span[:, 1])
-        _elect(gain, first, last, order, label, rounds)
+        beside, starts = _overlaps(first, last)
+        _elect(gain, beside, starts, order, label, rounds)
         for frame in np.unique(np.quantile(first, np.linspace(0, 1, 12)).astype(int)):
             _assign_at(frame, gain, first, last, label)
-        _elect(gain, first, last, order, label, rounds, False)
+        _elect(gain, beside, starts, order, label, rounds, False)
     return label
 
 
@@ -155,24 +156,50 @@ def _assign_at(frame: int, gain: Float, first: Int, last: Int, label: Int) -> No
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def _elect(gain: Float, first: Int, last: Int, order: Int, label: Int, rounds: int, fresh: bool = True) -> None:
+def _overlaps(first: Int, last: Int) -> tuple[Int, Int]:
+    """Who shares a frame with whom: beside[starts[p] : starts[p + 1]] are those beside p."""
+    order = np.argsort(first)
+    begin = first[order]
+    count = np.zeros(len(first) + 1, np.intp)
+    for p in range(len(first)):
+        for i in range(np.searchsorted(begin, first[p]), np.searchsorted(begin, last[p], side="right")):
+            q = order[i]
+            # Of two that begin together, each finds the other: one of them counts the pair.
+            if q != p and (first[q] > first[p] or q > p):
+                count[p + 1] += 1
+                count[q + 1] += 1
+    starts = np.cumsum(count)
+    beside, filled = np.empty(starts[-1], np.intp), starts.copy()
+    for p in range(len(first)):
+        for i in range(np.searchsorted(begin, first[p]), np.searchsorted(begin, last[p], side="right")):
+            q = order[i]
+            if q != p and (first[q] > first[p] or q > p):
+                beside[filled[p]] = q
+                beside[filled[q]] = p
+                filled[p] += 1
+                filled[q] += 1
+    return beside, starts
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _elect(gain: Float, beside: Int, starts: Int, order: Int, label: Int, rounds: int, fresh: bool = True) -> None:
     for p in order:
         if fresh or label[p] < 0:
-            label[p] = _free(p, gain, first, last, label)
+            label[p] = _free(p, gain, beside, starts, label)
     for _ in range(rounds):
         moved = False
         for p in order:
-            moved |= _improve(p, gain, first, last, label)
+            moved |= _improve(p, gain, beside, starts, label)
         if not moved:
             break
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def _free(p: int, gain: Float, first: Int, last: Int, label: Int) -> int:
+def _free(p: int, gain: Float, beside: Int, starts: Int, label: Int) -> int:
     """The best label that no trajectory beside `p` has, -1 where none wins votes."""
     taken = np.zeros(gain.shape[1], np.bool_)
-    for q in range(len(label)):
-        if label[q] >= 0 and q != p and first[q] <= last[p] and last[q] >= first[p]:
+    for q in beside[starts[p] : starts[p + 1]]:
+        if label[q] >= 0:
             taken[label[q]] = True
     best, most = -1, 0.0
     for c in range(gain.shape[1]):
@@ -182,15 +209,14 @@ def _free(p: int, gain: Float, first: Int, last: Int, label: Int) -> int:
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def _improve(p: int, gain: Float, first: Int, last: Int, label: Int) -> bool:
+def _improve(p: int, gain: Float, beside: Int, starts: Int, label: Int) -> bool:
     """Gives `p` a label that it wins more votes with, if whoever stands there can be placed at less loss."""
     old = label[p]
     now = gain[p, old] if old >= 0 else 0.0
     for new in np.argsort(-gain[p])[:5]:
         if gain[p, new] <= now:
             return False
-        rivals = [q for q in range(len(label)) if label[q] == new and q != p and first[q] <= last[p]
-                  and last[q] >= first[p]]  # fmt: skip
+        rivals = [q for q in beside[starts[p] : starts[p + 1]] if label[q] == new]
         before = now
         for q in rivals:
             before += gain[q, new]
@@ -198,7 +224,7 @@ def _improve(p: int, gain: Float, first: Int, last: Int, label: Int) -> bool:
         label[p] = new
         after = gain[p, new]
         for q in rivals:
-            label[q] = _free(q, gain, first, last, label)
+            label[q] = _free(q, gain, beside, starts, label)
             if label[q] >= 0:
                 after += gain[q, label[q]]
         if after > before + 1e-9:
