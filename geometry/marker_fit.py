@@ -125,7 +125,7 @@ def fit_markers(
     options, centres = options or MarkerFitOptions(), centres or JointCentres()
     points = np.concatenate([points_world, centres.points_world], 1) if centres.names else points_world
     person = person or calibrate_person(points, markers, fps, options, centres)
-    pose = follow_take(person, points, fps, options)
+    pose = settle_frames(person, points, follow_take(person, points, fps, options), options)
     scale, weight = 1.0, np.isfinite(points[..., 0]).astype(np.float64)
     for _ in range(options.rounds):
         problem = _problem(person, points, weight, scale, fps, options)

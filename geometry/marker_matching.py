@@ -76,40 +76,61 @@ def match_points(cameras: CameraGroup, seen: list[Array], known: Array | None = 
     members = _members(cameras, px, proposed, 2 * options.error_px)
     members = np.unique(members[(members >= 0).sum(1) >= 2], axis=0)
     points, members, error = _located(cameras, centres, px, rays, members, options.error_px)
+    used, kept = np.zeros((count, width), bool), Matched(np.zeros((0, 3)), np.zeros((0, count), np.intp), np.zeros(0))
+    for _ in range(4):
+        chosen, left = _best(points, members, error, used, known, options)
+        kept = _joined(kept, Matched(points[chosen], members[chosen], error[chosen]))
+        if not len(left):
+            break
+        # What a better point has taken is no longer theirs: looked at again without it.
+        points, members, error = _located(cameras, centres, px, rays, np.unique(left, axis=0), options.error_px)
+    chosen = np.array(_lonely_pairs(members, error, used, options), dtype=np.intp)
+    return _joined(kept, Matched(points[chosen], members[chosen], error[chosen]))
+
+
+def _best(
+    points: Array, members: Index, error: Array, used: NDArray[np.bool_], known: Array | None, options: MatchOptions
+) -> tuple[Index, Index]:
+    """Points whose 2D points are nobody else's, best first, which marks those as used; and the members, without what is
+    used, of those that lost some and may still be points."""
     views = (members >= 0).sum(1)
     expected = np.zeros(len(points), bool)
     if known is not None and len(known) and len(points):
-        gap = np.linalg.norm(points[:, None] - known[None], axis=-1).min(1)
-        expected = gap < options.known_m
+        expected = np.linalg.norm(points[:, None] - known[None], axis=-1).min(1) < options.known_m
     good = (views >= options.views) | (expected & (views >= options.known_views))
-    order = np.lexsort((error, -(views + 0.5 * expected)))
-    used = np.zeros((count, width), bool)
-    kept = []
+    # A camera more that fits badly is an accident.
+    order = np.argsort(error / (0.5 * options.error_px) - views - 0.5 * expected, kind="stable")
+    kept, left = [], []
     for k in order:
         own = np.nonzero(members[k] >= 0)[0]
-        if good[k] and not used[own, members[k, own]].any():
-            used[own, members[k, own]] = True
-            kept.append(k)
-    kept += _lonely_pairs(members, error, views, used, options)
-    # Where markers cover one another in a camera, both may be that one point, if enough others tell them apart.
-    for k in order:
-        own = np.nonzero(members[k] >= 0)[0]
-        free = ~used[own, members[k, own]]
-        if k in kept or not good[k] or free.sum() < options.views:
-            continue
-        if np.linalg.norm(points[kept] - points[k], axis=-1).min(initial=1.0) > 0.012:
-            used[own, members[k, own]] = True
-            kept.append(k)
-    chosen = np.array(kept, dtype=np.intp)
-    return Matched(points[chosen], members[chosen], error[chosen])
+        taken = used[own, members[k, own]]
+        if not taken.any():
+            if good[k]:
+                used[own, members[k, own]] = True
+                kept.append(k)
+            else:
+                left.append(members[k])
+        elif (~taken).sum() >= 2:
+            rest = members[k].copy()
+            rest[own[taken]] = -1
+            left.append(rest)
+    # Those kept later may have taken more.
+    for rest in left:
+        own = np.nonzero(rest >= 0)[0]
+        rest[own[used[own, rest[own]]]] = -1
+    remaining = [rest for rest in left if (rest >= 0).sum() >= 2]
+    return np.array(kept, dtype=np.intp), np.array(remaining, dtype=np.intp).reshape(-1, members.shape[1])
 
 
-def _lonely_pairs(
-    members: Index, error: Array, views: Index, used: NDArray[np.bool_], options: MatchOptions
-) -> list[int]:
+def _joined(one: Matched, other: Matched) -> Matched:
+    return Matched(np.concatenate([one.points, other.points]), np.concatenate([one.members, other.members]),
+                   np.concatenate([one.error_px, other.error_px]))  # fmt: skip
+
+
+def _lonely_pairs(members: Index, error: Array, used: NDArray[np.bool_], options: MatchOptions) -> list[int]:
     """Points of two cameras alone, whose 2D points are no other's and could be no other's; marks them as used."""
     own = [np.nonzero(m >= 0)[0] for m in members]
-    left = [k for k in range(len(members)) if views[k] >= 2 and not used[own[k], members[k, own[k]]].any()]
+    left = [k for k in range(len(members)) if len(own[k]) >= 2 and not used[own[k], members[k, own[k]]].any()]
     times = np.zeros(used.shape, np.intp)
     for k in left:
         times[own[k], members[k, own[k]]] += 1
@@ -198,9 +219,10 @@ def follow_points(cameras: CameraGroup, seen: list[list[Array]], fps: float,
         (T, N, 3) metres, unnamed and in no order, NaN for padding; and what each frame matched.
     """
     frames: list[Matched] = []
-    for t, now in enumerate(seen):
-        known = _expected(frames[-1].points, frames[-2].points if t > 1 else None, fps) if t else None
-        frames.append(match_points(cameras, now, known, options))
+    memory = _Memory(fps)
+    for now in seen:
+        frames.append(match_points(cameras, now, memory.expected(), options))
+        memory.update(frames[-1].points)
     most = max((len(f.points) for f in frames), default=0)
     out = np.full((len(frames), most, 3), np.nan)
     for t, frame in enumerate(frames):
@@ -208,14 +230,32 @@ def follow_points(cameras: CameraGroup, seen: list[list[Array]], fps: float,
     return out, frames
 
 
-def _expected(last: Array, before: Array | None, fps: float, fastest: float = 12.0) -> Array:
-    """Where points are likely to be next: on as from the nearest point of the frame before."""
-    if before is None or not len(before) or not len(last):
-        return last
-    gap = np.linalg.norm(last[:, None] - before[None], axis=-1)
-    nearest = gap.argmin(1)
-    step = np.where(gap[np.arange(len(last)), nearest, None] < fastest / fps, last - before[nearest], 0.0)
-    return np.asarray(last + step)
+class _Memory:
+    """Where markers were a moment ago and how they moved."""
+
+    def __init__(self, fps: float, longest_s: float = 0.1, fastest: float = 12.0) -> None:
+        self.at, self.step, self.age = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+        self.longest, self.reach = max(longest_s * fps, 2.0), max(fastest / fps, 0.02)
+
+    def expected(self) -> Array:
+        """(P, 3) metres."""
+        return self.at + self.step
+
+    def update(self, points: Array) -> None:
+        """The points of the frame that has come."""
+        ahead = self.expected()
+        step, alone = np.zeros((len(points), 3)), np.ones(len(ahead), bool)
+        if len(points) and len(ahead):
+            gap = np.linalg.norm(points[:, None] - ahead[None], axis=-1)
+            nearest = gap.argmin(1)
+            near = gap[np.arange(len(points)), nearest] < self.reach
+            step[near] = 0.5 * self.step[nearest[near]] + 0.5 * (points - self.at[nearest])[near] / (
+                1 + self.age[nearest[near], None])  # fmt: skip
+            alone[nearest[near]] = False
+        alone &= self.age + 1 < self.longest
+        self.at = np.concatenate([points, ahead[alone]])
+        self.step = np.concatenate([step, self.step[alone]])
+        self.age = np.concatenate([np.zeros(len(points)), self.age[alone] + 1])
 
 
 def without_ghosts(points: Array, track: Index, least: int, fps: float) -> NDArray[np.bool_]:
