@@ -210,7 +210,7 @@ def meet(centres: Array, rays: Array, known: NDArray[np.bool_]) -> Array:
 
 def follow_points(cameras: CameraGroup, seen: list[list[Array]], fps: float,
                   options: MatchOptions = MatchOptions()) -> tuple[Array, list[Matched]]:  # fmt: skip
-    """All frames, each with where the points of the two before are going.
+    """All frames, each with where the points of those before, and then of those after, are going.
 
     Args:
         cameras: C cameras. seen: for each of T frames C arrays (K, 2) of pixels. fps: frames a second.
@@ -223,6 +223,12 @@ def follow_points(cameras: CameraGroup, seen: list[list[Array]], fps: float,
     for now in seen:
         frames.append(match_points(cameras, now, memory.expected(), options))
         memory.update(frames[-1].points)
+    # Backwards again: what is sure later was there before.
+    memory = _Memory(fps)
+    for t in range(len(seen) - 1, -1, -1):
+        known = np.concatenate([frames[t].points, memory.expected()])
+        frames[t] = match_points(cameras, seen[t], known, options)
+        memory.update(frames[t].points)
     most = max((len(f.points) for f in frames), default=0)
     out = np.full((len(frames), most, 3), np.nan)
     for t, frame in enumerate(frames):
