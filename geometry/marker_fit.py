@@ -149,11 +149,20 @@ def calibrate_person(
         raise MuybridgeError(
             f"no frame has more than {seen.sum(1).max(initial=0)} known markers; a body needs at least {_FEWEST}"
         )
-    person = _person(table, markers, centres, table.mean * _size(table, points, markers), options)
+    person = scaled_person(points, markers, options, centres)
     chosen = _frames(seen, options.calibration_frames)
     start = follow_take(person, points, fps, options)
     shape = _Shape(table, person, centres, options)
     return shape.fit(points[chosen], start, chosen)
+
+
+def scaled_person(
+    points: Array, markers: NDArray[np.intp], options: MarkerFitOptions | None = None,
+    centres: JointCentres | None = None,
+) -> Person:  # fmt: skip
+    """The mean body, as large as the markers say; arguments as of `calibrate_person`."""
+    table, options, centres = marker_body(), options or MarkerFitOptions(), centres or JointCentres()
+    return _person(table, markers, centres, table.mean * _size(table, points, markers), options)
 
 
 def follow_take(person: Person, points: Array, fps: float, options: MarkerFitOptions) -> Pose:

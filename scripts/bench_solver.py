@@ -3,12 +3,14 @@
 Usage: python scripts/bench_solver.py [--motion FILE.bvh] [--bodies 3] [--every 4] [--frames 400]
 
 The truth is anny's own joints under CMU's trial 01_01 (which nothing was trained or tuned on), on bodies drawn anew;
-`--placed 1` has markers placed as differently as examiners do. Every take is calibrated from its own spoiled markers. Errors are means over all
-21 joints and frames: of positions, of rotations against the parent, and of rotations in the world.
+`--placed 1` has markers placed as differently as examiners do. Every take is calibrated from its own spoiled markers.
+Errors are means over all 21 joints and frames: of positions, of rotations against the parent, and in the world.
 
-frame-wise, least squares: the calibrated body on every frame for itself (T. W. Lu, J. J. O'Connor, "Bone position
+frame-wise, generic body: the mean body, scaled to the markers, on every frame for itself. frame-wise, least squares:
+the calibrated body on every frame for itself (T. W. Lu, J. J. O'Connor, "Bone position
 estimation from skin marker co-ordinates using global optimisation with joint constraints", Journal of Biomechanics 32,
-1999). frame-wise, robust: the same with Student's t. whole take: what `muybridge solve` does.
+1999). frame-wise, robust: the same with Student's t. joint centres, then body: `muybridge solve --method landmarks`,
+whose joints are partly defined otherwise (spine, collar bones, neck). whole take: what `muybridge solve` does.
 """
 
 import argparse
@@ -17,15 +19,18 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.landmarks import CMU, PLUG_IN_GAIT
+from muybridge.geometry.ik import fit_body
+from muybridge.geometry.landmarks import CMU, PLUG_IN_GAIT, SURFACE, LandmarkSet, Points3D
 from muybridge.geometry.marker_body import without_rolls
 from muybridge.geometry.marker_fit import (
     MarkerFitOptions,
     calibrate_person,
     fit_markers,
     follow_take,
+    scaled_person,
     settle_frames,
 )
+from muybridge.geometry.marker_joints import landmarks_from_markers
 from muybridge.geometry.rotations import matrix_from_quat
 from muybridge.geometry.skeleton import Motion
 from muybridge.motion.formats.bvh import read_bvh
@@ -83,15 +88,26 @@ def solve_all(points: np.ndarray, columns: np.ndarray, fps: float) -> dict[str, 
     person = calibrate_person(points, columns, fps, options)
     start = follow_take(person, points, fps, options)
     out = {}
-    for name, robust in (("frame-wise, least squares", False), ("frame-wise, robust", True)):
-        pose = settle_frames(person, points, start, options, robust)
-        rotations = person.skeleton.rotations_from_angles(pose.angles)
+    generic = scaled_person(points, columns, options)
+    for name, who, robust in (("frame-wise, generic body", generic, False),
+                              ("frame-wise, least squares", person, False),
+                              ("frame-wise, robust", person, True)):  # fmt: skip
+        pose = settle_frames(who, points, start, options, robust)
+        rotations = who.skeleton.rotations_from_angles(pose.angles)
         rotations[:, 0] = pose.turn
-        skeleton, rotations = without_rolls(person.skeleton, rotations)
+        skeleton, rotations = without_rolls(who.skeleton, rotations)
         out[name] = skeleton.forward(pose.root, rotations)
-    motion = fit_markers(points, columns, fps, options, person=person).motion
-    out["whole take"] = motion.skeleton.forward(motion.root_positions_world, matrix_from_quat(motion.quat_wxyz))
+    names = [SURFACE.names[k] for k in columns]
+    unknown, none = np.full((*points.shape, 3), np.nan), np.empty((0, *points.shape[:2]))
+    cloud = Points3D(LandmarkSet("skin", tuple(names), ()), points, unknown, none, none.astype(bool), fps)
+    centres = landmarks_from_markers(cloud, {n: k for k, n in enumerate(names)})
+    out["joint centres, then body"] = _world(fit_body(centres).motion)
+    out["whole take"] = _world(fit_markers(points, columns, fps, options, person=person).motion)
     return out
+
+
+def _world(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    return motion.skeleton.forward(motion.root_positions_world, matrix_from_quat(motion.quat_wxyz))
 
 
 def main() -> None:

@@ -1,0 +1,98 @@
+"""The solver's training: bodies that follow recordings, what spoils takes, the network and its file."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from muybridge.geometry.body import BODY
+from muybridge.geometry.landmarks import PLUG_IN_GAIT, SURFACE
+from muybridge.geometry.marker_body import marker_body
+from muybridge.geometry.marker_fit import MarkerFitOptions, fit_markers
+from muybridge.geometry.solver_features import apply_corrections, carriers, solver_input, target_of
+from muybridge.infer.solver_network import SolverNetwork, corrected
+from muybridge.models.solver_net import WINDOW, SolverNet
+from muybridge.train.solver_publish import _export, parity
+from muybridge.train.solver_takes import Spoiling, spoil
+
+
+def test_spoiling_keeps_its_shares() -> None:
+    points = np.zeros((2000, 40, 3))
+    for run in (0.0, 0.25):
+        seen, shifted = spoil(points, 60.0, Spoiling(0.2, 0.1, run_s=run), np.random.default_rng(0))
+        hidden = np.isnan(seen[..., 0])
+        assert abs(hidden.mean() - 0.2) < 0.02
+        assert abs(shifted.mean() - 0.08) < 0.015  # those that are hidden as well do not count
+        assert np.nanmax(np.linalg.norm(seen, axis=-1)) < 0.05 + 6 * 0.002
+    starts = np.diff(hidden.astype(int), axis=0) == 1
+    assert 8 < hidden.sum() / starts.sum() < 25  # 15 frames on average
+
+
+def network() -> SolverNet:
+    torch.manual_seed(0)
+    return SolverNet(carriers(), list(BODY.parents))
+
+
+def test_the_network_is_small_local_and_begins_at_the_classical_fit() -> None:
+    net = network()
+    assert sum(p.numel() for p in net.parameters()) < 500_000
+    markers, known = torch.randn(2, 72, 4 * len(WINDOW) + 6), torch.ones(2, 72)
+    joints = torch.randn(2, len(BODY.joint_names), 12)
+    assert torch.equal(net(markers, known, joints), torch.zeros(2, len(BODY.joint_names), 6))
+    torch.nn.init.normal_(net.out)
+    markers.requires_grad_(True)
+    hand = BODY.joint_names.index("left_hand")
+    (slope,) = torch.autograd.grad(net(markers, known, joints)[:, hand].sum(), markers)
+    reached = slope.abs().sum((0, 2)) > 0
+    carrier = np.array(carriers())
+    assert reached[torch.from_numpy(carrier == hand)].all()
+    far = [BODY.joint_names.index(n) for n in ("right_foot", "left_foot", "head", "right_hand", "left_shin")]
+    assert not reached[torch.from_numpy(np.isin(carrier, far))].any()
+
+
+@pytest.fixture(scope="module")
+def still() -> tuple[np.ndarray, np.ndarray]:
+    """Markers of the mean body that stands and sways: (T, 39, 3), and their columns."""
+    table = marker_body()
+    offsets, places, _ = table.parts(table.mean)
+    skeleton = table.skeleton(offsets)
+    angles = np.tile(table.rest, (20, 1, 1)) + 0.1 * np.sin(np.arange(20) / 6)[:, None, None]
+    angles = np.clip(angles, table.lower, table.upper)
+    angles[:, 0] = 0
+    turns, at = skeleton.forward(np.tile([0, 0, 0.9], (20, 1)), skeleton.rotations_from_angles(angles))
+    points = at[:, table.carrier] + np.einsum("tmij,mj->tmi", turns[:, table.carrier], places)
+    columns = np.array(PLUG_IN_GAIT.surface_indices)
+    return points[:, columns], columns
+
+
+def test_features_and_answers_are_inverse(still: tuple[np.ndarray, np.ndarray]) -> None:
+    points, columns = still
+    fit = fit_markers(points, columns, 60.0, MarkerFitOptions(calibration_frames=20))
+    given = solver_input(fit, points, WINDOW)
+    assert given.markers.shape == (20, 72, 4 * len(WINDOW) + 6) and np.isfinite(given.markers).all()
+    rng = np.random.default_rng(1)
+    from muybridge.geometry.rotations import exp_so3
+
+    turns = given.turns @ exp_so3(rng.normal(0, 0.2, given.turns.shape[:2] + (3,)))
+    places = given.places + rng.normal(0, 0.02, given.places.shape)
+    again = apply_corrections(given, target_of(given, turns, places))
+    assert np.abs(again[0] - turns).max() < 1e-5 and np.abs(again[1] - places).max() < 1e-5
+
+
+def test_the_file_says_what_torch_says_and_corrects_nothing_untrained(
+    tmp_path: Path, still: tuple[np.ndarray, np.ndarray]
+) -> None:
+    net = network().eval()
+    path = tmp_path / "solver.onnx"
+    said = {"muybridge_kind": "solver", "names": list(SURFACE.names), "joints": list(BODY.joint_names),
+            "window": list(WINDOW)}  # fmt: skip
+    _export(net, path, said)
+    torch.nn.init.normal_(net.out)
+    assert parity(net, path) > 0.1
+    _export(net, tmp_path / "other.onnx", said)
+    assert parity(net, tmp_path / "other.onnx") < 1e-4
+    points, columns = still
+    fit = fit_markers(points, columns, 60.0, MarkerFitOptions(calibration_frames=20))
+    same = corrected(fit, points, SolverNetwork(path))
+    assert np.abs(same.motion.joint_positions_world() - fit.motion.joint_positions_world()).max() < 1e-4
