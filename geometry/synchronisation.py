@@ -18,7 +18,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.clocks import (
     MAD_SIGMA,
     UNKNOWN,
@@ -48,6 +48,8 @@ __all__ = [
 Floats = NDArray[np.float64]
 
 _FEWEST_MOVING = 8  # frames that must overlap for a correlation to mean anything
+_LEAST_OVERLAP = 0.3  # and which share of the shorter take
+_CLEARLY = 3.0  # by how much z must exceed that of small delays: neighbouring frames are alike
 _SPEED_SMOOTHING = 1.5  # frames
 _MOTION_SEARCH_FRAMES = 15  # about the speeds' delay
 _EPIPOLAR_SCALE_PX = 5.0
@@ -104,19 +106,25 @@ def motion_delay(reference: Floats, other: Floats, fps: float, max_offset: float
     Returns:
         `UNKNOWN` where too little moved or overlapped.
     """
-    longest = min(len(reference), len(other)) // 2
-    reach = longest if max_offset is None else min(int(np.ceil(max_offset * fps)), len(other) - _FEWEST_MOVING)
+    shorter = min(len(reference), len(other))
+    reach = shorter // 2 if max_offset is None else int(np.ceil(max_offset * fps))
     lags = np.arange(-reach, reach + 1)
-    scores = np.full(len(lags), -np.inf)
+    scores, weighed = np.full(len(lags), -np.inf), np.full(len(lags), -np.inf)
     for k, lag in enumerate(lags):
         a, b = _overlap(reference, other, int(lag))
-        if len(a) >= _FEWEST_MOVING:
+        if len(a) >= max(_FEWEST_MOVING, _LEAST_OVERLAP * shorter):
             scores[k] = _correlation(a, b)
+            # Fisher's z: in a short overlap chance makes correlations large.
+            weighed[k] = np.arctanh(np.clip(scores[k], -0.99, 0.99)) * np.sqrt(len(a))
     if not np.isfinite(scores).any():
         return UNKNOWN
-    best = int(np.argmax(scores))
+    best = int(np.argmax(weighed))
+    near = np.flatnonzero(np.abs(lags) <= _MOTION_SEARCH_FRAMES)
+    nearest = int(near[np.argmax(weighed[near])])
+    if weighed[best] - weighed[nearest] < _CLEARLY:  # a short take: chance, rather than a late start
+        best = nearest
     delay = (lags[best] + parabola(scores, best)) / fps
-    frames = min(len(reference), len(other)) - abs(int(lags[best]))
+    frames = shorter - abs(int(lags[best]))
     # The correlation's noise over its bend at the peak.
     bend = 2 * scores[best] - scores[max(best - 1, 0)] - scores[min(best + 1, len(scores) - 1)]
     noise = (1 - max(scores[best], 0) ** 2) / np.sqrt(max(frames, 4) / (2 * _SPEED_SMOOTHING))
@@ -250,10 +258,13 @@ def epipolar_clocks(
     """
     count, frames = len(cameras), points_px.shape[1]
     start = start or tuple(Clock(0.0, 0.0, np.inf, np.inf, 0.0) for _ in range(count))
-    smooth = _all_smoothed(points_px, variance_px2)
+    rays = cameras.unproject(np.stack(_all_smoothed(points_px, variance_px2)))
 
     def cost(pair: tuple[int, int], first: Floats, second: Floats) -> float:
-        return epipolar_cost(cameras, smooth, variance_px2, fps, pair, first, second)
+        i, j = pair
+        a = resample(rays[i], variance_px2[i], fps, first)[0]
+        b = resample(rays[j], variance_px2[j], fps, second)[0]
+        return epipolar_cost(cameras[i], cameras[j], a, b)
 
     return _clocks(cost, count, frames, fps, start, search, with_drift)
 
@@ -319,37 +330,22 @@ def _window_offsets(
     return offset, spread
 
 
-def epipolar_cost(
-    cameras: CameraGroup,
-    points_px: Sequence[Floats],
-    variance_px2: Floats,
-    fps: float,
-    pair: tuple[int, int],
-    first_times: Floats,
-    second_times: Floats,
-) -> float:
-    """How far rays of two cameras pass each other, each at its own times: mean log loss of Sampson's distance.
+def epipolar_cost(first: Camera, second: Camera, a: Floats, b: Floats) -> float:
+    """How far rays of two cameras pass each other: mean log loss of Sampson's distance; NaN where too few meet.
 
     Args:
-        cameras: C calibrated cameras.
-        points_px: C of (T, J, 2) px by each camera's own frames.
-        variance_px2: (C, T, J).
-        fps: frames a second.
-        pair: which two cameras.
-        first_times, second_times: (n,) each camera's own times, seconds.
+        first, second: two cameras.
+        a, b: (n, J, 2) undistorted normalised coordinates in them, of one moment a row; NaN where missing.
     """
-    i, j = pair
-    a = cameras[i].unproject(resample(points_px[i], variance_px2[i], fps, first_times)[0])
-    b = cameras[j].unproject(resample(points_px[j], variance_px2[j], fps, second_times)[0])
-    rotation = cameras[j].rotation @ cameras[i].rotation.T
-    t = cameras[j].translation - rotation @ cameras[i].translation
+    rotation = second.rotation @ first.rotation.T
+    t = second.translation - rotation @ first.translation
     cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
     ones = np.ones((*a.shape[:-1], 1))
     a, b = np.concatenate([a, ones], axis=-1), np.concatenate([b, ones], axis=-1)
     line_b, line_a = a @ (cross @ rotation).T, b @ (cross @ rotation)
     top = (b * line_b).sum(axis=-1)
     bottom = np.sqrt((line_b[..., :2] ** 2).sum(axis=-1) + (line_a[..., :2] ** 2).sum(axis=-1))
-    error = top / np.maximum(bottom, 1e-12) * cameras[i].camera_matrix[0, 0]
+    error = top / np.maximum(bottom, 1e-12) * first.camera_matrix[0, 0]
     # What is constant in a landmark's error is calibration and definition, not time.
     known = np.isfinite(error)
     if known.sum() < 30:
