@@ -7,14 +7,18 @@ with growing uncertainty and gives a covariance for what comes out. Its bandwidt
 """
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.errors import MuybridgeError
+from muybridge.geometry.filters import FilterOptions, smooth
 from muybridge.geometry.landmarks import LandmarkSet, Points3D
 from muybridge.geometry.smoothing_kernel import exchanged_path, smooth_all
 
 Array = NDArray[np.float64]
+Method = Literal["kalman", "butterworth", "savgol", "gcv_spline", "gaussian", "median", "loess"]
 
 _CHI2_3_MEDIAN = 2.366  # median of the squared length of a standard normal vector in 3D
 
@@ -37,6 +41,9 @@ class SmoothOptions:
             follows faster motion and lets more noise through.
         passes: how often the smoother is run; after each, noise is measured again and outliers lose weight.
         default_sigma: metres, noise of a coordinate where the covariance is unknown.
+        method: `kalman` is the recommended smoother, described above; or another of `muybridge.geometry.filters`, which
+            then is given the points with outliers dropped and gaps filled.
+        cutoff_hz: of `butterworth`; none: chosen by residual analysis.
     """
 
     unswap: bool = True
@@ -50,6 +57,12 @@ class SmoothOptions:
     acceleration: float = 12.0
     passes: int = 3
     default_sigma: float = 0.03
+    method: Method = "kalman"
+    cutoff_hz: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.cutoff_hz is not None and (self.method != "butterworth" or not self.cutoff_hz > 0):
+            raise ValueError(f"cutoff_hz must be above zero and goes with method butterworth, not with {self.method}")
 
 
 def smooth_points(points: Points3D, options: SmoothOptions | None = None) -> Points3D:
@@ -62,14 +75,24 @@ def smooth_points(points: Points3D, options: SmoothOptions | None = None) -> Poi
     Returns:
         Points3D with the same landmarks and frames, its covariance that of the smoothed position.
         Residuals and inliers are the input's: they belong to the measurement.
+
+    Raises:
+        MuybridgeError: the frame rate is too low for the cut-off.
     """
     options = options or SmoothOptions()
+    if options.cutoff_hz is not None and options.cutoff_hz >= 0.5 * points.fps:
+        raise MuybridgeError(f"a cut-off of {options.cutoff_hz:g} Hz needs more than {2 * options.cutoff_hz:g} frames/s"
+                             f" and the take has {points.fps:g}: choose a lower one")  # fmt: skip
     cleaned = clean_points(points, options)
     if not len(points.points_world):
         return cleaned
     xyz, covariance = known_points(cleaned, options.default_sigma)
     out, out_covariance = _smooth(xyz, covariance, points.fps, options)
-    unknown = ~_within_reach(np.isfinite(xyz[..., 0]), points.fps, options)
+    known = np.isfinite(xyz[..., 0])
+    unknown = ~_within_reach(known, points.fps, options)
+    if options.method != "kalman":
+        filled = np.where((known & ~unknown)[..., None], xyz, np.where(unknown[..., None], np.nan, out))
+        out = smooth(filled, points.fps, options.method, FilterOptions(cutoff_hz=options.cutoff_hz))
     out[unknown], out_covariance[unknown] = np.nan, np.nan
     return replace(points, points_world=out, covariance_world=out_covariance)
 
