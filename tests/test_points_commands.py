@@ -138,6 +138,29 @@ def test_convert_says_what_makes_no_sense(tmp_path, capfd):
     assert "every point of it is missing" in refused(capfd, "convert", tmp_path / "nothing.trc", tmp_path / "c.csv")
 
 
+def test_convert_fills_and_filters(tmp_path, capfd):
+    points = make_points()
+    points.points_world[8:11, 5] = np.nan
+    write_trc(tmp_path / "a.trc", points)
+    code, _, err = run(capfd, "convert", tmp_path / "a.trc", tmp_path / "b.csv", "--fill-gaps", "0.2",
+                       "--smooth", "butterworth")  # fmt: skip
+    assert code == 0 and "3 missing points filled in, 0 left" in err and "by residual analysis" in err
+    assert run(capfd, "convert", tmp_path / "a.trc", tmp_path / "c.csv", "--smooth", "loess")[0] == 0
+    rough, filled, gappy = (read_file(tmp_path / n).positions.points_world for n in ("a.trc", "b.csv", "c.csv"))
+    assert np.isfinite(filled).all() and np.isnan(gappy[8:11, 5]).all()
+    jerk = [np.nanstd(np.diff(x, 3, axis=0)) for x in (filled, gappy, rough)]
+    assert jerk[0] < 0.7 * jerk[2] and jerk[1] < 0.7 * jerk[2]
+    write_bvh(tmp_path / "m.bvh", make_motion())
+    told = ("--smooth", "butterworth", "--cutoff", "6")
+    assert run(capfd, "convert", tmp_path / "m.bvh", tmp_path / "n.bvh", *told)[0] == 0
+    after = read_bvh(tmp_path / "n.bvh").skeleton
+    assert np.allclose(after.bone_lengths, make_motion().skeleton.bone_lengths, atol=1e-5)
+    assert "between 0 and 30 Hz" in refused(capfd, "convert", tmp_path / "a.trc", tmp_path / "d.csv", "--smooth",
+                                            "butterworth", "--cutoff", "40")  # fmt: skip
+    assert "--smooth butterworth" in refused(capfd, "convert", tmp_path / "a.trc", tmp_path / "d.csv", "--cutoff", "6")
+    assert "has no gaps" in refused(capfd, "convert", tmp_path / "m.bvh", tmp_path / "d.bvh", "--fill-gaps", "1")
+
+
 def test_one_frame_converts(tmp_path, capfd):
     motion = make_motion()
     still = replace(motion, root_positions_world=motion.root_positions_world[:1], quat_wxyz=motion.quat_wxyz[:1])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks import BODY23, LandmarkSet, Points3D
 from muybridge.geometry.smoothing import SmoothOptions, clean_points, smooth_points
 
@@ -162,3 +163,22 @@ def test_landmarks_without_sides_and_frame_rates():
         assert error(smooth_points(one), one).max() < 0.03
     with pytest.raises(ValueError, match="fps"):
         smooth_points(replace(points, fps=0.0))
+
+
+@pytest.mark.parametrize("method", ["butterworth", "savgol", "loess"])
+def test_other_filters_take_the_same_road(method):
+    truth = take()
+    xyz = truth.points_world + np.random.default_rng(4).normal(0, 0.01, truth.points_world.shape)
+    xyz[40:44, 2] = np.nan
+    xyz[70, 3] += 1.0
+    told = {"cutoff_hz": 6.0} if method == "butterworth" else {}
+    off = error(smooth_points(with_points(truth, xyz), SmoothOptions(method=method, **told)), truth)
+    assert np.isfinite(off).all() and off[70, 3] < 0.05
+    assert np.sqrt(np.mean(off[5:-5] ** 2)) < 0.85 * 0.01 * np.sqrt(3)
+
+
+def test_cutoffs_that_cannot_be_are_refused():
+    with pytest.raises(MuybridgeError, match="needs more than 1000 frames/s"):
+        smooth_points(take(), SmoothOptions(method="butterworth", cutoff_hz=500.0))
+    with pytest.raises(ValueError, match="goes with method butterworth"):
+        SmoothOptions(cutoff_hz=6.0)
