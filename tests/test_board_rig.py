@@ -80,7 +80,7 @@ def errors(found, truth):
     return np.linalg.norm(found.centers_world - in_first(truth).centers_world, axis=1)
 
 
-@pytest.mark.parametrize("count", [4, 8, 12])
+@pytest.mark.parametrize("count", [4, *(pytest.param(n, marks=pytest.mark.slow) for n in (8, 12))])
 def test_positions_within_twice_the_cramer_rao_bound(count):
     rng = np.random.default_rng(count)
     truth = ring(count)

@@ -107,6 +107,7 @@ def found(scene: tuple[Path, CameraGroup], tmp_path_factory: pytest.TempPathFact
     return calibrate_scan(scene[0], tmp_path_factory.mktemp("work"), options=options)
 
 
+@pytest.mark.slow
 def test_cameras_stand_where_they_do(scene: tuple[Path, CameraGroup], found: ScanCalibration) -> None:
     """In the marker's world, with its size: nothing is aligned afterwards."""
     truth = scene[1]
@@ -121,6 +122,7 @@ def test_cameras_stand_where_they_do(scene: tuple[Path, CameraGroup], found: Sca
     assert found.residual_px.max() < 1.0 and found.marker_px < 1.0 and found.matched.min() > 50
 
 
+@pytest.mark.slow
 def test_the_room_is_as_large_as_it_is(found: ScanCalibration) -> None:
     low, high = np.quantile(found.points_world, [0.02, 0.98], axis=0)
     np.testing.assert_allclose(high[:2], _HALF, atol=0.08)
