@@ -11,7 +11,7 @@ import numpy as np
 
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks import LandmarkSet, Points3D
-from muybridge.geometry.marker_cleaning import Cleaned, CleanOptions, clean_markers
+from muybridge.geometry.marker_cleaning import Cleaned, CleanOptions, Sample, clean_markers
 from muybridge.geometry.marker_sets import MarkerPlan
 from muybridge.infer.label_corrections import apply_corrections, read_corrections
 from muybridge.infer.label_network import LabelNetwork
@@ -125,8 +125,14 @@ def _write(path: Path, labelled: Labelled, cleaned: Cleaned, fps: float) -> None
 
 
 def as_points(labelled: Labelled, cleaned: Cleaned, fps: float) -> Points3D:
-    """The named markers as points of a file, in the axes of the file they come from."""
+    """The named markers as points of a file, in the axes of the file they come from.
+
+    What was measured is given as good to a millimetre, what was filled as good to nobody knows: in a C3D file the first
+    has the residual 1, the second 0, which there means that a sample is interpolated.
+    """
     count, size = cleaned.points.shape[:2]
     names = LandmarkSet(labelled.markers.name, labelled.markers.labels, ())
-    nothing = np.full((count, size, 3, 3), np.nan)
-    return Points3D(names, cleaned.points, nothing, np.empty((0, count, size)), np.empty((0, count, size), bool), fps)
+    measured = (cleaned.sample == Sample.MEASURED)[..., None, None]
+    covariance = np.where(measured, 1e-6 * np.eye(3), np.nan)
+    nobody = np.empty((0, count, size))
+    return Points3D(names, cleaned.points, covariance, nobody, nobody.astype(bool), fps)

@@ -129,6 +129,8 @@ def test_the_command_writes_names_confidence_changes_and_a_page(clips, tmp_path,
     m = PLUG_IN_GAIT.labels.index(marker)
     assert share(written.points, truth, 2e-3) > 0.97
     assert np.linalg.norm(written.points[30:34, m] - truth[30:34, m], axis=-1).max() < 0.03
+    residual = ezc3d.c3d(str(out / "labelled.c3d"))["data"]["meta_points"]["residuals"][0, m]
+    assert (residual[30:34] == 0).all() and (np.delete(residual, range(30, 34)) == 1).all()
     page = (out / "report.html").read_text()
     assert "Content-Security-Policy" in page and "<!--@" not in page and "http" not in page.split("</style>")[1]
 
