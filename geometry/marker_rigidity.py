@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 Float = NDArray[np.float64]
 Int = NDArray[np.intp]
+# Distances are measured in this many frames, spread over the recording, up to twice as many.
+_MOST_FRAMES = 300
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ def measured_rigidity(points: Float, prior: Rigidity, options: RigidityOptions) 
 
     Medians and quartiles: a quarter of the names may be wrong.
     """
+    points = points[:: max(1, len(points) // _MOST_FRAMES)]
     at = points[:, :, None] - points[:, prior.partners]
     distance = np.linalg.norm(at, axis=-1)
     known = np.isfinite(distance)

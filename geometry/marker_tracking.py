@@ -147,7 +147,7 @@ def track_points(points: Float, fps: float, options: TrackOptions = TrackOptions
         age[hit] += 1
         # A trajectory that has only begun is not carried on.
         number[(missed > options.coast) | ((missed > 1) & (age < 5))] = -1
-        new = np.setdiff1d(seen, source)
+        new = np.delete(seen, cols)
         free = np.nonzero(number < 0)[0][: len(new)]
         fresh = np.zeros(slots, bool)
         fresh[free] = True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,10 +39,13 @@ class LabelNetwork:
         path: of the file; card: what it says about itself.
     """
 
-    def __init__(self, path: Path, threads: int = 2, batch: int = 64) -> None:
-        """Opens the file; ModelError where it is missing, damaged or no labelling network of ours."""
-        self.path, self._batch = path, batch
-        self._session = open_session(path, OnnxOptions(threads, batch))
+    def __init__(self, path: Path, threads: int = 2, batch: int = 32) -> None:
+        """Opens the file; ModelError where it is missing, damaged or no labelling network of ours.
+
+        Batches run side by side: threads within so small a network would mostly wait for one another.
+        """
+        self.path, self._batch, self._threads = path, batch, threads
+        self._session = open_session(path, OnnxOptions(1, batch))
         self.card: LabelModelCard = label_card(dict(self._session.get_modelmeta().custom_metadata_map), path)
 
     def scores(self, tracks: Tracks, fps: float, asked: NDArray[np.intp], frames: NDArray[np.intp] | None = None,
@@ -62,7 +66,8 @@ class LabelNetwork:
         wanted[asked] = 1
         columns = np.append(asked, len(SURFACE))
         out = np.full((len(frames), tracks.points.shape[1], len(columns)), np.nan, np.float32)
-        for start in range(0, len(frames), self._batch):
+
+        def score(start: int) -> None:
             part = frames[start : start + self._batch]
             cloud = pack(tracks, part, fps, self.card.window if windowed else (), len(self.card.window))
             points = cloud.points if turn is None else (cloud.points @ turn.T.astype(np.float32))
@@ -70,6 +75,9 @@ class LabelNetwork:
             said = self._session.run(None, feed)[0]
             b, n = np.nonzero(cloud.slot >= 0)
             out[start + b, cloud.slot[b, n]] = said[b, n][:, columns]
+
+        with ThreadPoolExecutor(self._threads) as pool:
+            list(pool.map(score, range(0, len(frames), self._batch)))
         return out
 
 

@@ -214,7 +214,7 @@ def metres_of(points: Float, notes: list[str]) -> float:
 def upright(tracks: Tracks, fps: float, asked: NDArray[np.intp], network: LabelNetwork) -> Float:
     """The rotation, of the six that turn an axis of the file up, that the network recognises most with."""
     full = (tracks.track >= 0).sum(1)
-    frames = np.linspace(0, len(full) - 1, min(32, len(full))).astype(int)
+    frames = np.linspace(0, len(full) - 1, min(24, len(full))).astype(int)
     frames = frames[full[frames] >= 0.6 * full.max()]
     if not len(frames):
         frames = np.array([int(full.argmax())])
