@@ -42,13 +42,18 @@ class MarkerFitOptions:
         noise_m: metres, standard deviation of a measured coordinate.
         slack_m: metres, the same of what skin does beyond the table's `soft`.
         freedom: of Student's t.
-        length_m, limb_m: metres, how far a joint may be from where the statistical body has it; those of the limbs,
-            whose places motion tells.
+        length_m: metres, how far a joint may be from where the statistical body has it.
+        limb_m: the same of hips, knees, ankles, shoulders and elbows, whose places motion tells.
         placement: factor on the table's tolerance of markers' places.
-        root_acceleration, angular_acceleration, root_velocity, angular_velocity: as of SkeletonFitOptions.
+        root_acceleration: metres per second squared, standard deviation of the root's acceleration.
+        angular_acceleration: radians per second squared, of every angle's.
+        root_velocity: metres per second, holds the root back across gaps.
+        angular_velocity: radians per second, the same for angles.
         prior_weight: of the weak prior on angles, against a marker's standard deviation.
-        calibration_frames: so many frames tell the person; they count as `shape_frames` independent ones.
-        rounds, steps: robust weights taken anew, and Gauss-Newton steps each time, of the whole take.
+        calibration_frames: so many frames tell the person.
+        shape_frames: they count as so many independent ones: what skin does is alike in all of them.
+        rounds: how often robust weights are taken anew for the whole take.
+        steps: Gauss-Newton steps a round.
     """
 
     noise_m: float = 0.002

@@ -25,7 +25,8 @@ class MatchOptions:
     Attributes:
         near_m: metres, how near two rays must pass.
         error_px: pixels, farthest that a 2D point may be from the 3D point's projection.
-        views: cameras that must agree; known_views: where a marker was a moment before.
+        views: cameras that must agree.
+        known_views: cameras that must agree where a marker was a moment before or after.
         known_m: metres, how near it must have been.
         pair_px: error up to which two cameras suffice for a new point, where neither 2D point fits anything else.
     """

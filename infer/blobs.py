@@ -18,7 +18,8 @@ class BlobOptions:
 
     Attributes:
         threshold: grey level above which a pixel belongs to a marker; None finds it on the video.
-        least_px, most_px: area of a marker; what is larger is a lamp or a window.
+        least_px: smallest area of a marker.
+        most_px: largest; what is larger is a lamp or a window.
         roundness: least share of its own ellipse that a blob fills; less is two markers that touch, and is split.
     """
 

@@ -46,8 +46,12 @@ class MarkerVideoOptions:
     Attributes:
         markerset: what the person wears: `pig39`, `cmu41`, ... or a text file of your own.
         shortest_s: seconds that a trajectory must last to be a marker's.
-        blobs: markers in an image. match: 2D points to 3D. track: trajectories.
-        label: names. clean: spikes and gaps. fit: the skeleton.
+        blobs: markers in an image.
+        match: 2D points to 3D points.
+        track: trajectories.
+        label: names.
+        clean: spikes and gaps.
+        fit: the skeleton.
     """
 
     markerset: str = "pig39"
