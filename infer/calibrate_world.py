@@ -71,13 +71,8 @@ def world(
         quiet: say only the result.
     """
     cameras = load_calibration(calibration)
-    sources = [n for n, v in (("--points", points), ("--floor-board", floor_board), ("--people", people)) if v]
     by_hand = scale_by != 1 or turn_deg != 0 or any(origin)
-    if len(sources) > 1 or not (sources or by_hand):
-        raise CalibrationError(
-            f"give one of --points, --floor-board, --people ({' and '.join(sources) or 'none'} given), or change the "
-            "world by hand with --scale-by, --turn-deg, --origin"
-        )
+    _one_source((("--points", points), ("--floor-board", floor_board), ("--people", people)), by_hand)
     if not (np.isfinite([scale_by, turn_deg, *origin]).all() and scale_by > 0):
         raise CalibrationError(f"--scale-by must be positive, not {scale_by:g}; all numbers finite")
     with Progress(quiet=quiet) as progress:
@@ -92,13 +87,28 @@ def world(
         else:
             changed, said = cameras, []
     if by_hand:
-        angle = np.radians(-turn_deg)  # the world's axes turn one way, what is in it the other
-        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-        changed = moved(changed, np.column_stack([turn, -turn @ (scale_by * np.array(origin))]), scale_by)
+        changed = _by_hand(changed, scale_by, turn_deg, origin)
     save_calibration(changed, out)
     for line in [*said, *_places(changed), f"written: {out}"]:
         print(line)
     return 0
+
+
+def _one_source(sources: Sequence[tuple[str, Path | None]], by_hand: bool) -> None:
+    given = [name for name, value in sources if value]
+    if len(given) > 1 or not (given or by_hand):
+        raise CalibrationError(
+            f"give one of --points, --floor-board, --people ({' and '.join(given) or 'none'} given), or change the "
+            "world by hand with --scale-by, --turn-deg, --origin"
+        )
+
+
+def _by_hand(
+    cameras: CameraGroup, scale_by: float, turn_deg: float, origin: tuple[float, float, float]
+) -> CameraGroup:
+    angle = np.radians(-turn_deg)  # the world's axes turn one way, what is in it the other
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    return moved(cameras, np.column_stack([turn, -turn @ (scale_by * np.array(origin))]), scale_by)
 
 
 def by_points(cameras: CameraGroup, path: Path, keep_scale: bool) -> tuple[CameraGroup, list[str]]:

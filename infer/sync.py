@@ -273,8 +273,8 @@ def sync(
         print(f"methods disagree: {line}")
     if all(m in ("reference", "none") for m in result.methods):
         raise SessionError(
-            f"{session}: {' and '.join(methods)} found not how the cameras' clocks stand; nothing was written. Sound needs "
-            "to be in all videos, pictures need a person who moves in two views or more"
+            f"{session}: no way ({', '.join(methods)}) to find how the cameras' clocks stand; nothing was written. "
+            "Sound needs to be in all videos, pictures need a person who moves in two views or more"
         )
     write_sync(out or session / SYNC_FILE, names, result)
     return 0

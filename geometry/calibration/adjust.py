@@ -304,7 +304,7 @@ class _Solver:
         uj = np.add.reduceat(ut @ np.concatenate([jc, jl, r[..., None]], axis=-1), first)[views]
         uj[..., -1] += (s.swayed - self.sway_mean)[c, body]
         inner = np.add.reduceat(ut @ np.swapaxes(ut, 1, 2), first)[views] + np.eye(way.shape[2])
-        k: Floats = np.linalg.solve(inner, uj)
+        k = np.linalg.solve(inner, uj).astype(np.float64)
         ct, lt = np.swapaxes(uj[..., :d], 1, 2), np.swapaxes(uj[..., d:-1], 1, 2)
         hcc[at, at] -= (ct @ k[..., :d]).sum(axis=0)
         bc[at] -= (ct @ k[..., -1:]).sum(axis=0)[:, 0]

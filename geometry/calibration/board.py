@@ -57,8 +57,8 @@ class Board:
         """(K, 3) inner corners, metres, row by row, z = 0."""
         less = 1 if self.kind == "charuco" else 0
         x, y = np.meshgrid(np.arange(self.columns - less), np.arange(self.rows - less))
-        corners: Floats = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) * float(self.square)
-        return corners
+        corners = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1).astype(np.float64)
+        return np.asarray(corners * self.square)
 
     def describe(self) -> str:
         """In words, for messages."""
