@@ -81,8 +81,7 @@ def world(
         elif floor_board is not None:
             changed, said = by_board(cameras, chosen_board(choice), floor_board, moment, keep_scale, progress)
         elif people is not None:
-            options = replace(read, calibration=calibration)
-            before, after, said = by_people(people, options, detect, height, progress)
+            before, after, said = by_people(people, replace(read, calibration=calibration), detect, height, progress)
             changed = _likewise(cameras, before, after)
         else:
             changed, said = cameras, []
