@@ -1,4 +1,4 @@
-"""The solver's network: what a body fitted to markers is still off, by message passing on a graph of markers and joints.
+"""The solver's network: what a body fitted to markers is still off, by messages on a graph of markers and joints.
 
 Nodes are the markers of SURFACE and the joints of BODY. Edges run only where skeleton or rigidity has them: a marker
 to the joint that carries it and to that joint's parent, a joint to its parent and its children, a marker to the markers
@@ -56,7 +56,9 @@ class SolverNet(nn.Module):
         width: of the features; layers: rounds of messages; kind: length of what each node knows of who it is.
     """
 
-    def __init__(self, carrier: list[int], parents: list[int], width: int = 64, layers: int = 2, kind: int = 16) -> None:
+    def __init__(
+        self, carrier: list[int], parents: list[int], width: int = 64, layers: int = 2, kind: int = 16
+    ) -> None:
         super().__init__()
         self.config: dict[str, Any] = {"carrier": carrier, "parents": parents, "width": width, "layers": layers,
                                        "kind": kind}  # fmt: skip
