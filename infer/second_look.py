@@ -8,7 +8,7 @@ on that prediction.
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from muybridge.geometry.clocks import Clock
 from muybridge.geometry.landmarks import Keypoints2D, Points3D
 from muybridge.infer.detect import CameraResult, DetectOptions, Models
-from muybridge.infer.keypoints import merge_markers, merge_tracks
+from muybridge.infer.keypoints import CameraTracks, merge_markers, merge_tracks
 from muybridge.infer.other_models import open_keypoints
-from muybridge.infer.poses import PoseReader, body_boxes
+from muybridge.infer.poses import PoseReader, Poses, body_boxes
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import Session
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
@@ -127,13 +127,13 @@ class SecondLook:
             return None
         tracks = [d.tracks for d in self.detected]
         extra = max(t.points_px.shape[1] for t in tracks)
-        tracks = [replace(t, **{name: _widened(name, a, extra + 1) for name, a in _arrays(t).items()}) for t in tracks]
+        tracks = [_with(t, {name: _widened(name, a, extra + 1) for name, a in _arrays(t).items()}) for t in tracks]
         slots, stages = slots.copy(), {}
-        for c in np.flatnonzero(missing.any(axis=1)):
+        for c in np.flatnonzero(missing.any(axis=1)).tolist():
             wanted = np.flatnonzero(missing[c])
-            own = self._own_frames(int(c), wanted)
+            own = self._own_frames(c, wanted)
             name = f"2D {self.file_names[c]}, second look"
-            stages[name] = stage = self._look(int(c), own, points.points_world[wanted])
+            stages[name] = stage = self._look(c, own, points.points_world[wanted])
             found = stage.arrays["found"]
             values = _arrays(tracks[c])
             for key in values.keys() & stage.arrays.keys():
@@ -145,7 +145,7 @@ class SecondLook:
         if not any(stage.arrays["found"].any() for stage in stages.values()):
             return None
         frames = range(slots.shape[1])
-        tracks = [replace(t, **{k: a[: len(frames)] for k, a in _arrays(t).items()}) for t in tracks]
+        tracks = [_with(t, {k: a[: len(frames)] for k, a in _arrays(t).items()}) for t in tracks]
         markers = merge_markers(tracks)
         return Again(
             self.in_step(merge_tracks(tracks)), None if markers is None else self.in_step(markers), slots, stages
@@ -179,7 +179,7 @@ class SecondLook:
             parts.append((here, reader(chunk, order[here] - begin, boxes[here])))
             begin += len(chunk)
         at = np.concatenate([here for here, _ in parts])
-        poses = parts[0][1]._make(np.concatenate([p[k] for _, p in parts]) for k in range(len(parts[0][1])))
+        poses = Poses(*(np.concatenate([p[k] for _, p in parts]) for k in range(len(parts[0][1]))))
         poses = poses.select(np.argsort(at, kind="stable"))
         away = np.linalg.norm(poses.points_px - predicted, axis=-1)
         side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
@@ -187,6 +187,11 @@ class SecondLook:
         arrays = poses._asdict() | {"found": near & (poses.sureness >= self.detect.keypoints.min_sure)}
         arrays["boxes_px"] = reader.upright.around_in_frame(poses.boxes_px)
         return self.store.save(f"again-{file}", key, arrays, {}, time.perf_counter() - start)
+
+
+def _with(tracks: CameraTracks, arrays: dict[str, NDArray[np.generic]]) -> CameraTracks:
+    changed: dict[str, Any] = dict(arrays)
+    return replace(tracks, **changed)
 
 
 def _arrays(tracks: object) -> dict[str, NDArray[np.generic]]:

@@ -68,6 +68,9 @@ class KeypointNet(nn.Module):
         depths: residual blocks on the way down at each of these.
     """
 
+    mean: Tensor
+    std: Tensor
+
     def __init__(
         self,
         landmarks: int = 23,

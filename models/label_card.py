@@ -50,13 +50,15 @@ def label_card(metadata: Mapping[str, str], path: Path) -> LabelModelCard:
     read = _Reader(metadata, path)
     read.kind("labels")
     rigidity = read.json_object("rigidity")
-    tables = [_matrix(rigidity.get(key), key, read) for key in ("distance_mm", "motion_mm", "bodies_mm")]
+    distance, motion, bodies = (_matrix(rigidity.get(k), k, read) for k in ("distance_mm", "motion_mm", "bodies_mm"))
     window = read._json("window")
     if not isinstance(window, list) or not all(isinstance(w, float) for w in window):
         raise read.error("window is not a list of seconds")
     if tuple(read._json("names")) != SURFACE.names:
         raise read.error("its label names are not those of the surface landmarks")
-    return LabelModelCard(read.text("version"), tuple(window), read.integer("neighbours"), *tables, dict(metadata))
+    return LabelModelCard(
+        read.text("version"), tuple(window), read.integer("neighbours"), distance, motion, bodies, dict(metadata)
+    )
 
 
 def _matrix(value: Any, key: str, read: _Reader) -> NDArray[np.float64]:

@@ -25,7 +25,7 @@ def gather_messages(here: Tensor, there: Tensor, edge: Tensor, neighbour: Tensor
         (R, 2 M) maximum, then mean, over K of ``relu(here + there[neighbour] + edge)``.
     """
     if here.requires_grad and here.device.type == "cpu" and not torch.compiler.is_compiling():
-        out: Tensor = _Messages.apply(here.float(), there.float(), edge.float(), neighbour)
+        out: Tensor = _Messages.apply(here.float(), there.float(), edge.float(), neighbour)  # type: ignore[no-untyped-call]
         return out
     rows, count, width = edge.shape
     message = torch.relu(here.unsqueeze(1) + there.index_select(0, neighbour).reshape(rows, count, width) + edge)
@@ -54,7 +54,7 @@ class _Messages(torch.autograd.Function):
         return here, there, edge, None
 
 
-@numba.njit(cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, fastmath=True)
 def _forward(here: Any, there: Any, edge: Any, index: Any, out: Any, message: Any) -> None:
     rows, count, width = edge.shape
     share = np.float32(1.0 / count)
@@ -75,7 +75,7 @@ def _forward(here: Any, there: Any, edge: Any, index: Any, out: Any, message: An
             out[i, width + c] = total[c] * share
 
 
-@numba.njit(cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, fastmath=True)
 def _backward(grad: Any, index: Any, message: Any, out: Any, here: Any, there: Any, edge: Any) -> None:
     rows, count, width = message.shape
     share = np.float32(1.0 / count)

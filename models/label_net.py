@@ -35,7 +35,8 @@ class _Layer(nn.Module):
         x = self.norm(h)
         gathered = gather_messages(self.here(x), self.there(x), self.edge(edge), neighbour)
         gathered = torch.cat([x, gathered.to(x.dtype)], -1)
-        return h + self.mix(gathered)
+        mixed: Tensor = h + self.mix(gathered)
+        return mixed
 
 
 class LabelNet(nn.Module):
@@ -110,7 +111,8 @@ class LabelNet(nn.Module):
         h = (self.nodes(own).reshape(b, n, -1) + self.set(asked).unsqueeze(1)).reshape(b * n, -1)
         for layer in self.layers:
             h = layer(h, edge, neighbour)
-        return self.out(h).reshape(b, n, -1)
+        out: Tensor = self.out(h).reshape(b, n, -1)
+        return out
 
     @staticmethod
     def _heading(to: Tensor) -> Tensor:

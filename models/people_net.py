@@ -17,6 +17,9 @@ class PeopleNet(nn.Module):
         depths: residual blocks at each of these.
     """
 
+    mean: Tensor
+    std: Tensor
+
     def __init__(
         self, widths: tuple[int, int, int] = (48, 96, 128), depths: tuple[int, int, int] = (1, 2, 2)
     ) -> None:
@@ -34,8 +37,9 @@ class PeopleNet(nn.Module):
         self.heatmap = nn.Conv2d(widths[0], 1, 1)
         self.box = nn.Conv2d(widths[0], 4, 1)
         # Few cells are centres: start from the belief that none is (Lin et al. 2017).
-        nn.init.constant_(self.heatmap.bias, -4.0)
-        nn.init.constant_(self.box.bias, 3.5)
+        for layer, start in ((self.heatmap, -4.0), (self.box, 3.5)):
+            assert layer.bias is not None
+            nn.init.constant_(layer.bias, start)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """(N, 4, H, W) in 0..1 -> centre logits (N, 1, H/8, W/8), distances in pixels from the cell's centre to

@@ -48,7 +48,7 @@ def _quad(rng: np.random.Generator, size: int, span: tuple[float, float], tall: 
     shear, tilt = rng.normal(0, 0.2), rng.normal(0, 0.12)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [w / 2, h / 2]
     corners = corners @ np.array([[1, tilt], [shear * 0.5, 1]])
-    return np.round(corners + [x, y]).astype(np.int32)
+    return np.asarray(np.round(corners + [x, y]), np.int32)
 
 
 def _furniture(image: F32, rng: np.random.Generator, count: int) -> None:
@@ -145,7 +145,7 @@ def _natural(rng: np.random.Generator, size: int) -> F32:
         sky = np.array(_muted(rng, 0.6, 1.0), np.float32) * np.linspace(1, rng.uniform(0.8, 1.2), line)[:, None, None]
         image[:line] = sky + noise[:line] * 0.15
     _furniture(image, rng, int(rng.integers(0, 4)))
-    return image
+    return np.asarray(image)
 
 
 def sample_background(rng: np.random.Generator, size: int) -> NDArray[np.uint8]:
@@ -155,9 +155,9 @@ def sample_background(rng: np.random.Generator, size: int) -> NDArray[np.uint8]:
     image += fractal_noise(rng, size, rng.uniform(0.3, 1.2), 1) * rng.uniform(0, 0.035)
     blur = rng.choice([0.0, 0.7, 1.5, 3.0])
     if blur > 0:
-        image = cv2.GaussianBlur(image, (0, 0), blur)
+        image = np.asarray(cv2.GaussianBlur(image, (0, 0), blur), np.float32)
     exposure = np.exp(rng.normal(0, 0.25))
-    return (np.clip(image * exposure, 0, 1) * 255).astype(np.uint8)
+    return np.asarray(np.clip(image * exposure, 0, 1) * 255, np.uint8)
 
 
 def make_backgrounds(count: int, size: int, seed: int) -> NDArray[np.uint8]:

@@ -30,7 +30,7 @@ class CameraFaults:
         starts = self.rng.integers(0, len(store) - size, len(image))
         return torch.stack([store[start : start + size].view(image.shape[1:]) for start in starts])
 
-    def _column(self, values: NDArray[np.floating]) -> Tensor:
+    def _column(self, values: NDArray[np.generic]) -> Tensor:
         return torch.from_numpy(np.asarray(values, np.float32)).view(-1, 1, 1, 1)
 
     def _some(self, share: float, image: Tensor) -> Tensor:

@@ -40,7 +40,7 @@ class Cuts:
         """(B, J) whether landmarks (B, J, 2) are out of sight by it."""
         there = np.isfinite(self.line[:, 0]) & (self.beyond != PERSON)
         past = np.einsum("bjk,bk->bj", landmarks, self.line[:, :2]) > self.line[:, 2:]
-        return past & there[:, None]
+        return np.asarray(past & there[:, None])
 
 
 def cut_boxes(

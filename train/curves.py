@@ -27,7 +27,7 @@ def write_curves(log: pathlib.Path) -> pathlib.Path | None:
     figure = Figure((4.2 * columns, 2.8 * rows), layout="constrained")
     for k, name in enumerate(names):
         axes = figure.add_subplot(rows, columns, k + 1)
-        axes.plot([r["images"] / 1e3 for r in scored], [r.get(name) for r in scored], linewidth=1.2)
+        axes.plot([r["images"] / 1e3 for r in scored], [float(r.get(name, "nan")) for r in scored], linewidth=1.2)
         for start in (r["images"] / 1e3 for r in lines if "options" in r and r["images"]):
             axes.axvline(start, color="0.8", linestyle="--", linewidth=0.7, zorder=0)
         axes.set_title(name.replace("_", " "), fontsize=9)

@@ -119,7 +119,8 @@ class MarkerBodies:
 
     def clips(self, count: int) -> MarkerClips:
         """`count` clips, two bodies a motion."""
-        points, normals, kinds = [], [], []
+        points: list[Array] = []
+        normals, kinds = [], []
         while len(points) < count:
             bodies = [self.skeleton(p) for p in self.model.sample_phenotypes(2)]
             if self.rng.random() < WANDER:

@@ -86,7 +86,7 @@ def _segments(starts: Array, end: Array, limbs: Array) -> Array:
     length = np.maximum(np.sum(along**2, axis=1), 1e-9)
     off = samples[:, :, None] - limbs[None, None, :, 0]
     part = np.clip(np.einsum("mksi,si->mks", off, along) / length, 0, 1)
-    return np.linalg.norm(off - part[..., None] * along, axis=-1).min(1)
+    return np.asarray(np.linalg.norm(off - part[..., None] * along, axis=-1).min(1))
 
 
 def draw_markers(camera: Camera, points: Array, lamps: Array, faults: VideoFaults, rng: np.random.Generator) -> U8:

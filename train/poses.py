@@ -55,7 +55,7 @@ def _compose(*rotvecs: Array) -> Array:
     out = Rotation.from_rotvec(rotvecs[0])
     for r in rotvecs[1:]:
         out = out * Rotation.from_rotvec(r)
-    return out.as_rotvec()
+    return np.asarray(out.as_rotvec())
 
 
 def _between(a: Array, b: Array) -> Array:
@@ -64,7 +64,7 @@ def _between(a: Array, b: Array) -> Array:
     b = b / np.linalg.norm(b, axis=-1, keepdims=True)
     c = np.cross(a, b)
     s = np.linalg.norm(c, axis=-1, keepdims=True)
-    return c / (s + 1e-9) * np.arctan2(s, (a * b).sum(-1, keepdims=True))
+    return np.asarray(c / (s + 1e-9) * np.arctan2(s, (a * b).sum(-1, keepdims=True)))
 
 
 class PoseSampler:

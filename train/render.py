@@ -70,7 +70,7 @@ class View:
         clip[1, 1], clip[1, 2] = -2 * f / h, 1 - 2 * cy / h
         clip[2, 2], clip[2, 3] = (FAR + NEAR) / (FAR - NEAR), -2 * FAR * NEAR / (FAR - NEAR)
         clip[3, 2] = 1
-        return clip @ np.vstack([self.cam_from_world, [0, 0, 0, 1]])
+        return np.asarray(clip @ np.vstack([self.cam_from_world, [0, 0, 0, 1]]))
 
 
 def look_at(center_world: F64, target_world: F64, roll: float = 0.0) -> F64:
@@ -135,7 +135,7 @@ class Renderer:
 
         self.gl = moderngl
         try:
-            self.ctx = moderngl.create_context(standalone=True, backend="egl", libgl="libGL.so.1", libegl="libEGL.so.1")  # type: ignore[call-arg]
+            self.ctx = moderngl.create_context(standalone=True, backend="egl", libgl="libGL.so.1", libegl="libEGL.so.1")  # type: ignore[arg-type]
         except Exception as error:
             from muybridge.errors import MissingExtraError
 

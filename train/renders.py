@@ -40,7 +40,7 @@ def sample_view(vertices: NDArray[np.float32], rng: np.random.Generator, size: i
     eye = center + distance * direction
     middle = (size - 1) / 2
     target = center
-    focal = size
+    focal = float(size)
     for points in (body[::4], body[::4], body):  # the box's middle moves a little as the camera turns to it
         view = View(look_at(eye, target), focal, (middle, middle), size, size)
         px = np.ascontiguousarray(view.project(points)[0].T)
@@ -74,7 +74,7 @@ class RenderSet:
 
     def pixels_of(self, index: int) -> NDArray[np.uint8]:
         """(5, SIZE, SIZE) of one render."""
-        return self.pixels[index // SHARD][index % SHARD]
+        return np.asarray(self.pixels[index // SHARD][index % SHARD])
 
 
 def render_shard(body: BodyModel, renderer: Renderer, views_each: int = 2) -> list[Render]:

@@ -5,6 +5,7 @@ recordings, and look at a place where a person would be, framed as the crops in 
 """
 
 import colorsys
+from typing import Any
 
 import cv2
 import numpy as np
@@ -246,7 +247,7 @@ class RoomPainter:
 
     def __init__(self, renderer: Renderer) -> None:
         self.renderer = renderer
-        self.program = renderer.ctx.program(
+        self.program: Any = renderer.ctx.program(
             vertex_shader=(SHADERS / "lab.vert").read_text(), fragment_shader=(SHADERS / "lab.frag").read_text()
         )
         self.targets: dict[tuple[int, int], object] = {}
@@ -290,7 +291,7 @@ class RoomPainter:
         self.program["fractal3"].value = 0
         array.render()  # type: ignore[attr-defined]
         pixels = np.frombuffer(target.read(components=3, alignment=1), "u1").reshape(size[1], size[0], 3)[::-1]  # type: ignore[attr-defined]
-        return cv2.resize(pixels, (view.width, view.height), interpolation=cv2.INTER_AREA)
+        return np.asarray(cv2.resize(pixels, (view.width, view.height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def room_view(rng: np.random.Generator, builder: RoomBuilder, size: int) -> View:
@@ -318,7 +319,7 @@ def make_room_pictures(renderer: Renderer, count: int, size: int, seed: int) -> 
         for i in range(start, min(start + VIEWS_EACH, count)):
             picture = painter.picture(array, room_view(rng, builder, size)).astype(np.float32)
             if rng.random() < 0.5:
-                picture = cv2.GaussianBlur(picture, (0, 0), rng.uniform(0.4, 2.5))
+                picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), rng.uniform(0.4, 2.5)), np.float32)
             picture *= np.exp(rng.normal(0, 0.2))
             out[i] = picture.clip(0, 255).astype(np.uint8).transpose(2, 0, 1)
         array.release()  # type: ignore[attr-defined]

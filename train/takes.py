@@ -1,6 +1,7 @@
 """Whole takes of one synthetic person: a moving body in a rendered room, several cameras, truth included."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -80,7 +81,7 @@ class Room:
     def __init__(self, renderer: Renderer, seed: int, half_side: float = 4.5, height: float = 3.0) -> None:
         self.renderer = renderer
         ctx = renderer.ctx
-        self.program = ctx.program(
+        self.program: Any = ctx.program(
             vertex_shader=(SHADERS / "room.vert").read_text(), fragment_shader=(SHADERS / "room.frag").read_text()
         )
         rng = np.random.default_rng(seed)

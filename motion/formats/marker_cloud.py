@@ -60,7 +60,7 @@ def read_marker_cloud(path: Path) -> MarkerCloud:
     if not path.is_file():
         raise FormatError(f"{path}: no such file; give an existing C3D, TRC or CSV file")
     cloud = readers[path.suffix.lower()](path)
-    there = np.isfinite(cloud.points[..., 0]).any(0)
+    there = np.atleast_1d(np.isfinite(cloud.points[..., 0]).any(0))
     if not there.any():
         raise FormatError(f"{path}: holds no points: its {len(there)} trajectories are empty; export the markers")
     names = np.array(cloud.names, object)
