@@ -63,6 +63,8 @@ class SolverNet(nn.Module):
         self.config: dict[str, Any] = {"carrier": carrier, "parents": parents, "width": width, "layers": layers,
                                        "kind": kind}  # fmt: skip
         markers, joints = len(carrier), len(parents)
+        self.carried: Tensor
+        self.same: Tensor
         own = torch.zeros(joints, markers)
         own[torch.tensor(carrier), torch.arange(markers)] = 1.0
         up = torch.zeros(joints, joints)
@@ -102,4 +104,5 @@ class SolverNet(nn.Module):
         same = same / same.sum(-1, keepdim=True).clamp(min=1.0)
         for layer in self.layers:
             m, j = layer(m, j, carried, same, self.up, self.down)
-        return (self.norm(j).unsqueeze(-2) @ self.out).squeeze(-2) + self.bias
+        answer: Tensor = (self.norm(j).unsqueeze(-2) @ self.out).squeeze(-2) + self.bias
+        return answer

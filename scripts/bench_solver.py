@@ -33,6 +33,7 @@ from muybridge.geometry.marker_fit import (
 from muybridge.geometry.marker_joints import landmarks_from_markers
 from muybridge.geometry.rotations import matrix_from_quat
 from muybridge.geometry.skeleton import Motion
+from muybridge.infer.solver_network import SolverNetwork, corrected
 from muybridge.motion.formats.bvh import read_bvh
 from muybridge.train.marker_clouds import MarkerBodies
 from muybridge.train.solver_takes import SolverTake, Spoiling, marker_columns, recorded_take, spoil
@@ -82,7 +83,7 @@ def by_joint(turns: np.ndarray, places: np.ndarray, take: SolverTake) -> None:
         print(f"    {name:16s} {np.linalg.norm(off, axis=-1).mean():5.1f} mm {angle:5.1f} deg")
 
 
-def solve_all(points: np.ndarray, columns: np.ndarray, fps: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def solve_all(points: np.ndarray, columns: np.ndarray, fps: float, network: Path | None = None) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """World rotations and places of every way to solve."""
     options = MarkerFitOptions()
     person = calibrate_person(points, columns, fps, options)
@@ -102,7 +103,10 @@ def solve_all(points: np.ndarray, columns: np.ndarray, fps: float) -> dict[str, 
     cloud = Points3D(LandmarkSet("skin", tuple(names), ()), points, unknown, none, none.astype(bool), fps)
     centres = landmarks_from_markers(cloud, {n: k for k, n in enumerate(names)})
     out["joint centres, then body"] = _world(fit_body(centres).motion)
-    out["whole take"] = _world(fit_markers(points, columns, fps, options, person=person).motion)
+    fit = fit_markers(points, columns, fps, options, person=person)
+    out["whole take"] = _world(fit.motion)
+    if network is not None:
+        out["whole take and network"] = _world(corrected(fit, points, SolverNetwork(network)).motion)
     return out
 
 
@@ -118,6 +122,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=400)
     parser.add_argument("--placed", type=float, default=0.0, help="markers' places, in spreads of examiners")
     parser.add_argument("--cases", type=int, default=len(CASES))
+    parser.add_argument("--network", type=Path, default=None, help="solver.onnx of `muybridge train solver`")
     parser.add_argument("--joints", action="store_true", help="errors of every joint of the last take")
     options = parser.parse_args()
     motion = read_motion(options.motion, options.every, options.frames)
@@ -130,7 +135,7 @@ def main() -> None:
         for k, take in enumerate(takes):
             columns = marker_columns((PLUG_IN_GAIT, CMU)[k % 2])
             points, _ = spoil(take.points[:, columns], take.fps, how, rng)
-            solved = solve_all(points, columns, take.fps)
+            solved = solve_all(points, columns, take.fps, options.network)
             for name, (turns, places) in solved.items():
                 found.setdefault(name, []).append(errors(turns, places, take))
         print(f"{case}  ({time.process_time() - begun:.0f} s)")

@@ -91,4 +91,4 @@ def load_solver_clips(folder: pathlib.Path, shards: range) -> SolverClips:
                     normals.append(shard["normals"])
                     turns.append(shard["turns"])
                     places.append(shard["places"])
-    return SolverClips(*(np.concatenate(parts) for parts in (points, normals, turns, places)))
+    return SolverClips(np.concatenate(points), np.concatenate(normals), np.concatenate(turns), np.concatenate(places))

@@ -9,8 +9,9 @@ from muybridge.geometry.landmarks import SURFACE, MarkerSet
 from muybridge.geometry.skeleton import Motion
 from muybridge.train.marker_augment import _LOOSE
 from muybridge.train.marker_clouds import MarkerBodies
-from muybridge.train.marker_rig import BODY_JOINTS, Array, follow, joints_of, rig_of
+from muybridge.train.marker_rig import BODY_JOINTS, follow, joints_of, rig_of
 from muybridge.train.markers import marker_table
+from muybridge.train.motion_rig import Array
 
 # Markers that laboratories place anywhere along a limb: as far as the labelling network's clouds have them.
 ALONG_M = 0.03
