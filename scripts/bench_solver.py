@@ -83,7 +83,9 @@ def by_joint(turns: np.ndarray, places: np.ndarray, take: SolverTake) -> None:
         print(f"    {name:16s} {np.linalg.norm(off, axis=-1).mean():5.1f} mm {angle:5.1f} deg")
 
 
-def solve_all(points: np.ndarray, columns: np.ndarray, fps: float, network: Path | None = None) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def solve_all(
+    points: np.ndarray, columns: np.ndarray, fps: float, network: Path | None = None
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """World rotations and places of every way to solve."""
     options = MarkerFitOptions()
     person = calibrate_person(points, columns, fps, options)
