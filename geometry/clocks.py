@@ -96,6 +96,8 @@ def parabola(values: Floats, at: int) -> float:
     if at <= 0 or at >= len(values) - 1:
         return 0.0
     left, middle, right = values[at - 1], values[at], values[at + 1]
+    if not np.isfinite([left, middle, right]).all():
+        return 0.0
     bend = left - 2 * middle + right
     return float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend < 0 else 0.0
 

@@ -90,7 +90,7 @@ def smooth_rotations(quat_wxyz: Array, fps: float, method: str, options: FilterO
     Returns:
         Unit quaternions of the same shape, continuous in sign; NaN where the input is.
     """
-    known = np.isfinite(quat_wxyz).all(axis=-1)
+    known = np.asarray(np.isfinite(quat_wxyz).all(axis=-1))
     filled = np.array(quat_wxyz, dtype=np.float64)
     latest = np.maximum.accumulate(
         np.where(known, np.arange(len(known)).reshape(-1, *[1] * (known.ndim - 1)), 0), axis=0

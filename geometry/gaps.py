@@ -102,7 +102,7 @@ def _spline(xyz: Array, j: int, start: int, stop: int, _: GapOptions) -> Array:
 
 def _through(xyz: Array, j: int, start: int, stop: int) -> NDArray[np.intp]:
     """Other landmarks that are known in the gap and at its edges."""
-    known = np.isfinite(xyz[start - 1 : stop + 1, :, 0]).all(axis=0)
+    known = np.asarray(np.isfinite(xyz[start - 1 : stop + 1, :, 0]).all(axis=0))
     known[j] = False
     return np.flatnonzero(known)
 

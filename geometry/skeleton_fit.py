@@ -21,6 +21,7 @@ from muybridge.geometry.skeleton import Motion, Skeleton
 from muybridge.geometry.skeleton_profiles import with_limits
 
 Array = NDArray[np.float64]
+State = tuple[Array, Array, Array, Array, Array]  # root, turn, angles, their rates, and how sure all are
 
 _PATIENCE = 10  # frames until a body that could not be found again is looked for once more
 
@@ -163,7 +164,7 @@ class OnlineFit:
         self.rigging = rigging or joint_rigging(skeleton)
         self.skeleton, self.fps, self.sigma = solvable(skeleton, self.rigging), fps, sigma
         self._chain = _chain(self.skeleton, self.rigging, self.options)
-        self._state: tuple[Array, ...] | None = None
+        self._state: State | None = None
         self._patience = 0
         self._jerkiness = _jerkiness(self._chain, self.options)
 
@@ -251,7 +252,7 @@ def _jerkiness(chain: Chain, options: SkeletonFitOptions) -> Array:
 
 
 def _known(points_world: Array, sigma: float) -> tuple[Array, Array]:
-    known = np.isfinite(points_world).all(axis=-1)
+    known = np.asarray(np.isfinite(points_world).all(axis=-1))
     return np.where(known[..., None], points_world, 0.0), np.where(known, sigma**-2.0, 0.0)
 
 
@@ -294,8 +295,8 @@ def _tracked(
 
 
 def _recovered(
-    chain: Chain, state: tuple[Array, ...], targets: Array, information: Array, options: SkeletonFitOptions
-) -> tuple[tuple[Array, ...], bool]:
+    chain: Chain, state: State, targets: Array, information: Array, options: SkeletonFitOptions
+) -> tuple[State, bool]:
     """The state anew from one frame alone, if that leaves at most half as many points far; whether it does."""
     _, far = count_far(chain, *state[:3], targets, information)
     new = _begun(chain, targets, information, options)
@@ -313,7 +314,7 @@ def _cuts(chain: Chain, pose: Pose, lost: NDArray[np.bool_], fps: float, top_spe
     return [int(t) for t in frames[way * fps > top_speed]]
 
 
-def _begun(chain: Chain, targets: Array, information: Array, options: SkeletonFitOptions) -> tuple[Array, ...]:
+def _begun(chain: Chain, targets: Array, information: Array, options: SkeletonFitOptions) -> State:
     """The first frame without a frame before it: from several headings, the best."""
     j_count, n = len(chain.parents), len(chain.above)
     angles = np.zeros((j_count, 3))

@@ -128,7 +128,7 @@ def motion_delay(reference: Floats, other: Floats, fps: float, max_offset: float
     # The correlation's noise over its bend at the peak.
     bend = 2 * scores[best] - scores[max(best - 1, 0)] - scores[min(best + 1, len(scores) - 1)]
     noise = (1 - max(scores[best], 0) ** 2) / np.sqrt(max(frames, 4) / (2 * _SPEED_SMOOTHING))
-    sd = noise / max(bend, 1e-6) / fps
+    sd = noise / (max(bend, 1e-6) if np.isfinite(bend) else 1e-6) / fps
     return Clock(float(delay), 0.0, float(max(sd, 0.05 / fps)), np.inf, float(np.clip(scores[best], 0, 1)))
 
 

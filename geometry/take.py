@@ -16,6 +16,7 @@ denoising", CVPR 2005 (other frames).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -106,15 +107,16 @@ def triangulate_take(
     again, again_info = _recurrences(cloud, options)
     path, of_path, level = _paths(_with(cloud, again, again_info), cloud, options)
     views, info = views_of(cameras, points_px, variance_px2, single, options.triangulate)
-    path_info = np.linalg.inv(level).reshape(-1, 3, 3)
+    path_info: Array = np.asarray(np.linalg.inv(level), dtype=np.float64).reshape(-1, 3, 3)
     points, covariance = single.points_world.reshape(-1, 3).copy(), np.full((frames * landmarks, 3, 3), np.nan)
     for joined in ((), bones) if bones else ((),):
         # Bones come second: before, points that are wrong would pull their neighbours.
         other, other_info = _with_bones(again, again_info, points.reshape(frames, landmarks, 3), cloud, joined, options)
-        in_chunks(len(points), options.triangulate, lambda begin, end, o=other, i=other_info: likeliest_points(
-            views.rig, limits_of(views, options.triangulate), views.seen, info, path.reshape(-1, 3), path_info,
-            o.reshape(-1, 3), i.reshape(-1, 3, 3), options.freedom, begin, end, points, covariance,
-        ))  # fmt: skip
+        work = partial(
+            likeliest_points, views.rig, limits_of(views, options.triangulate), views.seen, info, path.reshape(-1, 3),
+            path_info, other.reshape(-1, 3), other_info.reshape(-1, 3, 3), options.freedom, points, covariance,
+        )  # fmt: skip
+        in_chunks(len(points), options.triangulate, work)
     # The path is not known exactly either; by so much it moves the point.
     share = covariance @ path_info
     covariance = covariance + share @ of_path.reshape(-1, 3, 3) @ np.swapaxes(share, -1, -2)
@@ -126,7 +128,7 @@ def triangulate_take(
 
 
 def _cloud(single: Triangulation) -> _Cloud:
-    known = np.isfinite(single.points_world).all(axis=-1)
+    known = np.asarray(np.isfinite(single.points_world).all(axis=-1))
     xyz = np.where(known[..., None], single.points_world, 0.0)
     covariance = np.where(known[..., None, None], single.covariance_world, np.eye(3))
     typical = np.tile(np.eye(3) * 1e-4, (known.shape[1], 1, 1))
@@ -199,13 +201,10 @@ def _recurrences(cloud: _Cloud, options: TakeOptions) -> tuple[Array, Array]:
     near = 4 * options.patch + 2
     if not options.recurrences or frames < 2 * near:
         return mean, info
+    white = np.einsum("jba,tjb->tja", np.linalg.cholesky(np.linalg.inv(cloud.typical)), cloud.xyz)
     for t, others in enumerate(_candidates(cloud, options, near)):
         others = others[np.abs(others - t) > near][: options.recurrences]
-        # The frame alone, for all of them at once, before the neighbours are looked at.
-        others = others[_unlike_frames(cloud, t, others) < 4 * options.alike]
-        if not len(others):
-            continue
-        beyond = np.array([_unlike(cloud, t, int(u), options.patch) for u in others])
+        beyond = _unlike(white, cloud.known, t, others, options.patch)
         others, beyond = others[beyond < options.alike], beyond[beyond < options.alike]
         if len(others):
             mean[t], info[t] = _average(cloud, t, others, max(float(beyond.mean()), 0.1))
@@ -229,29 +228,24 @@ def _candidates(cloud: _Cloud, options: TakeOptions, near: int, most: int = 4000
     return np.asarray(chosen[cKDTree(flat[chosen]).query(flat, count)[1]])
 
 
-def _unlike(cloud: _Cloud, t: int, u: int, patch: int) -> float:
-    """Median square difference of two frames and their neighbours beyond noise, in units of the noise."""
-    frames = len(cloud.known)
+def _unlike(white: Array, known: NDArray[np.bool_], t: int, others: NDArray[np.intp], patch: int) -> Array:
+    """(K,) median square difference of frames and their neighbours beyond noise, in units of the noise.
+
+    Args:
+        white: (T, J, 3) points in units of their landmark's typical noise.
+        known: (T, J).
+        t, others: the frame, and those it is compared with. Infinite where too little is known.
+    """
     around = np.arange(-patch, patch + 1)
-    around = around[(t + around >= 0) & (u + around >= 0) & (t + around < frames) & (u + around < frames)]
-    a, b = t + around, u + around
-    both = cloud.known[a] & cloud.known[b]
-    if both.sum() < 12:
-        return float("inf")
-    off = (cloud.xyz[a] - cloud.xyz[b])[both]
-    total = (cloud.covariance[a] + cloud.covariance[b])[both]
-    far = np.einsum("na,na->n", off, np.linalg.solve(total, off[..., None])[..., 0])
-    return max(float(np.median(far)) / _CHI2_3_MEDIAN - 1, 0.0)
-
-
-def _unlike_frames(cloud: _Cloud, t: int, others: NDArray[np.intp]) -> Array:
-    """(K,) as `_unlike`, roughly and of the frames alone; infinite where too little is known."""
-    off = cloud.xyz[others] - cloud.xyz[t]
-    information = np.linalg.inv(2 * cloud.typical)
-    far = np.sort(np.einsum("uja,jab,ujb->uj", off, information, off)
-                  + np.where(cloud.known[others] & cloud.known[t], 0.0, np.inf), axis=1)  # fmt: skip
-    count = np.isfinite(far).sum(axis=1)
-    return np.where(count >= 3, far[np.arange(len(far)), count // 2 - (count > 0)] / _CHI2_3_MEDIAN - 1, np.inf)
+    a, b = t + around, others[:, None] + around
+    inside = (a >= 0) & (a < len(white)) & (b >= 0) & (b < len(white))
+    a, b = np.clip(a, 0, len(white) - 1), np.clip(b, 0, len(white) - 1)
+    both = known[a] & known[b] & inside[..., None]
+    off = white[b] - white[a]
+    far = np.where(both, np.einsum("kfja,kfja->kfj", off, off) / 2, np.inf).reshape(len(others), -1)
+    count = both.reshape(len(others), -1).sum(axis=1)
+    middle = np.take_along_axis(np.sort(far, axis=1), (np.maximum(count - 1, 0) // 2)[:, None], axis=1)[:, 0]
+    return np.where(count >= 12, np.maximum(middle / _CHI2_3_MEDIAN - 1, 0.0), np.inf)
 
 
 def _average(cloud: _Cloud, t: int, others: NDArray[np.intp], beyond: float) -> tuple[Array, Array]:

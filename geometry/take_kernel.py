@@ -105,7 +105,7 @@ def _likeliest(
 @_compiled
 def likeliest_points(
     rig: Rig, limits: Limits, seen: Array, info: Array, path: Array, path_info: Array, other: Array,
-    other_info: Array, freedom: float, begin: int, end: int, points: Array, covariances: Array,
+    other_info: Array, freedom: float, points: Array, covariances: Array, begin: int, end: int,
 ) -> None:  # fmt: skip
     """Points `begin` to `end`, in place: the better of what is reached from the point and from its path.
 
@@ -116,9 +116,9 @@ def likeliest_points(
         other: (N, 3) what bones and recurrences say.
         other_info: (N, 3, 3) its inverse covariance.
         freedom: of Student's t.
-        begin, end: which.
         points: (N, 3) starts, then results; NaN is left alone.
         covariances: (N, 3, 3) results.
+        begin, end: which.
     """
     cameras = rig.poses.shape[0]
     rays = np.empty((cameras, 3))

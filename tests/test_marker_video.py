@@ -1,11 +1,19 @@
 """Markers in video: blobs to sub-pixel, matched without names, ghosts rejected; the whole way to a skeleton."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.marker_matching import MatchOptions, follow_points, match_points, without_ghosts
 from muybridge.geometry.marker_tracking import track_points
 from muybridge.infer.blobs import find_blobs, find_threshold
+from muybridge.infer.cli import run_command
+from muybridge.infer.video import VideoWriter
+from muybridge.motion.formats.bvh import read_bvh
+from muybridge.motion.formats.c3d import read_c3d
 from muybridge.train.marker_video import VideoFaults, draw_markers, ring_of_cameras
 
 
@@ -94,6 +102,44 @@ def test_nothing_seen_is_nothing_found() -> None:
     assert len(match_points(cameras, [np.zeros((0, 2))] * 3).points) == 0
     one = [np.array([[500.0, 500.0]]), np.zeros((0, 2)), np.zeros((0, 2))]
     assert len(match_points(cameras, one, None, MatchOptions()).points) == 0
+
+
+def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
+    """Videos in; named markers and a skeleton out."""
+    from muybridge.geometry.landmarks import PLUG_IN_GAIT
+    from muybridge.geometry.marker_body import marker_body
+    from muybridge.geometry.skeleton_fit import rest_positions
+
+    rng, table, frames = np.random.default_rng(6), marker_body(), 20
+    offsets, places, _ = table.parts(table.mean)
+    skeleton = table.skeleton(offsets)
+    angles = np.tile(table.rest, (frames, 1, 1))
+    angles[:, 1:] += 0.25 * np.sin(np.arange(frames)[:, None, None] / 12 + rng.uniform(0, 6, table.rest[1:].shape))
+    angles = np.clip(angles, table.lower, table.upper)
+    angles[:, 0] = 0
+    height = -rest_positions(skeleton)[:, 2].min() + 0.05
+    turns, at = skeleton.forward(np.tile([0, 0, height], (frames, 1)), skeleton.rotations_from_angles(angles))
+    truth = at[:, table.carrier] + np.einsum("tmij,mj->tmi", turns[:, table.carrier], places)
+    truth = truth[:, list(PLUG_IN_GAIT.surface_indices)]
+    cameras = ring_of_cameras(6, width=640, tall=640, focal_px=720.0)
+    (tmp_path / "videos").mkdir()
+    save_calibration(cameras, tmp_path / "calibration.toml")
+    for camera in cameras:
+        with VideoWriter(tmp_path / "videos" / f"{camera.name}.mp4", 640, 640, 120.0, crf=12) as writer:
+            for points in truth:
+                seen = points[rng.random(len(points)) < 0.8]
+                image = draw_markers(camera, seen, np.zeros((0, 3)), VideoFaults(flickers=0.5), rng)
+                writer.write(np.repeat(image[..., None], 3, axis=2))
+    assert run_command(["run", str(tmp_path), "--markers-in-video", "--quiet"]) == 0
+    out = tmp_path / "muybridge"
+    points = read_c3d(out / "points.c3d")
+    assert points.landmarks.names == PLUG_IN_GAIT.labels
+    gap = np.linalg.norm(points.points_world - truth, axis=-1)
+    assert np.mean(gap < 0.005) > 0.9
+    facts = json.loads((out / "markers.json").read_text())
+    assert facts["markers_found"] >= 37 and facts["residual_mm"]["median"] < 8
+    assert len(read_bvh(out / "motion.bvh")) == frames
+    assert run_command(["run", str(tmp_path), "--markers-in-video", "--marker-video.markerset", "nonsense"]) == 2
 
 
 @pytest.mark.parametrize("frames", [3])

@@ -9,6 +9,7 @@ import pytest
 from muybridge.errors import SessionError
 from muybridge.geometry.calibration import fit_to_video, load_calibration
 from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.clocks import parabola
 from muybridge.geometry.landmarks import BODY23, Keypoints2D
 from muybridge.geometry.synchronisation import (
     Clock,
@@ -75,6 +76,11 @@ def test_a_short_take_is_not_put_apart_by_chance() -> None:
     noise = np.random.default_rng(7).normal(0, 12.0, px.shape)
     clocks = motion_clocks(px + noise, variance, FPS, 2.0)
     assert all(abs(c.offset) < 0.1 for c in clocks)
+
+
+def test_a_peak_beside_what_was_not_tried_is_taken_as_it_stands() -> None:
+    assert parabola(np.array([-np.inf, 3.0, 2.0]), 1) == 0.0
+    assert parabola(np.array([1.0, 3.0, 2.0]), 1) == pytest.approx(1 / 6)
 
 
 def test_epipolar_geometry_finds_sub_frame_offsets_and_drift() -> None:

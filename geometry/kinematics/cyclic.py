@@ -43,7 +43,10 @@ class Nodes(NamedTuple):
 def make_nodes(tree: KinematicTree) -> Nodes:
     """Hinges at one place, each the only one on the one before it, are one node."""
     children = np.bincount([p for p in tree.parents if p >= 0], minlength=len(tree))
-    of_joint, first, last, parent, length = np.zeros(len(tree), dtype=np.int64), [], [], [], []
+    of_joint, length = np.zeros(len(tree), dtype=np.int64), []
+    first: list[int] = []
+    last: list[int] = []
+    parent: list[int] = []
     for j, up in enumerate(tree.parents):
         shift = float(np.linalg.norm(tree.offsets[j]))
         if up >= 0 and shift < 1e-9 and children[up] == 1:
@@ -53,10 +56,10 @@ def make_nodes(tree: KinematicTree) -> Nodes:
         of_joint[j] = len(first)
         first.append(j)
         last.append(j)
-        parent.append(of_joint[up] if up >= 0 else -1)
+        parent.append(int(of_joint[up]) if up >= 0 else -1)
         length.append(shift)
-    ints = (np.array(v, dtype=np.int64) for v in (first, last, parent))
-    return Nodes(of_joint, *ints, np.array(length, dtype=np.float64))
+    a, b, c = (np.array(v, dtype=np.int64) for v in (first, last, parent))
+    return Nodes(of_joint, a, b, c, np.array(length, dtype=np.float64))
 
 
 @compiled

@@ -176,9 +176,9 @@ def descend(
         if value < least:
             best, least = theta.copy(), value
         if good_enough(place, turn, near, straight):
-            return theta, k + 1, (theta - mean) @ precision @ (theta - mean)
+            return theta, k + 1, float((theta - mean) @ precision @ (theta - mean))
         sigma = max(0.7 * sigma, 2e-5)
-    return best, iterations, least / 1e-6 + (best - mean) @ precision @ (best - mean)
+    return best, iterations, float(least / 1e-6 + (best - mean) @ precision @ (best - mean))
 
 
 def solve_by_examples(

@@ -174,7 +174,7 @@ def perturb(links: Links, theta: Array, size: float, state: NDArray[np.uint64]) 
 @compiled
 def good_enough(place: Array, turn: Array, near: float, straight: float) -> bool:
     """Whether all goals are within `near` metres and `straight` radians."""
-    return np.max(place) <= near and np.max(turn) <= straight
+    return bool(np.max(place) <= near and np.max(turn) <= straight)
 
 
 @compiled
