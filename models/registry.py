@@ -19,9 +19,9 @@ from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import BODY23, SURFACE, LandmarkSet
 from muybridge.models.decode import SpreadCalibration
 
-ModelKind = Literal["keypoints", "people", "labels"]
+ModelKind = Literal["keypoints", "people", "labels", "solver"]
 Precision = Literal["int8", "fp32"]
-_KINDS: tuple[ModelKind, ...] = ("keypoints", "people", "labels")
+_KINDS: tuple[ModelKind, ...] = ("keypoints", "people", "labels", "solver")
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
 
 

@@ -125,10 +125,11 @@ def main() -> None:
     parser.add_argument("--placed", type=float, default=0.0, help="markers' places, in spreads of examiners")
     parser.add_argument("--cases", type=int, default=len(CASES))
     parser.add_argument("--network", type=Path, default=None, help="solver.onnx of `muybridge train solver`")
+    parser.add_argument("--seed", type=int, default=1001, help="of the bodies")
     parser.add_argument("--joints", action="store_true", help="errors of every joint of the last take")
     options = parser.parse_args()
     motion = read_motion(options.motion, options.every, options.frames)
-    bodies = MarkerBodies(1001)
+    bodies = MarkerBodies(options.seed)
     takes = [recorded_take(bodies, p, motion, options.placed) for p in bodies.model.sample_phenotypes(options.bodies)]
     for case, how in list(CASES.items())[: options.cases]:
         found: dict[str, list[np.ndarray]] = {}
