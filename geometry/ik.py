@@ -279,7 +279,8 @@ def _fit_shape(model: BodyModel, problem: Problem, pose: Pose, shape_frames: int
     full[:size, :size] = share * matrix + np.diag(certain)
     full[:size, size] = full[size, :size] = -certain * ratio
     full[size, size] = np.sum(certain * ratio**2) + 1 / STATURE_SD_M**2
-    shape: Array = np.linalg.solve(full, np.r_[share * vector, STATURE_M / STATURE_SD_M**2])[:size]
+    solved = np.linalg.solve(full, np.r_[share * vector, STATURE_M / STATURE_SD_M**2])
+    shape = np.asarray(solved[:size], dtype=np.float64)
     # No length may vanish or turn round, whatever the data say; offsets of small landmarks may.
     mean = prior_shape(_stature(shape))
     return np.where(ratio > 0.05, np.clip(shape, 0.4 * mean, 2.0 * mean), shape)
