@@ -33,6 +33,8 @@ class CleanOptions:
         curve_frames: longest gap that a curve may fill.
         longest_s: longest gap that is filled at all, seconds.
         partners: markers a gap is filled from.
+        sure_frames: longest gap that a curve fills unrivalled,
+        sure_m: where it misses by no more than this in the frames beside, metres.
         spike: how far a sample may stand off its neighbours in time, in robust standard deviations.
         spike_m: and at least this far, metres.
         trust_m: a gap that no way fills within this distance in the frames beside it stays open, metres.
@@ -42,6 +44,8 @@ class CleanOptions:
     curve_frames: int = 10
     longest_s: float = 2.0
     partners: int = 12
+    sure_frames: int = 3
+    sure_m: float = 0.002
     spike: float = 8.0
     spike_m: float = 0.02
     trust_m: float = 0.05
@@ -157,6 +161,8 @@ def _fill_marker(marker: int, known: Float, partners: NDArray[np.intp], fps: flo
     for a, b in gaps_of(there):
         if b - a > options.longest_s * fps:
             continue
+        if b - a <= options.sure_frames and _sure_curve(marker, a, b, known, options, filled, sample, error):
+            continue
         ways = _ways(marker, a, b, known, partners, options)
         scores = {way: _trial(way, marker, a, b, known, ways[way][1], options) for way in ways}
         fitting = {w: e for w, e in scores.items() if np.isfinite(e)}
@@ -170,6 +176,19 @@ def _fill_marker(marker: int, known: Float, partners: NDArray[np.intp], fps: flo
             filled[a:b, marker] = ways[best][0]
             sample[a:b, marker] = best
             error[a:b, marker] = fitting[best]
+
+
+def _sure_curve(marker: int, a: int, b: int, known: Float, options: CleanOptions, filled: Float,
+                sample: NDArray[np.uint8], error: Float) -> bool:  # fmt: skip
+    """Fills a gap by a curve, if that is as good as can be in the frames beside it."""
+    curve = fill_curve(known[:, marker], a, b)
+    if curve is None:
+        return False
+    missed = _trial(Sample.CURVE, marker, a, b, known, np.zeros(0, np.intp), options)
+    if missed > options.sure_m:
+        return False
+    filled[a:b, marker], sample[a:b, marker], error[a:b, marker] = curve, Sample.CURVE, missed
+    return True
 
 
 def _ways(marker: int, a: int, b: int, known: Float, partners: NDArray[np.intp],
