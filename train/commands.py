@@ -2,7 +2,7 @@
 
 import shlex
 import sys
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -76,8 +76,16 @@ def train(network: _Network) -> None:
     print(f"wrote {path}; use it with `muybridge run SESSION` and its model options")
 
 
-def evaluate(options: Annotated[Evaluation, tyro.conf.arg(name="")]) -> None:
-    """Score the keypoint network on held-out synthetic people: error, PCK, left-right swaps, sigma."""
+def evaluate(
+    options: Annotated[Evaluation, tyro.conf.arg(name="")],
+    network: tyro.conf.Positional[Literal["keypoints"]] = "keypoints",
+) -> None:
+    """Score the keypoint network on held-out synthetic people: error, PCK, left-right swaps, sigma.
+
+    Args:
+        options: what is scored, on what.
+        network: the kind of network; the only one that is scored here.
+    """
     from muybridge.train.evaluation import evaluate_onnx
 
     for name, value in evaluate_onnx(options).items():
