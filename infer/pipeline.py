@@ -3,6 +3,7 @@
 import importlib.metadata
 import os
 import platform
+import re
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -306,12 +307,24 @@ def versions() -> dict[str, str]:
 def machine() -> dict[str, Any]:
     """Where it ran: system, processors, and the most memory that the process has used so far."""
     facts: dict[str, Any] = {"system": platform.platform(), "processors": os.cpu_count()}
-    if sys.platform != "win32":
-        import resource
+    peak = _peak_memory_mb()
+    return facts if peak is None else facts | {"peak_memory_mb": peak}
 
-        unit = 1 if sys.platform == "darwin" else 1024
-        facts["peak_memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit // 2**20
-    return facts
+
+def _peak_memory_mb() -> int | None:
+    """The most memory that this process has held; None where the system does not say."""
+    # On Linux `getrusage` counts what the parent held when it started this process.
+    status = Path("/proc/self/status")
+    if status.exists():
+        found = re.search(r"VmHWM:\s*(\d+) kB", status.read_text())
+        if found:
+            return int(found[1]) // 2**10
+    if sys.platform == "win32":
+        return None
+    import resource
+
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit // 2**20
 
 
 def summary(result: RunResult) -> str:

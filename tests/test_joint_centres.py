@@ -129,6 +129,12 @@ def test_methods_for_a_marker_set() -> None:
     assert np.linalg.norm(moved.points_world[:, place] - hip, axis=-1).mean() < 0.006
     regressed = centres_from_markers(points, index, ("harrington",))
     assert regressed.names == ("left_thigh", "right_thigh")
-    assert 0.006 < np.linalg.norm(regressed.points_world[:, 0] - hip, axis=-1).mean() < 0.03
+    # Harrington's equation by hand: the pelvis is 240 mm wide and leans forward.
+    front, depth = np.array([0, -0.16, -0.02]), np.hypot(0.16, 0.02)
+    forward, up = front / depth, np.array([0, -0.02, 0.16]) / depth
+    wanted = [0, -0.1, 1] + 0.0865 * np.array([1, 0, 0]) - (0.24 * depth + 0.0099) * forward - 0.0829 * up
+    found = regressed.points_world[:, 0].mean(0)
+    assert np.abs(found - wanted).max() < 0.001
+    assert np.linalg.norm(found - hip) > 0.006
     with pytest.raises(ValueError, match="choose"):
         centres_from_markers(points, index, ("guess",))
