@@ -60,6 +60,24 @@ def test_heatmap_loss_is_least_at_the_truth():
     assert float(keypoints.heatmap_loss(torch.zeros(1, 1, 16, 16), outside)) == 0.0
 
 
+@pytest.mark.parametrize("layout", [torch.contiguous_format, torch.channels_last])
+def test_heatmap_loss_and_its_gradient_are_those_of_cross_entropy(layout):
+    torch.manual_seed(1)
+    logits = (3 * torch.randn(3, 5, 12, 16)).to(memory_format=layout).requires_grad_()
+    landmarks = torch.rand(3, 5, 2) * torch.tensor([64.0, 48.0])
+    landmarks[0, 0], landmarks[1, 1] = torch.nan, 300.0
+    weight = torch.rand(3, 5)
+    cell = (landmarks - 1.5) / 4
+    x, y = (torch.exp(-((torch.arange(n) - cell[..., i, None]) ** 2) / (2 * 0.8**2)) for i, n in enumerate((16, 12)))
+    target = torch.einsum("bjy,bjx->bjyx", y / y.sum(-1, keepdim=True), x / x.sum(-1, keepdim=True)).flatten(2)
+    target[0, 0], target[1, 1] = 0, 0
+    expected = -(target * logits.flatten(2).log_softmax(-1)).sum(-1)
+    loss = keypoints.heatmap_loss(logits, landmarks)
+    torch.testing.assert_close(loss, expected, atol=1e-4, rtol=1e-5)
+    ours, theirs = (torch.autograd.grad((value * weight).sum(), logits)[0] for value in (loss, expected))
+    torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-3)
+
+
 def test_heatmap_loss_is_least_for_what_the_decoder_reads_back():
     """Loss, cells and decoder share one convention: the loss' own minimiser decodes to the label."""
     truth = torch.tensor([[[22.3, 41.9]]])

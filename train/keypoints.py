@@ -17,6 +17,7 @@ from muybridge.models.decode import SpreadCalibration, decode_heatmaps
 from muybridge.models.keypoint_net import STRIDE, KeypointNet
 from muybridge.train import loop
 from muybridge.train.augment import AugmentOptions, Batch, Compositor
+from muybridge.train.heatmap_loss import heatmap_loss
 from muybridge.train.options import KeypointTraining
 from muybridge.train.renders import RenderSet, load_renders
 
@@ -42,22 +43,6 @@ class _Crops:
             return batch.image, landmarks, torch.cat([batch.visible, batch.markers_visible], 1)
 
         return following
-
-
-def heatmap_loss(logits: Tensor, landmarks_px: Tensor, sigma: float = 0.8) -> Tensor:
-    """Cross-entropy (B, J) of heatmap logits (B, J, h, w) against Gaussians of `sigma` cells; zero for landmarks
-    that are unknown (NaN) or outside of the crop."""
-    h, w = logits.shape[-2:]
-    cell = (landmarks_px - (STRIDE - 1) / 2) / STRIDE
-    inside = ((cell > -0.5) & (cell < torch.tensor([w - 0.5, h - 0.5], device=cell.device))).all(-1)
-    cell = cell.nan_to_num()
-    x = torch.exp(-((torch.arange(w, device=cell.device) - cell[..., :1]) ** 2) / (2 * sigma**2))
-    y = torch.exp(-((torch.arange(h, device=cell.device) - cell[..., 1:]) ** 2) / (2 * sigma**2))
-    x, y = x / (x.sum(-1, keepdim=True) + 1e-9), y / (y.sum(-1, keepdim=True) + 1e-9)
-    # sum p log q = sum p z - log sum exp z: no map of probabilities is kept for the backward pass.
-    expected = torch.einsum("bjyx,bjx,bjy->bj", logits.float(), x, y)
-    expected = expected - torch.logsumexp(logits.float().flatten(2), -1) * x.sum(-1) * y.sum(-1)
-    return torch.where(inside, -expected, torch.zeros_like(expected))
 
 
 def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:

@@ -1,0 +1,61 @@
+"""Cross-entropy of heatmaps against small Gaussians, written for a CPU: half the time of the same in plain torch."""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from muybridge.models.keypoint_net import STRIDE
+
+# Cells on each side of a landmark that its Gaussian reaches (five sigma).
+REACH = 4
+
+
+def heatmap_loss(logits: Tensor, landmarks_px: Tensor, sigma: float = 0.8) -> Tensor:
+    """Cross-entropy (B, J) of heatmap logits (B, J, h, w) against Gaussians of `sigma` cells round `landmarks_px`
+    (B, J, 2); zero for landmarks that are unknown (NaN) or outside of the crop."""
+    cells, target = _targets(landmarks_px, logits.shape[-2], logits.shape[-1], sigma)
+    out: Tensor = _CrossEntropy.apply(logits.permute(0, 2, 3, 1), cells, target)  # type: ignore[no-untyped-call]
+    return out
+
+
+def _targets(landmarks_px: Tensor, h: int, w: int, sigma: float) -> tuple[Tensor, Tensor]:
+    """Cells (B, J, K), row by row, that the Gaussians reach, and their probabilities (B, J, K): sums of 1 or 0."""
+    size = torch.tensor([w, h], device=landmarks_px.device)
+    cell = (landmarks_px - (STRIDE - 1) / 2) / STRIDE
+    inside = ((cell > -0.5) & (cell < size - 0.5)).all(-1)
+    cell = torch.where(inside[..., None], cell, 0.0)
+    near = cell.round()[..., None] + torch.arange(-REACH, REACH + 1, device=cell.device)  # (B, J, 2, 2 REACH + 1)
+    share = torch.exp(-((near - cell[..., None]) ** 2) / (2 * sigma**2)) * ((near >= 0) & (near < size[:, None]))
+    share = share / share.sum(-1, keepdim=True) * inside[..., None, None]
+    x, y = torch.minimum(near.clamp(min=0), size[:, None] - 1).long().unbind(-2)
+    target = share[..., 1, :, None] * share[..., 0, None, :]
+    return (y[..., :, None] * w + x[..., None, :]).flatten(-2), target.flatten(-2)
+
+
+class _CrossEntropy(torch.autograd.Function):
+    """log-sum-exp of all cells less the expected logit. The logits are read once, the exponentials kept for the
+    gradient, softmax minus target, which is written in the logits' own precision and memory order."""
+
+    @staticmethod
+    def forward(ctx: Any, logits: Tensor, cells: Tensor, target: Tensor) -> Tensor:
+        """(B, h, w, J), (B, J, K), (B, J, K) -> (B, J)."""
+        exponentials = logits.to(torch.float32, copy=True, memory_format=torch.contiguous_format)
+        top = exponentials.amax((1, 2), keepdim=True)
+        exponentials.sub_(top).exp_()
+        total, mass = exponentials.sum((1, 2)), target.sum(-1)
+        near = logits.flatten(1, 2).gather(1, cells.transpose(1, 2)).float().transpose(1, 2)
+        ctx.save_for_backward(exponentials, total, cells, target, mass)
+        ctx.dtype = logits.dtype
+        return mass * (total.log() + top[:, 0, 0]) - (near * target).sum(-1)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:
+        """The logits' gradient (B, h, w, J)."""
+        exponentials, total, cells, target, mass = ctx.saved_tensors
+        (each,) = gradients
+        out = torch.empty_like(exponentials, dtype=ctx.dtype)
+        torch.mul(exponentials, (each * mass / total)[:, None, None], out=out)
+        taken = (-target * each[..., None]).transpose(1, 2).to(ctx.dtype)
+        out.view(out.shape[0], -1, out.shape[-1]).scatter_add_(1, cells.transpose(1, 2), taken)
+        return out, None, None
