@@ -25,7 +25,7 @@ class SolverNetwork:
     """A solver network.
 
     Attributes:
-        path: of the file; window: seconds, the frames that it sees about each.
+        path: of the file; spans: seconds, the windows in which it sees residuals.
     """
 
     def __init__(self, path: Path, threads: int = 1, batch: int = 256) -> None:
@@ -37,7 +37,7 @@ class SolverNetwork:
             raise ModelError(f"{path}: is no solver network of muybridge; leave the option out to use the shipped one")
         try:
             names, joints = json.loads(said["names"]), json.loads(said["joints"])
-            self.window = tuple(float(s) for s in json.loads(said["window"]))
+            self.spans = tuple(float(s) for s in json.loads(said["spans"]))
         except (KeyError, TypeError, ValueError) as error:
             raise ModelError(f"{path}: its metadata is damaged ({error}); get the file again") from error
         if tuple(names) != SURFACE.names or tuple(joints) != BODY.joint_names:
@@ -50,7 +50,7 @@ class SolverNetwork:
             fit: of the markers.
             points_world: (T, L, 3) metres, those that were fitted.
         """
-        given = solver_input(fit, points_world, self.window)
+        given = solver_input(fit, points_world, self.spans)
         answers = []
         for start in range(0, len(given.markers), self._batch):
             part = slice(start, start + self._batch)

@@ -14,12 +14,12 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-# Frames about the one that is corrected, seconds.
-WINDOW = (-0.1, -0.0333, 0.0, 0.0333, 0.1)
-# Of a marker: its residuals in the window and whether they are known, its place beyond the statistical body's and where
-# it sits. Of a joint: its rotation against its parent and that of its parent (six numbers each).
-MARKER_FEATURES = 4 * len(WINDOW) + 6
-JOINT_FEATURES = 12
+# Standard deviations of the Gaussian windows that residuals are averaged in, seconds; the whole take is one more.
+SPANS = (0.015, 0.06, 0.25)
+# Of a marker: in every window its mean residual and how many frames took part; its place beyond the statistical body's
+# and where it sits. Of a joint: see `geometry.solver_features`.
+MARKER_FEATURES = 4 * (len(SPANS) + 1) + 6
+JOINT_FEATURES = 17
 # Metres and radians of one unit.
 LENGTH, ANGLE = 0.01, 0.1
 
@@ -48,23 +48,36 @@ class _Layer(nn.Module):
         return m + self.marker(torch.cat([m, back], -1)), j
 
 
+class _Own(nn.Module):
+    """A linear layer that every node has of its own: what a thigh is off is not what a head is."""
+
+    def __init__(self, nodes: int, inputs: int, outputs: int, scale: float = 1.0) -> None:
+        super().__init__()
+        self.weight = nn.Parameter(torch.randn(nodes, inputs, outputs) * scale / inputs**0.5)
+        self.bias = nn.Parameter(torch.zeros(nodes, outputs))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, nodes, inputs) to (B, nodes, outputs)."""
+        answer: Tensor = torch.einsum("bni,nio->bno", x, self.weight) + self.bias
+        return answer
+
+
 class SolverNet(nn.Module):
     """Corrections of joints.
 
     Args:
         carrier: joint of each marker, M numbers; parents: of each joint, -1 for the root.
-        width: of the features; layers: rounds of messages; kind: length of what each node knows of who it is.
+        width: of the features; layers: rounds of messages.
     """
 
-    def __init__(
-        self, carrier: list[int], parents: list[int], width: int = 64, layers: int = 2, kind: int = 16
-    ) -> None:
+    def __init__(self, carrier: list[int], parents: list[int], width: int = 64, layers: int = 2) -> None:
         super().__init__()
-        self.config: dict[str, Any] = {"carrier": carrier, "parents": parents, "width": width, "layers": layers,
-                                       "kind": kind}  # fmt: skip
+        self.config: dict[str, Any] = {"carrier": carrier, "parents": parents, "width": width, "layers": layers}
         markers, joints = len(carrier), len(parents)
         self.carried: Tensor
         self.same: Tensor
+        self.up: Tensor
+        self.down: Tensor
         own = torch.zeros(joints, markers)
         own[torch.tensor(carrier), torch.arange(markers)] = 1.0
         up = torch.zeros(joints, joints)
@@ -76,15 +89,12 @@ class SolverNet(nn.Module):
         self.register_buffer("same", same - torch.eye(markers), persistent=False)
         self.register_buffer("up", up, persistent=False)
         self.register_buffer("down", up.T / up.T.sum(1, keepdim=True).clamp(min=1), persistent=False)
-        self.marker_kind = nn.Parameter(0.1 * torch.randn(markers, kind))
-        self.joint_kind = nn.Parameter(0.1 * torch.randn(joints, kind))
-        self.marker_in = nn.Linear(MARKER_FEATURES + kind, width)
-        self.joint_in = nn.Linear(JOINT_FEATURES + kind, width)
+        self.marker_in = _Own(markers, MARKER_FEATURES, width)
+        self.joint_in = _Own(joints, JOINT_FEATURES, width)
         self.layers = nn.ModuleList(_Layer(width) for _ in range(layers))
-        # The last layer is each joint's own: what a thigh is off is not what a head is.
         self.norm = nn.LayerNorm(width)
-        self.out = nn.Parameter(torch.zeros(joints, width, 6))
-        self.bias = nn.Parameter(torch.zeros(joints, 6))
+        self.hidden = _Own(joints, width, width)
+        self.out = _Own(joints, width, 6, scale=0.0)
 
     def forward(self, markers: Tensor, known: Tensor, joints: Tensor) -> Tensor:
         """Corrections (B, J, 6): rotation vector in units of ANGLE and shift in units of LENGTH, in each joint's axes.
@@ -94,9 +104,7 @@ class SolverNet(nn.Module):
             known: (B, M) 1 for markers of the set, else 0.
             joints: (B, J, JOINT_FEATURES).
         """
-        b = markers.shape[0]
-        m = self.marker_in(torch.cat([markers, self.marker_kind.expand(b, -1, -1)], -1))
-        j = self.joint_in(torch.cat([joints, self.joint_kind.expand(b, -1, -1)], -1))
+        m, j = torch.relu(self.marker_in(markers)), torch.relu(self.joint_in(joints))
         there = known.unsqueeze(1)
         carried = self.carried * there
         carried = carried / carried.sum(-1, keepdim=True).clamp(min=1.0)
@@ -104,5 +112,5 @@ class SolverNet(nn.Module):
         same = same / same.sum(-1, keepdim=True).clamp(min=1.0)
         for layer in self.layers:
             m, j = layer(m, j, carried, same, self.up, self.down)
-        answer: Tensor = (self.norm(j).unsqueeze(-2) @ self.out).squeeze(-2) + self.bias
+        answer: Tensor = self.out(torch.relu(self.hidden(self.norm(j))))
         return answer

@@ -20,7 +20,7 @@ from muybridge.geometry.rotations import exp_so3, matrix_from_quat
 from muybridge.geometry.skeleton import Motion
 from muybridge.geometry.solver_features import apply_corrections, carriers, solver_input, target_of
 from muybridge.infer.solver_network import SolverNetwork, corrected
-from muybridge.models.solver_net import WINDOW, SolverNet
+from muybridge.models.solver_net import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
 from muybridge.motion.formats.bvh import read_bvh
 from muybridge.train.marker_clouds import MarkerBodies
 from muybridge.train.solver_publish import _export, parity
@@ -47,10 +47,10 @@ def network() -> SolverNet:
 def test_the_network_is_small_local_and_begins_at_the_classical_fit() -> None:
     net = network()
     assert sum(p.numel() for p in net.parameters()) < 500_000
-    markers, known = torch.randn(2, 72, 4 * len(WINDOW) + 6), torch.ones(2, 72)
-    joints = torch.randn(2, len(BODY.joint_names), 12)
+    markers, known = torch.randn(2, 72, MARKER_FEATURES), torch.ones(2, 72)
+    joints = torch.randn(2, len(BODY.joint_names), JOINT_FEATURES)
     assert torch.equal(net(markers, known, joints), torch.zeros(2, len(BODY.joint_names), 6))
-    torch.nn.init.normal_(net.out)
+    torch.nn.init.normal_(net.out.weight)
     markers.requires_grad_(True)
     hand = BODY.joint_names.index("left_hand")
     (slope,) = torch.autograd.grad(net(markers, known, joints)[:, hand].sum(), markers)
@@ -79,8 +79,8 @@ def still() -> tuple[np.ndarray, np.ndarray]:
 def test_features_and_answers_are_inverse(still: tuple[np.ndarray, np.ndarray]) -> None:
     points, columns = still
     fit = fit_markers(points, columns, 60.0, MarkerFitOptions(calibration_frames=20))
-    given = solver_input(fit, points, WINDOW)
-    assert given.markers.shape == (20, 72, 4 * len(WINDOW) + 6) and np.isfinite(given.markers).all()
+    given = solver_input(fit, points, SPANS)
+    assert given.markers.shape == (20, 72, MARKER_FEATURES) and np.isfinite(given.markers).all()
     rng = np.random.default_rng(1)
     turns = given.turns @ exp_so3(rng.normal(0, 0.2, given.turns.shape[:2] + (3,)))
     places = given.places + rng.normal(0, 0.02, given.places.shape)
@@ -94,9 +94,9 @@ def test_the_file_says_what_torch_says_and_corrects_nothing_untrained(
     net = network().eval()
     path = tmp_path / "solver.onnx"
     said = {"muybridge_kind": "solver", "names": list(SURFACE.names), "joints": list(BODY.joint_names),
-            "window": list(WINDOW)}  # fmt: skip
+            "spans": list(SPANS)}  # fmt: skip
     _export(net, path, said)
-    torch.nn.init.normal_(net.out)
+    torch.nn.init.normal_(net.out.weight)
     assert parity(net, path) > 0.1
     _export(net, tmp_path / "other.onnx", said)
     assert parity(net, tmp_path / "other.onnx") < 1e-4

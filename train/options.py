@@ -98,6 +98,7 @@ class SolverTraining(Training):
     Attributes:
         clips: folder of markers and joints under generated motion, made where they are missing.
         shards: how many shards of 32 clips there shall be; the first is held out from training.
+        workers: 1 makes fits of further shards beside the training, 0 makes all of them before it.
     """
 
     out: pathlib.Path = pathlib.Path("runs/solver")
@@ -107,7 +108,7 @@ class SolverTraining(Training):
     batch: int = 256
     rate: float = 2e-3
     decay: float = 0.4
-    workers: int = 0
+    workers: int = 1
 
 
 @dataclass(frozen=True)

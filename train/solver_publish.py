@@ -15,9 +15,10 @@ from muybridge.files import replacing
 from muybridge.geometry.body import BODY
 from muybridge.geometry.landmarks import SURFACE
 from muybridge.models.export import OPSET
-from muybridge.models.solver_net import JOINT_FEATURES, MARKER_FEATURES, WINDOW, SolverNet
+from muybridge.models.solver_net import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
 from muybridge.train.labels_publish import LICENCE
-from muybridge.train.solver import HELD_OUT, evaluate, load_fits, trained_network
+from muybridge.train.solver import HELD_OUT, evaluate, trained_network
+from muybridge.train.solver_fits import load_fits
 
 _INPUTS = ("markers", "known", "joints")
 
@@ -29,8 +30,8 @@ def publish_solver(checkpoint: pathlib.Path, path: pathlib.Path, fits: pathlib.P
     scores = evaluate(net, load_fits(fits, HELD_OUT))
     metadata: dict[str, Any] = {
         "muybridge_kind": "solver", "version": muybridge.__version__, "names": list(SURFACE.names),
-        "joints": list(BODY.joint_names), "window": list(WINDOW), "config": net.config,
-        "input": "markers (B, M, F), known (B, M), joints (B, J, 12): see geometry.solver_features",
+        "joints": list(BODY.joint_names), "spans": list(SPANS), "config": net.config,
+        "input": "markers (B, M, F), known (B, M), joints (B, J, 17): see geometry.solver_features",
         "output": "corrections (B, J, 6)", "scores": scores, "frames_seen": saved["state"]["images"],
         "seconds_trained": round(saved["state"]["seconds"]), "command": command,
         "date": datetime.date.today().isoformat(), "licence": LICENCE,
