@@ -18,11 +18,13 @@ from muybridge.geometry.marker_fit import (
 )
 from muybridge.geometry.rotations import exp_so3, matrix_from_quat
 from muybridge.geometry.skeleton import Motion
-from muybridge.geometry.solver_features import apply_corrections, carriers, solver_input, target_of
+from muybridge.geometry.solver_features import apply_corrections, carriers, mirrored, solver_input, target_of
 from muybridge.infer.solver_network import SolverNetwork, corrected
 from muybridge.models.solver_net import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
 from muybridge.motion.formats.bvh import read_bvh
 from muybridge.train.marker_clouds import MarkerBodies
+from muybridge.train.solver_clips import FRAMES, SolverClips
+from muybridge.train.solver_fits import KEYS, examples
 from muybridge.train.solver_publish import _export, parity
 from muybridge.train.solver_takes import Spoiling, recorded_take, spoil
 
@@ -104,6 +106,61 @@ def test_the_file_says_what_torch_says_and_corrects_nothing_untrained(
     fit = fit_markers(points, columns, 60.0, MarkerFitOptions(calibration_frames=20))
     same = corrected(fit, points, SolverNetwork(path))
     assert np.abs(same.motion.joint_positions_world() - fit.motion.joint_positions_world()).max() < 1e-4
+
+
+def test_a_person_in_a_mirror_has_mirrored_features() -> None:
+    every = np.arange(len(SURFACE))
+    rng = np.random.default_rng(3)
+    table = marker_body()
+    offsets, places, _ = table.parts(table.mean)
+    skeleton = table.skeleton(offsets)
+    angles = np.clip(table.rest + 0.15 * rng.normal(size=(20, *table.rest.shape)), table.lower, table.upper)
+    angles[:, 0] = 0
+    turns, at = skeleton.forward(np.tile([0, 0, 0.9], (20, 1)), skeleton.rotations_from_angles(angles))
+    points = at[:, table.carrier] + np.einsum("tmij,mj->tmi", turns[:, table.carrier], places)
+    points += rng.normal(0, 0.002, points.shape)
+    keep = [table.names.index(n) for n in BODY.joint_names]
+    turns, at = turns[:, keep], at[:, keep]
+    glass = np.diag([-1.0, 1.0, 1.0])
+
+    def other(names: tuple[str, ...]) -> list[int]:
+        swap = {"left": "right", "right": "left"}
+        return [names.index("_".join(swap.get(w, w) for w in n.split("_"))) for n in names]
+
+    def features(points: np.ndarray, turns: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, ...]:
+        fit = fit_markers(points, every, 60.0, MarkerFitOptions(calibration_frames=20))
+        given = solver_input(fit, points, SPANS)
+        return given.markers, given.known, given.joints, target_of(given, turns, at)
+
+    seen = features(points, turns, at)
+    joints = other(BODY.joint_names)
+    there = features((points @ glass)[:, other(SURFACE.names)], (glass @ turns @ glass)[:, joints],
+                     (at @ glass)[:, joints])  # fmt: skip
+    for mine, theirs, plain in zip(mirrored(*seen), there, seen, strict=True):
+        assert np.abs(mine - theirs).mean() < 0.05 * max(np.abs(plain - theirs).mean(), 1e-3)
+
+
+def test_examples_have_every_frame_rate_and_what_the_fit_is_off() -> None:
+    table = marker_body()
+    rng = np.random.default_rng(5)
+    offsets, places, _ = table.parts(table.mean)
+    skeleton = table.skeleton(offsets)
+    swing = np.sin(np.arange(FRAMES) / 8)[:, None, None] * rng.normal(0, 0.15, table.rest.shape)
+    angles = np.clip(table.rest + swing, table.lower, table.upper)
+    angles[:, 0] = 0
+    turns, at = skeleton.forward(np.tile([0, 0, 0.9], (FRAMES, 1)), skeleton.rotations_from_angles(angles))
+    points = at[:, table.carrier] + np.einsum("tmij,mj->tmi", turns[:, table.carrier], places)
+    keep = [table.names.index(n) for n in BODY.joint_names]
+    clips = SolverClips(points[None].astype(np.float32), np.zeros((1, *points.shape), np.int8),
+                        turns[None, :, keep].astype(np.float32), at[None, :, keep].astype(np.float32))  # fmt: skip
+    made = list(examples(clips, 0, np.random.default_rng(0)))
+    assert [float(m["rate"][0]) for m in made] == [30.0, 60.0, 120.0]
+    for m in made:
+        assert m["markers"].shape == (len(m["target"]), len(SURFACE), MARKER_FEATURES)
+        assert m["joints"].shape == (len(m["target"]), len(BODY.joint_names), JOINT_FEATURES)
+        assert all(np.isfinite(m[k].astype(float)).all() for k in KEYS)
+        # The body that is fitted is the true one: what is off is noise and placement, not centimetres.
+        assert np.linalg.norm(m["target"][..., 3:], axis=-1).mean() < 2.5
 
 
 @pytest.mark.slow

@@ -31,6 +31,8 @@ RATES = (1, 2, 4)
 STRETCH = 128
 # So many frames of each are kept: neighbours tell the same.
 KEPT = 24
+# Frames that tell the person: as many more would tell the same and take as long again.
+CALIBRATION = 56
 _FEWEST = 14
 
 Example = dict[str, NDArray[np.generic]]
@@ -71,7 +73,7 @@ def examples(clips: SolverClips, k: int, rng: _Rng) -> Iterator[Example]:
     first = int(rng.integers(0, FRAMES - count + 1))
     span = slice(first, first + count)
     seen, _ = spoil(points[span], FPS, how, rng)
-    person = calibrate_person(seen, columns, FPS)
+    person = calibrate_person(seen, columns, FPS, MarkerFitOptions(calibration_frames=CALIBRATION))
     for rate in RATES:
         yield _take(person, columns, points[span], (turns[span], places[span]), rate, how, rng)
 
