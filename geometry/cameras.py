@@ -19,8 +19,9 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import pycolmap
 from numpy.typing import ArrayLike, NDArray
+
+from muybridge.geometry.colmap_library import pycolmap
 
 _HALF_PIXEL = 0.5
 

@@ -96,7 +96,7 @@ def distance_scores(points: Float, named: Float, owner: Int, rigidity: Rigidity)
     return out
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _fit(points: Float, named: Float, owner: Int, partners: Int, mean: Float, sigma: Float, out: Float) -> None:
     count, slots = points.shape[:2]
     labels, links = partners.shape

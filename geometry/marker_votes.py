@@ -77,7 +77,7 @@ def exchangeable(points: Float, track: Int, slack: float = 0.03) -> NDArray[np.b
     return out
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _exchangeable(points: Float, track: Int, slack: float, out: NDArray[np.bool_]) -> None:
     count, slots = track.shape
     ahead = np.empty((slots, 3))
@@ -155,7 +155,7 @@ def _assign_at(frame: int, gain: Float, first: Int, last: Int, label: Int) -> No
     label[here[rows]] = np.where(cols < gain.shape[1], cols, -1)
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _overlaps(first: Int, last: Int) -> tuple[Int, Int]:
     """Who shares a frame with whom: beside[starts[p] : starts[p + 1]] are those beside p."""
     order = np.argsort(first)
@@ -181,7 +181,7 @@ def _overlaps(first: Int, last: Int) -> tuple[Int, Int]:
     return beside, starts
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _elect(gain: Float, beside: Int, starts: Int, order: Int, label: Int, rounds: int, fresh: bool = True) -> None:
     for p in order:
         if fresh or label[p] < 0:
@@ -194,7 +194,7 @@ def _elect(gain: Float, beside: Int, starts: Int, order: Int, label: Int, rounds
             break
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _free(p: int, gain: Float, beside: Int, starts: Int, label: Int) -> int:
     """The best label that no trajectory beside `p` has, -1 where none wins votes."""
     taken = np.zeros(gain.shape[1], np.bool_)
@@ -208,7 +208,7 @@ def _free(p: int, gain: Float, beside: Int, starts: Int, label: Int) -> int:
     return best
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _improve(p: int, gain: Float, beside: Int, starts: Int, label: Int) -> bool:
     """Gives `p` a label that it wins more votes with, if whoever stands there can be placed at less loss."""
     old = label[p]
@@ -248,7 +248,7 @@ def ordered(track: Int) -> tuple[Int, Int, Int]:
     return t[order], s[order], np.concatenate([[0], cuts, [len(t)]]).astype(np.intp)
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _cut(votes: Float, starts: Int, switch: Float) -> Int:
     """A number for every piece of every trajectory, (N,)."""
     out = np.empty(len(votes), np.intp)
@@ -264,7 +264,7 @@ def _cut(votes: Float, starts: Int, switch: Float) -> Int:
     return out
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _best_path(votes: Float, switch: Float) -> Int:
     """The labels (N,) of the best course through votes (N, L), a change at i costing `switch[i]` (Viterbi)."""
     count, labels = votes.shape

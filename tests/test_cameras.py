@@ -1,6 +1,9 @@
 """Cameras: projection against OpenCV, round trips, and what crops, scalings and turns do."""
 
 import pickle
+import signal
+import subprocess
+import sys
 
 import cv2
 import numpy as np
@@ -263,3 +266,11 @@ def test_models_and_parameter_counts_are_pycolmap_s() -> None:
         camera = camera_from_colmap("cam", reference, np.eye(3, 4))
         np.testing.assert_allclose(camera.camera_matrix[:2, 2], [319.5, 239.5])
         assert list(reference.principal_point_idxs())[0] == len(reference.focal_length_idxs())
+
+
+def test_a_process_with_cameras_ends_when_it_is_asked_to():
+    """pycolmap's own handler prints a stack instead, and can hang."""
+    code = "import os, signal, muybridge.geometry.cameras as _; os.kill(os.getpid(), signal.SIGTERM)"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert ended.returncode == -signal.SIGTERM
+    assert ended.stderr == ""

@@ -178,7 +178,8 @@ class Compositor:
 
     def _alpha_at(self, alpha: NDArray[np.float32], landmarks: NDArray[np.float32]) -> NDArray[np.float32]:
         at = np.round(np.nan_to_num(landmarks)).astype(int).clip(0, self.size - 1)
-        return alpha[np.arange(len(alpha))[:, None], at[..., 1], at[..., 0]]
+        out: NDArray[np.float32] = alpha[np.arange(len(alpha))[:, None], at[..., 1], at[..., 0]]
+        return out
 
     def _second_person(self, image: Tensor, other: NDArray[np.bool_], in_front: NDArray[np.bool_]) -> Tensor:
         """Another person beside the subject of the crops `other`: behind, drawn into `image` in place, or in front,

@@ -107,7 +107,7 @@ class CameraFaults:
             elif codec[i] < 0.35:
                 quality = int(self.rng.uniform(15, 85))
                 _, code = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
-                picture = cv2.imdecode(code, cv2.IMREAD_COLOR)
+                picture = np.asarray(cv2.imdecode(code, cv2.IMREAD_COLOR))
             pixels[i] = torch.from_numpy(picture.transpose(2, 0, 1).copy())
         return pixels
 

@@ -47,8 +47,10 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
         inside_sigma.append(np.abs(error) / np.sqrt(decoded.variance_crop_px2)[..., None])
         visibles.append(batch.visible.numpy())
         insides.append(((truth >= 0) & (truth < card.input_size)).all(axis=-1))
-    parts = (distances, twins, inside_sigma, visibles, insides)
-    return _figures(*(np.concatenate(a) for a in parts), card.input_size)
+    return _figures(
+        np.concatenate(distances), np.concatenate(twins), np.concatenate(inside_sigma), np.concatenate(visibles),
+        np.concatenate(insides), card.input_size,
+    )  # fmt: skip
 
 
 def _figures(

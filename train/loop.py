@@ -169,7 +169,7 @@ class Fit:
         self.options, self.score = options, score
         options.out.mkdir(parents=True, exist_ok=True)
         self.checkpoint, self.log = options.out / "checkpoint.pt", options.out / "log.jsonl"
-        self.net = net.to(device()).to(memory_format=torch.channels_last)
+        self.net = _placed(net)
         self.optimiser = torch.optim.AdamW(net.parameters(), options.rate, weight_decay=0.02)
         self.average = AveragedWeights(self.net)
         self.state: dict[str, Any] = {"step": 0, "images": 0, "seconds": 0.0}
@@ -218,9 +218,9 @@ class Fit:
 
     def averaged(self) -> nn.Module:
         """The network with averaged weights, in evaluation mode."""
-        net = type(self.net)(**self.net.config)
+        net: nn.Module = type(self.net)(**self.net.config)  # type: ignore[arg-type]
         net.load_state_dict(self.average.state)
-        return net.to(device()).to(memory_format=torch.channels_last).eval()
+        return _placed(net).eval()
 
     def _save(self, losses: list[float], rate: "Throughput") -> None:
         speed = rate(self.state["images"])
@@ -237,6 +237,11 @@ class Fit:
         minutes = self.state["seconds"] / 60
         print(f"{self.state['images']:>9,} images {minutes:6.1f} min  loss {loss:.3f}  {shown}  {speed:.0f} images/s",
               flush=True)  # fmt: skip
+
+
+def _placed(net: nn.Module) -> nn.Module:
+    net.to(device())
+    return net.to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]
 
 
 def worker_seed(seed: int, *parts: int) -> int:

@@ -110,8 +110,8 @@ def evaluate(net: nn.Module, batches: list[SceneBatch], threshold: float = 0.3) 
         )
         for i in range(len(batch.image)):
             guess = detected[i].boxes_px
-            iou = box_overlap(guess, batch.boxes[i])
-            hidden = box_overlap(guess, batch.ignore[i]).max(1, initial=0) > 0.3
+            iou = box_overlap(guess, batch.boxes[i].astype(np.float64))
+            hidden = box_overlap(guess, batch.ignore[i].astype(np.float64)).max(1, initial=0) > 0.3
             best = iou.max(0, initial=0)
             found, people = found + int((best > 0.5).sum()), people + len(best)
             overlap.extend(best[best > 0.5].tolist())

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.optimize import minimize
+from torch import nn
 
 import muybridge
 from muybridge.errors import ModelError
@@ -75,7 +76,8 @@ class HeldOut(NamedTuple):
 
     def select(self, crops: slice, landmarks: slice) -> "HeldOut":
         """Some of the crops and landmarks."""
-        return HeldOut(*(values[crops, landmarks] for values in self))
+        at = (crops, landmarks)
+        return HeldOut(self.error_px[at], self.spread_px2[at], self.inside[at], self.visible[at])
 
 
 def held_out(net: KeypointNet, batches: list[Batch]) -> HeldOut:
@@ -109,7 +111,7 @@ def fit_spread(
         spread_px2: (K,).
         visible: (K,) which of them are not hidden; without, only all together are looked at.
     """
-    groups = [slice(None)] if visible is None or not visible.any() else [slice(None), visible]
+    groups: list[Any] = [slice(None)] if visible is None or not visible.any() else [slice(None), visible]
     order = np.argsort(spread_px2)
     count = max(1, min(KNOTS, len(order) // 50))
     parts = np.array_split(order, count)
@@ -188,7 +190,8 @@ def publish_keypoints(
         "normalisation": NORMALISATION, "box_padding": str(BOX_PADDING),
         "variance": variance, "sigma_coverage": within,
     }  # fmt: skip
-    outputs, exported = ["heatmaps", "visibility"], net
+    outputs = ["heatmaps", "visibility"]
+    exported: nn.Module = net
     if found.error_px.shape[1] > body and found.inside[:, body:].any():
         variance, within = _calibrated(found, slice(body, None))
         metadata |= {
@@ -209,7 +212,7 @@ def _calibrated(found: HeldOut, landmarks: slice) -> tuple[dict[str, Any], dict[
     half = len(found.inside) // 2
     fit, test = found.select(slice(half), landmarks), found.select(slice(half, None), landmarks)
     spread = fit_spread(fit.error_px[fit.inside], fit.spread_px2[fit.inside], fit.visible[fit.inside])
-    within = {}
+    within: dict[str, float] = {}
     for name, chosen in (("", test.inside), ("_visible", test.visible)):
         one, two = sigma_coverage(test.error_px[chosen], test.spread_px2[chosen], spread)
         within |= {f"one{name}": round(one, 3), f"two{name}": round(two, 3)}

@@ -20,7 +20,7 @@ def draw_crops(batch: Batch, tile: int = 192, columns: int = 10) -> NDArray[np.u
     scale = tile / batch.image.shape[-1]
     for i in range(len(batch.image)):
         picture = np.ascontiguousarray(batch.image[i].numpy().transpose(1, 2, 0)[..., ::-1])
-        picture = cv2.resize(picture, (tile, tile))
+        picture = cv2.resize(picture, (tile, tile)).astype(np.uint8)
         if i % 2:
             _draw_landmarks(picture, (batch.landmarks_px[i].numpy() + 0.5) * scale - 0.5, batch.visible[i].numpy())
         tiles.append(picture)

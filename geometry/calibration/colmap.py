@@ -15,7 +15,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
-import pycolmap
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration.common import (
@@ -25,6 +24,7 @@ from muybridge.geometry.calibration.common import (
     pose_from,
 )
 from muybridge.geometry.cameras import CAMERA_MODELS, Camera, camera_from_colmap
+from muybridge.geometry.colmap_library import pycolmap
 
 _MODEL_OF_ID = {int(value): name for name, value in pycolmap.CameraModelId.__members__.items()}
 _FILES = ("cameras", "images", "points3D", "rigs", "frames")

@@ -22,8 +22,6 @@ from __future__ import annotations
 import json
 from typing import Any
 
-import pycolmap
-
 from muybridge.geometry.calibration.common import (
     Calibration,
     Malformed,
@@ -34,6 +32,7 @@ from muybridge.geometry.calibration.common import (
 )
 from muybridge.geometry.calibration.rig_toml import parse_toml
 from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.colmap_library import pycolmap
 
 VERSION = 1
 _FIELDS = ("name", "model", "width", "height", "params", "cam_from_world")

@@ -15,11 +15,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pycolmap
 from numpy.typing import NDArray
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.cameras import Camera, CameraGroup, camera_from_colmap, colmap_camera
+from muybridge.geometry.colmap_library import pycolmap
 
 Floats = NDArray[np.float64]
 
