@@ -15,6 +15,7 @@ from muybridge.geometry.landmarks import SURFACE
 from muybridge.geometry.marker_fit import MarkerFit
 from muybridge.geometry.rotations import continuous_quat, quat_from_matrix
 from muybridge.geometry.skeleton import Motion
+from muybridge.geometry.solver_body import body_through
 from muybridge.geometry.solver_features import apply_corrections, solver_input
 from muybridge.infer.onnx import OnnxOptions, open_session
 
@@ -62,17 +63,6 @@ class SolverNetwork:
 def corrected(fit: MarkerFit, points_world: Array, network: SolverNetwork) -> MarkerFit:
     """The fit with the network's corrections, its bones again of one length for the take."""
     turns, places = network.joints(fit, points_world)
-    skeleton = fit.motion.skeleton
-    parents = np.array(skeleton.parents)
-    local, offsets = turns.copy(), skeleton.offsets.copy()
-    for j, parent in enumerate(parents):
-        if parent >= 0:
-            local[:, j] = np.swapaxes(turns[:, parent], -1, -2) @ turns[:, j]
-            across = np.einsum("tik,ti->tk", turns[:, parent], places[:, j] - places[:, parent])
-            offsets[j] = np.median(across, axis=0)
-    bones = replace(skeleton, offsets=offsets)
-    # The root is where it makes all joints agree best with where they were said to be.
-    _, chain = bones.forward(np.zeros((len(local), 3)), local)
-    root = np.median(places - chain, axis=1)
+    bones, root, local = body_through(fit.motion.skeleton, turns, places)
     motion = Motion(bones, fit.motion.fps, root, continuous_quat(quat_from_matrix(local)))
     return replace(fit, motion=motion, body=replace(fit.body, skeleton=bones))

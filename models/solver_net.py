@@ -113,4 +113,8 @@ class SolverNet(nn.Module):
         for layer in self.layers:
             m, j = layer(m, j, carried, same, self.up, self.down)
         answer: Tensor = self.out(torch.relu(self.hidden(self.norm(j))))
-        return answer
+        return answer * self.reached(known).unsqueeze(-1)
+
+    def reached(self, known: Tensor) -> Tensor:
+        """(B, J) 1 where a joint or one beside it carries a marker of the set; others stay as they were fitted."""
+        return ((self.carried @ known.unsqueeze(-1)).squeeze(-1) > 0).to(known.dtype)

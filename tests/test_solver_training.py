@@ -18,6 +18,7 @@ from muybridge.geometry.marker_fit import (
 )
 from muybridge.geometry.rotations import exp_so3, matrix_from_quat
 from muybridge.geometry.skeleton import Motion
+from muybridge.geometry.solver_body import body_through
 from muybridge.geometry.solver_features import apply_corrections, carriers, mirrored, solver_input, target_of
 from muybridge.infer.solver_network import SolverNetwork, corrected
 from muybridge.models.solver_net import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
@@ -88,6 +89,29 @@ def test_features_and_answers_are_inverse(still: tuple[np.ndarray, np.ndarray]) 
     places = given.places + rng.normal(0, 0.02, given.places.shape)
     again = apply_corrections(given, target_of(given, turns, places))
     assert np.abs(again[0] - turns).max() < 1e-5 and np.abs(again[1] - places).max() < 1e-5
+
+
+def test_a_body_through_joints_keeps_its_bones_and_goes_where_they_are() -> None:
+    table, rng = marker_body(), np.random.default_rng(8)
+    whole = table.skeleton(table.parts(table.mean)[0])
+    angles = np.clip(table.rest + 0.2 * rng.normal(size=(30, *table.rest.shape)), table.lower, table.upper)
+    angles[:, 0] = 0
+    skeleton, local = without_rolls(whole, whole.rotations_from_angles(angles))
+    root = rng.normal(0, 0.3, (30, 3))
+    turns, places = skeleton.forward(root, local)
+    same, there, rotations = body_through(skeleton, turns, places)
+    assert np.abs(same.offsets[1:] - skeleton.offsets[1:]).max() < 1e-6
+    assert np.abs(there - root).max() < 1e-6 and np.abs(rotations - local).max() < 1e-6
+    # Rotations 3 degrees off would carry a foot centimetres away; the places call them back.
+    wrong = turns @ exp_so3(rng.normal(0, 0.03, turns.shape[:2] + (3,)))
+    bones, there, rotations = body_through(skeleton, wrong, places)
+    _, at = bones.forward(there, rotations)
+    assert np.abs(bones.bone_lengths - skeleton.bone_lengths).max() < 0.003
+    assert np.linalg.norm(at - places, axis=-1).mean() < 0.003
+    carried = [np.swapaxes(wrong[:, p], -1, -2) @ wrong[:, j] if p >= 0 else wrong[:, j]
+               for j, p in enumerate(skeleton.parents)]  # fmt: skip
+    _, chain = skeleton.forward(root, np.stack(carried, 1))
+    assert np.linalg.norm(chain - places, axis=-1).mean() > 0.012
 
 
 def test_the_file_says_what_torch_says_and_corrects_nothing_untrained(

@@ -30,8 +30,9 @@ def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
     markers, known, joints, target = batch
     off = net(markers, known, joints) - target
     turn, shift = off[..., :3] * _ROTATION, off[..., 3:] * _SHIFT
+    there = net.reached(known)  # type: ignore[operator]
     # Rounded within half a millimetre of the answer.
-    loss = sum((v.square().sum(-1) + 0.25).sqrt().mean() for v in (turn, shift))
+    loss = sum(((v.square().sum(-1) + 0.25).sqrt() * there).sum() / there.sum() for v in (turn, shift))
     assert isinstance(loss, Tensor)
     return loss, loss.detach()
 
@@ -39,12 +40,17 @@ def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
 @torch.no_grad()
 def evaluate(net: nn.Module, data: tuple[Tensor, ...]) -> dict[str, float]:
     """Mean joint errors of the classical fit and of the corrected one, millimetres and degrees: of all examples and
-    of each frame rate."""
+    of each frame rate; of joints that markers tell of."""
+    there = net.reached(data[1].float())  # type: ignore[operator]
+
+    def mean(each: Tensor) -> Tensor:
+        return (each * there).sum(-1) / there.sum(-1)
+
     answer = torch.cat([net(*(t[k : k + 512].float() for t in data[:3])) for k in range(0, len(data[0]), 512)])
     out = {}
     for name, left in (("fit", data[3]), ("net", data[3] - answer)):
-        degrees = torch.rad2deg(left[..., :3].norm(dim=-1).mean(-1) * ANGLE)
-        millimetres = left[..., 3:].norm(dim=-1).mean(-1) * LENGTH * 1000
+        degrees = torch.rad2deg(mean(left[..., :3].norm(dim=-1)) * ANGLE)
+        millimetres = mean(left[..., 3:].norm(dim=-1)) * LENGTH * 1000
         out[f"{name}_deg"], out[f"{name}_mm"] = float(degrees.mean()), float(millimetres.mean())
         for rate in data[4].unique():
             at = data[4] == rate
