@@ -67,12 +67,15 @@ class SolverNet(nn.Module):
 
     Args:
         carrier: joint of each marker, M numbers; parents: of each joint, -1 for the root.
-        width: of the features; layers: rounds of messages.
+        width: of the features; layers: rounds of messages; dropout: share of the features that training leaves out.
     """
 
-    def __init__(self, carrier: list[int], parents: list[int], width: int = 64, layers: int = 2) -> None:
+    def __init__(
+        self, carrier: list[int], parents: list[int], width: int = 64, layers: int = 2, dropout: float = 0.1
+    ) -> None:
         super().__init__()
-        self.config: dict[str, Any] = {"carrier": carrier, "parents": parents, "width": width, "layers": layers}
+        self.config: dict[str, Any] = {"carrier": carrier, "parents": parents, "width": width, "layers": layers,
+                                       "dropout": dropout}  # fmt: skip
         markers, joints = len(carrier), len(parents)
         self.carried: Tensor
         self.same: Tensor
@@ -93,6 +96,7 @@ class SolverNet(nn.Module):
         self.joint_in = _Own(joints, JOINT_FEATURES, width)
         self.layers = nn.ModuleList(_Layer(width) for _ in range(layers))
         self.norm = nn.LayerNorm(width)
+        self.dropout = nn.Dropout(dropout)
         self.hidden = _Own(joints, width, width)
         self.out = _Own(joints, width, 6, scale=0.0)
 
@@ -104,7 +108,7 @@ class SolverNet(nn.Module):
             known: (B, M) 1 for markers of the set, else 0.
             joints: (B, J, JOINT_FEATURES).
         """
-        m, j = torch.relu(self.marker_in(markers)), torch.relu(self.joint_in(joints))
+        m, j = self.dropout(torch.relu(self.marker_in(markers))), self.dropout(torch.relu(self.joint_in(joints)))
         there = known.unsqueeze(1)
         carried = self.carried * there
         carried = carried / carried.sum(-1, keepdim=True).clamp(min=1.0)
@@ -112,7 +116,7 @@ class SolverNet(nn.Module):
         same = same / same.sum(-1, keepdim=True).clamp(min=1.0)
         for layer in self.layers:
             m, j = layer(m, j, carried, same, self.up, self.down)
-        answer: Tensor = self.out(torch.relu(self.hidden(self.norm(j))))
+        answer: Tensor = self.out(self.dropout(torch.relu(self.hidden(self.dropout(self.norm(j))))))
         return answer * self.reached(known).unsqueeze(-1)
 
     def reached(self, known: Tensor) -> Tensor:

@@ -1,11 +1,14 @@
 """The solver's training: bodies that follow recordings, what spoils takes, the network and its file."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from muybridge.errors import SessionError
 from muybridge.geometry.body import BODY
 from muybridge.geometry.landmarks import PLUG_IN_GAIT, SURFACE
 from muybridge.geometry.marker_body import marker_body, without_rolls
@@ -24,9 +27,11 @@ from muybridge.infer.solver_network import SolverNetwork, corrected
 from muybridge.models.solver_net import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
 from muybridge.motion.formats.bvh import read_bvh
 from muybridge.train.marker_clouds import MarkerBodies
+from muybridge.train.options import SolverTraining
+from muybridge.train.solver import train
 from muybridge.train.solver_clips import FRAMES, SolverClips
 from muybridge.train.solver_fits import KEYS, examples
-from muybridge.train.solver_publish import _export, parity
+from muybridge.train.solver_publish import _export, parity, publish_solver
 from muybridge.train.solver_takes import Spoiling, recorded_take, spoil
 
 
@@ -164,20 +169,26 @@ def test_a_person_in_a_mirror_has_mirrored_features() -> None:
         assert np.abs(mine - theirs).mean() < 0.05 * max(np.abs(plain - theirs).mean(), 1e-3)
 
 
-def test_examples_have_every_frame_rate_and_what_the_fit_is_off() -> None:
-    table = marker_body()
-    rng = np.random.default_rng(5)
-    offsets, places, _ = table.parts(table.mean)
-    skeleton = table.skeleton(offsets)
-    swing = np.sin(np.arange(FRAMES) / 8)[:, None, None] * rng.normal(0, 0.15, table.rest.shape)
-    angles = np.clip(table.rest + swing, table.lower, table.upper)
-    angles[:, 0] = 0
-    turns, at = skeleton.forward(np.tile([0, 0, 0.9], (FRAMES, 1)), skeleton.rotations_from_angles(angles))
-    points = at[:, table.carrier] + np.einsum("tmij,mj->tmi", turns[:, table.carrier], places)
+def clips_of(people: int, seed: int) -> SolverClips:
+    """The statistical body's own people, who swing all joints."""
+    table, rng = marker_body(), np.random.default_rng(seed)
     keep = [table.names.index(n) for n in BODY.joint_names]
-    clips = SolverClips(points[None].astype(np.float32), np.zeros((1, *points.shape), np.int8),
-                        turns[None, :, keep].astype(np.float32), at[None, :, keep].astype(np.float32))  # fmt: skip
-    made = list(examples(clips, 0, np.random.default_rng(0)))
+    made = []
+    for _ in range(people):
+        offsets, places, _ = table.parts(table.mean + rng.normal(0, 0.5, len(table.basis)) @ table.basis)
+        skeleton = table.skeleton(offsets)
+        swing = np.sin(np.arange(FRAMES) / 8)[:, None, None] * rng.normal(0, 0.15, table.rest.shape)
+        angles = np.clip(table.rest + swing, table.lower, table.upper)
+        angles[:, 0] = 0
+        turns, at = skeleton.forward(np.tile([0, 0, 0.9], (FRAMES, 1)), skeleton.rotations_from_angles(angles))
+        points = at[:, table.carrier] + np.einsum("tmij,mj->tmi", turns[:, table.carrier], places)
+        made.append([a.astype(np.float32) for a in (points, turns[:, keep], at[:, keep])])
+    points, turns, at = (np.stack(parts) for parts in zip(*made, strict=True))
+    return SolverClips(points, np.zeros(points.shape, np.int8), turns, at)
+
+
+def test_examples_have_every_frame_rate_and_what_the_fit_is_off() -> None:
+    made = list(examples(clips_of(1, 5), 0, np.random.default_rng(0)))
     assert [float(m["rate"][0]) for m in made] == [30.0, 60.0, 120.0]
     for m in made:
         assert m["markers"].shape == (len(m["target"]), len(SURFACE), MARKER_FEATURES)
@@ -185,6 +196,31 @@ def test_examples_have_every_frame_rate_and_what_the_fit_is_off() -> None:
         assert all(np.isfinite(m[k].astype(float)).all() for k in KEYS)
         # The body that is fitted is the true one: what is off is noise and placement, not centimetres.
         assert np.linalg.norm(m["target"][..., 3:], axis=-1).mean() < 2.5
+
+
+@pytest.mark.slow
+def test_training_learns_resumes_logs_and_is_published(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    store = tmp_path / "clips"
+    store.mkdir()
+    for shard in range(2):
+        clips = clips_of(3, shard)
+        np.savez(store / f"{shard:05}.npz", points=clips.points, normals=clips.normals, turns=clips.turns,
+                 places=clips.places, names=np.array(SURFACE.names), joints=np.array(BODY.joint_names))  # fmt: skip
+    options = SolverTraining(out=tmp_path / "run", clips=store, shards=2, minutes=0.06, batch=32, workers=0)
+    checkpoint = train(options)
+    first = torch.load(checkpoint, weights_only=False)["state"]
+    train(replace(options, minutes=0.02))
+    again = torch.load(checkpoint, weights_only=False)["state"]
+    assert again["step"] > first["step"] > 3 and again["images"] == 32 * again["step"]
+    log = [json.loads(line) for line in (tmp_path / "run" / "log.jsonl").read_text().splitlines()]
+    assert [e["net_mm"] > 0 and e["step"] for e in log if "net_mm" in e] == [first["step"], again["step"]]
+    assert (tmp_path / "run" / "curves.png").stat().st_size > 1000 and "images/s" in capsys.readouterr().out
+    path = tmp_path / "run" / "solver.onnx"
+    scores = publish_solver(checkpoint, path, tmp_path / "run" / "fits", "muybridge train solver")
+    assert {"fit_mm", "net_mm", "fit_deg_120", "net_deg_120"} <= set(scores)
+    assert SolverNetwork(path).spans == SPANS
+    with pytest.raises(SessionError, match="the first is held out"):
+        train(replace(options, shards=1))
 
 
 @pytest.mark.slow
