@@ -9,6 +9,9 @@ pytest.importorskip("torch")
 pytest.importorskip("anny")
 
 from muybridge.train.bodies import KINDS, BodyModel  # noqa: E402
+from muybridge.train.motion_floor import sit  # noqa: E402
+from muybridge.train.motion_hands import HABITS, hands_at_rest  # noqa: E402
+from muybridge.train.motion_kinds import Stage, stand  # noqa: E402
 from muybridge.train.motion_rig import (  # noqa: E402
     LIMITS,
     SIDES,
@@ -258,3 +261,48 @@ def test_a_clip_too_short_or_of_no_known_kind_is_refused(skeleton):
         sampler.sample(0.05, 60.0)
     with pytest.raises(ValueError, match="unknown kind"):
         sampler.sample(1.0, 60.0, "swim")
+
+
+def posed(skeleton, name, monkeypatch):
+    """Joints (F, bones, 3), in the axes of the pelvis, of a clip with this habit of the hands."""
+    monkeypatch.setattr("muybridge.train.motion_hands.HABITS", {name: HABITS[name]})
+    sampler = MotionSampler(skeleton, np.random.default_rng(31))
+    seated = HABITS[name].share[0] == 0
+
+    def programme(g: Stage) -> None:
+        (sit if seated else stand)(g)
+        hands_at_rest(g, seated)
+
+    clip = sampler._best("pair", np.arange(60) / 15, 15.0, programme)
+    assert sum(sampler.faults(clip).values()) == 0
+    rotations, at = forward(skeleton, turn(clip.rotvec), clip.root)
+    return np.einsum("tij,tbi->tbj", rotations[:, 0], at - at[:, :1])
+
+
+@pytest.mark.parametrize("name", HABITS)
+def test_hands_rest_where_people_rest_them(skeleton, name, monkeypatch):
+    at = posed(skeleton, name, monkeypatch) / skeleton.height
+    wrists = np.stack([at[:, skeleton.index("wrist." + s)] for s, _ in SIDES], 1)
+    hips, head = at[:, skeleton.index("root")], at[:, skeleton.index("head")]
+    apart = np.linalg.norm(wrists[:, 0] - wrists[:, 1], axis=-1).min()
+    to_hips, to_head = (np.linalg.norm(wrists - x[:, None], axis=-1).min() for x in (hips, head))
+    if name in ("folded", "clasped", "behind", "holding"):
+        assert apart < 0.2
+    if name in ("ear", "chin", "nape"):
+        assert to_head < 0.15
+    if name in ("hips", "hip", "pockets", "pocket", "clasped", "behind"):
+        assert to_hips < 0.2
+    if name == "folded":  # each wrist is on the other side
+        crossed = (wrists[:, 0, 0] < 0) & (wrists[:, 1, 0] > 0)
+        assert crossed.mean() > 0.3
+    if name == "behind":
+        assert (wrists[..., 1] > 0.02).any(0).all()
+
+
+def test_kinds_that_are_asked_for_are_the_only_ones(body):
+    before, body.kinds = body.kinds, ("sit",)
+    body._frames = []
+    try:
+        assert {KINDS[k] for k in body.sample(6).kinds} == {"sit"}
+    finally:
+        body.kinds, body._frames = before, []

@@ -82,6 +82,8 @@ class BodyModel:
         # Draw order of the renderer: body, tights, skirt, hair.
         self.parts = [self.model.faces.numpy().astype(np.int32)] + [helper[h] for h in HELPERS]
         self.motions: MotionSampler | None = None
+        # Kinds of generated motion to draw from; all, and static poses, where there are none.
+        self.kinds: tuple[str, ...] = ()
         self._frames: list[tuple[NDArray[np.float64], int]] = []
         self._spread: NDArray[np.intp] | None = None
         self._vertex_tables()
@@ -173,13 +175,13 @@ class BodyModel:
         """
         poses: Poses = self.poses.sample(n)
         rotvec, kinds = poses.rotvec.copy(), poses.kinds.copy()
-        moving = np.nonzero(self.rng.random(n) < MOVING)[0]
+        moving = np.nonzero(self.rng.random(n) < (1.0 if self.kinds else MOVING))[0]
         if self.motions is None or self.motions.rng is not self.rng:
             middle = np.full(len(self.model.phenotype_labels), 0.5, np.float32)
             middle[list(self.model.phenotype_labels).index("age")] = 0.75
             self.motions, self._frames = MotionSampler(self.skeleton(middle), self.rng), []
         while len(self._frames) < len(moving):
-            drawn = self.motions.sample_poses(96)
+            drawn = self.motions.sample_poses(96, self.kinds or None)
             order = self.rng.permutation(len(drawn.kinds))
             self._frames += [(drawn.rotvec[i], int(drawn.kinds[i])) for i in order]
         fingers = [i for i, b in enumerate(self.bones) if b.startswith("finger")]

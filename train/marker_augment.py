@@ -70,7 +70,8 @@ class CloudSampler:
         for name, value in _LOOSE.items():
             sigma[SURFACE.index(name)] = value
         self.sigma = sigma
-        self.wands = [([SURFACE.index(n) for n in SURFACE.names if stem in n], often, far) for stem, often, far in _WANDS]
+        self.wands = [([SURFACE.index(n) for n in SURFACE.names if stem in n], often, far)
+                      for stem, often, far in _WANDS]  # fmt: skip
         self.arms = [tuple(SURFACE.index(f"{s}_{x}") for x in ("acromion", "elbow_lateral", "scapula", "radial_styloid",
                      "ulnar_styloid")) for s in ("left", "right")]  # fmt: skip
         self.c7 = SURFACE.index("c7")

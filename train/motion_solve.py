@@ -38,6 +38,19 @@ LIMB = {"hip": 5.0, "abd": -3.0, "hiprot": 4.0, "knee": 8.0, "ankle": 0.0, "plan
         "hz": 0.0}  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Hold:
+    """A hand that rests on the body, or keeps its place before it.
+
+    Attributes:
+        bone: which carries the place; `hx hy hz` are then coordinates of the body at rest, not of the world.
+        elbow: (3,) where the elbow points, in the axes of the body at rest.
+    """
+
+    bone: str
+    elbow: Array
+
+
 @dataclass
 class Script:
     """What a motion shall be, before the body has its say.
@@ -50,11 +63,13 @@ class Script:
             wrist and `hand` how much the arm follows it; `ground` 1 where the lowest point of the body, whichever it
             is, touches the floor; `balance` 1 where the centre of mass shall be over the feet.
         flights: spans (first, last) of frames without contact.
+        holds: hands whose place the body carries, by side.
     """
 
     time: Array
     channels: dict[str, Array] = field(default_factory=dict)
     flights: list[tuple[int, int]] = field(default_factory=list)
+    holds: dict[str, Hold] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         names = TRUNK | {k + s: v for k, v in LIMB.items() for s, _ in SIDES}
@@ -69,7 +84,7 @@ class Script:
 
     def every(self, step: int) -> "Script":
         """Every `step`-th frame."""
-        return Script(self.time[::step], {k: v[::step] for k, v in self.channels.items()})
+        return Script(self.time[::step], {k: v[::step] for k, v in self.channels.items()}, holds=self.holds)
 
 
 def limit(value: Array, low: float, high: float, soft: float = 8.0) -> Array:
@@ -307,21 +322,35 @@ class Solver:
     def _hand(self, script: Script, local: Array, root: Array, side: str, arm: Array,
               elbow: Array) -> tuple[Array, Array]:  # fmt: skip
         """The upper arm and elbow that bring the wrist to its place, mixed in by `hand`."""
-        c, k = script.channels, self.k
-        rotation, origin, last = local[:, 0], root, self.i["root"]
-        for bone in (*SPINE, "clavicle." + side, "shoulder01." + side, "upperarm01." + side):
-            origin = origin + rotation @ (k.at(bone) - k.rest[last])
-            if bone.startswith("upperarm"):
-                break
-            rotation, last = rotation @ local[:, self.i[bone]], self.i[bone]
+        c, k, hold = script.channels, self.k, script.holds.get(side)
+        rotation, origin = self._carried(local, root, "shoulder01." + side)
+        origin = origin + rotation @ (k.at("upperarm01." + side) - k.at("shoulder01." + side))
         shoulder, joint, wrist = (k.at(b + side) for b in ("upperarm01.", "lowerarm01.", "wrist."))
         hinge, _, bent = arm_rest(k, side)
         upper, lower = joint - shoulder, wrist - joint
-        place = np.stack([c["hx" + side], c["hy" + side], c["hz" + side]], -1) - origin
-        place = apply(np.swapaxes(rotation, -1, -2), place)
+        place = np.stack([c["hx" + side], c["hy" + side], c["hz" + side]], -1)
+        if hold:
+            turned, at = self._carried(local, root, hold.bone)
+            place = at + apply(turned, place - k.at(hold.bone))
+        into = np.swapaxes(rotation, -1, -2)
+        place = apply(into, place - origin)
         bend = turn(np.radians(elbow)[:, None] * hinge)
         free = apply(arm, upper + apply(bend, np.broadcast_to(lower, place.shape)))
         weight = c["hand" + side][:, None]
         place = place * weight + free * (1 - weight)
-        return two_bone(upper, lower, hinge, place, apply(arm, np.broadcast_to(hinge, place.shape)),
-                        (5 - bent, 150 - bent))  # fmt: skip
+        pole = apply(arm, np.broadcast_to(hinge, place.shape))
+        if hold:
+            elbow_out = apply(into @ self._carried(local, root, SPINE[-1])[0], np.broadcast_to(hold.elbow, place.shape))
+            pole = unit(pole) * (1 - weight) + unit(np.cross(elbow_out, place)) * weight
+        return two_bone(upper, lower, hinge, place, pole, (5 - bent, 150 - bent))
+
+    def _carried(self, local: Array, root: Array, bone: str) -> tuple[Array, Array]:
+        """Rotation (T, 3, 3) and origin (T, 3) of a bone in the world, of those before it in `local`."""
+        chain = [self.i[bone]]
+        while (above := int(self.k.parents[chain[0]])) >= 0:
+            chain.insert(0, above)
+        rotation, origin = local[:, chain[0]], root
+        for last, i in zip(chain[:-1], chain[1:], strict=True):
+            origin = origin + rotation @ (self.k.rest[i] - self.k.rest[last])
+            rotation = rotation @ local[:, i]
+        return rotation, origin

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.train import motion_floor, motion_kinds
+from muybridge.train.motion_hands import hands_at_rest
 from muybridge.train.motion_kinds import Stage
 from muybridge.train.motion_rig import LIMITS, SIDES, Array, Skeleton, forward, joint_angles, log, rot, turn
 from muybridge.train.motion_solve import Script, Solver
@@ -20,9 +21,11 @@ from muybridge.train.penetration import penetrates
 
 # Kinds of motion with their shares.
 MOTIONS: dict[str, float] = {
-    "stand": 0.12, "walk": 0.14, "run": 0.07, "jump": 0.07, "squat": 0.07, "kneel": 0.05, "sit": 0.07, "reach": 0.08,
+    "stand": 0.20, "walk": 0.14, "run": 0.07, "jump": 0.07, "squat": 0.07, "kneel": 0.05, "sit": 0.07, "reach": 0.08,
     "throw": 0.05, "kick": 0.06, "balance": 0.08, "dance": 0.08, "crawl": 0.02, "lie": 0.02, "get_up": 0.02,
 }  # fmt: skip
+# Share of the clips of a kind in which hands rest somewhere (`motion_hands`).
+HANDS_AT_REST = {"stand": 0.65, "walk": 0.3, "sit": 0.55, "kneel": 0.2}
 TRIES = 7
 FASTEST = 2200.0  # degrees a second, any joint
 
@@ -153,6 +156,8 @@ class MotionSampler:
         for attempt in range(TRIES):
             stage = Stage(self.solver, time, self.rng, attempt / (TRIES - 1))
             programme(stage)
+            if self.rng.random() < HANDS_AT_REST.get(kind, 0.0):
+                hands_at_rest(stage, seated=kind == "sit")
             clip, faults = self._finish(kind, stage.s, fps)
             total = sum(faults.values())
             if total < least:

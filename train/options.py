@@ -13,12 +13,15 @@ class Synthesis:
         out: folder of the store; shards that are there already stay.
         shards: how many shards of 256 renders there shall be; the first four are held out from training.
         seed: shard k depends on the seed and k alone.
+        kinds: people in these kinds of generated motion alone (stand, walk, sit, ...), of new shards; else in all, and
+            in poses that are wider than motion's.
         sheet: also composites a contact sheet of training images, `sheet.png`, into the folder.
     """
 
     out: pathlib.Path = pathlib.Path("runs/renders")
     shards: int = 60
     seed: int = 0
+    kinds: tuple[str, ...] = ()
     sheet: bool = True
 
 
@@ -98,7 +101,7 @@ class SolverTraining(Training):
     Attributes:
         clips: folder of markers and joints under generated motion, made where they are missing.
         shards: how many shards of 32 clips there shall be; the first is held out from training.
-        workers: 1 makes fits of further shards beside the training, 0 makes all of them before it.
+        workers: processes that make fits before the training begins.
     """
 
     out: pathlib.Path = pathlib.Path("runs/solver")

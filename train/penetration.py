@@ -10,7 +10,8 @@ F32 = NDArray[np.float32]
 
 
 def penetrates(bones: Sequence[str], joints: NDArray[Any], height: NDArray[Any]) -> NDArray[np.bool_]:
-    """(B,) whether limbs, seen as capsules between `joints` (B, bones, 3), run through the body."""
+    """(B,) whether limbs, seen as capsules between `joints` (B, bones, 3), run through the body. What may touch, may:
+    folded arms, a hand on a hip, at the face or on a knee (there it bends at the wrist)."""
     at = {b: joints[:, i] for i, b in enumerate(bones)}
     k = height / 1.7
     neck, pelvis = at["neck01"], at["root"]
@@ -19,19 +20,19 @@ def penetrates(bones: Sequence[str], joints: NDArray[Any], height: NDArray[Any])
     bad = np.zeros(len(joints), bool)
     for s, o in (("L", "R"), ("R", "L")):
         elbow, wrist = at["lowerarm01." + s], at["wrist." + s]
-        hand = wrist + (wrist - elbow) * 0.45
+        hand, palm = wrist + (wrist - elbow) * 0.45, wrist + (wrist - elbow) * 0.1
         knee, ankle = at["lowerleg01." + s], at["foot." + s]
-        bad |= _segment_distance(elbow, hand, chest, pelvis) < 0.155 * k
-        bad |= _segment_distance(elbow + (wrist - elbow) * 0.3, hand, neck, crown) < 0.12 * k
+        bad |= _segment_distance(elbow, hand, chest, pelvis) < 0.13 * k
+        bad |= _segment_distance(elbow + (wrist - elbow) * 0.3, hand, neck, crown) < 0.085 * k
         for t in "LR":
             thigh = at["upperleg01." + t], at["lowerleg01." + t]
             shin = at["lowerleg01." + t], at["foot." + t]
-            bad |= _segment_distance(elbow + (wrist - elbow) * 0.4, hand, *thigh) < 0.105 * k
-            bad |= _segment_distance(wrist, hand, *shin) < 0.08 * k
+            bad |= _segment_distance(elbow + (wrist - elbow) * 0.4, palm, *thigh) < 0.085 * k
+            bad |= _segment_distance(wrist, palm, *shin) < 0.07 * k
         bad |= _segment_distance(knee, ankle, at["lowerleg01." + o], at["foot." + o]) < 0.085 * k
         bad |= _segment_distance(knee, ankle, at["upperleg01." + o], at["lowerleg01." + o]) < 0.09 * k
     arms = at["lowerarm01.L"], at["wrist.L"], at["lowerarm01.R"], at["wrist.R"]
-    return bad | (_segment_distance(*arms) < 0.075 * k)
+    return bad | (_segment_distance(*arms) < 0.05 * k)
 
 
 def _segment_distance(p1: F32, q1: F32, p2: F32, q2: F32) -> F32:

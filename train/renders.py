@@ -3,19 +3,22 @@
 A shard is `renders-<number>.npz` (labels) beside `renders-<number>.npy` (pixels, memory-mapped). The label file
 is written last, so a shard with labels is whole. A store made before there were virtual markers may have their
 labels in `markers-<number>.npz`; without, they are NaN and hidden. Shard k of a store with seed s depends on
-(s, k) alone.
+(s, k) alone, and on the kinds of motion that were asked for.
 """
 
 import pathlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
 
+from muybridge.errors import SessionError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks import SURFACE
 from muybridge.train.bodies import BODY_VERTICES, BodyModel
+from muybridge.train.motions import MOTIONS
 from muybridge.train.render import Render, Renderer, View, look_at
 from muybridge.train.wardrobe import sample_outfit
 
@@ -96,13 +99,20 @@ def shard_path(folder: pathlib.Path, number: int) -> pathlib.Path:
     return folder / f"renders-{number:05d}.npz"
 
 
-def make_renders(folder: pathlib.Path, numbers: range, seed: int) -> None:
-    """Writes the shards `numbers` that are not there yet."""
+def make_renders(folder: pathlib.Path, numbers: range, seed: int, kinds: Sequence[str] = ()) -> None:
+    """Writes the shards `numbers` that are not there yet, of people in these `kinds` of motion alone if there are any.
+
+    Raises:
+        SessionError: there is no such kind.
+    """
+    if unknown := sorted(set(kinds) - set(MOTIONS)):
+        raise SessionError(f"no kind of motion is called {', '.join(unknown)}: there are {', '.join(MOTIONS)}")
     folder.mkdir(parents=True, exist_ok=True)
     missing = [n for n in numbers if not shard_path(folder, n).exists()]
     if not missing:
         return
     body = BodyModel(seed)
+    body.kinds = tuple(kinds)
     renderer = Renderer(body)
     for number in track(missing, f"rendering on {renderer.device}"):
         path = shard_path(folder, number)

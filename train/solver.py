@@ -1,9 +1,9 @@
 """Training of the solver's network: what the classical fit is off on synthetic people, from what it left over."""
 
 import multiprocessing
-import os
 import pathlib
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from muybridge.models.solver_net import SolverNet
 from muybridge.train import loop
 from muybridge.train.options import SolverTraining
 from muybridge.train.solver_fits import load_fits, make_fits
+from muybridge.train.solver_linear import solve_linear
 
 # The first shard's people and motions are never trained on.
 HELD_OUT = range(0, 1)
@@ -60,47 +61,49 @@ def evaluate(net: nn.Module, data: tuple[Tensor, ...]) -> dict[str, float]:
 
 
 def _stream(options: SolverTraining, start: int) -> Iterator[loop.Batch]:
-    """Batches of examples, half of them in a mirror; shards are picked up while they are being made."""
+    """Batches of examples, half of them in a mirror."""
     rng = np.random.default_rng(loop.worker_seed(options.seed, start))
+    data = load_fits(options.out / "fits", TRAINED_ON)[:4]
     while True:
-        data = load_fits(options.out / "fits", TRAINED_ON)[:4]
-        for _ in range(500):
-            chosen = rng.integers(0, len(data[0]), options.batch)
-            batch = tuple(t[torch.from_numpy(chosen)].float() for t in data)
-            if rng.random() < 0.5:
-                batch = tuple(torch.from_numpy(np.ascontiguousarray(a)) for a in mirrored(*(t.numpy() for t in batch)))
-            yield batch
+        chosen = rng.integers(0, len(data[0]), options.batch)
+        batch = tuple(t[torch.from_numpy(chosen)].float() for t in data)
+        if rng.random() < 0.5:
+            batch = tuple(torch.from_numpy(np.ascontiguousarray(a)) for a in mirrored(*(t.numpy() for t in batch)))
+        yield batch
 
 
-def _make_shards(options: SolverTraining, shards: range) -> None:
-    os.nice(3)
-    make_fits(options.clips, options.out / "fits", shards, options.seed)
+def _make_shard(options: SolverTraining, shard: int) -> None:
+    make_fits(options.clips, options.out / "fits", range(shard, shard + 1), options.seed)
+
+
+def _make_all(options: SolverTraining) -> None:
+    """Fits of all shards, in `options.workers` processes."""
+    fits = options.out / "fits"
+    missing = [k for k in range(options.shards) if not (fits / f"{k:05}.npz").exists()]
+    if not options.workers or len(missing) < 2:
+        make_fits(options.clips, fits, range(options.shards), options.seed)
+        return
+    with ProcessPoolExecutor(options.workers, multiprocessing.get_context("spawn")) as pool:
+        list(pool.map(_make_shard, [options] * len(missing), missing))
 
 
 def train(options: SolverTraining) -> pathlib.Path:
     """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path.
 
-    The first two shards of fits are made before it begins, the others beside it, or before it where
-    `options.workers` is 0.
+    What fits are missing is made first. A new run begins with the part that is solved in closed form.
     """
     if options.shards <= HELD_OUT.stop:
         raise SessionError(f"--shards {options.shards}: the first is held out from training; make two or more")
     torch.manual_seed(options.seed)
     torch.set_num_threads(options.threads)
-    fits, first = options.out / "fits", HELD_OUT.stop + 1
-    make_fits(options.clips, fits, range(first if options.workers else options.shards), options.seed)
-    held_out = load_fits(fits, HELD_OUT)
-    fit = loop.Fit(options, SolverNet(carriers(), list(BODY.parents)), lambda net: evaluate(net, held_out))
-    maker = None
-    if options.workers:
-        context = multiprocessing.get_context("spawn")
-        maker = context.Process(target=_make_shards, args=(options, range(first, options.shards)), daemon=True)
-        maker.start()
-    try:
-        fit.run(_stream(options, fit.state["step"]), loss_of)
-    finally:
-        if maker is not None:
-            maker.terminate()
+    _make_all(options)
+    held_out = load_fits(options.out / "fits", HELD_OUT)
+    net = SolverNet(carriers(), list(BODY.parents))
+    fit = loop.Fit(options, net, lambda net: evaluate(net, held_out))
+    if not fit.state["step"]:
+        solve_linear(net, load_fits(options.out / "fits", TRAINED_ON))
+        fit.average = loop.AveragedWeights(fit.net)
+    fit.run(_stream(options, fit.state["step"]), loss_of)
     return fit.checkpoint
 
 

@@ -1,7 +1,8 @@
 """Clips for the solver's training: generated motion on several bodies, markers and the truth of every joint.
 
-A store is a folder of shards; shard `k` depends on the seed and `k` alone. Placement and spoiling are drawn while
-training.
+A store is a folder of shards; shard `k` depends on the seed and `k` alone. In its folder `followed` the same motions are
+followed by other people as a recorded skeleton is followed, whose collar bones and toes do not move. Placement and
+spoiling are drawn when fits are made.
 """
 
 import pathlib
@@ -13,9 +14,14 @@ from numpy.typing import NDArray
 from muybridge.files import replacing
 from muybridge.geometry.body import BODY
 from muybridge.geometry.landmarks import SURFACE
+from muybridge.geometry.marker_body import marker_body, without_rolls
+from muybridge.geometry.rotations import quat_from_matrix
+from muybridge.geometry.skeleton import Motion
+from muybridge.geometry.solver_body import body_through
 from muybridge.train.bodies import F32
 from muybridge.train.marker_clouds import FPS, MarkerBodies
-from muybridge.train.marker_rig import BODY_JOINTS, joints_of, rig_of
+from muybridge.train.marker_rig import BODY_JOINTS, follow, joints_of, rig_of
+from muybridge.train.motion_rig import Array, Skeleton
 from muybridge.train.motions import MotionSampler
 
 FRAMES = 128
@@ -51,14 +57,17 @@ def make_solver_clips(out: pathlib.Path, shards: range, seed: int = 0) -> None:
             continue
         bodies = bodies or MarkerBodies(seed)
         bodies.reseed(int(np.random.SeedSequence([seed, 7, k]).generate_state(1)[0]))
-        made = _shard(bodies)
-        with replacing(path) as temporary, open(temporary, "wb") as file:
-            np.savez(file, points=made.points, normals=made.normals, turns=made.turns, places=made.places,
-                     names=np.array(SURFACE.names), joints=np.array(BODY.joint_names))  # fmt: skip
+        _save(path, _shard(bodies))
+
+
+def _save(path: pathlib.Path, made: SolverClips) -> None:
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        np.savez(file, points=made.points, normals=made.normals, turns=made.turns, places=made.places,
+                 names=np.array(SURFACE.names), joints=np.array(BODY.joint_names))  # fmt: skip
 
 
 def _shard(bodies: MarkerBodies) -> SolverClips:
-    points, normals, turns, places = [], [], [], []
+    made = []
     for _ in range(MOTIONS_A_SHARD):
         if bodies.rng.random() < WANDER:
             rotvec, root = bodies.wander()
@@ -68,14 +77,48 @@ def _shard(bodies: MarkerBodies) -> SolverClips:
             rotvec, root = clip.rotvec, clip.root
         rotvec, root = rotvec[:FRAMES], root[:FRAMES]
         for phenotype in bodies.model.sample_phenotypes(BODIES_A_MOTION):
+            made.append(_clip(bodies, bodies.skeleton(phenotype), rotvec, root))
+    return _together(made)
+
+
+def _clip(bodies: MarkerBodies, body: Skeleton, rotvec: Array, root: Array) -> tuple[NDArray[np.generic], ...]:
+    points, normals = bodies.markers(body, rotvec, root)
+    turns, places = joints_of(rig_of(body.bones, body.rest), body, rotvec, root)
+    return (points.astype(np.float32), np.rint(normals * 127).astype(np.int8),
+            turns[:, BODY_JOINTS].astype(np.float32), places[:, BODY_JOINTS].astype(np.float32))  # fmt: skip
+
+
+def _together(made: list[tuple[NDArray[np.generic], ...]]) -> SolverClips:
+    return SolverClips(*(np.stack(parts) for parts in zip(*made, strict=True)))  # type: ignore[arg-type]
+
+
+def make_followed(clips: pathlib.Path, shards: range, seed: int = 0) -> None:
+    """Those of `shards` that `clips/followed` does not have yet: further people who follow their motions."""
+    out = clips / "followed"
+    out.mkdir(parents=True, exist_ok=True)
+    bodies = None
+    for k in shards:
+        path = out / f"{k:05}.npz"
+        if path.exists():
+            continue
+        make_solver_clips(clips, range(k, k + 1), seed)
+        bodies = bodies or MarkerBodies(seed)
+        bodies.reseed(int(np.random.SeedSequence([seed, 8, k]).generate_state(1)[0]))
+        _save(path, _follow_all(bodies, load_solver_clips(clips, range(k, k + 1))))
+
+
+def _follow_all(bodies: MarkerBodies, led: SolverClips) -> SolverClips:
+    """As many people again, who follow the first body of each motion."""
+    table = marker_body()
+    skeleton, _ = without_rolls(table.skeleton(table.parts(table.mean)[0]), np.zeros((1, len(table.names), 3, 3)))
+    made = []
+    for k in range(0, len(led.points), BODIES_A_MOTION):
+        bones, root, local = body_through(skeleton, led.turns[k].astype(float), led.places[k].astype(float))
+        motion = Motion(bones, FPS, root, quat_from_matrix(local))
+        for phenotype in bodies.model.sample_phenotypes(BODIES_A_MOTION):
             body = bodies.skeleton(phenotype)
-            at, out = bodies.markers(body, rotvec, root)
-            turned, placed = joints_of(rig_of(body.bones, body.rest), body, rotvec, root)
-            points.append(at.astype(np.float32))
-            normals.append(np.rint(out * 127).astype(np.int8))
-            turns.append(turned[:, BODY_JOINTS].astype(np.float32))
-            places.append(placed[:, BODY_JOINTS].astype(np.float32))
-    return SolverClips(np.stack(points), np.stack(normals), np.stack(turns), np.stack(places))
+            made.append(_clip(bodies, body, *follow(body, motion)))
+    return _together(made)
 
 
 def load_solver_clips(folder: pathlib.Path, shards: range) -> SolverClips:

@@ -22,8 +22,8 @@ from muybridge.geometry.marker_fit import MarkerFitOptions, Person, calibrate_pe
 from muybridge.geometry.solver_features import carriers, solver_input, target_of
 from muybridge.models.solver_net import SPANS
 from muybridge.train.marker_clouds import FPS
-from muybridge.train.solver_clips import FRAMES, SolverClips, load_solver_clips, make_solver_clips
-from muybridge.train.solver_takes import Spoiling, marker_columns, spoil
+from muybridge.train.solver_clips import FRAMES, SolverClips, load_solver_clips, make_followed, make_solver_clips
+from muybridge.train.solver_takes import Spoiling, marker_columns, placement_spread, spoil
 
 KEYS = ("markers", "known", "joints", "target", "rate")
 # Frames a second over the clip's, one of each a clip; and the most frames that are fitted at once.
@@ -61,13 +61,15 @@ def drawn_spoiling(rng: _Rng) -> Spoiling:
     return Spoiling(rng.uniform(0, 0.25), shifted, 0.05, noise, float(rng.choice([0.0, 0.0, 0.25])))
 
 
-def examples(clips: SolverClips, k: int, rng: _Rng) -> Iterator[Example]:
-    """Features and right answers of clip `k`, one take for each of RATES."""
+def examples(clips: SolverClips, k: int, rng: _Rng, loose: bool = False) -> Iterator[Example]:
+    """Features and right answers of clip `k`, one take for each of RATES; `loose`: markers along a limb are anywhere,
+    as laboratories have them."""
     table, columns = marker_body(), drawn_markers(rng)
     turns, places = clips.turns[k].astype(np.float64), clips.places[k].astype(np.float64)
-    # Half of all people's markers are where the table has them, give or take what the body itself differs.
+    # Three people of ten have markers where the table has them, give or take what the body itself differs.
     spread = rng.uniform(0, 1) if rng.random() < 0.7 else 0.0
-    placed = rng.normal(0, 1, (len(table.carrier), 3)) * table.tolerance[:, None] * spread * [1, 1, 0.4]
+    sigma = placement_spread() if loose else table.tolerance
+    placed = rng.normal(0, 1, (len(table.carrier), 3)) * sigma[:, None] * spread * [1, 1, 0.4]
     points = (clips.points[k] + np.einsum("tmij,mj->tmi", turns[:, carriers()], placed))[:, columns]
     how, count = drawn_spoiling(rng), int(rng.integers(36, FRAMES + 1))
     first = int(rng.integers(0, FRAMES - count + 1))
@@ -98,20 +100,22 @@ def _take(
             "rate": np.full(len(kept), FPS * rate, np.float32)}  # fmt: skip
 
 
-def make_fits(clips: pathlib.Path, out: pathlib.Path, shards: range, seed: int = 0) -> None:
-    """One file of examples a shard of clips, where there is none yet."""
+def make_fits(clips: pathlib.Path, out: pathlib.Path, shards: range, seed: int = 0, followed: bool = False) -> None:
+    """One file of examples a shard of clips, where there is none yet; `followed`: those of the people who follow."""
+    if followed:
+        out = out / "followed"
     out.mkdir(parents=True, exist_ok=True)
     for number in shards:
         path = out / f"{number:05}.npz"
         if path.exists():
             continue
-        make_solver_clips(clips, range(number, number + 1), seed)
-        shard = load_solver_clips(clips, range(number, number + 1))
-        rng = np.random.default_rng([seed, number])
+        (make_followed if followed else make_solver_clips)(clips, range(number, number + 1), seed)
+        shard = load_solver_clips(clips / "followed" if followed else clips, range(number, number + 1))
+        rng = np.random.default_rng([seed, number, 1] if followed else [seed, number])
         made: list[Example] = []
         for k in range(len(shard.points)):
             try:
-                made += examples(shard, k, rng)
+                made += examples(shard, k, rng, followed)
             except (MuybridgeError, np.linalg.LinAlgError):
                 continue  # a clip so spoiled that nothing can be fitted teaches nothing
         with replacing(path) as temporary, open(temporary, "wb") as file:
@@ -119,6 +123,8 @@ def make_fits(clips: pathlib.Path, out: pathlib.Path, shards: range, seed: int =
 
 
 def load_fits(folder: pathlib.Path, shards: range) -> tuple[Tensor, ...]:
-    """What KEYS names, of those of `shards` that are there; markers and joints in half precision."""
-    found = [np.load(p) for p in sorted(folder.glob("*.npz")) if p.stem.isdecimal() and int(p.stem) in shards]
+    """What KEYS names, of those of `shards` that are there, with those who follow; markers and joints in half
+    precision."""
+    paths = [*sorted(folder.glob("*.npz")), *sorted((folder / "followed").glob("*.npz"))]
+    found = [np.load(p) for p in paths if p.stem.isdecimal() and int(p.stem) in shards]
     return tuple(torch.from_numpy(np.concatenate([f[k] for f in found])) for k in KEYS) if found else ()

@@ -77,11 +77,7 @@ def take_of(bodies: MarkerBodies, body: object, rotvec: Array, root: Array, fps:
     from muybridge.train.motion_rig import Skeleton, forward, skin, turn
 
     assert isinstance(body, Skeleton)
-    table = marker_table()
-    sigma = table.tolerance_m.astype(np.float64)
-    for name, value in _LOOSE.items():
-        sigma[SURFACE.index(name)] = value
-    jitter = bodies.rng.normal(0, 1, (len(SURFACE), 3)) * sigma[:, None] * placed
+    jitter = bodies.rng.normal(0, 1, (len(SURFACE), 3)) * placement_spread()[:, None] * placed
     points, normals = bodies.markers(body, rotvec, root)
     # Along the skin as placed, turned with the triangle that carries the marker.
     rotations, origins = forward(body, turn(rotvec), root)
@@ -93,6 +89,14 @@ def take_of(bodies: MarkerBodies, body: object, rotvec: Array, root: Array, fps:
     points = points + np.einsum("tmij,mj->tmi", frame, jitter * [1, 1, 0.25])
     turns, places = joints_of(rig_of(body.bones, body.rest), body, rotvec, root)
     return SolverTake(points, turns[:, BODY_JOINTS], places[:, BODY_JOINTS], fps)
+
+
+def placement_spread() -> Array:
+    """(M,) metres, standard deviation of where laboratories place each marker of SURFACE along the skin."""
+    sigma = marker_table().tolerance_m.astype(np.float64)
+    for name, value in _LOOSE.items():
+        sigma[SURFACE.index(name)] = value
+    return sigma
 
 
 def spoil(points: Array, fps: float, how: Spoiling, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
