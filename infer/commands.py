@@ -13,6 +13,7 @@ import tyro
 from muybridge.errors import MuybridgeError, SessionError
 from muybridge.geometry.association import AssociateOptions
 from muybridge.geometry.ik import FitOptions
+from muybridge.geometry.pose_prior import PosePriorOptions
 from muybridge.geometry.smoothing import SmoothOptions
 from muybridge.geometry.swaps import SwapOptions
 from muybridge.geometry.triangulation import TriangulateOptions
@@ -42,6 +43,7 @@ def run(
     second_look: SecondLookOptions = SecondLookOptions(),  # noqa: B008
     swaps: SwapOptions = SwapOptions(),  # noqa: B008
     triangulate: TriangulateOptions = TriangulateOptions(),  # noqa: B008
+    pose_prior: PosePriorOptions = PosePriorOptions(),  # noqa: B008
     smooth: SmoothOptions = SmoothOptions(),  # noqa: B008
     fit: FitOptions = FitOptions(),  # noqa: B008
     fill_share: float = SolveOptions.fill_share,
@@ -65,6 +67,7 @@ def run(
         second_look: views that lack the person, looked at again where the others know them to be.
         swaps: left and right, where one camera has exchanged them.
         triangulate: 3D points.
+        pose_prior: what the rest of the body and of the take say about a point.
         smooth: points over time.
         fit: skeleton and joint angles.
         fill_share: a landmark that the cameras do not agree on is taken from the fitted body in frames where at
@@ -83,7 +86,7 @@ def run(
             with Progress(quiet=quiet) as progress:
                 print(run_marker_session(path, place, session, marker_video, overwrite, progress), flush=True)
         return 0
-    solve = SolveOptions(person, swaps, triangulate, smooth, fit, fill_share, everyone)
+    solve = SolveOptions(person, swaps, triangulate, pose_prior, smooth, fit, fill_share, everyone)
     options = RunOptions(session, detect, solve, second_look, overlay, refine_cameras, overwrite)
     jobs = plan(sessions, out)
     if len(jobs) == 1:

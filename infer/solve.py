@@ -13,6 +13,7 @@ from muybridge.geometry.association import AssociateOptions, select_person, take
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.ik import FitOptions, fit_body, landmarks_from_motion
 from muybridge.geometry.landmarks import Keypoints2D, LandmarkSet, Points3D
+from muybridge.geometry.pose_prior import PosePriorOptions, with_pose_prior
 from muybridge.geometry.skeleton import Motion, Skeleton
 from muybridge.geometry.smoothing import SmoothOptions, smooth_points
 from muybridge.geometry.swaps import SwapOptions, repair_swaps
@@ -37,6 +38,7 @@ class SolveOptions:
         person: which person is followed.
         swaps: left and right, where one camera has exchanged them.
         triangulate: 3D points.
+        pose_prior: what the rest of the body and of the take say about a point.
         smooth: points over time.
         fit: the skeleton and its joint angles.
         fill_share: a landmark that the cameras do not agree on is taken from the fitted body in frames where at
@@ -47,6 +49,7 @@ class SolveOptions:
     person: AssociateOptions = field(default_factory=AssociateOptions)
     swaps: SwapOptions = field(default_factory=SwapOptions)
     triangulate: TriangulateOptions = field(default_factory=TriangulateOptions)
+    pose_prior: PosePriorOptions = field(default_factory=PosePriorOptions)
     smooth: SmoothOptions = field(default_factory=SmoothOptions)
     fit: FitOptions = field(default_factory=FitOptions)
     fill_share: float = 0.5
@@ -142,7 +145,7 @@ class _Take:
 def _followed(take: _Take, number: str, person: StageResult, look_again: SecondLook | None) -> Solution:
     """One person from 2D landmarks to motion; `number` is appended to the names of the stages."""
     stage, cameras, keypoints, markers, fps, options = (getattr(take, f.name) for f in fields(take))
-    sides, cloud = _to_points(stage, number, cameras, keypoints, person, options)
+    sides, cloud = _to_points(stage, number, cameras, keypoints, person, fps, options)
     measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
     again = None if look_again is None else look_again(person.arrays["slots"], measured)
     if again is not None:
@@ -152,7 +155,7 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
         person = stage(
             f"person{_AGAIN}", looked, lambda: (_taken(keypoints, again.slots), {"reason": str(facts["reason"])})
         )
-        sides, cloud = _to_points(stage, _AGAIN, cameras, keypoints, person, options)
+        sides, cloud = _to_points(stage, _AGAIN, cameras, keypoints, person, fps, options)
         measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
     px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
     smooth = stage(f"smooth{number}", [cloud.key, options.smooth], lambda: _smooth(measured, options.smooth))
@@ -213,7 +216,7 @@ class _Stages:
 
 
 def _to_points(
-    stage: _Stages, suffix: str, cameras: CameraGroup, keypoints: Keypoints2D, person: StageResult,
+    stage: _Stages, suffix: str, cameras: CameraGroup, keypoints: Keypoints2D, person: StageResult, fps: float,
     options: SolveOptions,
 ) -> tuple[StageResult, StageResult]:  # fmt: skip
     """The person's landmarks with the sides put back, and triangulated."""
@@ -223,8 +226,8 @@ def _to_points(
     )  # fmt: skip
     px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
     cloud = stage(
-        f"points{suffix}", [sides.key, options.triangulate],
-        lambda: _points(cameras, px, variance, options.triangulate),
+        f"points{suffix}", [sides.key, options.triangulate, options.pose_prior],
+        lambda: _points(cameras, px, variance, keypoints.landmarks, fps, options),
     )  # fmt: skip
     return sides, cloud
 
@@ -266,15 +269,19 @@ def _sides(
 
 
 def _points(
-    cameras: CameraGroup, points_px: Floats, variance_px2: Floats, options: TriangulateOptions
-) -> tuple[Arrays, Mapping[str, Any]]:
-    found = triangulate(cameras, points_px, variance_px2, options)
+    cameras: CameraGroup, points_px: Floats, variance_px2: Floats, landmarks: LandmarkSet, fps: float,
+    options: SolveOptions,
+) -> tuple[Arrays, Mapping[str, Any]]:  # fmt: skip
+    found = triangulate(cameras, points_px, variance_px2, options.triangulate)
+    found = with_pose_prior(
+        cameras, points_px, variance_px2, landmarks, fps, found, options.triangulate, options.pose_prior
+    )
     arrays = {
         "points_world": found.points_world,
         "covariance_world": found.covariance_world,
         "residual_px": found.residual_px,
         "inlier": found.inlier,
-        "leave_one_out_px": leave_one_out_error(cameras, points_px, variance_px2, options),
+        "leave_one_out_px": leave_one_out_error(cameras, points_px, variance_px2, options.triangulate),
     }
     return arrays, {"noise_px": found.noise_px}
 

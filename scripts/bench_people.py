@@ -29,6 +29,7 @@ from scipy.optimize import linear_sum_assignment
 from muybridge.geometry.association import find_people, take_person
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.landmarks import BODY23, Keypoints2D, Points3D
+from muybridge.geometry.pose_prior import with_pose_prior
 from muybridge.geometry.smoothing import SmoothOptions, smooth_points
 from muybridge.geometry.swaps import repair_swaps
 from muybridge.geometry.triangulation import triangulate
@@ -174,6 +175,7 @@ def solved(cameras: CameraGroup, keypoints: Keypoints2D) -> list[NDArray[np.floa
         px, variance, _ = take_person(keypoints, person)
         px, variance, _ = repair_swaps(cameras, px, variance, BODY23)
         cloud = triangulate(cameras, px, variance)
+        cloud = with_pose_prior(cameras, px, variance, BODY23, FPS, cloud)
         points = Points3D(
             BODY23, cloud.points_world, cloud.covariance_world, cloud.residual_px, cloud.inlier, FPS
         )
