@@ -62,8 +62,41 @@ class _Own(nn.Module):
         return answer
 
 
+class _Near(nn.Module):
+    """Of each joint a linear map of what markers and joints beside it have: the bulk of the answer.
+
+    It is solved in closed form (`train.solver_linear`) and not trained by steps.
+    """
+
+    def __init__(self, carried: Tensor, touching: Tensor) -> None:
+        super().__init__()
+        self.markers, self.has_marker = _padded(carried > 0)
+        self.joints, self.has_joint = _padded(touching > 0)
+        inputs = self.markers.shape[1] * (MARKER_FEATURES + 1) + self.joints.shape[1] * JOINT_FEATURES
+        self.weight = nn.Parameter(torch.zeros(len(carried), inputs, 6), requires_grad=False)
+        self.bias = nn.Parameter(torch.zeros(len(carried), 6), requires_grad=False)
+
+    def inputs(self, markers: Tensor, known: Tensor, joints: Tensor) -> Tensor:
+        """(B, J, inputs): features of the markers and joints beside each joint, zeros where there are fewer."""
+        m = torch.cat([markers, known.unsqueeze(-1)], -1)[:, self.markers] * self.has_marker.unsqueeze(-1)
+        j = joints[:, self.joints] * self.has_joint.unsqueeze(-1)
+        return torch.cat([m.flatten(2), j.flatten(2)], -1)
+
+    def forward(self, markers: Tensor, known: Tensor, joints: Tensor) -> Tensor:
+        """(B, J, 6)."""
+        answer: Tensor = torch.einsum("bji,jio->bjo", self.inputs(markers, known, joints), self.weight) + self.bias
+        return answer
+
+
+def _padded(beside: Tensor) -> tuple[Tensor, Tensor]:
+    """(J, K) which are beside each joint, and 1 where they are; K is the most that any has."""
+    most = int(beside.sum(1).max())
+    order = torch.argsort(beside.int(), dim=1, descending=True, stable=True)[:, :most]
+    return order, beside.gather(1, order).float()
+
+
 class SolverNet(nn.Module):
-    """Corrections of joints.
+    """Corrections of joints: of each a linear map of what is beside it, and what messages add to that.
 
     Args:
         carrier: joint of each marker, M numbers; parents: of each joint, -1 for the root.
@@ -92,6 +125,7 @@ class SolverNet(nn.Module):
         self.register_buffer("same", same - torch.eye(markers), persistent=False)
         self.register_buffer("up", up, persistent=False)
         self.register_buffer("down", up.T / up.T.sum(1, keepdim=True).clamp(min=1), persistent=False)
+        self.near = _Near(self.carried, up + up.T + torch.eye(joints))
         self.marker_in = _Own(markers, MARKER_FEATURES, width)
         self.joint_in = _Own(joints, JOINT_FEATURES, width)
         self.layers = nn.ModuleList(_Layer(width) for _ in range(layers))
@@ -117,7 +151,7 @@ class SolverNet(nn.Module):
         for layer in self.layers:
             m, j = layer(m, j, carried, same, self.up, self.down)
         answer: Tensor = self.out(self.dropout(torch.relu(self.hidden(self.dropout(self.norm(j))))))
-        return answer * self.reached(known).unsqueeze(-1)
+        return (answer + self.near(markers, known, joints)) * self.reached(known).unsqueeze(-1)
 
     def reached(self, known: Tensor) -> Tensor:
         """(B, J) 1 where a joint or one beside it carries a marker of the set; others stay as they were fitted."""

@@ -100,7 +100,8 @@ class SolverTraining(Training):
 
     Attributes:
         clips: folder of markers and joints under generated motion, made where they are missing.
-        shards: how many shards of 32 clips there shall be; the first is held out from training.
+        shards: how many shards of 32 clips, and of as many of other people who follow the same motions, there shall be;
+            the first is held out from training.
         workers: processes that make fits before the training begins.
     """
 

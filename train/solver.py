@@ -72,19 +72,23 @@ def _stream(options: SolverTraining, start: int) -> Iterator[loop.Batch]:
         yield batch
 
 
-def _make_shard(options: SolverTraining, shard: int) -> None:
-    make_fits(options.clips, options.out / "fits", range(shard, shard + 1), options.seed)
+def _make_shard(options: SolverTraining, shard: int, followed: bool) -> None:
+    make_fits(options.clips, options.out / "fits", range(shard, shard + 1), options.seed, followed)
 
 
 def _make_all(options: SolverTraining) -> None:
-    """Fits of all shards, in `options.workers` processes."""
-    fits = options.out / "fits"
-    missing = [k for k in range(options.shards) if not (fits / f"{k:05}.npz").exists()]
-    if not options.workers or len(missing) < 2:
-        make_fits(options.clips, fits, range(options.shards), options.seed)
-        return
-    with ProcessPoolExecutor(options.workers, multiprocessing.get_context("spawn")) as pool:
-        list(pool.map(_make_shard, [options] * len(missing), missing))
+    """Fits of all shards and of those who follow them, in `options.workers` processes."""
+    every = range(options.shards)
+    if options.workers:
+        with ProcessPoolExecutor(options.workers, multiprocessing.get_context("spawn")) as pool:
+            # Those who follow need the clips of the others.
+            for followed in (False, True):
+                fits = options.out / "fits" / ("followed" if followed else "")
+                missing = [k for k in every if not (fits / f"{k:05}.npz").exists()]
+                list(pool.map(_make_shard, [options] * len(missing), missing, [followed] * len(missing)))
+    else:
+        for followed in (False, True):
+            make_fits(options.clips, options.out / "fits", every, options.seed, followed)
 
 
 def train(options: SolverTraining) -> pathlib.Path:

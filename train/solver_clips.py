@@ -1,7 +1,7 @@
 """Clips for the solver's training: generated motion on several bodies, markers and the truth of every joint.
 
-A store is a folder of shards; shard `k` depends on the seed and `k` alone. In its folder `followed` the same motions are
-followed by other people as a recorded skeleton is followed, whose collar bones and toes do not move. Placement and
+A store is a folder of shards; shard `k` depends on the seed and `k` alone. In its folder `followed` are the same
+motions, followed by other people as a recorded skeleton is, whose collar bones and toes do not move. Placement and
 spoiling are drawn when fits are made.
 """
 

@@ -27,7 +27,7 @@ from muybridge.train.solver_takes import Spoiling, marker_columns, placement_spr
 
 KEYS = ("markers", "known", "joints", "target", "rate")
 # Frames a second over the clip's, one of each a clip; and the most frames that are fitted at once.
-RATES = (1, 2, 4)
+RATES = (1, 4)
 STRETCH = 128
 # So many frames of each are kept: neighbours tell the same.
 KEPT = 24
@@ -61,16 +61,21 @@ def drawn_spoiling(rng: _Rng) -> Spoiling:
     return Spoiling(rng.uniform(0, 0.25), shifted, 0.05, noise, float(rng.choice([0.0, 0.0, 0.25])))
 
 
-def examples(clips: SolverClips, k: int, rng: _Rng, loose: bool = False) -> Iterator[Example]:
-    """Features and right answers of clip `k`, one take for each of RATES; `loose`: markers along a limb are anywhere,
-    as laboratories have them."""
-    table, columns = marker_body(), drawn_markers(rng)
-    turns, places = clips.turns[k].astype(np.float64), clips.places[k].astype(np.float64)
+def _placed(clips: SolverClips, k: int, rng: _Rng) -> NDArray[np.float64]:
+    """(M, 3) metres in their joints' axes, where this person's markers are beyond the table's places: along the skin."""
     # Three people of ten have markers where the table has them, give or take what the body itself differs.
-    spread = rng.uniform(0, 1) if rng.random() < 0.7 else 0.0
-    sigma = placement_spread() if loose else table.tolerance
-    placed = rng.normal(0, 1, (len(table.carrier), 3)) * sigma[:, None] * spread * [1, 1, 0.4]
-    points = (clips.points[k] + np.einsum("tmij,mj->tmi", turns[:, carriers()], placed))[:, columns]
+    spread = rng.uniform(0, 1.2) if rng.random() < 0.7 else 0.0
+    placed = rng.normal(0, 1, (clips.points.shape[2], 3)) * placement_spread()[:, None] * spread
+    out = np.einsum("tmji,tmj->mi", clips.turns[k][:, carriers()], clips.normals[k].astype(np.float32))
+    out = out / (np.linalg.norm(out, axis=-1, keepdims=True) + 1e-9)
+    return np.asarray(placed - 0.75 * (placed * out).sum(-1, keepdims=True) * out)
+
+
+def examples(clips: SolverClips, k: int, rng: _Rng) -> Iterator[Example]:
+    """Features and right answers of clip `k`, one take for each of RATES."""
+    columns = drawn_markers(rng)
+    turns, places = clips.turns[k].astype(np.float64), clips.places[k].astype(np.float64)
+    points = (clips.points[k] + np.einsum("tmij,mj->tmi", turns[:, carriers()], _placed(clips, k, rng)))[:, columns]
     how, count = drawn_spoiling(rng), int(rng.integers(36, FRAMES + 1))
     first = int(rng.integers(0, FRAMES - count + 1))
     span = slice(first, first + count)
@@ -115,7 +120,7 @@ def make_fits(clips: pathlib.Path, out: pathlib.Path, shards: range, seed: int =
         made: list[Example] = []
         for k in range(len(shard.points)):
             try:
-                made += examples(shard, k, rng, followed)
+                made += examples(shard, k, rng)
             except (MuybridgeError, np.linalg.LinAlgError):
                 continue  # a clip so spoiled that nothing can be fitted teaches nothing
         with replacing(path) as temporary, open(temporary, "wb") as file:
