@@ -7,8 +7,9 @@ from torch import Tensor
 from muybridge.geometry.solver_features import mirrored
 from muybridge.models.solver_net import SolverNet
 
-# Examples off by more than this teach nothing of others: units of LENGTH and ANGLE.
+# Examples off by more than _FAR teach nothing of others, units of LENGTH and ANGLE; those within _NEAR count alike.
 _FAR = 6.0
+_NEAR = 0.3
 _BATCH = 1024
 
 
@@ -30,11 +31,13 @@ def solve_linear(net: SolverNet, data: tuple[Tensor, ...], strength: float = 0.0
         batch = tuple(t[k : k + _BATCH].float() for t in data[:4])
         glass = (torch.from_numpy(np.ascontiguousarray(a)) for a in mirrored(*(t.numpy() for t in batch)))
         for markers, known, joints, target in (batch, tuple(glass)):
-            use = net.reached(known) * (target.abs().amax(-1) < _FAR)
-            x = torch.cat([near.inputs(markers, known, joints), torch.ones(*target.shape[:2], 1)], -1)
-            x = (x * use.unsqueeze(-1)).transpose(0, 1)
-            gram += x.transpose(1, 2) @ x
-            right += x.transpose(1, 2) @ target.transpose(0, 1)
+            size_off = target.norm(dim=-1)
+            # Errors count by their size and not its square, so that good fits stay good.
+            use = net.reached(known) * (size_off < _FAR) / (_NEAR + size_off)
+            x = torch.cat([near.inputs(markers, known, joints), torch.ones(*target.shape[:2], 1)], -1).transpose(0, 1)
+            weighted = (x * use.T.unsqueeze(-1)).transpose(1, 2)
+            gram += weighted @ x
+            right += weighted @ target.transpose(0, 1)
     count = gram[:, -1:, -1:].clamp(min=1.0)
     mean = gram[:, -1, :-1] / count[:, 0]
     spread = (gram.diagonal(dim1=1, dim2=2)[:, :-1] / count[:, 0] - mean**2).clamp(min=0)
