@@ -62,7 +62,7 @@ def drawn_spoiling(rng: _Rng) -> Spoiling:
 
 
 def _placed(clips: SolverClips, k: int, rng: _Rng) -> NDArray[np.float64]:
-    """(M, 3) metres in their joints' axes, where this person's markers are beyond the table's places: along the skin."""
+    """(M, 3) metres in their joints' axes: how far along the skin this person's markers are from the table's places."""
     # Three people of ten have markers where the table has them, give or take what the body itself differs.
     spread = rng.uniform(0, 1.2) if rng.random() < 0.7 else 0.0
     placed = rng.normal(0, 1, (clips.points.shape[2], 3)) * placement_spread()[:, None] * spread
