@@ -4,12 +4,13 @@ Where many cameras see a landmark, it needs nobody's help. Where people hide eac
 nobody can tell a gross error, or one, which gives no depth. But the body is known from the rest of the take: seen from
 itself, its landmarks x lie near a mean shape plus a few ways in which this person moves,
 
-    x = c + R (mean + B a + e),   a ~ N(0, 1),   e_j ~ N(0, tau_j^2),
+    x = c + R (mean + B a + e),   a ~ t(1),   e_j ~ t(tau_j),
 
 and what is left, tau, says how much may be concluded from the others: little for a wrist that does as it likes, much
 for a hip. B and tau come from the covariance of consecutive frames, in which noise does not show, being new in each.
 Every frame is then fitted to the pixels themselves, with the robust weights of triangulation, so that single views
-count as well.
+count as well. Both priors are Student's t, and where three cameras agree on a point the fit begins there: what the
+person does only once in the take is unlikely, but not outvoted.
 
 Source: D. Rubin, D. Thayer, "EM algorithms for ML factor analysis", Psychometrika 47, 1982 (the model).
 """
@@ -116,11 +117,12 @@ def with_pose_prior(
     shape = (frames, count, len(cameras))
     sight = _Sight(cameras.cam_from_world, views.seen.reshape(*shape, 2), info.reshape(shape),
                    limits_of(views, triangulate))  # fmt: skip
+    sure = np.where((found.inlier.sum(0) >= 3)[..., None], found.points_world, np.nan)
     poses: _Poses | None = None
     result = start
     for _ in range(options.rounds):
         prior, poses = learn_prior(found.points_world, found.covariance_world, start, full, poses, options)
-        result, covariance, inlier = _fitted(prior, poses, sight, options.steps)
+        result, covariance, inlier = _fitted(prior, poses, sight, sure, options.steps)
     keep = _worth_keeping(inlier, full, options)
     result = np.where(keep[..., None], result, np.nan)
     residual = np.linalg.norm(cameras.project(result) - np.asarray(points_px, dtype=np.float64), axis=-1)
@@ -232,14 +234,14 @@ def _aligned(mean: Array, points: Array, weight: Array) -> tuple[Array, Array]:
 
 
 def _fitted(
-    prior: PosePrior, poses: _Poses, sight: _Sight, steps: int
+    prior: PosePrior, poses: _Poses, sight: _Sight, sure: Array, steps: int
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Points (T, J, 3), covariance (T, J, 3, 3) and inliers (T, J, C); `poses` move to where the frames put them."""
     parts = []
     for begin in range(0, len(poses.center), _CHUNK):
         rows = slice(begin, begin + _CHUNK)
         piece = _Poses(poses.rotation[rows], poses.center[rows], poses.share[rows])
-        parts.append(_fit_chunk(prior, piece, sight.part(rows), steps))
+        parts.append(_fit_chunk(prior, piece, sight.part(rows), sure[rows], steps))
         poses.rotation[rows], poses.center[rows], poses.share[rows] = piece.rotation, piece.center, piece.share
     points, covariance, inlier = (np.concatenate(p) for p in zip(*parts, strict=True))
     return points, covariance, inlier
@@ -250,21 +252,22 @@ _START = np.array([0.2, 0.2, 0.2, 0.3, 0.3, 0.3])
 
 
 def _fit_chunk(
-    prior: PosePrior, poses: _Poses, sight: _Sight, steps: int
+    prior: PosePrior, poses: _Poses, sight: _Sight, sure: Array, steps: int
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     ways = prior.ways.shape[-1]
-    tau2 = prior.tau[None, :, None, None] ** 2
     eye = np.eye(3)
     started = poses.center.copy()
-    precision = np.concatenate([_START**-2.0, np.ones(ways)])
     points = spread = None
     for k in range(steps):
         shape = np.einsum("tab,jb->tja", poses.rotation, prior.mean)
         shape += np.einsum("tab,jbk,tk->tja", poses.rotation, prior.ways, poses.share)
         on_body = poses.center[:, None] + shape
-        points = on_body if points is None else points
+        points = np.where(np.isfinite(sure), sure, on_body) if points is None else points
+        tau2 = (prior.tau**2 * _wider(np.sum((points - on_body) ** 2, axis=-1) / prior.tau**2, 3))[..., None, None]
+        precision = np.concatenate([np.tile(_START**-2.0, (len(shape), 1)), 1 / _wider(poses.share**2, 1)], axis=1)
         # A prediction is not the point itself: at first its own doubt is added to the pixels'.
-        weight, info, pull = _evidence(points, sight, prior.tau if k == 0 else 0 * prior.tau)
+        doubt = prior.tau * (np.isnan(sure[..., 0]) & (k == 0))
+        weight, info, pull = _evidence(points, sight, doubt)
         soften = _inverse(eye + tau2 * info)
         worth, wanted = soften @ info, np.einsum("tjab,tjb->tja", soften, pull)
         design = np.empty((*shape.shape, 6 + ways))
@@ -273,11 +276,11 @@ def _fit_chunk(
         design[..., 6:] = np.einsum("tab,jbk->tjak", poses.rotation, prior.ways)
         flat = design.reshape(len(shape), -1, 6 + ways)
         weighted = (worth @ design).reshape(flat.shape)
-        normal = np.swapaxes(flat, 1, 2) @ weighted + np.diag(precision)
+        normal = np.swapaxes(flat, 1, 2) @ weighted + precision[:, :, None] * np.eye(6 + ways)
         missing = wanted - np.einsum("tjab,tjb->tja", worth, on_body)
         gradient = np.einsum("tnk,tn->tk", flat, missing.reshape(len(shape), -1))
-        gradient[:, :3] += (started - poses.center) * precision[:3]
-        gradient[:, 6:] -= poses.share
+        gradient[:, :3] += (started - poses.center) * precision[:, :3]
+        gradient[:, 6:] -= poses.share * precision[:, 6:]
         spread = np.linalg.inv(normal)
         step = np.einsum("tkl,tl->tk", spread, gradient)
         poses.center, poses.share = poses.center + step[:, :3], poses.share + step[:, 6:]
@@ -291,6 +294,11 @@ def _fit_chunk(
     return points, covariance, weight > 0.5
 
 
+def _wider(off2: Array, dimensions: int, freedom: float = 4.0) -> Array:
+    """By how much Student's t widens a variance for a deviation of square `off2`, in variances."""
+    return np.maximum((freedom + off2) / (freedom + dimensions), 1.0)
+
+
 def _evidence(points: Array, sight: _Sight, tau: Array) -> tuple[Array, Array, Array]:
     """What the pixels say near points (T, J, 3): weights (T, J, C), information (T, J, 3, 3), and that times the
     point (T, J, 3)."""
@@ -299,7 +307,7 @@ def _evidence(points: Array, sight: _Sight, tau: Array) -> tuple[Array, Array, A
     view = turned[..., :2] / depth[..., None]
     off = np.nan_to_num(sight.seen - view)
     info = np.where(np.isfinite(depth), sight.info, 0.0)
-    doubt = tau[None, :, None] ** 2 / depth**2
+    doubt = tau[..., None] ** 2 / depth**2
     u = np.sum(off**2, axis=-1) * info / (1 + doubt * info)
     weight = _weight(u, sight.limits) * (info > 0)
     slope = sight.poses[:, :2, :3] - view[..., None] * sight.poses[:, 2:3, :3]
