@@ -105,7 +105,8 @@ def train(options: SolverTraining) -> pathlib.Path:
     net = SolverNet(carriers(), list(BODY.parents))
     fit = loop.Fit(options, net, lambda net: evaluate(net, held_out))
     if not fit.state["step"]:
-        solve_linear(net, load_fits(options.out / "fits", TRAINED_ON))
+        # Neighbouring frames of a take tell the same.
+        solve_linear(net, tuple(t[::3] for t in load_fits(options.out / "fits", TRAINED_ON)))
         fit.average = loop.AveragedWeights(fit.net)
     fit.run(_stream(options, fit.state["step"]), loss_of)
     return fit.checkpoint
