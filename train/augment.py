@@ -15,6 +15,7 @@ from torch import Tensor
 from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.train.camera_faults import CameraFaults, outside_of_video
 from muybridge.train.close_ups import BORDER, SOMETHING, cut_boxes, to_crop
+from muybridge.train.clutter import add_clutter, mirrored_on
 from muybridge.train.renders import RenderSet
 
 FACE = tuple(BODY23.index(n) for n in ("nose", "left_eye", "right_eye", "left_ear", "right_ear"))
@@ -36,6 +37,7 @@ class AugmentOptions:
         mosaic: share of crops with a pixelated face.
         truncate: share of crops that reach over the image's border (black there).
         close_up: share of crops that frame a part of a person, see `close_ups`.
+        clutter: share of crops with things that are nobody behind the person, see `clutter`.
     """
 
     padding: float = 1.25
@@ -48,6 +50,7 @@ class AugmentOptions:
     mosaic: float = 0.08
     truncate: float = 0.12
     close_up: float = 0.1
+    clutter: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,7 @@ class Compositor:
         matrix, flip = self._placement(box, 0.0)
         cuts = to_crop(rng, lines, matrix)
         person, landmarks, visible = self._warp(index, matrix, flip)
-        image = self._background(count)
+        image = self._background(count, opt.clutter)
         image = image * (1 - person[:, 4:] * self._column(rng.uniform(0, 0.6, count)))
         other = rng.random(count) < opt.second_person
         in_front = rng.random(count) < 0.4
@@ -162,19 +165,26 @@ class Compositor:
         landmarks[flip], visible[flip] = landmarks[flip][:, MIRROR], visible[flip][:, MIRROR]
         return torch.from_numpy(warped).float() / 255, landmarks.astype(np.float32), visible
 
-    def _background(self, count: int) -> Tensor:
-        """Random windows of the background pool."""
+    def _background(self, count: int, clutter: float = 0.0) -> Tensor:
+        """Random windows of the background pool, a share of them cluttered."""
+        pictures = np.stack([self._window() for _ in range(count)])
+        for i in np.nonzero(self.rng.random(count) < clutter)[0]:
+            add_clutter(pictures[i], 6, self._window, self.rng)
+        return torch.from_numpy(pictures.transpose(0, 3, 1, 2).astype(np.float32)) / 255
+
+    def _window(self) -> NDArray[np.uint8]:
+        """(size, size, 3) of one background: half of them no larger than they were made, or blur would tell people
+        from what is behind them."""
         rng, size, pool = self.rng, self.size, self.backgrounds
-        source = pool.shape[-1]
-        out = np.empty((count, 3, size, size), np.uint8)
-        for i, b in enumerate(rng.integers(0, len(pool), count)):
-            window = int(rng.integers(size // 2, source + 1))
-            x, y = rng.integers(0, source - window + 1, 2)
-            patch = pool[b, :, y : y + window, x : x + window].transpose(1, 2, 0)
-            patch = patch[:, ::-1] if rng.random() < 0.5 else patch
-            interpolation = cv2.INTER_AREA if window > size else cv2.INTER_LINEAR
-            out[i] = cv2.resize(patch, (size, size), interpolation=interpolation).transpose(2, 0, 1)
-        return torch.from_numpy(out).float() / 255
+        source, b = pool.shape[-1], int(rng.integers(len(pool)))
+        if rng.random() < 0.5:
+            return mirrored_on(np.ascontiguousarray(pool[b].transpose(1, 2, 0)), size, size, rng)
+        window = int(rng.integers(size // 2, source + 1))
+        x, y = rng.integers(0, source - window + 1, 2)
+        patch = pool[b, :, y : y + window, x : x + window].transpose(1, 2, 0)
+        patch = patch[:, ::-1] if rng.random() < 0.5 else patch
+        interpolation = cv2.INTER_AREA if window > size else cv2.INTER_LINEAR
+        return np.asarray(cv2.resize(patch, (size, size), interpolation=interpolation), np.uint8)
 
     def _alpha_at(self, alpha: NDArray[np.float32], landmarks: NDArray[np.float32]) -> NDArray[np.float32]:
         at = np.round(np.nan_to_num(landmarks)).astype(int).clip(0, self.size - 1)

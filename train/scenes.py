@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from muybridge.train.camera_faults import CameraFaults, outside_of_video
+from muybridge.train.clutter import add_clutter, mirrored_on
 from muybridge.train.renders import RenderSet
 
 # Share of scenes with a person larger than the image, seen from the head down.
@@ -55,6 +56,8 @@ class SceneCompositor:
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
         rng = self.rng
         plate = self._plate(height, width)
+        if rng.random() < 0.6:
+            add_clutter(plate, 8, lambda: self._plate(height, width), rng)
         frame = plate.copy()
         count = int(rng.choice(6, p=[0.06, 0.4, 0.26, 0.14, 0.09, 0.05]))
         size = np.exp(rng.uniform(np.log(28), np.log(300), count)) if count else np.zeros(0)
@@ -90,7 +93,9 @@ class SceneCompositor:
         x, y = rng.integers(0, source - window + 1, 2)
         patch = pool[rng.integers(len(pool)), :, y : y + window, x : x + window].transpose(1, 2, 0)
         patch = patch[:, ::-1] if rng.random() < 0.5 else patch
-        return np.ascontiguousarray(cv2.resize(patch, (width, height), interpolation=cv2.INTER_LINEAR))
+        if rng.random() < 0.35:
+            return np.ascontiguousarray(cv2.resize(patch, (width, height), interpolation=cv2.INTER_LINEAR))
+        return mirrored_on(np.ascontiguousarray(patch), height, width, rng)
 
     def _person(self, side: float, roll: float) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
         """A render with its box's longer side `side` pixels: (h, w, 5) and the box in it."""
