@@ -21,8 +21,8 @@ from muybridge.infer.onnx import OnnxOptions, open_session
 
 Array = NDArray[np.float64]
 
-# So much of an answer is taken: the most with which no held-out take became worse than its fit. People differ from those
-# who were trained on, and half a right answer is most of the gain where a whole one is too much.
+# So much of an answer is taken: the most with which no held-out take became worse than its fit. People differ from
+# those who were trained on, and half a right answer is most of the gain where a whole one is too much.
 SHARE = 0.6
 
 
