@@ -4,7 +4,7 @@ import json
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from muybridge.errors import FormatError
 from muybridge.geometry.ik import BodyFit, FitOptions
 from muybridge.geometry.marker_fit import MarkerFit, MarkerFitOptions
+
+if TYPE_CHECKING:
+    from muybridge.infer.solver_network import SolverNetwork
 
 Units = Literal["m", "cm", "mm"]
 Up = Literal["y", "z"]
@@ -60,6 +63,7 @@ def solve(
     method: Method = "auto",
     centres: tuple[Centres, ...] = (),
     network: Path | None = None,
+    correct: bool = True,
     fit: FitOptions = FitOptions(),  # noqa: B008 - frozen
     markers: MarkerFitOptions = MarkerFitOptions(),  # noqa: B008
 ) -> int:
@@ -81,7 +85,9 @@ def solve(
         centres: joint centres that count besides the markers: `midpoint` of the markers on either side, `plane` of
             three markers of a limb, the hip by `harrington`, `bell` or `davis`, or by its motion (`functional`, the
             shoulder too); of two for one joint the first named counts.
-        network: a network of `muybridge train solver`, which corrects the joints of a body fitted to markers.
+        network: a network of `muybridge train solver`, which corrects the joints of a body fitted to markers; by
+            default the shipped one, where no `centres` are named.
+        correct: `--no-correct` leaves the joints as they were fitted.
         fit: skeleton and joint angles, of landmarks.
         markers: the same of markers.
     """
@@ -102,7 +108,8 @@ def solve(
         print(f"note: {notice}", file=sys.stderr)
     by_markers = method == "markers" or (method == "auto" and len(labelled.columns) >= _MARKERS)
     if by_markers:
-        fitted: BodyFit | MarkerFit = _fit_markers(points, labelled, take.positions, centres, markers, network)
+        corrector = _corrector(network, correct, centres)
+        fitted: BodyFit | MarkerFit = _fit_markers(points, labelled, take.positions, centres, markers, corrector)
     elif centres or network:
         what = "--centres" if centres else "--network"
         raise FormatError(f"{points}: {what} is for markers on the skin, and {labelled.how}; leave it out")
@@ -110,6 +117,7 @@ def solve(
         fitted = fit_body(labelled.points, fit)
     names = tuple(labelled.columns) if by_markers else labelled.points.landmarks.names
     facts = _facts(points, labelled, fitted, stature, notices, names, centres)
+    facts["network"] = corrector.version if by_markers and corrector else None
     _write(output, fitted, facts)
     error = facts["residual_mm"]
     print(
@@ -120,26 +128,32 @@ def solve(
     return 0
 
 
+def _corrector(network: Path | None, correct: bool, centres: tuple[str, ...]) -> "SolverNetwork | None":
+    """The network that corrects, if one does: what `centres` say about joints is not corrected unasked."""
+    from muybridge.infer.solver_network import SolverNetwork
+    from muybridge.models.registry import shipped_model
+
+    if not correct or (centres and network is None):
+        return None
+    return SolverNetwork(network or shipped_model("solver"))
+
+
 def _fit_markers(
     path: Path, labelled: Labelled, points: Any, centres: tuple[str, ...], options: MarkerFitOptions,
-    network: Path | None,
+    corrector: "SolverNetwork | None",
 ) -> MarkerFit:  # fmt: skip
     from muybridge.geometry.joint_centres import centres_from_markers
     from muybridge.geometry.landmarks import SURFACE
     from muybridge.geometry.marker_fit import fit_markers
+    from muybridge.infer.solver_network import corrected
 
     if not labelled.columns:
         raise FormatError(f"{path}: --method markers needs labelled markers on the skin, and {labelled.how}")
     chosen = points.points_world[:, list(labelled.columns.values())]
     surface = np.array([SURFACE.index(n) for n in labelled.columns])
     known = centres_from_markers(points.points_world, labelled.columns, centres)
-    opened = None
-    if network is not None:
-        from muybridge.infer.solver_network import SolverNetwork, corrected
-
-        opened = SolverNetwork(network)
     fit = fit_markers(chosen, surface, points.fps, options, known)
-    return fit if opened is None else corrected(fit, chosen, opened)
+    return fit if corrector is None else corrected(fit, chosen, corrector)
 
 
 def understand(path: Path, points: Any) -> Labelled:

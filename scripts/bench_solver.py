@@ -10,7 +10,8 @@ frame-wise, generic body: the mean body, scaled to the markers, on every frame f
 the calibrated body on every frame for itself (T. W. Lu, J. J. O'Connor, "Bone position
 estimation from skin marker co-ordinates using global optimisation with joint constraints", Journal of Biomechanics 32,
 1999). frame-wise, robust: the same with Student's t. joint centres, then body: `muybridge solve --method landmarks`,
-whose joints are partly defined otherwise (spine, collar bones, neck). whole take: what `muybridge solve` does.
+whose joints are partly defined otherwise (spine, collar bones, neck). whole take: `muybridge solve --no-correct`;
+whole take and network: `muybridge solve`.
 """
 
 import argparse
@@ -34,6 +35,7 @@ from muybridge.geometry.marker_joints import landmarks_from_markers
 from muybridge.geometry.rotations import matrix_from_quat
 from muybridge.geometry.skeleton import Motion
 from muybridge.infer.solver_network import SolverNetwork, corrected
+from muybridge.models.registry import shipped_model
 from muybridge.motion.formats.bvh import read_bvh
 from muybridge.train.marker_clouds import MarkerBodies
 from muybridge.train.solver_takes import SolverTake, Spoiling, marker_columns, recorded_take, spoil
@@ -84,7 +86,7 @@ def by_joint(turns: np.ndarray, places: np.ndarray, take: SolverTake) -> None:
 
 
 def solve_all(
-    points: np.ndarray, columns: np.ndarray, fps: float, network: Path | None = None
+    points: np.ndarray, columns: np.ndarray, fps: float, network: Path
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """World rotations and places of every way to solve."""
     options = MarkerFitOptions()
@@ -107,8 +109,7 @@ def solve_all(
     out["joint centres, then body"] = _world(fit_body(centres).motion)
     fit = fit_markers(points, columns, fps, options, person=person)
     out["whole take"] = _world(fit.motion)
-    if network is not None:
-        out["whole take and network"] = _world(corrected(fit, points, SolverNetwork(network)).motion)
+    out["whole take and network"] = _world(corrected(fit, points, SolverNetwork(network)).motion)
     return out
 
 
@@ -124,7 +125,9 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=400)
     parser.add_argument("--placed", type=float, default=0.0, help="markers' places, in spreads of examiners")
     parser.add_argument("--cases", type=int, default=len(CASES))
-    parser.add_argument("--network", type=Path, default=None, help="solver.onnx of `muybridge train solver`")
+    parser.add_argument(
+        "--network", type=Path, default=None, help="solver.onnx of `muybridge train solver`; the shipped"
+    )
     parser.add_argument("--seed", type=int, default=1001, help="of the bodies")
     parser.add_argument("--joints", action="store_true", help="errors of every joint of the last take")
     options = parser.parse_args()
@@ -138,7 +141,7 @@ def main() -> None:
         for k, take in enumerate(takes):
             columns = marker_columns((PLUG_IN_GAIT, CMU)[k % 2])
             points, _ = spoil(take.points[:, columns], take.fps, how, rng)
-            solved = solve_all(points, columns, take.fps, options.network)
+            solved = solve_all(points, columns, take.fps, options.network or shipped_model("solver"))
             for name, (turns, places) in solved.items():
                 found.setdefault(name, []).append(errors(turns, places, take))
         print(f"{case}  ({time.process_time() - begun:.0f} s)")
