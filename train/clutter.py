@@ -31,7 +31,8 @@ def add_clutter(plate: Picture, most: int, texture: Callable[[], Picture], rng: 
         if rng.random() < 0.6:
             plate[inside] = texture()[inside]
         else:
-            fall = np.linspace(*rng.uniform(0.6, 1.2, 2), width)
+            left, right = rng.uniform(0.6, 1.2, 2).tolist()
+            fall = np.linspace(left, right, width)
             colour = (rng.uniform(10, 240, 3) * fall[:, None]).clip(0, 255).astype(np.uint8)
             plate[inside] = np.broadcast_to(colour, plate.shape)[inside]
 

@@ -75,8 +75,8 @@ class CloudSampler:
         self.arms = [tuple(SURFACE.index(f"{s}_{x}") for x in ("acromion", "elbow_lateral", "scapula", "radial_styloid",
                      "ulnar_styloid")) for s in ("left", "right")]  # fmt: skip
         self.c7 = SURFACE.index("c7")
-        self.along = [tuple(SURFACE.index(f"{s}_{x}") for x in row[:3]) + (row[3],)
-                      for row in _ALONG for s in ("left", "right")]  # fmt: skip
+        self.along = [(*(SURFACE.index(f"{s}_{x}") for x in names), share)
+                      for *names, share in _ALONG for s in ("left", "right")]  # fmt: skip
 
     def batch(self, count: int) -> tuple[F32, F32, F32, NDArray[np.int64]]:
         """`count` frames: points (B, 1 + W, N, 3), seen (B, 1 + W, N), asked (B, L), labels (B, N), -1 for padding.
