@@ -183,18 +183,14 @@ def learn_prior(
     points = np.where(fine[..., None], raw, smooth)
     tau = np.full(raw.shape[1], 0.03)
     mean = _centred(smooth[np.flatnonzero(full)[0]])
-    rotation = center = None
-    for _ in range(4):
-        weight = 1 / (tau**2 + usual)
-        if poses is None:
-            rotation, center = _aligned(mean, smooth, weight)
-        else:
-            rotation, center = poses.rotation, poses.center
+    rotation, center = (poses.rotation, poses.center) if poses else _aligned(mean, smooth, 1 / (tau**2 + usual))
+    own = raw
+    for k in range(1 if poses else 4):
+        if k:
+            rotation, center = _aligned(mean, smooth, 1 / (tau**2 + usual))
         own = np.einsum("tba,tjb->tja", rotation, points - center[:, None])
         mean = own[full].mean(axis=0)
         tau = np.maximum(1.4826 * np.median(np.linalg.norm(own[full] - mean, axis=-1), axis=0) / 1.54, 0.005)
-        if poses is not None:
-            break
     ways, tau = _ways(own - mean, full, usual, options)
     return PosePrior(mean, ways, tau), _Poses(rotation, center, np.zeros((len(raw), ways.shape[-1])))
 
@@ -257,12 +253,13 @@ def _fit_chunk(
     ways = prior.ways.shape[-1]
     eye = np.eye(3)
     started = poses.center.copy()
-    points = spread = None
+    points = np.empty(0)
+    spread = alone = design = tau2 = weight = np.empty(0)
     for k in range(steps):
         shape = np.einsum("tab,jb->tja", poses.rotation, prior.mean)
         shape += np.einsum("tab,jbk,tk->tja", poses.rotation, prior.ways, poses.share)
         on_body = poses.center[:, None] + shape
-        points = np.where(np.isfinite(sure), sure, on_body) if points is None else points
+        points = points if k else np.where(np.isfinite(sure), sure, on_body)
         tau2 = (prior.tau**2 * _wider(np.sum((points - on_body) ** 2, axis=-1) / prior.tau**2, 3))[..., None, None]
         precision = np.concatenate([np.tile(_START**-2.0, (len(shape), 1)), 1 / _wider(poses.share**2, 1)], axis=1)
         # A prediction is not the point itself: at first its own doubt is added to the pixels'.
