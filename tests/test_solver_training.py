@@ -124,7 +124,7 @@ def test_the_file_says_what_torch_says_and_corrects_nothing_untrained(
 ) -> None:
     net = network().eval()
     path = tmp_path / "solver.onnx"
-    said = {"muybridge_kind": "solver", "names": list(SURFACE.names), "joints": list(BODY.joint_names),
+    said = {"muybridge_kind": "solver", "version": "0", "names": list(SURFACE.names), "joints": list(BODY.joint_names),
             "spans": list(SPANS)}  # fmt: skip
     _export(net, path, said)
     torch.nn.init.normal_(net.out.weight)
