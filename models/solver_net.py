@@ -70,8 +70,14 @@ class _Near(nn.Module):
 
     def __init__(self, carried: Tensor, touching: Tensor) -> None:
         super().__init__()
-        self.markers, self.has_marker = _padded(carried > 0)
-        self.joints, self.has_joint = _padded(touching > 0)
+        self.markers: Tensor
+        self.has_marker: Tensor
+        self.joints: Tensor
+        self.has_joint: Tensor
+        for name, beside in (("marker", carried), ("joint", touching)):
+            order, there = _padded(beside > 0)
+            self.register_buffer(f"{name}s", order, persistent=False)
+            self.register_buffer(f"has_{name}", there, persistent=False)
         inputs = self.markers.shape[1] * (MARKER_FEATURES + 1) + self.joints.shape[1] * JOINT_FEATURES
         self.weight = nn.Parameter(torch.zeros(len(carried), inputs, 6), requires_grad=False)
         self.bias = nn.Parameter(torch.zeros(len(carried), 6), requires_grad=False)
@@ -150,8 +156,9 @@ class SolverNet(nn.Module):
         same = same / same.sum(-1, keepdim=True).clamp(min=1.0)
         for layer in self.layers:
             m, j = layer(m, j, carried, same, self.up, self.down)
-        answer: Tensor = self.out(self.dropout(torch.relu(self.hidden(self.dropout(self.norm(j))))))
-        return (answer + self.near(markers, known, joints)) * self.reached(known).unsqueeze(-1)
+        hidden = torch.relu(self.hidden(self.dropout(self.norm(j))))
+        answer: Tensor = self.out(self.dropout(hidden)) + self.near(markers, known, joints)
+        return answer * self.reached(known).unsqueeze(-1)
 
     def reached(self, known: Tensor) -> Tensor:
         """(B, J) 1 where a joint or one beside it carries a marker of the set; others stay as they were fitted."""

@@ -42,10 +42,12 @@ def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
 def evaluate(net: nn.Module, data: tuple[Tensor, ...]) -> dict[str, float]:
     """Mean joint errors of the classical fit and of the corrected one, millimetres and degrees: of all examples and
     of each frame rate; of joints that markers tell of."""
+    data = tuple(t.to(next(net.parameters()).device) for t in data)
     there = net.reached(data[1].float())  # type: ignore[operator]
 
     def mean(each: Tensor) -> Tensor:
-        return (each * there).sum(-1) / there.sum(-1)
+        average: Tensor = (each * there).sum(-1) / there.sum(-1)
+        return average
 
     answer = torch.cat([net(*(t[k : k + 512].float() for t in data[:3])) for k in range(0, len(data[0]), 512)])
     out = {}
@@ -53,7 +55,7 @@ def evaluate(net: nn.Module, data: tuple[Tensor, ...]) -> dict[str, float]:
         degrees = torch.rad2deg(mean(left[..., :3].norm(dim=-1)) * ANGLE)
         millimetres = mean(left[..., 3:].norm(dim=-1)) * LENGTH * 1000
         out[f"{name}_deg"], out[f"{name}_mm"] = float(degrees.mean()), float(millimetres.mean())
-        for rate in data[4].unique():
+        for rate in np.unique(data[4].cpu().numpy()):
             at = data[4] == rate
             out[f"{name}_deg_{int(rate)}"] = float(degrees[at].mean())
             out[f"{name}_mm_{int(rate)}"] = float(millimetres[at].mean())
@@ -103,11 +105,10 @@ def train(options: SolverTraining) -> pathlib.Path:
     _make_all(options)
     held_out = load_fits(options.out / "fits", HELD_OUT)
     net = SolverNet(carriers(), list(BODY.parents))
-    fit = loop.Fit(options, net, lambda net: evaluate(net, held_out))
-    if not fit.state["step"]:
+    if not (options.out / "checkpoint.pt").exists():
         # Neighbouring frames of a take tell the same.
         solve_linear(net, tuple(t[::3] for t in load_fits(options.out / "fits", TRAINED_ON)))
-        fit.average = loop.AveragedWeights(fit.net)
+    fit = loop.Fit(options, net, lambda net: evaluate(net, held_out))
     fit.run(_stream(options, fit.state["step"]), loss_of)
     return fit.checkpoint
 

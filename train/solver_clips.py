@@ -89,7 +89,7 @@ def _clip(bodies: MarkerBodies, body: Skeleton, rotvec: Array, root: Array) -> t
 
 
 def _together(made: list[tuple[NDArray[np.generic], ...]]) -> SolverClips:
-    return SolverClips(*(np.stack(parts) for parts in zip(*made, strict=True)))  # type: ignore[arg-type]
+    return SolverClips(*(np.stack(parts) for parts in zip(*made, strict=True)))
 
 
 def make_followed(clips: pathlib.Path, shards: range, seed: int = 0) -> None:
