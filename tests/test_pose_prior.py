@@ -45,11 +45,17 @@ def seen(cameras: CameraGroup, truth: Floats, gross: float = 0.03, seed: int = 0
     return px, np.full(px.shape[:-1], PX**2)
 
 
-def solved(cameras: CameraGroup, px: Floats, variance: Floats) -> tuple[Triangulation, Triangulation]:
+# Every point is helped, those on which the cameras agree too.
+EVERYWHERE = PosePriorOptions(agreed=99)
+
+
+def solved(
+    cameras: CameraGroup, px: Floats, variance: Floats, options: PosePriorOptions = EVERYWHERE
+) -> tuple[Triangulation, Triangulation]:
     """Without and with the rest of the body."""
     variance = np.where(np.isfinite(px).all(-1), variance, np.nan)
     alone = triangulate(cameras, px, variance)
-    return alone, with_pose_prior(cameras, px, variance, BODY23, 30.0, alone)
+    return alone, with_pose_prior(cameras, px, variance, BODY23, 30.0, alone, options=options)
 
 
 def error_mm(found: Triangulation, truth: Floats) -> Floats:
@@ -67,6 +73,20 @@ def test_points_are_nearer_to_the_truth(walk: tuple[CameraGroup, Floats]) -> Non
     alone, helped = (error_mm(f, truth)[30:110] for f in solved(cameras, px, variance))
     assert np.nanmean(helped) < 0.6 * np.nanmean(alone)
     assert np.nanquantile(helped, 0.99) < 0.5 * np.nanquantile(alone, 0.99)
+
+
+def test_points_that_cameras_agree_on_stay_as_they_are(walk: tuple[CameraGroup, Floats]) -> None:
+    cameras, truth = walk
+    px, variance = seen(cameras, truth)
+    px[2:, 30:110:2] = np.nan
+    alone, helped = solved(cameras, px, variance, PosePriorOptions())
+    agreed = alone.inlier.sum(0) >= 3
+    assert 0.3 < agreed.mean() < 0.9
+    for before, after in ((alone.points_world, helped.points_world), (alone.covariance_world, helped.covariance_world)):
+        np.testing.assert_array_equal(after[agreed], before[agreed])
+    np.testing.assert_array_equal(helped.inlier[:, agreed], alone.inlier[:, agreed])
+    off = [np.nanmean(error_mm(f, truth)[~agreed]) for f in (alone, helped)]
+    assert off[1] < 0.6 * off[0]
 
 
 def test_what_happens_once_is_not_outvoted(walk: tuple[CameraGroup, Floats]) -> None:
