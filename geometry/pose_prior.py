@@ -47,7 +47,7 @@ class PosePriorOptions:
         rounds: how often the body is learned anew.
         steps: of Gauss-Newton for every frame.
         one_view: frames from the last that two cameras saw, up to which one alone counts.
-        agreed: points on which at least so many cameras agree stay as they were triangulated.
+        enough: what at least so many cameras see stays as it was triangulated, or was not.
     """
 
     enabled: bool = True
@@ -56,7 +56,7 @@ class PosePriorOptions:
     rounds: int = 2
     steps: int = 4
     one_view: int = 30
-    agreed: int = 3
+    enough: int = 3
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def with_pose_prior(
         result, covariance, inlier = _fitted(prior, poses, sight, sure, options.steps)
     keep = _worth_keeping(inlier, full, options)
     result = np.where(keep[..., None], result, np.nan)
-    settled = known & (found.inlier.sum(0) >= options.agreed)
+    settled = np.isfinite(np.asarray(variance_px2)).sum(0) >= options.enough
     result = np.where(settled[..., None], found.points_world, result)
     covariance = np.where(settled[..., None, None], found.covariance_world, covariance)
     inlier = np.where(settled[..., None], np.moveaxis(found.inlier, 0, -1), inlier)
