@@ -28,6 +28,7 @@ from muybridge.infer.labelling import LabelOptions, label_points
 from muybridge.infer.outputs import open_output
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import Session, SessionOptions, open_session
+from muybridge.infer.solver_network import SolverNetwork, corrected
 from muybridge.infer.video import VideoInfo, read_chunks
 from muybridge.models.registry import shipped_model
 from muybridge.motion.formats.marker_set import find_marker_set
@@ -52,6 +53,7 @@ class MarkerVideoOptions:
         label: names.
         clean: spikes and gaps.
         fit: the skeleton.
+        correct: the shipped solver network corrects the fitted joints, as in `muybridge solve`.
     """
 
     markerset: str = "pig39"
@@ -62,6 +64,7 @@ class MarkerVideoOptions:
     label: LabelOptions = field(default_factory=LabelOptions)
     clean: CleanOptions = field(default_factory=CleanOptions)
     fit: MarkerFitOptions = field(default_factory=MarkerFitOptions)
+    correct: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,8 +210,12 @@ def run_marker_session(path: Path, out: Path | None, session_options: SessionOpt
     worn = np.isfinite(cleaned.points[..., 0]).any(0)
     progress.say("fitting the body")
     fit = fit_markers(cleaned.points[:, worn], surface[worn], session.fps, options.fit)
+    corrector = SolverNetwork(shipped_model("solver")) if options.correct else None
+    if corrector is not None:
+        fit = corrected(fit, cleaned.points[:, worn], corrector)
     facts = _facts(session, plan, found, labelled.confidence, again, views, cleaned.sample, thresholds, fit,
                    labelled.notes)  # fmt: skip
+    facts["network"] = corrector.version if corrector else None
     _write(output, session, plan, found, cleaned.points, fit, facts)
     return (
         f"{place}: {session.frames} frames at {session.fps:.4g} fps, {len(session.cameras)} cameras; "

@@ -138,7 +138,13 @@ def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
     assert np.mean(gap < 0.005) > 0.9
     facts = json.loads((out / "markers.json").read_text())
     assert facts["markers_found"] >= 37 and facts["residual_mm"]["median"] < 8
-    assert len(read_bvh(out / "motion.bvh")) == frames
+    motion = read_bvh(out / "motion.bvh")
+    assert len(motion) == frames and facts["network"]
+    joints = motion.joint_positions_world()
+    named = [n for n in skeleton.names if n in motion.skeleton.names]
+    gap = np.linalg.norm(joints[:, [motion.skeleton.names.index(n) for n in named]]
+                         - at[:, [skeleton.names.index(n) for n in named]], axis=-1)  # fmt: skip
+    assert len(named) > 15 and np.median(gap) < 0.02
     assert run_command(["run", str(tmp_path), "--markers-in-video", "--marker-video.markerset", "nonsense"]) == 2
 
 
