@@ -1,9 +1,9 @@
 # make demo      base install into .venv, then the demo take through the whole pipeline
 # make test      adds the train and dev extras, then the quick tests and the linters
 # make test-all  the same with the slow tests
-# make types     the type checker
+# make lint      style, imports between the layers, types
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all types lint clean
+.PHONY: help demo test test-all lint clean
 SHELL := /bin/bash
 
 VENV := .venv
@@ -26,12 +26,10 @@ test-all: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest
 	$(MAKE) --no-print-directory lint
 
-types: $(VENV)/.installed-dev
-	$(BIN)/mypy
-
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
+	$(BIN)/mypy
 
 $(BIN)/python:
 	@scripts/make_venv.sh $(VENV)

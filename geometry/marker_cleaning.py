@@ -200,7 +200,7 @@ def _ways(marker: int, a: int, b: int, known: Float, partners: NDArray[np.intp],
         curve = fill_curve(known[:, marker], a, b)
         if curve is not None:
             out[Sample.CURVE] = (curve, none)
-    seen: NDArray[np.bool_] = np.isfinite(known[max(a - 1, 0) : b + 1, :, 0]).all(axis=0)
+    seen = np.asarray(np.isfinite(known[max(a - 1, 0) : b + 1, :, 0]).all(axis=0))
     chosen = partners[seen[partners]][: options.partners]
     if len(chosen) >= 3:
         for way, fill in ((Sample.RIGID, fill_rigid), (Sample.PATTERN, fill_pattern)):

@@ -36,8 +36,8 @@ def recover_points(points: Float, label: Int, gain: Float, options: RecoverOptio
         options: when.
     """
     named = np.full((len(points), gain.shape[2], 3), np.nan)
-    t, s = np.nonzero(label >= 0)
-    named[t, label[t, s]] = points[t, s]
+    frame, slot = np.nonzero(label >= 0)
+    named[frame, label[frame, slot]] = points[frame, slot]
     place, reach = _expected(named, options)
     out = label.copy()
     loose = (label < 0) & np.isfinite(points[..., 0])

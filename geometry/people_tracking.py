@@ -77,6 +77,8 @@ class PeopleTracker:
         self._bodies: list[Body] = []
         self._ended: list[Body] = []
         self._chunk = -1
+        self._px = self._rays = np.empty((len(cameras), 0, 0, 0, 0))
+        self._there: NDArray[np.bool_] = np.empty((len(cameras), 0, 0), dtype=np.bool_)
 
     def run(self) -> list[Body]:
         """Everyone, forwards through the take and then back to where each was first seen."""
@@ -98,7 +100,7 @@ class PeopleTracker:
             return
         self._chunk = (t // _CHUNK) * _CHUNK
         px = self._keypoints.points_px[:, self._chunk : self._chunk + _CHUNK]
-        known = np.isfinite(px).all(-1)
+        known = np.asarray(np.isfinite(px).all(-1))
         enough = known.sum(-1) >= min(_LEAST_LANDMARKS, px.shape[3])
         self._px = np.where(known[..., None] & enough[..., None, None], px, np.nan)
         self._rays = ray_directions(self._cameras, self._px)
@@ -331,7 +333,7 @@ class PeopleTracker:
 
     def _retire(self) -> None:
         """Bodies that were not seen for long end; doubtful ones soon."""
-        kept = []
+        kept: list[Body] = []
         for body in self._bodies:
             patience = self._options.coast if body.confirmed else 3
             gone = body.unseen > patience or body.unmet > 2 * patience
@@ -370,11 +372,11 @@ class PeopleTracker:
     def _bridge(self, bodies: list[Body]) -> None:
         """Gives a body the detections that it left out between two of the same camera track, where nobody has them:
         a bad frame is for the triangulation to judge."""
-        there = np.isfinite(self._keypoints.points_px).all(-1).any(-1)
+        there = np.asarray(np.isfinite(self._keypoints.points_px).all(-1).any(-1))
         taken = np.zeros_like(there)
         for body in bodies:
-            c, t = np.nonzero(body.slots >= 0)
-            taken[c, t, body.slots[c, t]] = True
+            camera, frame = np.nonzero(body.slots >= 0)
+            taken[camera, frame, body.slots[camera, frame]] = True
         for body in bodies:
             for c, row in enumerate(body.slots):
                 frames = np.flatnonzero(row >= 0)

@@ -221,7 +221,7 @@ def _ways(off: Array, full: NDArray[np.bool_], noise2: Array, options: PosePrior
 
 
 def _centred(points: Array) -> Array:
-    return points - points.mean(axis=-2, keepdims=True)
+    return np.asarray(points - points.mean(axis=-2, keepdims=True))
 
 
 def _aligned(mean: Array, points: Array, weight: Array) -> tuple[Array, Array]:
@@ -260,13 +260,14 @@ def _fit_chunk(
     ways = prior.ways.shape[-1]
     eye = np.eye(3)
     started = poses.center.copy()
-    points = np.empty(0)
+    points: Array = np.empty(0)
+    spread: Array
     spread = alone = design = tau2 = weight = np.empty(0)
     for k in range(steps):
         shape = np.einsum("tab,jb->tja", poses.rotation, prior.mean)
         shape += np.einsum("tab,jbk,tk->tja", poses.rotation, prior.ways, poses.share)
         on_body = poses.center[:, None] + shape
-        points = points if k else np.where(np.isfinite(sure), sure, on_body)
+        points = points if k else np.asarray(np.where(np.isfinite(sure), sure, on_body), dtype=np.float64)
         tau2 = (prior.tau**2 * _wider(np.sum((points - on_body) ** 2, axis=-1) / prior.tau**2, 3))[..., None, None]
         precision = np.concatenate([np.tile(_START**-2.0, (len(shape), 1)), 1 / _wider(poses.share**2, 1)], axis=1)
         # A prediction is not the point itself: at first its own doubt is added to the pixels'.
@@ -285,7 +286,7 @@ def _fit_chunk(
         gradient = np.einsum("tnk,tn->tk", flat, missing.reshape(len(shape), -1))
         gradient[:, :3] += (started - poses.center) * precision[:, :3]
         gradient[:, 6:] -= poses.share * precision[:, 6:]
-        spread = np.linalg.inv(normal)
+        spread = np.asarray(np.linalg.inv(normal), dtype=np.float64)
         step = np.einsum("tkl,tl->tk", spread, gradient)
         poses.center, poses.share = poses.center + step[:, :3], poses.share + step[:, 6:]
         poses.rotation = _turns(step[:, 3:6]) @ poses.rotation
@@ -328,7 +329,7 @@ def _inverse(a: Array) -> Array:
     second = np.cross(a[..., 2, :], a[..., 0, :])
     third = np.cross(a[..., 0, :], a[..., 1, :])
     scale = np.sum(a[..., 0, :] * first, axis=-1)
-    return np.stack([first, second, third], axis=-1) / scale[..., None, None]
+    return np.asarray(np.stack([first, second, third], axis=-1) / scale[..., None, None])
 
 
 def _weight(u: Array, limits: Limits) -> Array:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -124,7 +125,7 @@ def solve(
         return replace(main, person=f"{main.person}; --everyone writes them too") if several else main
     others = []
     for n, slots in enumerate(person.arrays["others"], start=2):
-        one = stage(f"person {n}", person.key, lambda slots=slots: (_taken(keypoints, slots), {"reason": ""}))
+        one = stage(f"person {n}", person.key, partial(_further, keypoints, slots))
         others.append(_followed(take, f" {n}", one, None))
     files = "; each further person whom two cameras see has files of their own" if others else ""
     return replace(main, person=main.person + files, others=tuple(others))
@@ -236,6 +237,10 @@ def _taken(keypoints: Keypoints2D, slots: NDArray[np.int64]) -> Arrays:
     """The landmarks in the slots (C, T) of one person."""
     points_px, variance_px2, score = take_slots(keypoints, slots)
     return {"slots": slots, "points_px": points_px, "variance_px2": variance_px2, "score": score}
+
+
+def _further(keypoints: Keypoints2D, slots: NDArray[np.int64]) -> tuple[Arrays, dict[str, Any]]:
+    return _taken(keypoints, slots), {"reason": ""}
 
 
 def _as_points(landmarks: LandmarkSet, positions: Arrays, measurement: Arrays, fps: float) -> Points3D:

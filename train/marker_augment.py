@@ -75,8 +75,8 @@ class CloudSampler:
         self.arms = [tuple(SURFACE.index(f"{s}_{x}") for x in ("acromion", "elbow_lateral", "scapula", "radial_styloid",
                      "ulnar_styloid")) for s in ("left", "right")]  # fmt: skip
         self.c7 = SURFACE.index("c7")
-        self.along = [(*(SURFACE.index(f"{s}_{x}") for x in names), share)
-                      for *names, share in _ALONG for s in ("left", "right")]  # fmt: skip
+        self.along = [([SURFACE.index(f"{s}_{x}") for x in (marker, a, b)], share)
+                      for marker, a, b, share in _ALONG for s in ("left", "right")]  # fmt: skip
 
     def batch(self, count: int) -> tuple[F32, F32, F32, NDArray[np.int64]]:
         """`count` frames: points (B, 1 + W, N, 3), seen (B, 1 + W, N), asked (B, L), labels (B, N), -1 for padding.
@@ -156,7 +156,7 @@ class CloudSampler:
     def _place(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
         rng, count = self.rng, len(at)
         moved = at.copy()
-        for marker, a, b, share in self.along:
+        for (marker, a, b), share in self.along:
             slide = rng.normal(0, share, (count, 1, 1)).clip(-2.2 * share, 2.2 * share)
             moved[:, :, marker] += slide * (at[:, :, b] - at[:, :, a])
         head = at[:, :, _HEAD]
@@ -177,18 +177,18 @@ class CloudSampler:
         number = np.where(style < 0.25, 0, rng.integers(0, 7, count))
         number = np.where(style > 0.93, rng.integers(6, 16, count), number)
         order = np.argsort(np.argsort(np.where(present, rng.random((count, size)), 2.0), 1), 1)
-        hidden = order < number[:, None]
+        hidden: Bool = np.asarray(order < number[:, None])
         # One region is out of sight: what lies nearest to some marker.
-        near = rng.random(count) < 0.12
+        near = np.asarray(rng.random(count) < 0.12)
         centre = at[np.arange(count), 0, rng.integers(0, size, count)]
         distance = np.linalg.norm(at[:, 0] - centre[:, None], axis=-1)
         hidden |= near[:, None] & (distance < rng.uniform(0.08, 0.35, (count, 1)))
         # By geometry: fewer than two of the cameras around see the skin's face.
-        facing = rng.random(count) < 0.15
+        facing = np.asarray(rng.random(count) < 0.15)
         azimuth = rng.uniform(0, 2 * math.pi, (count, 6))
         cameras = np.stack([np.cos(azimuth), np.sin(azimuth), np.full_like(azimuth, 0.35)], -1)
         views = (np.einsum("bmc,bkc->bmk", normals, cameras) > 0.25).sum(2)
-        return hidden | (facing[:, None] & (views < 2))
+        return np.asarray(hidden | (facing[:, None] & (views < 2)))
 
     def _others(self, count: int, at: NDArray[np.float64]) -> tuple[NDArray[np.float64], Bool]:
         """Some markers of a second person, standing by."""
@@ -266,7 +266,7 @@ class CloudSampler:
         yaw = np.stack([c, -s, zero, s, c, zero, zero, zero, one], -1).reshape(-1, 3, 3)
         x, y = tilt.T
         lean = np.stack([one, zero, y, zero, one, -x, -y, x, one], -1).reshape(-1, 3, 3)
-        return points @ (lean @ yaw).transpose(0, 2, 1)[:, None]
+        return np.asarray(points @ (lean @ yaw).transpose(0, 2, 1)[:, None])
 
     def _pack(self, points: NDArray[np.float64], seen: Bool, there: Bool, asked: Bool,
               labels: NDArray[np.int64]) -> tuple[F32, F32, F32, NDArray[np.int64]]:  # fmt: skip
@@ -281,7 +281,7 @@ class CloudSampler:
 
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    return vectors / (np.linalg.norm(vectors, axis=-1, keepdims=True) + 1e-9)
+    return np.asarray(vectors / (np.linalg.norm(vectors, axis=-1, keepdims=True) + 1e-9))
 
 
 def _is_lower(name: str) -> bool:
