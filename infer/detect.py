@@ -52,7 +52,7 @@ class DetectOptions:
     """How 2D landmarks are found.
 
     Attributes:
-        precision: of the shipped keypoint network: `int8` is three times as fast, `fp32` a little more accurate (on
+        precision: of the shipped keypoint network: `int8` is twice as fast, `fp32` a little more accurate (on
             the demo 17.4 instead of 18.2 mm).
         keypoint_model: keypoint network to use in place of the shipped one, whatever its precision.
         model_card: what that network takes in and gives out, where it is not one of muybridge's: a TOML file, or

@@ -13,7 +13,7 @@ from muybridge.geometry.landmarks import BODY23  # noqa: E402
 from muybridge.train.augment import AugmentOptions, Compositor  # noqa: E402
 from muybridge.train.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.bodies import BODY_VERTICES, BodyModel  # noqa: E402
-from muybridge.train.close_ups import cut_boxes, to_crop  # noqa: E402
+from muybridge.train.close_ups import cut_boxes, sample_close_up, to_crop  # noqa: E402
 from muybridge.train.people import as_tensors, generalised_iou, make_targets  # noqa: E402
 from muybridge.train.render import Renderer, View, look_at  # noqa: E402
 from muybridge.train.renders import SIZE, RenderSet, sample_view  # noqa: E402
@@ -149,7 +149,7 @@ def test_close_ups_frame_what_is_left_of_a_person(renders):
     assert ((boxes[:, :2] >= whole[:, :2]) & (boxes[:, 2:] <= whole[:, 2:])).all()
     # A crop map that turns and mirrors: the middle of what is left is on the near side of the cut, the rest beyond.
     turn = np.array([[-0.4, 0.3, 90.0], [0.3, 0.4, 20.0]], np.float32)
-    cuts = to_crop(rng, lines, np.repeat(turn[None], 200, 0))
+    cuts = to_crop(rng, lines, np.repeat(turn[None], 200, 0), np.zeros(200, bool))
 
     def beyond(points):
         at = points @ turn[:, :2].T + turn[:, 2]
@@ -159,6 +159,34 @@ def test_close_ups_frame_what_is_left_of_a_person(renders):
     low, high, middle = whole[:, :2], whole[:, 2:], (whole[:, :2] + whole[:, 2:]) / 2
     gone = np.where(boxes[:, :2] > low, low, np.where(boxes[:, 2:] < high, high, middle))
     assert beyond(gone).all()
+
+
+def test_a_near_camera_sees_a_part_of_a_person_sharply(body, renderer):
+    body.rng = body.poses.rng = np.random.default_rng(4)
+    batch = body.sample(12)
+    shots, off = [], []
+    for i in range(12):
+        renderer.load(batch.vertices[i])
+        near = sample_close_up(batch.vertices[i], body.rng, SIZE, 1.375)
+        # What is left of them fills the picture, in its middle, on this side of the cut.
+        low, high = near.box_px[:2], near.box_px[2:]
+        assert abs((high - low).max() - SIZE / 1.375) < 0.15 * SIZE
+        assert np.abs((low + high) / 2 - SIZE / 2).max() < 0.1 * SIZE
+        corners = np.array([low, high])
+        assert (corners @ near.cut_px[:2]).max() <= near.cut_px[2] + 0.5
+        shot = renderer.render(near.view, sample_outfit(body.rng, float(batch.gender[i])), batch.landmarks[i])
+        shots.append(replace(shot, box_px=near.box_px, cut_px=near.cut_px))
+        rows, columns = np.nonzero(shot.rgba[..., 3] > 127)
+        kept = np.stack([columns, rows], 1) @ near.cut_px[:2] <= near.cut_px[2]
+        off.append([columns[kept].min() - low[0], columns[kept].max() - high[0]])
+    assert np.median(np.abs(off)) < 5  # clothes, hair and bags reach beyond the body
+    assert np.mean([(s.landmarks_px @ s.cut_px[:2] > s.cut_px[2]).mean() for s in shots]) > 0.2
+    pixels = np.stack([np.concatenate([s.rgba.transpose(2, 0, 1), s.shadow[None]]) for s in shots])
+    labels = {k: np.stack([getattr(s, k) for s in shots]) for k in ("landmarks_px", "visible", "box_px", "cut_px")}
+    store = RenderSet([pixels], **labels)
+    assert len(store.whole) == 0
+    batch = Compositor(store, make_backgrounds(4, SIZE, 0), 128, 3, PLAIN).batch(24)
+    assert 0.2 < batch.visible.float().mean() < 0.75
 
 
 def test_what_a_border_cuts_off_is_black_and_hidden(renders):

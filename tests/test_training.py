@@ -18,6 +18,7 @@ from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
 from muybridge.models.people_net import PeopleNet  # noqa: E402
 from muybridge.models.registry import keypoint_card, people_card, shipped_model  # noqa: E402
 from muybridge.train import keypoints, loop, people  # noqa: E402
+from muybridge.train.heatmap_loss import OUTSIDE  # noqa: E402
 from muybridge.train.options import KeypointTraining, PeopleTraining  # noqa: E402
 from muybridge.train.publish import fit_spread, load_checkpoint, publish_keypoints, sigma_coverage  # noqa: E402
 from muybridge.train.renders import SHARD, SIZE, shard_path  # noqa: E402
@@ -70,8 +71,12 @@ def test_heatmap_loss_and_its_gradient_are_those_of_cross_entropy(layout):
     cell = (landmarks - 1.5) / 4
     x, y = (torch.exp(-((torch.arange(n) - cell[..., i, None]) ** 2) / (2 * 0.8**2)) for i, n in enumerate((16, 12)))
     target = torch.einsum("bjy,bjx->bjyx", y / y.sum(-1, keepdim=True), x / x.sum(-1, keepdim=True)).flatten(2)
-    target[0, 0], target[1, 1] = 0, 0
+    # The unknown one is no loss; of the one outside the best is to say nothing.
+    target[0, 0], target[1, 1] = 0, OUTSIDE / (12 * 16)
     expected = -(target * logits.flatten(2).log_softmax(-1)).sum(-1)
+    best = torch.zeros(3, 5)
+    best[1, 1] = OUTSIDE * np.log(12 * 16)
+    expected = expected - best
     loss = keypoints.heatmap_loss(logits, landmarks)
     torch.testing.assert_close(loss, expected, atol=1e-4, rtol=1e-5)
     ours, theirs = (torch.autograd.grad((value * weight).sum(), logits)[0] for value in (loss, expected))

@@ -83,6 +83,7 @@ class Compositor:
         self.renders, self.backgrounds, self.size, self.options = renders, backgrounds, size, options
         self.rng = np.random.default_rng(seed)
         self.faults = CameraFaults(self.rng)
+        self.whole = renders.whole  # a close-up would be cut off in mid-air beside somebody else
 
     def batch(self, count: int, index: NDArray[np.intp] | None = None) -> Batch:
         """`count` crops of random renders, or of the renders `index`."""
@@ -93,13 +94,13 @@ class Compositor:
     def _few(self, index: NDArray[np.intp]) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
         """The crops of a batch that are made at once, as the fields of `Batch`."""
         rng, opt, count = self.rng, self.options, len(index)
-        box, lines = cut_boxes(rng, self.renders.box_px[index], opt.close_up)
+        box, lines = cut_boxes(rng, self.renders.box_px[index], opt.close_up, self.renders.cut_px[index])
         matrix, flip = self._placement(box, 0.0)
-        cuts = to_crop(rng, lines, matrix)
+        cuts = to_crop(rng, lines, matrix, np.isfinite(self.renders.cut_px[index, 0]))
         person, landmarks, visible = self._warp(index, matrix, flip)
         image = self._background(count, opt.clutter)
         image = image * (1 - person[:, 4:] * self._column(rng.uniform(0, 0.6, count)))
-        other = rng.random(count) < opt.second_person
+        other = rng.random(count) < (opt.second_person if len(self.whole) else 0.0)
         in_front = rng.random(count) < 0.4
         front = self._second_person(image, other, in_front) if other.any() else None
         image = image * (1 - person[:, 3:4]) + person[:, :3]
@@ -195,7 +196,7 @@ class Compositor:
         """Another person beside the subject of the crops `other`: behind, drawn into `image` in place, or in front,
         returned as a layer (B, 4, S, S) for when the subject is drawn."""
         chosen = np.nonzero(other)[0]
-        index = self.rng.integers(0, len(self.renders), len(chosen))
+        index = self.rng.choice(self.whole, len(chosen))
         matrix, flip = self._placement(self.renders.box_px[index], 0.3)
         layer, _, _ = self._warp(index, matrix, flip)
         front = torch.zeros(len(image), 4, self.size, self.size)

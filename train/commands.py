@@ -32,7 +32,7 @@ def synth(options: Annotated[Synthesis, tyro.conf.arg(name="")]) -> None:
     """Make synthetic people to train on: a store of seeded renders and a contact sheet."""
     from muybridge.train.renders import make_renders
 
-    make_renders(options.out, range(options.shards), options.seed, options.kinds)
+    make_renders(options.out, range(options.shards), options.seed, options.kinds, options.close_ups)
     if options.sheet:
         from muybridge.train.sheet import write_sheet
 

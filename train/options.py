@@ -15,6 +15,7 @@ class Synthesis:
         seed: shard k depends on the seed and k alone.
         kinds: people in these kinds of generated motion alone (stand, walk, sit, ...), of new shards; else in all, and
             in poses that are wider than motion's.
+        close_ups: new shards are of parts of people, seen near, as cameras on a desk see them.
         sheet: also composites a contact sheet of training images, `sheet.png`, into the folder.
     """
 
@@ -22,6 +23,7 @@ class Synthesis:
     shards: int = 60
     seed: int = 0
     kinds: tuple[str, ...] = ()
+    close_ups: bool = False
     sheet: bool = True
 
 

@@ -5,7 +5,7 @@ occluders and the camera's faults come later (`augment.py`), so that one render 
 """
 
 import pathlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -97,6 +97,7 @@ class Render:
         box_px: (4,) left, top, right, bottom of the whole body, also outside of the image.
         markers_px: (M, 2) pixels of the virtual markers, the order of `SURFACE`.
         markers_visible: (M,) whether the marker faces the camera, in the image and not behind a limb.
+        cut_px: (3,) where the person of a close-up has to be cut off, see `close_ups.Cuts`; else NaN.
     """
 
     rgba: NDArray[np.uint8]
@@ -106,6 +107,7 @@ class Render:
     box_px: F32
     markers_px: F32
     markers_visible: NDArray[np.bool_]
+    cut_px: F32 = field(default_factory=lambda: np.full(3, np.nan, np.float32))
 
 
 class Program:
@@ -328,7 +330,7 @@ class Renderer:
         shadow = np.frombuffer(mask.read(components=1, alignment=1), "u1").reshape(h, w)[::-1]  # type: ignore[attr-defined]
         z = np.frombuffer(depth.read(alignment=1), "f4").reshape(h, w)[::-1]  # type: ignore[attr-defined]
         metres = 2 * FAR * NEAR / (FAR + NEAR - (2 * z - 1) * (FAR - NEAR))
-        px, depth_m = view.project(landmarks_world)
+        px, depth_m = _in_front(*view.project(landmarks_world))
         body_px = np.ascontiguousarray(view.project(self.vertices[:BODY_VERTICES])[0].T)
         box = np.concatenate([body_px.min(1), body_px.max(1)])
         inside, front = _front(px, metres)
@@ -339,7 +341,7 @@ class Renderer:
 
     def _read_markers(self, view: View, metres: NDArray[np.floating], height: float) -> tuple[F32, NDArray[np.bool_]]:
         """Pixels (M, 2) of the loaded person's markers and whether they are seen."""
-        px, depth_m = view.project(self.markers)
+        px, depth_m = _in_front(*view.project(self.markers))
         inside, front = _front(px, metres)
         eye = -view.cam_from_world[:, :3].T @ view.cam_from_world[:, 3]
         seen = markers_seen(self.markers, self.marker_normals, eye, depth_m, front, height)
@@ -367,6 +369,12 @@ def _soften(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
     edge = (cover > 0) & (cover < 255)
     rgba[edge] = smooth[edge]
     return rgba
+
+
+def _in_front(px: F64, depth_m: F64) -> tuple[F64, F64]:
+    """Pixels and depths, with points that the near plane cuts off far outside of any image."""
+    px[depth_m < NEAR] = -1e5
+    return px, depth_m
 
 
 def _front(px: F64, metres: NDArray[np.floating]) -> tuple[NDArray[np.bool_], NDArray[np.floating]]:

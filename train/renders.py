@@ -3,12 +3,12 @@
 A shard is `renders-<number>.npz` (labels) beside `renders-<number>.npy` (pixels, memory-mapped). The label file
 is written last, so a shard with labels is whole. A store made before there were virtual markers may have their
 labels in `markers-<number>.npz`; without, they are NaN and hidden. Shard k of a store with seed s depends on
-(s, k) alone, and on the kinds of motion that were asked for.
+(s, k) alone, on the kinds of motion that were asked for, and on whether they are close-ups.
 """
 
 import pathlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from muybridge.errors import SessionError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks import SURFACE
 from muybridge.train.bodies import BODY_VERTICES, BodyModel
+from muybridge.train.close_ups import sample_close_up
 from muybridge.train.motions import MOTIONS
 from muybridge.train.render import Render, Renderer, View, look_at
 from muybridge.train.wardrobe import sample_outfit
@@ -66,8 +67,12 @@ class RenderSet:
     # Virtual markers in the order of `SURFACE`; NaN and False where the store has no labels of them.
     markers_px: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, len(SURFACE), 2), "f4"))  # (N, M, 2)
     markers_visible: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, len(SURFACE)), bool))  # (N, M)
+    # Where the person of a close-up has to be cut off, see `close_ups.Cuts`; NaN for whole people.
+    cut_px: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), "f4"))  # (N, 3)
 
     def __post_init__(self) -> None:
+        if len(self.cut_px) != len(self):
+            object.__setattr__(self, "cut_px", np.full((len(self), 3), np.nan, np.float32))
         if len(self.markers_px) != len(self):
             object.__setattr__(self, "markers_px", np.full((len(self), len(SURFACE), 2), np.nan, np.float32))
             object.__setattr__(self, "markers_visible", np.zeros((len(self), len(SURFACE)), bool))
@@ -75,22 +80,29 @@ class RenderSet:
     def __len__(self) -> int:
         return len(self.landmarks_px)
 
+    @property
+    def whole(self) -> NDArray[np.intp]:
+        """Renders of whole people."""
+        return np.flatnonzero(np.isnan(self.cut_px[:, 0]))
+
     def pixels_of(self, index: int) -> NDArray[np.uint8]:
         """(5, SIZE, SIZE) of one render."""
         return np.asarray(self.pixels[index // SHARD][index % SHARD])
 
 
-def render_shard(body: BodyModel, renderer: Renderer, views_each: int = 2) -> list[Render]:
-    """One shard's renders: every body in `views_each` views and outfits."""
+def render_shard(body: BodyModel, renderer: Renderer, close_ups: bool, views_each: int = 2) -> list[Render]:
+    """One shard's renders: every body in `views_each` views and outfits; of a part of it if they are `close_ups`."""
     renders: list[Render] = []
     while len(renders) < SHARD:
         batch = body.sample(32)
         for i in range(len(batch.height)):
             renderer.load(batch.vertices[i])
             for _ in range(views_each):
-                view = sample_view(batch.vertices[i], body.rng)
+                near = sample_close_up(batch.vertices[i], body.rng, SIZE, SPAN) if close_ups else None
+                view = near.view if near else sample_view(batch.vertices[i], body.rng)
                 outfit = sample_outfit(body.rng, float(batch.gender[i]))
-                renders.append(renderer.render(view, outfit, batch.landmarks[i]))
+                render = renderer.render(view, outfit, batch.landmarks[i])
+                renders.append(replace(render, box_px=near.box_px, cut_px=near.cut_px) if near else render)
     return renders[:SHARD]
 
 
@@ -99,8 +111,11 @@ def shard_path(folder: pathlib.Path, number: int) -> pathlib.Path:
     return folder / f"renders-{number:05d}.npz"
 
 
-def make_renders(folder: pathlib.Path, numbers: range, seed: int, kinds: Sequence[str] = ()) -> None:
-    """Writes the shards `numbers` that are not there yet, of people in these `kinds` of motion alone if there are any.
+def make_renders(
+    folder: pathlib.Path, numbers: range, seed: int, kinds: Sequence[str] = (), close_ups: bool = False
+) -> None:
+    """Writes the shards `numbers` that are not there yet, of people in these `kinds` of motion alone if there are any,
+    and of parts of them if they are `close_ups`.
 
     Raises:
         SessionError: there is no such kind.
@@ -118,7 +133,7 @@ def make_renders(folder: pathlib.Path, numbers: range, seed: int, kinds: Sequenc
         path = shard_path(folder, number)
         body.rng = np.random.default_rng([seed, number])
         body.poses.rng = body.rng
-        renders = render_shard(body, renderer)
+        renders = render_shard(body, renderer, close_ups)
         pixels = np.stack([np.concatenate([r.rgba.transpose(2, 0, 1), r.shadow[None]]) for r in renders])
         with replacing(path.with_suffix(".npy")) as temporary:
             np.save(temporary, pixels)
@@ -130,6 +145,7 @@ def make_renders(folder: pathlib.Path, numbers: range, seed: int, kinds: Sequenc
                 box_px=np.stack([r.box_px for r in renders]),
                 markers_px=np.stack([r.markers_px for r in renders]),
                 markers_visible=np.stack([r.markers_visible for r in renders]),
+                cut_px=np.stack([r.cut_px for r in renders]),
             )
 
 
@@ -146,6 +162,7 @@ def load_renders(folder: pathlib.Path, numbers: range | None = None) -> RenderSe
         [np.load(p.with_suffix(".npy"), mmap_mode="r") for p in paths],
         *(np.concatenate([f[k] for f in labels]) for k in ("landmarks_px", "visible", "box_px")),
         *(np.concatenate(part) for part in zip(*map(_markers, paths), strict=True)),
+        np.concatenate([f["cut_px"] if "cut_px" in f else np.full((SHARD, 3), np.nan, "f4") for f in labels]),
     )
 
 

@@ -34,6 +34,7 @@ class SceneCompositor:
         self.renders, self.backgrounds = renders, backgrounds
         self.rng = np.random.default_rng(seed)
         self.faults = CameraFaults(self.rng)
+        self.whole = renders.whole
 
     def batch(self, count: int, shape: tuple[int, int] | None = None) -> SceneBatch:
         """`count` scenes of one shape (height, width)."""
@@ -100,7 +101,7 @@ class SceneCompositor:
     def _person(self, side: float, roll: float) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
         """A render with its box's longer side `side` pixels: (h, w, 5) and the box in it."""
         rng = self.rng
-        index = int(rng.integers(len(self.renders)))
+        index = int(rng.choice(self.whole))
         planes = self.renders.pixels_of(index)
         extent = self.renders.box_px[index]
         scale = side / float((extent[2:] - extent[:2]).max())
