@@ -159,10 +159,10 @@ def load_renders(folder: pathlib.Path, numbers: range | None = None) -> RenderSe
     if not labels:
         return RenderSet([], np.zeros((0, 23, 2), "f4"), np.zeros((0, 23), bool), np.zeros((0, 4), "f4"))
     markers, seen = (np.concatenate(part) for part in zip(*map(_markers, paths), strict=True))
-    body = (np.concatenate([f[k] for f in labels]) for k in ("landmarks_px", "visible", "box_px"))
+    body = {k: np.concatenate([f[k] for f in labels]) for k in ("landmarks_px", "visible", "box_px")}
     pixels = [np.load(p.with_suffix(".npy"), mmap_mode="r") for p in paths]
     cuts = [f["cut_px"] if "cut_px" in f else np.full((SHARD, 3), np.nan, np.float32) for f in labels]
-    return RenderSet(pixels, *body, markers_px=markers, markers_visible=seen, cut_px=np.concatenate(cuts))
+    return RenderSet(pixels, **body, markers_px=markers, markers_visible=seen, cut_px=np.concatenate(cuts))
 
 
 def _markers(path: pathlib.Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
