@@ -17,6 +17,13 @@ scene.render.fps_base = scene.render.fps / fps
 if path.endswith(".bvh"):
     bpy.ops.import_anim.bvh(filepath=path)  # its defaults: scale 1, forward -Z, up Y
     first = 1
+elif path.endswith(".fbx"):
+    # Blender has two readers: one in Python, and since 4.5 one in C.
+    if sys.argv[4:] == ["c"]:
+        bpy.ops.wm.fbx_import(filepath=path)
+    else:
+        bpy.ops.import_scene.fbx(filepath=path, anim_offset=0.0)
+    first = 0
 else:
     bpy.ops.import_scene.gltf(filepath=path)
     first = 0

@@ -23,6 +23,7 @@ from muybridge.geometry.rotations import exp_so3, matrix_from_quat, quat_from_ma
 from muybridge.geometry.skeleton import Motion
 from muybridge.motion.formats.bone_mesh import bone_mesh, rest_positions
 from muybridge.motion.formats.bvh import write_bvh
+from muybridge.motion.formats.fbx import write_fbx
 from muybridge.motion.formats.glb import Buffer, pack_glb
 from muybridge.motion.formats.gltf import read_gltf, write_glb
 
@@ -291,15 +292,16 @@ def blender_sees(path: Path, fps: float, folder: Path) -> dict[str, np.ndarray]:
     return dict(np.load(out))
 
 
-@pytest.mark.parametrize("suffix", [".glb", ".bvh"])
+@pytest.mark.parametrize("suffix", [".glb", ".bvh", ".fbx"])
 def test_blender_sees_the_joints_where_they_are(tmp_path, suffix):
     motion = make_motion(40, 2, spin=3.0)
     path = tmp_path / f"m{suffix}"
-    (write_glb if suffix == ".glb" else write_bvh)(path, motion)
+    {".glb": write_glb, ".bvh": write_bvh, ".fbx": write_fbx}[suffix](path, motion)
     seen = blender_sees(path, motion.fps, tmp_path)
     names = list(seen["names"])
     order = [names.index(n) for n in motion.skeleton.names]
-    assert len(names) == len(motion.skeleton)
+    ends = [n for n in names if n.endswith("_End")]  # FBX has joints where the last bones end
+    assert len(names) == len(motion.skeleton) + len(ends) and bool(ends) == (suffix == ".fbx")
     np.testing.assert_allclose(seen["places"][:, order], motion.joint_positions_world(), atol=1e-4)
     if suffix == ".glb":
         mesh = bone_mesh(motion.skeleton)

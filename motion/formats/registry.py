@@ -20,6 +20,7 @@ from muybridge.motion.formats.bone_mesh import rest_positions
 from muybridge.motion.formats.bvh import read_bvh, write_bvh
 from muybridge.motion.formats.c3d import C3DTake, read_c3d_take, write_c3d
 from muybridge.motion.formats.csv_points import read_csv, write_csv
+from muybridge.motion.formats.fbx import write_fbx
 from muybridge.motion.formats.gltf import read_gltf, write_glb
 from muybridge.motion.formats.mot import write_mot
 from muybridge.motion.formats.npz import read_npz, write_npz
@@ -122,6 +123,7 @@ _WRITE_MOTION: dict[str, Callable[[Path, Motion], object]] = {
     ".glb": write_glb,
     ".mot": write_mot,
     ".usda": write_usda,
+    ".fbx": write_fbx,
 }
 
 
@@ -139,7 +141,7 @@ def check_writable(path: Path) -> None:
     """FormatError where the suffix is of no format that can be written."""
     suffix = path.suffix.lower()
     if suffix not in writable():
-        hint = "; write .glb" if suffix in (".gltf", ".fbx") else ""
+        hint = "; write .glb" if suffix == ".gltf" else ""
         raise FormatError(f"{path}: {suffix or 'a name without suffix'} cannot be written: choose one of "
                           f"{', '.join(writable())}{hint}")  # fmt: skip
 

@@ -1,0 +1,115 @@
+"""FBX's binary container, version 7400: a tree of nodes with typed properties.
+
+The format has no public specification; this is what its files have in common (A. Barton, "FBX binary file format
+specification", code.blender.org, 2013), and Blender's two readers and Assimp's read what is written here.
+"""
+
+import struct
+import zlib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import FormatError
+from muybridge.files import replacing
+
+VERSION = 7400
+MAGIC = b"Kaydara FBX Binary  \x00\x1a\x00"
+# Readers compare these with the file's time of creation, so all three are constants.
+CREATION_TIME = "1970-01-01 10:00:00:000"
+FILE_ID = bytes.fromhex("28b32aebb624ccc2bfc8b02aa92bfcf1")
+_FOOT_ID = bytes.fromhex("fabcab09d0c8d466b176fb831cf7267e")
+_FOOT_END = bytes.fromhex("f85a8c6adef5d97eece90ce3758f290b")
+_NOTHING = bytes(13)
+_ARRAYS = {"f": np.float32, "d": np.float64, "i": np.int32, "q": np.int64}
+_LETTERS = {"f": b"f", "d": b"d", "i": b"i", "q": b"l"}
+_COMPRESSED_FROM = 128  # bytes
+
+Property = bool | int | float | str | bytes | NDArray[np.generic] | np.int32
+
+
+@dataclass
+class Node:
+    """A node: a name, properties and nodes within.
+
+    Attributes:
+        name: of its kind.
+        properties: an int is written as 64 bits, a `numpy.int32` as 32; arrays as what they are.
+        children: within; a list, even an empty one, ends with the mark that readers look for.
+    """
+
+    name: str
+    properties: tuple[Property, ...] = ()
+    children: list["Node"] | None = None
+
+    def add(self, name: str, *properties: Property, children: list["Node"] | None = None) -> "Node":
+        """A new node within this one."""
+        node = Node(name, properties, children)
+        self.children = [*(self.children or []), node]
+        return node
+
+
+@dataclass
+class Table:
+    """The `Properties70` of an object, line by line."""
+
+    node: Node = field(default_factory=lambda: Node("Properties70", (), []))
+
+    def line(self, name: str, kind: str, label: str, flags: str, *values: Property) -> "Table":
+        """One property: its name, type, second name of the type, flags, and values."""
+        self.node.add("P", name, kind, label, flags, *values)
+        return self
+
+    def number(self, name: str, value: float, flags: str = "") -> "Table":
+        """A number."""
+        return self.line(name, "double", "Number", flags, float(value))
+
+    def integer(self, name: str, value: int, kind: str = "int") -> "Table":
+        """A number without fraction, or one of a list of choices (`enum`)."""
+        return self.line(name, kind, "Integer" if kind == "int" else "", "", np.int32(value))
+
+
+def write_fbx_nodes(path: Path, nodes: list[Node]) -> None:
+    """Writes a file of these nodes; OutputError where it cannot be written."""
+    body = bytearray(MAGIC + struct.pack("<I", VERSION))
+    for node in nodes:
+        _append(body, node)
+    body += _NOTHING + _FOOT_ID + bytes(4)
+    body += bytes(16 - len(body) % 16) + struct.pack("<I", VERSION) + bytes(120) + _FOOT_END
+    with replacing(path) as temporary:
+        temporary.write_bytes(bytes(body))
+
+
+def _append(body: bytearray, node: Node) -> None:
+    start, name = len(body), node.name.encode("ascii")
+    properties = b"".join(_encoded(p) for p in node.properties)
+    body += bytes(12) + struct.pack("<B", len(name)) + name + properties
+    for child in node.children or []:
+        _append(body, child)
+    if node.children is not None:
+        body += _NOTHING
+    if len(body) > 0xFFFFFFFF:
+        raise FormatError("the take is too long for FBX, whose files end at 4 GB; write shorter pieces")
+    struct.pack_into("<III", body, start, len(body), len(node.properties), len(properties))
+
+
+def _encoded(value: Property) -> bytes:
+    if isinstance(value, bool):
+        return b"C" + struct.pack("<B", value)
+    if isinstance(value, np.int32):
+        return b"I" + struct.pack("<i", value)
+    if isinstance(value, int):
+        return b"L" + struct.pack("<q", value)
+    if isinstance(value, float):
+        return b"D" + struct.pack("<d", value)
+    if isinstance(value, str | bytes):
+        data = value.encode() if isinstance(value, str) else value
+        return (b"S" if isinstance(value, str) else b"R") + struct.pack("<I", len(data)) + data
+    array = np.ascontiguousarray(value)
+    letter = array.dtype.char if array.dtype.char in _ARRAYS else "q"
+    data = array.astype(_ARRAYS[letter]).tobytes()
+    packed = zlib.compress(data) if len(data) > _COMPRESSED_FROM else data
+    head = struct.pack("<III", array.size, int(len(data) > _COMPRESSED_FROM), len(packed))
+    return _LETTERS[letter] + head + packed
