@@ -10,6 +10,7 @@ pytest.importorskip("anny")
 
 from muybridge.errors import MissingExtraError  # noqa: E402
 from muybridge.geometry.landmarks import BODY23  # noqa: E402
+from muybridge.train import scenes  # noqa: E402
 from muybridge.train.augment import AugmentOptions, Compositor  # noqa: E402
 from muybridge.train.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.bodies import BODY_VERTICES, BodyModel  # noqa: E402
@@ -161,31 +162,38 @@ def test_close_ups_frame_what_is_left_of_a_person(renders):
     assert beyond(gone).all()
 
 
-def test_a_near_camera_sees_a_part_of_a_person_sharply(body, renderer):
+@pytest.fixture(scope="module")
+def close_ups(body, renderer):
+    """Twelve renders of parts of people, in memory."""
     body.rng = body.poses.rng = np.random.default_rng(4)
     batch = body.sample(12)
-    shots, off = [], []
+    shots = []
     for i in range(12):
         renderer.load(batch.vertices[i])
         near = sample_close_up(batch.vertices[i], body.rng, SIZE, 1.375)
-        # What is left of them fills the picture, in its middle, on this side of the cut.
-        low, high = near.box_px[:2], near.box_px[2:]
-        assert abs((high - low).max() - SIZE / 1.375) < 0.15 * SIZE
-        assert np.abs((low + high) / 2 - SIZE / 2).max() < 0.1 * SIZE
-        corners = np.array([low, high])
-        assert (corners @ near.cut_px[:2]).max() <= near.cut_px[2] + 0.5
         shot = renderer.render(near.view, sample_outfit(body.rng, float(batch.gender[i])), batch.landmarks[i])
         shots.append(replace(shot, box_px=near.box_px, cut_px=near.cut_px))
-        rows, columns = np.nonzero(shot.rgba[..., 3] > 127)
-        kept = np.stack([columns, rows], 1) @ near.cut_px[:2] <= near.cut_px[2]
-        off.append([columns[kept].min() - low[0], columns[kept].max() - high[0]])
-    assert np.median(np.abs(off)) < 5  # clothes, hair and bags reach beyond the body
-    assert np.mean([(s.landmarks_px @ s.cut_px[:2] > s.cut_px[2]).mean() for s in shots]) > 0.2
     pixels = np.stack([np.concatenate([s.rgba.transpose(2, 0, 1), s.shadow[None]]) for s in shots])
     labels = {k: np.stack([getattr(s, k) for s in shots]) for k in ("landmarks_px", "visible", "box_px", "cut_px")}
-    store = RenderSet([pixels], **labels)
-    assert len(store.whole) == 0
-    batch = Compositor(store, make_backgrounds(4, SIZE, 0), 128, 3, PLAIN).batch(24)
+    return RenderSet([pixels], **labels)
+
+
+def test_a_near_camera_sees_a_part_of_a_person_sharply(close_ups):
+    off, beyond = [], []
+    for i in range(len(close_ups)):
+        # What is left of them fills the picture, in its middle, on this side of the cut.
+        box, cut = close_ups.box_px[i], close_ups.cut_px[i]
+        low, high = box[:2], box[2:]
+        assert abs((high - low).max() - SIZE / 1.375) < 0.15 * SIZE
+        assert np.abs((low + high) / 2 - SIZE / 2).max() < 0.1 * SIZE
+        assert (np.array([low, high]) @ cut[:2]).max() <= cut[2] + 0.5
+        rows, columns = np.nonzero(close_ups.pixels_of(i)[3] > 127)
+        kept = np.stack([columns, rows], 1) @ cut[:2] <= cut[2]
+        off.append([columns[kept].min() - low[0], columns[kept].max() - high[0]])
+        beyond.append((close_ups.landmarks_px[i] @ cut[:2] > cut[2]).mean())
+    assert np.median(np.abs(off)) < 5  # clothes, hair and bags reach beyond the body
+    assert np.mean(beyond) > 0.2 and len(close_ups.whole) == 0
+    batch = Compositor(close_ups, make_backgrounds(4, SIZE, 0), 128, 3, PLAIN).batch(24)
     assert 0.2 < batch.visible.float().mean() < 0.75
 
 
@@ -222,6 +230,30 @@ def test_scene_boxes_hold_their_people(renders):
         inside = [((x >= b[0] - 2) & (x <= b[2] + 2) & (y >= b[1] - 2) & (y <= b[3] + 2)) for b in boxes]
         # Shadows differ too, outside of the boxes.
         assert np.any(inside, axis=0).mean() > 0.5
+
+
+def test_who_is_near_ends_at_the_border_of_the_picture(renders, close_ups, monkeypatch):
+    monkeypatch.setattr(scenes, "NEAR_SHARE", 1.0)
+    both = RenderSet(
+        [*renders.pixels, *close_ups.pixels],
+        *(np.concatenate([getattr(r, k) for r in (renders, close_ups)])
+          for k in ("landmarks_px", "visible", "box_px", "markers_px", "markers_visible", "cut_px")),
+    )  # fmt: skip
+    monkeypatch.setattr("muybridge.train.renders.SHARD", 24)
+    compositor = SceneCompositor(both, make_backgrounds(6, SIZE, 0), 1)
+    at_border = 0
+    for _ in range(20):
+        frame, owners = np.full((192, 320, 3), 90, np.uint8), np.full((192, 320), -1, np.int16)
+        box, area = compositor._near(frame, owners, 7)
+        mine = owners == 7
+        assert mine.sum() <= area and (frame[mine] != 90).any()
+        edges = mine[-1], mine[:, 0], mine[:, -1], mine[0]
+        at_border += any(e.sum() > 3 for e in edges)
+        rows, columns = np.nonzero(mine)
+        assert columns.min() >= box[0] - 1 and columns.max() <= box[2] + 1
+        assert rows.min() >= box[1] - 1 and rows.max() <= box[3] + 1
+    assert at_border >= 18
+    assert sum(len(b) for b in compositor.batch(6, (192, 320)).boxes) >= 6
 
 
 def test_detector_targets_say_where_the_box_is():

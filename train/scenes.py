@@ -14,6 +14,8 @@ from muybridge.train.renders import RenderSet
 
 # Share of scenes with a person larger than the image, seen from the head down.
 CLOSE_SHARE = 0.12
+# Share of scenes with somebody near, cut off by the picture's border, from a store that has close-ups.
+NEAR_SHARE = 0.25
 SHAPES = ((192, 320), (320, 192), (256, 320), (320, 256))  # height, width
 
 
@@ -35,6 +37,7 @@ class SceneCompositor:
         self.rng = np.random.default_rng(seed)
         self.faults = CameraFaults(self.rng)
         self.whole = renders.whole
+        self.near = np.flatnonzero(np.isfinite(renders.cut_px[:, 0]))
 
     def batch(self, count: int, shape: tuple[int, int] | None = None) -> SceneBatch:
         """`count` scenes of one shape (height, width)."""
@@ -74,13 +77,25 @@ class SceneCompositor:
                 self._copy_owner(frame, plate, owners, number)
             boxes.append(box)
             areas.append(area)
+        near = len(self.near) > 0 and rng.random() < NEAR_SHARE
+        if near:
+            box, area = self._near(frame, owners, count)
+            if rng.random() < 0.4:
+                self._copy_owner(frame, plate, owners, count)
+            boxes.append(box)
+            areas.append(area)
+            if rng.random() < 0.4:
+                self._desk(frame, plate, owners)
         if rng.random() < 0.35:
             self._occluder(frame, plate, owners)
         if rng.random() < 0.2:
             beyond, _ = outside_of_video(rng, height, width)
             frame[beyond] = plate[beyond] = 0
             owners[beyond] = -1
-        visible = np.array([(owners == k).sum() for k in range(count)])
+        if near and (owners == count).any():  # what the picture has of them is all that can be asked for
+            rows, columns = np.nonzero(owners == count)
+            boxes[count] = np.array([columns.min(), rows.min(), columns.max(), rows.max()], float)
+        visible = np.array([(owners == k).sum() for k in range(count + near)])
         share = visible / np.maximum(np.array(areas), 1)
         good = (share > 0.25) & (visible > 60)
         stack = np.array(boxes, np.float32).reshape(-1, 4)
@@ -100,10 +115,17 @@ class SceneCompositor:
 
     def _person(self, side: float, roll: float) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
         """A render with its box's longer side `side` pixels: (h, w, 5) and the box in it."""
-        rng = self.rng
-        index = int(rng.choice(self.whole))
-        planes = self.renders.pixels_of(index)
-        extent = self.renders.box_px[index]
+        small, _ = self._scaled(int(self.rng.choice(self.whole)), side, roll)
+        if self.rng.random() < 0.5:
+            small = small[:, ::-1]
+        rows, columns = np.nonzero(small[..., 3] > 127)
+        if not len(rows):  # a person of a few pixels
+            return small, np.array([0.0, 0.0, len(small) - 1, len(small) - 1])
+        return small, np.array([columns.min(), rows.min(), columns.max(), rows.max()], float)
+
+    def _scaled(self, index: int, side: float, roll: float) -> tuple[NDArray[np.uint8], float]:
+        """A render (h, w, 5) with its box's longer side `side` pixels, and how much that is of its own."""
+        planes, extent = self.renders.pixels_of(index), self.renders.box_px[index]
         scale = side / float((extent[2:] - extent[:2]).max())
         out = max(8, round(planes.shape[-1] * scale))
         interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
@@ -112,19 +134,50 @@ class SceneCompositor:
         small = np.empty((out, out, 5), np.uint8)
         for c, plane in enumerate(planes):
             resized = cv2.resize(plane, (out, out), interpolation=interpolation)
-            small[..., c] = cv2.warpAffine(resized, turn, (out, out), flags=cv2.INTER_LINEAR)
+            small[..., c] = cv2.warpAffine(resized, turn, (out, out), flags=cv2.INTER_LINEAR) if roll else resized
+        return small, scale
+
+    def _near(
+        self, frame: NDArray[np.uint8], owners: NDArray[np.int16], number: int
+    ) -> tuple[NDArray[np.float64], int]:
+        """Draws somebody whom the border of `frame` cuts off where their close-up has to be; as `_paste`."""
+        rng = self.rng
+        height, width = owners.shape
+        index = int(rng.choice(self.near))
+        small, scale = self._scaled(index, float(np.exp(rng.uniform(np.log(90), np.log(330)))), 0.0)
+        nx, ny, edge = (float(v) for v in self.renders.cut_px[index])
+        normal, edge = np.array([nx, ny]), edge * scale
+        rows, columns = np.mgrid[: len(small), : len(small)]
+        small[columns * normal[0] + rows * normal[1] > edge] = 0
         if rng.random() < 0.5:
             small = small[:, ::-1]
+            edge, normal = edge - float(normal[0]) * (len(small) - 1), normal * [-1, 1]
         rows, columns = np.nonzero(small[..., 3] > 127)
-        if not len(rows):  # a person of a few pixels
-            return small, np.array([0.0, 0.0, out - 1, out - 1])
-        return small, np.array([columns.min(), rows.min(), columns.max(), rows.max()], float)
+        if not len(rows):
+            return np.zeros(4), 0
+        box = np.array([columns.min(), rows.min(), columns.max(), rows.max()], float)
+        size = np.array([width, height])
+        center = rng.uniform(0.1, 0.9, 2) * size
+        shift = center - (box[:2] + box[2:]) / 2
+        # The cut lies on the border: the far one for a normal of +1, else the near one.
+        border = np.where(normal > 0, size - 1, 0) - normal * edge
+        shift = np.where(normal != 0, border, shift)
+        return self._paste(frame, owners, small, box, number, np.round(shift).astype(int))
+
+    def _desk(self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]) -> None:
+        """What stands at the bottom of the picture, before everybody."""
+        height, width = owners.shape
+        top = round(self.rng.uniform(0.72, 0.97) * height)
+        texture = self._plate(height, width)
+        frame[top:] = plate[top:] = texture[top:]
+        owners[top:] = -1
 
     def _paste(
         self, frame: NDArray[np.uint8], owners: NDArray[np.int16], person: NDArray[np.uint8],
-        box: NDArray[np.float64], number: int,
+        box: NDArray[np.float64], number: int, shift: NDArray[np.intp] | None = None,
     ) -> tuple[NDArray[np.float64], int]:  # fmt: skip
-        """Draws the person into `frame` at a random place; returns the box there and the silhouette's area."""
+        """Draws the person into `frame`, moved by `shift` or to a random place; returns the box there and the
+        silhouette's area."""
         rng = self.rng
         height, width = owners.shape
         center = rng.uniform(0.02, 0.98, 2) * [width, height]
@@ -134,7 +187,8 @@ class SceneCompositor:
             center = np.where(low < high, rng.uniform(np.minimum(low, high), np.maximum(low, high)), center)
             if low[1] >= high[1]:  # too tall for the image: what it shows is the upper part
                 center[1] = half[1] + rng.uniform(-0.05, 0.4) * height
-        shift = np.round(center - (box[:2] + box[2:]) / 2).astype(int)
+        if shift is None:
+            shift = np.round(center - (box[:2] + box[2:]) / 2).astype(int)
         size = person.shape[0]
         x0, y0 = np.maximum(shift, 0)
         x1, y1 = np.minimum(shift + size, [width, height])
