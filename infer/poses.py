@@ -175,7 +175,9 @@ class PoseReader:
                 continue
             a, b = a[in_a], b[in_b]
             away = np.linalg.norm(poses.points_px[a] - poses.points_px[b], axis=-1)
-            if np.median(np.median(away, axis=1) / np.maximum(side[a], side[b])) < _SAME_PERSON:
+            both = np.isfinite(away).any(axis=1)
+            apart = np.nanmedian(away[both], axis=1) / np.maximum(side[a], side[b])[both]
+            if len(apart) and np.median(apart) < _SAME_PERSON:
                 gone.add(older if sureness[younger] > sureness[older] + _MUCH_SURER else younger)
         return np.array(sorted(gone), dtype=np.int64)
 

@@ -183,7 +183,9 @@ class SecondLook:
         poses = poses.select(np.argsort(at, kind="stable"))
         away = np.linalg.norm(poses.points_px - predicted, axis=-1)
         side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
-        near = np.nanmedian(away, axis=1) < self.options.max_distance * side
+        near = np.zeros(len(away), dtype=np.bool_)
+        both = np.isfinite(away).any(axis=1)
+        near[both] = np.nanmedian(away[both], axis=1) < self.options.max_distance * side[both]
         arrays = poses._asdict() | {"found": near & (poses.sureness >= self.detect.keypoints.min_sure)}
         arrays["boxes_px"] = reader.upright.around_in_frame(poses.boxes_px)
         return self.store.save(f"again-{file}", key, arrays, {}, time.perf_counter() - start)

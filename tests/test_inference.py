@@ -211,6 +211,27 @@ def test_a_second_track_on_one_person_is_dropped(models: tuple[Path, Path], monk
     assert np.abs(tracks.points_px[:, 0] - center - OFFSETS_PX).max() < 2.5
 
 
+def test_what_nothing_is_known_of_is_missing(models: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A landmark that nobody can see; a second track on the same person is found out all the same."""
+
+    def twice(frame: int, found: DetectedPeople) -> DetectedPeople:
+        box = np.array([[255.0, 130.0, 345.0, 270.0]])
+        return DetectedPeople(np.concatenate([box, box + [0.0, 0.0, 0.0, -40.0]]), np.array([0.9, 0.8]))
+
+    _patch_detector(monkeypatch, twice)
+    center = np.array([300.0, 200.0])
+    frame = _frame([center])
+    x, y = (center + OFFSETS_PX[2]).astype(int)
+    frame[y - 20 : y + 21, x - 20 : x + 21] = 20
+    estimator = PoseEstimator(*models, options=KeypointOptions(min_sure=0.2))
+    estimator.process(np.stack([frame] * 20))
+    tracks = estimator.finish()
+    assert tracks.points_px.shape[1] == 1
+    assert np.isnan(tracks.points_px[:, 0, 2]).all() and (tracks.score[:, 0, 2] == 0).all()
+    assert np.isnan(tracks.variance_px2[:, 0, 2]).all()
+    assert np.abs(tracks.points_px[:, 0, :2] - center - OFFSETS_PX[:2]).max() < 2.5
+
+
 def test_nobody_at_all(models: tuple[Path, Path]) -> None:
     estimator = PoseEstimator(*models)
     assert estimator.finish().points_px.shape == (0, 1, 3, 2)
