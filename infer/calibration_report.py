@@ -3,7 +3,6 @@
 import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from muybridge.geometry.calibration.quality import CalibrationQuality, check_sol
 from muybridge.geometry.calibration.solved import Solved
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.infer.calibration_figures import cameras_table, evidence_table, pictures_figure, pixels, plan_figure
+from muybridge.infer.report_data import read_asset
 from muybridge.infer.report_findings import Finding
 from muybridge.infer.report_sections import findings_section, percent_text, run_section, tile
 
@@ -137,13 +137,13 @@ def render_calibration(page: CalibrationPage) -> str:
     made = run_section(page.timings_s, {}, page.options, page.versions)
     parts = {
         "title": html.escape(page.title),
-        "css": _asset("report.css"),
+        "css": read_asset("report.css"),
         "heading": _heading(page, said),
         "findings": findings_section([*said, *notes], "", "Nothing stands out in this calibration."),
         "calibration": calibration_section(quality),
         "run": f'<section id="run"><h2>How it was made</h2>{made}</section>' if made else "",
     }
-    text = _asset("calibration.html")
+    text = read_asset("calibration.html")
     for name, part in parts.items():
         text = text.replace(f"<!--@{name}-->", part, 1)
     return text
@@ -221,7 +221,3 @@ def _verdict(quality: CalibrationQuality, said: Sequence[Finding]) -> tuple[str,
 def _median(values: np.ndarray) -> float:
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else float("nan")
-
-
-def _asset(name: str) -> str:
-    return resources.files("muybridge.infer").joinpath("assets", name).read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from muybridge.geometry.marker_cleaning import Cleaned, Sample
 from muybridge.infer.label_outputs import DOUBTFUL
 from muybridge.infer.labelling import Labelled
-from muybridge.infer.report import _asset, _packed, _script_json
+from muybridge.infer.report_data import packed_positions, read_asset, script_json
 
 _MOST_FRAMES = 3000
 _MOST_ROWS = 60
@@ -22,12 +22,12 @@ _UNSURE = 0.9
 def render_label_report(labelled: Labelled, cleaned: Cleaned, content: dict[str, Any]) -> str:
     """The page as text; `content` is that of `label.json`."""
     parts = {
-        "title": html.escape(f"{content['source']}: markers"), "css": _asset("report.css"),
+        "title": html.escape(f"{content['source']}: markers"), "css": read_asset("report.css"),
         "heading": _heading(content, cleaned), "doubtful": _doubtful(content), "markers": _markers(content),
-        "changes": _changes(content), "data": _script_json(_scene(labelled, cleaned, content)),
-        "js": _asset("label.js"),
+        "changes": _changes(content), "data": script_json(_scene(labelled, cleaned, content)),
+        "js": read_asset("label.js"),
     }  # fmt: skip
-    page = _asset("label.html")
+    page = read_asset("label.html")
     for name, text in parts.items():
         page = page.replace(f"<!--@{name}-->", text, 1)
     return page
@@ -117,8 +117,8 @@ def _scene(labelled: Labelled, cleaned: Cleaned, content: dict[str, Any]) -> dic
         "labels": list(labels), "edges": [list(e) for e in labelled.markers.edge_indices],
         "sides": [label[0] if label[0] in "LR" else "" for label in labels], "fps": round(content["fps"], 4),
         "stride": stride, "shown": -(-count // stride), "state": _states(labelled, cleaned)[::stride],
-        "points": _packed(cleaned.points[::stride] @ labelled.turn.T),
-        "loose": _packed(loose @ labelled.turn.T) | {"count": most},
+        "points": packed_positions(cleaned.points[::stride] @ labelled.turn.T),
+        "loose": packed_positions(loose @ labelled.turn.T) | {"count": most},
     }  # fmt: skip
 
 

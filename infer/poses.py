@@ -60,8 +60,8 @@ class Poses(NamedTuple):
 
     @property
     def sureness(self) -> NDArray[np.float64]:
-        """(K,) mean score of the landmarks that are there: others may be outside of the picture, or other people's models
-        may not know them. As of a third of them where there are fewer: an accident has one or two."""
+        """(K,) mean score of the landmarks that are there: others may be outside of the picture, or other people's
+        models may not know them. As of a third of them where there are fewer: an accident has one or two."""
         there = np.isfinite(self.points_px).all(axis=-1).sum(axis=1)
         return np.asarray(self.score.sum(axis=1) / np.maximum(there, self.score.shape[1] / 3), dtype=np.float64)
 

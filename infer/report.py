@@ -6,10 +6,8 @@ The page holds the motion (16-bit integers in base64), its figures, the styles a
 
 import base64
 import html
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +20,7 @@ from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.landmarks import Points3D
 from muybridge.infer.calibration_report import calibration_findings, calibration_in_report
 from muybridge.infer.overlay import side_of
+from muybridge.infer.report_data import packed_positions, packed_shares, read_asset, rounded, script_json
 from muybridge.infer.report_figures import bone_figures, camera_figures, headline, timeline
 from muybridge.infer.report_findings import findings
 from muybridge.infer.report_sections import (
@@ -38,7 +37,6 @@ Floats = NDArray[np.float64]
 
 # Beyond this many frames the 3D view shows every second, third, ... frame.
 _MOST_FRAMES = 40_000
-_MISSING = -32768
 
 
 @dataclass(frozen=True)
@@ -141,7 +139,7 @@ def render_report(data: ReportData) -> str:
     pictures = [(t.camera, t.frame, base64.b64encode(t.jpeg).decode("ascii")) for t in data.thumbnails]
     parts = {
         "title": html.escape(data.title),
-        "css": _asset("report.css"),
+        "css": read_asset("report.css"),
         "heading": heading_section(data.title, points, summary, len(cameras), data.timings_s, data.files),
         "findings": findings_section(said, data.person),
         "cameras": cameras_section(cameras),
@@ -150,10 +148,10 @@ def render_report(data: ReportData) -> str:
         "bones": bones_section(bones),
         "thumbnails": thumbnails_section(pictures),
         "run": run_section(data.timings_s, data.quality, data.options, data.versions),
-        "data": _script_json(_scene(data)),
-        "js": _asset("report_view.js") + "\n" + _asset("report.js"),
+        "data": script_json(_scene(data)),
+        "js": read_asset("report_view.js") + "\n" + read_asset("report.js"),
     }
-    page = _asset("report.html")
+    page = read_asset("report.html")
     for name, text in parts.items():
         page = page.replace(f"<!--@{name}-->", text, 1)
     return page
@@ -185,15 +183,6 @@ def _check(data: ReportData) -> None:
         raise ValueError("joint_parents and joint_names differ in length")
 
 
-def _asset(name: str) -> str:
-    return resources.files("muybridge.infer").joinpath("assets", name).read_text(encoding="utf-8")
-
-
-def _script_json(value: object) -> str:
-    """JSON that may stand inside a script element: no `</script>` or `<!--` can close or open anything."""
-    return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-
-
 def _scene(data: ReportData) -> dict[str, Any]:
     """What the scripts draw: cameras, landmarks, joints and the timeline."""
     points, shown = data.points, data.delivered or data.points
@@ -209,15 +198,15 @@ def _scene(data: ReportData) -> dict[str, Any]:
             "names": list(names),
             "sides": [side_of(name) for name in names],
             "edges": [list(edge) for edge in points.landmarks.edge_indices],
-            "positions": _packed(shown.points_world[::stride]),
+            "positions": packed_positions(shown.points_world[::stride]),
         },
         "joints": None,
-        "others": [_packed(other[::stride]) for other in data.others],
+        "others": [packed_positions(other[::stride]) for other in data.others],
         "timeline": {
             "first": line.first_frame.tolist(),
-            "missing": _bytes(line.missing * 100.0),
-            "cameras": _bytes(np.nan_to_num(line.cameras) / len(data.cameras) * 100.0),
-            "residual": [[_rounded(v) for v in column] for column in line.residual_px.T],
+            "missing": packed_shares(line.missing * 100.0),
+            "cameras": packed_shares(np.nan_to_num(line.cameras) / len(data.cameras) * 100.0),
+            "residual": [[rounded(v) for v in column] for column in line.residual_px.T],
         },
     }
     if data.joint_positions_world is not None and data.joint_names:
@@ -225,7 +214,7 @@ def _scene(data: ReportData) -> dict[str, Any]:
             "names": list(data.joint_names),
             "sides": [side_of(name) for name in data.joint_names],
             "edges": [[p, j] for j, p in enumerate(data.joint_parents) if p >= 0],
-            "positions": _packed(data.joint_positions_world[::stride]),
+            "positions": packed_positions(data.joint_positions_world[::stride]),
         }
     return scene
 
@@ -238,50 +227,16 @@ def _camera(camera: Camera) -> dict[str, Any]:
     rays = np.concatenate([normalised, np.ones((4, 1))], axis=1) @ camera.rotation
     return {
         "name": camera.name,
-        "center": [_rounded(v, 4) for v in camera.center_world],
-        "corners": [[_rounded(v, 4) for v in ray] for ray in rays],
-        "rotation": [[_rounded(v, 5) for v in row] for row in camera.rotation],
-        "focal": _rounded(camera.camera_matrix[1, 1] / camera.height, 5),
+        "center": [rounded(v, 4) for v in camera.center_world],
+        "corners": [[rounded(v, 4) for v in ray] for ray in rays],
+        "rotation": [[rounded(v, 5) for v in row] for row in camera.rotation],
+        "focal": rounded(camera.camera_matrix[1, 1] / camera.height, 5),
         "principal": [
-            _rounded((camera.camera_matrix[0, 2] + 0.5) / camera.width, 5),
-            _rounded((camera.camera_matrix[1, 2] + 0.5) / camera.height, 5),
+            rounded((camera.camera_matrix[0, 2] + 0.5) / camera.width, 5),
+            rounded((camera.camera_matrix[1, 2] + 0.5) / camera.height, 5),
         ],
-        "aspect": _rounded(camera.width / camera.height, 5),
+        "aspect": rounded(camera.width / camera.height, 5),
     }
-
-
-def _rounded(value: float, digits: int = 2) -> float | None:
-    return round(float(value), digits) if np.isfinite(value) else None
-
-
-def _packed(positions: Floats) -> dict[str, Any]:
-    """(T, J, 3) metres as 16-bit integers: an offset, a step and base64 in little-endian order.
-
-    One point a hundred metres away would cost everybody else their precision (0.3 mm in a room of 20 m), so
-    what lies beyond 12 interquartile ranges of the middle counts as missing here.
-    """
-    finite = np.isfinite(positions).all(axis=-1)
-    seen = positions[finite]
-    if not len(seen):
-        seen = np.zeros((1, 3))
-    low, middle, high = np.quantile(seen, [0.25, 0.5, 0.75], axis=0)
-    reach = 12.0 * np.maximum(high - low, 0.5)
-    near = finite & (np.abs(np.nan_to_num(positions) - middle) <= reach).all(axis=-1)
-    seen = positions[near] if near.any() else seen
-    center = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
-    step = max(float((seen.max(axis=0) - seen.min(axis=0)).max()) / 65000.0, 1e-5)
-    codes = np.full(positions.shape, _MISSING, "<i2")
-    codes[near] = np.round((positions[near] - center) / step)
-    return {
-        "offset": [_rounded(v, 5) for v in center],
-        "step": step,
-        "data": base64.b64encode(codes.tobytes()).decode("ascii"),
-    }
-
-
-def _bytes(values: Floats) -> str:
-    """Percentages as bytes in base64."""
-    return base64.b64encode(np.clip(np.round(values), 0, 100).astype(np.uint8).tobytes()).decode("ascii")
 
 
 def pick_thumbnail_frames(points: Points3D, count: int = 4) -> Sequence[int]:
