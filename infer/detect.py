@@ -52,8 +52,8 @@ class DetectOptions:
     """How 2D landmarks are found.
 
     Attributes:
-        precision: of the shipped keypoint network: `int8` is twice as fast, `fp32` a little more accurate (on
-            the demo 17.4 instead of 18.2 mm).
+        precision: of the shipped keypoint network: `int8` is twice as fast and hardly less accurate than `fp32`, see
+            docs/training.md.
         keypoint_model: keypoint network to use in place of the shipped one, whatever its precision.
         model_card: what that network takes in and gives out, where it is not one of muybridge's: a TOML file, or
             the name of a card that came along, such as `rtmpose-coco17`; see docs/other-models.md.
