@@ -12,7 +12,7 @@ from muybridge.geometry.calibration.quality import CalibrationQuality, check_sol
 from muybridge.geometry.calibration.solved import Solved
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.infer.calibration_figures import cameras_table, evidence_table, pictures_figure, pixels, plan_figure
-from muybridge.infer.report_data import read_asset
+from muybridge.infer.report_data import fill_page, read_asset
 from muybridge.infer.report_findings import Finding
 from muybridge.infer.report_sections import findings_section, percent_text, run_section, tile
 
@@ -143,10 +143,7 @@ def render_calibration(page: CalibrationPage) -> str:
         "calibration": calibration_section(quality),
         "run": f'<section id="run"><h2>How it was made</h2>{made}</section>' if made else "",
     }
-    text = read_asset("calibration.html")
-    for name, part in parts.items():
-        text = text.replace(f"<!--@{name}-->", part, 1)
-    return text
+    return fill_page("calibration.html", parts)
 
 
 def write_solved_page(calibration: Path, title: str, result: Solved, source: str, cameras: CameraGroup) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from muybridge.geometry.marker_cleaning import Cleaned, Sample
 from muybridge.infer.label_outputs import DOUBTFUL
 from muybridge.infer.labelling import Labelled
-from muybridge.infer.report_data import packed_positions, read_asset, script_json
+from muybridge.infer.report_data import fill_page, packed_positions, read_asset, script_json
 
 _MOST_FRAMES = 3000
 _MOST_ROWS = 60
@@ -27,10 +27,7 @@ def render_label_report(labelled: Labelled, cleaned: Cleaned, content: dict[str,
         "changes": _changes(content), "data": script_json(_scene(labelled, cleaned, content)),
         "js": read_asset("label.js"),
     }  # fmt: skip
-    page = read_asset("label.html")
-    for name, text in parts.items():
-        page = page.replace(f"<!--@{name}-->", text, 1)
-    return page
+    return fill_page("label.html", parts)
 
 
 def _heading(content: dict[str, Any], cleaned: Cleaned) -> str:

@@ -11,6 +11,7 @@ from scipy.ndimage import maximum_filter1d
 from muybridge.geometry.cameras import Camera
 from muybridge.geometry.crops import Crops, crops_for_boxes
 from muybridge.geometry.landmarks import LandmarkSet
+from muybridge.geometry.robust import row_median
 from muybridge.infer.crops import extract_crops
 from muybridge.infer.onnx import KeypointNetwork
 from muybridge.infer.other_models import OtherNetwork
@@ -176,9 +177,8 @@ class PoseReader:
                 continue
             a, b = a[in_a], b[in_b]
             away = np.linalg.norm(poses.points_px[a] - poses.points_px[b], axis=-1)
-            both = np.isfinite(away).any(axis=1)
-            apart = np.nanmedian(away[both], axis=1) / np.maximum(side[a], side[b])[both]
-            if len(apart) and np.median(apart) < _SAME_PERSON:
+            apart = row_median(away, 1) / np.maximum(side[a], side[b])
+            if np.isfinite(apart).any() and np.nanmedian(apart) < _SAME_PERSON:
                 gone.add(older if sureness[younger] > sureness[older] + _MUCH_SURER else younger)
         return np.array(sorted(gone), dtype=np.int64)
 

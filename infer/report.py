@@ -20,7 +20,7 @@ from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.landmarks import Points3D
 from muybridge.infer.calibration_report import calibration_findings, calibration_in_report
 from muybridge.infer.overlay import side_of
-from muybridge.infer.report_data import packed_positions, packed_shares, read_asset, rounded, script_json
+from muybridge.infer.report_data import fill_page, packed_positions, packed_shares, read_asset, rounded, script_json
 from muybridge.infer.report_figures import bone_figures, camera_figures, headline, timeline
 from muybridge.infer.report_findings import findings
 from muybridge.infer.report_sections import (
@@ -151,10 +151,7 @@ def render_report(data: ReportData) -> str:
         "data": script_json(_scene(data)),
         "js": read_asset("report_view.js") + "\n" + read_asset("report.js"),
     }
-    page = read_asset("report.html")
-    for name, text in parts.items():
-        page = page.replace(f"<!--@{name}-->", text, 1)
-    return page
+    return fill_page("report.html", parts)
 
 
 def _check(data: ReportData) -> None:

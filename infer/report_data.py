@@ -2,6 +2,7 @@
 
 import base64
 import json
+import re
 from importlib import resources
 from typing import Any
 
@@ -16,6 +17,15 @@ _MISSING = -32768
 def read_asset(name: str) -> str:
     """A page, style or script that comes along."""
     return resources.files("muybridge.infer").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def fill_page(page: str, parts: dict[str, str]) -> str:
+    """An asset with `<!--@name-->` replaced by the part of that name; what a part says is not looked into.
+
+    Raises:
+        KeyError: the page asks for a part that there is not.
+    """
+    return re.sub(r"<!--@(\w+)-->", lambda mark: parts[mark[1]], read_asset(page))
 
 
 def script_json(value: object) -> str:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from muybridge.geometry.clocks import Clock
 from muybridge.geometry.landmarks import Keypoints2D, Points3D
+from muybridge.geometry.robust import row_median
 from muybridge.infer.detect import CameraResult, DetectOptions, Models
 from muybridge.infer.keypoints import CameraTracks, merge_markers, merge_tracks
 from muybridge.infer.other_models import open_keypoints
@@ -183,9 +184,7 @@ class SecondLook:
         poses = poses.select(np.argsort(at, kind="stable"))
         away = np.linalg.norm(poses.points_px - predicted, axis=-1)
         side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
-        near = np.zeros(len(away), dtype=np.bool_)
-        both = np.isfinite(away).any(axis=1)
-        near[both] = np.nanmedian(away[both], axis=1) < self.options.max_distance * side[both]
+        near = row_median(away, 1) < self.options.max_distance * side  # never where nothing is in both
         arrays = poses._asdict() | {"found": near & (poses.sureness >= self.detect.keypoints.min_sure)}
         arrays["boxes_px"] = reader.upright.around_in_frame(poses.boxes_px)
         return self.store.save(f"again-{file}", key, arrays, {}, time.perf_counter() - start)

@@ -46,10 +46,13 @@ def renders(body, renderer):
         renderer.load(batch.vertices[i])
         view = sample_view(batch.vertices[i], body.rng)
         shots.append(renderer.render(view, sample_outfit(body.rng, float(batch.gender[i])), batch.landmarks[i]))
+    return stored(shots, ("landmarks_px", "visible", "box_px"))
+
+
+def stored(shots, labels):
+    """Renders as a store in memory."""
     pixels = np.stack([np.concatenate([s.rgba.transpose(2, 0, 1), s.shadow[None]]) for s in shots])
-    return RenderSet(
-        [pixels], *(np.stack([getattr(s, k) for s in shots]) for k in ("landmarks_px", "visible", "box_px"))
-    )
+    return RenderSet([pixels], **{k: np.stack([getattr(s, k) for s in shots]) for k in labels})
 
 
 def test_bodies_stand_on_the_floor_and_left_is_left(body):
@@ -173,9 +176,7 @@ def close_ups(body, renderer):
         near = sample_close_up(batch.vertices[i], body.rng, SIZE, 1.375)
         shot = renderer.render(near.view, sample_outfit(body.rng, float(batch.gender[i])), batch.landmarks[i])
         shots.append(replace(shot, box_px=near.box_px, cut_px=near.cut_px))
-    pixels = np.stack([np.concatenate([s.rgba.transpose(2, 0, 1), s.shadow[None]]) for s in shots])
-    labels = {k: np.stack([getattr(s, k) for s in shots]) for k in ("landmarks_px", "visible", "box_px", "cut_px")}
-    return RenderSet([pixels], **labels)
+    return stored(shots, ("landmarks_px", "visible", "box_px", "cut_px"))
 
 
 def test_a_near_camera_sees_a_part_of_a_person_sharply(close_ups):

@@ -94,9 +94,10 @@ class Compositor:
     def _few(self, index: NDArray[np.intp]) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
         """The crops of a batch that are made at once, as the fields of `Batch`."""
         rng, opt, count = self.rng, self.options, len(index)
-        box, lines = cut_boxes(rng, self.renders.box_px[index], opt.close_up, self.renders.cut_px[index])
+        made = self.renders.cut_px[index]
+        box, lines = cut_boxes(rng, self.renders.box_px[index], opt.close_up, made)
         matrix, flip = self._placement(box, 0.0)
-        cuts = to_crop(rng, lines, matrix, np.isfinite(self.renders.cut_px[index, 0]))
+        cuts = to_crop(rng, lines, matrix, np.isfinite(made[:, 0]))
         person, landmarks, visible = self._warp(index, matrix, flip)
         image = self._background(count, opt.clutter)
         image = image * (1 - person[:, 4:] * self._column(rng.uniform(0, 0.6, count)))

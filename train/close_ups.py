@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.train.render import View, look_at
+from muybridge.train.render import View, direction_from_angles, look_at, target_of_pixel
 
 # What lies beyond the cut: the black outside of the video, something in front of the person, or the person after all.
 BORDER, SOMETHING, PERSON = range(3)
@@ -103,8 +103,7 @@ def sample_close_up(body: NDArray[np.float32], rng: np.random.Generator, size: i
     side of what it has of them is 1/`span` of the picture's `size`."""
     points = body.astype(np.float64)
     azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(np.clip(rng.normal(5, 13), -25, 50))
-    flat_way = np.cos(elevation)
-    direction = np.array([flat_way * np.cos(azimuth), flat_way * np.sin(azimuth), np.sin(elevation)])
+    direction = direction_from_angles(azimuth, elevation)
     # The part is chosen as a camera far away would see it.
     flat = points @ look_at(points.mean(0) + direction, points.mean(0))[:2, :3].T
     whole = np.concatenate([flat.min(0), flat.max(0)]).astype(np.float32)
@@ -120,8 +119,7 @@ def sample_close_up(body: NDArray[np.float32], rng: np.random.Generator, size: i
     for _ in range(4):  # the part's middle moves a little as the camera turns to it
         view = View(look_at(eye, target, roll), focal, (middle, middle), size, size)
         box, _ = _box_of(view, points, part, normal)
-        offset = ((box[:2] + box[2:]) / 2 - middle) / focal
-        target = eye + view.cam_from_world[:, :3].T @ np.array([*offset, 1.0]) * distance
+        target = target_of_pixel(view, (box[:2] + box[2:]) / 2, eye, distance)
         focal *= size / (span * float((box[2:] - box[:2]).max()))
     view = View(look_at(eye, target, roll), focal, (middle, middle), size, size)
     box, edge = _box_of(view, points, part, normal)

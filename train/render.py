@@ -85,6 +85,18 @@ def look_at(center_world: F64, target_world: F64, roll: float = 0.0) -> F64:
     return np.concatenate([rotation, -rotation @ center_world[:, None]], 1)
 
 
+def direction_from_angles(azimuth: float, elevation: float) -> F64:
+    """(3,) unit vector, Z up; radians."""
+    flat = np.cos(elevation)
+    return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+
+
+def target_of_pixel(view: View, px: F64, eye: F64, distance: float) -> F64:
+    """(3,) the point that `view`, a camera at `eye`, sees at the pixel (2,), `distance` deep."""
+    offset = (px - np.array(view.principal_px)) / view.focal_px
+    return np.asarray(eye + view.cam_from_world[:, :3].T @ np.array([*offset, 1.0]) * distance)
+
+
 @dataclass(frozen=True)
 class Render:
     """What a view shows.

@@ -20,7 +20,7 @@ from muybridge.geometry.landmarks import SURFACE
 from muybridge.train.bodies import BODY_VERTICES, BodyModel
 from muybridge.train.close_ups import sample_close_up
 from muybridge.train.motions import MOTIONS
-from muybridge.train.render import Render, Renderer, View, look_at
+from muybridge.train.render import Render, Renderer, View, direction_from_angles, look_at, target_of_pixel
 from muybridge.train.wardrobe import sample_outfit
 
 SHARD = 256  # renders
@@ -40,8 +40,7 @@ def sample_view(vertices: NDArray[np.float32], rng: np.random.Generator, size: i
     steep = rng.random() < 0.1
     elevation = np.radians(rng.uniform(30, 65) if steep else rng.normal(13, 14))
     elevation = max(elevation, -np.arcsin(min(0.95, max(center[2] - 0.05, 0.02) / distance)))
-    direction = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    eye = center + distance * direction
+    eye = center + distance * direction_from_angles(azimuth, elevation)
     middle = (size - 1) / 2
     target = center
     focal = float(size)
@@ -50,9 +49,7 @@ def sample_view(vertices: NDArray[np.float32], rng: np.random.Generator, size: i
         px = np.ascontiguousarray(view.project(points)[0].T)
         low, high = px.min(1), px.max(1)
         focal = focal * size / (span * float((high - low).max()))
-        offset = ((low + high) / 2 - middle) / view.focal_px
-        ray = view.cam_from_world[:, :3].T @ np.array([offset[0], offset[1], 1.0])
-        target = eye + ray * distance
+        target = target_of_pixel(view, (low + high) / 2, eye, distance)
     return View(look_at(eye, target, np.radians(rng.normal(0, 3))), float(focal), (middle, middle), size, size)
 
 
@@ -84,6 +81,11 @@ class RenderSet:
     def whole(self) -> NDArray[np.intp]:
         """Renders of whole people."""
         return np.flatnonzero(np.isnan(self.cut_px[:, 0]))
+
+    @property
+    def close_ups(self) -> NDArray[np.intp]:
+        """Renders of parts of people."""
+        return np.flatnonzero(np.isfinite(self.cut_px[:, 0]))
 
     def pixels_of(self, index: int) -> NDArray[np.uint8]:
         """(5, SIZE, SIZE) of one render."""

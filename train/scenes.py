@@ -37,7 +37,7 @@ class SceneCompositor:
         self.rng = np.random.default_rng(seed)
         self.faults = CameraFaults(self.rng)
         self.whole = renders.whole
-        self.near = np.flatnonzero(np.isfinite(renders.cut_px[:, 0]))
+        self.near = renders.close_ups
 
     def batch(self, count: int, shape: tuple[int, int] | None = None) -> SceneBatch:
         """`count` scenes of one shape (height, width)."""
@@ -93,8 +93,7 @@ class SceneCompositor:
             frame[beyond] = plate[beyond] = 0
             owners[beyond] = -1
         if near and (owners == count).any():  # what the picture has of them is all that can be asked for
-            rows, columns = np.nonzero(owners == count)
-            boxes[count] = np.array([columns.min(), rows.min(), columns.max(), rows.max()], float)
+            boxes[count] = _extent(owners == count)
         visible = np.array([(owners == k).sum() for k in range(count + near)])
         share = visible / np.maximum(np.array(areas), 1)
         good = (share > 0.25) & (visible > 60)
@@ -118,10 +117,8 @@ class SceneCompositor:
         small, _ = self._scaled(int(self.rng.choice(self.whole)), side, roll)
         if self.rng.random() < 0.5:
             small = small[:, ::-1]
-        rows, columns = np.nonzero(small[..., 3] > 127)
-        if not len(rows):  # a person of a few pixels
-            return small, np.array([0.0, 0.0, len(small) - 1, len(small) - 1])
-        return small, np.array([columns.min(), rows.min(), columns.max(), rows.max()], float)
+        opaque = small[..., 3] > 127
+        return small, _extent(opaque if opaque.any() else np.ones_like(opaque))  # a person of a few pixels
 
     def _scaled(self, index: int, side: float, roll: float) -> tuple[NDArray[np.uint8], float]:
         """A render (h, w, 5) with its box's longer side `side` pixels, and how much that is of its own."""
@@ -152,10 +149,10 @@ class SceneCompositor:
         if rng.random() < 0.5:
             small = small[:, ::-1]
             edge, normal = edge - float(normal[0]) * (len(small) - 1), normal * [-1, 1]
-        rows, columns = np.nonzero(small[..., 3] > 127)
-        if not len(rows):
+        opaque = small[..., 3] > 127
+        if not opaque.any():
             return np.zeros(4), 0
-        box = np.array([columns.min(), rows.min(), columns.max(), rows.max()], float)
+        box = _extent(opaque)
         size = np.array([width, height])
         center = rng.uniform(0.1, 0.9, 2) * size
         shift = center - (box[:2] + box[2:]) / 2
@@ -166,11 +163,17 @@ class SceneCompositor:
 
     def _desk(self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]) -> None:
         """What stands at the bottom of the picture, before everybody."""
-        height, width = owners.shape
-        top = round(self.rng.uniform(0.72, 0.97) * height)
-        texture = self._plate(height, width)
-        frame[top:] = plate[top:] = texture[top:]
-        owners[top:] = -1
+        inside = np.zeros(owners.shape, bool)
+        inside[round(self.rng.uniform(0.72, 0.97) * len(owners)) :] = True
+        self._cover(inside, frame, plate, owners)
+
+    def _cover(
+        self, inside: NDArray[np.bool_], frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]
+    ) -> None:
+        """Draws something of the room over everybody, in the frame and in the plate."""
+        texture = self._plate(*owners.shape)
+        frame[inside] = plate[inside] = texture[inside]
+        owners[inside] = -1
 
     def _paste(
         self, frame: NDArray[np.uint8], owners: NDArray[np.int16], person: NDArray[np.uint8],
@@ -178,17 +181,8 @@ class SceneCompositor:
     ) -> tuple[NDArray[np.float64], int]:  # fmt: skip
         """Draws the person into `frame`, moved by `shift` or to a random place; returns the box there and the
         silhouette's area."""
-        rng = self.rng
         height, width = owners.shape
-        center = rng.uniform(0.02, 0.98, 2) * [width, height]
-        if rng.random() < 0.75:  # whole in the image where that is possible
-            half = (box[2:] - box[:2]) / 2
-            low, high = half, np.array([width, height]) - half
-            center = np.where(low < high, rng.uniform(np.minimum(low, high), np.maximum(low, high)), center)
-            if low[1] >= high[1]:  # too tall for the image: what it shows is the upper part
-                center[1] = half[1] + rng.uniform(-0.05, 0.4) * height
-        if shift is None:
-            shift = np.round(center - (box[:2] + box[2:]) / 2).astype(int)
+        shift = self._place(height, width, box) if shift is None else shift
         size = person.shape[0]
         x0, y0 = np.maximum(shift, 0)
         x1, y1 = np.minimum(shift + size, [width, height])
@@ -196,11 +190,23 @@ class SceneCompositor:
         if x0 < x1 and y0 < y1:
             part = person[y0 - shift[1] : y1 - shift[1], x0 - shift[0] : x1 - shift[0]]
             alpha = part[..., 3:4].astype(np.float32) / 255
-            shade = 1 - part[..., 4:].astype(np.float32) / 255 * rng.uniform(0, 0.6)
+            shade = 1 - part[..., 4:].astype(np.float32) / 255 * self.rng.uniform(0, 0.6)
             target = frame[y0:y1, x0:x1]
             target[:] = (target * shade * (1 - alpha) + part[..., :3]).clip(0, 255).astype(np.uint8)
             owners[y0:y1, x0:x1][alpha[..., 0] > 0.5] = number
         return box + np.tile(shift, 2), area
+
+    def _place(self, height: int, width: int, box: NDArray[np.float64]) -> NDArray[np.intp]:
+        """(2,) pixels by which the box moves to a random place."""
+        rng = self.rng
+        center = rng.uniform(0.02, 0.98, 2) * [width, height]
+        if rng.random() < 0.75:  # whole in the image where that is possible
+            half = (box[2:] - box[:2]) / 2
+            low, high = half, np.array([width, height]) - half
+            center = np.where(low < high, rng.uniform(np.minimum(low, high), np.maximum(low, high)), center)
+            if low[1] >= high[1]:  # too tall for the image: what it shows is the upper part
+                center[1] = half[1] + rng.uniform(-0.05, 0.4) * height
+        return np.round(center - (box[:2] + box[2:]) / 2).astype(int)
 
     @staticmethod
     def _copy_owner(frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16], number: int) -> None:
@@ -208,7 +214,7 @@ class SceneCompositor:
         plate[mine] = frame[mine]
 
     def _occluder(self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]) -> None:
-        """Something of the room in front of people, in the frame and in the plate."""
+        """Something of the room in front of people."""
         rng = self.rng
         height, width = owners.shape
         mask = np.zeros((height, width), np.uint8)
@@ -217,7 +223,10 @@ class SceneCompositor:
         angle = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))))
         corners = center + reach * np.stack([np.cos(angle), np.sin(angle)], 1) * rng.uniform(0.4, 1.6, 2)
         cv2.fillPoly(mask, [corners.astype(np.int32)], 1)
-        texture = self._plate(height, width)
-        inside = mask > 0
-        frame[inside] = plate[inside] = texture[inside]
-        owners[inside] = -1
+        self._cover(mask > 0, frame, plate, owners)
+
+
+def _extent(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(4,) left, top, right, bottom pixels of what is set; something has to be."""
+    rows, columns = np.nonzero(mask)
+    return np.array([columns.min(), rows.min(), columns.max(), rows.max()], float)

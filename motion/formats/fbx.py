@@ -50,7 +50,7 @@ def write_fbx(path: Path, motion: Motion) -> None:
         raise ValueError("a motion without frames cannot be written")
     skeleton = motion.skeleton
     objects, links = Node("Objects", (), []), Node("Connections", (), [])
-    ends = [j for j in set(range(len(skeleton))) - set(skeleton.parents) if np.isfinite(skeleton.tips[j]).all()]
+    ends = [j for j, tip in enumerate(skeleton.tips) if j not in skeleton.parents and np.isfinite(tip).all()]
     _add_joints(objects, links, skeleton, ends)
     _add_mesh(objects, links, skeleton)
     _add_animation(objects, links, motion)
@@ -131,15 +131,10 @@ def _limb(
     model, attribute, parent = numbers
     size = Table().number("Size", length).node
     attributes = [Node("TypeFlags", ("Skeleton",)), size]
-    _objects(objects).append(Node("NodeAttribute", (attribute, _name(name, "NodeAttribute"), "LimbNode"), attributes))
-    _objects(objects).append(_model(model, name, "LimbNode", place))
+    objects.append(Node("NodeAttribute", (attribute, _name(name, "NodeAttribute"), "LimbNode"), attributes))
+    objects.append(_model(model, name, "LimbNode", place))
     links.add("C", "OO", model, parent)
     links.add("C", "OO", attribute, model)
-
-
-def _objects(node: Node) -> list[Node]:
-    assert node.children is not None
-    return node.children
 
 
 def _add_joints(objects: Node, links: Node, skeleton: Skeleton, ends: Iterable[int]) -> None:
@@ -159,7 +154,7 @@ def _add_joints(objects: Node, links: Node, skeleton: Skeleton, ends: Iterable[i
     pose.add("NbPoseNodes", np.int32(len(skeleton) + 1))
     for number, place in [(_MESH, np.zeros(3)), *((_JOINT + j, place) for j, place in enumerate(rest))]:
         pose.add("PoseNode", children=[Node("Node", (number,)), Node("Matrix", (_matrix(place),))])
-    _objects(objects).append(pose)
+    objects.append(pose)
 
 
 def _matrix(place: Array) -> Array:
@@ -171,13 +166,13 @@ def _matrix(place: Array) -> Array:
 
 def _add_mesh(objects: Node, links: Node, skeleton: Skeleton) -> None:
     mesh = bone_mesh(skeleton)
-    _objects(objects).append(_geometry(mesh))
-    _objects(objects).append(_model(_MESH, "bones", "Mesh", np.zeros(3)))
+    objects.append(_geometry(mesh))
+    objects.append(_model(_MESH, "bones", "Mesh", np.zeros(3)))
     material = Table().line("DiffuseColor", "Color", "", "A", 0.8, 0.62, 0.36).node
     children = [Node("Version", (np.int32(102),)), Node("ShadingModel", ("lambert",)), material]
-    _objects(objects).append(Node("Material", (_MATERIAL, _name("bones", "Material"), ""), children))
+    objects.append(Node("Material", (_MATERIAL, _name("bones", "Material"), ""), children))
     skin = [Node("Version", (np.int32(101),)), Node("Link_DeformAcuracy", (50.0,))]
-    _objects(objects).append(Node("Deformer", (_SKIN, _name("bones", "Deformer"), "Skin"), skin))
+    objects.append(Node("Deformer", (_SKIN, _name("bones", "Deformer"), "Skin"), skin))
     for child, parent in ((_MESH, 0), (_GEOMETRY, _MESH), (_MATERIAL, _MESH), (_SKIN, _GEOMETRY)):
         links.add("C", "OO", child, parent)
     rest = CM * rest_positions(skeleton) @ BVH_FROM_WORLD.T
@@ -191,7 +186,7 @@ def _add_mesh(objects: Node, links: Node, skeleton: Skeleton) -> None:
             cluster.add("Weights", np.ones(len(moved)))
         cluster.add("Transform", _matrix(-rest[j]))  # the mesh as the joint sees it
         cluster.add("TransformLink", _matrix(rest[j]))
-        _objects(objects).append(cluster)
+        objects.append(cluster)
         links.add("C", "OO", _CLUSTER + j, _SKIN)
         links.add("C", "OO", _JOINT + j, _CLUSTER + j)
 
@@ -216,7 +211,7 @@ def _geometry(mesh: BoneMesh) -> Node:
         one = layer.add("LayerElement", children=[])
         one.add("Type", f"LayerElement{kind}")
         one.add("TypedIndex", np.int32(0))
-    _objects(out).append(layer)
+    out.append(layer)
     return out
 
 
@@ -226,8 +221,8 @@ def _add_animation(objects: Node, links: Node, motion: Motion) -> None:
     table = Table()
     for key, at in (("LocalStart", 0), ("LocalStop", last), ("ReferenceStart", 0), ("ReferenceStop", last)):
         table.line(key, "KTime", "Time", "", at)
-    _objects(objects).append(Node("AnimationStack", (_STACK, _name(_TAKE, "AnimStack"), ""), [table.node]))
-    _objects(objects).append(Node("AnimationLayer", (_LAYER, _name("BaseLayer", "AnimLayer"), ""), []))
+    objects.append(Node("AnimationStack", (_STACK, _name(_TAKE, "AnimStack"), ""), [table.node]))
+    objects.append(Node("AnimationLayer", (_LAYER, _name("BaseLayer", "AnimLayer"), ""), []))
     links.add("C", "OO", _LAYER, _STACK)
     times = np.array([_ticks(t, motion.fps) for t in range(len(motion))], np.int64)
     quat = continuous_quat(motion.quat_wxyz)
@@ -247,7 +242,7 @@ def _add_curves(
     number, table = _NODE_OF[kind] + j, Table()
     for axis, first in zip("XYZ", values[0], strict=True):
         table.line(f"d|{axis}", "Number", "", "A", float(first))
-    _objects(objects).append(Node("AnimationCurveNode", (number, _name(kind, "AnimCurveNode"), ""), [table.node]))
+    objects.append(Node("AnimationCurveNode", (number, _name(kind, "AnimCurveNode"), ""), [table.node]))
     links.add("C", "OO", number, _LAYER)
     links.add("C", "OP", number, _JOINT + j, what)
     for k, axis in enumerate("XYZ"):
@@ -259,5 +254,5 @@ def _add_curves(
         curve.add("KeyAttrFlags", _LINEAR)
         curve.add("KeyAttrDataFloat", _TANGENTS)
         curve.add("KeyAttrRefCount", np.array([len(times)], np.int32))
-        _objects(objects).append(curve)
+        objects.append(curve)
         links.add("C", "OP", _CURVE_OF[kind] + 3 * j + k, number, f"d|{axis}")

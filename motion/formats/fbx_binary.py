@@ -46,8 +46,13 @@ class Node:
 
     def add(self, name: str, *properties: Property, children: list["Node"] | None = None) -> "Node":
         """A new node within this one."""
-        node = Node(name, properties, children)
-        self.children = [*(self.children or []), node]
+        return self.append(Node(name, properties, children))
+
+    def append(self, node: "Node") -> "Node":
+        """That node within this one."""
+        if self.children is None:
+            self.children = []
+        self.children.append(node)
         return node
 
 
