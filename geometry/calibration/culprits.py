@@ -39,6 +39,7 @@ from muybridge.geometry.calibration.culprits_take import (
     with_swap,
 )
 from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.robust import extent
 
 Floats = NDArray[np.float64]
 Kind = Literal["turned", "moved", "focal", "shifted", "swapped", "unrelated"]
@@ -69,6 +70,8 @@ class CulpritOptions:
         min_score: mean gain over the landmarks of all cameras, in standard deviations of that mean.
         min_score_shift: the same for a shift in time, which pairs every error with others by chance.
         min_effect: by how much a fault must displace the camera's 2D points, in standard deviations of their noise.
+        min_effect_of_person: the same as a share of the person's size in the image: a network that puts hips higher
+            from one side than from the other is as wrong as a camera that was moved, and by as much as this.
         min_turn_deg, min_move, min_shift, min_focal: what is smaller is no fault (degrees, metres, frames, share).
         farthest_turn_deg: a camera that is turned by more and wrong in other ways besides shows something else.
         unrelated: error against the other cameras, as a share of the image's longer side, from which a video that
@@ -83,6 +86,7 @@ class CulpritOptions:
     min_score: float = 2.0
     min_score_shift: float = 3.0
     min_effect: float = 0.6
+    min_effect_of_person: float = 0.01
     min_turn_deg: float = 0.2
     min_move: float = 0.02
     min_shift: float = 0.6
@@ -200,11 +204,12 @@ def find_culprits(
             cameras.names, (), probability, table, tuple(range(count)), nothing, nothing, cameras,
             np.zeros(count), setup.files, note,
         )  # fmt: skip
+    person_px = np.array([_person_px(px) for px in take.px])
     faults: list[Fault] = []
     first_noise = last_noise = np.nan
     for step in range(options.max_faults + 1):
         last_noise, trials = _search(take, setup, options)
-        credible = [t for t in trials if _matters(t, last_noise, options)]
+        credible = [t for t in trials if _matters(t, last_noise, person_px[setup.files[t.cameras[0]]], options)]
         if step == 0:
             first_noise, table = last_noise, _table(trials, count)
             probability = _chances(credible, count)
@@ -320,7 +325,13 @@ def _displacement(before: Floats, after: Floats) -> float:
     return float(np.median(known)) if known.size else 0.0
 
 
-def _matters(trial: _Trial, noise_px: float, options: CulpritOptions) -> bool:
+def _person_px(points_px: Floats) -> float:
+    """The person's size in one camera's image: longer side of the landmarks' box (T, J, 2), median over frames."""
+    sizes = extent(points_px)
+    return float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0
+
+
+def _matters(trial: _Trial, noise_px: float, person_px: float, options: CulpritOptions) -> bool:
     """Whether a change is large enough to be called a fault."""
     least = options.min_score_shift if trial.kind == "shifted" else options.min_score
     if trial.gain <= 0 or trial.score < least:
@@ -329,7 +340,7 @@ def _matters(trial: _Trial, noise_px: float, options: CulpritOptions) -> bool:
         return True
     if trial.kind == "shifted":  # errors of 2D networks look like a turn or a zoom, but not like a delay
         return abs(trial.shift) >= options.min_shift and trial.effect_px >= 0.25 * options.min_effect * noise_px
-    if trial.effect_px < options.min_effect * noise_px:
+    if trial.effect_px < max(options.min_effect * noise_px, options.min_effect_of_person * person_px):
         return False
     turn, move, focal = _sizes(trial)
     if trial.kind == "focal":
