@@ -7,6 +7,7 @@ started 0.5 s before the reference's has an offset of +0.5 s.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -42,6 +43,23 @@ class Clock:
 
 
 UNKNOWN = Clock(0.0, 0.0, np.inf, np.inf, 0.0)
+
+
+def own_frames(
+    clocks: Sequence[Clock] | None, c: int, frames: NDArray[np.intp], fps: float, count: int
+) -> NDArray[np.intp]:
+    """A camera's own frames nearest to frames of the take.
+
+    Args:
+        clocks: (C,) of the cameras; None where all keep the take's time.
+        c: the camera.
+        frames: (n,) of the take.
+        fps: frames a second.
+        count: frames that the camera has.
+    """
+    if clocks is None:
+        return frames
+    return np.asarray(np.rint(clocks[c].at(frames / fps) * fps).astype(np.intp).clip(0, count - 1))
 
 
 @dataclass(frozen=True)

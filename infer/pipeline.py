@@ -15,9 +15,10 @@ from typing import Any
 from muybridge import __version__
 from muybridge.errors import SessionError
 from muybridge.geometry.calibration.quality import CalibrationQuality
+from muybridge.geometry.clocks import Clock
 from muybridge.geometry.landmarks import Keypoints2D
 from muybridge.infer import calibration_stage, exports, refine_cameras
-from muybridge.infer.detect import CameraResult, DetectOptions, detect, file_names, open_models
+from muybridge.infer.detect import CameraResult, DetectOptions, Models, detect, file_names, open_models
 from muybridge.infer.keypoints import CameraTracks, merge_markers, merge_tracks
 from muybridge.infer.outputs import WORK, OutputFolder, open_output
 from muybridge.infer.overlay import OverlayOptions
@@ -85,6 +86,25 @@ class RunResult:
     seconds: float
 
 
+@dataclass(frozen=True)
+class Followed:
+    """A session whose person was followed.
+
+    Attributes:
+        session: with as many frames as every camera has, and the cameras that were used.
+        detected: what each camera found, in its own frames.
+        clocks: (C,) of the cameras where they run apart.
+        solution: the person's motion.
+        calibration: how good the cameras are; None where that cannot be told.
+    """
+
+    session: Session
+    detected: Sequence[CameraResult]
+    clocks: Sequence[Clock] | None
+    solution: Solution
+    calibration: CalibrationQuality | None
+
+
 def run_session(path: Path, out: Path | None, options: RunOptions, progress: Progress) -> RunResult:
     """Work on one session folder.
 
@@ -109,6 +129,39 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     progress.say(f"{session.name}: {len(session.cameras)} cameras, {session.frames} frames at {session.fps:.4g} fps")
     for notice in session.notices:
         progress.notice(notice)
+    followed = follow(session, models, store, options, progress)
+    session, solution, calibration = followed.session, followed.solution, followed.calibration
+    if solution.motion is None:
+        session = replace(session, notices=(*session.notices, f"there is no motion: {solution.no_motion}"))
+    quality = assess(session.cameras, solution)
+    written, stages = _write(
+        output, store, session, files, followed.detected, solution, quality, calibration, options, progress
+    )
+    seconds = time.perf_counter() - start
+    facts = _facts(began, seconds, session, written, quality, calibration, solution, stages, options, models.metadata)
+    exports.write_run(output, facts)
+    if solution.motion is None:
+        raise SessionError(
+            f"{path}: {solution.no_motion}; {output.path / exports.REPORT} and the overlays beside it show "
+            "what was found: if the marks are on the person, the calibration does not belong to these videos"
+        )
+    return RunResult(output.path, session, solution, quality, seconds)
+
+
+def follow(session: Session, models: Models, store: StageStore, options: RunOptions, progress: Progress) -> Followed:
+    """Everything from a session's videos to its person's motion, before anything is written.
+
+    Args:
+        session: C cameras and their videos.
+        models: the networks.
+        store: where finished stages are.
+        options: how; those of overlays are not looked at.
+        progress: whom to tell.
+
+    Raises:
+        SessionError: a video gave no frame.
+    """
+    files = file_names(session.cameras.names)
     detected = detect(session, files, models, store, options.detect, progress)
     session, keypoints, markers = _common(session, detected, progress)
     clocks = session_clocks(session)
@@ -129,22 +182,8 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     )
     solution = solve(session.cameras, keypoints, session.fps, key, store, options.solve, progress, markers, again)
     progress.say(solution.person)
-    if solution.motion is None:
-        session = replace(session, notices=(*session.notices, f"there is no motion: {solution.no_motion}"))
-    quality = assess(session.cameras, solution)
     solution.stages.update(before)
-    written, stages = _write(
-        output, store, session, files, detected, solution, quality, calibration, options, progress
-    )
-    seconds = time.perf_counter() - start
-    facts = _facts(began, seconds, session, written, quality, calibration, solution, stages, options, models.metadata)
-    exports.write_run(output, facts)
-    if solution.motion is None:
-        raise SessionError(
-            f"{path}: {solution.no_motion}; {output.path / exports.REPORT} and the overlays beside it show "
-            "what was found: if the marks are on the person, the calibration does not belong to these videos"
-        )
-    return RunResult(output.path, session, solution, quality, seconds)
+    return Followed(session, detected, clocks, solution, calibration)
 
 
 def _facts(

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.clocks import Clock
+from muybridge.geometry.clocks import Clock, own_frames
 from muybridge.geometry.landmarks import Keypoints2D, Points3D
 from muybridge.geometry.robust import row_median
 from muybridge.infer.detect import CameraResult, DetectOptions, Models
@@ -132,7 +132,7 @@ class SecondLook:
         slots, stages = slots.copy(), {}
         for c in np.flatnonzero(missing.any(axis=1)).tolist():
             wanted = np.flatnonzero(missing[c])
-            own = self._own_frames(c, wanted)
+            own = own_frames(self.clocks, c, wanted, self.session.fps, len(tracks[c].points_px))
             name = f"2D {self.file_names[c]}, second look"
             stages[name] = stage = self._look(c, own, points.points_world[wanted])
             found = stage.arrays["found"]
@@ -151,13 +151,6 @@ class SecondLook:
         return Again(
             self.in_step(merge_tracks(tracks)), None if markers is None else self.in_step(markers), slots, stages
         )
-
-    def _own_frames(self, c: int, frames: NDArray[np.intp]) -> NDArray[np.intp]:
-        """The camera's own frames nearest to frames of the take."""
-        if self.clocks is None:
-            return frames
-        own = np.rint(self.clocks[c].at(frames / self.session.fps) * self.session.fps).astype(np.intp)
-        return own.clip(0, len(self.detected[c].tracks.points_px) - 1)
 
     def _look(self, c: int, own: NDArray[np.intp], points_world: _Floats) -> StageResult:
         """One camera's stage: `found` (n,) and the arrays of `CameraTracks` for its own frames `own` (n,)."""

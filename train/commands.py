@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import tyro
 
 from muybridge.train.options import (
+    Adaptation,
     Evaluation,
     KeypointTraining,
     LabelTraining,
@@ -19,7 +20,8 @@ _Network = Annotated[
     Annotated[KeypointTraining, tyro.conf.subcommand("keypoints")]
     | Annotated[PeopleTraining, tyro.conf.subcommand("people")]
     | Annotated[LabelTraining, tyro.conf.subcommand("labels")]
-    | Annotated[SolverTraining, tyro.conf.subcommand("solver")],
+    | Annotated[SolverTraining, tyro.conf.subcommand("solver")]
+    | Annotated[Adaptation, tyro.conf.subcommand("adapt")],
     tyro.conf.arg(name=""),
 ]
 
@@ -41,6 +43,11 @@ def synth(options: Annotated[Synthesis, tyro.conf.arg(name="")]) -> None:
 
 def train(network: _Network) -> None:
     """Train a network on synthetic people, from renders to ONNX, on a CPU or a GPU; resumes a killed run."""
+    if isinstance(network, Adaptation):
+        from muybridge.train.adaptation_publish import adapt
+
+        print(adapt(network, _command_line()))
+        return
     if isinstance(network, LabelTraining):
         from muybridge.train import labels
         from muybridge.train.labels_publish import publish_labels

@@ -169,7 +169,7 @@ class Fit:
         self.options, self.score = options, score
         options.out.mkdir(parents=True, exist_ok=True)
         self.checkpoint, self.log = options.out / "checkpoint.pt", options.out / "log.jsonl"
-        self.net = _placed(net)
+        self.net = placed(net)
         self.optimiser = torch.optim.AdamW(net.parameters(), options.rate, weight_decay=0.02)
         self.average = AveragedWeights(self.net)
         self.state: dict[str, Any] = {"step": 0, "images": 0, "seconds": 0.0}
@@ -220,7 +220,7 @@ class Fit:
         """The network with averaged weights, in evaluation mode."""
         net: nn.Module = type(self.net)(**self.net.config)  # type: ignore[arg-type]
         net.load_state_dict(self.average.state)
-        return _placed(net).eval()
+        return placed(net).eval()
 
     def _save(self, losses: list[float], rate: "Throughput") -> None:
         speed = rate(self.state["images"])
@@ -239,7 +239,8 @@ class Fit:
               flush=True)  # fmt: skip
 
 
-def _placed(net: nn.Module) -> nn.Module:
+def placed(net: nn.Module) -> nn.Module:
+    """A network where training takes place, in the order of memory that is fastest."""
     net.to(device())
     return net.to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]
 

@@ -6,6 +6,31 @@ from typing import Literal
 
 
 @dataclass(frozen=True)
+class Adaptation:
+    """How a keypoint network is trained on footage that nobody labelled.
+
+    Attributes:
+        footage: crops with what all cameras agree on, which `muybridge adapt` writes.
+        out: folder of the finished ONNX files.
+        model: fp32 network to begin with; default the shipped one.
+        minutes: wall-clock time.
+        batch: images a step.
+        rate: peak learning rate; it rises over the first steps and falls over the second half of the time.
+        threads: torch threads; default all processors.
+        seed: of everything; how far it goes depends on the time all the same.
+    """
+
+    footage: pathlib.Path
+    out: pathlib.Path
+    model: pathlib.Path | None = None
+    minutes: float = 2.0
+    batch: int = 32
+    rate: float = 3e-4
+    threads: int | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True)
 class Synthesis:
     """How the store of renders is made.
 

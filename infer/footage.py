@@ -1,0 +1,159 @@
+"""What a followed person looks like in every view, with where their landmarks are according to all cameras together.
+
+A 2D network errs in each view on its own; several calibrated views, the body and the take's other frames correct it.
+What they agree on, seen from each camera, is a label that nobody had to draw: `muybridge adapt` trains on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import SessionError
+from muybridge.geometry.cameras import Camera
+from muybridge.geometry.clocks import own_frames
+from muybridge.geometry.crops import Crops, crops_for_boxes
+from muybridge.infer.crops import extract_crops
+from muybridge.infer.pipeline import Followed
+from muybridge.infer.poses import body_boxes
+from muybridge.infer.progress import Progress
+from muybridge.infer.solve import Solution
+from muybridge.infer.upright import upright_for
+from muybridge.infer.video import read_chunks
+from muybridge.models.footage import Footage
+
+_Floats = NDArray[np.float64]
+
+# Blocks of frames that a take is cut into, and every how manieth is kept from training.
+_BLOCKS, _HELD_OUT = 50, 10
+_STEP_M = 0.01  # how far a point is moved to see how many pixels a metre is there
+
+
+@dataclass(frozen=True)
+class FootageOptions:
+    """What of a take becomes crops.
+
+    Attributes:
+        most_crops: as many, evenly spread over the take; each takes 0.2 MB of memory.
+        size_px: side of the crops, px.
+        padding: side of a crop over the longer side of the person's box.
+        most_unsure: a landmark whose place the cameras do not know to this share of the crop has no label.
+        least_known: share of the body's landmarks that need a label for a crop to count.
+    """
+
+    most_crops: int = 2000
+    size_px: int = 256
+    padding: float = 1.25 * 4 / 3
+    most_unsure: float = 0.015
+    least_known: float = 0.5
+
+
+def collect(followed: Followed, progress: Progress, options: FootageOptions = FootageOptions()) -> Footage:
+    """The crops of a session whose people were followed, their virtual markers too.
+
+    Raises:
+        SessionError: no camera has a frame in which enough of the person is known in 3D.
+    """
+    people = [_Person(s, options) for s in (followed.solution, *followed.solution.others)]
+    views = [_views(followed, c, person, options) for c in range(len(followed.session.cameras)) for person in people]
+    total = sum(len(v.frames) for v in views)
+    if not total:
+        raise SessionError(
+            f"{followed.session.path}: there is nothing to adapt to: in no frame is enough of the person known in 3D; "
+            "look at what `muybridge run` finds first"
+        )
+    # Whole frames rather than single views go, so that what is held out is held out of all cameras.
+    known = np.unique(np.concatenate([v.frames for v in views]))
+    most = max(1, options.most_crops * len(known) // total)
+    kept = known[np.unique(np.linspace(0, len(known) - 1, most).astype(int))]
+    parts: list[tuple[NDArray[Any], ...]] = []
+    with progress.task("crops", len(views)) as task:
+        for view in views:
+            parts += _cut(followed, view.select(np.isin(view.frames, kept)), options)
+            task.advance()
+    crops, landmarks, agreed, held_out = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    facts = {
+        "session": followed.session.name, "cameras": list(followed.session.cameras.names),
+        "frames": len(kept), "people": len(people),
+    }  # fmt: skip
+    return Footage(crops, landmarks, agreed, held_out, options.padding, facts)
+
+
+class _Person:
+    """One person's labels: body and markers, smoothed, where known well enough."""
+
+    def __init__(self, solution: Solution, options: FootageOptions) -> None:
+        self.body = solution.points
+        both = [(solution.points, solution.measured)]
+        if solution.markers is not None:
+            both.append((solution.markers, solution.markers))
+        self.points, self.covariance = (
+            np.concatenate([getattr(p, k) for p, _ in both], axis=1) for k in ("points_world", "covariance_world")
+        )
+        self.agreed = np.concatenate([m.inlier for _, m in both], axis=2)
+
+
+class _View(NamedTuple):
+    """A person in some frames of one camera: boxes (n, 4) of the frame, labels (n, J, 2) px of the frame, their
+    standard deviations (n, J) in shares of a crop, and whether the camera agrees (n, J)."""
+
+    camera: int
+    frames: NDArray[np.intp]
+    boxes_px: _Floats
+    landmarks_px: _Floats
+    agreed: NDArray[np.bool_]
+
+    def select(self, chosen: NDArray[np.bool_]) -> _View:
+        """Some of the frames."""
+        return _View(self.camera, *(values[chosen] for values in self[1:]))
+
+
+def _views(followed: Followed, c: int, person: _Person, options: FootageOptions) -> _View:
+    """Frames in which the camera should see the person whole enough, with labels where they are sure enough."""
+    camera = followed.session.cameras[c]
+    px = camera.project(person.points)
+    body = len(person.body.landmarks)
+    upright = upright_for(camera, camera.width, camera.height)
+    boxes = upright.centered_in_frame(body_boxes(upright.to_upright(px[:, :body]), person.body.landmarks))
+    side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
+    unsure = _sigma_px(camera, person.points, person.covariance) / (options.padding * side[:, None])
+    inside = ((px >= -0.5) & (px <= [camera.width - 0.5, camera.height - 0.5])).all(axis=-1)
+    labelled = np.isfinite(px).all(axis=-1) & (unsure <= options.most_unsure) & inside
+    px = np.where(labelled[..., None], px, np.nan)
+    frames = np.flatnonzero(labelled[:, :body].mean(axis=1) >= options.least_known)
+    return _View(c, frames, boxes[frames], px[frames], person.agreed[c, frames])
+
+
+def _sigma_px(camera: Camera, points: _Floats, covariance: _Floats) -> _Floats:
+    """(T, J) standard deviation in the image of points (T, J, 3) with covariances (T, J, 3, 3), px."""
+    at = camera.project(points)
+    jacobian = np.stack([camera.project(points + _STEP_M * axis) - at for axis in np.eye(3)], axis=-1) / _STEP_M
+    variance = np.einsum("tjab,tjbc,tjac->tj", jacobian, covariance, jacobian) / 2
+    return np.asarray(np.sqrt(np.maximum(variance, 0)))
+
+
+def _cut(followed: Followed, view: _View, options: FootageOptions) -> Iterator[tuple[NDArray[Any], ...]]:
+    """The first arrays of `Footage` of a view, chunk by chunk."""
+    session, c = followed.session, view.camera
+    camera, count = session.cameras[c], len(followed.detected[c].tracks.points_px)
+    own = own_frames(followed.clocks, c, view.frames, session.fps, count)
+    block = view.frames // max(1, session.frames // _BLOCKS)
+    crops = crops_for_boxes(view.boxes_px, options.size_px, camera, options.padding)
+    frames, order = np.unique(own, return_inverse=True)
+    begin = 0
+    for chunk in read_chunks(session.videos[c], session.frame_indices[c][frames]) if len(frames) else ():
+        here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))
+        pixels = _pixels(chunk, order[here] - begin, crops.select(here))
+        at = crops.select(here).to_crop(view.landmarks_px[here]).astype(np.float32)
+        yield pixels, at, view.agreed[here], block[here] % _HELD_OUT == _HELD_OUT // 2
+        begin += len(chunk)
+
+
+def _pixels(frames: NDArray[np.uint8], index: NDArray[np.intp], crops: Crops) -> NDArray[np.uint8]:
+    size = crops.size_px
+    parts = [extract_crops(frames[k], crops.select([i])) for i, k in enumerate(index)]
+    return np.concatenate([np.empty((0, size, size, 3), np.uint8), *parts])

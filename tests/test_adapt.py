@@ -1,0 +1,214 @@
+"""Adaptation: the shipped network used to a take's own footage, without a label."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import onnxruntime
+import pytest
+import torch
+
+from muybridge.errors import FormatError, MissingExtraError, ModelError, SessionError
+from muybridge.geometry.clocks import Clock, own_frames
+from muybridge.geometry.landmarks import BODY23, SURFACE
+from muybridge.infer import adapt as command
+from muybridge.infer.demo import TRUTH, demo_folder
+from muybridge.infer.detect import DetectOptions, open_models
+from muybridge.infer.footage import FootageOptions, collect
+from muybridge.infer.pipeline import RunOptions, follow
+from muybridge.infer.progress import Progress
+from muybridge.infer.session import open_session
+from muybridge.infer.stages import StageStore
+from muybridge.models.footage import Footage, load_footage, save_footage
+from muybridge.models.registry import shipped_model
+from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
+from muybridge.train.adaptation import View, adapted, agreement
+from muybridge.train.adaptation_publish import adapt
+from muybridge.train.augment import MIRROR
+from muybridge.train.options import Adaptation
+
+JOINTS = len(BODY23) + len(SURFACE)
+
+
+@pytest.fixture(scope="module")
+def demo_session(tmp_path_factory):
+    """The demo's take as a session."""
+    folder = tmp_path_factory.mktemp("adapt") / "take"
+    (folder / "videos").mkdir(parents=True)
+    source = demo_folder()
+    (folder / "calibration.toml").write_bytes(source.joinpath("calibration.toml").read_bytes())
+    for video in source.joinpath("videos").iterdir():
+        (folder / "videos" / video.name).write_bytes(video.read_bytes())
+    return folder
+
+
+@pytest.fixture(scope="module")
+def followed(demo_session):
+    """What the pipeline finds in it, markers too."""
+    detect = DetectOptions(markers="all")
+    store = StageStore(demo_session.parent / "work")
+    store.folder.mkdir()
+    with Progress(quiet=True) as progress:
+        return follow(open_session(demo_session), open_models(detect), store, RunOptions(detect=detect), progress)
+
+
+@pytest.fixture(scope="module")
+def footage(followed):
+    """80 crops of it or so."""
+    with Progress(quiet=True) as progress:
+        return collect(followed, progress, FootageOptions(most_crops=80))
+
+
+def random_footage(count=12, seed=0):
+    """Crops with a bright spot at the first landmark."""
+    rng = np.random.default_rng(seed)
+    at = rng.uniform(100, 156, (count, JOINTS, 2)).astype(np.float32)
+    crops = np.zeros((count, 256, 256, 3), np.uint8)
+    for crop, (x, y) in zip(crops, at[:, 0].round().astype(int), strict=True):
+        crop[y - 2 : y + 3, x - 2 : x + 3] = 255
+    return Footage(crops, at, np.ones((count, JOINTS), bool), np.arange(count) % 4 == 0, 1.25 * 4 / 3, {"session": "s"})
+
+
+def test_the_shipped_network_comes_back_from_its_file():
+    path = shipped_model("keypoints")
+    net = keypoint_net_from_onnx(path)
+    image = np.random.default_rng(0).random((2, 3, 96, 128), np.float32)
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    there = session.run(["heatmaps", "marker_heatmaps", "visibility", "marker_visibility"], {"image": image})
+    with torch.no_grad():
+        heatmaps, visibility = (out.numpy() for out in net(torch.from_numpy(image)))
+    assert np.abs(heatmaps - np.concatenate(there[:2], 1)).max() < 1e-3
+    assert np.abs(visibility - np.concatenate(there[2:], 1)).max() < 1e-3
+
+
+def test_other_files_are_refused_by_name(tmp_path):
+    nothing = tmp_path / "nothing.onnx"
+    nothing.write_bytes(b"no network")
+    for path in (shipped_model("keypoints", "int8"), shipped_model("people"), nothing, tmp_path / "absent.onnx"):
+        with pytest.raises(ModelError, match=path.name):
+            keypoint_net_from_onnx(path)
+
+
+def test_footage_survives_its_file(tmp_path):
+    before, path = random_footage(), tmp_path / "footage.npz"
+    save_footage(path, before)
+    after = load_footage(path)
+    for a, b in zip(before[:4], after[:4], strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert after.padding == before.padding and after.facts == before.facts
+    for name, content in (("cut", path.read_bytes()[:500]), ("other", b"something else")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(FormatError, match=name):
+            load_footage(tmp_path / name)
+    with pytest.raises(FormatError, match="muybridge adapt"):
+        load_footage(tmp_path / "absent")
+    save_footage(path, before._replace(agreed=before.agreed[:5]))
+    with pytest.raises(FormatError, match="belong together"):
+        load_footage(path)
+
+
+def test_crops_move_with_their_landmarks():
+    view = View(random_footage(), 192, 1.25)
+    count, rng = 12, np.random.default_rng(1)
+    for flip in (np.zeros(count, bool), np.ones(count, bool)):
+        angle, scale, shift_px = rng.normal(0, 0.3, count), rng.uniform(0.8, 1.2, count), rng.normal(0, 8, (count, 2))
+        images, at = view.placed(np.arange(count), angle, scale, shift_px, flip)
+        for image, (x, y) in zip(images, at[:, 0], strict=True):
+            rows, columns = np.nonzero(image[0] > 100)
+            assert abs(columns.mean() - x) < 1 and abs(rows.mean() - y) < 1
+    plain, at = view.plain(np.arange(count))
+    assert plain.shape == (count, 3, 192, 192)
+    # A stored crop spans a third more of the world on a third more pixels.
+    np.testing.assert_allclose(at, view.footage.landmarks_px - 32, atol=1e-3)
+
+
+def test_labels_are_where_the_person_is(followed, footage):
+    with demo_folder().joinpath(TRUTH).open("rb") as file, np.load(file) as truth:
+        world, names = truth["points_world"], [str(n) for n in truth["names"]]
+    assert footage.crops.shape[1:] == (256, 256, 3) and 60 <= len(footage.crops) <= 100
+    assert footage.landmarks_px.shape == (len(footage.crops), JOINTS, 2)
+    assert np.isfinite(footage.landmarks_px).all(-1).mean() > 0.8
+    assert 0 < footage.held_out.mean() < 0.3
+    # The crops of one camera lie next to each other: the first camera's, of frames evenly spread.
+    chosen = [BODY23.index(n) for n in names]
+    count = len(footage.crops) // 4
+    frames = np.unique(np.linspace(0, len(world) - 1, count).astype(int))
+    camera = followed.session.cameras[0]
+    there = camera.project(world[frames])
+    found = footage.landmarks_px[:count, chosen]
+    # Both up to the crop's own scale and shift: rows of distances from the body's middle agree.
+    spread = [np.linalg.norm(p - np.nanmean(p, 1, keepdims=True), axis=-1) for p in (there, found)]
+    ratio = np.nanmedian(spread[1] / spread[0], axis=1, keepdims=True)
+    assert np.nanmedian(np.abs(spread[1] - ratio * spread[0])) < 3
+
+
+def test_a_network_gets_used_to_footage(footage, tmp_path):
+    view = View(footage, 192, 1.25)
+    net = keypoint_net_from_onnx(shipped_model("keypoints"))
+    before = {k: v.clone() for k, v in net.state_dict().items()}
+    shares = []
+    options = Adaptation(tmp_path / "footage.npz", tmp_path, minutes=0.3, threads=2)
+    student, images = adapted(net, view, options, shares.append)
+    assert images >= 64 and shares == sorted(shares) and shares[-1] <= 1
+    assert all(torch.equal(v, before[k]) for k, v in net.state_dict().items())  # the teacher stays
+    assert agreement(student, view).mean_px < 0.95 * agreement(net, view).mean_px
+
+
+def test_files_are_written_that_run_takes(footage, tmp_path):
+    save_footage(tmp_path / "footage.npz", footage)
+    out = tmp_path / "out"
+    said = adapt(Adaptation(tmp_path / "footage.npz", out, minutes=0.3, threads=2), "muybridge train adapt")
+    assert "before" in said and str(out) in said
+    models = open_models(DetectOptions(keypoint_model=out / "keypoints.onnx", markers="all"))
+    assert models.landmarks == BODY23
+    metadata = models.metadata["keypoints"]
+    assert "scores" not in metadata and json.loads(metadata["adapted"])["session"] == "take"
+    open_models(DetectOptions(keypoint_model=out / "keypoints-int8.onnx"))
+    facts = json.loads((out / "adapt.json").read_text())
+    assert facts["after"]["mean_px"] < facts["before"]["mean_px"]
+
+
+def test_what_is_no_better_is_not_written(footage, tmp_path):
+    save_footage(tmp_path / "footage.npz", footage)
+    with pytest.raises(SessionError, match="no nearer"):
+        adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out", minutes=0.03, rate=1e-12, threads=2), "")
+    assert not (tmp_path / "out").exists()
+    some = footage._replace(landmarks_px=footage.landmarks_px[:, :30], agreed=footage.agreed[:, :30])
+    save_footage(tmp_path / "footage.npz", some)
+    with pytest.raises(ModelError, match="landmarks"):
+        adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out"), "")
+
+
+def test_the_command_from_a_session_to_a_network(demo_session, tmp_path):
+    out = tmp_path / "adapted"
+    run = [sys.executable, "-m", "muybridge", "adapt", str(demo_session), "--out", str(out), "--minutes", "0.3"]
+    done = subprocess.run(run, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert {p.name for p in out.iterdir()} == {*command.RESULTS, "work"}
+    assert "before" in done.stdout and f"--keypoint-model {out / 'keypoints.onnx'}" in done.stdout
+    # A file of somebody else's stays.
+    (out / "keypoints.onnx").write_text("mine")
+    again = subprocess.run(run, capture_output=True, text=True, check=False)
+    assert again.returncode == 2 and "--overwrite" in again.stderr and (out / "keypoints.onnx").read_text() == "mine"
+
+
+def test_a_missing_extra_is_said_before_the_work(monkeypatch, tmp_path):
+    monkeypatch.setattr(command.importlib.util, "find_spec", lambda name: None if name == "torch" else object())
+    with pytest.raises(MissingExtraError, match="train"):
+        command.adapt(tmp_path / "no session")
+
+
+def test_mirrored_landmarks_change_sides():
+    names = [*BODY23.names, *SURFACE.names]
+    for i, name in enumerate(names):
+        twin = name.replace("left", "\0").replace("right", "left").replace("\0", "right")
+        assert names[MIRROR[i]] == twin
+
+
+def test_own_frames_follow_the_clock():
+    frames = np.arange(0, 50, 10)
+    clocks = [Clock(0.0, 0.0, 0, 0, 1), Clock(0.1, 0.0, 0, 0, 1)]
+    assert own_frames(None, 1, frames, 50, 100).tolist() == frames.tolist()
+    assert own_frames(clocks, 1, frames, 50, 100).tolist() == [5, 15, 25, 35, 45]
+    assert own_frames(clocks, 1, frames, 50, 40).tolist() == [5, 15, 25, 35, 39]
