@@ -43,6 +43,7 @@ class FootageOptions:
         padding: side of a crop over the longer side of the person's box.
         most_unsure: a landmark whose place the cameras do not know to this share of the crop has no label.
         least_known: share of the body's landmarks that need a label for a crop to count.
+        fewest_crops: with fewer than this a network would learn them by heart.
     """
 
     most_crops: int = 2000
@@ -50,21 +51,22 @@ class FootageOptions:
     padding: float = 1.25 * 4 / 3
     most_unsure: float = 0.015
     least_known: float = 0.5
+    fewest_crops: int = 60
 
 
 def collect(followed: Followed, progress: Progress, options: FootageOptions = FootageOptions()) -> Footage:
     """The crops of a session whose people were followed, their virtual markers too.
 
     Raises:
-        SessionError: no camera has a frame in which enough of the person is known in 3D.
+        SessionError: too few frames in which enough of the person is known in 3D.
     """
     people = [_Person(s, options) for s in (followed.solution, *followed.solution.others)]
     views = [_views(followed, c, person, options) for c in range(len(followed.session.cameras)) for person in people]
     total = sum(len(v.frames) for v in views)
-    if not total:
+    if total < options.fewest_crops:
         raise SessionError(
-            f"{followed.session.path}: there is nothing to adapt to: in no frame is enough of the person known in 3D; "
-            "look at what `muybridge run` finds first"
+            f"{followed.session.path}: there is too little to adapt to: enough of the person is known in 3D in {total} "
+            f"frames of all cameras, {options.fewest_crops} are needed; look at what `muybridge run` finds first"
         )
     # Whole frames rather than single views go, so that what is held out is held out of all cameras.
     known = np.unique(np.concatenate([v.frames for v in views]))
@@ -109,7 +111,9 @@ class _View(NamedTuple):
 
     def select(self, chosen: NDArray[np.bool_]) -> _View:
         """Some of the frames."""
-        return _View(self.camera, *(values[chosen] for values in self[1:]))
+        return _View(
+            self.camera, self.frames[chosen], self.boxes_px[chosen], self.landmarks_px[chosen], self.agreed[chosen]
+        )  # fmt: skip
 
 
 def _views(followed: Followed, c: int, person: _Person, options: FootageOptions) -> _View:
@@ -120,7 +124,7 @@ def _views(followed: Followed, c: int, person: _Person, options: FootageOptions)
     upright = upright_for(camera, camera.width, camera.height)
     boxes = upright.centered_in_frame(body_boxes(upright.to_upright(px[:, :body]), person.body.landmarks))
     side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
-    unsure = _sigma_px(camera, person.points, person.covariance) / (options.padding * side[:, None])
+    unsure = _sigma_px(camera, person.points, person.covariance) / np.maximum(options.padding * side, 1)[:, None]
     inside = ((px >= -0.5) & (px <= [camera.width - 0.5, camera.height - 0.5])).all(axis=-1)
     labelled = np.isfinite(px).all(axis=-1) & (unsure <= options.most_unsure) & inside
     px = np.where(labelled[..., None], px, np.nan)

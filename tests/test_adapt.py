@@ -180,6 +180,15 @@ def test_what_is_no_better_is_not_written(footage, tmp_path):
         adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out"), "")
 
 
+def test_what_teaches_nothing_is_refused(followed, footage, tmp_path):
+    with pytest.raises(SessionError, match="too little"), Progress(quiet=True) as progress:
+        collect(followed, progress, FootageOptions(fewest_crops=100_000))
+    # Labels beside the person.
+    save_footage(tmp_path / "footage.npz", footage._replace(landmarks_px=footage.landmarks_px + 30))
+    with pytest.raises(SessionError, match="no label to learn from"):
+        adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out"), "")
+
+
 def test_the_command_from_a_session_to_a_network(demo_session, tmp_path):
     out = tmp_path / "adapted"
     run = [sys.executable, "-m", "muybridge", "adapt", str(demo_session), "--out", str(out), "--minutes", "0.3"]

@@ -23,6 +23,7 @@ from muybridge.train.evaluation import load_model
 from muybridge.train.options import Adaptation
 from muybridge.train.publish import CALIBRATION_IMAGES
 
+_BEYOND_BELIEF = 0.04  # of the crop
 # What was measured of the network before says nothing of it now.
 _OUTDATED = ("scores", "sigma_coverage", "marker_scores", "marker_sigma_coverage", "training_command")
 
@@ -34,7 +35,8 @@ def adapt(options: Adaptation, command: str) -> str:
     Raises:
         FormatError: the footage is none.
         ModelError: the network is not one that training can go on from, or knows other landmarks than the footage.
-        SessionError: the network agrees with all cameras no better than before; nothing is written.
+        SessionError: the network agrees with all cameras no better than before, or so little that they cannot teach
+            it; nothing is written.
     """
     footage = load_footage(options.footage)
     path = options.model or shipped_model("keypoints")
@@ -44,6 +46,11 @@ def adapt(options: Adaptation, command: str) -> str:
     torch.set_num_threads(options.threads or os.cpu_count() or 1)
     view = View(footage, card.input_size, card.box_padding)
     before = agreement(net, view)
+    if before.median_px > _BEYOND_BELIEF * view.size:
+        raise SessionError(
+            f"{options.footage}: what all cameras agree on lies {before.median_px:.0f} px of the network's crop from "
+            "what each of them sees (median): that is no label to learn from; see what `muybridge run` says of the rig"
+        )
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, transient=True, console=Console(stderr=True)) as progress:
         bar = progress.add_task(f"adapting to {len(footage.crops)} crops", total=1.0)
