@@ -2,6 +2,7 @@
 
 import json
 import pathlib
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -18,10 +19,12 @@ from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
 from muybridge.models.people_net import PeopleNet  # noqa: E402
 from muybridge.models.registry import keypoint_card, people_card, shipped_model  # noqa: E402
 from muybridge.train import keypoints, loop, people  # noqa: E402
+from muybridge.train.augment import AugmentOptions, Compositor  # noqa: E402
+from muybridge.train.evaluation import MIRROR, _figures, evaluate_onnx  # noqa: E402
 from muybridge.train.heatmap_loss import OUTSIDE  # noqa: E402
-from muybridge.train.options import KeypointTraining, PeopleTraining  # noqa: E402
+from muybridge.train.options import Evaluation, KeypointTraining, PeopleTraining  # noqa: E402
 from muybridge.train.publish import fit_spread, load_checkpoint, publish_keypoints, sigma_coverage  # noqa: E402
-from muybridge.train.renders import SHARD, SIZE, shard_path  # noqa: E402
+from muybridge.train.renders import SHARD, SIZE, load_renders, shard_path  # noqa: E402
 
 
 def write_store(folder: pathlib.Path, shards: int = 5) -> pathlib.Path:
@@ -175,6 +178,43 @@ def test_people_training_learns(store, tmp_path):
     saved = load_checkpoint(people.train(options))
     assert saved["state"]["images"] > 0
     assert set(saved["scores"]) == {"recall", "precision", "iou"}
+
+
+def test_evaluation_counts_what_it_says():
+    count, pairs = 4, [BODY23.index("left_knee"), BODY23.index("right_knee")]
+    distance, visible = np.zeros((count, 23)), np.ones((count, 23), bool)
+    twin = np.where(MIRROR == np.arange(23), 0.0, 60.0) * np.ones((count, 1))
+    found = _figures(distance, twin, np.full((count, 23, 2), 0.5), visible, visible, 192)
+    assert found["PCK@0.05 of the box"] == 1 and found["left-right swaps"] == 0 and found["within 1 sigma (0.683)"] == 1
+    # One person's knees have changed places; they count unless they are hidden.
+    distance[0, pairs], twin[0, pairs] = 60.0, 0.0
+    found = _figures(distance, twin, np.full((count, 23, 2), 1.5), visible, visible, 192)
+    limbs = int((MIRROR != np.arange(23))[5:].sum()) * count
+    assert found["left-right swaps"] == pytest.approx(2 / limbs)
+    assert found["PCK@0.1 of the box"] == pytest.approx(1 - 2 / (23 * count))
+    assert found["within 1 sigma (0.683)"] == 0 and found["within 2 sigma (0.954)"] == 1
+    visible[0, pairs] = False
+    assert _figures(distance, twin, np.zeros((count, 23, 2)), visible, visible, 192)["left-right swaps"] == 0
+
+
+def test_evaluation_with_and_without_what_makes_it_hard(store, tmp_path):
+    options = Evaluation(renders=store, crops=64)
+    found = evaluate_onnx(options)
+    assert all(np.isfinite(v) for v in found.values()) and found == evaluate_onnx(options)  # seeded
+    plain = evaluate_onnx(replace(options, faults=False, occlusion=False))
+    assert plain != found
+    with pytest.raises(SessionError, match="muybridge synth"):
+        evaluate_onnx(replace(options, renders=tmp_path))
+
+
+def test_crops_without_faults_are_sharp(store):
+    renders, backgrounds = load_renders(store), np.full((4, 3, SIZE, SIZE), 90, np.uint8)
+    nothing = AugmentOptions(1.25, 0, 0, 0, 0, second_person=0, occluder=0, mosaic=0, truncate=0, close_up=0, clutter=0)
+    edges = []
+    for faults in (False, True):
+        image = Compositor(renders, backgrounds, 192, 0, replace(nothing, faults=faults)).batch(64).image.float()
+        edges.append(float((image[..., 1:] - image[..., :-1]).abs().amax((1, 2, 3)).median()))
+    assert edges[0] > 1.15 * edges[1]
 
 
 def test_training_without_renders_says_what_to_do(tmp_path):

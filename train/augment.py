@@ -38,6 +38,7 @@ class AugmentOptions:
         truncate: share of crops that reach over the image's border (black there).
         close_up: share of crops that frame a part of a person, see `close_ups`.
         clutter: share of crops with things that are nobody behind the person, see `clutter`.
+        faults: with what a camera does to an image, see `camera_faults`.
     """
 
     padding: float = 1.25
@@ -51,6 +52,7 @@ class AugmentOptions:
     truncate: float = 0.12
     close_up: float = 0.1
     clutter: float = 0.5
+    faults: bool = True
 
 
 @dataclass(frozen=True)
@@ -114,13 +116,13 @@ class Compositor:
         for i in cuts.chosen(SOMETHING):
             mask = torch.from_numpy(cuts.mask(i, self.size))
             image[i, :, mask] = self._background(1)[0, :, mask]
-        image = self.faults.apply(image)
+        image = self.faults.apply(image) if opt.faults else image
         image, visible = self._truncate(image, visible, landmarks)
         for i in cuts.chosen(BORDER):
             image[i, :, torch.from_numpy(cuts.mask(i, self.size))] = 0
         inside = ((landmarks >= 0) & (landmarks <= self.size - 1)).all(-1)
         pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8)
-        pixels = self.faults.compress(pixels)
+        pixels = self.faults.compress(pixels) if opt.faults else pixels
         at, seen = torch.from_numpy(landmarks), torch.from_numpy(visible & inside)
         body = len(BODY23)
         return pixels, at[:, :body], seen[:, :body], at[:, body:], seen[:, body:]

@@ -1,6 +1,7 @@
 """Scores of an exported keypoint network on held-out synthetic people, decoded as in use."""
 
 import pathlib
+from dataclasses import replace
 
 import numpy as np
 import onnxruntime
@@ -33,8 +34,10 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
     if not len(store):
         raise SessionError(f"{options.renders}: no held-out renders; make some with `muybridge synth`")
     # Backgrounds of another seed than any training's pool.
-    backgrounds, whole = make_backgrounds(256, SIZE, options.seed), AugmentOptions(close_up=0)
-    compositor = Compositor(store, backgrounds, card.input_size, options.seed, whole)
+    backgrounds, augment = make_backgrounds(256, SIZE, options.seed), AugmentOptions(close_up=0, faults=options.faults)
+    if not options.occlusion:
+        augment = replace(augment, second_person=0, occluder=0, mosaic=0, truncate=0, tumble=0, clutter=0)
+    compositor = Compositor(store, backgrounds, card.input_size, options.seed, augment)
     distances, twins, inside_sigma, visibles, insides = [], [], [], [], []
     for _ in range(-(-options.crops // 64)):
         batch = compositor.batch(64)

@@ -151,9 +151,13 @@ class Evaluation:
         renders: folder of the render store, whose first four shards nobody trains on.
         crops: how many crops, rounded up to batches of 64.
         seed: of the crops.
+        faults: with what a camera does to a picture: blur, noise, compression and the rest.
+        occlusion: with things and people in front, faces made unrecognisable, borders, clutter and people who tumble.
     """
 
     model: pathlib.Path | None = None
     renders: pathlib.Path = pathlib.Path("runs/renders")
     crops: int = 1024
     seed: int = 10_000
+    faults: bool = True
+    occlusion: bool = True
