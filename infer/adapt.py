@@ -62,7 +62,7 @@ def adapt(
 ) -> int:
     """Adapt the keypoint network to a session, without a label: all cameras together teach it what each one sees.
 
-    Needs the train extra. Minutes later, `muybridge run SESSION --keypoint-model adapted/keypoints.onnx` uses it.
+    Needs the train extra. Minutes later, `muybridge run SESSION --keypoint-model adapted/keypoints-int8.onnx` uses it.
 
     Args:
         path: session folder, as of `muybridge run`; more cameras and more movement teach more.
@@ -94,7 +94,7 @@ def adapt(
         output.write(name, (made / name).replace)
     footage.unlink()
     print(_summary(json.loads((output.path / RESULTS[2]).read_text(encoding="utf-8"))))
-    print(f"use it: muybridge run {path} --keypoint-model {output.path / RESULTS[0]}")
+    print(f"use it: muybridge run {path} --keypoint-model {output.path / RESULTS[1]}")
     return 0
 
 

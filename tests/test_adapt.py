@@ -195,7 +195,7 @@ def test_the_command_from_a_session_to_a_network(demo_session, tmp_path):
     done = subprocess.run(run, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert {p.name for p in out.iterdir()} == {*command.RESULTS, "work"}
-    assert "before" in done.stdout and f"--keypoint-model {out / 'keypoints.onnx'}" in done.stdout
+    assert "before" in done.stdout and f"--keypoint-model {out / 'keypoints-int8.onnx'}" in done.stdout
     # A file of somebody else's stays.
     (out / "keypoints.onnx").write_text("mine")
     again = subprocess.run(run, capture_output=True, text=True, check=False)

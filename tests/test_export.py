@@ -13,7 +13,7 @@ import onnxruntime  # noqa: E402
 
 from muybridge.errors import ModelError  # noqa: E402
 from muybridge.geometry.landmarks import BODY23  # noqa: E402
-from muybridge.infer.onnx import KeypointNetwork  # noqa: E402
+from muybridge.infer.onnx import KeypointNetwork, OnnxOptions  # noqa: E402
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
 from muybridge.models.export import export_onnx  # noqa: E402
 from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
@@ -45,7 +45,7 @@ def demo_crops(repository: pathlib.Path) -> np.ndarray:
 def test_shipped_int8_agrees_with_fp32(demo_crops: np.ndarray) -> None:
     cards, points = [], []
     for precision in ("fp32", "int8"):
-        network = KeypointNetwork(shipped_model("keypoints", precision))
+        network = KeypointNetwork(shipped_model("keypoints", precision), OnnxOptions(flip=False))
         points.append(network.locate(demo_crops).found.points_crop_px)
         cards.append(network.card)
     away = np.linalg.norm(points[0] - points[1], axis=-1)

@@ -29,6 +29,8 @@ from muybridge.train.rooms import make_room_pictures
 HELD_OUT = range(0, 4)
 TRAINED_ON = range(HELD_OUT.stop, 100_000)
 
+CHECKPOINT = "checkpoint.pt"
+
 # Images first, then whatever the loss needs.
 Batch = tuple[Tensor, ...]
 
@@ -168,7 +170,7 @@ class Fit:
     def __init__(self, options: Training, net: nn.Module, score: Callable[[nn.Module], dict[str, float]]) -> None:
         self.options, self.score = options, score
         options.out.mkdir(parents=True, exist_ok=True)
-        self.checkpoint, self.log = options.out / "checkpoint.pt", options.out / "log.jsonl"
+        self.checkpoint, self.log = options.out / CHECKPOINT, options.out / "log.jsonl"
         self.net = placed(net)
         self.optimiser = torch.optim.AdamW(net.parameters(), options.rate, weight_decay=0.02)
         self.average = AveragedWeights(self.net)
@@ -230,7 +232,9 @@ class Fit:
             "state": dict(self.state), "config": self.net.config, "scores": scores,
             "options": {k: str(v) for k, v in asdict(self.options).items()},
         })  # fmt: skip
-        loss = float(np.mean(losses)) if losses else float("nan")
+        if not losses:  # the last save was a moment ago
+            return
+        loss = float(np.mean(losses))
         log_line(self.log, dict(self.state) | {"loss": loss, "images_a_second": round(speed, 1)} | scores)
         write_curves(self.log)
         shown = "  ".join(f"{k} {v:.3f}" for k, v in scores.items())

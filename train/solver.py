@@ -105,7 +105,7 @@ def train(options: SolverTraining) -> pathlib.Path:
     _make_all(options)
     held_out = load_fits(options.out / "fits", HELD_OUT)
     net = SolverNet(carriers(), list(BODY.parents))
-    if not (options.out / "checkpoint.pt").exists():
+    if not (options.out / loop.CHECKPOINT).exists():
         # Neighbouring frames of a take tell the same.
         solve_linear(net, tuple(t[::3] for t in load_fits(options.out / "fits", TRAINED_ON)))
     fit = loop.Fit(options, net, lambda net: evaluate(net, held_out))
