@@ -35,11 +35,13 @@ _CHUNK = 128
 # What it is worth, in body sizes, that a camera's own tracker stayed with a detection.
 _LOYALTY = 0.01
 # A view that lies this much farther off than the others', and this far in body sizes, is of someone else.
-_ODD_VIEW, _ODD_VIEW_SIZE = 3.0, 0.08
+_ODD_VIEW, _ODD_VIEW_SIZE = 3.0, 0.05
 # Frames between two of the same track up to which what lies between is taken too.
 _BRIDGE = 6
 # Bodies that share no view and lie this near each other, in body sizes, are one.
 _SAME_BODY = 0.12
+# Views that agree this near to somebody whom no view fits any more are of them.
+_SAME_PLACE = 0.35
 
 
 @dataclass(frozen=True)
@@ -201,20 +203,26 @@ class PeopleTracker:
         """Bodies (N, J, 3) from their rays, without views that contradict the others."""
         weights = self._weights(old)
         points, away = nearest_points(self._centers, rays, weights)
-        size = np.maximum(extent(points), 1e-6)
-        off = _near_mean(away) / size  # (C, N)
-        worst = np.argmax(np.nan_to_num(off, nan=-1.0), axis=0)
-        columns = np.arange(len(worst))
-        rest = off.copy()
-        rest[worst, columns] = np.nan
-        usual = np.nan_to_num(_nanmax(rest), nan=np.inf)
-        views = np.isfinite(off).sum(0)
-        odd = (views >= 3) & (off[worst, columns] > np.maximum(_ODD_VIEW * usual, _ODD_VIEW_SIZE))
-        if odd.any():
-            chosen = chosen.copy()
-            chosen[worst[odd], columns[odd]] = -1
-            rays[worst[odd], columns[odd]] = np.nan
-            points, _ = nearest_points(self._centers, rays, weights)
+        off = _near_mean(away) / np.maximum(extent(points), 1e-6)  # (C, N)
+        worst = np.nan_to_num(_nanmax(off))
+        doubtful = np.flatnonzero((np.isfinite(off).sum(0) >= 3) & (worst > _ODD_VIEW_SIZE))
+        if not len(doubtful):
+            return points, chosen
+        # A near view that is wrong pulls the body to itself and looks no worse than the others: what tells is how
+        # well they agree without it.
+        without = np.full((len(rays), len(doubtful)), np.inf)
+        for c in range(len(rays)):
+            rest = rays[:, doubtful].copy()
+            rest[c] = np.nan
+            there, gap = nearest_points(self._centers, rest, weights[:, doubtful])
+            left = np.nan_to_num(_nanmax(_near_mean(gap)) / np.maximum(extent(there), 1e-6), nan=np.inf)
+            without[c] = np.where(np.isfinite(off[c, doubtful]), left, np.inf)
+        odd = without.argmin(0)
+        gone = worst[doubtful] > _ODD_VIEW * without[odd, np.arange(len(doubtful))]
+        chosen = chosen.copy()
+        chosen[odd[gone], doubtful[gone]] = -1
+        rays[odd[gone], doubtful[gone]] = np.nan
+        points, _ = nearest_points(self._centers, rays, weights)
         return points, chosen
 
     def _moved(self, body: Body, points: _Floats, t: int) -> None:
@@ -252,6 +260,8 @@ class PeopleTracker:
             points, chosen, visible = found
             seen = chosen >= 0
             free[seen, chosen[seen]] = False
+            if self._regained(points, chosen, t):
+                continue
             if any(_apart(points, b.points) < _SAME_BODY for b in self._bodies if b.confirmed):
                 continue
             sure = seen.sum() >= 3 or visible <= 2
@@ -260,6 +270,20 @@ class PeopleTracker:
             body = Body(points, slots, bool(sure), t, met=1)
             body.track[t] = points
             self._bodies.append(body)
+
+    def _regained(self, points: _Floats, chosen: _Ints, t: int) -> bool:
+        """Whether the detections `chosen` (C,), which meet in `points`, are of somebody whom no view fits any more:
+        one bad view had led them astray."""
+        lost = [b for b in self._bodies if b.confirmed and (b.slots[:, t] < 0).all()]
+        if not lost:
+            return False
+        nearest = min(lost, key=lambda b: _apart(points, b.points))
+        if _apart(points, nearest.points) > _SAME_PLACE:
+            return False
+        nearest.slots[:, t] = chosen
+        nearest.unseen = 0
+        self._moved(nearest, points, t)
+        return True
 
     def _best_start(self, k: int, free: NDArray[np.bool_]) -> tuple[_Floats, _Ints, int] | None:
         """The points (J, 3) on which most views agree, each camera's detection (C,), and how many cameras look

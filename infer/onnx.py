@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import LandmarkSet
-from muybridge.models.decode import DecodedHeatmaps, decode_heatmaps
+from muybridge.models.decode import DecodedHeatmaps, decode_heatmaps, with_expectation
 from muybridge.models.registry import KeypointModelCard, PeopleModelCard, keypoint_card, people_card
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
@@ -49,11 +49,26 @@ class OnnxOptions:
 
 class Located(NamedTuple):
     """Landmarks of N crops: points, variances and scores in crop px, and visibility (N, J), logits; the same of the
-    virtual markers, where they were asked for."""
+    virtual markers, where they were asked for; and what was found without the expectation, where there was one."""
 
     found: DecodedHeatmaps
     visibility: NDArray[np.float32]
     markers: DecodedHeatmaps | None = None
+    alone: DecodedHeatmaps | None = None
+
+
+class Expectation(NamedTuple):
+    """Where landmarks are expected.
+
+    Attributes:
+        points_px: (N, J, 2) px of the crops; NaN where nothing is expected.
+        sd: standard deviation, in sides of a crop.
+        most: that it can say against a place, nats.
+    """
+
+    points_px: NDArray[np.float64]
+    sd: float
+    most: float
 
 
 class KeypointNetwork:
@@ -116,13 +131,21 @@ class KeypointNetwork:
         """(N, 4) boxes as the crops want them: as they are, since the crops are square."""
         return boxes_px
 
-    def locate(self, crops: NDArray[np.uint8]) -> Located:
-        """Landmarks in (N, S, S, 3) RGB crops."""
+    def locate(self, crops: NDArray[np.uint8], expected: Expectation | None = None) -> Located:
+        """Landmarks in (N, S, S, 3) RGB crops, where they are expected if need be."""
         heatmaps, visibility, *markers = self(crops)
-        spread, marked = self.card.marker_spread, None
+        spread, marked, card = self.card.marker_spread, None, self.card
         if markers and spread is not None:
-            marked = _known(decode_heatmaps(markers[0], self.card.stride, spread))
-        return Located(_known(decode_heatmaps(heatmaps, self.card.stride, self.card.spread)), visibility, marked)
+            marked = _known(decode_heatmaps(markers[0], card.stride, spread))
+        alone = decode_heatmaps(heatmaps, card.stride, card.spread)
+        nothing = alone.score < NO_IDEA
+        if expected is None:
+            return Located(_known(alone, nothing), visibility, marked)
+        sd_px = expected.sd * card.input_size
+        heatmaps = with_expectation(heatmaps, card.stride, expected.points_px, sd_px, expected.most)
+        found = decode_heatmaps(heatmaps, card.stride, card.spread)
+        # A map that says nothing would otherwise say what was expected.
+        return Located(_known(found, nothing), visibility, marked, _known(alone, nothing))
 
     def __call__(self, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
         """Run the network.
@@ -162,10 +185,10 @@ class KeypointNetwork:
         return run_session(self._session, self.path, outputs, np.ascontiguousarray(image))
 
 
-def _known(found: DecodedHeatmaps) -> DecodedHeatmaps:
-    """The landmarks without those of which the network knows nothing."""
+def _known(found: DecodedHeatmaps, nothing: NDArray[np.bool_] | None = None) -> DecodedHeatmaps:
+    """The landmarks without those of which the network knows nothing (N, J)."""
     points, variance, score = found
-    nothing = score < NO_IDEA
+    nothing = score < NO_IDEA if nothing is None else nothing
     return DecodedHeatmaps(np.where(nothing[..., None], np.nan, points), np.where(nothing, np.nan, variance),
                            np.where(nothing, 0.0, score))  # fmt: skip
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import BODY23, LandmarkSet
 from muybridge.infer.onnx import (
+    Expectation,
     KeypointNetwork,
     Located,
     OnnxOptions,
@@ -88,8 +89,9 @@ class OtherNetwork:
         half = np.stack([np.maximum(width, height * aspect), np.maximum(height, width / aspect)], axis=1) / 2
         return np.concatenate([middle - half, middle + half], axis=1)
 
-    def locate(self, crops: NDArray[np.uint8]) -> Located:
-        """Landmarks in (N, S, S, 3) RGB crops, S the `crop_size`; the input is the crops' middle.
+    def locate(self, crops: NDArray[np.uint8], expected: Expectation | None = None) -> Located:
+        """Landmarks in (N, S, S, 3) RGB crops, S the `crop_size`; the input is the crops' middle. What is `expected`
+        is not looked at: nobody knows how sure another model's maps are.
 
         Raises:
             ModelError: the model fails, or its outputs have other shapes than its card tells.

@@ -162,7 +162,7 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
         SessionError: a video gave no frame.
     """
     files = file_names(session.cameras.names)
-    detected = detect(session, files, models, store, options.detect, progress)
+    detected = detect(session, files, models, store, _first_look(options), progress)
     session, keypoints, markers = _common(session, detected, progress)
     clocks = session_clocks(session)
 
@@ -184,6 +184,15 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
     progress.say(solution.person)
     solution.stages.update(before)
     return Followed(session, detected, clocks, solution, calibration)
+
+
+def _first_look(options: RunOptions) -> DetectOptions:
+    """How views are read that are all read again: there the mirrored crops are worth their time."""
+    keypoints, look = options.detect.keypoints, options.second_look
+    if keypoints.onnx.flip is not None or not (look.enabled and look.everywhere):
+        return options.detect
+    once = replace(keypoints, onnx=replace(keypoints.onnx, flip=False))
+    return replace(options.detect, keypoints=once)
 
 
 def _facts(

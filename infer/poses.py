@@ -13,7 +13,7 @@ from muybridge.geometry.crops import Crops, crops_for_boxes
 from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.geometry.robust import row_median
 from muybridge.infer.crops import extract_crops
-from muybridge.infer.onnx import KeypointNetwork
+from muybridge.infer.onnx import Expectation, KeypointNetwork, Located
 from muybridge.infer.other_models import OtherNetwork
 from muybridge.infer.tracking import filled_boxes, smoothed_boxes
 from muybridge.infer.upright import Upright
@@ -91,23 +91,42 @@ class PoseReader:
             frame: (K,) which of them a box is in.
             boxes_px: (K, 4) upright px.
         """
-        network, size = self._network, self._network.crop_size
         boxes_px = _at_least(boxes_px)
+        crops = self._crops(boxes_px)
+        return _poses(self._network.locate(self._pixels(frames, frame, crops)), crops, boxes_px)
+
+    def expecting(
+        self, frames: NDArray[np.uint8], frame: NDArray[np.intp], boxes_px: NDArray[np.float64], expected: Expectation
+    ) -> tuple[Poses, Poses]:
+        """Landmarks in boxes, where they are expected if need be; and the same without the expectation.
+
+        Args:
+            frames, frame, boxes_px: as above.
+            expected: of every box, in px of the frame.
+        """
+        boxes_px = _at_least(boxes_px)
+        crops = self._crops(boxes_px)
+        in_crop = expected._replace(points_px=crops.to_crop(expected.points_px))
+        located = self._network.locate(self._pixels(frames, frame, crops), in_crop)
+        poses = _poses(located, crops, boxes_px)
+        if located.alone is None:
+            return poses, poses
+        alone = _in_frame(located.alone, crops)
+        return poses, poses._replace(points_px=alone[0], variance_px2=alone[1], score=alone[2])
+
+    def _crops(self, boxes_px: NDArray[np.float64]) -> Crops:
+        network = self._network
         in_frame = network.fitted_boxes(self.upright.centered_in_frame(boxes_px))
-        crops = crops_for_boxes(in_frame, size, self._camera, network.box_padding)
-        pixels = np.empty((len(crops), size, size, 3), dtype=np.uint8)
+        return crops_for_boxes(in_frame, network.crop_size, self._camera, network.box_padding)
+
+    @staticmethod
+    def _pixels(frames: NDArray[np.uint8], frame: NDArray[np.intp], crops: Crops) -> NDArray[np.uint8]:
+        """(K, S, S, 3) what the crops show of their frames."""
+        pixels = np.empty((len(crops), crops.size_px, crops.size_px, 3), dtype=np.uint8)
         for index in np.unique(frame):
             here = np.flatnonzero(frame == index)
             pixels[here] = extract_crops(frames[index], crops.select(here))
-        found, visibility, markers = network.locate(pixels)
-        seen = 1 / (1 + np.exp(-np.clip(visibility.astype(np.float64), -50, 50)))
-        if markers is None:
-            none = np.empty((len(crops), 0))
-            marked = none[..., None].repeat(2, axis=-1), none, none
-        else:
-            marked = _in_frame(markers, crops)
-        points, variance, score = _in_frame(found, crops)
-        return Poses(points, variance, score, seen, boxes_px, *marked)
+        return pixels
 
     def own_boxes(self, poses: Poses) -> NDArray[np.float64]:
         """(K, 4) boxes that the landmarks themselves suggest, upright px; NaN where there are none."""
@@ -181,6 +200,18 @@ class PoseReader:
             if np.isfinite(apart).any() and np.nanmedian(apart) < _SAME_PERSON:
                 gone.add(older if sureness[younger] > sureness[older] + _MUCH_SURER else younger)
         return np.array(sorted(gone), dtype=np.int64)
+
+
+def _poses(located: Located, crops: Crops, boxes_px: NDArray[np.float64]) -> Poses:
+    """What was located in crops of these boxes (K, 4), upright px."""
+    seen = 1 / (1 + np.exp(-np.clip(located.visibility.astype(np.float64), -50, 50)))
+    if located.markers is None:
+        none = np.empty((len(crops), 0))
+        marked = none[..., None].repeat(2, axis=-1), none, none
+    else:
+        marked = _in_frame(located.markers, crops)
+    points, variance, score = _in_frame(located.found, crops)
+    return Poses(points, variance, score, seen, boxes_px, *marked)
 
 
 def _in_frame(

@@ -1,12 +1,14 @@
-"""People looked for again where the other cameras know that they are: boxes predicted from 3D.
+"""People read again once the cameras together know where they are: boxes predicted from 3D.
 
-A detector misses people, or a track jumps to a neighbour. Once the others have put the person into 3D, their
-landmarks seen from the camera that lacks them say where to crop; what the network finds there counts if it lies
-on that prediction.
+A detector misses people, or a track jumps to a neighbour; its boxes are rough, and one view alone often can't tell
+an arm from what it hangs before, or left from right. Once a person is in 3D, their landmarks seen from every camera
+say where to crop, and where the network has two minds about a landmark, which to follow. What it finds counts if it
+lies on that prediction.
 """
 
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -18,16 +20,20 @@ from muybridge.geometry.landmarks import Keypoints2D, Points3D
 from muybridge.geometry.robust import row_median
 from muybridge.infer.detect import CameraResult, DetectOptions, Models
 from muybridge.infer.keypoints import CameraTracks, merge_markers, merge_tracks
+from muybridge.infer.onnx import Expectation
 from muybridge.infer.other_models import open_keypoints
 from muybridge.infer.poses import PoseReader, Poses, body_boxes
-from muybridge.infer.progress import Progress
+from muybridge.infer.progress import Progress, Task
 from muybridge.infer.session import Session
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
 from muybridge.infer.upright import upright_for
 from muybridge.infer.video import read_chunks
 
 _Floats = NDArray[np.float64]
-_CODE = ("muybridge.infer.second_look", "muybridge.infer.poses", "muybridge.infer.onnx", "muybridge.infer.crops")
+_CODE = (
+    "muybridge.models.decode", "muybridge.infer.second_look", "muybridge.infer.poses", "muybridge.infer.onnx",
+    "muybridge.infer.crops",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -36,15 +42,27 @@ class SecondLookOptions:
 
     Attributes:
         enabled: look again at all.
+        everywhere: in every view, not only in those that lack the person: better landmarks, and the network's time
+            once more.
+        expected_sd: standard deviation of where a landmark is expected, in sides of the crop. It is wide: it decides
+            between hypotheses and hardly moves a sharp one.
+        expected_most: that the expectation can say against a place, nats; 0 to look without it.
         min_known: share of the landmarks that has to be known in 3D, and to lie in the image.
         min_agreeing: a camera whose landmarks fit the others' in a smaller share than this has someone else.
         max_distance: median distance from the prediction, in longer sides of the box, up to which it is them.
     """
 
     enabled: bool = True
+    everywhere: bool = True
+    expected_sd: float = 0.08
+    expected_most: float = 2.0
     min_known: float = 0.5
     min_agreeing: float = 0.2
     max_distance: float = 0.12
+
+    def __post_init__(self) -> None:
+        if self.expected_sd <= 0 or self.expected_most < 0:
+            raise ValueError("expected_sd must be positive, expected_most not negative")
 
 
 class Again(NamedTuple):
@@ -52,15 +70,29 @@ class Again(NamedTuple):
 
     Attributes:
         keypoints: as before, with one more slot in every camera.
+        alone: the same as each view reads on its own, with nothing expected from the others: what their agreement
+            is measured by.
         markers: the same of the markers.
         slots: (C, T) the person's slot in every camera and frame.
         stages: of the cameras that looked again, by name.
     """
 
     keypoints: Keypoints2D
+    alone: Keypoints2D
     markers: Keypoints2D | None
     slots: NDArray[np.int64]
     stages: dict[str, StageResult]
+
+
+def seeing_views(session: Session, points: Points3D, options: SecondLookOptions) -> NDArray[np.bool_]:
+    """(C, T) whether a camera should see enough of the person's landmarks."""
+    known = np.isfinite(points.points_world).all(-1)
+    result = np.zeros((len(session.cameras), points.points_world.shape[0]), dtype=np.bool_)
+    for c, camera in enumerate(session.cameras):
+        px = camera.project(points.points_world)
+        inside = ((px >= 0) & (px <= [camera.width - 1, camera.height - 1])).all(-1) & known
+        result[c] = inside.mean(1) >= options.min_known
+    return result
 
 
 def missing_views(
@@ -75,14 +107,11 @@ def missing_views(
         options: when to look again.
     """
     known = np.isfinite(points.points_world).all(-1)
-    result = np.zeros(slots.shape, dtype=np.bool_)
-    for c, camera in enumerate(session.cameras):
-        px = camera.project(points.points_world)
-        inside = ((px >= 0) & (px <= [camera.width - 1, camera.height - 1])).all(-1) & known
+    result = seeing_views(session, points, options)
+    for c in range(len(result)):
         there = np.isfinite(points.residual_px[c]) & known
         agreeing = (points.inlier[c] & there).sum(1) / np.maximum(there.sum(1), 1)
-        wrong = (slots[c] < 0) | (there.any(1) & (agreeing < options.min_agreeing))
-        result[c] = wrong & (inside.mean(1) >= options.min_known)
+        result[c] &= (slots[c] < 0) | (there.any(1) & (agreeing < options.min_agreeing))
     return result
 
 
@@ -114,73 +143,107 @@ class SecondLook:
     clocks: Sequence[Clock] | None
     in_step: Callable[[Keypoints2D], Keypoints2D]
 
-    def __call__(self, slots: NDArray[np.int64], points: Points3D) -> Again | None:
-        """What the cameras that lack the person find where the others know them; None where nothing is new.
+    def __call__(
+        self, slots: NDArray[np.int64], points: Points3D, expected: Points3D | None = None, number: str = ""
+    ) -> Again | None:
+        """What the cameras find where the person is known to be; None where nothing is new.
 
         Args:
             slots: (C, T) the person's, -1 where there is none.
             points: the person's landmarks, triangulated from the first look.
+            expected: the same, smoothed; `points` if absent.
+            number: of the person, for the names of files.
         """
         if not self.options.enabled:
             return None
+        expected = expected or points
         missing = missing_views(self.session, slots, points, self.options)
-        if not missing.any():
+        wanted = missing | seeing_views(self.session, expected, self.options) if self.options.everywhere else missing
+        if not wanted.any():
             return None
+        cameras = np.flatnonzero(wanted.any(axis=1)).tolist()
+        with self.progress.task("second look", int(wanted.sum())) as task, \
+                ThreadPoolExecutor(self.detect.workers) as pool:  # fmt: skip
+            jobs = [pool.submit(self._look, c, np.flatnonzero(wanted[c]), expected, number, task) for c in cameras]
+            looks = [job.result() for job in jobs]
+        return self._taken_in(slots, missing, wanted, dict(zip(cameras, looks, strict=True)), number)
+
+    def _taken_in(
+        self, slots: NDArray[np.int64], missing: NDArray[np.bool_], wanted: NDArray[np.bool_],
+        looks: dict[int, StageResult], number: str,
+    ) -> Again | None:  # fmt: skip
+        """The take with what the cameras' stages `looks` found."""
         tracks = [d.tracks for d in self.detected]
         extra = max(t.points_px.shape[1] for t in tracks)
         tracks = [_with(t, {name: _widened(name, a, extra + 1) for name, a in _arrays(t).items()}) for t in tracks]
-        slots, stages = slots.copy(), {}
-        for c in np.flatnonzero(missing.any(axis=1)).tolist():
-            wanted = np.flatnonzero(missing[c])
-            own = own_frames(self.clocks, c, wanted, self.session.fps, len(tracks[c].points_px))
-            name = f"2D {self.file_names[c]}, second look"
-            stages[name] = stage = self._look(c, own, points.points_world[wanted])
-            found = stage.arrays["found"]
-            values = _arrays(tracks[c])
-            for key in values.keys() & stage.arrays.keys():
-                values[key][own[found], extra] = stage.arrays[key][found]
-            values["ids"][own[found], extra] = values["ids"].max() + 1
-            slots[c, wanted[found]] = extra
-            self.progress.say(f"{self.session.cameras.names[c]}: looked again in {len(wanted)} frames, "
-                              f"found the person in {int(found.sum())}")  # fmt: skip
-        if not any(stage.arrays["found"].any() for stage in stages.values()):
+        alone = [_with(t, {name: a.copy() for name, a in _arrays(t).items()}) for t in tracks]
+        slots = slots.copy()
+        for c, stage in looks.items():
+            at, found = np.flatnonzero(wanted[c]), stage.arrays["found"]
+            own = self._own(c, at)
+            for those, kind in ((tracks[c], ""), (alone[c], "alone_")):
+                values = _arrays(those)
+                for key in values.keys() & stage.arrays.keys():
+                    values[key][own[found], extra] = stage.arrays.get(kind + key, stage.arrays[key])[found]
+                values["ids"][own[found], extra] = values["ids"].max() + 1
+            slots[c, at[found]] = extra
+            if missing[c].any():
+                self.progress.say(
+                    f"{self.session.cameras.names[c]}: lacked the person in {int(missing[c].sum())} frames, "
+                    f"found them in {int(found[missing[c][at]].sum())}"
+                )
+        if not any(stage.arrays["found"].any() for stage in looks.values()):
             return None
-        frames = range(slots.shape[1])
-        tracks = [_with(t, {k: a[: len(frames)] for k, a in _arrays(t).items()}) for t in tracks]
+        tracks, alone = ([_with(t, {k: a[: slots.shape[1]] for k, a in _arrays(t).items()}) for t in those]
+                         for those in (tracks, alone))  # fmt: skip
         markers = merge_markers(tracks)
         return Again(
-            self.in_step(merge_tracks(tracks)), None if markers is None else self.in_step(markers), slots, stages
-        )
+            self.in_step(merge_tracks(tracks)), self.in_step(merge_tracks(alone)),
+            None if markers is None else self.in_step(markers), slots,
+            {f"2D {self.file_names[c]}{number}, second look": stage for c, stage in looks.items()},
+        )  # fmt: skip
 
-    def _look(self, c: int, own: NDArray[np.intp], points_world: _Floats) -> StageResult:
-        """One camera's stage: `found` (n,) and the arrays of `CameraTracks` for its own frames `own` (n,)."""
-        file, camera = self.file_names[c], self.session.cameras[c]
-        key = digest(self.detected[c].stage.key, own, points_world, self.options, code_digest(*_CODE))
-        stored = self.store.load(f"again-{file}", key)
+    def _own(self, c: int, frames: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The camera's own frames at the session's."""
+        return own_frames(self.clocks, c, frames, self.session.fps, len(self.detected[c].tracks.points_px))
+
+    def _look(self, c: int, wanted: NDArray[np.intp], expected: Points3D, number: str, task: Task) -> StageResult:
+        """One camera's stage: `found` (n,) and the arrays of `CameraTracks` for the frames `wanted` (n,); those read
+        with nothing expected begin with `alone_`."""
+        name, camera, world = f"again{number}-{self.file_names[c]}", self.session.cameras[c], expected.points_world
+        own = self._own(c, wanted)
+        key = digest(self.detected[c].stage.key, own, world[wanted], self.options, code_digest(*_CODE))
+        stored = self.store.load(name, key)
         if stored is not None:
+            task.advance(len(wanted))
             return stored
         start = time.perf_counter()
         network = open_keypoints(
             self.models.keypoints, self.models.model_card, self.detect.keypoints.onnx, self.detect.markers != "none"
         )
         reader = PoseReader(network, camera, upright_for(camera, camera.width, camera.height))
-        predicted = camera.project(points_world)
-        boxes = body_boxes(reader.upright.to_upright(predicted), network.landmarks)
+        predicted = camera.project(world[wanted])
+        # What is beyond the picture's border can't be seen: the crop shows what can.
+        within = np.clip(predicted, 0, [camera.width - 1, camera.height - 1])
+        boxes = body_boxes(reader.upright.to_upright(within), network.landmarks)
         frames, order = np.unique(own, return_inverse=True)
         parts, begin = [], 0
         for chunk in read_chunks(self.session.videos[c], self.session.frame_indices[c][frames]):
             here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))
-            parts.append((here, reader(chunk, order[here] - begin, boxes[here])))
+            where = Expectation(predicted[here], self.options.expected_sd, self.options.expected_most)
+            parts.append((here, reader.expecting(chunk, order[here] - begin, boxes[here], where)))
             begin += len(chunk)
-        at = np.concatenate([here for here, _ in parts])
-        poses = Poses(*(np.concatenate([p[k] for _, p in parts]) for k in range(len(parts[0][1]))))
-        poses = poses.select(np.argsort(at, kind="stable"))
+            task.advance(len(here))
+        back = np.argsort(np.concatenate([here for here, _ in parts]), kind="stable")
+        poses, alone = (Poses(*map(np.concatenate, zip(*looks, strict=True))).select(back)
+                        for looks in zip(*(both for _, both in parts), strict=True))  # fmt: skip
         away = np.linalg.norm(poses.points_px - predicted, axis=-1)
         side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
         near = row_median(away, 1) < self.options.max_distance * side  # never where nothing is in both
         arrays = poses._asdict() | {"found": near & (poses.sureness >= self.detect.keypoints.min_sure)}
         arrays["boxes_px"] = reader.upright.around_in_frame(poses.boxes_px)
-        return self.store.save(f"again-{file}", key, arrays, {}, time.perf_counter() - start)
+        arrays |= {f"alone_{k}": getattr(alone, k) for k in ("points_px", "variance_px2", "score")}
+        return self.store.save(name, key, arrays, {}, time.perf_counter() - start)
 
 
 def _with(tracks: CameraTracks, arrays: dict[str, NDArray[np.generic]]) -> CameraTracks:

@@ -114,7 +114,7 @@ def solve(
         options: how.
         progress: whom to tell.
         markers: the same people's virtual markers, in the same slots.
-        look_again: looks for the person in views that lack them.
+        look_again: reads the views of a person again once they are known in 3D.
     """
     stage = _Stages(store, progress, [inputs, code_digest("muybridge.geometry"), fps])
     person = stage("person", options.person, lambda: _select(cameras, keypoints, options.person))
@@ -126,7 +126,7 @@ def solve(
     others = []
     for n, slots in enumerate(person.arrays["others"], start=2):
         one = stage(f"person {n}", person.key, partial(_further, keypoints, slots))
-        others.append(_followed(take, f" {n}", one, None))
+        others.append(_followed(take, f" {n}", one, look_again))
     files = "; each further person whom two cameras see has files of their own" if others else ""
     return replace(main, person=main.person + files, others=tuple(others))
 
@@ -148,16 +148,25 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
     stage, cameras, keypoints, markers, fps, options = (getattr(take, f.name) for f in fields(take))
     sides, cloud = _to_points(stage, number, cameras, keypoints, person, fps, options)
     measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
-    again = None if look_again is None else look_again(person.arrays["slots"], measured)
+    left_out, again = cloud.arrays["leave_one_out_px"], None
+    if look_again is not None:
+        expected = smooth_points(measured, options.smooth)
+        again = look_again(person.arrays["slots"], measured, expected, number.replace(" ", "-"))
     if again is not None:
         stage.done |= again.stages
         keypoints, markers, facts = again.keypoints, again.markers, person.facts
         looked = [person.key, [s.key for s in again.stages.values()]]
         person = stage(
-            f"person{_AGAIN}", looked, lambda: (_taken(keypoints, again.slots), {"reason": str(facts["reason"])})
-        )
-        sides, cloud = _to_points(stage, _AGAIN, cameras, keypoints, person, fps, options)
+            f"person{number}{_AGAIN}", looked,
+            lambda: (_taken(keypoints, again.slots), {"reason": str(facts["reason"])}),
+        )  # fmt: skip
+        sides, cloud = _to_points(stage, number + _AGAIN, cameras, keypoints, person, fps, options)
         measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
+        # Views that were told what the others see agree with them: each has to be asked on its own.
+        left_out = stage(
+            f"left out{number}", [person.key, options.swaps, options.triangulate],
+            lambda: _left_out(cameras, again.alone, again.slots, options),
+        ).arrays["leave_one_out_px"]  # fmt: skip
     px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
     smooth = stage(f"smooth{number}", [cloud.key, options.smooth], lambda: _smooth(measured, options.smooth))
     points = _as_points(keypoints.landmarks, smooth.arrays, cloud.arrays, fps)
@@ -184,7 +193,7 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
         measured=measured,
         points=points,
         swapped=sides.arrays["swapped"],
-        leave_one_out_px=cloud.arrays["leave_one_out_px"],
+        leave_one_out_px=left_out,
         noise_px=float(cloud.facts["noise_px"]),
         motion=motion,
         no_motion=no_motion,
@@ -289,6 +298,17 @@ def _points(
         "leave_one_out_px": leave_one_out_error(cameras, points_px, variance_px2, options.triangulate),
     }
     return arrays, {"noise_px": found.noise_px}
+
+
+def _left_out(
+    cameras: CameraGroup, keypoints: Keypoints2D, slots: NDArray[np.int64], options: SolveOptions
+) -> tuple[Arrays, Mapping[str, Any]]:
+    """The left-out camera's error of views that were each read on their own."""
+    taken = _taken(keypoints, slots)
+    px, variance, _ = repair_swaps(
+        cameras, taken["points_px"], taken["variance_px2"], keypoints.landmarks, options.swaps
+    )
+    return {"leave_one_out_px": leave_one_out_error(cameras, px, variance, options.triangulate)}, {}
 
 
 def _markers(

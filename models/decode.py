@@ -107,6 +107,28 @@ def decode_heatmaps(logits: NDArray[np.float32], stride: int, spread: SpreadCali
     return DecodedHeatmaps(points.reshape(*shape, 2), variance.reshape(shape), score.reshape(shape))
 
 
+def with_expectation(
+    logits: NDArray[np.float32], stride: int, expected_px: NDArray[np.float64], sd_px: float, most: float
+) -> NDArray[np.float32]:
+    """Maps that know where their landmarks are expected: the posterior of a robust Gaussian prior.
+
+    Of two hypotheses the one that is expected wins; a sharp peak moves by less than its own width, and one that is
+    `most` surer than what was expected stays where it is.
+
+    Args:
+        logits: (N, J, h, w).
+        stride: input pixels a cell.
+        expected_px: (N, J, 2) px of the input; NaN where nothing is expected.
+        sd_px: standard deviation of the expectation, px of the input.
+        most: that it can say against a place, nats.
+    """
+    height, width = logits.shape[2:]
+    across, down = (np.arange(n) * stride + (stride - 1) / 2 for n in (width, height))
+    away2 = ((down - expected_px[..., 1:]) ** 2)[..., :, None] + ((across - expected_px[..., :1]) ** 2)[..., None, :]
+    against = np.minimum(away2 / (2 * sd_px**2), most)
+    return np.asarray(logits - np.where(np.isfinite(against), against, 0.0), dtype=np.float32)
+
+
 def _moment_basis(height: int, width: int) -> NDArray[np.float32]:
     """(h*w, 4) columns 1, u, v, u^2 + v^2 about the map's middle."""
     u = np.tile(np.arange(width) - (width - 1) / 2, height)

@@ -9,10 +9,13 @@ import pytest
 from muybridge.geometry.landmarks import BODY23, Points3D
 from muybridge.infer.detect import CameraResult, DetectOptions, open_models
 from muybridge.infer.keypoints import CameraTracks
+from muybridge.infer.onnx import Expectation, KeypointNetwork
 from muybridge.infer.progress import Progress
 from muybridge.infer.second_look import SecondLook, SecondLookOptions, missing_views
 from muybridge.infer.session import SessionOptions, open_session
 from muybridge.infer.stages import StageResult, StageStore
+from muybridge.models.decode import SpreadCalibration, decode_heatmaps, with_expectation
+from muybridge.models.registry import shipped_model
 
 LOST = np.arange(10, 14)
 
@@ -37,6 +40,7 @@ def demo(repository: Path, tmp_path: Path):
 
 
 def look(demo, folder: Path, **options: float) -> SecondLook:
+    options = {"everywhere": False, **options}
     session, _, slots, pixels = demo
     detected = []
     for c in range(len(pixels)):
@@ -93,6 +97,49 @@ def test_only_views_that_should_see_the_person_are_looked_at(demo, tmp_path):
     stranger[2, 5] = False
     other = Points3D(BODY23, points.points_world, points.covariance_world, points.residual_px, stranger, points.fps)
     assert missing_views(session, slots, other, SecondLookOptions())[2, 5]
+
+
+def test_every_view_is_read_again_where_the_person_is(demo, tmp_path):
+    _, points, slots, pixels = demo
+    again = look(demo, tmp_path / "work", everywhere=True)(slots, points)
+    assert (again.slots == 1).all()
+    side = np.ptp(pixels, axis=2).max(-1)
+    for found in (again.keypoints, again.alone):
+        away = np.linalg.norm(found.points_px[:, :, 1] - pixels, axis=-1) / side[..., None]
+        assert np.nanmedian(away) < 0.02
+    # What is expected decides where a view alone is of two minds, and hardly moves what it is sure of.
+    error = {k: np.linalg.norm(f.points_px[:, :, 1] - pixels, axis=-1) / side[..., None]
+             for k, f in (("told", again.keypoints), ("alone", again.alone))}  # fmt: skip
+    assert np.nanpercentile(error["told"], 99) < 0.8 * np.nanpercentile(error["alone"], 99)
+    moved = np.linalg.norm(again.keypoints.points_px[:, :, 1] - again.alone.points_px[:, :, 1], axis=-1)
+    assert np.nanmedian(moved / side[..., None]) < 0.003
+    untold = look(demo, tmp_path / "other", everywhere=True, expected_most=0)(slots, points)
+    np.testing.assert_array_equal(untold.keypoints.points_px, untold.alone.points_px)
+
+
+def test_what_a_view_says_nothing_of_is_not_made_up_from_what_is_expected():
+    logits = np.zeros((1, 2, 48, 48), np.float32)
+    logits[0, 1, 10, 10], logits[0, 1, 30, 30] = 6.0, 7.0
+    expected = np.array([[[41.5, 41.5], [41.5, 41.5]]])
+    told = with_expectation(logits, 4, expected, 15.0, 2.0)
+    spread = SpreadCalibration()
+    np.testing.assert_allclose(decode_heatmaps(told, 4, spread).points_crop_px[0, 1], [41.5, 41.5], atol=2)
+    np.testing.assert_allclose(decode_heatmaps(logits, 4, spread).points_crop_px[0, 1], [121.5, 121.5], atol=2)
+    nothing = with_expectation(logits, 4, np.full((1, 2, 2), np.nan), 15.0, 2.0)
+    np.testing.assert_array_equal(nothing, logits)
+    # A hypothesis that is surer than what the expectation can say stays.
+    logits[0, 1, 30, 30] = 9.0
+    kept = decode_heatmaps(with_expectation(logits, 4, expected, 15.0, 2.0), 4, spread)
+    np.testing.assert_allclose(kept.points_crop_px[0, 1], [121.5, 121.5], atol=2)
+
+
+def test_an_even_map_stays_unknown(demo, tmp_path):
+    network = KeypointNetwork(shipped_model("keypoints"))
+    blank = np.full((1, 192, 192, 3), 127, np.uint8)
+    expected = Expectation(np.full((1, 23, 2), 96.0), 0.08, 4.0)
+    alone, told = network.locate(blank), network.locate(blank, expected)
+    np.testing.assert_array_equal(np.isnan(alone.found.points_crop_px), np.isnan(told.found.points_crop_px))
+    assert np.isnan(alone.found.points_crop_px).any()
 
 
 def test_it_can_be_switched_off(demo, tmp_path):
