@@ -150,7 +150,8 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
     measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
     left_out, again = cloud.arrays["leave_one_out_px"], None
     if look_again is not None:
-        expected = smooth_points(measured, options.smooth)
+        # Not as the result is smoothed: another cut-off for that needs no other look.
+        expected = smooth_points(measured, SmoothOptions())
         again = look_again(person.arrays["slots"], measured, expected, number.replace(" ", "-"))
     if again is not None:
         stage.done |= again.stages

@@ -8,7 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.cameras import Camera
-from muybridge.geometry.landmarks import BODY23, SURFACE
-from muybridge.infer import detect, pipeline
+from muybridge.geometry.landmarks import BODY23, SURFACE, LandmarkSet
+from muybridge.infer import detect, pipeline, second_look
 from muybridge.infer.cli import run_command
 from muybridge.infer.keypoints import CameraTracks
+from muybridge.infer.onnx import Expectation
+from muybridge.infer.poses import Poses
+from muybridge.infer.upright import Upright
 
 # A standing person who faces -Y, metres: the subject's left is +X.
 _MIDDLE = {"nose": (0.0, -0.12, 1.62)}
@@ -105,6 +108,37 @@ class StagedEstimator:
         return {"markers_px": points, "markers_variance_px2": 0.25 * known, "markers_score": 0.9 * known}
 
 
+class StagedReader:
+    """Stands in for the second look's `PoseReader`: the person at the time that fits what is expected."""
+
+    def __init__(self, markers: bool, camera: Camera, upright: Upright) -> None:
+        self.upright, self._camera, self._markers = upright, camera, markers
+
+    def expecting(
+        self, frames: NDArray[np.uint8], frame: NDArray[np.intp], boxes_px: NDArray[np.float64], expected: Expectation
+    ) -> tuple[Poses, Poses]:
+        views = self._camera.project(person(120))
+        away = np.linalg.norm(views[None] - expected.points_px[:, None], axis=-1)
+        at = np.nanmedian(away, axis=-1).argmin(1)
+        noise = np.random.default_rng(len(at)).normal(0, 0.3, (len(at), len(BODY23), 2))
+        known = np.ones((len(at), len(BODY23)))
+        skin_px = self._camera.project(skin(120))[at] if self._markers else np.empty((len(at), 0, 2))
+        marked = np.ones(skin_px.shape[:2])
+        poses = Poses(views[at] + noise, 0.25 * known, 0.9 * known, 0.9 * known, boxes_px, skin_px, 0.25 * marked,
+                      0.9 * marked)  # fmt: skip
+        return poses, poses
+
+
+@dataclass
+class _StagedNetwork:
+    finds_markers: bool
+    landmarks: LandmarkSet = BODY23
+
+
+def _staged_keypoints(path: Path, card: str | None, options: Any, markers: bool) -> _StagedNetwork:
+    return _StagedNetwork(markers)
+
+
 def staged_models(options: detect.DetectOptions) -> detect.Models:
     """Stands in for `open_models`."""
     return detect.Models(Path("keypoints"), Path("people"), BODY23, {"keypoints": {"version": "staged"}})
@@ -113,6 +147,8 @@ def staged_models(options: detect.DetectOptions) -> detect.Models:
 def stage(replace: Callable[[Any, str, Any], None] = setattr) -> None:
     """Put the staged estimator and its models in place, by `replace(where, name, what)`."""
     replace(detect, "PoseEstimator", StagedEstimator)
+    replace(second_look, "open_keypoints", _staged_keypoints)
+    replace(second_look, "PoseReader", lambda network, *rest: StagedReader(network.finds_markers, *rest))
     replace(pipeline, "open_models", staged_models)
 
 

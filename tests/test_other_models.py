@@ -93,7 +93,7 @@ def test_rtmpose_layouts_find_a_spot_in_the_image(
     # The whole person lies in the middle columns that the model sees.
     corners = crops.to_crop(np.tile(np.array(box).reshape(1, 2, 2), (3, 1, 1)))
     assert (corners[..., 0] > 32).all() and (corners[..., 0] < 32 + WIDTH - 1).all()
-    (points, variance, score), visibility, markers = network.locate(extract_crops(_frame_with_spot(spot), crops))
+    (points, variance, score), visibility, markers, _ = network.locate(extract_crops(_frame_with_spot(spot), crops))
     assert markers is None
     found = crops.to_image(points)
     known = [j for j, name in enumerate(BODY23.names) if name in LAYOUTS[layout]]
