@@ -14,6 +14,11 @@ _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
 
 
+# Two trunks whose middles are this near, in body sizes, in this share of the frames of one of them, are of one person;
+# so are two where one takes over from the other.
+_DOUBLE_SIZE, _DOUBLE_SHARE = 0.14, 0.8
+
+
 @dataclass(eq=False)
 class Body:
     """Someone who is followed: where, how fast, and which detection of which camera it had in every frame."""
@@ -41,7 +46,7 @@ def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: int, same_build:
         landmarks: what their landmarks are; its edges are the limbs that builds are compared by.
         coast, same_build: see `people_tracking.AssociateOptions`.
     """
-    edges = np.array(landmarks.edge_indices, dtype=np.int64).reshape(-1, 2)
+    edges, trunk = np.array(landmarks.edge_indices, dtype=np.int64).reshape(-1, 2), _trunk(landmarks)
     bodies = sorted(bodies, key=lambda b: min(b.track))
     builds = [_build(b, edges) for b in bodies]
     groups: list[list[int]] = []
@@ -51,6 +56,9 @@ def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: int, same_build:
             last = bodies[group[-1]]
             end, start = max(last.track), min(body.track)
             if end >= start:
+                # One that takes over while the other is still there is the same if it is in the same place.
+                if max(body.track) > end and _inside(body, last, trunk):
+                    fitting.append((0.0, group))
                 continue
             size = max(float(extent(last.track[end])), 1e-6)
             jump = _jump(last, body) / size
@@ -71,6 +79,35 @@ def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: int, same_build:
             slots = np.where(slots >= 0, slots, bodies[n].slots)
         result.append(slots)
     return result
+
+
+def without_doubles(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
+    """The bodies without those that share another's place: two trunks cannot be in one another, but detectors see
+    people twice, such as one who lies and their legs."""
+    trunk = _trunk(landmarks)
+    kept: list[Body] = []
+    for body in sorted(bodies, key=lambda b: -b.met):
+        least = _DOUBLE_SHARE * len(body.track)
+        if not any(len(body.track.keys() & other.track.keys()) >= least and _inside(body, other, trunk)
+                   for other in kept):  # fmt: skip
+            kept.append(body)
+    return [b for b in bodies if b in kept]
+
+
+def _trunk(landmarks: LandmarkSet) -> list[int]:
+    return [n for n, name in enumerate(landmarks.names) if name.split("_")[-1] in ("shoulder", "hip")]
+
+
+def _inside(body: Body, other: Body, trunk: list[int]) -> bool:
+    """Whether a body's trunk is in the other's where both are followed."""
+    common = sorted(body.track.keys() & other.track.keys())
+    if not common or not trunk:
+        return False
+    middles = [np.stack([b.track[t][trunk] for t in common]).mean(1) for b in (body, other)]
+    size = np.array([float(extent(other.track[t])) for t in common])
+    apart = np.linalg.norm(middles[0] - middles[1], axis=-1) / np.maximum(size, 1e-6)
+    known = np.isfinite(apart)
+    return bool(known.sum() >= _DOUBLE_SHARE * len(common) and np.median(apart[known]) < _DOUBLE_SIZE)
 
 
 def _jump(before: Body, after: Body) -> float:

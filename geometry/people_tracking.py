@@ -20,7 +20,7 @@ from scipy.optimize import linear_sum_assignment
 
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import Keypoints2D
-from muybridge.geometry.people_bodies import Body, rejoined
+from muybridge.geometry.people_bodies import Body, rejoined, without_doubles
 from muybridge.geometry.rays import nearest_points, pair_points, ray_directions
 from muybridge.geometry.robust import extent
 
@@ -94,7 +94,7 @@ class PeopleTracker:
         for body in bodies:
             self._backwards(body)
         self._bridge(bodies)
-        return bodies
+        return without_doubles(bodies, self._keypoints.landmarks)
 
     def _load(self, t: int) -> None:
         """Rays of the frames around t."""

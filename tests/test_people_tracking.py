@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from muybridge.geometry.association import take_slots
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.landmarks import BODY23, Keypoints2D
 from muybridge.geometry.people_tracking import AssociateOptions, track_people
 from muybridge.geometry.rays import nearest_points, pair_points, ray_directions
 from muybridge.geometry.triangulation import triangulate
@@ -75,6 +76,52 @@ def test_slots_are_disjoint_and_point_at_detections(bench) -> None:
         assert np.isfinite(px[c, t]).any(axis=(-1, -2)).all()
         assert np.isfinite(triangulate(cameras, px, variance).points_world).any()
     assert taken.max() == 1
+
+
+def seen_exactly(cameras, slots: list[np.ndarray]) -> Keypoints2D:
+    """Detections of people (T, J, 3), one a slot, without error; NaN where they are not found."""
+    px = np.stack([cameras.project(s) for s in slots], axis=2)
+    known = np.isfinite(px).all(-1)
+    return Keypoints2D(BODY23, px, np.where(known, 4.0, np.nan), known * 0.9)
+
+
+def test_a_near_view_that_goes_wrong_by_and_by_does_not_make_two_people_of_one(bench) -> None:
+    rng = np.random.default_rng(2)
+    cameras, people = bench.room(5, rng), bench.walkers(1, 80, rng)
+    cameras = CameraGroup(cameras.cameras[:3])
+    keypoints = seen_exactly(cameras, [people[0]])
+    px = keypoints.points_px.copy()
+    near = int(np.linalg.norm(cameras.centers_world - people[0].mean((0, 1)), axis=1).argmin())
+    # Its picture's border cuts the person off: what it still finds shrinks into a corner of them.
+    for k, t in enumerate(range(40, 60)):
+        corner = px[near, t, 0].min(axis=0)
+        px[near, t, 0] = corner + (px[near, t, 0] - corner) * max(0.1, 1 - 0.08 * k)
+    px[near, 60:] = np.nan
+    found = track_people(cameras, replace(keypoints, points_px=px))
+    assert len(found) == 1
+    others = [c for c in range(3) if c != near]
+    assert (found[0][others] == 0).all()
+    assert (found[0][near, :40] == 0).all() and (found[0][near, 50:] == -1).all()
+
+
+def test_who_is_found_twice_is_one(bench) -> None:
+    rng = np.random.default_rng(4)
+    cameras, people = bench.room(4, rng), bench.walkers(1, 60, rng)
+    person = people[0]
+    # A second box on the same person, in which limbs are mistaken; the first one is lost three frames later.
+    limbs = [n for n, name in enumerate(BODY23.names) if name.split("_")[-1] not in ("shoulder", "hip")]
+    other = person + [0.1, 0.0, 0.0]
+    other[:, limbs] += rng.normal(0, 0.25, (len(limbs), 3))
+    first, second = person.copy(), np.full_like(person, np.nan)
+    second[40:], first[43:] = other[40:], np.nan
+    found = track_people(cameras, seen_exactly(cameras, [first, second]))
+    assert len(found) == 1 and (found[0] >= 0).all()
+    # For as long as both are there, the second is nobody.
+    both = person.copy()
+    second[50:] = np.nan
+    assert len(track_people(cameras, seen_exactly(cameras, [both, second]))) == 1
+    # Somebody at an arm's length is somebody.
+    assert len(track_people(cameras, seen_exactly(cameras, [person, person + [0.6, 0.0, 0.0]]))) == 2
 
 
 def test_rays_meet_where_the_point_is(bench) -> None:
