@@ -1,0 +1,61 @@
+"""One network from several of a training run."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+
+pytest.importorskip("torch")
+
+import torch  # noqa: E402
+from onnx import numpy_helper  # noqa: E402
+
+from muybridge.errors import ModelError  # noqa: E402
+from muybridge.models.registry import shipped_model  # noqa: E402
+from muybridge.models.weights_from_onnx import keypoint_net_from_onnx  # noqa: E402
+from muybridge.train.averaging import average_keypoints  # noqa: E402
+from muybridge.train.publish import keypoint_net  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def shipped() -> Path:
+    return shipped_model("keypoints", "fp32")
+
+
+def changed(path: Path, to: Path, by: float) -> Path:
+    """The network with one convolution's weights all larger by `by`."""
+    model = onnx.load(str(path))
+    weights = next(i for i in model.graph.initializer if len(i.dims) == 4 and i.dims[2] == 3)
+    values = numpy_helper.to_array(weights) + np.float32(by)
+    weights.CopyFrom(numpy_helper.from_array(values, weights.name))
+    onnx.save(model, str(to))
+    return to
+
+
+def test_the_average_of_a_network_with_itself_is_itself(shipped, tmp_path):
+    twin = Path(shutil.copy(shipped, tmp_path / "twin.onnx"))
+    saved = average_keypoints([shipped, twin])
+    image = torch.rand(2, 3, 192, 192, generator=torch.Generator().manual_seed(0))
+    with torch.inference_mode():
+        ours, theirs = keypoint_net(saved)(image)[0], keypoint_net_from_onnx(shipped)(image)[0]
+    assert torch.allclose(ours, theirs, atol=1e-5)
+    assert saved["state"]["images"] > 1e6 and saved["options"]["seed"] == "0"
+
+
+def test_weights_lie_in_the_middle(shipped, tmp_path):
+    saved = average_keypoints([shipped, changed(shipped, tmp_path / "other.onnx", 0.25)])
+    before = keypoint_net_from_onnx(shipped).state_dict()
+    moved = {k: (saved["average"][k] - v).float() for k, v in before.items()}
+    far = [k for k, d in moved.items() if d.abs().max() > 1e-6]
+    assert len(far) == 1 and torch.allclose(moved[far[0]], torch.full_like(moved[far[0]], 0.125), atol=1e-6)
+
+
+def test_what_cannot_be_averaged_is_refused(shipped, tmp_path):
+    with pytest.raises(ModelError, match="two networks"):
+        average_keypoints([shipped])
+    junk = tmp_path / "junk.onnx"
+    junk.write_bytes(b"no network")
+    with pytest.raises(ModelError, match="junk.onnx"):
+        average_keypoints([shipped, junk])

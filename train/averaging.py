@@ -1,0 +1,45 @@
+"""One network from several that one training run gave, each after its learning rate had fallen: their mean weights.
+
+Wortsman et al., "Model soups", ICML 2022; Izmailov et al., "Averaging weights leads to wider optima", UAI 2018.
+Networks between whose ends training went on at a constant rate lie in one valley, its middle lower than its sides.
+"""
+
+import json
+import pathlib
+from collections.abc import Sequence
+from typing import Any
+
+import onnx
+import torch
+
+from muybridge.errors import ModelError
+from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
+
+
+def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
+    """A checkpoint, as `publish.publish_keypoints` takes it, with the mean of fp32 keypoint networks of ours.
+
+    Args:
+        paths: ONNX files; normalisation is folded into their convolutions, so that no statistics have to be measured
+            anew.
+
+    Raises:
+        ModelError: fewer than two files, or one that is none of ours, or of another design than the first.
+    """
+    if len(paths) < 2:
+        raise ModelError("an average takes two networks or more")
+    nets = [keypoint_net_from_onnx(path) for path in paths]
+    states = [net.state_dict() for net in nets]
+    for path, state in zip(paths, states, strict=True):
+        if {k: v.shape for k, v in state.items()} != {k: v.shape for k, v in states[0].items()}:
+            raise ModelError(f"{path}: of another design than {paths[0]}; average networks of one training run")
+    mean = {k: torch.stack([s[k].float() for s in states]).mean(0).to(v.dtype) for k, v in states[0].items()}
+    told = [{p.key: p.value for p in onnx.load(str(path)).metadata_props} for path in paths]
+    trained = [json.loads(t.get("training", "{}")) for t in told]
+    state = {"images": max(t.get("images", 0) for t in trained),
+             "seconds": 60 * max(t.get("minutes", 0.0) for t in trained)}  # fmt: skip
+    return {
+        "average": mean, "config": nets[0].config, "state": state, "scores": {},
+        "options": {"seed": told[0].get("seed", "")},
+    }  # fmt: skip
+
