@@ -219,6 +219,8 @@ class PeopleTracker:
             without[c] = np.where(np.isfinite(off[c, doubtful]), left, np.inf)
         odd = without.argmin(0)
         gone = worst[doubtful] > _ODD_VIEW * without[odd, np.arange(len(doubtful))]
+        if not gone.any():
+            return points, chosen
         chosen = chosen.copy()
         chosen[odd[gone], doubtful[gone]] = -1
         rays[odd[gone], doubtful[gone]] = np.nan

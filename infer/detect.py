@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from muybridge.infer.video import VideoWriter, fit_inside, read_chunks
 from muybridge.models.model_card import find_card
 from muybridge.models.registry import Precision, shipped_model
 
+_T = TypeVar("_T")
 MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
 PROXY_LONG_SIDE_PX = 960
 # The code that a camera's 2D landmarks depend on.
@@ -165,15 +166,14 @@ def detect(
             _CameraWork(session, c, name, models, store, options, progress, task, stop)
             for c, name in enumerate(file_names)
         ]
-        return _in_threads([w.run for w in work], options.workers, stop)
+        return in_threads([w.run for w in work], options.workers, stop)
 
 
-def _in_threads(
-    jobs: Sequence[Callable[[], CameraResult]], workers: int, stop: threading.Event
-) -> list[CameraResult]:
-    """The jobs' results; the first failure, or Ctrl-C, stops the others at their next chunk."""
+def in_threads(jobs: Sequence[Callable[[], _T]], workers: int, stop: threading.Event) -> list[_T]:
+    """The jobs' results; the first failure, or Ctrl-C, stops the others at their next chunk, where they raise
+    `Stopped` if they see `stop` set."""
     with ThreadPoolExecutor(max_workers=workers) as pool:
-        futures: list[Future[CameraResult]] = [pool.submit(job) for job in jobs]
+        futures: list[Future[_T]] = [pool.submit(job) for job in jobs]
         try:
             wait(futures, return_when=FIRST_EXCEPTION)
         finally:
@@ -182,12 +182,12 @@ def _in_threads(
                 future.cancel()
     errors = [f.exception() for f in futures if f.done() and not f.cancelled()]
     for error in errors:
-        if error is not None and not isinstance(error, _Stopped):
+        if error is not None and not isinstance(error, Stopped):
             raise error
     return [future.result() for future in futures]
 
 
-class _Stopped(Exception):
+class Stopped(Exception):
     """Another camera failed, or the user stopped the run."""
 
 
@@ -252,7 +252,7 @@ class _CameraWork:
         with VideoWriter(self.proxy, *size, fps=self.session.fps) as writer:
             for frames in read_chunks(video, self.session.frame_indices[self.index]):
                 if self.stop.is_set():
-                    raise _Stopped
+                    raise Stopped
                 estimator.process(frames)
                 for frame in frames:
                     writer.write(frame)

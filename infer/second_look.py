@@ -6,10 +6,11 @@ say where to crop, and where the network has two minds about a landmark, which t
 lies on that prediction.
 """
 
+import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from muybridge.geometry.clocks import Clock, own_frames
 from muybridge.geometry.landmarks import Keypoints2D, Points3D
 from muybridge.geometry.robust import row_median
-from muybridge.infer.detect import CameraResult, DetectOptions, Models
+from muybridge.infer.detect import CameraResult, DetectOptions, Models, Stopped, in_threads
 from muybridge.infer.keypoints import CameraTracks, merge_markers, merge_tracks
 from muybridge.infer.onnx import Expectation
 from muybridge.infer.other_models import open_keypoints
@@ -162,10 +163,10 @@ class SecondLook:
         if not wanted.any():
             return None
         cameras = np.flatnonzero(wanted.any(axis=1)).tolist()
-        with self.progress.task("second look", int(wanted.sum())) as task, \
-                ThreadPoolExecutor(self.detect.workers) as pool:  # fmt: skip
-            jobs = [pool.submit(self._look, c, np.flatnonzero(wanted[c]), expected, number, task) for c in cameras]
-            looks = [job.result() for job in jobs]
+        stop = threading.Event()
+        with self.progress.task("second look", int(wanted.sum())) as task:
+            jobs = [partial(self._look, c, np.flatnonzero(wanted[c]), expected, number, task, stop) for c in cameras]
+            looks = in_threads(jobs, self.detect.workers, stop)
         return self._taken_in(slots, missing, wanted, dict(zip(cameras, looks, strict=True)), number)
 
     def _taken_in(
@@ -207,12 +208,15 @@ class SecondLook:
         """The camera's own frames at the session's."""
         return own_frames(self.clocks, c, frames, self.session.fps, len(self.detected[c].tracks.points_px))
 
-    def _look(self, c: int, wanted: NDArray[np.intp], expected: Points3D, number: str, task: Task) -> StageResult:
+    def _look(
+        self, c: int, wanted: NDArray[np.intp], expected: Points3D, number: str, task: Task, stop: threading.Event
+    ) -> StageResult:
         """One camera's stage: `found` (n,) and the arrays of `CameraTracks` for the frames `wanted` (n,); those read
         with nothing expected begin with `alone_`."""
         name, camera, world = f"again{number}-{self.file_names[c]}", self.session.cameras[c], expected.points_world
         own = self._own(c, wanted)
-        key = digest(self.detected[c].stage.key, own, world[wanted], self.options, code_digest(*_CODE))
+        how = self.options, self.detect.keypoints  # the first look need not have mirrored the crops
+        key = digest(self.detected[c].stage.key, own, world[wanted], how, code_digest(*_CODE))
         stored = self.store.load(name, key)
         if stored is not None:
             task.advance(len(wanted))
@@ -229,6 +233,8 @@ class SecondLook:
         frames, order = np.unique(own, return_inverse=True)
         parts, begin = [], 0
         for chunk in read_chunks(self.session.videos[c], self.session.frame_indices[c][frames]):
+            if stop.is_set():
+                raise Stopped
             here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))
             where = Expectation(predicted[here], self.options.expected_sd, self.options.expected_most)
             parts.append((here, reader.expecting(chunk, order[here] - begin, boxes[here], where)))

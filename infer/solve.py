@@ -148,7 +148,7 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
     stage, cameras, keypoints, markers, fps, options = (getattr(take, f.name) for f in fields(take))
     sides, cloud = _to_points(stage, number, cameras, keypoints, person, fps, options)
     measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
-    left_out, again = cloud.arrays["leave_one_out_px"], None
+    alone, again = sides.arrays, None
     if look_again is not None:
         # Not as the result is smoothed: another cut-off for that needs no other look.
         expected = smooth_points(measured, SmoothOptions())
@@ -164,10 +164,11 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
         sides, cloud = _to_points(stage, number + _AGAIN, cameras, keypoints, person, fps, options)
         measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
         # Views that were told what the others see agree with them: each has to be asked on its own.
-        left_out = stage(
-            f"left out{number}", [person.key, options.swaps, options.triangulate],
-            lambda: _left_out(cameras, again.alone, again.slots, options),
-        ).arrays["leave_one_out_px"]  # fmt: skip
+        alone, _ = _sides(cameras, again.alone, _taken(again.alone, again.slots), options.swaps)
+    left_out = stage(
+        f"left out{number}", [person.key, options.swaps, options.triangulate],
+        lambda: _left_out(cameras, alone, options.triangulate),
+    )  # fmt: skip
     px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
     smooth = stage(f"smooth{number}", [cloud.key, options.smooth], lambda: _smooth(measured, options.smooth))
     points = _as_points(keypoints.landmarks, smooth.arrays, cloud.arrays, fps)
@@ -194,7 +195,7 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
         measured=measured,
         points=points,
         swapped=sides.arrays["swapped"],
-        leave_one_out_px=left_out,
+        leave_one_out_px=left_out.arrays["leave_one_out_px"],
         noise_px=float(cloud.facts["noise_px"]),
         motion=motion,
         no_motion=no_motion,
@@ -296,20 +297,13 @@ def _points(
         "covariance_world": found.covariance_world,
         "residual_px": found.residual_px,
         "inlier": found.inlier,
-        "leave_one_out_px": leave_one_out_error(cameras, points_px, variance_px2, options.triangulate),
     }
     return arrays, {"noise_px": found.noise_px}
 
 
-def _left_out(
-    cameras: CameraGroup, keypoints: Keypoints2D, slots: NDArray[np.int64], options: SolveOptions
-) -> tuple[Arrays, Mapping[str, Any]]:
-    """The left-out camera's error of views that were each read on their own."""
-    taken = _taken(keypoints, slots)
-    px, variance, _ = repair_swaps(
-        cameras, taken["points_px"], taken["variance_px2"], keypoints.landmarks, options.swaps
-    )
-    return {"leave_one_out_px": leave_one_out_error(cameras, px, variance, options.triangulate)}, {}
+def _left_out(cameras: CameraGroup, sides: Arrays, options: TriangulateOptions) -> tuple[Arrays, Mapping[str, Any]]:
+    error = leave_one_out_error(cameras, sides["points_px"], sides["variance_px2"], options)
+    return {"leave_one_out_px": error}, {}
 
 
 def _markers(

@@ -8,6 +8,7 @@ Writes videos/cam1.mp4 ... cam4.mp4, calibration.toml and truth.npz. Needs the `
 
 import pathlib
 import sys
+from collections.abc import Iterable
 
 import av
 import numpy as np
@@ -17,7 +18,8 @@ from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.landmarks import BODY23
 from muybridge.train.bodies import BodyModel
-from muybridge.train.render import Renderer, View, look_at
+from muybridge.train.ensemble import view_of
+from muybridge.train.render import Renderer, look_at
 from muybridge.train.takes import Room, choreograph, film, perform
 from muybridge.train.wardrobe import sample_outfit
 
@@ -38,11 +40,14 @@ def cameras(target: np.ndarray) -> CameraGroup:
     return CameraGroup(tuple(placed))
 
 
-def write_video(path: pathlib.Path, frames: list[np.ndarray]) -> None:
-    """H.264 that every browser plays."""
+def write_video(
+    path: pathlib.Path, frames: Iterable[np.ndarray], size: tuple[int, int], fps: int, quality: int, preset: str
+) -> None:
+    """H.264 that every browser plays, of frames of this size (width, height)."""
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=FPS, options={"crf": "23", "preset": "slow"})
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        stream = container.add_stream("libx264", rate=fps, options={"crf": str(quality), "preset": preset})
+        stream.width, stream.height = size
+        stream.pix_fmt = "yuv420p"
         for frame in frames:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
         container.mux(stream.encode())
@@ -59,11 +64,11 @@ def main() -> None:
     group = cameras(batch.landmarks.mean((0, 1)).astype(float))
     room = Room(renderer, SEED)
     for camera in group.cameras:
-        view = View(camera.cam_from_world, FOCAL_PX, (camera.params[2], camera.params[3]), WIDTH, HEIGHT)
+        view = view_of(camera)
         plate = room.render(view, outfit.light)
         numbers = track(range(len(batch.height)), camera.name)
         frames = [film(renderer, plate, view, batch, outfit, t, rng) for t in numbers]
-        write_video(out / "videos" / f"{camera.name}.mp4", frames)
+        write_video(out / "videos" / f"{camera.name}.mp4", frames, (WIDTH, HEIGHT), FPS, 23, "slow")
     save_calibration(group, out / "calibration.toml")
     np.savez_compressed(
         out / "truth.npz", points_world=batch.landmarks.astype(np.float32), names=np.array(BODY23.names), fps=FPS

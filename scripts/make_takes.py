@@ -11,8 +11,8 @@ import pathlib
 import sys
 from dataclasses import dataclass
 
-import av
 import numpy as np
+from make_demo import write_video
 from rich.progress import track
 
 from muybridge.geometry.calibration import save_calibration
@@ -68,16 +68,13 @@ def make(plan: Plan, out: pathlib.Path) -> None:
         view = view_of(camera)
         plate = (room.render(view, actors[0].outfit.light)).astype(np.float32)
         colour = np.exp(rng.normal(0, 0.06, 3)) * np.exp(rng.normal(0, 0.12))
+        frames = (
+            film_company(renderer, plate, view, actors, t, rng, noise=0.0) * colour * plan.gain
+            for t in track(range(len(actors[0].landmarks)), f"{out.name} {camera.name}")
+        )
+        noisy = ((f + rng.normal(0, plan.noise, f.shape)).clip(0, 255).astype(np.uint8) for f in frames)
         path = out / "videos" / f"{camera.name}.mp4"
-        with av.open(str(path), "w") as container:
-            stream = container.add_stream("libx264", rate=plan.fps, options={"crf": "24", "preset": "fast"})
-            stream.width, stream.height, stream.pix_fmt = camera.width, camera.height, "yuv420p"
-            for t in track(range(len(actors[0].landmarks)), f"{out.name} {camera.name}"):
-                frame = film_company(renderer, plate, view, actors, t, rng, noise=0.0) * colour * plan.gain
-                frame += rng.normal(0, plan.noise, frame.shape)
-                picture = frame.clip(0, 255).astype(np.uint8)
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-            container.mux(stream.encode())
+        write_video(path, noisy, (camera.width, camera.height), plan.fps, 24, "fast")
     points = np.stack([a.landmarks for a in actors]).astype(np.float32)
     np.savez_compressed(out / "truth.npz", points_world=points, names=np.array(BODY23.names), fps=plan.fps)
     save_calibration(group, out / "calibration.toml")  # last: a take without it is not finished

@@ -42,4 +42,3 @@ def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
         "average": mean, "config": nets[0].config, "state": state, "scores": {},
         "options": {"seed": told[0].get("seed", "")},
     }  # fmt: skip
-

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +10,7 @@ from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.train.bodies import BodyModel
 from muybridge.train.motions import MotionClip, MotionSampler
 from muybridge.train.render import Renderer, View, look_at
+from muybridge.train.takes import layers
 from muybridge.train.wardrobe import Outfit, sample_outfit
 
 F32 = NDArray[np.float32]
@@ -128,11 +128,11 @@ def film_company(
     """(H, W, 3) RGB of one frame: everybody, the farthest first, their shadows under all of them, noise."""
     eye = -view.cam_from_world[:, :3].T @ view.cam_from_world[:, 3]
     order = sorted(actors, key=lambda a: -float(np.linalg.norm(a.landmarks[frame].mean(0) - eye)))
-    layers = [layer for a in order if (layer := _layer(renderer, view, a, frame)) is not None]
+    found = [layer for a in order if (layer := _layer(renderer, view, a, frame)) is not None]
     picture = plate.astype(np.float32)
-    for (x, y), _, shadow in layers:
+    for (x, y), _, shadow in found:
         picture[y : y + shadow.shape[0], x : x + shadow.shape[1]] *= 1 - 0.4 * shadow[..., None] / 255
-    for (x, y), rgba, _ in layers:
+    for (x, y), rgba, _ in found:
         part = picture[y : y + rgba.shape[0], x : x + rgba.shape[1]]
         part *= 1 - rgba[..., 3:] / 255
         part += rgba[..., :3]
@@ -143,8 +143,8 @@ def film_company(
 def _layer(
     renderer: Renderer, view: View, actor: Actor, frame: int
 ) -> tuple[tuple[int, int], F32, F32] | None:
-    """Corner (x, y) in the picture, colour (h, w, 4) and shadow (h, w) of one person, rendered at twice the size in a
-    window round them; None out of sight."""
+    """Corner (x, y) in the picture, colour (h, w, 4) and shadow (h, w) of one person, in a window round them; None out
+    of sight."""
     body = actor.vertices[frame]
     light = np.array(actor.outfit.light)
     on_floor = body - body[:, 2:] * (light / max(light[2], 0.15))
@@ -159,12 +159,7 @@ def _layer(
         return None
     side = np.minimum(-(-(high - low) // _STEP_PX) * _STEP_PX, limit)
     low = np.minimum(low, limit - side)
-    principal = np.array(view.principal_px) - low
-    double = View(view.cam_from_world, view.focal_px * 2, (principal[0] * 2 + 0.5, principal[1] * 2 + 0.5),
-                  int(side[0]) * 2, int(side[1]) * 2)  # fmt: skip
-    renderer.load(body)
-    shot = renderer.render(double, actor.outfit, actor.landmarks[frame])
-    size = (int(side[0]), int(side[1]))
-    rgba = cv2.resize(shot.rgba, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    shadow = cv2.GaussianBlur(cv2.resize(shot.shadow, size, interpolation=cv2.INTER_AREA), (0, 0), 3)
+    x, y = np.array(view.principal_px) - low
+    window = View(view.cam_from_world, view.focal_px, (x, y), int(side[0]), int(side[1]))
+    rgba, shadow = layers(renderer, window, body, actor.landmarks[frame], actor.outfit)
     return (int(low[0]), int(low[1])), rgba, shadow.astype(np.float32)

@@ -147,20 +147,28 @@ class Room:
         return pixels[::-1].copy()
 
 
-def film(
-    renderer: Renderer, plate: NDArray[np.uint8], view: View, batch: BodyBatch, outfit: Outfit, frame: int,
-    rng: np.random.Generator,
-) -> NDArray[np.uint8]:  # fmt: skip
-    """(H, W, 3) RGB of one frame: the person rendered at twice the size for smooth edges, the shadow, noise."""
+def layers(
+    renderer: Renderer, view: View, vertices: NDArray[np.float32], landmarks: NDArray[np.float32], outfit: Outfit
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Colour (H, W, 4) and soft shadow (H, W) of a person (V, 3), rendered at twice the size for smooth edges."""
     double = View(
         view.cam_from_world, view.focal_px * 2, (view.principal_px[0] * 2 + 0.5, view.principal_px[1] * 2 + 0.5),
         view.width * 2, view.height * 2,
     )  # fmt: skip
-    renderer.load(batch.vertices[frame])
-    shot = renderer.render(double, outfit, batch.landmarks[frame])
+    renderer.load(vertices)
+    shot = renderer.render(double, outfit, landmarks)
     size = (view.width, view.height)
     rgba = cv2.resize(shot.rgba, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     shadow = cv2.GaussianBlur(cv2.resize(shot.shadow, size, interpolation=cv2.INTER_AREA), (0, 0), 3)
+    return rgba, np.asarray(shadow, np.uint8)
+
+
+def film(
+    renderer: Renderer, plate: NDArray[np.uint8], view: View, batch: BodyBatch, outfit: Outfit, frame: int,
+    rng: np.random.Generator,
+) -> NDArray[np.uint8]:  # fmt: skip
+    """(H, W, 3) RGB of one frame: the person, the shadow, noise."""
+    rgba, shadow = layers(renderer, view, batch.vertices[frame], batch.landmarks[frame], outfit)
     alpha = rgba[..., 3:] / 255
     picture = plate * (1 - 0.4 * shadow[..., None] / 255.0) * (1 - alpha) + rgba[..., :3]
     picture += rng.normal(0, 3.0, picture.shape)
