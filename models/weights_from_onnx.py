@@ -1,15 +1,20 @@
-"""A keypoint network of ours back from its ONNX file, so that training can go on from what was shipped."""
+"""Networks of ours back from their ONNX files, so that training can go on from what was shipped."""
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from muybridge.errors import ModelError
 from muybridge.models.keypoint_net import KeypointNet
+from muybridge.models.people_net import PeopleNet
 
 _HEADS = ("head", "visibility")
 
@@ -23,33 +28,111 @@ def keypoint_net_from_onnx(path: Path) -> KeypointNet:
     Raises:
         ModelError: the file is damaged, of 8 bits, or of another architecture.
     """
-    import onnx
-    from onnx import numpy_helper
-
-    try:
-        initializers = onnx.load(str(path)).graph.initializer
-        there = {i.name: torch.from_numpy(numpy_helper.to_array(i).copy()) for i in initializers}
-    except Exception as error:
-        raise ModelError(f"{path}: not an ONNX model ({str(error).splitlines()[0]})") from error
+    there = _initializers(path)
     # A network without virtual markers was exported as it is, one with them within `SeparateHeads`.
     marked = "body_head.weight" in there
-    try:
+    with _other_design(path):
         for name in _HEADS if marked else ():
             for kind in ("weight", "bias"):
                 parts = [there.pop(f"{part}_{name}.{kind}") for part in ("body", "marker")]
                 there[f"net.{name}.{kind}"] = torch.cat(parts)
         here = {name.removeprefix("net.") if marked else name: value for name, value in there.items()}
-        net = KeypointNet(len(here["head.bias"]))
+        net = KeypointNet(len(here["head.bias"]), depths=_depths(here))
         net.load_state_dict(_unfolded(net, here))
+    return net.eval()
+
+
+def people_net_from_onnx(path: Path) -> PeopleNet:
+    """The detector of a file that `muybridge train people` exported, as `keypoint_net_from_onnx` does it.
+
+    Raises:
+        ModelError: the file is damaged, or of another architecture.
+    """
+    there, net = _initializers(path), PeopleNet()
+    with _other_design(path):
+        net.load_state_dict(_unfolded(net, there))
+    return net.eval()
+
+
+def _initializers(path: Path) -> dict[str, Tensor]:
+    import onnx
+    from onnx import numpy_helper
+
+    try:
+        initializers = onnx.load(str(path)).graph.initializer
+        return {i.name: torch.from_numpy(numpy_helper.to_array(i).copy()) for i in initializers}
+    except Exception as error:
+        raise ModelError(f"{path}: not an ONNX model ({str(error).splitlines()[0]})") from error
+
+
+@contextmanager
+def _other_design(path: Path) -> Iterator[None]:
+    """What goes wrong with a file's weights, told as what it means."""
+    try:
+        yield
     except (KeyError, RuntimeError) as error:
         raise ModelError(
             f"{path}: training cannot go on from this file ({str(error).splitlines()[0]}): it takes an fp32 network of "
             "this version's design, as the shipped one"
         ) from error
-    return net.eval()
 
 
-def _unfolded(net: KeypointNet, weights: dict[str, Tensor]) -> dict[str, Tensor]:
+def trained_for(path: Path) -> dict[str, Any]:
+    """What the exporter noted of a network's training: `images`, `minutes` (where noted) and `seed`."""
+    import onnx
+
+    told = {p.key: p.value for p in onnx.load(str(path)).metadata_props}
+    training: dict[str, Any] = json.loads(told.get("training", "{}"))
+    return training | {"seed": told.get("seed", "")}
+
+
+@torch.no_grad()
+def measure_normalisation(net: nn.Module, images: Sequence[Tensor]) -> None:
+    """Unfolds normalisation: filters whose outputs have unit variance on `images`, followed by normalisations with that
+    variance and mean, so that a network from a file can be trained on as any other.
+
+    Folded filters are as large as the network's last touch made them, fifty times larger in one layer than in
+    another, and a step of one learning rate would be too large for some and nothing for others.
+
+    Args:
+        net: of convolutions that normalisations follow; changed in place, what it computes in evaluation mode stays.
+        images: batches (N, 3, S, S) in 0..1, of the kind that it is trained on.
+    """
+    units = [list(m) for m in net.modules() if isinstance(m, nn.Sequential) and len(m) > 1]
+    pairs = [(unit[0], unit[1]) for unit in units if isinstance(unit[1], nn.BatchNorm2d)]
+    moments: dict[nn.Module, list[Tensor]] = {normalisation: [] for _, normalisation in pairs}
+
+    def measure(module: nn.Module, inputs: tuple[Tensor, ...]) -> None:
+        x = inputs[0].double()
+        moments[module].append(torch.stack([x.mean((0, 2, 3)), (x**2).mean((0, 2, 3))]))
+
+    hooks = [module.register_forward_pre_hook(measure) for module in moments]
+    training = net.training
+    net.eval()
+    for batch in images:
+        net(batch)
+    net.train(training)
+    for hook in hooks:
+        hook.remove()
+    for convolution, normalisation in pairs:
+        mean, square = torch.stack(moments[normalisation]).mean(0)
+        deviation = (square - mean**2).clamp(min=1e-12).sqrt()
+        assert normalisation.running_mean is not None and normalisation.running_var is not None
+        gain = normalisation.weight / torch.sqrt(normalisation.running_var + normalisation.eps)
+        convolution.weight /= deviation[:, None, None, None]
+        normalisation.bias.add_(gain * (mean - normalisation.running_mean))
+        normalisation.weight.copy_(gain * deviation * math.sqrt(1 + normalisation.eps))
+        normalisation.running_mean.copy_(mean / deviation)
+        normalisation.running_var.fill_(1.0)
+
+
+def _depths(weights: dict[str, Tensor]) -> tuple[int, int, int, int]:
+    """Residual blocks of every level: all but the first begin with the convolution that halves the resolution."""
+    blocks = [{k.split(".")[2] for k in weights if k.startswith(f"levels.{i}.")} for i in range(4)]
+    return len(blocks[0]), len(blocks[1]) - 1, len(blocks[2]) - 1, len(blocks[3]) - 1
+
+
+def _unfolded(net: nn.Module, weights: dict[str, Tensor]) -> dict[str, Tensor]:
     """A state of `net`: convolutions as they are in the file, normalisations with nothing but their bias."""
     state = net.state_dict()
     normalisations = {name: m for name, m in net.named_modules() if isinstance(m, nn.BatchNorm2d)}

@@ -22,7 +22,7 @@ from muybridge.infer.session import open_session
 from muybridge.infer.stages import StageStore
 from muybridge.models.footage import Footage, load_footage, save_footage
 from muybridge.models.registry import shipped_model
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
+from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, people_net_from_onnx
 from muybridge.train.adaptation import View, adapted, agreement
 from muybridge.train.adaptation_publish import adapt
 from muybridge.train.augment import MIRROR
@@ -80,6 +80,18 @@ def test_the_shipped_network_comes_back_from_its_file():
         heatmaps, visibility = (out.numpy() for out in net(torch.from_numpy(image)))
     assert np.abs(heatmaps - np.concatenate(there[:2], 1)).max() < 1e-3
     assert np.abs(visibility - np.concatenate(there[2:], 1)).max() < 1e-3
+
+
+def test_the_shipped_detector_comes_back_from_its_file():
+    path = shipped_model("people")
+    image = np.random.default_rng(1).random((1, 4, 96, 160), np.float32)
+    there = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"]).run(None, {"image": image})
+    with torch.no_grad():
+        here = [out.numpy() for out in people_net_from_onnx(path)(torch.from_numpy(image))]
+    for a, b in zip(here, there, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-3)
+    with pytest.raises(ModelError, match="keypoints.onnx"):
+        people_net_from_onnx(shipped_model("keypoints"))
 
 
 def test_other_files_are_refused_by_name(tmp_path):

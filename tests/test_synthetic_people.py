@@ -233,6 +233,22 @@ def test_scene_boxes_hold_their_people(renders):
         assert np.any(inside, axis=0).mean() > 0.5
 
 
+def test_who_stands_beside_somebody_touches_them(renders, monkeypatch):
+    monkeypatch.setattr(scenes, "BESIDE_SHARE", 1.0)
+    compositor = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 2)
+    sizes = np.array([40.0, 90.0, 250.0])
+    beside = compositor._beside(sizes)
+    assert beside == [[1], [0, 2], [1]] and sizes.max() < 1.5 * sizes.min()
+    mate = np.array([100.0, 50.0, 140.0, 150.0])
+    overlaps = []
+    for _ in range(50):
+        _, box = compositor._person(90.0, 0.0)
+        moved = box + np.tile(compositor._next_to(mate, box), 2)
+        assert abs(moved[3] - mate[3]) < 20  # one floor
+        overlaps.append((min(moved[2], mate[2]) - max(moved[0], mate[0])) / min(moved[2] - moved[0], 40))
+    assert 0.6 < np.mean(np.array(overlaps) > 0) and np.median(overlaps) < 0.8
+
+
 def test_who_is_near_ends_at_the_border_of_the_picture(renders, close_ups, monkeypatch):
     monkeypatch.setattr(scenes, "NEAR_SHARE", 1.0)
     both = RenderSet(

@@ -15,9 +15,10 @@ from muybridge.errors import ModelError, SessionError  # noqa: E402
 from muybridge.geometry.landmarks import BODY23  # noqa: E402
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
 from muybridge.models.export import export_onnx, parity  # noqa: E402
-from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
+from muybridge.models.keypoint_net import KeypointNet, deepened  # noqa: E402
 from muybridge.models.people_net import PeopleNet  # noqa: E402
 from muybridge.models.registry import keypoint_card, people_card, shipped_model  # noqa: E402
+from muybridge.models.weights_from_onnx import measure_normalisation  # noqa: E402
 from muybridge.train import keypoints, loop, people  # noqa: E402
 from muybridge.train.augment import AugmentOptions, Compositor  # noqa: E402
 from muybridge.train.evaluation import MIRROR, _figures, evaluate_onnx  # noqa: E402
@@ -171,6 +172,53 @@ def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
     assert card.metadata["training_command"] == "a test"
 
 
+def test_a_deeper_network_does_what_the_one_that_it_grew_from_does():
+    torch.manual_seed(3)
+    net, image = KeypointNet(5, depths=(0, 1, 2, 1)).eval(), torch.rand(2, 3, 64, 96)
+    deep = deepened(net, (0, 2, 2, 3))
+    assert len(deep.state_dict()) > len(net.state_dict()) and not deep.training
+    with torch.no_grad():
+        for a, b in zip(net(image), deep(image), strict=True):
+            torch.testing.assert_close(a, b)
+    with pytest.raises(ValueError, match="does not fit"):
+        deepened(deep, (0, 1, 2, 1))
+
+
+def test_measured_normalisation_changes_nothing_but_the_filters():
+    torch.manual_seed(4)
+    net, images = KeypointNet(5), [torch.rand(4, 3, 64, 64) for _ in range(2)]
+    for module in net.modules():
+        if isinstance(module, torch.nn.BatchNorm2d):  # as a trained one, away from its beginning
+            torch.nn.init.normal_(module.running_mean)
+            torch.nn.init.uniform_(module.running_var, 0.2, 3)
+            torch.nn.init.uniform_(module.weight, 0.2, 2)
+    net.eval()
+    with torch.no_grad():
+        before = net(images[0])[0]
+        measure_normalisation(net, images)
+        after = net(images[0])[0]
+        torch.testing.assert_close(after, before, rtol=1e-3, atol=1e-3)
+        # In training the statistics are those of the batch: alike, since these were measured.
+        trained = net.train()(torch.cat(images))[0][:4]
+    assert (trained - before).abs().mean() < 0.02 * before.std()
+    outputs = net.stem[0][0]((torch.cat(images) - net.mean) / net.std)
+    torch.testing.assert_close(outputs.std((0, 2, 3)), torch.ones(16), rtol=2e-2, atol=0)
+
+
+@pytest.mark.parametrize("kind", ["keypoints", "people"])
+def test_training_goes_on_from_shipped_weights(kind, store, tmp_path):
+    module, options = {"keypoints": (keypoints, KeypointTraining), "people": (people, PeopleTraining)}[kind]
+    path = shipped_model(kind)
+    some = options(renders=store, out=tmp_path / "run", minutes=0.02, batch=4, backgrounds=8, workers=0, model=path)
+    saved = load_checkpoint(module.train(some))
+    assert saved["state"]["images"] > 100_000 and saved["state"]["step"] < 1000
+    # Where a run is there already it goes on, whatever file is named.
+    again = load_checkpoint(module.train(replace(some, model=tmp_path / "none.onnx")))
+    assert again["state"]["step"] >= saved["state"]["step"]
+    with pytest.raises(ModelError, match="none.onnx"):
+        module.train(replace(some, model=tmp_path / "none.onnx", out=tmp_path / "other"))
+
+
 def test_people_training_learns(store, tmp_path):
     options = PeopleTraining(
         renders=store, out=tmp_path / "run", minutes=0.2, batch=8, backgrounds=8, threads=2, workers=0
@@ -203,6 +251,7 @@ def test_evaluation_with_and_without_what_makes_it_hard(store, tmp_path):
     assert all(np.isfinite(v) for v in found.values()) and found == evaluate_onnx(options)  # seeded
     plain = evaluate_onnx(replace(options, faults=False, occlusion=False))
     assert plain != found
+    assert evaluate_onnx(replace(options, flip=True)) != found
     with pytest.raises(SessionError, match="muybridge synth"):
         evaluate_onnx(replace(options, renders=tmp_path))
 

@@ -70,7 +70,7 @@ def adapt(options: Adaptation, command: str) -> str:
 
 
 def _check(footage: Footage, card: KeypointModelCard, net: KeypointNet, options: Adaptation) -> None:
-    landmarks, there = int(net.config["landmarks"]), footage.landmarks_px.shape[1]  # type: ignore[call-overload]
+    landmarks, there = int(net.config["landmarks"]), footage.landmarks_px.shape[1]
     if card.landmarks != BODY23 or there not in (landmarks, len(BODY23)):
         raise ModelError(f"{options.model}: knows {landmarks} landmarks, {options.footage} has {there}: make it again")
     if footage.crops.shape[1] < card.input_size:

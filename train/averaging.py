@@ -4,16 +4,14 @@ Wortsman et al., "Model soups", ICML 2022; Izmailov et al., "Averaging weights l
 Networks between whose ends training went on at a constant rate lie in one valley, its middle lower than its sides.
 """
 
-import json
 import pathlib
 from collections.abc import Sequence
 from typing import Any
 
-import onnx
 import torch
 
 from muybridge.errors import ModelError
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
+from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, trained_for
 
 
 def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
@@ -34,11 +32,10 @@ def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
         if {k: v.shape for k, v in state.items()} != {k: v.shape for k, v in states[0].items()}:
             raise ModelError(f"{path}: of another design than {paths[0]}; average networks of one training run")
     mean = {k: torch.stack([s[k].float() for s in states]).mean(0).to(v.dtype) for k, v in states[0].items()}
-    told = [{p.key: p.value for p in onnx.load(str(path)).metadata_props} for path in paths]
-    trained = [json.loads(t.get("training", "{}")) for t in told]
+    trained = [trained_for(path) for path in paths]
     state = {"images": max(t.get("images", 0) for t in trained),
              "seconds": 60 * max(t.get("minutes", 0.0) for t in trained)}  # fmt: skip
     return {
         "average": mean, "config": nets[0].config, "state": state, "scores": {},
-        "options": {"seed": told[0].get("seed", "")},
+        "options": {"seed": trained[0]["seed"]},
     }  # fmt: skip

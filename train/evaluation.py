@@ -41,7 +41,11 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
     distances, twins, inside_sigma, visibles, insides = [], [], [], [], []
     for _ in range(-(-options.crops // 64)):
         batch = compositor.batch(64)
-        heatmaps = session.run(["heatmaps"], {"image": batch.image.numpy().astype(np.float32) / 255})[0]
+        image = batch.image.numpy().astype(np.float32) / 255
+        heatmaps = session.run(["heatmaps"], {"image": image})[0]
+        if options.flip:
+            mirrored = session.run(["heatmaps"], {"image": np.ascontiguousarray(image[..., ::-1])})[0]
+            heatmaps = (heatmaps + mirrored[:, MIRROR, :, ::-1]) / 2
         decoded = decode_heatmaps(heatmaps, card.stride, card.spread)
         truth = batch.landmarks_px.numpy()
         error = decoded.points_crop_px - truth

@@ -7,7 +7,7 @@ import platform
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -17,6 +17,7 @@ from torch.utils.data import DataLoader, IterableDataset
 
 from muybridge.errors import SessionError
 from muybridge.files import replacing
+from muybridge.models.weights_from_onnx import trained_for
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.bodies import BodyModel
 from muybridge.train.curves import write_curves
@@ -51,7 +52,7 @@ def learning_rate(peak: float, step: int, elapsed: float, budget: float, decay: 
 class AveragedWeights:
     """Exponential moving average of a network's parameters and buffers (Polyak averaging)."""
 
-    def __init__(self, net: nn.Module, decay: float = 0.998) -> None:
+    def __init__(self, net: nn.Module, decay: float = 0.9995) -> None:
         self.decay = decay
         self.state = {k: v.detach().clone() for k, v in net.state_dict().items()}
 
@@ -158,6 +159,28 @@ def background_pool(options: Training) -> pathlib.Path:
     return path
 
 
+def resumes(options: Training) -> bool:
+    """Whether a call goes on from a checkpoint in `options.out`."""
+    return (options.out / CHECKPOINT).exists()
+
+
+class Seen(NamedTuple):
+    """What a network was trained on.
+
+    Attributes:
+        images, seconds: how many and for how long.
+    """
+
+    images: int = 0
+    seconds: float = 0.0
+
+    @classmethod
+    def of(cls, path: pathlib.Path) -> "Seen":
+        """What a network's file says."""
+        told = trained_for(path)
+        return cls(told.get("images", 0), 60 * told.get("minutes", 0.0))
+
+
 class Fit:
     """One training run: network, optimiser, averaged weights and counters, resumed where there is a checkpoint.
 
@@ -165,16 +188,20 @@ class Fit:
         options: the training's options.
         net: the network; its `config` goes into the checkpoint.
         score: figures of merit of the averaged network, for the log and the checkpoint.
+        seen: what `net` was trained on before, where there is no checkpoint.
     """
 
-    def __init__(self, options: Training, net: nn.Module, score: Callable[[nn.Module], dict[str, float]]) -> None:
+    def __init__(
+        self, options: Training, net: nn.Module, score: Callable[[nn.Module], dict[str, float]],
+        seen: Seen | None = None,
+    ) -> None:  # fmt: skip
         self.options, self.score = options, score
         options.out.mkdir(parents=True, exist_ok=True)
         self.checkpoint, self.log = options.out / CHECKPOINT, options.out / "log.jsonl"
         self.net = placed(net)
         self.optimiser = torch.optim.AdamW(net.parameters(), options.rate, weight_decay=0.02)
         self.average = AveragedWeights(self.net)
-        self.state: dict[str, Any] = {"step": 0, "images": 0, "seconds": 0.0}
+        self.state: dict[str, Any] = {"step": 0} | (seen or Seen())._asdict()
         if self.checkpoint.exists():
             saved = torch.load(self.checkpoint, map_location=device(), weights_only=False)
             self.net.load_state_dict(saved["net"])

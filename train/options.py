@@ -87,18 +87,25 @@ class KeypointTraining(Training):
 
     Attributes:
         size: side of the crops in pixels, a multiple of 32.
+        model: fp32 network of ours to begin with, such as a shipped one, where `out` has no run yet.
     """
 
     size: int = 128
+    model: pathlib.Path | None = None
 
 
 @dataclass(frozen=True)
 class PeopleTraining(Training):
-    """Train the person detector on scenes of synthetic people."""
+    """Train the person detector on scenes of synthetic people.
+
+    Attributes:
+        model: detector of ours to begin with, such as the shipped one, where `out` has no run yet.
+    """
 
     out: pathlib.Path = pathlib.Path("runs/people")
     minutes: float = 30.0
     batch: int = 32
+    model: pathlib.Path | None = None
 
 
 @dataclass(frozen=True)
@@ -153,6 +160,7 @@ class Evaluation:
         seed: of the crops.
         faults: with what a camera does to a picture: blur, noise, compression and the rest.
         occlusion: with things and people in front, faces made unrecognisable, borders, clutter and people who tumble.
+        flip: every crop also mirrored, as `muybridge run` reads each view again.
     """
 
     model: pathlib.Path | None = None
@@ -161,3 +169,4 @@ class Evaluation:
     seed: int = 10_000
     faults: bool = True
     occlusion: bool = True
+    flip: bool = False

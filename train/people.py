@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from muybridge.models.decode import box_overlap, decode_people
 from muybridge.models.people_net import STRIDE, PeopleNet
+from muybridge.models.weights_from_onnx import measure_normalisation, people_net_from_onnx
 from muybridge.train import loop
 from muybridge.train.options import PeopleTraining
 from muybridge.train.renders import RenderSet, load_renders
@@ -128,6 +129,10 @@ def train(options: PeopleTraining) -> pathlib.Path:
     pool = loop.prepare(options)
     held_out = SceneCompositor(load_renders(options.renders, loop.HELD_OUT), np.load(pool, mmap_mode="r"), 10_000)
     validation = [held_out.batch(32, shape) for shape in SHAPES]
-    fit = loop.Fit(options, PeopleNet(), lambda net: evaluate(net, validation))
+    net, seen = PeopleNet(), loop.Seen()
+    if options.model is not None and not loop.resumes(options):
+        net, seen = people_net_from_onnx(options.model), loop.Seen.of(options.model)
+        measure_normalisation(net, [validation[0].image.float().div(255)])
+    fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
     fit.run(loop.batches(options, _Scenes(pool, options.batch), fit.state["step"]), loss_of)
     return fit.checkpoint

@@ -14,6 +14,8 @@ from muybridge.train.renders import RenderSet
 
 # Share of scenes with a person larger than the image, seen from the head down.
 CLOSE_SHARE = 0.12
+# Share of people who stand beside somebody, arm in arm or one half behind the other.
+BESIDE_SHARE = 0.3
 # Share of scenes with somebody near, cut off by the picture's border, from a store that has close-ups.
 NEAR_SHARE = 0.25
 SHAPES = ((192, 320), (320, 192), (256, 320), (320, 256))  # height, width
@@ -67,12 +69,18 @@ class SceneCompositor:
         size = np.exp(rng.uniform(np.log(28), np.log(300), count)) if count else np.zeros(0)
         if count and rng.random() < CLOSE_SHARE:  # someone at a desk, or who walks past the camera
             size[0] = np.exp(rng.uniform(np.log(300), np.log(700)))
+        beside = self._beside(size)
         boxes, owners = [], np.full((height, width), -1, np.int16)
         areas = []
         roll = np.radians(rng.normal(0, 8 if rng.random() < 0.8 else 20))
-        for number, side in enumerate(np.sort(size)):  # far people first
-            rgba, box = self._person(float(side), roll)
-            box, area = self._paste(frame, owners, rgba, box, number)
+        order = np.argsort(size)  # far people first
+        placed: dict[int, NDArray[np.float64]] = {}
+        for number, k in enumerate(order):
+            rgba, box = self._person(float(size[k]), roll)
+            mate = next((placed[m] for m in beside[k] if m in placed), None)
+            shift = None if mate is None else self._next_to(mate, box)
+            box, area = self._paste(frame, owners, rgba, box, number, shift)
+            placed[int(k)] = box
             if rng.random() < 0.15:  # stood still long enough to be in the plate
                 self._copy_owner(frame, plate, owners, number)
             boxes.append(box)
@@ -99,6 +107,23 @@ class SceneCompositor:
         good = (share > 0.25) & (visible > 60)
         stack = np.array(boxes, np.float32).reshape(-1, 4)
         return frame, plate, stack[good], stack[~good]
+
+    def _beside(self, size: NDArray[np.float64]) -> list[list[int]]:
+        """For every person those whom they stand beside; makes them alike in `size`."""
+        beside: list[list[int]] = [[] for _ in size]
+        for k in range(1, len(size)):
+            if self.rng.random() < BESIDE_SHARE:
+                size[k] = size[k - 1] * np.exp(self.rng.normal(0, 0.1))
+                beside[k].append(k - 1)
+                beside[k - 1].append(k)
+        return beside
+
+    def _next_to(self, mate: NDArray[np.float64], box: NDArray[np.float64]) -> NDArray[np.intp]:
+        """(2,) pixels by which a box moves to one that it touches or half covers, on the same floor."""
+        rng = self.rng
+        across = rng.uniform(0.3, 1.1) * (mate[2] - mate[0] + box[2] - box[0]) / 2 * rng.choice([-1, 1])
+        up = rng.normal(0, 0.04) * (mate[3] - mate[1])
+        return np.array([(mate[0] + mate[2] - box[0] - box[2]) / 2 + across, mate[3] - box[3] + up]).round().astype(int)
 
     def _plate(self, height: int, width: int) -> NDArray[np.uint8]:
         rng = self.rng
