@@ -16,6 +16,8 @@ from muybridge.motion.formats.asf_amc import read_amc, write_amc
 from muybridge.motion.formats.bvh import read_bvh, write_bvh
 from muybridge.motion.formats.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
 from muybridge.motion.formats.csv_points import read_csv, write_csv
+from muybridge.motion.formats.fbx import write_fbx
+from muybridge.motion.formats.fbx_read import read_fbx
 from muybridge.motion.formats.gltf import read_gltf, write_glb
 from muybridge.motion.formats.mot import read_mot, write_mot
 from muybridge.motion.formats.npz import read_npz, write_npz
@@ -111,6 +113,7 @@ CASES: dict[str, tuple[Callable, Callable, Callable, str]] = {
     "asf": (lambda p: write_amc(p.with_suffix(".amc"), make_motion()), lambda p: read_amc(p.with_name("good.amc"), p),
             check_motion, ".asf"),
     "glb": (lambda p: write_glb(p, make_motion()), read_gltf, check_motion, ".glb"),
+    "fbx": (lambda p: write_fbx(p, make_motion()), lambda p: read_fbx(p)[0], check_motion, ".fbx"),
     "mot": (lambda p: write_mot(p, make_motion()), read_mot, check_table, ".mot"),
     "c3d": (lambda p: write_c3d(p, take_of_all()), read_c3d_take, check_take, ".c3d"),
     "trc": (lambda p: write_trc(p, make_points()), read_trc, check_points, ".trc"),
@@ -131,7 +134,7 @@ def fuzz(folder: Path, name: str, write: Callable, read: Callable, check: Callab
         (folder / "bad.asf").write_bytes((folder / "good.asf").read_bytes())
     fine = refused = 0
     for k in range(MUTATIONS):
-        damaged = mutated(data, rng, suffix not in (".glb", ".c3d", ".npz", ".parquet"))
+        damaged = mutated(data, rng, suffix not in (".glb", ".fbx", ".c3d", ".npz", ".parquet"))
         bad.write_bytes(damaged)
         start = time.process_time()
         try:

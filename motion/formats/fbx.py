@@ -1,4 +1,4 @@
-"""FBX: a skeleton of limb nodes, its animation and a mesh of its bones; written, not read.
+"""FBX: a skeleton of limb nodes, its animation and a mesh of its bones, as it is written.
 
 Centimetres, Y up, facing +Z at rest, as what is exported for game engines: Unreal, Unity and Maya take it as it stands.
 Every frame is a key; angles are unwrapped, so that what lies between two keys is between them.
@@ -17,12 +17,12 @@ from muybridge.motion.formats.bone_mesh import BoneMesh, bone_mesh, rest_positio
 from muybridge.motion.formats.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.euler import smooth_euler
 from muybridge.motion.formats.fbx_binary import CREATION_TIME, FILE_ID, VERSION, Node, Table, write_fbx_nodes
+from muybridge.motion.formats.fbx_scene import TICKS_A_SECOND
 
 Array = NDArray[np.float64]
 
 CM = 100.0
-# FBX's clock, and the rates that it has a number for; any other is "custom".
-TICKS_A_SECOND = 46186158000
+# The rates that FBX has a number for; any other is "custom".
 _RATES = {120: 1, 100: 2, 60: 3, 50: 4, 48: 5, 30: 6, 25: 10, 24: 11, 1000: 12, 96: 15, 72: 16}
 _CUSTOM = 14
 _TAKE = "Take 001"

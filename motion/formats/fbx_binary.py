@@ -1,4 +1,4 @@
-"""FBX's binary container, version 7400: a tree of nodes with typed properties.
+"""FBX's binary container: a tree of nodes with typed properties; written as version 7400, read as 7000 to 7700.
 
 The format has no public specification; this is what its files have in common (A. Barton, "FBX binary file format
 specification", code.blender.org, 2013), and Blender's two readers and Assimp's read what is written here.
@@ -26,6 +26,9 @@ _NOTHING = bytes(13)
 _ARRAYS = {"f": np.float32, "d": np.float64, "i": np.int32, "q": np.int64}
 _LETTERS = {"f": b"f", "d": b"d", "i": b"i", "q": b"l"}
 _COMPRESSED_FROM = 128  # bytes
+_NUMBERS = {"Y": "<h", "C": "<?", "I": "<i", "L": "<q", "F": "<f", "D": "<d"}
+_STORED = {"f": "<f4", "d": "<f8", "i": "<i4", "l": "<i8", "b": "<u1", "c": "<u1"}
+_DEEPEST = 64
 
 Property = bool | int | float | str | bytes | NDArray[np.generic] | np.int32
 
@@ -47,6 +50,10 @@ class Node:
     def add(self, name: str, *properties: Property, children: list["Node"] | None = None) -> "Node":
         """A new node within this one."""
         return self.append(Node(name, properties, children))
+
+    def all(self, name: str) -> list["Node"]:
+        """The nodes within that have this name."""
+        return [child for child in self.children or [] if child.name == name]
 
     def append(self, node: "Node") -> "Node":
         """That node within this one."""
@@ -118,3 +125,88 @@ def _encoded(value: Property) -> bytes:
     packed = zlib.compress(data) if len(data) > _COMPRESSED_FROM else data
     head = struct.pack("<III", array.size, int(len(data) > _COMPRESSED_FROM), len(packed))
     return _LETTERS[letter] + head + packed
+
+
+def read_fbx_nodes(path: Path) -> Node:
+    """A file's nodes, within one without a name; numbers as Python's, arrays as numpy's.
+
+    Raises:
+        FormatError: no such file, text instead of binary, of a version before 2011, damaged.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror})") from error
+    if not data.startswith(MAGIC[:20]):
+        text = b"FBXHeaderExtension" in data[:4000]
+        raise FormatError(f"{path}: {'FBX as text' if text else 'no FBX file'}; export it as binary FBX")
+    (version,) = struct.unpack_from("<I", data.ljust(len(MAGIC) + 4, b"\0"), len(MAGIC))
+    if not 7000 <= version < 8000:
+        raise FormatError(f"{path}: FBX of version {version / 1000:g}; export it as FBX 2013 or newer (7.3 to 7.7)")
+    out, at = Node("", (), []), len(MAGIC) + 4
+    reader = _Reader(data, "<QQQ" if version >= 7500 else "<III")
+    try:
+        while True:
+            node, at = reader.node(at, len(data))
+            if node is None:
+                return out
+            out.append(node)
+    except (struct.error, zlib.error, UnicodeDecodeError, KeyError, ValueError) as error:
+        raise FormatError(f"{path}: damaged FBX ({error}); export it again") from error
+
+
+class _Reader:
+    def __init__(self, data: bytes, head: str) -> None:
+        self.data, self.head = data, head
+        self.head_size = struct.calcsize(head)
+
+    def node(self, at: int, limit: int, depth: int = 0) -> tuple[Node | None, int]:
+        """The node at `at` and where the next begins; None for the mark that ends a list."""
+        end, count, size = struct.unpack_from(self.head, self.data, at)
+        (length,) = struct.unpack_from("<B", self.data, at + self.head_size)
+        start = at + self.head_size + 1
+        if end == 0:
+            return None, start
+        name, at = self.data[start : start + length].decode("ascii"), start + length
+        if not at + size <= end <= limit or depth > _DEEPEST:
+            raise ValueError(f"the node {name!r} ends at byte {end} of {limit}")
+        within = at + size
+        properties = []
+        for _ in range(count):
+            value, at = self.value(at, within)
+            properties.append(value)
+        node, at = Node(name, tuple(properties)), within
+        while at < end:
+            child, at = self.node(at, end, depth + 1)
+            if child is None:
+                break
+            node.append(child)
+        return node, end
+
+    def value(self, at: int, limit: int) -> tuple[Property, int]:
+        letter, at = chr(self.data[at]) if at < limit else "", at + 1
+        if letter in _NUMBERS:
+            (number,) = struct.unpack_from(_NUMBERS[letter], self.data, at)
+            value, at = number, at + struct.calcsize(_NUMBERS[letter])
+        elif letter in ("S", "R"):
+            (size,) = struct.unpack_from("<I", self.data, at)
+            raw, at = self.data[at + 4 : at + 4 + size], at + 4 + size
+            value = raw.decode("utf-8", "replace") if letter == "S" else raw
+        else:
+            value, at = self.array(_STORED[letter], at, limit)
+        if at > limit:
+            raise ValueError("a value runs beyond its node")
+        return value, at
+
+    def array(self, kind: str, at: int, limit: int) -> tuple[NDArray[np.generic], int]:
+        count, packed, stored = struct.unpack_from("<III", self.data, at)
+        raw, at = self.data[at + 12 : at + 12 + stored], at + 12 + stored
+        size = count * np.dtype(kind).itemsize
+        if at > limit:
+            raise ValueError("an array runs beyond its node")
+        if packed:
+            # No more than it says: a small file may hold a huge one.
+            raw = zlib.decompressobj().decompress(raw, size + 1)
+        if len(raw) != size:
+            raise ValueError(f"an array of {count} values has {len(raw)} bytes, not {size}")
+        return np.frombuffer(raw, kind), at

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from muybridge.geometry.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
-from muybridge.geometry.skeleton import Motion, Skeleton
+from muybridge.geometry.rotations import matrix_from_quat
+from muybridge.geometry.skeleton import Motion
 from muybridge.motion.formats.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.glb import JSON_ERRORS, Document
+from muybridge.motion.formats.world_axes import motion_in_world_axes
 
 Array = NDArray[np.float64]
 
 _DEFAULT_FPS = 30.0
-_SLIDE_M = 1e-3
 
 
 @dataclass
@@ -61,37 +61,17 @@ def _read(document: Document, animation: int) -> Motion:
     turns, places, scales = _forward(document, nodes, order, tracks, times)
     rest = _rest_turns(document, nodes, order)
     parents = [order.index(nodes[n].parent) if i else -1 for i, n in enumerate(order)]
-    offsets = np.zeros((len(order), 3))
-    for i, parent in enumerate(parents[1:], start=1):
-        local = np.swapaxes(turns[order[parent]], 1, 2) @ (places[order[i]] - places[order[parent]])[..., None]
-        offsets[i] = rest[parent] @ local[..., 0].mean(axis=0)
-        slide = np.ptp(local[..., 0], axis=0).max()
-        if slide > _SLIDE_M:
-            raise document.error(
-                f"the joint {nodes[order[i]].name!r} slides by {slide * 1e3:.1f} mm against its parent, and a "
-                "skeleton with constant bones is needed: bake translations into rotations"
-            )
-    world = np.stack([turns[n] @ rest[i].T for i, n in enumerate(order)], axis=1)
-    local = np.stack(
-        [world[:, i] if p < 0 else np.swapaxes(world[:, p], 1, 2) @ world[:, i] for i, p in enumerate(parents)], axis=1
-    )
-    local = BVH_FROM_WORLD.T @ local @ BVH_FROM_WORLD
     tips = np.full((len(order), 3), np.nan)
     for i, n in enumerate(order):
         tip = nodes[n].tip
         if tip is not None and i not in parents:
-            tips[i] = rest[i] @ tip * scales[n] @ BVH_FROM_WORLD
-    free = np.full((len(order), 3), np.inf)
-    skeleton = Skeleton(
-        names=_names(nodes, order),
-        parents=tuple(parents),
-        offsets=offsets @ BVH_FROM_WORLD,
-        tips=tips,
-        twist_axis=(2,) * len(order),
-        lower=-free,
-        upper=free,
-    )
-    return Motion(skeleton, fps, places[order[0]] @ BVH_FROM_WORLD, continuous_quat(quat_from_matrix(local)))
+            tips[i] = tip * scales[n]
+    return motion_in_world_axes(
+        [nodes[n].name for n in order], parents,
+        BVH_FROM_WORLD.T @ np.stack([turns[n] for n in order], axis=1),
+        np.stack([places[n] for n in order], axis=1) @ BVH_FROM_WORLD,
+        BVH_FROM_WORLD.T @ np.stack(rest), tips, fps, document.error,
+    )  # fmt: skip
 
 
 def _nodes(document: Document) -> list[_Node]:
@@ -164,16 +144,6 @@ def _joints(document: Document, nodes: list[_Node]) -> list[int]:
         raise document.error("the skin's joints have no common root")
     wanted = {n for path in paths for n in path[common - 1 :]}
     return sorted(wanted, key=lambda n: (len(above(n)), n))
-
-
-def _names(nodes: list[_Node], order: list[int]) -> tuple[str, ...]:
-    names: list[str] = []
-    for n in order:
-        name, k = nodes[n].name, 1
-        while name in names:
-            name, k = f"{nodes[n].name}.{k:03d}", k + 1
-        names.append(name)
-    return tuple(names)
 
 
 @dataclass

@@ -21,6 +21,7 @@ from muybridge.motion.formats.bvh import read_bvh, write_bvh
 from muybridge.motion.formats.c3d import C3DTake, read_c3d_take, write_c3d
 from muybridge.motion.formats.csv_points import read_csv, write_csv
 from muybridge.motion.formats.fbx import write_fbx
+from muybridge.motion.formats.fbx_read import read_fbx
 from muybridge.motion.formats.gltf import read_gltf, write_glb
 from muybridge.motion.formats.mot import write_mot
 from muybridge.motion.formats.npz import read_npz, write_npz
@@ -109,6 +110,7 @@ _READ: dict[str, Callable[[Path, ReadOptions], Take]] = {
     ".amc": lambda p, o: Take(motion=read_amc(p, o.asf, o.fps or CMU_FPS)),
     ".glb": lambda p, o: Take(motion=read_gltf(p)),
     ".gltf": lambda p, o: Take(motion=read_gltf(p)),
+    ".fbx": lambda p, o: _read_fbx(p),
 }
 _WRITE_POINTS: dict[str, Callable[[Path, Points3D], object]] = {
     ".trc": write_trc,
@@ -207,6 +209,11 @@ def _read_c3d(path: Path, options: ReadOptions) -> Take:
     if analog is not None:
         analog = replace(analog, rate=analog.rate * points.fps / take.points.fps)
     return Take(points=points, c3d=replace(take, points=points, analog=analog))
+
+
+def _read_fbx(path: Path) -> Take:
+    motion, notices = read_fbx(path)
+    return Take(motion=motion, notices=notices)
 
 
 def _read_bvh(path: Path, options: ReadOptions) -> Take:
