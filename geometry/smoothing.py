@@ -6,6 +6,7 @@ with growing uncertainty and gives a covariance for what comes out. Its bandwidt
 `sqrt(acceleration / noise) / 2 pi` Hz.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -151,11 +152,14 @@ def _unswap(
     left, right = np.array(pairs, dtype=np.intp).T
     limb = np.array([_limb_of(names[i]) for i in left])
     rare = float(np.log((1 - swap_share) / swap_share))
-    # All at once is the network's own mistake and not rare; besides, the body tells where its front is.
-    whole = 0.4 * rare + _facing(landmarks, xyz)[:, None]
+    # The body tells where its front is, and so which leg is which by its hips and which arm by its shoulders.
+    hips, shoulders = _facing(landmarks, xyz, ("hip",)), _facing(landmarks, xyz, ("shoulder",))
+    of_limb = np.stack([hips, shoulders, np.zeros_like(hips)], axis=1)[:, np.unique(limb)]
+    # All at once is the network's own mistake and not rare.
+    whole = 0.4 * rare + _facing(landmarks, xyz, ("hip", "shoulder"))[:, None]
     for group, prior in (
         (np.zeros(len(left), dtype=np.intp), whole),
-        (limb, np.full((1, 1), rare)),
+        (limb, rare + of_limb),
         (np.arange(len(left)), np.full((1, 1), rare)),
     ):
         swapped = _swap_paths(xyz[:, left], xyz[:, right], covariance[:, left], group, fps, prior)
@@ -165,8 +169,9 @@ def _unswap(
     return xyz, covariance
 
 
-def _facing(landmarks: LandmarkSet, xyz: Array) -> Array:
-    """(T,) log odds that left is left, from where nose and toes point: left is up x forward. 0 where unknown."""
+def _facing(landmarks: LandmarkSet, xyz: Array, across: Sequence[str]) -> Array:
+    """(T,) log odds that left is left of the pairs `across`, from where nose and toes point: left is up x forward. 0
+    where unknown."""
 
     def at(name: str) -> Array:
         return xyz[:, landmarks.names.index(name)] if name in landmarks.names else np.full_like(xyz[:, 0], np.nan)
@@ -177,12 +182,13 @@ def _facing(landmarks: LandmarkSet, xyz: Array) -> Array:
     forward = np.nansum([head, *feet], axis=0)
     left = np.cross(up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-9), forward)
     reach = np.linalg.norm(left, axis=-1)
-    across = at("left_hip") - at("right_hip") + at("left_shoulder") - at("right_shoulder")
+    wide = np.sum([at(f"left_{pair}") - at(f"right_{pair}") for pair in across], axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        width = np.sum(left * across, axis=-1) / reach
-    # Hips and shoulders are together half a metre wide, and nose and feet reach as far to the front; noise
+        width = np.sum(left * wide, axis=-1) / reach
+    # Hips and shoulders are each a quarter of a metre wide, and nose and feet reach half a metre to the front; noise
     # alone makes about half of that.
-    return np.asarray(np.nan_to_num(np.clip(width / 0.25, -2.0, 2.0) * np.minimum(reach / 0.3, 1.0)))
+    usual = 0.125 * len(across)
+    return np.asarray(np.nan_to_num(np.clip(width / usual, -2.0, 2.0) * np.minimum(reach / 0.3, 1.0)))
 
 
 def _limb_of(name: str) -> int:
@@ -217,13 +223,16 @@ def _swap_paths(
     # How far a landmark gets between two frames without a swap: its noise and 1.5 m/s; more than the cap
     # of a mistaken step says nothing more.
     seconds = (np.arange(t_count)[:, None] - before) / fps
-    scale = np.where(usable, variance + variance[before, column], 1.0) + (1.5 * seconds) ** 2
+    moves = (1.5 * seconds) ** 2
+    scale = np.where(usable, variance + variance[before, column], 1.0) + moves
+    number = np.unique(group, return_inverse=True)[1]
+    # Noise is every landmark's own, movement the limb's: what a foot says of it, heel and toes don't say again.
+    worth = 1 / (1 + (np.bincount(number)[number] - 1) * moves / scale)
 
     def step(now: Array, then: Array) -> Array:
         far = np.sum((now - then[before, column]) ** 2, axis=-1) / (2 * scale)
-        return np.where(usable, np.minimum(far, 8.0), 0.0)
+        return np.where(usable, worth * np.minimum(far, 8.0), 0.0)
 
-    number = np.unique(group, return_inverse=True)[1]
     costs = np.stack([step(a, a) + step(b, b), step(b, a) + step(a, b)], axis=-1)
     member = (number == np.arange(number.max() + 1)[:, None]).astype(np.float64)
     prior = np.broadcast_to(prior, (t_count, len(member))) * (known @ member.T > 0)

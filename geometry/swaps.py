@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import LandmarkSet
-from muybridge.geometry.robust import extent
+from muybridge.geometry.robust import extent, row_median
 from muybridge.geometry.triangulation import TriangulateOptions, take_noise, usable_points
 
 _Floats = NDArray[np.float64]
@@ -180,13 +180,21 @@ def _epipolar_u(essential: _Floats, a: _Floats, b: _Floats, noise_a: _Floats, no
 
 def _time_evidence(px: _Floats, variance: _Floats, twins: NDArray[np.int64], options: SwapOptions) -> _Floats:
     """(T - 1, C) the same for one camera's consecutive frames."""
-    stride2 = (options.stride_share * extent(px)) ** 2
+    if px.shape[1] < 2:
+        return np.zeros((0, len(px)))
+
+    def moved2(i: int, k: int) -> _Floats:
+        return np.asarray(np.sum((px[:, 1:, twins[:, i]] - px[:, :-1, twins[:, k]]) ** 2, axis=-1))
+
+    # At ease, or as far as these landmarks mostly do in this take: few frames a second are long strides.
+    mostly = np.nan_to_num(row_median(row_median(np.concatenate([moved2(0, 0), moved2(1, 1)], axis=-1))))[:, None, None]
+    stride2 = np.fmax((options.stride_share * extent(px)[:, 1:, None]) ** 2, mostly)
 
     def cost(i: int, k: int) -> _Floats:
-        now, before = twins[:, i], twins[:, k]
-        moved2 = np.sum((px[:, 1:, now] - px[:, :-1, before]) ** 2, axis=-1)
-        spread = variance[:, 1:, now] + variance[:, :-1, before] + stride2[:, 1:, None]
-        return _bounded(moved2 / spread, options.bound_sigma)
+        spread = variance[:, 1:, twins[:, i]] + variance[:, :-1, twins[:, k]] + stride2
+        # Noise is each landmark's own in each camera, a stride is one thing that all of them see.
+        worth = 1 / (1 + (len(px) * len(twins) - 1) * mostly / (spread + mostly))
+        return worth * _bounded(moved2(i, k) / spread, options.bound_sigma)
 
     difference = cost(0, 1) + cost(1, 0) - cost(0, 0) - cost(1, 1)
     evidence: _Floats = 0.5 * np.nansum(difference, axis=-1).T

@@ -84,3 +84,28 @@ def test_shapes_are_checked() -> None:
     cameras, px = views(3, 2, 1.0)
     with pytest.raises(ValueError, match=r"must be \(3, T, 23, 2\)"):
         repair_swaps(cameras, px[:, :, :5], np.ones((3, 2, 5)), BODY23)
+
+
+@pytest.mark.parametrize("step", [3, 8, 12])
+def test_few_frames_a_second_are_long_strides(step: int) -> None:
+    """Of a runner at 60 frames a second every so many: where a foot was is the other one now."""
+    cameras: CameraGroup = _room.ring(4)
+    frames = np.arange(0, 240, step)
+    world = _room.walker(240, (0.2, 0.0), 0.4)[frames]
+    swing = 0.45 * np.sin(2 * np.pi * 1.4 * frames / 60)
+    for j, name in enumerate(BODY23.names):
+        reach = {"knee": 0.5, "ankle": 1.0, "heel": 1.0, "toe": 1.0}.get(name.split("_")[-1], 0.0)
+        world[:, j, 0] += reach * swing * (name.startswith("left_") - name.startswith("right_"))
+    px = cameras.project(world)
+    px += np.random.default_rng(2).normal(0, 4.0, px.shape)
+    _, _, swapped = repair_swaps(cameras, px, np.full(px.shape[:-1], 16.0), BODY23)
+    assert not swapped.any()
+
+
+def test_a_single_frame() -> None:
+    cameras, px = views(4, 1, 3.0)
+    given = px.copy()
+    given[1] = px[1][:, MIRROR]
+    fixed, _, swapped = repair_swaps(cameras, given, np.full(px.shape[:-1], 9.0), BODY23)
+    assert swapped[1].any()
+    np.testing.assert_array_equal(fixed, px)
