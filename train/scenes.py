@@ -69,22 +69,8 @@ class SceneCompositor:
         size = np.exp(rng.uniform(np.log(28), np.log(300), count)) if count else np.zeros(0)
         if count and rng.random() < CLOSE_SHARE:  # someone at a desk, or who walks past the camera
             size[0] = np.exp(rng.uniform(np.log(300), np.log(700)))
-        beside = self._beside(size)
-        boxes, owners = [], np.full((height, width), -1, np.int16)
-        areas = []
-        roll = np.radians(rng.normal(0, 8 if rng.random() < 0.8 else 20))
-        order = np.argsort(size)  # far people first
-        placed: dict[int, NDArray[np.float64]] = {}
-        for number, k in enumerate(order):
-            rgba, box = self._person(float(size[k]), roll)
-            mate = next((placed[m] for m in beside[k] if m in placed), None)
-            shift = None if mate is None else self._next_to(mate, box)
-            box, area = self._paste(frame, owners, rgba, box, number, shift)
-            placed[int(k)] = box
-            if rng.random() < 0.15:  # stood still long enough to be in the plate
-                self._copy_owner(frame, plate, owners, number)
-            boxes.append(box)
-            areas.append(area)
+        owners = np.full((height, width), -1, np.int16)
+        boxes, areas = self._people(frame, plate, owners, size)
         near = len(self.near) > 0 and rng.random() < NEAR_SHARE
         if near:
             box, area = self._near(frame, owners, count)
@@ -107,6 +93,26 @@ class SceneCompositor:
         good = (share > 0.25) & (visible > 60)
         stack = np.array(boxes, np.float32).reshape(-1, 4)
         return frame, plate, stack[good], stack[~good]
+
+    def _people(
+        self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16], size: NDArray[np.float64]
+    ) -> tuple[list[NDArray[np.float64]], list[int]]:
+        """Draws people of these sizes, pixels, far ones first; their boxes and the areas of their silhouettes."""
+        rng, beside = self.rng, self._beside(size)
+        boxes, areas = [], []
+        roll = np.radians(rng.normal(0, 8 if rng.random() < 0.8 else 20))
+        placed: dict[int, NDArray[np.float64]] = {}
+        for number, k in enumerate(np.argsort(size)):
+            rgba, box = self._person(float(size[k]), roll)
+            mate = next((placed[m] for m in beside[k] if m in placed), None)
+            shift = None if mate is None else self._next_to(mate, box)
+            box, area = self._paste(frame, owners, rgba, box, number, shift)
+            placed[int(k)] = box
+            if rng.random() < 0.15:  # stood still long enough to be in the plate
+                self._copy_owner(frame, plate, owners, number)
+            boxes.append(box)
+            areas.append(area)
+        return boxes, areas
 
     def _beside(self, size: NDArray[np.float64]) -> list[list[int]]:
         """For every person those whom they stand beside; makes them alike in `size`."""
