@@ -75,7 +75,7 @@ class KeypointNet(nn.Module):
         self,
         landmarks: int = 23,
         widths: tuple[int, int, int, int] = (32, 64, 128, 160),
-        depths: tuple[int, int, int, int] = (0, 2, 2, 3),
+        depths: tuple[int, int, int, int] = (0, 2, 2, 2),
     ) -> None:
         super().__init__()
         self.config: dict[str, Any] = {"landmarks": landmarks, "widths": widths, "depths": depths}
@@ -106,24 +106,6 @@ class KeypointNet(nn.Module):
         for lateral, fine in zip(self.laterals, features[-2::-1], strict=True):
             x = lateral(x, fine)
         return x, coarse
-
-
-def deepened(net: KeypointNet, depths: tuple[int, int, int, int]) -> KeypointNet:
-    """A network of these depths that does what `net` does: the blocks that it has more add nothing until they are
-    trained (Chen et al., "Net2Net", ICLR 2016).
-
-    Raises:
-        ValueError: `net` is deeper somewhere.
-    """
-    if any(more < less for more, less in zip(depths, net.config["depths"], strict=True)):
-        raise ValueError(f"a network of depths {net.config['depths']} does not fit into one of {depths}")
-    deep = KeypointNet(**net.config | {"depths": depths})
-    there = net.state_dict()
-    for name, module in deep.named_modules():
-        if isinstance(module, Block) and f"{name}.first.0.weight" not in there:
-            nn.init.zeros_(module.second[1].weight)  # type: ignore[arg-type]
-    deep.load_state_dict(there, strict=False)
-    return deep.train(net.training)
 
 
 class SeparateHeads(nn.Module):

@@ -37,7 +37,7 @@ def keypoint_net_from_onnx(path: Path) -> KeypointNet:
                 parts = [there.pop(f"{part}_{name}.{kind}") for part in ("body", "marker")]
                 there[f"net.{name}.{kind}"] = torch.cat(parts)
         here = {name.removeprefix("net.") if marked else name: value for name, value in there.items()}
-        net = KeypointNet(len(here["head.bias"]), depths=_depths(here))
+        net = KeypointNet(len(here["head.bias"]))
         net.load_state_dict(_unfolded(net, here))
     return net.eval()
 
@@ -124,12 +124,6 @@ def measure_normalisation(net: nn.Module, images: Sequence[Tensor]) -> None:
         normalisation.weight.copy_(gain * deviation * math.sqrt(1 + normalisation.eps))
         normalisation.running_mean.copy_(mean / deviation)
         normalisation.running_var.fill_(1.0)
-
-
-def _depths(weights: dict[str, Tensor]) -> tuple[int, int, int, int]:
-    """Residual blocks of every level: all but the first begin with the convolution that halves the resolution."""
-    blocks = [{k.split(".")[2] for k in weights if k.startswith(f"levels.{i}.")} for i in range(4)]
-    return len(blocks[0]), len(blocks[1]) - 1, len(blocks[2]) - 1, len(blocks[3]) - 1
 
 
 def _unfolded(net: nn.Module, weights: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -15,7 +15,7 @@ from muybridge.errors import ModelError, SessionError  # noqa: E402
 from muybridge.geometry.landmarks import BODY23  # noqa: E402
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
 from muybridge.models.export import export_onnx, parity  # noqa: E402
-from muybridge.models.keypoint_net import KeypointNet, deepened  # noqa: E402
+from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
 from muybridge.models.people_net import PeopleNet  # noqa: E402
 from muybridge.models.registry import keypoint_card, people_card, shipped_model  # noqa: E402
 from muybridge.models.weights_from_onnx import measure_normalisation  # noqa: E402
@@ -170,18 +170,6 @@ def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
     card = keypoint_card(session.get_modelmeta().custom_metadata_map, path)
     assert card.landmarks is BODY23 and card.input_size == 64
     assert card.metadata["training_command"] == "a test"
-
-
-def test_a_deeper_network_does_what_the_one_that_it_grew_from_does():
-    torch.manual_seed(3)
-    net, image = KeypointNet(5, depths=(0, 1, 2, 1)).eval(), torch.rand(2, 3, 64, 96)
-    deep = deepened(net, (0, 2, 2, 3))
-    assert len(deep.state_dict()) > len(net.state_dict()) and not deep.training
-    with torch.no_grad():
-        for a, b in zip(net(image), deep(image), strict=True):
-            torch.testing.assert_close(a, b)
-    with pytest.raises(ValueError, match="does not fit"):
-        deepened(deep, (0, 1, 2, 1))
 
 
 def test_measured_normalisation_changes_nothing_but_the_filters():

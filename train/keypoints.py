@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps
-from muybridge.models.keypoint_net import STRIDE, KeypointNet, deepened
+from muybridge.models.keypoint_net import STRIDE, KeypointNet
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, measure_normalisation
 from muybridge.train import loop
 from muybridge.train.augment import AugmentOptions, Batch, Compositor
@@ -110,18 +110,11 @@ def train(options: KeypointTraining) -> pathlib.Path:
     validation = held_out_batches(options.renders, pool, options.size)
     net, seen = KeypointNet(len(BODY23) + len(SURFACE)), loop.Seen()
     if options.model is not None and not loop.resumes(options):
-        net, seen = _begin_with(options.model, net), loop.Seen.of(options.model)
+        net, seen = keypoint_net_from_onnx(options.model), loop.Seen.of(options.model)
+        if net.head.out_channels != len(BODY23) + len(SURFACE):
+            raise ModelError(f"{options.model}: training needs a network that finds virtual markers too")
         measure_normalisation(net, [validation[0].image.float().div(255)])
     fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
     crops = _Crops(pool, options.size, options.batch)
     fit.run(loop.batches(options, crops, fit.state["step"]), loss_of)
     return fit.checkpoint
-
-
-def _begin_with(path: pathlib.Path, like: KeypointNet) -> KeypointNet:
-    """The network of a file, as deep as `like`."""
-    net = keypoint_net_from_onnx(path)
-    if net.head.out_channels != like.head.out_channels:
-        told = f"{net.head.out_channels} landmarks and markers; training needs one of {like.head.out_channels}"
-        raise ModelError(f"{path}: a network of {told}")
-    return deepened(net, like.config["depths"])
