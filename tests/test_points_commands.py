@@ -123,7 +123,7 @@ def test_convert_says_what_makes_no_sense(tmp_path, capfd):
     (tmp_path / "a.asf").write_text(":version 1.10")
     assert "muybridge solve" in refused(capfd, "convert", tmp_path / "a.trc", tmp_path / "b.bvh")
     assert "write .glb" in refused(capfd, "convert", tmp_path / "a.trc", tmp_path / "b.gltf")
-    assert "known are .trc" in refused(capfd, "convert", tmp_path / "a.fbx", tmp_path / "b.glb")
+    assert "known are .trc" in refused(capfd, "convert", tmp_path / "a.usda", tmp_path / "b.glb")
     assert "name the .amc" in refused(capfd, "convert", tmp_path / "a.asf", tmp_path / "b.glb")
     assert "ends after line 1" in refused(capfd, "convert", tmp_path / "a.bvh", tmp_path / "b.glb")
     assert "no such file" in refused(capfd, "convert", tmp_path / "none.trc", tmp_path / "b.csv")
