@@ -148,7 +148,7 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
     stage, cameras, keypoints, markers, fps, options = (getattr(take, f.name) for f in fields(take))
     sides, cloud = _to_points(stage, number, cameras, keypoints, person, fps, options)
     measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
-    alone, again = sides.arrays, None
+    again = None
     if look_again is not None:
         # Not as the result is smoothed: another cut-off for that needs no other look.
         expected = smooth_points(measured, SmoothOptions())
@@ -163,11 +163,16 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
         )  # fmt: skip
         sides, cloud = _to_points(stage, number + _AGAIN, cameras, keypoints, person, fps, options)
         measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
+
+    def alone() -> Arrays:
         # Views that were told what the others see agree with them: each has to be asked on its own.
-        alone, _ = _sides(cameras, again.alone, _taken(again.alone, again.slots), options.swaps)
+        if again is None:
+            return sides.arrays
+        return _sides(cameras, again.alone, _taken(again.alone, again.slots), options.swaps)[0]
+
     left_out = stage(
         f"left out{number}", [person.key, options.swaps, options.triangulate],
-        lambda: _left_out(cameras, alone, options.triangulate),
+        lambda: _left_out(cameras, alone(), options.triangulate),
     )  # fmt: skip
     px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
     smooth = stage(f"smooth{number}", [cloud.key, options.smooth], lambda: _smooth(measured, options.smooth))

@@ -12,6 +12,7 @@ import torch
 
 from muybridge.errors import ModelError
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, trained_for
+from muybridge.train.loop import Seen
 
 
 def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
@@ -32,10 +33,9 @@ def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
         if {k: v.shape for k, v in state.items()} != {k: v.shape for k, v in states[0].items()}:
             raise ModelError(f"{path}: of another design than {paths[0]}; average networks of one training run")
     mean = {k: torch.stack([s[k].float() for s in states]).mean(0).to(v.dtype) for k, v in states[0].items()}
-    trained = [trained_for(path) for path in paths]
-    state = {"images": max(t.get("images", 0) for t in trained),
-             "seconds": 60 * max(t.get("minutes", 0.0) for t in trained)}  # fmt: skip
+    seen = [Seen.of(path) for path in paths]
+    state = {"images": max(s.images for s in seen), "seconds": max(s.seconds for s in seen)}
     return {
         "average": mean, "config": nets[0].config, "state": state, "scores": {},
-        "options": {"seed": trained[0]["seed"]},
+        "options": {"seed": trained_for(paths[0])["seed"]},
     }  # fmt: skip

@@ -202,7 +202,7 @@ class Fit:
         self.optimiser = torch.optim.AdamW(net.parameters(), options.rate, weight_decay=0.02)
         self.average = AveragedWeights(self.net)
         self.state: dict[str, Any] = {"step": 0} | (seen or Seen())._asdict()
-        if self.checkpoint.exists():
+        if resumes(options):
             saved = torch.load(self.checkpoint, map_location=device(), weights_only=False)
             self.net.load_state_dict(saved["net"])
             self.optimiser.load_state_dict(saved["optimiser"])

@@ -17,14 +17,12 @@ from muybridge.motion.formats.bone_mesh import BoneMesh, bone_mesh, rest_positio
 from muybridge.motion.formats.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.euler import smooth_euler
 from muybridge.motion.formats.fbx_binary import CREATION_TIME, FILE_ID, VERSION, Node, Table, write_fbx_nodes
-from muybridge.motion.formats.fbx_scene import TICKS_A_SECOND
+from muybridge.motion.formats.fbx_scene import CUSTOM_RATE, RATES, TICKS_A_SECOND
 
 Array = NDArray[np.float64]
 
 CM = 100.0
-# The rates that FBX has a number for; any other is "custom".
-_RATES = {120: 1, 100: 2, 60: 3, 50: 4, 48: 5, 30: 6, 25: 10, 24: 11, 1000: 12, 96: 15, 72: 16}
-_CUSTOM = 14
+_RATE_NUMBERS = {rate: number for number, rate in reversed(RATES.items()) if rate.is_integer()}
 _TAKE = "Take 001"
 # A key of straight lines: no tangents; the numbers are those of "nothing set".
 _LINEAR = np.array([4], np.int32)
@@ -76,13 +74,12 @@ def _head(motion: Motion) -> list[Node]:
     for key, value in (("Version", 1000), *moment):
         stamp.add(key, np.int32(value))
     header.add("Creator", f"muybridge {__version__}")
-    rate = int(motion.fps) if float(motion.fps).is_integer() else 0
     table = Table()
     for axis, way in (("Up", 1), ("Front", 2), ("Coord", 0)):
         table.integer(f"{axis}Axis", way).integer(f"{axis}AxisSign", 1)
     table.integer("OriginalUpAxis", -1).integer("OriginalUpAxisSign", 1)
     table.number("UnitScaleFactor", 1.0).number("OriginalUnitScaleFactor", 1.0)
-    table.integer("TimeMode", _RATES.get(rate, _CUSTOM), "enum").number("CustomFrameRate", motion.fps)
+    table.integer("TimeMode", _RATE_NUMBERS.get(motion.fps, CUSTOM_RATE), "enum").number("CustomFrameRate", motion.fps)
     table.line("TimeSpanStart", "KTime", "Time", "", 0)
     table.line("TimeSpanStop", "KTime", "Time", "", _ticks(len(motion) - 1, motion.fps))
     settings = Node("GlobalSettings", (), [Node("Version", (np.int32(1000),)), table.node])

@@ -9,7 +9,7 @@ from muybridge.errors import FormatError
 from muybridge.geometry.skeleton import Motion
 from muybridge.motion.formats.fbx_binary import read_fbx_nodes
 from muybridge.motion.formats.fbx_scene import Complaint, Model, Scene, read_scene
-from muybridge.motion.formats.world_axes import motion_in_world_axes
+from muybridge.motion.formats.world_axes import frame_times, motion_in_world_axes
 
 Array = NDArray[np.float64]
 
@@ -127,10 +127,7 @@ def _even_times(scene: Scene, order: list[int], error: Complaint) -> tuple[float
         # Keys that are farther apart than frames were set by hand, or left out where they changed nothing.
         fps = fps if keyed < 0.75 * fps else keyed
     fps = float(round(fps)) if abs(fps - round(fps)) < 1e-3 else fps
-    count = (last - first) * fps + 1
-    if not count < 10_000 + 100 * sum(len(c.times) for c in curves):
-        raise error(f"its keys lie {last - first:g} s apart, too far for {fps:g} frames a second")
-    return fps, first + np.arange(round(count)) / fps
+    return fps, frame_times(first, last, fps, sum(len(c.times) for c in curves), error)
 
 
 def _forward(

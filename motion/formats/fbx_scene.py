@@ -22,6 +22,10 @@ Links = Sequence[tuple[Property, ...]]
 Objects = Mapping[Any, Node]
 
 TICKS_A_SECOND = 46186158000
+# Frames a second by their numbers; 14 is any other. Of two of one rate the first is what is written.
+RATES = {1: 120.0, 2: 100.0, 3: 60.0, 4: 50.0, 5: 48.0, 6: 30.0, 7: 30.0, 8: 30 / 1.001, 9: 30 / 1.001, 10: 25.0,
+         11: 24.0, 12: 1000.0, 13: 24 / 1.001, 15: 96.0, 16: 72.0, 17: 60 / 1.001}  # fmt: skip
+CUSTOM_RATE = 14
 # Of a node's rotation, by its number; 6 is "spheric", which nobody writes.
 ORDERS = ("XYZ", "XZY", "YZX", "YXZ", "ZXY", "ZYX")
 _CONSTANT, _LINEAR, _CUBIC = 2, 4, 8
@@ -287,7 +291,6 @@ def _units(settings: Table, error: Complaint) -> tuple[float, Array, float]:
     x, z = axes
     if abs(x @ z) > 0:
         raise error("two of its axes are one")
-    rates = {1: 120, 2: 100, 3: 60, 4: 50, 5: 48, 6: 30, 7: 30, 8: 30 / 1.001, 9: 30 / 1.001, 10: 25, 11: 24, 12: 1000,
-             13: 24 / 1.001, 14: number("CustomFrameRate", np.nan), 15: 96, 16: 72, 17: 60 / 1.001}  # fmt: skip
-    fps = float(rates.get(int(number("TimeMode", 0)), np.nan))
+    mode = int(number("TimeMode", 0))
+    fps = number("CustomFrameRate", np.nan) if mode == CUSTOM_RATE else RATES.get(mode, np.nan)
     return scale, np.stack([x, np.cross(z, x), z]), fps if 0 < fps < 1e5 else np.nan

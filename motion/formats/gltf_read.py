@@ -16,7 +16,7 @@ from muybridge.geometry.rotations import matrix_from_quat
 from muybridge.geometry.skeleton import Motion
 from muybridge.motion.formats.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.glb import JSON_ERRORS, Document
-from muybridge.motion.formats.world_axes import motion_in_world_axes
+from muybridge.motion.formats.world_axes import frame_times, motion_in_world_axes
 
 Array = NDArray[np.float64]
 
@@ -190,10 +190,7 @@ def _even_times(document: Document, tracks: dict[tuple[int, str], _Track], anima
         # Keys may lie on part of the frames only: the step that most of them have.
         fps = float(1.0 / np.median(np.diff(finest))) if len(finest) > 1 else _DEFAULT_FPS
         fps = float(round(fps)) if abs(fps - round(fps)) < 1e-2 else fps
-    count = (last - first) * fps + 1
-    if not count < 10_000 + 100 * sum(len(t.times) for t in tracks.values()):
-        raise document.error(f"its keys lie {last - first:g} s apart, too far for {fps:g} frames a second")
-    return fps, first + np.arange(round(count)) / fps
+    return fps, frame_times(first, last, fps, sum(len(t.times) for t in tracks.values()), document.error)
 
 
 def _forward(

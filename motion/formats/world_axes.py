@@ -67,6 +67,14 @@ def motion_in_world_axes(
     return Motion(skeleton, fps, places[:, 0], continuous_quat(quat_from_matrix(local)))
 
 
+def frame_times(first: float, last: float, fps: float, keys: int, error: Callable[[str], FormatError]) -> Array:
+    """(T,) seconds of even frames from the first of `keys` keys to the last; `error` where they lie too far apart."""
+    count = (last - first) * fps + 1
+    if not count < 10_000 + 100 * keys:
+        raise error(f"its keys lie {last - first:g} s apart, too far for {fps:g} frames a second")
+    return np.asarray(first + np.arange(round(count)) / fps)
+
+
 def _different(names: Sequence[str]) -> tuple[str, ...]:
     out: list[str] = []
     for name in names:
