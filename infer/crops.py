@@ -22,14 +22,14 @@ def extract_crops(frame: NDArray[np.uint8], crops: Crops) -> NDArray[np.uint8]:
     fine as the frame, and averaged down over areas. Outside the frame a crop is black.
 
     Args:
-        frame: (H, W, 3).
+        frame: (H, W, 3), or (H, W) of one channel.
         crops: N crops of this frame.
 
     Returns:
-        (N, S, S, 3).
+        (N, S, S, 3), or (N, S, S).
     """
     size = crops.size_px
-    pixels = np.empty((len(crops), size, size, 3), dtype=np.uint8)
+    pixels = np.empty((len(crops), size, size, *frame.shape[2:]), dtype=np.uint8)
     coarseness = np.clip(crops.image_px_per_crop_px, 1, _MAX_FOLD)
     bounds = _image_bounds(crops, frame.shape[1], frame.shape[0])
     for index, crop_from_image in enumerate(crops.crop_from_image):

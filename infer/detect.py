@@ -20,9 +20,11 @@ from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.infer.keypoints import CameraTracks, KeypointOptions, PoseEstimator
 from muybridge.infer.onnx import PeopleNetwork
 from muybridge.infer.other_models import open_keypoints
+from muybridge.infer.plates import Backdrop
 from muybridge.infer.progress import Progress, Task
 from muybridge.infer.session import Session
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest, file_digest
+from muybridge.infer.upright import Letterbox, Upright
 from muybridge.infer.video import VideoWriter, fit_inside, read_chunks
 from muybridge.models.model_card import find_card
 from muybridge.models.registry import Precision, shipped_model
@@ -30,6 +32,8 @@ from muybridge.models.registry import Precision, shipped_model
 _T = TypeVar("_T")
 MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
 PROXY_LONG_SIDE_PX = 960
+# Of a stage's arrays and facts.
+_PLATE, _LONG_SIDE = "plate", "detector_long_side"
 # The code that a camera's 2D landmarks depend on.
 _CODE = (
     "muybridge.models.decode",
@@ -43,7 +47,10 @@ _CODE = (
     "muybridge.infer.onnx",
     "muybridge.infer.other_models",
     "muybridge.infer.people",
+    "muybridge.infer.plates",
+    "muybridge.infer.poses",
     "muybridge.infer.tracking",
+    "muybridge.infer.upright",
     "muybridge.infer.video",
 )
 
@@ -109,6 +116,16 @@ class CameraResult:
     tracks: CameraTracks
     proxy: Path
     stage: StageResult
+
+    @property
+    def plate(self) -> NDArray[np.uint8] | None:
+        """(h, w, 3) the background of the whole video, at the detector's resolution; None where there is none."""
+        return self.stage.arrays.get(_PLATE)
+
+    def backdrop(self, upright: Upright) -> Backdrop:
+        """The background of the whole video, for looking at it again."""
+        letterbox = Letterbox(upright, self.stage.facts[_LONG_SIDE])
+        return Backdrop(letterbox, self.plate is not None, self.plate)
 
 
 def open_models(options: DetectOptions) -> Models:
@@ -219,13 +236,15 @@ class _CameraWork:
             self.task.advance(self.session.frames)
             return CameraResult(_tracks(stored, self.models.landmarks), self.proxy, stored)
         start = time.perf_counter()
-        tracks = self._compute()
+        tracks, plate = self._compute()
         arrays: dict[str, NDArray[Any]] = {
             f.name: values if f.name == "ids" else values.astype(np.float32)
             for f in fields(tracks)
             if f.name != "landmarks" and (values := getattr(tracks, f.name)) is not None
         }
-        result = self.store.save(stage, key, arrays, {}, time.perf_counter() - start)
+        arrays |= {} if plate is None else {_PLATE: plate}
+        long_side = int(self.models.metadata["people"]["input_long_side"])
+        result = self.store.save(stage, key, arrays, {_LONG_SIDE: long_side}, time.perf_counter() - start)
         return CameraResult(_tracks(result, self.models.landmarks), self.proxy, result)
 
     def _key(self) -> str:
@@ -241,7 +260,7 @@ class _CameraWork:
             code_digest(*_CODE),
         )
 
-    def _compute(self) -> CameraTracks:
+    def _compute(self) -> tuple[CameraTracks, NDArray[np.uint8] | None]:
         video, camera = self.session.videos[self.index], self.session.cameras[self.index]
         models = self.models
         estimator = PoseEstimator(
@@ -257,12 +276,13 @@ class _CameraWork:
                 for frame in frames:
                     writer.write(frame)
                 self.task.advance(len(frames))
-        return estimator.finish()
+        return estimator.finish(), estimator.plate
 
 
 def _tracks(stage: StageResult, landmarks: LandmarkSet) -> CameraTracks:
     """Tracks from a stored or just computed stage: the same to the bit in both cases."""
-    values: dict[str, Any] = {n: a if n == "ids" else a.astype(np.float64) for n, a in stage.arrays.items()}
+    arrays = {name: values for name, values in stage.arrays.items() if name != _PLATE}
+    values: dict[str, Any] = {n: a if n == "ids" else a.astype(np.float64) for n, a in arrays.items()}
     return CameraTracks(landmarks=landmarks, **values)
 
 

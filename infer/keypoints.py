@@ -15,9 +15,10 @@ from muybridge.geometry.landmarks import SURFACE, Keypoints2D, LandmarkSet
 from muybridge.infer.onnx import OnnxOptions, PeopleNetwork
 from muybridge.infer.other_models import open_keypoints
 from muybridge.infer.people import PeopleDetector, PeopleOptions
-from muybridge.infer.poses import PoseReader
+from muybridge.infer.plates import Backdrop
+from muybridge.infer.poses import Pictures, PoseReader
 from muybridge.infer.tracking import BoxSmoother, Tracker, TrackOptions
-from muybridge.infer.upright import upright_for
+from muybridge.infer.upright import Letterbox, upright_for
 
 # Frames worked on together: it bounds memory and is how far the boxes' smoothing may look ahead.
 _FRAMES_AT_ONCE = 16
@@ -159,11 +160,19 @@ class PoseEstimator:
                 "fit the calibration to the video first"
             )
         upright = upright_for(camera, width, height)
+        letterbox, people = Letterbox(upright, self._people.card.input_long_side), self._options.people
+        backdrop = Backdrop(letterbox, people.background)
         return _Parts(
-            PeopleDetector(self._people, upright, self._options.people),
+            backdrop,
+            PeopleDetector(self._people, letterbox, people),
             Tracker(upright.bounds, self._options.track),
-            PoseReader(self._network, camera, upright),
+            PoseReader(self._network, camera, upright, backdrop),
         )
+
+    @property
+    def plate(self) -> NDArray[np.uint8] | None:
+        """(h, w, 3) the background of the frames so far, at the detector's resolution; None where there is none."""
+        return None if self._parts is None else self._parts.backdrop.plate
 
     def finish(self) -> CameraTracks:
         """Everything found so far; T is the number of frames processed, P the slots that were used."""
@@ -172,8 +181,9 @@ class PoseEstimator:
         return _assemble(self._found, self._frames, self.landmarks, self._markers, min_seen)
 
     def _process_part(self, frames: NDArray[np.uint8], parts: _Parts) -> None:
-        detector, tracker, reader = parts
-        tracked = [tracker.step(detected) for detected in detector(frames)]
+        backdrop, detector, tracker, reader = parts
+        pictures = Pictures(frames, backdrop(frames))
+        tracked = [tracker.step(detected) for detected in detector(pictures.small)]
         boxes = self._smoother(tracked)
         ids = np.stack([t.ids for t in tracked])
         seen = np.stack([t.seen for t in tracked])
@@ -183,9 +193,9 @@ class PoseEstimator:
         if not len(frame):
             return
         options, track = self._options, ids[frame, slot]
-        poses = reader(frames, frame, boxes[frame, slot])
+        poses = reader(pictures, frame, boxes[frame, slot])
         if options.refine_crop:
-            poses = reader.refined(frames, frame, track, poses, options.min_sure, options.refine_change)
+            poses = reader.refined(pictures, frame, track, poses, options.min_sure, options.refine_change)
         missed = np.stack([t.missed for t in tracked])[frame, slot]
         unsure = poses.sureness < options.min_sure
         duplicate = np.isin(track, reader.duplicates(frame, track, poses))
@@ -206,6 +216,7 @@ class PoseEstimator:
 class _Parts(NamedTuple):
     """What works on one camera's frames, once their size is known."""
 
+    backdrop: Backdrop
     detector: PeopleDetector
     tracker: Tracker
     reader: PoseReader

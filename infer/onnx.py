@@ -78,6 +78,7 @@ class KeypointNetwork:
         path: of the file.
         card: what the file says about itself.
         metadata: the same as text, for reports.
+        channels: of the crops that it sees: 4 with the difference to the background plate, else 3.
     """
 
     def __init__(self, path: Path, options: OnnxOptions = OnnxOptions(), markers: bool = False) -> None:
@@ -104,6 +105,10 @@ class KeypointNetwork:
             self._sets.append(self.card.markers)
             outputs |= {"marker_heatmaps": (4, len(self.card.markers))}
         _check_signature(self._session, path, channels=3, outputs=outputs)
+        plate = self.card.plate_input  # networks of earlier versions do not see it
+        if plate is not None and plate not in [n.name for n in self._session.get_overridable_initializers()]:
+            raise ModelError(f"{path}: not a usable muybridge model: its input {plate!r} cannot be left out; {_REMEDY}")
+        self.channels = 3 if plate is None else 4
         self.metadata = dict(self.card.metadata)
         self._flip = self.metadata.get("precision") == "int8" if options.flip is None else options.flip
 
@@ -132,7 +137,7 @@ class KeypointNetwork:
         return boxes_px
 
     def locate(self, crops: NDArray[np.uint8], expected: Expectation | None = None) -> Located:
-        """Landmarks in (N, S, S, 3) RGB crops, where they are expected if need be."""
+        """Landmarks in (N, S, S, C) crops, see `__call__`, where they are expected if need be."""
         heatmaps, visibility, *markers = self(crops)
         spread, marked, card = self.card.marker_spread, None, self.card
         if markers and spread is not None:
@@ -151,15 +156,16 @@ class KeypointNetwork:
         """Run the network.
 
         Args:
-            crops: (N, S, S, 3) RGB, S the card's `input_size`.
+            crops: (N, S, S, 3) RGB, S the card's `input_size`; or (N, S, S, 4) with the difference to the background
+                plate as a fourth channel, if the network sees it.
 
         Returns:
             heatmaps (N, J, S/stride, S/stride) and visibility (N, J), both logits, and where markers were asked for
             their heatmaps (N, M, S/stride, S/stride).
         """
         size = self.card.input_size
-        if crops.shape[1:] != (size, size, 3):
-            raise ValueError(f"crops must be (N, {size}, {size}, 3), not {crops.shape}")
+        if crops.shape[1:] not in {(size, size, channels) for channels in (3, self.channels)}:
+            raise ValueError(f"crops must be (N, {size}, {size}, {self.channels}), not {crops.shape}")
         cells = size // self.card.stride
         maps = [np.empty((len(crops), len(s), cells, cells), dtype=np.float32) for s in self._sets]
         visibility = np.empty((len(crops), len(self._sets[0])), dtype=np.float32)
@@ -181,8 +187,9 @@ class KeypointNetwork:
 
     def _run(self, crops: NDArray[np.uint8]) -> Sequence[NDArray[np.float32]]:
         image = np.multiply(crops.transpose(0, 3, 1, 2), np.float32(1 / 255), dtype=np.float32)
+        inputs = {name: np.ascontiguousarray(part) for name, part in self.card.inputs(image).items()}
         outputs = ["heatmaps", "visibility", "marker_heatmaps"][: len(self._sets) + 1]
-        return run_session(self._session, self.path, outputs, np.ascontiguousarray(image))
+        return run_session(self._session, self.path, outputs, inputs)
 
 
 def _known(found: DecodedHeatmaps, nothing: NDArray[np.bool_] | None = None) -> DecodedHeatmaps:
@@ -228,7 +235,7 @@ class PeopleNetwork:
             image = np.empty((len(frames[part]), 4, *frames.shape[1:3]), dtype=np.float32)
             np.multiply(frames[part].transpose(0, 3, 1, 2), np.float32(1 / 255), out=image[:, :3])
             image[:, 3] = difference[part]
-            heatmap, box = run_session(self._session, self.path, ["heatmap", "box"], image)
+            heatmap, box = run_session(self._session, self.path, ["heatmap", "box"], {"image": image})
             heatmaps.append(heatmap)
             boxes.append(box)
         return np.concatenate(heatmaps), np.concatenate(boxes)
@@ -284,15 +291,15 @@ def _check_signature(
 
 
 def run_session(
-    session: onnxruntime.InferenceSession, path: Path, outputs: list[str], image: NDArray[np.float32],
-    name: str = "image",
-) -> Sequence[NDArray[np.float32]]:  # fmt: skip
-    """The named outputs for one input; a ModelError in one line where the network fails."""
+    session: onnxruntime.InferenceSession, path: Path, outputs: list[str], inputs: dict[str, NDArray[np.float32]]
+) -> Sequence[NDArray[np.float32]]:
+    """The named outputs for named inputs; a ModelError in one line where the network fails."""
     try:
-        result: Sequence[NDArray[np.float32]] = session.run(outputs, {name: image})
+        result: Sequence[NDArray[np.float32]] = session.run(outputs, inputs)
     except Exception as error:  # onnxruntime's exceptions share no base but Exception
+        shapes = ", ".join(str(values.shape) for values in inputs.values())
         raise ModelError(
-            f"{path}: the network failed on an input of shape {image.shape}: {str(error).splitlines()[0]}; "
+            f"{path}: the network failed on an input of shape {shapes}: {str(error).splitlines()[0]}; "
             f"{_REMEDY}"
         ) from error
     return result

@@ -36,7 +36,10 @@ class OtherNetwork:
         path: of the file.
         card: what it takes in and gives out.
         metadata: for reports.
+        channels: of the crops that it sees.
     """
+
+    channels = 3
 
     def __init__(self, path: Path, card: ModelCard, options: OnnxOptions) -> None:
         """Open a model.
@@ -122,7 +125,7 @@ class OtherNetwork:
             filled = np.zeros((self._fixed_batch, *image.shape[1:]), dtype=np.float32)
             filled[:count] = image
             image = filled
-        outputs = run_session(self._session, self.path, list(card.outputs), image, self._input)
+        outputs = run_session(self._session, self.path, list(card.outputs), {self._input: image})
         axes = 3 if card.decode == "simcc" else 4
         for name, values in zip(card.outputs, outputs, strict=True):
             if values.ndim != axes or values.shape[1] != len(card.names):

@@ -15,6 +15,7 @@ from muybridge.geometry.robust import row_median
 from muybridge.infer.crops import extract_crops
 from muybridge.infer.onnx import Expectation, KeypointNetwork, Located
 from muybridge.infer.other_models import OtherNetwork
+from muybridge.infer.plates import Backdrop, SmallFrames
 from muybridge.infer.tracking import filled_boxes, smoothed_boxes
 from muybridge.infer.upright import Upright
 from muybridge.models.decode import DecodedHeatmaps
@@ -71,6 +72,18 @@ class Poses(NamedTuple):
         return Poses(*(values[index] for values in self))
 
 
+class Pictures(NamedTuple):
+    """Frames of one camera.
+
+    Attributes:
+        frames: (n, H, W, 3) RGB.
+        small: the same as its `Backdrop` sees them.
+    """
+
+    frames: NDArray[np.uint8]
+    small: SmallFrames
+
+
 class PoseReader:
     """Reads the landmarks in boxes of one camera's frames.
 
@@ -78,36 +91,39 @@ class PoseReader:
         upright: how the camera's frames are hung; boxes are in upright px.
     """
 
-    def __init__(self, network: KeypointNetwork | OtherNetwork, camera: Camera | None, upright: Upright) -> None:
+    def __init__(
+        self, network: KeypointNetwork | OtherNetwork, camera: Camera | None, upright: Upright, backdrop: Backdrop
+    ) -> None:
         self._network = network
         self._camera = camera
+        self._backdrop = backdrop
         self.upright = upright
 
-    def __call__(self, frames: NDArray[np.uint8], frame: NDArray[np.intp], boxes_px: NDArray[np.float64]) -> Poses:
+    def __call__(self, pictures: Pictures, frame: NDArray[np.intp], boxes_px: NDArray[np.float64]) -> Poses:
         """Landmarks in boxes.
 
         Args:
-            frames: (n, H, W, 3) RGB.
+            pictures: n of them.
             frame: (K,) which of them a box is in.
             boxes_px: (K, 4) upright px.
         """
         boxes_px = _at_least(boxes_px)
         crops = self._crops(boxes_px)
-        return _poses(self._network.locate(self._pixels(frames, frame, crops)), crops, boxes_px)
+        return _poses(self._network.locate(self._pixels(pictures, frame, crops)), crops, boxes_px)
 
     def expecting(
-        self, frames: NDArray[np.uint8], frame: NDArray[np.intp], boxes_px: NDArray[np.float64], expected: Expectation
+        self, pictures: Pictures, frame: NDArray[np.intp], boxes_px: NDArray[np.float64], expected: Expectation
     ) -> tuple[Poses, Poses]:
         """Landmarks in boxes, where they are expected if need be; and the same without the expectation.
 
         Args:
-            frames, frame, boxes_px: as above.
+            pictures, frame, boxes_px: as above.
             expected: of every box, in px of the frame.
         """
         boxes_px = _at_least(boxes_px)
         crops = self._crops(boxes_px)
         in_crop = expected._replace(points_px=crops.to_crop(expected.points_px))
-        located = self._network.locate(self._pixels(frames, frame, crops), in_crop)
+        located = self._network.locate(self._pixels(pictures, frame, crops), in_crop)
         poses = _poses(located, crops, boxes_px)
         if located.alone is None:
             return poses, poses
@@ -119,13 +135,16 @@ class PoseReader:
         in_frame = network.fitted_boxes(self.upright.centered_in_frame(boxes_px))
         return crops_for_boxes(in_frame, network.crop_size, self._camera, network.box_padding)
 
-    @staticmethod
-    def _pixels(frames: NDArray[np.uint8], frame: NDArray[np.intp], crops: Crops) -> NDArray[np.uint8]:
-        """(K, S, S, 3) what the crops show of their frames."""
-        pixels = np.empty((len(crops), crops.size_px, crops.size_px, 3), dtype=np.uint8)
+    def _pixels(self, pictures: Pictures, frame: NDArray[np.intp], crops: Crops) -> NDArray[np.uint8]:
+        """(K, S, S, 3 or 4) what the crops show of their frames, with the difference to the background if the network
+        sees it."""
+        channels = self._network.channels
+        pixels = np.empty((len(crops), crops.size_px, crops.size_px, channels), dtype=np.uint8)
         for index in np.unique(frame):
             here = np.flatnonzero(frame == index)
-            pixels[here] = extract_crops(frames[index], crops.select(here))
+            pixels[here, ..., :3] = extract_crops(pictures.frames[index], crops.select(here))
+            if channels > 3:
+                pixels[here, ..., 3] = self._backdrop.difference_in(crops.select(here), pictures.small, int(index))
         return pixels
 
     def own_boxes(self, poses: Poses) -> NDArray[np.float64]:
@@ -134,7 +153,7 @@ class PoseReader:
 
     def refined(
         self,
-        frames: NDArray[np.uint8],
+        pictures: Pictures,
         frame: NDArray[np.intp],
         track: NDArray[np.int64],
         poses: Poses,
@@ -144,7 +163,7 @@ class PoseReader:
         """The poses, read once more where a track's boxes differ much from those of its landmarks.
 
         Args:
-            frames: (n, H, W, 3) RGB.
+            pictures: n of them.
             frame: (K,) which frame a pose is in.
             track: (K,) which track it belongs to; frames ascend within a track.
             poses: of a first reading.
@@ -169,7 +188,7 @@ class PoseReader:
         redo = np.flatnonzero(again)
         if not len(redo):
             return poses
-        second = self(frames, frame[redo], wanted[redo])
+        second = self(pictures, frame[redo], wanted[redo])
         gain = second.sureness - poses.sureness[redo]
         for number in np.unique(track[redo]):
             here = track[redo] == number

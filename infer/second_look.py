@@ -23,7 +23,7 @@ from muybridge.infer.detect import CameraResult, DetectOptions, Models, Stopped,
 from muybridge.infer.keypoints import CameraTracks, merge_markers, merge_tracks
 from muybridge.infer.onnx import Expectation
 from muybridge.infer.other_models import open_keypoints
-from muybridge.infer.poses import PoseReader, Poses, body_boxes
+from muybridge.infer.poses import Pictures, PoseReader, Poses, body_boxes
 from muybridge.infer.progress import Progress, Task
 from muybridge.infer.session import Session
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
@@ -33,7 +33,7 @@ from muybridge.infer.video import read_chunks
 _Floats = NDArray[np.float64]
 _CODE = (
     "muybridge.models.decode", "muybridge.infer.second_look", "muybridge.infer.poses", "muybridge.infer.onnx",
-    "muybridge.infer.crops",
+    "muybridge.infer.crops", "muybridge.infer.plates",
 )  # fmt: skip
 
 
@@ -225,7 +225,9 @@ class SecondLook:
         network = open_keypoints(
             self.models.keypoints, self.models.model_card, self.detect.keypoints.onnx, self.detect.markers != "none"
         )
-        reader = PoseReader(network, camera, upright_for(camera, camera.width, camera.height))
+        upright = upright_for(camera, camera.width, camera.height)
+        backdrop = self.detected[c].backdrop(upright)
+        reader = PoseReader(network, camera, upright, backdrop)
         predicted = camera.project(world[wanted])
         # What is beyond the picture's border can't be seen: the crop shows what can.
         within = np.clip(predicted, 0, [camera.width - 1, camera.height - 1])
@@ -237,7 +239,8 @@ class SecondLook:
                 raise Stopped
             here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))
             where = Expectation(predicted[here], self.options.expected_sd, self.options.expected_most)
-            parts.append((here, reader.expecting(chunk, order[here] - begin, boxes[here], where)))
+            pictures = Pictures(chunk, backdrop(chunk))
+            parts.append((here, reader.expecting(pictures, order[here] - begin, boxes[here], where)))
             begin += len(chunk)
             task.advance(len(here))
         back = np.argsort(np.concatenate([here for here, _ in parts]), kind="stable")

@@ -152,3 +152,12 @@ class Letterbox:
         left, top = self.upright.bounds[:2]
         scale = np.tile(self._canvas_px_per_px, 2)
         return np.asarray((boxes + 0.5) / scale + [left, top, left, top])
+
+    @property
+    def frame_from_canvas(self) -> NDArray[np.float64]:
+        """(3, 3) affine map of pixels."""
+        left, top = self.upright.bounds[:2]
+        per_x, per_y = 1 / self._canvas_px_per_px
+        upright_from_canvas = np.array([[per_x, 0, left + per_x / 2], [0, per_y, top + per_y / 2], [0, 0, 1]])
+        upright_from_frame = np.vstack([self.upright.upright_from_frame, [0, 0, 1]])
+        return np.asarray(np.linalg.inv(upright_from_frame) @ upright_from_canvas)

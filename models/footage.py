@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 
-_FORMAT = 1
+_FORMAT = 2
 
 
 class Footage(NamedTuple):
     """`N` crops of the people of one take.
 
     Attributes:
-        crops: (N, S, S, 3) uint8 RGB.
+        crops: (N, S, S, 4) uint8 RGB and the difference to the background plate, zero where there is none.
         landmarks_px: (N, J, 2) crop px of the body's landmarks, then of the virtual markers; NaN without a label.
         agreed: (N, J) whether what this camera's own network said agrees with the label.
         held_out: (N,) crops that are kept from training.
@@ -59,7 +59,7 @@ def load_footage(path: Path) -> Footage:
         crops, landmarks, agreed, held_out = arrays.values()
         count, joints = len(crops), landmarks.shape[1]
         shapes = (landmarks.shape, agreed.shape, held_out.shape) == ((count, joints, 2), (count, joints), (count,))
-        if about["format"] != _FORMAT or crops.dtype != np.uint8 or crops.shape[1:] != (*crops.shape[1:2] * 2, 3):
+        if about["format"] != _FORMAT or crops.dtype != np.uint8 or crops.shape[1:] != (*crops.shape[1:2] * 2, 4):
             raise ValueError("it is of another version")
         if not shapes or not count:
             raise ValueError("its arrays do not belong together")

@@ -11,8 +11,11 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor, nn
 
-MEAN = (0.45, 0.43, 0.41)
-STD = (0.26, 0.26, 0.26)
+# Of RGB and of the difference to the background plate, which is mostly near zero: it is only stretched.
+MEAN = (0.45, 0.43, 0.41, 0.0)
+STD = (0.26, 0.26, 0.26, 0.2)
+CHANNELS = len(MEAN)
+PLATE = "difference"  # the input of the fourth channel, in exported files
 STRIDE = 4
 
 
@@ -60,7 +63,8 @@ class Lateral(nn.Module):
 
 
 class KeypointNet(nn.Module):
-    """Landmark heatmaps and visibility from RGB crops.
+    """Landmark heatmaps and visibility from crops: RGB and the difference to the background plate, which a static
+    camera gives; all zero where there is none.
 
     Args:
         landmarks: number of landmarks J: those of the body first, then those of its surface (virtual markers).
@@ -79,9 +83,9 @@ class KeypointNet(nn.Module):
     ) -> None:
         super().__init__()
         self.config: dict[str, Any] = {"landmarks": landmarks, "widths": widths, "depths": depths}
-        self.register_buffer("mean", torch.tensor(MEAN).view(1, 3, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor(STD).view(1, 3, 1, 1), persistent=False)
-        self.stem = nn.Sequential(ConvUnit(3, widths[0] // 2, 2), ConvUnit(widths[0] // 2, widths[0], 2))
+        self.register_buffer("mean", torch.tensor(MEAN).view(1, CHANNELS, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor(STD).view(1, CHANNELS, 1, 1), persistent=False)
+        self.stem = nn.Sequential(ConvUnit(CHANNELS, widths[0] // 2, 2), ConvUnit(widths[0] // 2, widths[0], 2))
         self.levels = nn.ModuleList()
         for i, (width, depth) in enumerate(zip(widths, depths, strict=True)):
             down = [ConvUnit(widths[i - 1], width, 2)] if i else []
@@ -91,12 +95,12 @@ class KeypointNet(nn.Module):
         self.visibility = nn.Linear(widths[3], landmarks)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, 3, S, S) RGB in 0..1 -> heatmap logits (N, J, S/4, S/4), visibility logits (N, J)."""
+        """(N, 4, S, S) in 0..1 -> heatmap logits (N, J, S/4, S/4), visibility logits (N, J)."""
         fine, coarse = self.features(image)
         return self.head(fine), self.visibility(coarse)
 
     def features(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, 3, S, S) -> (N, widths[0], S/4, S/4), of which heatmaps are made, and (N, widths[3]) of the whole."""
+        """(N, 4, S, S) -> (N, widths[0], S/4, S/4), of which heatmaps are made, and (N, widths[3]) of the whole."""
         x = self.stem((image - self.mean) / self.std)
         features = []
         for level in self.levels:
@@ -124,12 +128,29 @@ class SeparateHeads(nn.Module):
         self.body_head, self.body_visibility = _rows(net.head, slice(body)), _rows(net.visibility, slice(body))
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """(N, 3, S, S) -> heatmaps and visibility of the body, then of the markers; logits as of `KeypointNet`."""
+        """(N, 4, S, S) -> heatmaps and visibility of the body, then of the markers; logits as of `KeypointNet`."""
         fine, coarse = self.net.features(image)
         return (
             self.body_head(fine), self.body_visibility(coarse),
             self.marker_head(fine), self.marker_visibility(coarse),
         )  # fmt: skip
+
+
+class PlateApart(nn.Module):
+    """A network of four channels as one of two inputs, for whoever has no plate: see `models.export`.
+
+    Args:
+        net: a `KeypointNet` or its `SeparateHeads`.
+    """
+
+    def __init__(self, net: nn.Module) -> None:
+        super().__init__()
+        self.net = net
+
+    def forward(self, image: Tensor, difference: Tensor) -> tuple[Tensor, ...]:
+        """(N, 3, S, S) RGB, (N, 1, S, S) or (1, 1, 1, 1) difference -> as the network."""
+        out: tuple[Tensor, ...] = self.net(torch.cat([image, 0 * image[:, :1] + difference], 1))
+        return out
 
 
 _Layer = TypeVar("_Layer", nn.Conv2d, nn.Linear)

@@ -4,7 +4,7 @@ difference to the background plate that a static camera gives."""
 import torch
 from torch import Tensor, nn
 
-from muybridge.models.keypoint_net import MEAN, STD, Block, ConvUnit, Lateral
+from muybridge.models.keypoint_net import CHANNELS, MEAN, STD, Block, ConvUnit, Lateral
 
 STRIDE = 8
 
@@ -25,10 +25,9 @@ class PeopleNet(nn.Module):
     ) -> None:
         super().__init__()
         self.config = {"widths": widths, "depths": depths}
-        # The plate difference is mostly near zero: it is only stretched.
-        self.register_buffer("mean", torch.tensor((*MEAN, 0.0)).view(1, 4, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor((*STD, 0.2)).view(1, 4, 1, 1), persistent=False)
-        self.stem = nn.Sequential(ConvUnit(4, 16, 2), ConvUnit(16, 32, 2), ConvUnit(32, widths[0], 2))
+        self.register_buffer("mean", torch.tensor(MEAN).view(1, CHANNELS, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor(STD).view(1, CHANNELS, 1, 1), persistent=False)
+        self.stem = nn.Sequential(ConvUnit(CHANNELS, 16, 2), ConvUnit(16, 32, 2), ConvUnit(32, widths[0], 2))
         self.levels = nn.ModuleList()
         for i, (width, depth) in enumerate(zip(widths, depths, strict=True)):
             down = [ConvUnit(widths[i - 1], width, 2)] if i else []

@@ -24,6 +24,8 @@ from muybridge.files import replacing
 # Operators that have 8-bit kernels worth having; the rest stays in float32.
 _OPERATORS = ["Conv", "Add", "Resize", "Relu"]
 _IMAGES_AT_ONCE = 8
+# What onnxruntime says: its default, and less.
+_WARNINGS, _ERRORS = 2, 3
 
 
 def int8_path(path: Path) -> Path:
@@ -35,9 +37,10 @@ def quantize(source: Path, target: Path, images: NDArray[np.uint8]) -> None:
     """Write an 8-bit version of a network with the same inputs, outputs and metadata, plus `precision`.
 
     Args:
-        source: float32 ONNX file with one input, a float image (N, C, H, W) in 0..1.
+        source: float32 ONNX file whose inputs are float images (N, c, H, W) in 0..1.
         target: of the 8-bit file, written whole or not at all.
-        images: (K, C, H, W) to measure the activations' ranges on; a hundred of what is seen in use will do.
+        images: (K, C, H, W), the inputs' channels one after another, to measure the activations' ranges on; a hundred
+            of what is seen in use will do.
 
     Raises:
         ModelError: `source` has no convolution to quantise, or is no ONNX file.
@@ -59,7 +62,7 @@ def quantize(source: Path, target: Path, images: NDArray[np.uint8]) -> None:
         metadata = {entry.key: entry.value for entry in onnx.load(str(source)).metadata_props}
         with replacing(target) as temporary:
             quantize_static(
-                str(prepared), str(temporary), _Images(model.graph.input[0].name, images),
+                str(prepared), str(temporary), _Images(_channels(model.graph), images),
                 quant_format=QuantFormat.QDQ, per_channel=True, reduce_range=True,
                 activation_type=QuantType.QUInt8, weight_type=QuantType.QInt8,
                 calibrate_method=CalibrationMethod.MinMax, op_types_to_quantize=_OPERATORS,
@@ -75,13 +78,17 @@ def quantize(source: Path, target: Path, images: NDArray[np.uint8]) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """No hints from onnxruntime on how the model might be prepared: it is."""
+    """No hints from onnxruntime on how the model might be prepared: it is, and that an input has a default is meant."""
+    import onnxruntime
+
     before = logging.getLogger().level
     logging.getLogger().setLevel(max(before, logging.ERROR))
+    onnxruntime.set_default_logger_severity(_ERRORS)
     try:
         yield
     finally:
         logging.getLogger().setLevel(before)
+        onnxruntime.set_default_logger_severity(_WARNINGS)
 
 
 def _kept_in_float(model: object, source: Path) -> list[str]:
@@ -91,17 +98,27 @@ def _kept_in_float(model: object, source: Path) -> list[str]:
     convolutions = [node for node in graph.node if node.op_type == "Conv"]
     if not convolutions:
         raise ModelError(f"{source}: has no convolution to quantise; name a convolutional network")
-    return [convolutions[0].name] + [n.name for n in convolutions[1:] if outputs & set(n.output)]
+    nodes = list(graph.node)
+    before = [node.name for node in nodes[: nodes.index(convolutions[0])]]  # on the image itself
+    return [*before, convolutions[0].name] + [n.name for n in convolutions[1:] if outputs & set(n.output)]
+
+
+def _channels(graph: object) -> dict[str, int]:
+    """How many channels each input has."""
+    inputs = graph.input  # type: ignore[attr-defined]
+    return {node.name: node.type.tensor_type.shape.dim[1].dim_value for node in inputs}
 
 
 class _Images:
     """Calibration images, a few at a time; onnxruntime asks for `get_next` until it gives None."""
 
-    def __init__(self, name: str, images: NDArray[np.uint8]) -> None:
+    def __init__(self, channels: dict[str, int], images: NDArray[np.uint8]) -> None:
+        parts = np.split(images, np.cumsum(list(channels.values()))[:-1], axis=1)
         self._parts: Iterator[dict[str, NDArray[np.float32]]] = (
-            {name: np.multiply(images[start : start + _IMAGES_AT_ONCE], np.float32(1 / 255), dtype=np.float32)}
+            {name: np.multiply(part[start : start + _IMAGES_AT_ONCE], np.float32(1 / 255), dtype=np.float32)
+             for name, part in zip(channels, parts, strict=True)}
             for start in range(0, len(images), _IMAGES_AT_ONCE)
-        )
+        )  # fmt: skip
 
     def get_next(self) -> dict[str, NDArray[np.float32]] | None:
         """The next input of the network."""

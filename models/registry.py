@@ -15,6 +15,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import BODY23, SURFACE, LandmarkSet
 from muybridge.models.decode import SpreadCalibration
@@ -38,6 +41,8 @@ class KeypointModelCard:
         markers: the virtual markers that the network finds too; None of one that finds none.
         marker_spread: as `spread`, of the markers.
         box_padding: side of a crop over the longer side of the person's box.
+        plate_input: name of the input that takes the difference to the background plate, and may be left out; None
+            where the network does not see it.
         metadata: everything the file says, as text.
     """
 
@@ -49,7 +54,13 @@ class KeypointModelCard:
     markers: LandmarkSet | None
     marker_spread: SpreadCalibration | None
     box_padding: float
+    plate_input: str | None
     metadata: Mapping[str, str]
+
+    def inputs(self, crops: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
+        """What the network takes in of crops (N, 3 or 4, S, S) in 0..1, RGB and the plate's difference."""
+        plate = {} if self.plate_input is None or crops.shape[1] < 4 else {self.plate_input: crops[:, 3:]}
+        return {"image": crops[:, :3]} | plate
 
 
 @dataclass(frozen=True)
@@ -113,6 +124,7 @@ def keypoint_card(metadata: Mapping[str, str], path: Path) -> KeypointModelCard:
         markers=_marker_set(read.names("marker_names"), read) if marked else None,
         marker_spread=read.spread("marker_variance") if marked else None,
         box_padding=read.positive(read.text("box_padding"), "box_padding"),
+        plate_input=metadata.get("plate_input"),
         metadata=dict(metadata),
     )
 

@@ -112,7 +112,7 @@ def bins_loss(logits: Tensor, place: Tensor, sigma: float) -> Tensor:
 def loss_of(net: nn.Module, batch: Batch) -> Tensor:
     """The same weighting for all: hidden landmarks count a third, those outside of the crop nothing."""
     with torch.autocast("cpu", dtype=torch.bfloat16):
-        first, second = net(batch.image.float().div(255).contiguous(memory_format=torch.channels_last))
+        first, second = net(batch.pixels.float().div(255).contiguous(memory_format=torch.channels_last))
     at, size = batch.landmarks_px, batch.image.shape[-1]
     inside = ((at > 0) & (at < size - 1)).all(-1)
     if first.ndim == 3:
@@ -154,7 +154,7 @@ def score(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
     error, swap = [], []
     for batch in batches:
         with torch.autocast("cpu", dtype=torch.bfloat16):
-            out = net(batch.image.float().div(255).contiguous(memory_format=torch.channels_last))
+            out = net(batch.pixels.float().div(255).contiguous(memory_format=torch.channels_last))
         at = decode(*out, batch.image.shape[-1])
         distance = (at - batch.landmarks_px).norm(dim=-1)
         twin = (at - batch.landmarks_px[:, MIRROR]).norm(dim=-1)

@@ -13,14 +13,14 @@ import pathlib
 
 import cv2
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks import BODY23
 from muybridge.models.decode import decode_heatmaps
-from muybridge.models.registry import keypoint_card, shipped_model
+from muybridge.models.registry import shipped_model
 from muybridge.train.augment import AugmentOptions, Batch, Compositor
 from muybridge.train.backgrounds import make_backgrounds
+from muybridge.train.evaluation import load_model
 from muybridge.train.loop import HELD_OUT
 from muybridge.train.renders import SIZE, load_renders
 
@@ -48,10 +48,9 @@ def draw(picture: NDArray[np.uint8], points: NDArray[np.floating], scale: float,
 
 def synthetic_sheet(renders: pathlib.Path, model: pathlib.Path) -> NDArray[np.uint8]:
     """RGB page of the hard cases; prints their scores."""
-    session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
-    card = keypoint_card(session.get_modelmeta().custom_metadata_map, model)
+    session, card = load_model(model)
     batch = hard_cases(renders, card.input_size)
-    heatmaps = session.run(["heatmaps"], {session.get_inputs()[0].name: batch.image.numpy().astype(np.float32) / 255})
+    heatmaps = session.run(["heatmaps"], card.inputs(batch.pixels.numpy().astype(np.float32) / 255))
     found = decode_heatmaps(heatmaps[0], card.stride, card.spread).points_crop_px
     truth, visible = batch.landmarks_px.numpy(), batch.visible.numpy()
     error = np.linalg.norm(found - truth, axis=-1)

@@ -26,6 +26,7 @@ from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, people_ne
 from muybridge.train.adaptation import View, adapted, agreement
 from muybridge.train.adaptation_publish import adapt
 from muybridge.train.augment import MIRROR
+from muybridge.train.evaluation import load_model  # noqa: E402
 from muybridge.train.options import Adaptation
 
 JOINTS = len(BODY23) + len(SURFACE)
@@ -64,7 +65,7 @@ def random_footage(count=12, seed=0):
     """Crops with a bright spot at the first landmark."""
     rng = np.random.default_rng(seed)
     at = rng.uniform(100, 156, (count, JOINTS, 2)).astype(np.float32)
-    crops = np.zeros((count, 256, 256, 3), np.uint8)
+    crops = np.zeros((count, 256, 256, 4), np.uint8)
     for crop, (x, y) in zip(crops, at[:, 0].round().astype(int), strict=True):
         crop[y - 2 : y + 3, x - 2 : x + 3] = 255
     return Footage(crops, at, np.ones((count, JOINTS), bool), np.arange(count) % 4 == 0, 1.25 * 4 / 3, {"session": "s"})
@@ -73,9 +74,10 @@ def random_footage(count=12, seed=0):
 def test_the_shipped_network_comes_back_from_its_file():
     path = shipped_model("keypoints")
     net = keypoint_net_from_onnx(path)
-    image = np.random.default_rng(0).random((2, 3, 96, 128), np.float32)
-    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    there = session.run(["heatmaps", "marker_heatmaps", "visibility", "marker_visibility"], {"image": image})
+    image = np.random.default_rng(0).random((2, 4, 96, 128), np.float32)
+    session, card = load_model(path)
+    outputs = ["heatmaps", "marker_heatmaps", "visibility", "marker_visibility"]
+    there = session.run(outputs, card.inputs(image))
     with torch.no_grad():
         heatmaps, visibility = (out.numpy() for out in net(torch.from_numpy(image)))
     assert np.abs(heatmaps - np.concatenate(there[:2], 1)).max() < 1e-3
@@ -130,7 +132,7 @@ def test_crops_move_with_their_landmarks():
             rows, columns = np.nonzero(image[0] > 100)
             assert abs(columns.mean() - x) < 1 and abs(rows.mean() - y) < 1
     plain, at = view.plain(np.arange(count))
-    assert plain.shape == (count, 3, 192, 192)
+    assert plain.shape == (count, 4, 192, 192)
     # A stored crop spans a third more of the world on a third more pixels.
     np.testing.assert_allclose(at, view.footage.landmarks_px - 32, atol=1e-3)
 
@@ -138,7 +140,7 @@ def test_crops_move_with_their_landmarks():
 def test_labels_are_where_the_person_is(followed, footage):
     with demo_folder().joinpath(TRUTH).open("rb") as file, np.load(file) as truth:
         world, names = truth["points_world"], [str(n) for n in truth["names"]]
-    assert footage.crops.shape[1:] == (256, 256, 3) and 60 <= len(footage.crops) <= 100
+    assert footage.crops.shape[1:] == (256, 256, 4) and 60 <= len(footage.crops) <= 100
     assert footage.landmarks_px.shape == (len(footage.crops), JOINTS, 2)
     assert np.isfinite(footage.landmarks_px).all(-1).mean() > 0.8
     assert 0 < footage.held_out.mean() < 0.3

@@ -37,7 +37,7 @@ def changed(path: Path, to: Path, by: float) -> Path:
 def test_the_average_of_a_network_with_itself_is_itself(shipped, tmp_path):
     twin = Path(shutil.copy(shipped, tmp_path / "twin.onnx"))
     saved = average_keypoints([shipped, twin])
-    image = torch.rand(2, 3, 192, 192, generator=torch.Generator().manual_seed(0))
+    image = torch.rand(2, 4, 192, 192, generator=torch.Generator().manual_seed(0))
     with torch.inference_mode():
         ours, theirs = keypoint_net(saved)(image)[0], keypoint_net_from_onnx(shipped)(image)[0]
     assert torch.allclose(ours, theirs, atol=1e-5)

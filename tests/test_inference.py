@@ -22,7 +22,8 @@ from muybridge.geometry.landmarks import BODY23
 from muybridge.infer.crops import extract_crops
 from muybridge.infer.keypoints import KeypointOptions, PoseEstimator, merge_tracks
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions, PeopleNetwork
-from muybridge.infer.people import BackgroundPlate, PeopleDetector, PeopleOptions
+from muybridge.infer.people import PeopleDetector, PeopleOptions
+from muybridge.infer.plates import Backdrop, SmallFrames
 from muybridge.infer.poses import body_boxes
 from muybridge.infer.tracking import TrackOptions
 from muybridge.infer.upright import Letterbox, Upright, upright_for
@@ -171,7 +172,7 @@ def _patch_detector(monkeypatch: pytest.MonkeyPatch, change: Callable[[int, Dete
     """Every detection passes through `change`, which is told the number of its frame."""
     original, count = PeopleDetector.__call__, [0]
 
-    def patched(self: PeopleDetector, frames: NDArray[np.uint8]) -> list[DetectedPeople | None]:
+    def patched(self: PeopleDetector, frames: SmallFrames) -> list[DetectedPeople | None]:
         found = original(self, frames)
         changed = [change(count[0] + i, f) if f is not None else None for i, f in enumerate(found)]
         count[0] += len(found)
@@ -314,19 +315,62 @@ def test_flip_averages_the_mirrored_crop(models: tuple[Path, Path]) -> None:
 
 def test_background_plate_forgets_who_moves() -> None:
     rng = np.random.default_rng(0)
-    scene = rng.integers(0, 200, (48, 64, 3), dtype=np.uint8)
-    plate = BackgroundPlate()
-    assert plate.difference(scene[None]).max() == 0
+    scene = rng.integers(0, 200, (64, 96, 3), dtype=np.uint8)
+    letterbox = Letterbox(Upright(96, 64), 96)
+    backdrop = Backdrop(letterbox)
+    assert backdrop(scene[None]).difference.max() == 0 and backdrop.plate is None
     for t in range(300):
         frame = scene.copy()
-        frame[10:30, (t * 2) % 60 : (t * 2) % 60 + 8] = 255
-        plate.add(frame[None])
-        assert len(plate._kept) <= 25
-    assert plate.plate is not None
-    np.testing.assert_array_equal(plate.plate, scene)
-    difference = plate.difference(frame[None])[0]
+        frame[10:30, (t * 2) % 88 : (t * 2) % 88 + 8] = 255
+        small = backdrop(frame[None])
+        assert len(backdrop._plate._kept) <= 25
+    assert backdrop.plate is not None
+    np.testing.assert_array_equal(backdrop.plate, scene)
     expected = np.abs(frame.astype(float) - scene).mean(axis=-1) / 255
-    np.testing.assert_allclose(difference, expected, atol=1e-6)
+    np.testing.assert_allclose(small.difference[0], expected, atol=1e-6)
+    # A plate that is known is there from the first frame, and stays; a moving camera has none.
+    again = Backdrop(letterbox, known=backdrop.plate)
+    for _ in range(5):
+        np.testing.assert_allclose(again(frame[None]).difference[0], expected, atol=1e-6)
+    moving = Backdrop(letterbox, enabled=False)
+    assert moving(np.stack([scene, frame] * 5)).difference.max() == 0 and moving.plate is None
+
+
+@pytest.mark.parametrize("camera", [None, _rolled_camera()], ids=["uncalibrated", "calibrated"])
+def test_crops_of_the_difference_lie_on_those_of_the_frame(camera: Camera | None) -> None:
+    """The difference is taken at the detector's resolution, of frames turned upright, and cropped as the frame is."""
+    upright = upright_for(camera, WIDTH, HEIGHT)
+    scene, box = _frame([]), np.array([[250.0, 130.0, 350.0, 270.0]])
+    frame = scene.copy()
+    frame[190:206, 280:296] = 255
+    backdrop = Backdrop(letterbox := Letterbox(upright, 320), known=letterbox.apply(scene))
+    crops = crops_for_boxes(box, CROP, camera)
+    difference = backdrop.difference_in(crops, backdrop(frame[None]), 0)[0].astype(float)
+    expected = extract_crops(frame, crops)[0, ..., 0] - 20.0
+    y, x = np.mgrid[:CROP, :CROP]
+    at, truth = ([float((image * v).sum() / image.sum()) for v in (x, y)] for image in (difference, expected))
+    np.testing.assert_allclose(at, truth, atol=0.3)
+    assert abs(difference.sum() / expected.sum() - 1) < 0.1
+    # A frame larger than the picture: what lies outside does not differ.
+    assert backdrop.difference_in(crops_for_boxes(box + [-900, 0, -900, 0], CROP), backdrop(frame[None]), 0).max() == 0
+
+
+def test_the_shipped_network_sees_the_plate_and_does_without() -> None:
+    network = KeypointNetwork(shipped_model("keypoints"))
+    assert network.channels == 4
+    crops = np.random.default_rng(0).integers(0, 256, (2, 192, 192, 4), dtype=np.uint8)
+    without = network(crops[..., :3])[0]
+    assert np.abs(network(crops)[0] - without).max() > 0.1
+    crops[..., 3] = 0
+    np.testing.assert_allclose(network(crops)[0], without, atol=1e-4)
+    with pytest.raises(ValueError, match="192"):
+        network(crops[:, :96])
+
+
+def test_a_plate_that_cannot_be_left_out_is_refused(tmp_path: Path) -> None:
+    path = _tiny_keypoints(tmp_path / "other.onnx", plate_input="difference")
+    with pytest.raises(ModelError, match="'difference' cannot be left out"):
+        KeypointNetwork(path)
 
 
 @pytest.mark.parametrize("angle", [0.0, np.pi / 2, np.pi, -np.pi / 2, 0.4, -2.0])

@@ -50,7 +50,8 @@ def look(demo, folder: Path, **options: float) -> SecondLook:
             BODY23, px, np.where(known, 1.0, np.nan), known * 0.9, known * 0.9, np.full((len(px), 1, 4), np.nan),
             np.where(known.any(-1), 0, -1),
         )  # fmt: skip
-        detected.append(CameraResult(tracks, folder / "none.mp4", StageResult({}, {}, 0.0, False, f"camera {c}")))
+        stage = StageResult({}, {"detector_long_side": 320}, 0.0, False, f"camera {c}")
+        detected.append(CameraResult(tracks, folder / "none.mp4", stage))
     folder.mkdir(exist_ok=True)
     return SecondLook(
         session, detected, session.cameras.names, open_models(DetectOptions()), StageStore(folder), DetectOptions(),

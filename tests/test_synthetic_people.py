@@ -215,10 +215,49 @@ def test_batches_are_seeded(renders):
     a, b = (Compositor(renders, pool, 96, 7).batch(8) for _ in range(2))
     assert (a.landmarks_px == b.landmarks_px).all() and (a.visible == b.visible).all()
     assert (a.image == b.image).all()
+    assert (a.difference == b.difference).all()
     assert (Compositor(renders, pool, 96, 8).batch(8).image != a.image).any()
 
 
-def test_scene_boxes_hold_their_people(renders):
+def test_the_plate_shows_who_moves_and_is_blind_to_who_stood_still(renders, monkeypatch):
+    pool = make_backgrounds(4, SIZE, 0)
+    whole = np.flatnonzero(np.isnan(renders.cut_px[:, 0]))[:16]
+    plain = replace(PLAIN, clutter=0, faults=False)
+
+    def contrast(options, still=0.0):
+        """How much more the difference is on the person than around; the crops."""
+        for name, share in (("STILL", still), ("PARTLY", 0.0), ("GHOST", 0.0)):
+            monkeypatch.setattr(f"muybridge.train.plates.{name}", share)
+        compositor = Compositor(renders, pool, 128, 5, options)
+        batch = compositor.batch(len(whole), whole)
+        at, seen = batch.landmarks_px.round().long().clamp(0, 127).numpy(), batch.visible.numpy()
+        value = batch.difference[np.arange(len(at))[:, None], 0, at[..., 1], at[..., 0]].numpy()
+        return float(value[seen].mean()) - float(batch.difference[:, 0, :8].float().mean()), batch
+
+    with_plate, batch = contrast(replace(plain, plate=1.0))
+    assert with_plate > 15 and batch.pixels.shape == (len(whole), 4, 128, 128)
+    assert abs(contrast(replace(plain, plate=1.0), still=1.0)[0]) < 0.3 * with_plate
+    without, other = contrast(replace(plain, plate=0.0))
+    assert without == 0 and (other.image == batch.image).all()  # the pictures are the same
+
+
+def test_who_stands_still_is_in_the_plate_of_a_scene(renders, monkeypatch):
+    def strongest(still=0.0, partly=0.0, ghost=0.0):
+        """Mean over scenes of how many pixels differ much from the plate."""
+        for name, share in (("STILL", still), ("PARTLY", partly), ("GHOST", ghost)):
+            monkeypatch.setattr(f"muybridge.train.scenes.{name}", share)
+        monkeypatch.setattr("muybridge.train.scenes.NEAR_SHARE", 0)
+        batch = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 3).batch(24, (192, 320))
+        return float((batch.image[:, 3] > 40).float().mean())
+
+    moving = strongest()
+    assert strongest(still=1.0) < 0.3 * moving  # shadows are not in the plate
+    assert 0.4 * moving < strongest(partly=1.0) < 0.9 * moving
+    assert strongest(ghost=1.0) > 1.1 * moving
+
+
+def test_scene_boxes_hold_their_people(renders, monkeypatch):
+    monkeypatch.setattr("muybridge.train.scenes.GHOST", 0)
     compositor = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 0)
     batch = compositor.batch(12, (192, 320))
     assert tuple(batch.image.shape) == (12, 4, 192, 320)

@@ -118,7 +118,7 @@ def test_networks_are_small():
 @pytest.mark.parametrize(
     ("net", "outputs", "shapes"),
     [
-        (KeypointNet(23), ("heatmaps", "visibility"), [(3, 3, 64, 64), (1, 3, 160, 160)]),
+        (KeypointNet(23), ("heatmaps", "visibility"), [(3, 4, 64, 64), (1, 4, 160, 160)]),
         (PeopleNet(), ("heatmap", "box"), [(2, 4, 96, 160), (1, 4, 320, 192)]),
     ],
 )
@@ -174,7 +174,7 @@ def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
 
 def test_measured_normalisation_changes_nothing_but_the_filters():
     torch.manual_seed(4)
-    net, images = KeypointNet(5), [torch.rand(4, 3, 64, 64) for _ in range(2)]
+    net, images = KeypointNet(5), [torch.rand(4, 4, 64, 64) for _ in range(2)]
     for module in net.modules():
         if isinstance(module, torch.nn.BatchNorm2d):  # as a trained one, away from its beginning
             torch.nn.init.normal_(module.running_mean)
@@ -240,6 +240,7 @@ def test_evaluation_with_and_without_what_makes_it_hard(store, tmp_path):
     plain = evaluate_onnx(replace(options, faults=False, occlusion=False))
     assert plain != found
     assert evaluate_onnx(replace(options, flip=True)) != found
+    assert evaluate_onnx(replace(options, plate=True)) != found
     with pytest.raises(SessionError, match="muybridge synth"):
         evaluate_onnx(replace(options, renders=tmp_path))
 

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from muybridge.geometry.landmarks import BODY23
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps
 from muybridge.models.footage import Footage
-from muybridge.models.keypoint_net import STRIDE, KeypointNet
+from muybridge.models.keypoint_net import CHANNELS, STRIDE, KeypointNet
 from muybridge.train.augment import MIRROR
 from muybridge.train.camera_faults import CameraFaults
 from muybridge.train.heatmap_loss import heatmap_loss
@@ -31,6 +31,7 @@ from muybridge.train.options import Adaptation
 # Of the loss, labels that the view's own network had not found: mostly hidden, some of them wrong.
 _NOT_FOUND = 0.35
 _VISIBILITY = 0.2
+_NO_PLATE = 0.3  # share of crops that are shown without the difference to the background plate
 _FAULTY = 0.5  # share of batches that a camera's faults are added to
 _AVERAGE_DECAY = 0.99
 _AT_ONCE = 32  # images, where nothing is trained
@@ -66,7 +67,7 @@ class View:
     padding: float
 
     def plain(self, index: NDArray[np.intp]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Crops (N, 3, S, S) as they are in use, and their landmarks (N, J, 2) px."""
+        """Crops (N, 4, S, S) as they are in use, and their landmarks (N, J, 2) px."""
         zero = np.zeros(len(index))
         return self.placed(index, zero, zero + 1, np.zeros((len(index), 2)), zero > 0)
 
@@ -82,7 +83,7 @@ class View:
         linear[:, :, 0] *= np.where(flip, -1, 1)[:, None]
         moved = (self.size - 1) / 2 + shift_px - linear @ np.full(2, (source - 1) / 2)
         matrix = np.concatenate([linear, moved[..., None]], -1)
-        images = np.empty((len(index), 3, self.size, self.size), np.uint8)
+        images = np.empty((len(index), CHANNELS, self.size, self.size), np.uint8)
         for k, i in enumerate(index):
             warped = cv2.warpAffine(self.footage.crops[i], matrix[k], (self.size, self.size), flags=cv2.INTER_LINEAR)
             images[k] = warped.transpose(2, 0, 1)
@@ -100,7 +101,7 @@ class _Sampler:
         self.faults = CameraFaults(self.rng)
 
     def batch(self, count: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """(B, 3, S, S) in 0..1, landmarks (B, J, 2) px, whether the view agreed (B, J), visibility (B, J) in 0..1."""
+        """(B, 4, S, S) in 0..1, landmarks (B, J, 2) px, whether the view agreed (B, J), visibility (B, J) in 0..1."""
         rng = self.rng
         index = rng.choice(self.chosen, count)
         angle, scale = rng.normal(0, _ROTATION_SD, count), np.exp(rng.normal(0, _SCALE_SD, count))
@@ -111,7 +112,8 @@ class _Sampler:
             values[flip] = values[flip][:, MIRROR[: values.shape[1]]]
         image = torch.from_numpy(images).float() / 255
         if rng.random() < _FAULTY:
-            image = self.faults.apply(image).clamp(0, 1)
+            image[:, :3] = self.faults.apply(image[:, :3]).clamp(0, 1)
+        image[torch.from_numpy(rng.random(count) < _NO_PLATE), 3] = 0
         return image, torch.from_numpy(at), torch.from_numpy(agreed), torch.from_numpy(visible)
 
 

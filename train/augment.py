@@ -16,6 +16,7 @@ from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.train.camera_faults import CameraFaults, outside_of_video
 from muybridge.train.close_ups import BORDER, SOMETHING, cut_boxes, to_crop
 from muybridge.train.clutter import add_clutter, mirrored_on
+from muybridge.train.plates import Plates
 from muybridge.train.renders import RenderSet
 
 FACE = tuple(BODY23.index(n) for n in ("nose", "left_eye", "right_eye", "left_ear", "right_ear"))
@@ -38,6 +39,7 @@ class AugmentOptions:
         truncate: share of crops that reach over the image's border (black there).
         close_up: share of crops that frame a part of a person, see `close_ups`.
         clutter: share of crops with things that are nobody behind the person, see `clutter`.
+        plate: share of crops with the difference to the background plate, see `plates`.
         faults: with what a camera does to an image, see `camera_faults`.
     """
 
@@ -52,19 +54,27 @@ class AugmentOptions:
     truncate: float = 0.12
     close_up: float = 0.1
     clutter: float = 0.5
+    plate: float = 0.5
     faults: bool = True
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Training images: `image` (B, 3, S, S) uint8 RGB, `landmarks_px` (B, 23, 2), `visible` (B, 23) bool; the same
-    of the body's surface, `markers_px` (B, M, 2) and `markers_visible` (B, M), NaN where a render has none."""
+    """Training images: `image` (B, 3, S, S) uint8 RGB, `difference` (B, 1, S, S) uint8 to the background plate, zero
+    where there is none, `landmarks_px` (B, 23, 2), `visible` (B, 23) bool; the same of the body's surface,
+    `markers_px` (B, M, 2) and `markers_visible` (B, M), NaN where a render has none."""
 
     image: Tensor
+    difference: Tensor
     landmarks_px: Tensor
     visible: Tensor
     markers_px: Tensor
     markers_visible: Tensor
+
+    @property
+    def pixels(self) -> Tensor:
+        """(B, 4, S, S) uint8: what the network sees."""
+        return torch.cat([self.image, self.difference], 1)
 
 
 # Images that are made together: what they need in between stays in the processor's cache.
@@ -85,6 +95,8 @@ class Compositor:
         self.renders, self.backgrounds, self.size, self.options = renders, backgrounds, size, options
         self.rng = np.random.default_rng(seed)
         self.faults = CameraFaults(self.rng)
+        # With numbers of its own: the pictures of a seed are the same with plates and without.
+        self.plates = Plates(np.random.default_rng([seed, 1]))
         self.whole = renders.whole  # a close-up would be cut off in mid-air beside somebody else
 
     def batch(self, count: int, index: NDArray[np.intp] | None = None) -> Batch:
@@ -93,7 +105,7 @@ class Compositor:
         parts = [self._few(index[i : i + _AT_ONCE]) for i in range(0, count, _AT_ONCE)]
         return Batch(*(torch.cat(arrays) for arrays in zip(*parts, strict=True)))
 
-    def _few(self, index: NDArray[np.intp]) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    def _few(self, index: NDArray[np.intp]) -> tuple[Tensor, ...]:
         """The crops of a batch that are made at once, as the fields of `Batch`."""
         rng, opt, count = self.rng, self.options, len(index)
         made = self.renders.cut_px[index]
@@ -101,8 +113,8 @@ class Compositor:
         matrix, flip = self._placement(box, 0.0)
         cuts = to_crop(rng, lines, matrix, np.isfinite(made[:, 0]))
         person, landmarks, visible = self._warp(index, matrix, flip)
-        image = self._background(count, opt.clutter)
-        image = image * (1 - person[:, 4:] * self._column(rng.uniform(0, 0.6, count)))
+        plate = self._background(count, opt.clutter)
+        image = plate * (1 - person[:, 4:] * self._column(rng.uniform(0, 0.6, count)))
         other = rng.random(count) < (opt.second_person if len(self.whole) else 0.0)
         in_front = rng.random(count) < 0.4
         front = self._second_person(image, other, in_front) if other.any() else None
@@ -110,24 +122,39 @@ class Compositor:
         if front is not None:
             visible &= ~(self._alpha_at(front[:, 3].numpy(), landmarks) > 0.5)
             image = image * (1 - front[:, 3:4]) + front[:, :3]
-        image, visible = self._occlude(image, visible, landmarks)
+        image, visible, before = self._occlude(image, visible, landmarks)
         self._mosaic(image, landmarks)
         visible = visible & ~cuts.hidden(landmarks)
         for i in cuts.chosen(SOMETHING):
             mask = torch.from_numpy(cuts.mask(i, self.size))
             image[i, :, mask] = self._background(1)[0, :, mask]
+            before[i, :, mask] = 1
+        difference = self._difference(image, plate, person, before)
         image = self.faults.apply(image) if opt.faults else image
         image, visible = self._truncate(image, visible, landmarks)
         for i in cuts.chosen(BORDER):
             image[i, :, torch.from_numpy(cuts.mask(i, self.size))] = 0
+        difference[(image == 0).all(1, keepdim=True)] = 0
         inside = ((landmarks >= 0) & (landmarks <= self.size - 1)).all(-1)
         pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8)
         pixels = self.faults.compress(pixels) if opt.faults else pixels
         at, seen = torch.from_numpy(landmarks), torch.from_numpy(visible & inside)
         body = len(BODY23)
-        return pixels, at[:, :body], seen[:, :body], at[:, body:], seen[:, body:]
+        return pixels, difference, at[:, :body], seen[:, :body], at[:, body:], seen[:, body:]
 
-    def _column(self, values: NDArray[np.floating]) -> Tensor:
+    def _difference(self, image: Tensor, plate: Tensor, person: Tensor, before: Tensor) -> Tensor:
+        """(B, 1, S, S) uint8 to the background plate, of a share of the crops; `before` (B, 1, S, S) is what stands
+        before the person: a part of the room, or held or carried."""
+        known = self.plates.rng.random(len(image)) < self.options.plate
+        if not known.any():
+            return torch.zeros(before.shape, dtype=torch.uint8)
+        static = before * self._column(self.plates.rng.random(len(image)) < 0.6)
+        self.plates.seen_before(plate, person, static)
+        difference = self.plates.difference(image, plate, static)
+        difference[torch.from_numpy(~known)] = 0
+        return difference
+
+    def _column(self, values: NDArray[np.generic]) -> Tensor:
         return torch.from_numpy(np.asarray(values, np.float32)).view(-1, 1, 1, 1)
 
     def _placement(self, box: NDArray[np.float32], offset: float) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
@@ -212,12 +239,13 @@ class Compositor:
 
     def _occlude(
         self, image: Tensor, visible: NDArray[np.bool_], landmarks: NDArray[np.float32]
-    ) -> tuple[Tensor, NDArray[np.bool_]]:
-        """Things in front of the person: polygons and bars with the texture of another background."""
+    ) -> tuple[Tensor, NDArray[np.bool_], Tensor]:
+        """Things in front of the person: polygons and bars with the texture of another background. Also where they are,
+        (B, 1, S, S) in 0..1."""
         rng, size = self.rng, self.size
         chosen = np.nonzero(rng.random(len(image)) < self.options.occluder)[0]
         if not len(chosen):
-            return image, visible
+            return image, visible, torch.zeros_like(image[:, :1])
         texture = self._background(len(chosen))
         mask = np.zeros((len(image), size, size), np.float32)
         for i in chosen:
@@ -238,7 +266,7 @@ class Compositor:
         alpha = torch.from_numpy(mask)[:, None]
         full = torch.zeros_like(image)
         full[torch.from_numpy(chosen)] = texture
-        return image * (1 - alpha) + full * alpha, visible
+        return image * (1 - alpha) + full * alpha, visible, alpha
 
     def _mosaic(self, image: Tensor, landmarks: NDArray[np.float32]) -> None:
         """Pixelated faces, as published recordings have them, in place."""

@@ -22,7 +22,9 @@ MIRROR = np.array(BODY23.mirror)
 
 def load_model(path: pathlib.Path) -> tuple[onnxruntime.InferenceSession, KeypointModelCard]:
     """A keypoint network and its card; ModelError where the file is none of ours."""
-    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3  # that an input may be left out is meant
+    session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     return session, keypoint_card(session.get_modelmeta().custom_metadata_map, path)
 
 
@@ -34,17 +36,18 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
     if not len(store):
         raise SessionError(f"{options.renders}: no held-out renders; make some with `muybridge synth`")
     # Backgrounds of another seed than any training's pool.
-    backgrounds, augment = make_backgrounds(256, SIZE, options.seed), AugmentOptions(close_up=0, faults=options.faults)
+    backgrounds = make_backgrounds(256, SIZE, options.seed)
+    augment = AugmentOptions(close_up=0, plate=float(options.plate), faults=options.faults)
     if not options.occlusion:
         augment = replace(augment, second_person=0, occluder=0, mosaic=0, truncate=0, tumble=0, clutter=0)
     compositor = Compositor(store, backgrounds, card.input_size, options.seed, augment)
     distances, twins, inside_sigma, visibles, insides = [], [], [], [], []
     for _ in range(-(-options.crops // 64)):
         batch = compositor.batch(64)
-        image = batch.image.numpy().astype(np.float32) / 255
-        heatmaps = session.run(["heatmaps"], {"image": image})[0]
+        image = batch.pixels.numpy().astype(np.float32) / np.float32(255)
+        heatmaps = session.run(["heatmaps"], card.inputs(image))[0]
         if options.flip:
-            mirrored = session.run(["heatmaps"], {"image": np.ascontiguousarray(image[..., ::-1])})[0]
+            mirrored = session.run(["heatmaps"], card.inputs(np.ascontiguousarray(image[..., ::-1])))[0]
             heatmaps = (heatmaps + mirrored[:, MIRROR, :, ::-1]) / 2
         decoded = decode_heatmaps(heatmaps, card.stride, card.spread)
         truth = batch.landmarks_px.numpy()

@@ -42,7 +42,7 @@ class _Crops:
         def following() -> loop.Batch:
             batch = compositor.batch(self.count)
             landmarks = torch.cat([batch.landmarks_px, batch.markers_px], 1)
-            return batch.image, landmarks, torch.cat([batch.visible, batch.markers_visible], 1)
+            return batch.pixels, landmarks, torch.cat([batch.visible, batch.markers_visible], 1)
 
         return following
 
@@ -80,7 +80,7 @@ def evaluate(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
     errors, swaps = [], []
     side = batches[0].image.shape[-1]
     for batch in batches:
-        at = predict(net, batch.image.to(where))
+        at = predict(net, batch.pixels.to(where))
         distance = (at - batch.landmarks_px).norm(dim=-1)
         twin = batch.landmarks_px[:, MIRROR]
         to_twin = (at - twin).norm(dim=-1)
@@ -113,7 +113,7 @@ def train(options: KeypointTraining) -> pathlib.Path:
         net, seen = keypoint_net_from_onnx(options.model), loop.Seen.of(options.model)
         if net.head.out_channels != len(BODY23) + len(SURFACE):
             raise ModelError(f"{options.model}: training needs a network that finds virtual markers too")
-        measure_normalisation(net, [validation[0].image.float().div(255)])
+        measure_normalisation(net, [validation[0].pixels.float().div(255)])
     fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
     crops = _Crops(pool, options.size, options.batch)
     fit.run(loop.batches(options, crops, fit.state["step"]), loss_of)

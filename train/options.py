@@ -160,6 +160,7 @@ class Evaluation:
         seed: of the crops.
         faults: with what a camera does to a picture: blur, noise, compression and the rest.
         occlusion: with things and people in front, faces made unrecognisable, borders, clutter and people who tumble.
+        plate: with the difference to the background plate, as good as a static camera's plate is.
         flip: every crop also mirrored, as `muybridge run` reads each view again.
     """
 
@@ -169,4 +170,5 @@ class Evaluation:
     seed: int = 10_000
     faults: bool = True
     occlusion: bool = True
+    plate: bool = False
     flip: bool = False

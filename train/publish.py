@@ -16,7 +16,7 @@ from muybridge.geometry.crops import BOX_PADDING
 from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps
 from muybridge.models.export import export_onnx
-from muybridge.models.keypoint_net import MEAN, STD, STRIDE, KeypointNet, SeparateHeads
+from muybridge.models.keypoint_net import CHANNELS, MEAN, PLATE, STD, STRIDE, KeypointNet, PlateApart, SeparateHeads
 from muybridge.models.people_net import STRIDE as PEOPLE_STRIDE
 from muybridge.models.people_net import PeopleNet
 from muybridge.models.quantize import int8_path, quantize
@@ -29,7 +29,10 @@ WITHIN_ONE, WITHIN_TWO, KNOTS = 0.6827, 0.9545, 16
 # Images on which the ranges of the 8-bit network's activations are measured.
 CALIBRATION_IMAGES = 128
 LICENCE = "Apache-2.0; trained on synthetic people alone (anny: code Apache-2.0, body data CC0)"
-NORMALISATION = f"RGB in 0..1; mean {MEAN} and standard deviation {STD} are applied inside the graph"
+NORMALISATION = (
+    f"RGB and difference to the background plate in 0..1; mean {MEAN} and standard deviation {STD} are applied inside "
+    "the graph"
+)
 PEOPLE_LONG_SIDE = 320
 
 
@@ -85,7 +88,7 @@ def held_out(net: KeypointNet, batches: list[Batch]) -> HeldOut:
     parts = []
     for batch in batches:
         with torch.inference_mode():
-            heatmaps, _ = net(batch.image.float().div(255))
+            heatmaps, _ = net(batch.pixels.float().div(255))
         decoded = decode_heatmaps(heatmaps.numpy(), STRIDE, SpreadCalibration(1.0, 1e-12))
         at = np.concatenate([batch.landmarks_px, batch.markers_px], 1)[:, : heatmaps.shape[1]]
         seen = np.concatenate([batch.visible, batch.markers_visible], 1)[:, : heatmaps.shape[1]]
@@ -189,6 +192,7 @@ def publish_keypoints(
         "input_size": str(size), "stride": str(STRIDE),
         "normalisation": NORMALISATION, "box_padding": str(BOX_PADDING),
         "variance": variance, "sigma_coverage": within,
+        "plate_input": PLATE,
     }  # fmt: skip
     outputs = ["heatmaps", "visibility"]
     exported: nn.Module = net
@@ -201,8 +205,8 @@ def publish_keypoints(
         outputs += ["marker_heatmaps", "marker_visibility"]
         exported = SeparateHeads(net, body).eval()
     path.parent.mkdir(parents=True, exist_ok=True)
-    export_onnx(exported, path, (2, 3, size, size), tuple(outputs), metadata)
-    images = np.concatenate([batch.image.numpy() for batch in batches])
+    export_onnx(PlateApart(exported), path, (2, 3, size, size), tuple(outputs), metadata, PLATE)
+    images = np.concatenate([batch.pixels.numpy() for batch in batches])
     quantize(path, int8_path(path), images[:CALIBRATION_IMAGES])
     return metadata
 
@@ -232,5 +236,5 @@ def publish_people(checkpoint: pathlib.Path, path: pathlib.Path, command: str) -
         "input_long_side": str(PEOPLE_LONG_SIDE), "stride": str(PEOPLE_STRIDE), "normalisation": NORMALISATION,
     }  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
-    export_onnx(people_net(saved), path, (2, 4, 192, 320), ("heatmap", "box"), metadata)
+    export_onnx(people_net(saved), path, (2, CHANNELS, 192, 320), ("heatmap", "box"), metadata)
     return metadata

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from muybridge.train.camera_faults import CameraFaults, outside_of_video
 from muybridge.train.clutter import add_clutter, mirrored_on
+from muybridge.train.plates import GHOST, PARTLY, STILL
 from muybridge.train.renders import RenderSet
 
 # Share of scenes with a person larger than the image, seen from the head down.
@@ -106,13 +107,33 @@ class SceneCompositor:
             rgba, box = self._person(float(size[k]), roll)
             mate = next((placed[m] for m in beside[k] if m in placed), None)
             shift = None if mate is None else self._next_to(mate, box)
-            box, area = self._paste(frame, owners, rgba, box, number, shift)
-            placed[int(k)] = box
-            if rng.random() < 0.15:  # stood still long enough to be in the plate
-                self._copy_owner(frame, plate, owners, number)
-            boxes.append(box)
+            at, area = self._paste(frame, owners, rgba, box, number, shift)
+            placed[int(k)] = at
+            self._before(frame, plate, owners, number, rgba, at[:2] - box[:2])
+            boxes.append(at)
             areas.append(area)
         return boxes, areas
+
+    def _before(
+        self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16], number: int,
+        rgba: NDArray[np.uint8], shift: NDArray[np.float64],
+    ) -> None:  # fmt: skip
+        """Puts the person who was just drawn, moved by `shift`, into the plate, as some are who stay for long: as they
+        stand, but for what moved, or where they stood a moment or a while ago."""
+        rng, kind = self.rng, self.rng.random()
+        if kind < STILL + PARTLY:
+            mine = owners == number
+            if kind > STILL and mine.any():
+                y, x = np.mgrid[: len(mine), : mine.shape[1]]
+                left, top, right, bottom = _extent(mine)
+                normal = rng.normal(0, 1, 2)
+                edge = rng.normal(0, 0.2) * max(right - left, bottom - top)
+                mine &= (x - (left + right) / 2) * normal[0] + (y - (top + bottom) / 2) * normal[1] > edge
+            plate[mine] = frame[mine]
+        elif kind < STILL + PARTLY + GHOST:
+            away = np.exp(rng.uniform(np.log(1), np.log(max(2, len(rgba))))) * rng.choice([-1, 1], 2) * rng.random(2)
+            nobody = np.empty_like(owners)
+            self._paste(plate, nobody, rgba, np.zeros(4), number, np.round(shift + away).astype(int))
 
     def _beside(self, size: NDArray[np.float64]) -> list[list[int]]:
         """For every person those whom they stand beside; makes them alike in `size`."""
