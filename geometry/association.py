@@ -60,7 +60,7 @@ class PersonSelection:
 
 
 def find_people(
-    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions | None = None
+    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions | None = None, fps: float = 30.0
 ) -> tuple[Person, ...]:
     """Groups the cameras' tracks into people.
 
@@ -68,6 +68,7 @@ def find_people(
         cameras: C calibrated cameras.
         keypoints: their tracks.
         options: see `AssociateOptions`.
+        fps: frames a second.
 
     Returns:
         Everyone, by falling rank; people whom only one camera sees have a rank of zero.
@@ -80,7 +81,7 @@ def find_people(
         raise ValueError(
             f"keypoints have {keypoints.points_px.shape[0]} cameras, the calibration {len(cameras)}"
         )
-    followed = track_people(cameras, keypoints, options)
+    followed = track_people(cameras, keypoints, options, fps)
     people = [_described(cameras, keypoints, slots, _agreement(cameras, keypoints, slots)) for slots in followed]
     people += [_described(cameras, keypoints, slots, 0.0) for slots in _left_over(keypoints, followed)]
     people.sort(key=lambda person: (-person.rank, -float((person.slots >= 0).sum() * person.size_px)))
@@ -88,7 +89,7 @@ def find_people(
 
 
 def select_person(
-    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions | None = None
+    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions | None = None, fps: float = 30.0
 ) -> PersonSelection:
     """Chooses the person that the take is about: followed by most cameras, large, moving.
 
@@ -96,12 +97,13 @@ def select_person(
         cameras: C calibrated cameras.
         keypoints: their tracks.
         options: see `AssociateOptions`.
+        fps: frames a second.
 
     Raises:
         SessionError: nobody was found, or only one camera sees anybody.
         ValueError: keypoints that do not have one row for each camera.
     """
-    people = find_people(cameras, keypoints, options)
+    people = find_people(cameras, keypoints, options, fps)
     frames = keypoints.points_px.shape[1]
     seen_by = {name for person in people for name in person.cameras}
     if not people:

@@ -17,6 +17,8 @@ _Ints = NDArray[np.int64]
 # Two trunks whose middles are this near, in body sizes, in this share of the frames of one of them, are of one person;
 # so are two where one takes over from the other.
 _DOUBLE_SIZE, _DOUBLE_SHARE = 0.14, 0.8
+# How far from where they were last seen people may be found again, in body sizes: at once, and more with every second.
+_NEAR_BY, _STRAYS = 0.3, 3.6
 
 
 @dataclass(eq=False)
@@ -38,13 +40,14 @@ class Body:
     """Landmarks by frame, where two cameras saw it."""
 
 
-def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: int, same_build: float) -> list[_Ints]:
+def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: float, same_build: float, fps: float) -> list[_Ints]:
     """Slots of bodies, those joined that are the same person before and after they were out of sight.
 
     Args:
         bodies: in any order.
         landmarks: what their landmarks are; its edges are the limbs that builds are compared by.
         coast, same_build: see `people_tracking.AssociateOptions`.
+        fps: frames a second.
     """
     edges, trunk = np.array(landmarks.edge_indices, dtype=np.int64).reshape(-1, 2), _trunk(landmarks)
     bodies = sorted(bodies, key=lambda b: min(b.track))
@@ -62,10 +65,10 @@ def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: int, same_build:
                 continue
             size = max(float(extent(last.track[end])), 1e-6)
             jump = _jump(last, body) / size
-            reach = 0.3 + 0.12 * (start - end)
+            reach = _NEAR_BY + _STRAYS * (start - end) / fps
             difference = _difference(builds[group[-1]], builds[n])
             # Who vanishes and is there again at once is the same, whatever the measurements of the limbs say.
-            bound = same_build if start - end > 2 * coast else 2 * same_build
+            bound = same_build if (start - end) / fps > 2 * coast else 2 * same_build
             if jump < reach and difference < bound:
                 fitting.append((difference + 0.05 * jump / reach, group))
         if fitting:

@@ -36,8 +36,10 @@ _CHUNK = 128
 _LOYALTY = 0.01
 # A view that lies this much farther off than the others', and this far in body sizes, is of someone else.
 _ODD_VIEW, _ODD_VIEW_SIZE = 3.0, 0.05
-# Frames between two of the same track up to which what lies between is taken too.
-_BRIDGE = 6
+# Seconds between two frames of the same track up to which what lies between is taken too.
+_BRIDGE = 0.2
+# A body is no faster than this, in body sizes a second, and loses so much of its speed in a second without two views.
+_FASTEST, _SLOWING = 6.0, 0.96
 # Bodies that share no view and lie this near each other, in body sizes, are one.
 _SAME_BODY = 0.12
 # Views that agree this near to somebody whom no view fits any more are of them.
@@ -50,26 +52,28 @@ class AssociateOptions:
 
     Attributes:
         gate: distance of a detection from a body's predicted view, in body sizes, up to which it may be its own.
-        gate_growth: how the gate widens with every frame in which the body was not seen.
+        gate_growth: how the gate widens with every second in which the body was not seen.
+        gate_slack: how much wider it is for every second between two frames beyond a thirtieth: more can happen.
         start: distance of two views' rays, in body sizes, up to which they may begin a body.
         min_frames: people seen by two cameras in fewer frames are dropped as accidents.
-        coast: frames for which a body is predicted without being seen, before it is looked for as a new one.
+        coast: seconds for which a body is predicted without being seen, before it is looked for as a new one.
         same_build: mean difference of limbs' lengths up to which someone who comes back is who left.
     """
 
     gate: float = 0.12
-    gate_growth: float = 0.015
+    gate_growth: float = 0.45
+    gate_slack: float = 0.5
     start: float = 0.06
     min_frames: int = 5
-    coast: int = 30
+    coast: float = 1.0
     same_build: float = 0.04
 
 
 class PeopleTracker:
     """Follows people through a take; see `track_people`."""
 
-    def __init__(self, cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions) -> None:
-        self._cameras, self._keypoints, self._options = cameras, keypoints, options
+    def __init__(self, cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions, fps: float) -> None:
+        self._cameras, self._keypoints, self._options, self._fps = cameras, keypoints, options, fps
         self._centers = cameras.centers_world
         self._mirror = np.array(keypoints.landmarks.mirror)
         self._focal = np.array([camera.camera_matrix[0, 0] for camera in cameras])
@@ -141,7 +145,7 @@ class PeopleTracker:
                 body.unmet += 1
                 if seen.any():
                     self._slide(body, int(np.flatnonzero(seen)[0]), rays[:, n])
-                body.velocity *= 0.9
+                body.velocity *= (1 - _SLOWING) ** (1 / self._fps)
             if body.met >= 5 and not body.confirmed:
                 body.confirmed = True
 
@@ -161,7 +165,9 @@ class PeopleTracker:
     def _assign(self, bodies: list[Body], away: _Floats, t: int, free: NDArray[np.bool_]) -> _Ints:
         """(C, N) the detection of every camera that each body takes, -1 for none."""
         options = self._options
-        gate = np.array([options.gate + options.gate_growth * b.unseen for b in bodies]).clip(max=0.4)
+        slack = options.gate_slack * max(0.0, 1 / self._fps - 1 / 30)
+        growth = options.gate_growth / self._fps
+        gate = np.array([options.gate + slack + growth * b.unseen for b in bodies]).clip(max=0.4)
         chosen = np.full(away.shape[:2], -1, dtype=np.int64)
         last = np.stack([b.slots[:, t - 1] for b in bodies], 1) if t else chosen
         for c in range(len(away)):
@@ -232,8 +238,7 @@ class PeopleTracker:
         known = np.isfinite(points).all(-1) & np.isfinite(body.points).all(-1)
         shift = np.median((points - body.points)[known], axis=0) if known.any() else np.zeros(3)
         body.velocity = body.velocity + 0.5 * shift / (body.unmet + 1)
-        # What cannot be: more than a fifth of a body a frame.
-        limit = 0.2 * max(float(extent(points)), 1e-6) if np.isfinite(extent(points)) else np.inf
+        limit = _FASTEST / self._fps * max(float(extent(points)), 1e-6) if np.isfinite(extent(points)) else np.inf
         speed = float(np.linalg.norm(body.velocity))
         body.velocity *= min(1.0, limit / max(speed, 1e-9))
         body.points = np.where(np.isfinite(points), points, body.points + shift)
@@ -361,7 +366,7 @@ class PeopleTracker:
         """Bodies that were not seen for long end; doubtful ones soon."""
         kept: list[Body] = []
         for body in self._bodies:
-            patience = self._options.coast if body.confirmed else 3
+            patience = max(3.0, self._options.coast * self._fps) if body.confirmed else 3
             gone = body.unseen > patience or body.unmet > 2 * patience
             (self._ended if gone else kept).append(body)
         self._bodies = kept
@@ -407,7 +412,7 @@ class PeopleTracker:
             for c, row in enumerate(body.slots):
                 frames = np.flatnonzero(row >= 0)
                 for a, b in zip(frames[:-1], frames[1:], strict=True):
-                    if 1 < b - a <= _BRIDGE and row[a] == row[b]:
+                    if 1 < b - a <= max(2.0, _BRIDGE * self._fps) and row[a] == row[b]:
                         gap = np.arange(a + 1, b)
                         free = there[c, gap, row[a]] & ~taken[c, gap, row[a]]
                         row[gap[free]] = row[a]
@@ -415,7 +420,7 @@ class PeopleTracker:
 
 
 def track_people(
-    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions | None = None
+    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions | None = None, fps: float = 30.0
 ) -> list[NDArray[np.int64]]:
     """The slots (C, T) of everyone whom two cameras see, -1 where a camera does not see them.
 
@@ -423,10 +428,12 @@ def track_people(
         cameras: C calibrated cameras.
         keypoints: their detections; a slot is a camera's own track, which need not be right.
         options: see `AssociateOptions`.
+        fps: frames a second.
     """
     options = options or AssociateOptions()
-    bodies = PeopleTracker(cameras, keypoints, options).run()
-    return [np.asarray(group) for group in rejoined(bodies, keypoints.landmarks, options.coast, options.same_build)]
+    bodies = PeopleTracker(cameras, keypoints, options, fps).run()
+    groups = rejoined(bodies, keypoints.landmarks, options.coast, options.same_build, fps)
+    return [np.asarray(group) for group in groups]
 
 
 def _limb_pairs(keypoints: Keypoints2D) -> _Ints:

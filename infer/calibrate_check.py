@@ -61,7 +61,7 @@ def check(
         clocks = session_clocks(opened)
         if clocks is not None:
             keypoints = synchronised(keypoints, clocks, opened.fps)
-        quality = check_keypoints(opened.cameras, keypoints, options)
+        quality = check_keypoints(opened.cameras, keypoints, options, opened.fps)
     seconds = {"in all": time.perf_counter() - start}
     page = CalibrationPage(opened.name, quality, opened.notices, seconds)
     if out is None:
@@ -75,18 +75,20 @@ def check(
     return 0
 
 
-def check_keypoints(cameras: CameraGroup, keypoints: Keypoints2D, options: CulpritOptions) -> CalibrationQuality:
+def check_keypoints(
+    cameras: CameraGroup, keypoints: Keypoints2D, options: CulpritOptions, fps: float
+) -> CalibrationQuality:
     """Judge cameras by everyone's landmarks, of whom one person is followed.
 
     Raises:
         SessionError: nobody was found.
     """
-    points_px, variance_px2 = person_to_check(cameras, keypoints)
+    points_px, variance_px2 = person_to_check(cameras, keypoints, fps)
     source = f"one person's landmarks in {points_px.shape[1]} frames"
     return check_take(cameras, points_px, variance_px2, options, source)
 
 
-def person_to_check(cameras: CameraGroup, keypoints: Keypoints2D) -> tuple[Floats, Floats]:
+def person_to_check(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> tuple[Floats, Floats]:
     """One person's landmarks, with those of cameras that the calibration keeps apart from the others.
 
     Who is who between cameras is found by the calibration that is in question. So a camera that hardly has the
@@ -95,7 +97,7 @@ def person_to_check(cameras: CameraGroup, keypoints: Keypoints2D) -> tuple[Float
     Returns:
         (C, T, J, 2) px and (C, T, J) variances.
     """
-    selection = select_person(cameras, keypoints)
+    selection = select_person(cameras, keypoints, fps=fps)
     points_px, variance_px2, _ = take_person(keypoints, selection)
     points_px, variance_px2 = points_px.copy(), variance_px2.copy()
     found = np.asarray(np.isfinite(keypoints.variance_px2).any(axis=-1))

@@ -90,7 +90,7 @@ def people(
         clocks = session_clocks(opened)
         if clocks is not None:
             keypoints = synchronised(keypoints, clocks, opened.fps)
-        result, errors = from_keypoints(opened.cameras, keypoints, refine, options)
+        result, errors = from_keypoints(opened.cameras, keypoints, opened.fps, refine, options)
     save_calibration(result.cameras, out)
     for line in told(opened.cameras, result, refine, errors):
         print(line)
@@ -98,7 +98,7 @@ def people(
 
 
 def from_keypoints(
-    cameras: CameraGroup, keypoints: Keypoints2D, refine: bool, options: PeopleCalibrationOptions
+    cameras: CameraGroup, keypoints: Keypoints2D, fps: float, refine: bool, options: PeopleCalibrationOptions
 ) -> tuple[PeopleCalibration, tuple[float, float]]:
     """Calibrate from a session's landmarks.
 
@@ -106,7 +106,7 @@ def from_keypoints(
         The result, and the median leave-one-camera-out error before and after, px (the first is NaN where
         there was no calibration to begin with).
     """
-    selection = select_person(cameras, keypoints)
+    selection = select_person(cameras, keypoints, fps=fps)
     px, variance, score = take_person(keypoints, selection)
     px, variance, _ = repair_swaps(cameras, px, variance, keypoints.landmarks)
     names = keypoints.landmarks.names

@@ -215,7 +215,7 @@ def by_people(
 ) -> tuple[CameraGroup, CameraGroup, list[str]]:
     """The session's cameras as calibrated, in the world of people who walk on its floor, and what is worth saying."""
     opened, keypoints = session_keypoints(open_session(session, read), None, detect, progress)
-    px, variance, _ = take_person(keypoints, select_person(opened.cameras, keypoints))
+    px, variance, _ = take_person(keypoints, select_person(opened.cameras, keypoints, fps=opened.fps))
     found = triangulate(opened.cameras, px, variance)
     changed, said = people_world(opened.cameras, found.points_world, keypoints.landmarks.names, height)
     return opened.cameras, changed, said

@@ -22,24 +22,25 @@ _FIGURES = ("count", "residual_px", "p95_px", "leave_one_out_px", "focal_sd", "p
 
 
 def judge(
-    cameras: CameraGroup, keypoints: Keypoints2D, inputs: str, store: StageStore, progress: Progress
+    cameras: CameraGroup, keypoints: Keypoints2D, fps: float, inputs: str, store: StageStore, progress: Progress
 ) -> tuple[CalibrationQuality | None, StageResult | None]:
     """How good the calibration is by a take's landmarks; None where there is nobody to judge it by.
 
     Args:
         cameras: C cameras, as the videos are.
         keypoints: everyone who was found.
+        fps: frames a second.
         inputs: digest of what the keypoints were made from.
         store: where finished stages are.
         progress: whom to tell.
     """
-    key = digest(STAGE, inputs, code_digest("muybridge.geometry", "muybridge.infer.calibrate_check"))
+    key = digest(STAGE, inputs, fps, code_digest("muybridge.geometry", "muybridge.infer.calibrate_check"))
     stored = store.load(STAGE, key)
     if stored is not None:
         return unpacked(cameras, stored.arrays, stored.facts), stored
     start = time.perf_counter()
     try:
-        quality = check_keypoints(cameras, keypoints, CulpritOptions())
+        quality = check_keypoints(cameras, keypoints, CulpritOptions(), fps)
     except MuybridgeError:
         return None, None
     arrays, facts = packed(quality)

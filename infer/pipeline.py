@@ -241,7 +241,9 @@ def _calibrated(
     if options.refine_cameras:
         session, stages[refine_cameras.STAGE] = refine_cameras.refined(session, keypoints, key, store, progress)
         key = digest(key, session.cameras.cameras)
-    judged, stages[calibration_stage.STAGE] = calibration_stage.judge(session.cameras, keypoints, key, store, progress)
+    judged, stages[calibration_stage.STAGE] = calibration_stage.judge(
+        session.cameras, keypoints, session.fps, key, store, progress
+    )
     return session, judged, {name: stage for name, stage in stages.items() if stage is not None}
 
 

@@ -39,7 +39,7 @@ def refined(
     if stage is None:
         start = time.perf_counter()
         try:
-            poses, before, after = _poses(session.cameras, keypoints)
+            poses, before, after = _poses(session.cameras, keypoints, session.fps)
         except MuybridgeError as error:
             notice = f"the cameras were not refined: {error}"
             progress.notice(notice)
@@ -58,9 +58,9 @@ def refined(
     return replace(session, cameras=cameras, notices=(*session.notices, notice)), stage
 
 
-def _poses(cameras: CameraGroup, keypoints: Keypoints2D) -> tuple[np.ndarray, float, float]:
+def _poses(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> tuple[np.ndarray, float, float]:
     """(C, 3, 4) refined poses, and the median leave-one-out error in held-out frames before and after, px."""
-    px, variance, _ = take_person(keypoints, select_person(cameras, keypoints))
+    px, variance, _ = take_person(keypoints, select_person(cameras, keypoints, fps=fps))
     px, variance, _ = repair_swaps(cameras, px, variance, keypoints.landmarks)
     names, options = keypoints.landmarks.names, PeopleCalibrationOptions()
     result = refine_people(cameras, px, variance, names, options).cameras

@@ -117,7 +117,7 @@ def solve(
         look_again: reads the views of a person again once they are known in 3D.
     """
     stage = _Stages(store, progress, [inputs, code_digest("muybridge.geometry"), fps])
-    person = stage("person", options.person, lambda: _select(cameras, keypoints, options.person))
+    person = stage("person", options.person, lambda: _select(cameras, keypoints, options.person, fps))
     take = _Take(stage, cameras, keypoints, markers, fps, options)
     main = _followed(take, "", person, look_again)
     if not options.everyone:
@@ -271,9 +271,9 @@ def _as_points(landmarks: LandmarkSet, positions: Arrays, measurement: Arrays, f
 
 
 def _select(
-    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions
+    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions, fps: float
 ) -> tuple[Arrays, Mapping[str, Any]]:
-    selection = select_person(cameras, keypoints, options)
+    selection = select_person(cameras, keypoints, options, fps)
     others = [p.slots for p in selection.people[1:] if p.rank > 0]
     arrays = dict(_taken(keypoints, selection.slots))
     arrays["others"] = np.array(others, dtype=np.int64).reshape(-1, *selection.slots.shape)

@@ -126,7 +126,7 @@ def _by_sound(sounds: Sequence[Floats | None], c: int, max_offset: float) -> Clo
 def _by_pictures(
     session: Session, keypoints: Keypoints2D, methods: Sequence[str], max_offset: float
 ) -> dict[str, tuple[Clock, ...]]:
-    selection = select_person(session.cameras, keypoints)
+    selection = select_person(session.cameras, keypoints, fps=session.fps)
     px, variance, _ = take_person(keypoints, selection)
     drift = px.shape[1] / session.fps >= _DRIFT_FROM
     motion = motion_clocks(px, variance, session.fps, max_offset, drift)

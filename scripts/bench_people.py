@@ -36,7 +36,7 @@ from muybridge.geometry.triangulation import triangulate
 from muybridge.infer.tracking import Tracker, TrackOptions
 from muybridge.models.decode import DetectedPeople
 
-FPS, WIDTH, HEIGHT = 30.0, 1920, 1080
+WIDTH, HEIGHT = 1920, 1080
 NOISE_PX, NEAR_M, LEAST_APART_M = 4.0, 0.4, 0.35
 _HALF = {
     "eye": (0.03, -0.10, 1.65), "ear": (0.07, 0.0, 1.63), "shoulder": (0.18, 0.0, 1.45),
@@ -70,30 +70,33 @@ def room(count: int, rng: np.random.Generator) -> CameraGroup:
     return CameraGroup(tuple(cameras))
 
 
-def walkers(count: int, frames: int, rng: np.random.Generator) -> NDArray[np.float64]:
+def walkers(count: int, frames: int, rng: np.random.Generator, fps: float = 30.0) -> NDArray[np.float64]:
     """(N, T, J, 3) metres."""
+    turning = 2 * round(fps / 3) + 1
     paths, bodies, turns = [], [], []
     for k in range(count):
         heading = np.pi * (k + rng.uniform(-0.3, 0.3)) / count
         along = np.array([np.cos(heading), np.sin(heading)])
         aside = rng.uniform(-0.3, 0.3) * np.array([-along[1], along[0]])
         speed, phase, reach = rng.uniform(0.7, 1.5), rng.uniform(0, 4), rng.uniform(1.5, 2.4)
-        run = (np.arange(frames) / FPS * speed / reach + phase) % 4
-        way = np.convolve(np.pad(np.where(run < 2, 1.0, -1.0), 10, mode="edge"), np.full(21, 1 / 21), "valid")
+        run = (np.arange(frames) / fps * speed / reach + phase) % 4
+        way = np.convolve(
+            np.pad(np.where(run < 2, 1.0, -1.0), turning // 2, mode="edge"), np.full(turning, 1 / turning), "valid"
+        )
         paths.append(reach * np.where(run < 2, run - 1, 3 - run)[:, None] * along + aside)
         turns.append(heading + np.pi / 2 * (1 - way) + np.pi / 2)
         body = np.repeat(BODY[None], frames, axis=0)
-        body[..., 1] += 0.35 * SWING * np.sin(2 * np.pi * 0.9 * np.arange(frames) / FPS + phase)[:, None]
+        body[..., 1] += 0.35 * SWING * np.sin(2 * np.pi * 0.9 * np.arange(frames) / fps + phase)[:, None]
         bodies.append(body * rng.uniform(1.55, 1.95) / 1.75)
-    path = _kept_apart(np.stack(paths))
+    path = _kept_apart(np.stack(paths), fps / 5)
     body, turn = np.stack(bodies), np.stack(turns)[..., None]
     x = body[..., 0] * np.cos(turn) - body[..., 1] * np.sin(turn) + path[..., :1]
     y = body[..., 0] * np.sin(turn) + body[..., 1] * np.cos(turn) + path[..., 1:]
     return np.stack([x, y, body[..., 2]], -1)
 
 
-def _kept_apart(path: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, T, 2) paths that evade each other, smoothly."""
+def _kept_apart(path: NDArray[np.float64], smooth: float) -> NDArray[np.float64]:
+    """(N, T, 2) paths that evade each other, smoothly: over so many frames."""
     for _ in range(200):
         between = path[:, None] - path[None]
         away = np.linalg.norm(between, axis=-1, keepdims=True)
@@ -102,7 +105,7 @@ def _kept_apart(path: NDArray[np.float64]) -> NDArray[np.float64]:
             break
         push = np.clip(1.15 * LEAST_APART_M - away, 0, None) * between / np.maximum(away, 1e-6)
         push[~np.isfinite(push)] = 0.0
-        path = path + gaussian_filter1d(push.sum(1), 6, axis=1, mode="nearest")
+        path = path + gaussian_filter1d(push.sum(1), smooth, axis=1, mode="nearest")
     return path
 
 
@@ -166,18 +169,18 @@ def keypoints_of(cameras: CameraGroup, people: NDArray[np.float64], seed: int, s
     return Keypoints2D(BODY23, px, np.where(known, NOISE_PX**2, np.nan), score)
 
 
-def solved(cameras: CameraGroup, keypoints: Keypoints2D) -> list[NDArray[np.float64]]:
+def solved(cameras: CameraGroup, keypoints: Keypoints2D, fps: float = 30.0) -> list[NDArray[np.float64]]:
     """(T, J, 3) of everyone whom two cameras see."""
     found = []
-    for person in find_people(cameras, keypoints):
+    for person in find_people(cameras, keypoints, fps=fps):
         if person.seen_share <= 0:
             continue
         px, variance, _ = take_person(keypoints, person)
         px, variance, _ = repair_swaps(cameras, px, variance, BODY23)
         cloud = triangulate(cameras, px, variance)
-        cloud = with_pose_prior(cameras, px, variance, BODY23, FPS, cloud)
+        cloud = with_pose_prior(cameras, px, variance, BODY23, fps, cloud)
         points = Points3D(
-            BODY23, cloud.points_world, cloud.covariance_world, cloud.residual_px, cloud.inlier, FPS
+            BODY23, cloud.points_world, cloud.covariance_world, cloud.residual_px, cloud.inlier, fps
         )
         found.append(smooth_points(points, SmoothOptions()).points_world)
     return found
@@ -215,6 +218,7 @@ def main() -> None:
     parser.add_argument("--takes", type=int, default=4, help="of each kind")
     parser.add_argument("--frames", type=int, default=300)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--fps", type=float, default=30.0)
     options = parser.parse_args()
     print("| people | cameras | frames | found | switches per 1,000 | MPJPE mm | alone mm | frames/s |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |", flush=True)
@@ -222,24 +226,27 @@ def main() -> None:
         for cams in (4, 6):
             rows = []
             for take in range(options.takes):
-                rows.append(_measure(count, cams, options.frames, options.seed + 1000 * count + 100 * cams + take))
+                rows.append(_measure(count, cams, options, options.seed + 1000 * count + 100 * cams + take))
             found, switches, error, alone, seconds = (np.array(v, float) for v in zip(*rows, strict=True))
             total = options.takes * options.frames
             print(f"| {count} | {cams} | {total} | {found.mean():.3f} | {1000 * switches.sum() / (total * count):.2f} "
                   f"| {error.mean():.1f} | {alone.mean():.1f} | {total / seconds.sum():.0f} |", flush=True)  # fmt: skip
 
 
-def _measure(count: int, cams: int, frames: int, seed: int) -> tuple[float, int, float, float, float]:
+def _measure(
+    count: int, cams: int, options: argparse.Namespace, seed: int
+) -> tuple[float, int, float, float, float]:
     """Share of the true people's frames found, switches, error, error alone, seconds."""
     slots, rng = max(count + 1, TrackOptions().max_people), np.random.default_rng(seed)
-    cameras, people = room(cams, rng), walkers(count, frames, rng)
+    fps = options.fps
+    cameras, people = room(cams, rng), walkers(count, options.frames, rng, fps)
     keypoints = keypoints_of(cameras, people, seed, slots)
     start = time.perf_counter()
-    found = solved(cameras, keypoints)
+    found = solved(cameras, keypoints, fps)
     seconds = time.perf_counter() - start
     switches, error = compare(people, found)
     single = np.concatenate([
-        compare(one[None], solved(cameras, keypoints_of(cameras, one[None], seed + n, slots)))[1]
+        compare(one[None], solved(cameras, keypoints_of(cameras, one[None], seed + n, slots), fps))[1]
         for n, one in enumerate(people)
     ])  # fmt: skip
     both = np.isfinite(error) & np.isfinite(single)

@@ -137,5 +137,5 @@ def test_a_camera_that_the_calibration_keeps_apart_is_taken_at_its_word(staged_p
     px = rig.project(staged_people.person(30))
     px[[0, 2]] = px[[2, 0]]  # two files exchanged
     keypoints = Keypoints2D(BODY23, px[:, :, None], np.full((4, 30, 1, 23), 4.0), np.ones((4, 30, 1, 23)))
-    points_px, variance = person_to_check(rig, keypoints)
+    points_px, variance = person_to_check(rig, keypoints, 30.0)
     assert np.isfinite(points_px).all() and np.isfinite(variance).all()

@@ -11,7 +11,7 @@ import pytest
 from muybridge.geometry.association import take_slots
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import BODY23, Keypoints2D
-from muybridge.geometry.people_tracking import AssociateOptions, track_people
+from muybridge.geometry.people_tracking import AssociateOptions, PeopleTracker, track_people
 from muybridge.geometry.rays import nearest_points, pair_points, ray_directions
 from muybridge.geometry.triangulation import triangulate
 
@@ -25,16 +25,31 @@ def bench(repository: Path) -> ModuleType:
     return module
 
 
-def test_identities_survive_crossings(bench) -> None:
-    frames, rng = 150, np.random.default_rng(7)
-    cameras, people = bench.room(5, rng), bench.walkers(3, frames, rng)
+@pytest.mark.parametrize("fps", [10.0, 30.0, 60.0])
+def test_identities_survive_crossings(bench, fps: float) -> None:
+    frames, rng = round(5 * fps), np.random.default_rng(7)
+    cameras, people = bench.room(5, rng), bench.walkers(3, frames, rng, fps)
     middle = people[..., :2].mean(2)
     assert np.linalg.norm(middle[0] - middle[1], axis=-1).min() < 1.5  # they do meet
     keypoints = bench.keypoints_of(cameras, people, 7, 6)
-    switches, error = bench.compare(people, bench.solved(cameras, keypoints))
+    switches, error = bench.compare(people, bench.solved(cameras, keypoints, fps))
     assert switches == 0
     assert np.isfinite(error).any(-1).mean() > 0.9
     assert np.nanmean(error) < 30
+
+
+def test_patience_is_of_seconds_not_of_frames(bench) -> None:
+    """Out of everyone's sight for half a second, at 20 and at 120 frames a second: followed on, or not, alike."""
+    for fps in (20.0, 120.0):
+        rng = np.random.default_rng(3)
+        cameras, people = bench.room(4, rng), bench.walkers(1, round(2 * fps), rng, fps)
+        keypoints = seen_exactly(cameras, list(people))
+        px = keypoints.points_px.copy()
+        px[:, round(fps) : round(1.5 * fps)] = np.nan
+        for coast, bodies in ((1.0, 1), (0.25, 2)):
+            options = AssociateOptions(coast=coast)
+            tracker = PeopleTracker(cameras, replace(keypoints, points_px=px), options, fps)
+            assert len(tracker.run()) == bodies, (fps, coast)
 
 
 def test_who_leaves_and_comes_back_is_the_same_person(bench) -> None:
