@@ -276,7 +276,8 @@ class _CameraWork:
                 for frame in frames:
                     writer.write(frame)
                 self.task.advance(len(frames))
-        return estimator.finish(), estimator.plate
+        tracks = estimator.finish()
+        return tracks, estimator.background(tracks)
 
 
 def _tracks(stage: StageResult, landmarks: LandmarkSet) -> CameraTracks:

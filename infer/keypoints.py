@@ -169,10 +169,10 @@ class PoseEstimator:
             PoseReader(self._network, camera, upright, backdrop),
         )
 
-    @property
-    def plate(self) -> NDArray[np.uint8] | None:
-        """(h, w, 3) the background of the frames so far, at the detector's resolution; None where there is none."""
-        return None if self._parts is None else self._parts.backdrop.plate
+    def background(self, tracks: CameraTracks) -> NDArray[np.uint8] | None:
+        """(h, w, 3) what the frames so far show without the people of `tracks`, at the detector's resolution; None
+        where too few frames tell, or a moving camera has none."""
+        return None if self._parts is None else self._parts.backdrop.without(tracks.points_px, tracks.landmarks)
 
     def finish(self) -> CameraTracks:
         """Everything found so far; T is the number of frames processed, P the slots that were used."""

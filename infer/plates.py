@@ -12,11 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.crops import Crops
+from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.infer.crops import extract_crops
 from muybridge.infer.upright import Letterbox
 
 # With fewer frames than this there is no telling what is background.
 _PLATE_MIN_FRAMES = 3
+# How thick people are, in longer sides of their landmarks' own box: limbs, and what is round each landmark.
+_LIMB, _ROUND, _HEAD = 0.13, 0.05, 0.1
 
 
 class BackgroundPlate:
@@ -34,6 +37,11 @@ class BackgroundPlate:
         self._spacing = 1
         self._seen = 0
         self._plate: NDArray[np.uint8] | None = None
+
+    @property
+    def frames(self) -> NDArray[np.intp]:
+        """(K,) the numbers of the frames that are kept."""
+        return self._spacing * np.arange(len(self._kept))
 
     def add(self, frames: NDArray[np.uint8]) -> None:
         """Take note of the next (n, h, w, 3) frames, in order."""
@@ -53,6 +61,21 @@ class BackgroundPlate:
             middle = len(self._kept) // 2
             self._plate = np.partition(np.stack(self._kept, axis=-1), middle, axis=-1)[..., middle]
         return self._plate
+
+    def without(self, people: NDArray[np.bool_]) -> NDArray[np.uint8] | None:
+        """(h, w, 3) the same of what is not people in the kept frames, (K, h, w): who sways or steps about in one place
+        is in most frames' way and not in all. Where too few frames are free it is as before."""
+        plate = self.plate
+        if plate is None:
+            return None
+        free = (~people).sum(axis=0)
+        kept = np.stack(self._kept).astype(np.float32)
+        kept[people] = np.inf  # sorted to the end
+        kept.sort(axis=0)
+        seen = free >= _PLATE_MIN_FRAMES
+        middle = np.where(seen, free // 2, 0)[None, :, :, None]
+        median = np.take_along_axis(kept, middle, axis=0)[0]
+        return np.where(seen[..., None], median, plate).astype(np.uint8)
 
 
 class SmallFrames(NamedTuple):
@@ -97,6 +120,19 @@ class Backdrop:
             self._plate.add(small)
         return SmallFrames(small, _difference(small, self.plate))
 
+    def without(self, tracks: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.uint8] | None:
+        """(h, w, 3) the background of the frames so far without the people who were found in them.
+
+        Args:
+            tracks: (T, P, J, 2) px of the frames.
+            landmarks: the meaning of the J axis.
+        """
+        if self.plate is None or self._known is not None:
+            return self.plate
+        canvas_from_frame = np.linalg.inv(self._letterbox.frame_from_canvas)
+        px = tracks[self._plate.frames] @ canvas_from_frame[:2, :2].T + canvas_from_frame[:2, 2]
+        return self._plate.without(silhouettes(px, landmarks, self._letterbox.canvas))
+
     def difference_in(self, crops: Crops, small: SmallFrames, index: int) -> NDArray[np.uint8]:
         """(N, S, S) the difference of one of the frames in crops of it, 255 for 1."""
         in_small = Crops(crops.size_px, crops.crop_from_image @ self._letterbox.frame_from_canvas)
@@ -110,3 +146,37 @@ def _difference(frames: NDArray[np.uint8], plate: NDArray[np.uint8] | None) -> N
         for index, frame in enumerate(frames):
             result[index] = cv2.absdiff(frame, plate).mean(axis=-1, dtype=np.float32) / 255
     return result
+
+
+def silhouettes(
+    points_px: NDArray[np.float64], landmarks: LandmarkSet, size: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Where people are, roughly and rather too wide.
+
+    Args:
+        points_px: (K, P, J, 2) px of K pictures, NaN where missing.
+        landmarks: the meaning of the J axis.
+        size: width and height of the pictures.
+
+    Returns:
+        (K, height, width).
+    """
+    masks = np.zeros((len(points_px), size[1], size[0]), np.uint8)
+    head = {"nose", "left_eye", "right_eye", "left_ear", "right_ear"}
+    reach = np.array([_HEAD if name in head else _ROUND for name in landmarks.names])
+    trunk = [i for i, name in enumerate(landmarks.names) if name.endswith(("_shoulder", "_hip"))]
+    for mask, people in zip(masks, points_px, strict=True):
+        for body in people:
+            known = np.isfinite(body).all(axis=-1)
+            if not known.any():
+                continue
+            long_side = float(np.ptp(body[known], axis=0).max())
+            at = np.where(known[:, None], body, 0).round().astype(int).tolist()
+            for a, b in landmarks.edge_indices:
+                if known[a] and known[b]:
+                    cv2.line(mask, at[a], at[b], 1, max(1, round(_LIMB * long_side)))
+            for i in np.flatnonzero(known):
+                cv2.circle(mask, at[i], max(1, round(reach[i] * long_side)), 1, -1)
+            if len(trunk) > 2 and known[trunk].all():
+                cv2.fillConvexPoly(mask, cv2.convexHull(np.array([at[i] for i in trunk], np.int32)), 1)
+    return masks.astype(np.bool_)

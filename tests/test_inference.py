@@ -23,7 +23,7 @@ from muybridge.infer.crops import extract_crops
 from muybridge.infer.keypoints import KeypointOptions, PoseEstimator, merge_tracks
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions, PeopleNetwork
 from muybridge.infer.people import PeopleDetector, PeopleOptions
-from muybridge.infer.plates import Backdrop, SmallFrames
+from muybridge.infer.plates import Backdrop, SmallFrames, silhouettes
 from muybridge.infer.poses import body_boxes
 from muybridge.infer.tracking import TrackOptions
 from muybridge.infer.upright import Letterbox, Upright, upright_for
@@ -334,6 +334,34 @@ def test_background_plate_forgets_who_moves() -> None:
         np.testing.assert_allclose(again(frame[None]).difference[0], expected, atol=1e-6)
     moving = Backdrop(letterbox, enabled=False)
     assert moving(np.stack([scene, frame] * 5)).difference.max() == 0 and moving.plate is None
+
+
+def test_who_sways_in_one_place_is_not_in_the_background() -> None:
+    """In most frames' way and not in all: the median shows the person, what is free of their silhouette the scene."""
+    rng = np.random.default_rng(0)
+    scene = rng.integers(0, 200, (128, 96, 3), dtype=np.uint8)
+    standing = np.full((len(BODY23), 2), np.nan)
+    for name, (x, y) in {
+        "nose": (0, -45), "left_shoulder": (8, -32), "right_shoulder": (-8, -32), "left_hip": (6, 0),
+        "right_hip": (-6, 0), "left_knee": (6, 22), "right_knee": (-6, 22), "left_ankle": (6, 45),
+        "right_ankle": (-6, 45),
+    }.items():  # fmt: skip
+        standing[BODY23.index(name)] = x, y
+    letterbox = Letterbox(Upright(96, 128), 128)
+    backdrop = Backdrop(letterbox)
+    tracks = standing + np.stack([48 + 16 * np.sin(np.arange(40) / 6), np.full(40, 64.0)], -1)[:, None, None]
+    covered = silhouettes(tracks[:, 0][:, None], BODY23, (96, 128))
+    for mask in covered:
+        frame = scene.copy()
+        frame[mask] = 255
+        backdrop(frame[None])
+    plain, clean = backdrop.plate, backdrop.without(tracks, BODY23)
+    assert plain is not None and clean is not None
+    shown, left = ((plate == 255).all(-1).sum() for plate in (plain, clean))
+    assert shown > 300 and left < 0.15 * shown
+    np.testing.assert_array_equal(clean[~covered.any(0)], scene[~covered.any(0)])
+    # Nobody found, nothing cut out.
+    np.testing.assert_array_equal(backdrop.without(np.full_like(tracks, np.nan), BODY23), plain)
 
 
 @pytest.mark.parametrize("camera", [None, _rolled_camera()], ids=["uncalibrated", "calibrated"])
