@@ -18,6 +18,8 @@ from muybridge.infer.upright import Letterbox
 
 # With fewer frames than this there is no telling what is background.
 _PLATE_MIN_FRAMES = 3
+# Of what pixels tell an exposure: every so manieth, neither dark nor burnt out, not too few, alike within noise.
+_EVERY, _DARK, _BRIGHT, _LEAST_PIXELS, _ALIKE = 3, 20, 235, 200, 0.08
 # How thick people are, in longer sides of their landmarks' own box: limbs, and what is round each landmark.
 _LIMB, _ROUND, _HEAD = 0.13, 0.05, 0.1
 
@@ -140,12 +142,32 @@ class Backdrop:
 
 
 def _difference(frames: NDArray[np.uint8], plate: NDArray[np.uint8] | None) -> NDArray[np.float32]:
-    """(n, h, w) mean over RGB of |frame - plate| in 0..1; zero without a plate."""
+    """(n, h, w) mean over RGB of |frame - plate| in 0..1, of frames exposed as the plate; zero without a plate."""
     result = np.zeros(frames.shape[:3], dtype=np.float32)
     if plate is not None:
         for index, frame in enumerate(frames):
-            result[index] = cv2.absdiff(frame, plate).mean(axis=-1, dtype=np.float32) / 255
+            exposed = cv2.LUT(frame, _exposure(frame, plate))
+            result[index] = cv2.absdiff(exposed, plate).mean(axis=-1, dtype=np.float32) / 255
     return result
+
+
+def _exposure(frame: NDArray[np.uint8], plate: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(256, 1, 3) what the frame's values are in the plate's exposure, since cameras set themselves: by what most of
+    the picture agrees on, as they are where that is not so."""
+    values = np.arange(256.0)[:, None, None] * _gain(frame, plate)
+    return np.asarray(values.round().clip(0, 255), dtype=np.uint8)
+
+
+def _gain(frame: NDArray[np.uint8], plate: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """(3,) of the channels, from the frame to the plate."""
+    some = plate[::_EVERY, ::_EVERY].reshape(-1, 3), frame[::_EVERY, ::_EVERY].reshape(-1, 3)
+    usable = ((some[0] > _DARK) & (some[0] < _BRIGHT) & (some[1] > _DARK) & (some[1] < _BRIGHT)).all(axis=1)
+    if usable.sum() < _LEAST_PIXELS:
+        return np.ones(3)
+    ratio = some[0][usable].astype(np.float32) / some[1][usable]
+    gain = np.median(ratio, axis=0)
+    agree = (np.abs(ratio / gain - 1) < _ALIKE).all(axis=1).mean()
+    return np.asarray(gain if agree > 0.5 else np.ones(3), dtype=np.float64)
 
 
 def silhouettes(

@@ -336,6 +336,23 @@ def test_background_plate_forgets_who_moves() -> None:
     assert moving(np.stack([scene, frame] * 5)).difference.max() == 0 and moving.plate is None
 
 
+def test_a_camera_that_exposes_anew_shows_nobody_where_nobody_is() -> None:
+    rng = np.random.default_rng(0)
+    scene = rng.integers(30, 180, (96, 128, 3)).astype(np.uint8)
+    backdrop = Backdrop(Letterbox(Upright(128, 96), 128), known=scene)
+    frame = scene.copy()
+    frame[20:70, 40:60] = 240 - frame[20:70, 40:60]
+    brighter = (frame * np.array([1.25, 1.2, 1.15])).clip(0, 255).astype(np.uint8)
+    person = np.zeros(scene.shape[:2], bool)
+    person[20:70, 40:60] = True
+    as_was, exposed = (backdrop(f[None]).difference[0] for f in (frame, brighter))
+    assert as_was[~person].max() == 0 and exposed[~person].max() < 0.02
+    assert exposed[person].mean() > 0.7 * as_was[person].mean() > 0.1
+    # Another picture altogether is not made alike.
+    other = rng.integers(30, 180, scene.shape).astype(np.uint8)
+    assert backdrop(other[None]).difference.mean() == pytest.approx(np.abs(other - scene.astype(float)).mean() / 255)
+
+
 def test_who_sways_in_one_place_is_not_in_the_background() -> None:
     """In most frames' way and not in all: the median shows the person, what is free of their silhouette the scene."""
     rng = np.random.default_rng(0)
