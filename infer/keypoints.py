@@ -36,6 +36,8 @@ class KeypointOptions:
             of the two results.
         refine_change: how much it has to differ, in centre or size, relative to the box.
         min_sure: mean score from which a person's landmarks count as evidence that someone is there.
+        min_sure_track: the same over all frames of a track, below which there was never anybody, whatever the detector
+            says: somebody far away or half hidden has more.
     """
 
     people: PeopleOptions = field(default_factory=PeopleOptions)
@@ -44,6 +46,7 @@ class KeypointOptions:
     refine_crop: bool = True
     refine_change: float = 0.15
     min_sure: float = 0.4
+    min_sure_track: float = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +87,7 @@ class _Found(NamedTuple):
     slot: NDArray[np.int64]
     track: NDArray[np.int64]
     seen: NDArray[np.bool_]
+    sure: NDArray[np.float64]
     poses: tuple[NDArray[np.float32], ...]
 
 
@@ -178,7 +182,8 @@ class PoseEstimator:
         """Everything found so far; T is the number of frames processed, P the slots that were used."""
         looks = -(-self._frames // self._options.people.every)
         min_seen = min(self._options.track.min_seen, looks)
-        return _assemble(self._found, self._frames, self.landmarks, self._markers, min_seen)
+        least = min_seen, self._options.min_sure_track
+        return _assemble(self._found, self._frames, self.landmarks, self._markers, least)
 
     def _process_part(self, frames: NDArray[np.uint8], parts: _Parts) -> None:
         backdrop, detector, tracker, reader = parts
@@ -210,7 +215,7 @@ class PoseEstimator:
         frame, slot, poses = frame[keep], slot[keep], poses.select(keep)
         poses = poses._replace(boxes_px=reader.upright.around_in_frame(poses.boxes_px))
         arrays = tuple(values.astype(np.float32) for values in poses)
-        self._found.append(_Found(frame + first, slot, track[keep], seen[frame, slot], arrays))
+        self._found.append(_Found(frame + first, slot, track[keep], seen[frame, slot], poses.sureness, arrays))
 
 
 class _Parts(NamedTuple):
@@ -230,14 +235,18 @@ def _seen_later(ids: NDArray[np.int64], seen: NDArray[np.bool_]) -> NDArray[np.b
     return later
 
 
-def _assemble(found: list[_Found], frames: int, landmarks: LandmarkSet, markers: int, min_seen: int) -> CameraTracks:
-    """Dense arrays from the chunks' poses, without tracks that were hardly ever seen."""
-    frame, slot, track, seen = (
+def _assemble(
+    found: list[_Found], frames: int, landmarks: LandmarkSet, markers: int, least: tuple[int, float]
+) -> CameraTracks:
+    """Dense arrays from the chunks' poses, without tracks that were seen in fewer than `least` frames, or whose
+    landmarks were less sure on average."""
+    frame, slot, track, seen, sure = (
         np.concatenate([getattr(f, name) for f in found]) if found else np.empty(0, dtype=np.int64)
-        for name in ("frame", "slot", "track", "seen")
+        for name in ("frame", "slot", "track", "seen", "sure")
     )
-    times_seen = np.bincount(track, weights=seen)
-    keep = np.flatnonzero(times_seen[track] >= min_seen)
+    times_seen, sureness = np.bincount(track, weights=seen), np.bincount(track, weights=sure)
+    somebody = (times_seen >= least[0]) & (sureness >= least[1] * np.bincount(track))
+    keep = np.flatnonzero(somebody[track])
     frame, slot, track = frame[keep], slot[keep], track[keep]
     used, slot = np.unique(slot, return_inverse=True)
     count, slots = len(landmarks), max(1, len(used))

@@ -212,6 +212,24 @@ def test_a_second_track_on_one_person_is_dropped(models: tuple[Path, Path], monk
     assert np.abs(tracks.points_px[:, 0] - center - OFFSETS_PX).max() < 2.5
 
 
+def test_a_track_in_which_nobody_is_to_be_seen_is_dropped(
+    models: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A detector that sees somebody in an empty corner, in every frame and without a doubt."""
+
+    def also_there(frame: int, found: DetectedPeople) -> DetectedPeople:
+        corner = np.array([[20.0, 330.0, 80.0, 430.0]])
+        return DetectedPeople(np.concatenate([found.boxes_px[:1], corner]), np.array([0.9, 0.9]))
+
+    _patch_detector(monkeypatch, also_there)
+    people = []
+    for least in (0.0, KeypointOptions().min_sure_track):
+        estimator = PoseEstimator(*models, options=KeypointOptions(min_sure_track=least))
+        estimator.process(np.stack([_frame([np.array([300.0, 200.0])])] * 20))
+        people.append(estimator.finish().points_px.shape[1])
+    assert people == [2, 1]
+
+
 def test_what_nothing_is_known_of_is_missing(models: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     """A landmark that nobody can see; a second track on the same person is found out all the same."""
 
