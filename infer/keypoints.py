@@ -35,9 +35,8 @@ class KeypointOptions:
         refine_crop: crop again where the landmarks' own box differs from the detector's, and keep the surer
             of the two results.
         refine_change: how much it has to differ, in centre or size, relative to the box.
-        min_sure: mean score from which a person's landmarks count as evidence that someone is there.
-        min_sure_track: the same over all frames of a track, below which there was never anybody, whatever the detector
-            says: somebody far away or half hidden has more.
+        min_sure: mean score from which a person's landmarks count as evidence that someone is there. A track that has
+            less over all its frames is nobody's, whatever the detector says, unless there is no better one.
     """
 
     people: PeopleOptions = field(default_factory=PeopleOptions)
@@ -46,7 +45,6 @@ class KeypointOptions:
     refine_crop: bool = True
     refine_change: float = 0.15
     min_sure: float = 0.4
-    min_sure_track: float = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +180,7 @@ class PoseEstimator:
         """Everything found so far; T is the number of frames processed, P the slots that were used."""
         looks = -(-self._frames // self._options.people.every)
         min_seen = min(self._options.track.min_seen, looks)
-        least = min_seen, self._options.min_sure_track
+        least = min_seen, self._options.min_sure
         return _assemble(self._found, self._frames, self.landmarks, self._markers, least)
 
     def _process_part(self, frames: NDArray[np.uint8], parts: _Parts) -> None:
@@ -239,13 +237,15 @@ def _assemble(
     found: list[_Found], frames: int, landmarks: LandmarkSet, markers: int, least: tuple[int, float]
 ) -> CameraTracks:
     """Dense arrays from the chunks' poses, without tracks that were seen in fewer than `least` frames, or whose
-    landmarks were less sure on average."""
+    landmarks were less sure on average, and less than those of another one."""
     frame, slot, track, seen, sure = (
         np.concatenate([getattr(f, name) for f in found]) if found else np.empty(0, dtype=np.int64)
         for name in ("frame", "slot", "track", "seen", "sure")
     )
-    times_seen, sureness = np.bincount(track, weights=seen), np.bincount(track, weights=sure)
-    somebody = (times_seen >= least[0]) & (sureness >= least[1] * np.bincount(track))
+    times_seen = np.bincount(track, weights=seen)
+    sureness = np.bincount(track, weights=sure) / np.maximum(np.bincount(track), 1)
+    somebody = times_seen >= least[0]
+    somebody &= sureness >= min(least[1], sureness[somebody].max(initial=0))
     keep = np.flatnonzero(somebody[track])
     frame, slot, track = frame[keep], slot[keep], track[keep]
     used, slot = np.unique(slot, return_inverse=True)

@@ -223,11 +223,15 @@ def test_a_track_in_which_nobody_is_to_be_seen_is_dropped(
 
     _patch_detector(monkeypatch, also_there)
     people = []
-    for least in (0.0, KeypointOptions().min_sure_track):
-        estimator = PoseEstimator(*models, options=KeypointOptions(min_sure_track=least))
+    for least in (0.0, KeypointOptions().min_sure):
+        estimator = PoseEstimator(*models, options=KeypointOptions(min_sure=least))
         estimator.process(np.stack([_frame([np.array([300.0, 200.0])])] * 20))
         people.append(estimator.finish().points_px.shape[1])
     assert people == [2, 1]
+    # Where nobody is surer, even the unsure count.
+    estimator = PoseEstimator(*models, options=KeypointOptions(min_sure=1.0))
+    estimator.process(np.stack([_frame([np.array([300.0, 200.0])])] * 20))
+    assert estimator.finish().points_px.shape[1] == 1
 
 
 def test_what_nothing_is_known_of_is_missing(models: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
