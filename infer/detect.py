@@ -24,7 +24,7 @@ from muybridge.infer.plates import Backdrop
 from muybridge.infer.progress import Progress, Task
 from muybridge.infer.session import Session
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest, file_digest
-from muybridge.infer.upright import Letterbox, Upright
+from muybridge.infer.upright import Letterbox, Upright, upright_for
 from muybridge.infer.video import VideoWriter, fit_inside, read_chunks
 from muybridge.models.model_card import find_card
 from muybridge.models.registry import Precision, shipped_model
@@ -33,7 +33,7 @@ _T = TypeVar("_T")
 MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
 PROXY_LONG_SIDE_PX = 960
 # Of a stage's arrays and facts.
-_PLATE, _LONG_SIDE = "plate", "detector_long_side"
+_PLATE, _HUNG = "plate", "frames_width_height_angle_and_long_side"
 # The code that a camera's 2D landmarks depend on.
 _CODE = (
     "muybridge.models.decode",
@@ -43,6 +43,7 @@ _CODE = (
     "muybridge.geometry.cameras",
     "muybridge.geometry.crops",
     "muybridge.infer.crops",
+    "muybridge.infer.detect",
     "muybridge.infer.keypoints",
     "muybridge.infer.onnx",
     "muybridge.infer.other_models",
@@ -122,9 +123,11 @@ class CameraResult:
         """(h, w, 3) the background of the whole video, at the detector's resolution; None where there is none."""
         return self.stage.arrays.get(_PLATE)
 
-    def backdrop(self, upright: Upright) -> Backdrop:
-        """The background of the whole video, for looking at it again."""
-        letterbox = Letterbox(upright, self.stage.facts[_LONG_SIDE])
+    def backdrop(self) -> Backdrop:
+        """The background of the whole video, for looking at it again: hung as it was then, since the camera's pose may
+        have been refined meanwhile."""
+        width, height, angle, long_side = self.stage.facts[_HUNG]
+        letterbox = Letterbox(Upright(width, height, angle), long_side)
         return Backdrop(letterbox, self.plate is not None, self.plate)
 
 
@@ -243,8 +246,10 @@ class _CameraWork:
             if f.name != "landmarks" and (values := getattr(tracks, f.name)) is not None
         }
         arrays |= {} if plate is None else {_PLATE: plate}
-        long_side = int(self.models.metadata["people"]["input_long_side"])
-        result = self.store.save(stage, key, arrays, {_LONG_SIDE: long_side}, time.perf_counter() - start)
+        camera, long_side = self.session.cameras[self.index], int(self.models.metadata["people"]["input_long_side"])
+        upright = upright_for(camera, camera.width, camera.height)
+        facts = {_HUNG: [upright.width, upright.height, upright.angle, long_side]}
+        result = self.store.save(stage, key, arrays, facts, time.perf_counter() - start)
         return CameraResult(_tracks(result, self.models.landmarks), self.proxy, result)
 
     def _key(self) -> str:

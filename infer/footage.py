@@ -149,7 +149,7 @@ def _cut(followed: Followed, view: _View, options: FootageOptions) -> Iterator[t
     block = view.frames // max(1, session.frames // _BLOCKS)
     crops = crops_for_boxes(view.boxes_px, options.size_px, camera, options.padding)
     frames, order = np.unique(own, return_inverse=True)
-    backdrop = followed.detected[c].backdrop(upright_for(camera, camera.width, camera.height))
+    backdrop = followed.detected[c].backdrop()
     begin = 0
     for chunk in read_chunks(session.videos[c], session.frame_indices[c][frames]) if len(frames) else ():
         here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))

@@ -225,9 +225,8 @@ class SecondLook:
         network = open_keypoints(
             self.models.keypoints, self.models.model_card, self.detect.keypoints.onnx, self.detect.markers != "none"
         )
-        upright = upright_for(camera, camera.width, camera.height)
-        backdrop = self.detected[c].backdrop(upright)
-        reader = PoseReader(network, camera, upright, backdrop)
+        backdrop = self.detected[c].backdrop()
+        reader = PoseReader(network, camera, upright_for(camera, camera.width, camera.height), backdrop)
         predicted = camera.project(world[wanted])
         # What is beyond the picture's border can't be seen: the crop shows what can.
         within = np.clip(predicted, 0, [camera.width - 1, camera.height - 1])

@@ -50,7 +50,9 @@ def look(demo, folder: Path, **options: float) -> SecondLook:
             BODY23, px, np.where(known, 1.0, np.nan), known * 0.9, known * 0.9, np.full((len(px), 1, 4), np.nan),
             np.where(known.any(-1), 0, -1),
         )  # fmt: skip
-        stage = StageResult({}, {"detector_long_side": 320}, 0.0, False, f"camera {c}")
+        hung = [session.cameras[c].width, session.cameras[c].height, 0.0, 320]
+        facts = {"frames_width_height_angle_and_long_side": hung}
+        stage = StageResult({}, facts, 0.0, False, f"camera {c}")
         detected.append(CameraResult(tracks, folder / "none.mp4", stage))
     folder.mkdir(exist_ok=True)
     return SecondLook(
