@@ -14,6 +14,8 @@ from muybridge.infer.progress import Progress
 from muybridge.infer.second_look import SecondLook, SecondLookOptions, missing_views
 from muybridge.infer.session import SessionOptions, open_session
 from muybridge.infer.stages import StageResult, StageStore
+from muybridge.infer.upright import Letterbox, Upright
+from muybridge.infer.video import read_chunks
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps, with_expectation
 from muybridge.models.registry import shipped_model
 
@@ -39,7 +41,8 @@ def demo(repository: Path, tmp_path: Path):
     return session, points, slots, pixels
 
 
-def look(demo, folder: Path, **options: float) -> SecondLook:
+def look(demo, folder: Path, hung: float | None = None, **options: float) -> SecondLook:
+    """`hung`: the first look knew the background, and the cameras turned by this angle, radians."""
     options = {"everywhere": False, **options}
     session, _, slots, pixels = demo
     detected = []
@@ -50,15 +53,28 @@ def look(demo, folder: Path, **options: float) -> SecondLook:
             BODY23, px, np.where(known, 1.0, np.nan), known * 0.9, known * 0.9, np.full((len(px), 1, 4), np.nan),
             np.where(known.any(-1), 0, -1),
         )  # fmt: skip
-        hung = [session.cameras[c].width, session.cameras[c].height, 0.0, 320]
-        facts = {"frames_width_height_angle_and_long_side": hung}
-        stage = StageResult({}, facts, 0.0, False, f"camera {c}")
+        upright = Upright(session.cameras[c].width, session.cameras[c].height, hung or 0.0)
+        facts = {"frames_width_height_angle_and_long_side": [upright.width, upright.height, upright.angle, 320]}
+        arrays = {}
+        if hung is not None:
+            frames = next(iter(read_chunks(session.videos[c])))
+            arrays["plate"] = Letterbox(upright, 320).apply(frames[-1])
+        stage = StageResult(arrays, facts, 0.0, False, f"camera {c}")
         detected.append(CameraResult(tracks, folder / "none.mp4", stage))
     folder.mkdir(exist_ok=True)
     return SecondLook(
         session, detected, session.cameras.names, open_models(DetectOptions()), StageStore(folder), DetectOptions(),
         SecondLookOptions(**options), Progress(quiet=True), None, lambda found: found,
     )  # fmt: skip
+
+
+def test_the_background_is_that_of_the_cameras_before_they_were_refined(demo, tmp_path):
+    """Its picture is of another size where a refined camera hangs otherwise."""
+    _, points, slots, pixels = demo
+    again = look(demo, tmp_path / "work", hung=0.1)(slots, points)
+    seen = again.keypoints.points_px[1, LOST, 1]
+    side = np.ptp(pixels[1, LOST], axis=1).max()
+    assert np.median(np.linalg.norm(seen - pixels[1, LOST], axis=-1)) < 0.03 * side
 
 
 def test_a_lost_person_is_found_again(demo, tmp_path):
