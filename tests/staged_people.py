@@ -21,7 +21,8 @@ from muybridge.infer import detect, pipeline, second_look
 from muybridge.infer.cli import run_command
 from muybridge.infer.keypoints import CameraTracks
 from muybridge.infer.onnx import Expectation
-from muybridge.infer.poses import Poses
+from muybridge.infer.plates import Backdrop
+from muybridge.infer.poses import Pictures, Poses
 from muybridge.infer.upright import Upright
 
 # A standing person who faces -Y, metres: the subject's left is +X.
@@ -102,6 +103,9 @@ class StagedEstimator:
         )
         return replace(tracks, **self._skin(t)) if self._markers else tracks
 
+    def background(self, tracks: CameraTracks) -> None:
+        """There is none."""
+
     def _skin(self, frames: int) -> dict[str, NDArray[np.float64]]:
         points = self._camera.project(skin(frames))[:, None]
         known = np.full(points.shape[:-1], 1.0)
@@ -111,11 +115,11 @@ class StagedEstimator:
 class StagedReader:
     """Stands in for the second look's `PoseReader`: the person at the time that fits what is expected."""
 
-    def __init__(self, markers: bool, camera: Camera, upright: Upright) -> None:
+    def __init__(self, markers: bool, camera: Camera, upright: Upright, backdrop: Backdrop) -> None:
         self.upright, self._camera, self._markers = upright, camera, markers
 
     def expecting(
-        self, frames: NDArray[np.uint8], frame: NDArray[np.intp], boxes_px: NDArray[np.float64], expected: Expectation
+        self, pictures: Pictures, frame: NDArray[np.intp], boxes_px: NDArray[np.float64], expected: Expectation
     ) -> tuple[Poses, Poses]:
         views = self._camera.project(person(120))
         away = np.linalg.norm(views[None] - expected.points_px[:, None], axis=-1)
@@ -141,7 +145,9 @@ def _staged_keypoints(path: Path, card: str | None, options: Any, markers: bool)
 
 def staged_models(options: detect.DetectOptions) -> detect.Models:
     """Stands in for `open_models`."""
-    return detect.Models(Path("keypoints"), Path("people"), BODY23, {"keypoints": {"version": "staged"}})
+    return detect.Models(Path("keypoints"), Path("people"), BODY23, {
+        "keypoints": {"version": "staged"}, "people": {"input_long_side": "320"},
+    })  # fmt: skip
 
 
 def stage(replace: Callable[[Any, str, Any], None] = setattr) -> None:
