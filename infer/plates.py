@@ -146,8 +146,9 @@ def _difference(frames: NDArray[np.uint8], plate: NDArray[np.uint8] | None) -> N
     result = np.zeros(frames.shape[:3], dtype=np.float32)
     if plate is not None:
         for index, frame in enumerate(frames):
-            exposed = cv2.LUT(frame, _exposure(frame, plate))
-            result[index] = cv2.absdiff(exposed, plate).mean(axis=-1, dtype=np.float32) / 255
+            red, green, blue = cv2.split(cv2.absdiff(cv2.LUT(frame, _exposure(frame, plate)), plate))
+            # A mean over the last axis would take ten times as long.
+            result[index] = (red.astype(np.float32) + green + blue) / 765
     return result
 
 
