@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from muybridge.errors import SessionError
 from muybridge.geometry.cameras import Camera
 from muybridge.geometry.clocks import own_frames
-from muybridge.geometry.crops import Crops, crops_for_boxes
-from muybridge.infer.crops import extract_crops
+from muybridge.geometry.crops import crops_for_boxes
 from muybridge.infer.pipeline import Followed
-from muybridge.infer.plates import Backdrop
-from muybridge.infer.poses import body_boxes
+from muybridge.infer.poses import Pictures, body_boxes, crop_pixels
 from muybridge.infer.progress import Progress
 from muybridge.infer.solve import Solution
 from muybridge.infer.upright import upright_for
@@ -153,20 +151,8 @@ def _cut(followed: Followed, view: _View, options: FootageOptions) -> Iterator[t
     begin = 0
     for chunk in read_chunks(session.videos[c], session.frame_indices[c][frames]) if len(frames) else ():
         here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))
-        pixels = _pixels(chunk, backdrop, order[here] - begin, crops.select(here))
+        pictures = Pictures(chunk, backdrop(chunk))
+        pixels = crop_pixels(pictures, backdrop, order[here] - begin, crops.select(here), 4)
         at = crops.select(here).to_crop(view.landmarks_px[here]).astype(np.float32)
         yield pixels, at, view.agreed[here], block[here] % _HELD_OUT == _HELD_OUT // 2
         begin += len(chunk)
-
-
-def _pixels(
-    frames: NDArray[np.uint8], backdrop: Backdrop, index: NDArray[np.intp], crops: Crops
-) -> NDArray[np.uint8]:
-    """(N, S, S, 4) crops of the frames `index` (N,), RGB and difference to the background plate."""
-    small = backdrop(frames)
-    pixels = np.empty((len(index), crops.size_px, crops.size_px, 4), np.uint8)
-    for i, k in enumerate(index):
-        here = crops.select([i])
-        pixels[i, ..., :3] = extract_crops(frames[k], here)[0]
-        pixels[i, ..., 3] = backdrop.difference_in(here, small, k)[0]
-    return pixels

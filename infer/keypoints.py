@@ -185,8 +185,9 @@ class PoseEstimator:
 
     def _process_part(self, frames: NDArray[np.uint8], parts: _Parts) -> None:
         backdrop, detector, tracker, reader = parts
-        pictures = Pictures(frames, backdrop(frames))
-        tracked = [tracker.step(detected) for detected in detector(pictures.small)]
+        small = backdrop(frames)
+        pictures = Pictures(frames, small)
+        tracked = [tracker.step(detected) for detected in detector(small)]
         boxes = self._smoother(tracked)
         ids = np.stack([t.ids for t in tracked])
         seen = np.stack([t.seen for t in tracked])

@@ -77,11 +77,11 @@ class Pictures(NamedTuple):
 
     Attributes:
         frames: (n, H, W, 3) RGB.
-        small: the same as its `Backdrop` sees them.
+        small: the same as its `Backdrop` sees them; None for networks that do not see the background.
     """
 
     frames: NDArray[np.uint8]
-    small: SmallFrames
+    small: SmallFrames | None
 
 
 class PoseReader:
@@ -136,16 +136,7 @@ class PoseReader:
         return crops_for_boxes(in_frame, network.crop_size, self._camera, network.box_padding)
 
     def _pixels(self, pictures: Pictures, frame: NDArray[np.intp], crops: Crops) -> NDArray[np.uint8]:
-        """(K, S, S, 3 or 4) what the crops show of their frames, with the difference to the background if the network
-        sees it."""
-        channels = self._network.channels
-        pixels = np.empty((len(crops), crops.size_px, crops.size_px, channels), dtype=np.uint8)
-        for index in np.unique(frame):
-            here = np.flatnonzero(frame == index)
-            pixels[here, ..., :3] = extract_crops(pictures.frames[index], crops.select(here))
-            if channels > 3:
-                pixels[here, ..., 3] = self._backdrop.difference_in(crops.select(here), pictures.small, int(index))
-        return pixels
+        return crop_pixels(pictures, self._backdrop, frame, crops, self._network.channels)
 
     def own_boxes(self, poses: Poses) -> NDArray[np.float64]:
         """(K, 4) boxes that the landmarks themselves suggest, upright px; NaN where there are none."""
@@ -219,6 +210,20 @@ class PoseReader:
             if np.isfinite(apart).any() and np.nanmedian(apart) < _SAME_PERSON:
                 gone.add(older if sureness[younger] > sureness[older] + _MUCH_SURER else younger)
         return np.array(sorted(gone), dtype=np.int64)
+
+
+def crop_pixels(
+    pictures: Pictures, backdrop: Backdrop, frame: NDArray[np.intp], crops: Crops, channels: int
+) -> NDArray[np.uint8]:
+    """(K, S, S, channels) what crops show of their frames (K,): RGB and, of 4 channels, the difference to the
+    background."""
+    pixels = np.zeros((len(crops), crops.size_px, crops.size_px, channels), dtype=np.uint8)
+    for index in np.unique(frame):
+        here = np.flatnonzero(frame == index)
+        pixels[here, ..., :3] = extract_crops(pictures.frames[index], crops.select(here))
+        if channels > 3 and pictures.small is not None:
+            pixels[here, ..., 3] = backdrop.difference_in(crops.select(here), pictures.small, int(index))
+    return pixels
 
 
 def _poses(located: Located, crops: Crops, boxes_px: NDArray[np.float64]) -> Poses:

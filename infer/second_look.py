@@ -238,7 +238,7 @@ class SecondLook:
                 raise Stopped
             here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))
             where = Expectation(predicted[here], self.options.expected_sd, self.options.expected_most)
-            pictures = Pictures(chunk, backdrop(chunk))
+            pictures = Pictures(chunk, backdrop(chunk) if network.channels > 3 else None)
             parts.append((here, reader.expecting(pictures, order[here] - begin, boxes[here], where)))
             begin += len(chunk)
             task.advance(len(here))

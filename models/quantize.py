@@ -2,7 +2,7 @@
 
 Weights become 7-bit integers with a scale for each output channel, activations 8-bit ones with a scale for each
 tensor, measured on calibration images. Seven bits, because the kernels of processors without VNNI add pairs of
-products in 16 bits, which eight would overflow. The first convolution stays in float32: it has three input
+products in 16 bits, which eight would overflow. The first convolution stays in float32: it has four input
 channels, takes 1 % of the work, and its input is the image, whose range it normalises; so does the head, whose output
 is the result.
 """

@@ -22,7 +22,7 @@ import torch
 from torch import Tensor, nn
 
 from muybridge.geometry.landmarks import BODY23
-from muybridge.models.keypoint_net import ConvUnit, KeypointNet
+from muybridge.models.keypoint_net import CHANNELS, ConvUnit, KeypointNet
 from muybridge.train import loop
 from muybridge.train.augment import Batch, Compositor
 from muybridge.train.renders import load_renders
@@ -47,7 +47,7 @@ def depthwise() -> nn.Module:
 
     def convert(module: nn.Module) -> None:
         for name, child in module.named_children():
-            if isinstance(child, nn.Conv2d) and child.kernel_size == (3, 3) and child.in_channels > 3:
+            if isinstance(child, nn.Conv2d) and child.kernel_size == (3, 3) and child.in_channels > CHANNELS:
                 a, b, s = child.in_channels, child.out_channels, child.stride[0]
                 parts = nn.Conv2d(a, a, 3, s, 1, groups=a, bias=False), nn.BatchNorm2d(a), nn.ReLU(True)
                 setattr(module, name, nn.Sequential(*parts, nn.Conv2d(a, b, 1, bias=False)))

@@ -137,6 +137,7 @@ class StagedReader:
 class _StagedNetwork:
     finds_markers: bool
     landmarks: LandmarkSet = BODY23
+    channels: int = 3
 
 
 def _staged_keypoints(path: Path, card: str | None, options: Any, markers: bool) -> _StagedNetwork:

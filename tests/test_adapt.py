@@ -26,7 +26,7 @@ from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, people_ne
 from muybridge.train.adaptation import View, adapted, agreement
 from muybridge.train.adaptation_publish import adapt
 from muybridge.train.augment import MIRROR
-from muybridge.train.evaluation import load_model  # noqa: E402
+from muybridge.train.evaluation import load_model
 from muybridge.train.options import Adaptation
 
 JOINTS = len(BODY23) + len(SURFACE)
