@@ -246,14 +246,15 @@ class _CameraWork:
             if f.name != "landmarks" and (values := getattr(tracks, f.name)) is not None
         }
         arrays |= {} if plate is None else {_PLATE: plate}
-        camera, long_side = self.session.cameras[self.index], int(self.models.metadata["people"]["input_long_side"])
+        camera = self.session.level_cameras[self.index]
+        long_side = int(self.models.metadata["people"]["input_long_side"])
         upright = upright_for(camera, camera.width, camera.height)
         facts = {_HUNG: [upright.width, upright.height, upright.angle, long_side]}
         result = self.store.save(stage, key, arrays, facts, time.perf_counter() - start)
         return CameraResult(_tracks(result, self.models.landmarks), self.proxy, result)
 
     def _key(self) -> str:
-        video, camera = self.session.videos[self.index], self.session.cameras[self.index]
+        video, camera = self.session.videos[self.index], self.session.level_cameras[self.index]
         return digest(
             [video.path.name, video.size_bytes, video.mtime_ns, video.rotation_deg],
             self.session.frame_indices[self.index],
@@ -266,7 +267,7 @@ class _CameraWork:
         )
 
     def _compute(self) -> tuple[CameraTracks, NDArray[np.uint8] | None]:
-        video, camera = self.session.videos[self.index], self.session.cameras[self.index]
+        video, camera = self.session.videos[self.index], self.session.level_cameras[self.index]
         models = self.models
         estimator = PoseEstimator(
             models.keypoints, models.people, camera, self.options.keypoints, models.model_card,

@@ -120,7 +120,7 @@ def _views(followed: Followed, c: int, person: _Person, options: FootageOptions)
     camera = followed.session.cameras[c]
     px = camera.project(person.points)
     body = len(person.body.landmarks)
-    upright = upright_for(camera, camera.width, camera.height)
+    upright = upright_for(followed.session.level_cameras[c], camera.width, camera.height)
     boxes = upright.centered_in_frame(body_boxes(upright.to_upright(px[:, :body]), person.body.landmarks))
     side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
     unsure = _sigma_px(camera, person.points, person.covariance) / np.maximum(options.padding * side, 1)[:, None]
@@ -142,7 +142,7 @@ def _sigma_px(camera: Camera, points: _Floats, covariance: _Floats) -> _Floats:
 def _cut(followed: Followed, view: _View, options: FootageOptions) -> Iterator[tuple[NDArray[Any], ...]]:
     """The first arrays of `Footage` of a view, chunk by chunk."""
     session, c = followed.session, view.camera
-    camera, count = session.cameras[c], len(followed.detected[c].tracks.points_px)
+    camera, count = session.level_cameras[c], len(followed.detected[c].tracks.points_px)
     own = own_frames(followed.clocks, c, view.frames, session.fps, count)
     block = view.frames // max(1, session.frames // _BLOCKS)
     crops = crops_for_boxes(view.boxes_px, options.size_px, camera, options.padding)

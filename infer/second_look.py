@@ -226,7 +226,8 @@ class SecondLook:
             self.models.keypoints, self.models.model_card, self.detect.keypoints.onnx, self.detect.markers != "none"
         )
         backdrop = self.detected[c].backdrop()
-        reader = PoseReader(network, camera, upright_for(camera, camera.width, camera.height), backdrop)
+        hung = self.session.level_cameras[c]
+        reader = PoseReader(network, hung, upright_for(hung, hung.width, hung.height), backdrop)
         predicted = camera.project(world[wanted])
         # What is beyond the picture's border can't be seen: the crop shows what can.
         within = np.clip(predicted, 0, [camera.width - 1, camera.height - 1])

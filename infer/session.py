@@ -9,6 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
 from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, read_calibration
+from muybridge.geometry.calibration.level import levelled
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.infer.video import VideoInfo, is_video, probe_video, read_chunks
 
@@ -78,6 +80,11 @@ class Session:
     def frames(self) -> int:
         """How many frames (T) every camera has part in."""
         return int(self.frame_indices.shape[1])
+
+    @cached_property
+    def level_cameras(self) -> CameraGroup:
+        """The cameras in a world that is turned upright where the calibration's is not: people are read in these."""
+        return levelled(self.cameras)
 
 
 def open_session(path: Path, options: SessionOptions = SessionOptions()) -> Session:

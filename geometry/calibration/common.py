@@ -186,22 +186,6 @@ def in_metres(cameras: CameraGroup, unit: str | None, where: str) -> tuple[Camer
     return CameraGroup(tuple(c.posed(pose) for c, pose in zip(cameras, poses, strict=True))), notes
 
 
-def upright_note(cameras: CameraGroup) -> tuple[str, ...]:
-    """A note if the images' upward direction is, on average, far from the world's Z axis."""
-    ups = -cameras.cam_from_world[:, 1, :3]
-    mean = ups.mean(axis=0)
-    length = float(np.linalg.norm(mean))
-    # Below this the cameras do not agree on a direction: some are turned on their side or look straight down.
-    if length < 0.5 or mean[2] / length >= 0.5:
-        return ()
-    axis = int(np.argmax(np.abs(mean)))
-    name = ("-" if mean[axis] < 0 else "+") + "XYZ"[axis]
-    return (
-        f"seen from the cameras, up is about the calibration's {name} axis and not +Z: results will lie on "
-        "their side; re-calibrate with Z up, or turn the calibration",
-    )
-
-
 def _brief(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 40 else text[:37] + "..."

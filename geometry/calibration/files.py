@@ -10,8 +10,9 @@ from pathlib import Path
 from muybridge.errors import CalibrationError, OutputError
 from muybridge.files import replacing
 from muybridge.geometry.calibration.colmap import colmap_files, is_colmap_file, read_colmap
-from muybridge.geometry.calibration.common import Calibration, Malformed, upright_note
+from muybridge.geometry.calibration.common import Calibration, Malformed
 from muybridge.geometry.calibration.easymocap import easymocap_sibling, read_easymocap
+from muybridge.geometry.calibration.level import lean_note
 from muybridge.geometry.calibration.native import native_text, read_native
 from muybridge.geometry.calibration.opencv_yaml import MATRIX_KEYS, read_opencv_yaml
 from muybridge.geometry.calibration.optitrack import read_optitrack_csv, read_optitrack_xml
@@ -106,7 +107,7 @@ def read_calibration(path: Path) -> Calibration:
         calibration = _read(path)
     except OSError as error:
         raise CalibrationError(f"{path}: cannot be read: {error.strerror or error}; {_KNOWN}") from None
-    return replace(calibration, notes=(*calibration.notes, *upright_note(calibration.cameras)))
+    return replace(calibration, notes=(*calibration.notes, *lean_note(calibration.cameras)))
 
 
 def _read(path: Path) -> Calibration:

@@ -1,0 +1,98 @@
+"""Which way is up, as a rig's cameras tell it.
+
+People are read in crops that stand upright, and a calibration's Z axis says where up is. Many calibrations know nothing
+of it: their world is the first camera's, or a board's that somebody held. But cameras are mostly hung level, and where
+several that look different ways all lean to one side by the same world direction, it is the world that leans.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.calibration.world import facing, moved
+from muybridge.geometry.cameras import CameraGroup
+
+Floats = NDArray[np.float64]
+
+# How cameras are hung: level to within some degrees, or on their side or head, or anyhow.
+_ROLL_SD, _SIDEWAYS, _ANYHOW = math.radians(4.0), 0.15, 0.1
+# They look a little down, mostly; or anywhere.
+_DOWN, _DOWN_SD, _STEEPLY = math.radians(10.0), math.radians(25.0), 0.1
+# Looking up or down more steeply than this (cosine), no side of the picture is up.
+_STEEP = 0.35
+# Share of calibrations whose Z axis is not up, and how much likelier than not it has to be.
+_LEANING, _ODDS = 0.15, 100.0
+# Directions that are tried; their distance is a third of the spread of rolls.
+_DIRECTIONS = 20_000
+# Directions this near to the best one are averaged, radians.
+_NEAR = math.radians(6.0)
+
+
+def believed_up(cameras: CameraGroup) -> Floats:
+    """(3,) the unit vector that is up: world Z, unless the cameras together say otherwise.
+
+    Two explanations are weighed (Bayes): that Z is up and every camera hangs as it does, or that up is any direction,
+    all being as likely, and cameras are hung level as they mostly are.
+    """
+    z_up = np.array([0.0, 0.0, 1.0])
+    rotations = cameras.cam_from_world[:, :, :3]
+    directions = _sphere(_DIRECTIONS)
+    each = _log_likelihood(rotations, directions)
+    most = float(each.max())
+    leaning = most + math.log(np.exp(each - most).mean()) + math.log(_LEANING)
+    level = float(_log_likelihood(rotations, z_up[None])[0]) + math.log(1 - _LEANING)
+    if leaning - level < math.log(_ODDS):
+        return z_up
+    near = directions @ directions[each.argmax()] > math.cos(_NEAR)
+    mean = np.exp(each[near] - most) @ directions[near]
+    return np.asarray(mean / np.linalg.norm(mean))
+
+
+def levelled(cameras: CameraGroup) -> CameraGroup:
+    """The same cameras in a world whose Z axis is `believed_up`; themselves where it is so already."""
+    up = believed_up(cameras)
+    if up[2] == 1.0:
+        return cameras
+    return moved(cameras, facing(cameras, up, np.zeros(3)))
+
+
+def lean_note(cameras: CameraGroup) -> tuple[str, ...]:
+    """A note where up is not believed to be the world's Z axis."""
+    up = believed_up(cameras)
+    if up[2] == 1.0:
+        return ()
+    axis = int(np.argmax(np.abs(up)))
+    where = f"about the calibration's {'-' if up[axis] < 0 else '+'}{'XYZ'[axis]} axis and not +Z"
+    if axis == 2 and up[2] > 0:
+        where = f"{math.degrees(math.acos(up[2])):.0f} degrees off the calibration's Z axis"
+    return (
+        f"seen from the cameras, up is {where}: people are looked for upright all the same, but results will lie as "
+        "the calibration does; `muybridge calibrate world` turns it",
+    )
+
+
+def _log_likelihood(rotations: Floats, directions: Floats) -> Floats:
+    """(N,) how well cameras (C, 3, 3) are hung if up is a direction (N, 3)."""
+    x, y, z = np.moveaxis(directions @ rotations.transpose(0, 2, 1), -1, 0)  # up in each camera, (C, N)
+    roll, down = np.arctan2(x, -y), -np.arcsin(np.clip(z, -1, 1))
+    turned = np.abs(roll) - np.array([0, np.pi / 2, np.pi])[:, None, None]
+    shares = np.array([1 - _SIDEWAYS - _ANYHOW, _SIDEWAYS * 0.4, _SIDEWAYS * 0.2])[:, None, None]
+    hung = (shares * _normal(turned, _ROLL_SD)).sum(0) + _ANYHOW / (2 * np.pi)
+    hung = np.where(np.hypot(x, y) < _STEEP, 1 / (2 * np.pi), hung)
+    looks = (1 - _STEEPLY) * _normal(down - _DOWN, _DOWN_SD) + _STEEPLY / np.pi
+    return np.asarray(np.log(hung * looks).sum(axis=0))
+
+
+def _normal(x: Floats, sd: float) -> Floats:
+    return np.asarray(np.exp(-0.5 * (x / sd) ** 2) / (sd * math.sqrt(2 * math.pi)))
+
+
+def _sphere(count: int) -> Floats:
+    """(count, 3) directions spread evenly (a Fibonacci lattice)."""
+    k = np.arange(count) + 0.5
+    z, angle = 1 - 2 * k / count, np.pi * (1 + math.sqrt(5)) * k
+    ring = np.sqrt(1 - z**2)
+    return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
