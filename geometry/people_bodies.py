@@ -17,6 +17,9 @@ _Ints = NDArray[np.int64]
 # Two trunks whose middles are this near, in body sizes, in this share of the frames of one of them, are of one person;
 # so are two where one takes over from the other.
 _DOUBLE_SIZE, _DOUBLE_SHARE = 0.14, 0.8
+# Bodies that a camera sees both of in more than this share of their common frames are two people; a camera's track
+# passes from one to the other within so many seconds.
+_BOTH_SHARE, _HANDED_WITHIN = 0.05, 0.2
 # How far from where they were last seen people may be found again, in body sizes: at once, and more with every second.
 _NEAR_BY, _STRAYS = 0.3, 3.6
 
@@ -59,8 +62,9 @@ def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: float, same_buil
             last = bodies[group[-1]]
             end, start = max(last.track), min(body.track)
             if end >= start:
-                # One that takes over while the other is still there is the same if it is in the same place.
-                if max(body.track) > end and _inside(body, last, trunk):
+                # One that takes over while the other is still there is the same if it is in the same place, or if it
+                # goes on with what the cameras had followed as the other.
+                if max(body.track) > end and (_inside(body, last, trunk) or _handed_over(last, body, fps)):
                     fitting.append((0.0, group))
                 continue
             size = max(float(extent(last.track[end])), 1e-6)
@@ -111,6 +115,24 @@ def _inside(body: Body, other: Body, trunk: list[int]) -> bool:
     apart = np.linalg.norm(middles[0] - middles[1], axis=-1) / np.maximum(size, 1e-6)
     known = np.isfinite(apart)
     return bool(known.sum() >= _DOUBLE_SHARE * len(common) and np.median(apart[known]) < _DOUBLE_SIZE)
+
+
+def _handed_over(before: Body, after: Body, fps: float) -> bool:
+    """Whether two cameras or more that were with one body stayed with the same track and are with the other from then
+    on, no camera ever having seen both at a time: poor views of one person begin a body of their own beside the good
+    ones', and then draw these to itself."""
+    both = ((before.slots >= 0) & (after.slots >= 0)).any(0).sum()
+    together = ((before.slots >= 0).any(0) & (after.slots >= 0).any(0)).sum()
+    if both > _BOTH_SHARE * together:
+        return False
+    handed = 0
+    for old, new in zip(before.slots, after.slots, strict=True):
+        had = np.flatnonzero(old >= 0)
+        if len(had):
+            then = np.flatnonzero(new[had[-1] + 1 :] >= 0) + had[-1] + 1
+            soon = len(then) > 0 and then[0] - had[-1] <= max(2.0, _HANDED_WITHIN * fps)
+            handed += bool(soon and new[then[0]] == old[had[-1]])
+    return handed >= 2
 
 
 def _jump(before: Body, after: Body) -> float:

@@ -271,7 +271,7 @@ class _CameraWork:
         models = self.models
         estimator = PoseEstimator(
             models.keypoints, models.people, camera, self.options.keypoints, models.model_card,
-            self.options.markers != "none",
+            self.options.markers != "none", self.session.fps,
         )  # fmt: skip
         size = fit_inside(video.width, video.height, PROXY_LONG_SIDE_PX)
         with VideoWriter(self.proxy, *size, fps=self.session.fps) as writer:

@@ -104,6 +104,7 @@ class PoseEstimator:
         options: KeypointOptions = KeypointOptions(),
         model_card: str | None = None,
         markers: bool = False,
+        fps: float = 30.0,
     ) -> None:
         """Open the networks.
 
@@ -114,6 +115,7 @@ class PoseEstimator:
             options: how.
             model_card: of the keypoint model, where it is not one of ours: see `other_models.open_keypoints`.
             markers: find the virtual markers too.
+            fps: frames a second.
 
         Raises:
             ModelError: a file is missing or not one of ours.
@@ -123,7 +125,8 @@ class PoseEstimator:
         self._people = PeopleNetwork(people_model, options.onnx)
         self._camera = camera
         self._options = options
-        self._smoother = BoxSmoother(options.track)
+        self._smoother = BoxSmoother(options.track, fps)
+        self._fps = fps
         self._parts: _Parts | None = None
         self._frames = 0
         self._found: list[_Found] = []
@@ -167,8 +170,8 @@ class PoseEstimator:
         return _Parts(
             backdrop,
             PeopleDetector(self._people, letterbox, people),
-            Tracker(upright.bounds, self._options.track),
-            PoseReader(self._network, camera, upright, backdrop),
+            Tracker(upright.bounds, self._options.track, self._fps),
+            PoseReader(self._network, camera, upright, backdrop, self._fps),
         )
 
     def background(self, tracks: CameraTracks) -> NDArray[np.uint8] | None:

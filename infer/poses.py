@@ -27,14 +27,16 @@ _REACH_ELSEWHERE = 0.04
 # Boxes narrower than this are widened: there is nothing to see in them.
 _MIN_BOX_PX = 8.0
 
-# Smoothing of the landmarks' own boxes (frames), and how far round a poor box its neighbours are redone.
-_OWN_BOX_SMOOTHING = 2.0
+# Smoothing of the landmarks' own boxes (seconds), and how many frames round a poor box are redone.
+_OWN_BOX_SMOOTHING = 0.067
 _REDO_AROUND = 3
 
 # Two tracks are of one person if the median distance of their landmarks is below this part of the body's
-# longer side; the younger one goes unless it is surer by this much.
+# longer side; the younger one goes unless it is surer by this much. Landmarks that both are sure of decide, where
+# there are enough: what one crop shows and the other cuts off is guessed.
 _SAME_PERSON = 0.06
 _MUCH_SURER = 0.1
+_SURE, _ENOUGH_SURE = 0.3, 5
 
 
 class Poses(NamedTuple):
@@ -92,12 +94,14 @@ class PoseReader:
     """
 
     def __init__(
-        self, network: KeypointNetwork | OtherNetwork, camera: Camera | None, upright: Upright, backdrop: Backdrop
-    ) -> None:
+        self, network: KeypointNetwork | OtherNetwork, camera: Camera | None, upright: Upright, backdrop: Backdrop,
+        fps: float,
+    ) -> None:  # fmt: skip
         self._network = network
         self._camera = camera
         self._backdrop = backdrop
         self.upright = upright
+        self._smoothing = _OWN_BOX_SMOOTHING * min(fps, 30.0)
 
     def __call__(self, pictures: Pictures, frame: NDArray[np.intp], boxes_px: NDArray[np.float64]) -> Poses:
         """Landmarks in boxes.
@@ -172,7 +176,7 @@ class PoseReader:
             series = filled_boxes(own[rows], believed)
             # Before the first and after the last pose that is believed the crop stays as it was.
             inner = rows[np.isfinite(series).all(axis=1) & _between(believed)]
-            wanted[inner] = smoothed_boxes(series[_between(believed)], _OWN_BOX_SMOOTHING)
+            wanted[inner] = smoothed_boxes(series[_between(believed)], self._smoothing)
             poor = _differs(wanted[rows], poses.boxes_px[rows], change)
             again[rows] = maximum_filter1d(poor.astype(np.uint8), 2 * _REDO_AROUND + 1).astype(np.bool_)
         again &= (wanted != poses.boxes_px).any(axis=1)
@@ -206,6 +210,8 @@ class PoseReader:
                 continue
             a, b = a[in_a], b[in_b]
             away = np.linalg.norm(poses.points_px[a] - poses.points_px[b], axis=-1)
+            sure = np.minimum(poses.score[a], poses.score[b]) >= _SURE
+            away = np.where(sure | (sure.sum(axis=1, keepdims=True) < _ENOUGH_SURE), away, np.nan)
             apart = row_median(away, 1) / np.maximum(side[a], side[b])
             if np.isfinite(apart).any() and np.nanmedian(apart) < _SAME_PERSON:
                 gone.add(older if sureness[younger] > sureness[older] + _MUCH_SURER else younger)

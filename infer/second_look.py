@@ -227,7 +227,7 @@ class SecondLook:
         )
         backdrop = self.detected[c].backdrop()
         hung = self.session.level_cameras[c]
-        reader = PoseReader(network, hung, upright_for(hung, hung.width, hung.height), backdrop)
+        reader = PoseReader(network, hung, upright_for(hung, hung.width, hung.height), backdrop, self.session.fps)
         predicted = camera.project(world[wanted])
         # What is beyond the picture's border can't be seen: the crop shows what can.
         within = np.clip(predicted, 0, [camera.width - 1, camera.height - 1])

@@ -21,9 +21,11 @@ _VELOCITY_GAIN = 0.3
 _VELOCITY_DECAY = 0.95
 
 # A detection belongs to a track if the boxes overlap or their centres are near, in longer sides of the
-# track's box; a track that was not seen for a while may be further off.
+# track's box; a track that was not seen for a while may be further off, and one that is seldom looked at (a
+# second between two frames beyond a thirtieth).
 _MIN_OVERLAP = 0.1
 _MAX_DISTANCE = 0.3
+_MORE_DISTANCE = 0.5
 _MAX_DISTANCE_GROWTH = 0.05
 _MAX_DISTANCE_EVER = 0.8
 # The cost of leaving a track and a detection alone; dearer than any pair within the gate.
@@ -37,6 +39,9 @@ _MAX_START_OVERLAP = 0.5
 _SCORE_GAIN = 0.2
 _MUCH_WEAKER = 0.6
 
+# Boxes whose smoothing is wider than this, in frames, hardly change from one frame to the next.
+_SLOW = 0.5
+
 # A track ends when less than this part of its box is in the image.
 _MIN_INSIDE = 0.1
 
@@ -48,15 +53,15 @@ class TrackOptions:
     Attributes:
         max_people: slots, i.e. the most people at a time.
         start_score: least probability of a detection that begins a track.
-        max_coast: frames a track may go on without evidence; never more than it was seen.
-        smooth_frames: standard deviation of the boxes' smoothing over time, frames; sizes take twice that.
+        coast: seconds that a track may go on without evidence; never longer than it was seen.
+        smooth: standard deviation of the boxes' smoothing over time, seconds; sizes take twice that.
         min_seen: tracks that were seen in fewer frames are dropped as accidents.
     """
 
     max_people: int = 6
     start_score: float = 0.35
-    max_coast: int = 30
-    smooth_frames: float = 1.5
+    coast: float = 1.0
+    smooth: float = 0.05
     min_seen: int = 4
 
     def __post_init__(self) -> None:
@@ -83,10 +88,14 @@ class TrackedFrame(NamedTuple):
 class Tracker:
     """Assigns detections to slots. A slot is reused only after its track has ended."""
 
-    def __init__(self, bounds_px: NDArray[np.float64], options: TrackOptions = TrackOptions()) -> None:
-        """A tracker for images with the edges (left, top, right, bottom)."""
+    def __init__(
+        self, bounds_px: NDArray[np.float64], options: TrackOptions = TrackOptions(), fps: float = 30.0
+    ) -> None:
+        """A tracker for images with the edges (left, top, right, bottom), `fps` of them a second."""
         self._bounds = np.asarray(bounds_px, dtype=np.float64)
         self._options = options
+        self._coast = max(1, round(options.coast * fps))
+        self._reach = _MAX_DISTANCE + _MORE_DISTANCE * max(0.0, 1 / fps - 1 / 30)
         slots = options.max_people
         self._boxes = np.full((slots, 4), np.nan)
         self._velocity = np.zeros((slots, 2))
@@ -136,7 +145,7 @@ class Tracker:
         overlap = box_overlap(tracks, boxes)
         sides = (tracks[:, 2:] - tracks[:, :2]).max(axis=1)
         away = np.linalg.norm(_centers(tracks)[:, None] - _centers(boxes)[None], axis=-1) / sides[:, None]
-        reach = np.minimum(_MAX_DISTANCE + _MAX_DISTANCE_GROWTH * (self._gap[active] - 1), _MAX_DISTANCE_EVER)
+        reach = np.minimum(self._reach + _MAX_DISTANCE_GROWTH * (self._gap[active] - 1), _MAX_DISTANCE_EVER)
         allowed = (overlap >= _MIN_OVERLAP) | (away <= reach[:, None])
         cost = np.where(allowed, 1 - overlap + away, _APART)
         rows, columns = linear_sum_assignment(cost)
@@ -157,7 +166,7 @@ class Tracker:
         self._misses[slots] += 1
         self._score[slots] *= 1 - _SCORE_GAIN
         self._velocity[slots] *= _VELOCITY_DECAY
-        self._end(slots & (self._misses > np.minimum(self._options.max_coast, self._hits)))
+        self._end(slots & (self._misses > np.minimum(self._coast, self._hits)))
 
     def _start(self, box: NDArray[np.float64], score: float) -> int | None:
         """Begin a track in the slot that was free longest; None if there is none or it is a duplicate.
@@ -203,8 +212,9 @@ class BoxSmoother:
 
     _MEMORY = 8
 
-    def __init__(self, options: TrackOptions = TrackOptions()) -> None:
-        self._sigma = options.smooth_frames
+    def __init__(self, options: TrackOptions = TrackOptions(), fps: float = 30.0) -> None:
+        # Of more frames than this each shows much the same, and the memory ends.
+        self._sigma = options.smooth * min(fps, 30.0)
         self._memory: dict[int, NDArray[np.float64]] = {}
 
     def __call__(self, frames: list[TrackedFrame]) -> NDArray[np.float64]:
@@ -241,11 +251,18 @@ def filled_boxes(series: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArr
 
 
 def smoothed_boxes(series: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-    """(n, 4) boxes of consecutive frames without single outliers, centres and sizes smoothed over time."""
+    """(n, 4) boxes of consecutive frames without single outliers, centres and sizes smoothed over time.
+
+    Args:
+        series: (n, 4).
+        sigma: standard deviation of the centres' smoothing, frames. With less than half a frame, where people move far
+            from one to the next, medians are of sizes alone.
+    """
     center, size = (series[:, :2] + series[:, 2:]) / 2, series[:, 2:] - series[:, :2]
     if len(series) >= 3 and sigma > 0:
-        center = median_filter(center, size=(3, 1), mode="nearest")
-        size = median_filter(size, size=(5, 1), mode="nearest")
+        slow = sigma >= _SLOW
+        center = median_filter(center, size=(3, 1), mode="nearest") if slow else center
+        size = median_filter(size, size=(5 if slow else 3, 1), mode="nearest")
         center = gaussian_filter1d(center, sigma, axis=0, mode="nearest", truncate=3.0)
         size = gaussian_filter1d(size, 2 * sigma, axis=0, mode="nearest", truncate=3.0)
     return np.concatenate([center - size / 2, center + size / 2], axis=1)

@@ -187,7 +187,7 @@ def test_landmarks_keep_a_track_that_the_detector_loses(
     """Looked for in every frame, seen in none of 60, moving: the landmarks carry the box along."""
     nobody = DetectedPeople(np.empty((0, 4)), np.empty(0))
     _patch_detector(monkeypatch, lambda t, found: nobody if 30 <= t < 90 else found)
-    estimator = PoseEstimator(*models, options=KeypointOptions(track=TrackOptions(max_coast=8)))
+    estimator = PoseEstimator(*models, options=KeypointOptions(track=TrackOptions(coast=8 / 30)))
     positions = np.stack([[100.0 + 3 * t, 200.0] for t in range(120)])
     for start in range(0, 120, 4):
         estimator.process(np.stack([_frame([c]) for c in positions[start : start + 4]]))

@@ -139,6 +139,23 @@ def test_who_is_found_twice_is_one(bench) -> None:
     assert len(track_people(cameras, seen_exactly(cameras, [person, person + [0.6, 0.0, 0.0]]))) == 2
 
 
+def test_poor_views_that_draw_the_good_ones_to_themselves_make_nobody_else(bench) -> None:
+    rng = np.random.default_rng(6)
+    cameras, people = bench.room(4, rng), bench.walkers(1, 60, rng)
+    true, false = people[0], people[0] + [0.35, 0.0, 0.1]
+    px = np.stack([cameras.project(true)], axis=2)
+    # Two cameras misread the person from frame 20 on; from 40 on the others, too, say what fits these.
+    px[:2, :20], px[:2, 20:, 0] = np.nan, cameras.project(false)[:2, 20:]
+    px[2:, 40:, 0] = cameras.project(false)[2:, 40:]
+    keypoints = seen_exactly(cameras, [true])
+    found = track_people(cameras, replace(keypoints, points_px=px))
+    assert len(found) == 1 and (found[0][2:] == 0).all() and (found[0][:2, 20:] == 0).mean() > 0.9
+    # Where cameras see both at a time they are two.
+    both = np.concatenate([px, np.stack([cameras.project(people[0] + [0.9, 0.4, 0.0])], axis=2)], axis=2)
+    two = Keypoints2D(BODY23, both, np.full(both.shape[:-1], 4.0), np.full(both.shape[:-1], 0.9))
+    assert len(track_people(cameras, two)) == 2
+
+
 def test_rays_meet_where_the_point_is(bench) -> None:
     rng = np.random.default_rng(0)
     cameras, body = bench.room(4, rng), bench.BODY

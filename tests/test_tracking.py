@@ -1,9 +1,14 @@
 """Tracks: people who cross, detections that are missing, slots and smoothing."""
 
+from types import SimpleNamespace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.geometry.landmarks import BODY23
+from muybridge.infer.poses import PoseReader, Poses
 from muybridge.infer.tracking import BoxSmoother, TrackedFrame, Tracker, TrackOptions
+from muybridge.infer.upright import Upright
 from muybridge.models.decode import DetectedPeople
 
 
@@ -40,7 +45,7 @@ def test_two_people_who_cross_keep_their_tracks() -> None:
 
 
 def test_a_track_goes_on_while_the_detector_misses_it() -> None:
-    tracker = _tracker(max_coast=10)
+    tracker = _tracker(coast=10 / 30)
     for t in range(40):
         seen = not 15 <= t < 23
         frame = tracker.step(_detected(_box(200.0 + 6 * t)) if seen else _detected())
@@ -52,7 +57,7 @@ def test_a_track_goes_on_while_the_detector_misses_it() -> None:
 
 
 def test_nobody_looked_is_no_miss() -> None:
-    tracker = _tracker(max_coast=2)
+    tracker = _tracker(coast=2 / 30)
     for t in range(30):
         frame = tracker.step(_detected(_box(200.0 + 6 * t)) if t % 10 == 0 else None)
         assert frame.ids.max() == 0 and not frame.missed.any()
@@ -74,7 +79,7 @@ def test_weak_detections_prolong_but_do_not_begin() -> None:
 
 
 def test_slots_are_reused_only_after_a_track_ended() -> None:
-    tracker = _tracker(max_people=2, max_coast=2)
+    tracker = _tracker(max_people=2, coast=2 / 30)
     a, b, c = _box(200), _box(600), _box(1000)
     for _ in range(5):
         frame = tracker.step(_detected(a, b, c))
@@ -118,7 +123,7 @@ def test_a_track_that_leaves_the_image_ends() -> None:
 
 
 def test_other_evidence_keeps_a_track_and_can_end_it() -> None:
-    tracker = _tracker(max_coast=3)
+    tracker = _tracker(coast=3 / 30)
     for _ in range(5):
         frame = tracker.step(_detected(_box(200)))
     for t in range(20):
@@ -157,3 +162,33 @@ def test_smoothing_does_not_reach_across_tracks() -> None:
         frames.append(TrackedFrame(_box(200.0 if t < 6 else 900.0)[None], ids, np.array([True]), np.array([False])))
     smooth = BoxSmoother()(frames)[:, 0, [0, 2]].mean(axis=-1)
     np.testing.assert_allclose(smooth, [200.0] * 6 + [900.0] * 6)
+
+
+def test_boxes_of_few_frames_a_second_do_not_lag() -> None:
+    """Who strides through the picture at 6 frames a second is where the box is, not where it was on average."""
+    left = np.array([0, 0, 100, 200, 300, 300, 300.0]) + np.arange(7) ** 2
+    frames = [
+        TrackedFrame(np.array([[x, 10, x + 80, 170]]), np.array([0]), np.array([True]), np.array([False])) for x in left
+    ]
+    slow, quick = (BoxSmoother(fps=fps)(frames)[:, 0, 0] for fps in (30.0, 6.0))
+    assert np.abs(quick - left).max() < 3 < 20 < np.abs(slow - left).max()
+
+
+def test_landmarks_that_both_are_sure_of_tell_that_two_tracks_are_one_person() -> None:
+    rng = np.random.default_rng(0)
+    body = rng.uniform([0, 0], [100, 200], (23, 2))
+    upper = np.arange(13)
+    points = np.stack([body, body])[:, None].repeat(5, axis=1).reshape(10, 23, 2)
+    points[5:, 13:] += 80  # one crop cuts the legs off
+    score = np.full((10, 23), 0.1)
+    score[:, upper] = 0.8
+    empty = np.empty((10, 0))
+    poses = Poses(points, score, score, score, np.zeros((10, 4)), np.empty((10, 0, 2)), empty, empty)
+    network = SimpleNamespace(landmarks=BODY23, channels=3)
+    reader = PoseReader(network, None, Upright(640, 480), None, 30.0)  # type: ignore[arg-type]
+    frame, track = np.tile(np.arange(5), 2), np.repeat([0, 1], 5)
+    assert reader.duplicates(frame, track, poses).tolist() == [1]
+    # Where nothing is sure all landmarks count; and where the sure ones are apart, they are two.
+    apart = points.copy()
+    apart[5:] += [60, 0]
+    assert reader.duplicates(frame, track, poses._replace(points_px=apart)).tolist() == []

@@ -17,14 +17,18 @@ from muybridge.geometry.cameras import CameraGroup
 
 Floats = NDArray[np.float64]
 
-# How cameras are hung: level to within some degrees, or on their side or head, or anyhow.
+# How cameras are hung: level to within some degrees; or each of them on its side or head, or anyhow; or all of a rig in
+# the same way, on one side or on their heads.
 _ROLL_SD, _SIDEWAYS, _ANYHOW = math.radians(4.0), 0.15, 0.1
+_ALIKE, _ALIKE_SHARE = (math.pi / 2, -math.pi / 2, math.pi), 0.04
 # They look a little down, mostly; or anywhere.
 _DOWN, _DOWN_SD, _STEEPLY = math.radians(10.0), math.radians(25.0), 0.1
 # Looking up or down more steeply than this (cosine), no side of the picture is up.
 _STEEP = 0.35
 # Share of calibrations whose Z axis is not up, and how much likelier than not it has to be.
 _LEANING, _ODDS = 0.15, 100.0
+# A camera looks straight up if the cosine is above this.
+_STRAIGHT_UP = 1 - 1e-9
 # Directions that are tried; their distance is a third of the spread of rolls.
 _DIRECTIONS = 20_000
 # Directions this near to the best one are averaged, radians.
@@ -35,7 +39,8 @@ def believed_up(cameras: CameraGroup) -> Floats:
     """(3,) the unit vector that is up: world Z, unless the cameras together say otherwise.
 
     Two explanations are weighed (Bayes): that Z is up and every camera hangs as it does, or that up is any direction,
-    all being as likely, and cameras are hung level as they mostly are.
+    all being as likely, and cameras are hung level as they mostly are. Where a camera would look straight up the world
+    is that camera's own, as programs make it that know no other.
     """
     z_up = np.array([0.0, 0.0, 1.0])
     rotations = cameras.cam_from_world[:, :, :3]
@@ -44,7 +49,8 @@ def believed_up(cameras: CameraGroup) -> Floats:
     most = float(each.max())
     leaning = most + math.log(np.exp(each - most).mean()) + math.log(_LEANING)
     level = float(_log_likelihood(rotations, z_up[None])[0]) + math.log(1 - _LEANING)
-    if leaning - level < math.log(_ODDS):
+    its_own = rotations[:, 2, 2].max() > _STRAIGHT_UP
+    if leaning - level < math.log(_ODDS) and not its_own:
         return z_up
     near = directions @ directions[each.argmax()] > math.cos(_NEAR)
     mean = np.exp(each[near] - most) @ directions[near]
@@ -80,10 +86,16 @@ def _log_likelihood(rotations: Floats, directions: Floats) -> Floats:
     roll, down = np.arctan2(x, -y), -np.arcsin(np.clip(z, -1, 1))
     turned = np.abs(roll) - np.array([0, np.pi / 2, np.pi])[:, None, None]
     shares = np.array([1 - _SIDEWAYS - _ANYHOW, _SIDEWAYS * 0.4, _SIDEWAYS * 0.2])[:, None, None]
-    hung = (shares * _normal(turned, _ROLL_SD)).sum(0) + _ANYHOW / (2 * np.pi)
-    hung = np.where(np.hypot(x, y) < _STEEP, 1 / (2 * np.pi), hung)
+    each = (shares * _normal(turned, _ROLL_SD)).sum(0) + _ANYHOW / (2 * np.pi)
+    steep, anyhow = np.hypot(x, y) < _STEEP, 1 / (2 * np.pi)
+    ways = [np.log(np.where(steep, anyhow, each)).sum(axis=0)]
+    for way in _ALIKE:
+        off = (roll - way + np.pi) % (2 * np.pi) - np.pi
+        alike = _ALIKE_SHARE ** (1 / len(rotations)) * (_normal(off, _ROLL_SD) + 1e-9)
+        ways.append(np.log(np.where(steep, anyhow, alike)).sum(axis=0))
+    hung = np.logaddexp.reduce(ways, axis=0)
     looks = (1 - _STEEPLY) * _normal(down - _DOWN, _DOWN_SD) + _STEEPLY / np.pi
-    return np.asarray(np.log(hung * looks).sum(axis=0))
+    return np.asarray(hung + np.log(looks).sum(axis=0))
 
 
 def _normal(x: Floats, sd: float) -> Floats:

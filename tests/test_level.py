@@ -1,0 +1,76 @@
+"""Which way is up, where the calibration's world does not say so."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from muybridge.geometry.calibration.level import believed_up, lean_note, levelled
+from muybridge.geometry.calibration.world import moved
+from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.infer.session import open_session
+
+Z_UP = np.array([0.0, 0.0, 1.0])
+
+
+def rig(rng: np.random.Generator, count: int, rolls_deg: np.ndarray) -> CameraGroup:
+    """Cameras in a ring of 4 m that look at a person's middle."""
+    cameras = []
+    for i, azimuth in enumerate(np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.2, count)):
+        center = np.array([4 * np.cos(azimuth), 4 * np.sin(azimuth), rng.uniform(0.8, 2.6)])
+        forward = (Z_UP - center) / np.linalg.norm(Z_UP - center)
+        right = np.cross(-Z_UP, forward) / np.linalg.norm(np.cross(-Z_UP, forward))
+        level = np.stack([right, np.cross(forward, right), forward])
+        rotation = Rotation.from_euler("z", rolls_deg[i], degrees=True).as_matrix() @ level
+        pose = np.column_stack([rotation, -rotation @ center])
+        cameras.append(Camera(f"c{i}", "PINHOLE", 1280, 720, (900.0, 900.0, 640.0, 360.0), pose))
+    return CameraGroup(tuple(cameras))
+
+
+def turned(cameras: CameraGroup, rotation: np.ndarray) -> CameraGroup:
+    return moved(cameras, np.column_stack([rotation, np.zeros(3)]))
+
+
+def degrees_off(cameras: CameraGroup, up: np.ndarray) -> float:
+    return float(np.degrees(np.arccos(np.clip(believed_up(cameras) @ up, -1, 1))))
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 6])
+def test_a_level_world_is_believed_however_cameras_are_hung(count: int) -> None:
+    rng = np.random.default_rng(count)
+    for _ in range(20):
+        rolls = rng.normal(0, 4, count)
+        odd = rolls + np.eye(count)[0] * rng.choice([-1, 1]) * rng.uniform(10, 35)
+        for hung in (rolls, odd, rolls + 90, rolls + 180):
+            cameras = rig(rng, count, hung)
+            assert levelled(cameras) is cameras and lean_note(cameras) == ()
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 6])
+def test_a_world_that_is_the_first_cameras_is_stood_up(count: int) -> None:
+    rng, off = np.random.default_rng(10 + count), []
+    for _ in range(20):
+        cameras = rig(rng, count, rng.normal(0, 3, count))
+        first = cameras[0].rotation
+        off.append(degrees_off(turned(cameras, first), first @ Z_UP))
+    # Two cameras fix up as well as they are hung.
+    assert np.median(off) < (12 if count == 2 else 5) and np.mean(np.array(off) < 25) >= 0.9
+
+
+def test_a_world_that_leans_is_stood_up_and_cameras_keep_their_places() -> None:
+    rng = np.random.default_rng(3)
+    cameras = rig(rng, 4, rng.normal(0, 2, 4))
+    lean = Rotation.from_rotvec(np.radians(28) * np.array([0.6, 0.8, 0])).as_matrix()
+    leaning = turned(cameras, lean)
+    assert degrees_off(leaning, lean @ Z_UP) < 4
+    (note,) = lean_note(leaning)
+    assert "28 degrees off" in note or "27 degrees off" in note or "29 degrees off" in note
+    stood = levelled(leaning)
+    for a, b in zip(stood, leaning, strict=True):  # the same rig: what one camera sees of another stays
+        np.testing.assert_allclose(a.rotation @ stood[0].rotation.T, b.rotation @ leaning[0].rotation.T, atol=1e-9)
+    rolls = [np.degrees(np.arctan2(c.rotation[0, 2], -c.rotation[1, 2])) for c in stood]
+    assert np.abs(rolls).max() < 8
+
+
+def test_people_of_a_session_are_read_in_level_cameras(make_session) -> None:
+    session = open_session(make_session(frames=3))
+    assert session.level_cameras is session.cameras
