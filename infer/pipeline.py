@@ -29,6 +29,7 @@ from muybridge.infer.session import Session, SessionOptions, open_session, with_
 from muybridge.infer.solve import Solution, SolveOptions, solve
 from muybridge.infer.stages import StageResult, StageStore, digest
 from muybridge.infer.sync import SYNC_FILE, session_clocks, synchronised
+from muybridge.infer.upward import stood_up
 
 RUN_FORMAT = 1
 DEFAULT_OUT = "muybridge"
@@ -162,6 +163,8 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
         SessionError: a video gave no frame.
     """
     files = file_names(session.cameras.names)
+    turn = options.session.world == "upright"
+    session = stood_up(session, files, models, store, _first_look(options), turn, progress)
     detected = detect(session, files, models, store, _first_look(options), progress)
     session, keypoints, markers = _common(session, detected, progress)
     clocks = session_clocks(session)

@@ -41,12 +41,14 @@ class SessionOptions:
             and says so.
         video_rotation: whether a file's rotation flag turns its frames; `auto` applies it unless only the
             frames as coded have the calibration's size.
+        world: whose axes results have: the `calibration`'s, or turned `upright` where its Z axis is not up.
     """
 
     calibration: Path | None = None
     cameras: tuple[str, ...] = ()
     video_size: VideoFit = "auto"
     video_rotation: Literal["auto", "apply", "ignore"] = "auto"
+    world: Literal["calibration", "upright"] = "calibration"
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,7 @@ class Session:
         frame_indices: (C, T) which frame of each video is frame t of the take.
         fps: frames a second of the take.
         notices: plain sentences about what was assumed or mended.
+        upright: the cameras in a world with Z up, where the calibration's has not and people have told.
     """
 
     path: Path
@@ -70,6 +73,7 @@ class Session:
     frame_indices: NDArray[np.int64]
     fps: float
     notices: tuple[str, ...]
+    upright: CameraGroup | None = None
 
     @property
     def name(self) -> str:
@@ -84,7 +88,7 @@ class Session:
     @cached_property
     def level_cameras(self) -> CameraGroup:
         """The cameras in a world that is turned upright where the calibration's is not: people are read in these."""
-        return levelled(self.cameras)
+        return self.upright or levelled(self.cameras)
 
 
 def open_session(path: Path, options: SessionOptions = SessionOptions()) -> Session:

@@ -72,8 +72,9 @@ class StagedEstimator:
     """Stands in for `PoseEstimator`: the person, projected into the camera, half a pixel of noise on it."""
 
     def __init__(
-        self, keypoints: Path, people: Path, camera: Camera, options: Any, model_card: str | None, markers: bool
-    ) -> None:
+        self, keypoints: Path, people: Path, camera: Camera, options: Any, model_card: str | None, markers: bool,
+        fps: float,
+    ) -> None:  # fmt: skip
         assert model_card is None
         self._camera = camera
         self._frames = 0
@@ -115,7 +116,7 @@ class StagedEstimator:
 class StagedReader:
     """Stands in for the second look's `PoseReader`: the person at the time that fits what is expected."""
 
-    def __init__(self, markers: bool, camera: Camera, upright: Upright, backdrop: Backdrop) -> None:
+    def __init__(self, markers: bool, camera: Camera, upright: Upright, backdrop: Backdrop, fps: float) -> None:
         self.upright, self._camera, self._markers = upright, camera, markers
 
     def expecting(

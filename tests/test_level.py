@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from muybridge.geometry.calibration.level import believed_up, lean_note, levelled
+from muybridge.geometry.calibration.level import believed_up, lean_note, levelled, standing_axes
 from muybridge.geometry.calibration.world import moved
 from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.infer.session import open_session
 
 Z_UP = np.array([0.0, 0.0, 1.0])
@@ -74,3 +75,23 @@ def test_a_world_that_leans_is_stood_up_and_cameras_keep_their_places() -> None:
 def test_people_of_a_session_are_read_in_level_cameras(make_session) -> None:
     session = open_session(make_session(frames=3))
     assert session.level_cameras is session.cameras
+
+
+def test_who_stands_tells_where_cameras_do_not_agree() -> None:
+    rng = np.random.default_rng(8)
+    cameras = rig(rng, 4, np.array([13.0, -3.0, -3.0, -26.0]))
+    first = cameras[0].rotation
+    own, up = turned(cameras, first), first @ Z_UP
+    body = np.array([[0, 0, 0.1], [0, 0, 0.9], [0.02, 0, 1.4]]).repeat(2, axis=0)
+    body += np.tile([[0.1, 0, 0], [-0.1, 0, 0]], (3, 1))
+    names = tuple(f"{side}_{part}" for part in ("ankle", "hip", "shoulder") for side in ("left", "right"))
+    people = body + rng.normal(0, 0.02, (30, 6, 3))
+    people[20:, 4:] = people[20:, 2:4] + [0.5, 0, 0.0]  # bent over: they do not tell
+    axes = standing_axes(people @ first.T, LandmarkSet("six", names, ()))
+    assert len(axes) == 20
+    alone, told = (believed_up(own, standing) for standing in (None, axes))
+    off = [np.degrees(np.arccos(direction @ up)) for direction in (alone, told)]
+    assert off[1] < 8 and off[1] < off[0]
+    # A world that is level stays so, whoever leans.
+    np.testing.assert_array_equal(believed_up(cameras, axes), Z_UP)
+    assert standing_axes(people[:, :4], LandmarkSet("four", names[:4], ())).shape == (0, 3)

@@ -15,6 +15,9 @@ import av
 import numpy as np
 import pytest
 
+from muybridge.geometry.calibration import load_calibration, save_calibration
+from muybridge.geometry.calibration.level import standing_axes
+from muybridge.geometry.calibration.world import moved
 from muybridge.geometry.landmarks import BODY23, PLUG_IN_GAIT, Points3D
 from muybridge.infer.cli import run_command
 from muybridge.infer.demo import score
@@ -88,6 +91,26 @@ def test_the_result_is_where_the_person_is(take, staged, staged_people):
     points = read_trc(take / "muybridge" / "points.trc").points_world
     error = np.linalg.norm(points - staged_people.person(30), axis=-1)
     assert np.nanmean(error) < 0.015
+
+
+def test_a_world_that_is_a_cameras_own_is_no_hindrance(take, staged, staged_people):
+    file = take / "calibration.toml"
+    cameras = load_calibration(file)
+    own = np.column_stack([cameras[0].rotation, cameras[0].translation])
+    save_calibration(moved(cameras, own), file)
+    done = staged("run", take)
+    assert done.returncode == 0 and "not +Z" in done.stderr + done.stdout
+    lying = read_trc(take / "muybridge" / "points.trc").points_world
+    # The stand-in stands in the upright world, in which it is read.
+    assert staged("run", take, "--world", "upright", "--out", take / "upright").returncode == 0
+    points = read_trc(take / "upright" / "points.trc").points_world
+    assert np.nanmean(np.linalg.norm(points - staged_people.person(30), axis=-1)) < 0.015
+    axes = [standing_axes(p, BODY23).mean(0) for p in (lying, points)]
+    assert abs(axes[0][2]) < 0.9 < 0.99 < axes[1][2]
+    # One is the other, turned.
+    stood = load_calibration(take / "upright" / "calibration.toml")
+    rotation = stood[0].rotation.T @ load_calibration(take / "muybridge" / "calibration.toml")[0].rotation
+    assert np.nanmedian(np.linalg.norm(lying @ rotation.T - points, axis=-1)) < 0.005
 
 
 def test_virtual_markers_leave_under_a_laboratorys_names(take, staged, staged_people):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from muybridge.geometry.calibration.world import facing, moved
 from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.landmarks import LandmarkSet
 
 Floats = NDArray[np.float64]
 
@@ -29,18 +30,28 @@ _STEEP = 0.35
 _LEANING, _ODDS = 0.15, 100.0
 # A camera looks straight up if the cosine is above this.
 _STRAIGHT_UP = 1 - 1e-9
+# How people stand: upright to within so much, or anyhow; and what any number of moments of one take tell, in moments
+# that know nothing of each other.
+_STAND_SD, _NOT_STANDING, _MOMENTS = math.radians(12.0), 0.3, 3.0
+# Legs and trunk that make a smaller angle (cosine) are not those of somebody who stands.
+_STRAIGHT = math.cos(math.radians(35.0))
 # Directions that are tried; their distance is a third of the spread of rolls.
 _DIRECTIONS = 20_000
 # Directions this near to the best one are averaged, radians.
 _NEAR = math.radians(6.0)
 
 
-def believed_up(cameras: CameraGroup) -> Floats:
+def believed_up(cameras: CameraGroup, standing: Floats | None = None) -> Floats:
     """(3,) the unit vector that is up: world Z, unless the cameras together say otherwise.
 
     Two explanations are weighed (Bayes): that Z is up and every camera hangs as it does, or that up is any direction,
     all being as likely, and cameras are hung level as they mostly are. Where a camera would look straight up the world
     is that camera's own, as programs make it that know no other.
+
+    Args:
+        cameras: at least one.
+        standing: (N, 3) from people's feet to their shoulders, see `standing_axes`: where Z is not up, what they say
+            counts with what the cameras do.
     """
     z_up = np.array([0.0, 0.0, 1.0])
     rotations = cameras.cam_from_world[:, :, :3]
@@ -52,14 +63,39 @@ def believed_up(cameras: CameraGroup) -> Floats:
     its_own = rotations[:, 2, 2].max() > _STRAIGHT_UP
     if leaning - level < math.log(_ODDS) and not its_own:
         return z_up
+    if standing is not None and len(standing):
+        away = np.arccos(np.clip(directions @ standing.T, -1, 1))
+        # On a sphere a spread of so much is of this density.
+        peak = (1 - _NOT_STANDING) / (2 * np.pi * _STAND_SD**2) * np.exp(-0.5 * (away / _STAND_SD) ** 2)
+        each = each + min(1.0, _MOMENTS / len(standing)) * np.log(peak + _NOT_STANDING / (4 * np.pi)).sum(axis=1)
     near = directions @ directions[each.argmax()] > math.cos(_NEAR)
-    mean = np.exp(each[near] - most) @ directions[near]
+    mean = np.exp(each[near] - each.max()) @ directions[near]
     return np.asarray(mean / np.linalg.norm(mean))
 
 
-def levelled(cameras: CameraGroup) -> CameraGroup:
+def standing_axes(points_world: Floats, landmarks: LandmarkSet) -> Floats:
+    """(N, 3) unit vectors from the ankles to the shoulders of whoever is stretched out, standing most likely.
+
+    Args:
+        points_world: (K, J, 3) people, NaN where unknown.
+        landmarks: what the J are; without shoulders, hips and ankles nothing is known.
+    """
+    try:
+        pairs = [[landmarks.index(f"{side}_{part}") for side in ("left", "right")]
+                 for part in ("shoulder", "hip", "ankle")]  # fmt: skip
+    except ValueError:
+        return np.empty((0, 3))
+    shoulders, hips, ankles = (points_world[:, pair].mean(axis=1) for pair in pairs)
+    trunk, legs = shoulders - hips, hips - ankles
+    with np.errstate(invalid="ignore"):
+        cosine = (trunk * legs).sum(-1) / (np.linalg.norm(trunk, axis=-1) * np.linalg.norm(legs, axis=-1))
+    axes = (shoulders - ankles)[cosine > _STRAIGHT]
+    return np.asarray(axes / np.linalg.norm(axes, axis=-1, keepdims=True))
+
+
+def levelled(cameras: CameraGroup, standing: Floats | None = None) -> CameraGroup:
     """The same cameras in a world whose Z axis is `believed_up`; themselves where it is so already."""
-    up = believed_up(cameras)
+    up = believed_up(cameras, standing)
     if up[2] == 1.0:
         return cameras
     return moved(cameras, facing(cameras, up, np.zeros(3)))
@@ -76,7 +112,8 @@ def lean_note(cameras: CameraGroup) -> tuple[str, ...]:
         where = f"{math.degrees(math.acos(up[2])):.0f} degrees off the calibration's Z axis"
     return (
         f"seen from the cameras, up is {where}: people are looked for upright all the same, but results will lie as "
-        "the calibration does; `muybridge calibrate world` turns it",
+        "the calibration does; `muybridge run --world upright` stands them up, `muybridge calibrate world` the "
+        "calibration",
     )
 
 
