@@ -14,9 +14,10 @@ from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.board import Board, fitting_descriptions
 from muybridge.geometry.calibration.board_lens import FEWEST_CORNERS, FEWEST_VIEWS, View
+from muybridge.geometry.calibration.level import level
 from muybridge.geometry.calibration.rig import BoardOptions, RigCalibration, calibrate_lenses, calibrate_rig
 from muybridge.geometry.calibration.solved import Solved, table
-from muybridge.geometry.calibration.world import level, moved, on_board
+from muybridge.geometry.calibration.world import moved, on_board
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.infer.board_pictures import Pictures, find_pictures, look_for_board, some_pictures
 from muybridge.infer.calibration_report import write_solved_page

@@ -8,9 +8,10 @@ from muybridge.geometry.calibration.board import Board
 from muybridge.geometry.calibration.board_chain import symmetries
 from muybridge.geometry.calibration.board_lens import calibrate_lens
 from muybridge.geometry.calibration.board_views import choose_times
+from muybridge.geometry.calibration.level import level
 from muybridge.geometry.calibration.rig import BoardOptions, calibrate_lenses, calibrate_rig
 from muybridge.geometry.calibration.solved import table
-from muybridge.geometry.calibration.world import level, moved, on_board
+from muybridge.geometry.calibration.world import moved, on_board
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.rotations import exp_so3
 

@@ -8,6 +8,7 @@ several that look different ways all lean to one side by the same world directio
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +56,7 @@ def believed_up(cameras: CameraGroup, standing: Floats | None = None) -> Floats:
     """
     z_up = np.array([0.0, 0.0, 1.0])
     rotations = cameras.cam_from_world[:, :, :3]
-    directions = _sphere(_DIRECTIONS)
-    each = _log_likelihood(rotations, directions)
+    each = _log_likelihood(rotations, _sphere())
     most = float(each.max())
     leaning = most + math.log(np.exp(each - most).mean()) + math.log(_LEANING)
     level = float(_log_likelihood(rotations, z_up[None])[0]) + math.log(1 - _LEANING)
@@ -64,12 +64,30 @@ def believed_up(cameras: CameraGroup, standing: Floats | None = None) -> Floats:
     if leaning - level < math.log(_ODDS) and not its_own:
         return z_up
     if standing is not None and len(standing):
-        away = np.arccos(np.clip(directions @ standing.T, -1, 1))
+        away = np.arccos(np.clip(_sphere() @ standing.T, -1, 1))
         # On a sphere a spread of so much is of this density.
         peak = (1 - _NOT_STANDING) / (2 * np.pi * _STAND_SD**2) * np.exp(-0.5 * (away / _STAND_SD) ** 2)
         each = each + min(1.0, _MOMENTS / len(standing)) * np.log(peak + _NOT_STANDING / (4 * np.pi)).sum(axis=1)
-    near = directions @ directions[each.argmax()] > math.cos(_NEAR)
-    mean = np.exp(each[near] - each.max()) @ directions[near]
+    return _likeliest(each)
+
+
+def level(cameras: CameraGroup, points: Floats) -> Floats:
+    """(3, 4) new_from_old: Z along what the cameras take for up, the origin in the middle of `points`.
+
+    A guess for rigs of which nothing else is known. The first camera looks along +Y.
+
+    Args:
+        cameras: any world.
+        points: (N, 3) metres, at least one.
+    """
+    up = _likeliest(_log_likelihood(cameras.cam_from_world[:, :, :3], _sphere()))
+    return facing(cameras, up, np.median(points, axis=0))
+
+
+def _likeliest(log_likelihood: Floats) -> Floats:
+    """(3,) the mean of the directions near the best one, of `_sphere`'s."""
+    near = _sphere() @ _sphere()[log_likelihood.argmax()] > math.cos(_NEAR)
+    mean = np.exp(log_likelihood[near] - log_likelihood.max()) @ _sphere()[near]
     return np.asarray(mean / np.linalg.norm(mean))
 
 
@@ -139,9 +157,10 @@ def _normal(x: Floats, sd: float) -> Floats:
     return np.asarray(np.exp(-0.5 * (x / sd) ** 2) / (sd * math.sqrt(2 * math.pi)))
 
 
-def _sphere(count: int) -> Floats:
-    """(count, 3) directions spread evenly (a Fibonacci lattice)."""
-    k = np.arange(count) + 0.5
-    z, angle = 1 - 2 * k / count, np.pi * (1 + math.sqrt(5)) * k
+@cache
+def _sphere() -> Floats:
+    """(N, 3) directions spread evenly (a Fibonacci lattice)."""
+    k = np.arange(_DIRECTIONS) + 0.5
+    z, angle = 1 - 2 * k / _DIRECTIONS, np.pi * (1 + math.sqrt(5)) * k
     ring = np.sqrt(1 - z**2)
     return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)

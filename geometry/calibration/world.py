@@ -32,22 +32,6 @@ def moved(cameras: CameraGroup, new_from_old: Floats, scale: float = 1.0) -> Cam
     return CameraGroup(tuple(posed))
 
 
-def level(cameras: CameraGroup, points: Floats) -> Floats:
-    """(3, 4) new_from_old: Z along what the cameras take for up, the origin in the middle of `points`.
-
-    A guess for rigs of which nothing else is known: cameras are mostly held level, so that up is about minus their
-    y axes. The first camera looks along +Y.
-
-    Args:
-        cameras: any world.
-        points: (N, 3) metres, at least one.
-    """
-    up = -cameras.cam_from_world[:, 1, :3].mean(axis=0)
-    if np.linalg.norm(up) < 0.3:  # no agreement: the first camera's own up
-        up = -cameras[0].rotation[1]
-    return facing(cameras, up / np.linalg.norm(up), np.median(points, axis=0))
-
-
 def facing(cameras: CameraGroup, up: Floats, origin: Floats) -> Floats:
     """(3, 4) new_from_old with Z along the unit vector `up`, +Y where the first camera looks, `origin` at zero."""
     forward = cameras[0].rotation[2] - up * (cameras[0].rotation[2] @ up)
