@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.models.decode import DecodedHeatmaps, decode_heatmaps, with_expectation
-from muybridge.models.expected import MIRRORED, SIDES, draw_expected
 from muybridge.models.registry import KeypointModelCard, PeopleModelCard, keypoint_card, people_card
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
@@ -106,13 +105,10 @@ class KeypointNetwork:
             self._sets.append(self.card.markers)
             outputs |= {"marker_heatmaps": (4, len(self.card.markers))}
         _check_signature(self._session, path, channels=3, outputs=outputs)
-        optional = [n.name for n in self._session.get_overridable_initializers()]
-        for name in (self.card.plate_input, self.card.expected_input):  # networks of earlier versions do not see them
-            if name is not None and name not in optional:
-                raise ModelError(
-                    f"{path}: not a usable muybridge model: its input {name!r} cannot be left out; {_REMEDY}"
-                )
-        self.channels = 3 if self.card.plate_input is None else 4
+        plate = self.card.plate_input  # networks of earlier versions do not see it
+        if plate is not None and plate not in [n.name for n in self._session.get_overridable_initializers()]:
+            raise ModelError(f"{path}: not a usable muybridge model: its input {plate!r} cannot be left out; {_REMEDY}")
+        self.channels = 3 if plate is None else 4
         self.metadata = dict(self.card.metadata)
         self._flip = self.metadata.get("precision") == "int8" if options.flip is None else options.flip
 
@@ -143,46 +139,32 @@ class KeypointNetwork:
     def locate(self, crops: NDArray[np.uint8], expected: Expectation | None = None) -> Located:
         """Landmarks in (N, S, S, C) crops, see `__call__`, where they are expected if need be."""
         heatmaps, visibility, *markers = self(crops)
-        card = self.card
+        spread, marked, card = self.card.marker_spread, None, self.card
+        if markers and spread is not None:
+            marked = _known(decode_heatmaps(markers[0], card.stride, spread))
         alone = decode_heatmaps(heatmaps, card.stride, card.spread)
+        nothing = alone.score < NO_IDEA
         if expected is None:
-            return Located(_known(alone), visibility, self._marked(markers))
-        told = alone
-        if card.expected_input is not None:
-            drawn = draw_expected(expected.points_px, card.input_size, card.landmarks)
-            pictures = np.zeros((*crops.shape[:3], len(MIRRORED)), dtype=np.uint8)
-            pictures[..., : crops.shape[-1]], pictures[..., -len(SIDES) :] = crops, drawn
-            heatmaps, visibility, *markers = self(pictures)
-            told = decode_heatmaps(heatmaps, card.stride, card.spread)
+            return Located(_known(alone, nothing), visibility, marked)
         sd_px = expected.sd * card.input_size
         heatmaps = with_expectation(heatmaps, card.stride, expected.points_px, sd_px, expected.most)
         found = decode_heatmaps(heatmaps, card.stride, card.spread)
         # A map that says nothing would otherwise say what was expected.
-        found = _known(found, told.score < NO_IDEA)
-        return Located(found, visibility, self._marked(markers), _known(alone))
-
-    def _marked(self, heatmaps: list[NDArray[np.float32]]) -> DecodedHeatmaps | None:
-        """The virtual markers of their heatmaps, one array of them or none."""
-        spread = self.card.marker_spread
-        if not heatmaps or spread is None:
-            return None
-        return _known(decode_heatmaps(heatmaps[0], self.card.stride, spread))
+        return Located(_known(found, nothing), visibility, marked, _known(alone, nothing))
 
     def __call__(self, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
         """Run the network.
 
         Args:
             crops: (N, S, S, 3) RGB, S the card's `input_size`; or (N, S, S, 4) with the difference to the background
-                plate as a fourth channel; or (N, S, S, 7) with where landmarks are expected too, as
-                `models.expected` draws it; if the network sees them.
+                plate as a fourth channel, if the network sees it.
 
         Returns:
             heatmaps (N, J, S/stride, S/stride) and visibility (N, J), both logits, and where markers were asked for
             their heatmaps (N, M, S/stride, S/stride).
         """
         size = self.card.input_size
-        seen = {3, self.channels} | ({len(MIRRORED)} if self.card.expected_input else set())
-        if crops.shape[1:] not in {(size, size, channels) for channels in seen}:
+        if crops.shape[1:] not in {(size, size, channels) for channels in (3, self.channels)}:
             raise ValueError(f"crops must be (N, {size}, {size}, {self.channels}), not {crops.shape}")
         cells = size // self.card.stride
         maps = [np.empty((len(crops), len(s), cells, cells), dtype=np.float32) for s in self._sets]
@@ -201,10 +183,7 @@ class KeypointNetwork:
 
     def _views(self, crops: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
         """The crops, and mirrored if so wished."""
-        if not self._flip:
-            return [crops]
-        mirrored = crops[:, :, ::-1]
-        return [crops, mirrored[..., MIRRORED] if crops.shape[-1] == len(MIRRORED) else mirrored]
+        return [crops, crops[:, :, ::-1]] if self._flip else [crops]
 
     def _run(self, crops: NDArray[np.uint8]) -> Sequence[NDArray[np.float32]]:
         image = np.multiply(crops.transpose(0, 3, 1, 2), np.float32(1 / 255), dtype=np.float32)

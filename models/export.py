@@ -24,18 +24,17 @@ def export_onnx(
     example: tuple[int, int, int, int],
     outputs: tuple[str, ...],
     metadata: Mapping[str, Any],
-    optional: Mapping[str, int] | None = None,
+    optional: str | None = None,
 ) -> None:
     """Writes `net` with its metadata; batch, height and width stay free.
 
     Args:
-        net: takes one image tensor (N, C, H, W), float32 in 0..1, and then those of `optional`.
+        net: takes one image tensor (N, C, H, W), float32 in 0..1; with `optional` a second one of one channel.
         path: of the file, written whole or not at all.
         example: shape of an example input; H and W divisible by 32.
         outputs: names of the network's outputs.
         metadata: what the file says about itself; values that are no text are written as JSON.
-        optional: further inputs by name and number of channels, each of which whoever runs the file may leave out:
-            then it is zero.
+        optional: name of a second input (N, 1, H, W), which whoever runs the file may leave out: then it is zero.
     """
     import onnx
 
@@ -43,15 +42,15 @@ def export_onnx(
     # Height and width are multiples of 32 by their meaning, which the exporter has to be told.
     height, width = torch.export.Dim("rows", min=1, max=64), torch.export.Dim("columns", min=1, max=64)
     shape = {0: torch.export.Dim("batch", min=1, max=4096), 2: 32 * height, 3: 32 * width}
-    inputs = {"image": example[1], **(optional or {})}
-    examples = tuple(torch.rand(example[0], channels, *example[2:]) for channels in inputs.values())
+    names = ["image", *([optional] if optional else [])]
+    examples = tuple(torch.rand(example[0], c, *example[2:]) for c in (example[1], 1)[: len(names)])
     with replacing(path) as temporary:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             logging.getLogger("torch.onnx").setLevel(logging.ERROR)
             torch.onnx.export(
-                net, examples, str(temporary), input_names=list(inputs), output_names=list(outputs),
-                dynamic_shapes=(shape,) * len(inputs), opset_version=OPSET, dynamo=True, verbose=False,
+                net, examples, str(temporary), input_names=names, output_names=list(outputs),
+                dynamic_shapes=(shape,) * len(names), opset_version=OPSET, dynamo=True, verbose=False,
                 external_data=False,
             )  # fmt: skip
         model = onnx.load(str(temporary))
@@ -59,8 +58,8 @@ def export_onnx(
         for node in model.graph.node:  # the exporter notes each node's source line, which is nobody's business
             del node.metadata_props[:]
             node.doc_string = ""
-        for name in optional or ():
-            _default_to_zero(model.graph, name)
+        if optional:
+            _default_to_zero(model.graph, optional)
         for key, value in metadata.items():
             model.metadata_props.add(key=key, value=value if isinstance(value, str) else json.dumps(value))
         onnx.checker.check_model(model)
@@ -68,15 +67,14 @@ def export_onnx(
 
 
 def _default_to_zero(graph: Any, name: str) -> None:
-    """Gives an input of an ONNX graph a value for when it is left out: a zero a channel, which spreads over the image.
-    Its sizes get names of their own, since those zeros are smaller than the image."""
+    """Gives an input of an ONNX graph a value for when it is left out: one zero, which spreads over the image. Its
+    sizes get names of their own, since that zero is smaller than the image."""
     from onnx import numpy_helper
 
     found = next(node for node in graph.input if node.name == name)
-    sizes = found.type.tensor_type.shape.dim
     for axis in (0, 2, 3):
-        sizes[axis].dim_param = f"{name}_{axis}"
-    graph.initializer.append(numpy_helper.from_array(np.zeros((1, sizes[1].dim_value, 1, 1), np.float32), name))
+        found.type.tensor_type.shape.dim[axis].dim_param = f"{name}_{axis}"
+    graph.initializer.append(numpy_helper.from_array(np.zeros((1, 1, 1, 1), np.float32), name))
 
 
 def parity(net: nn.Module, path: Path, shape: tuple[int, int, int, int]) -> float:

@@ -11,14 +11,11 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor, nn
 
-# Of RGB, of the difference to the background plate and of the stick figure where landmarks are expected; the last two
-# are mostly zero and only stretched.
-MEAN = (0.45, 0.43, 0.41, 0.0, 0.0, 0.0, 0.0)
-STD = (0.26, 0.26, 0.26, 0.2, 0.25, 0.25, 0.25)
+# Of RGB and of the difference to the background plate, which is mostly near zero: it is only stretched.
+MEAN = (0.45, 0.43, 0.41, 0.0)
+STD = (0.26, 0.26, 0.26, 0.2)
 CHANNELS = len(MEAN)
-# The channels after RGB as inputs of exported files, any of which may be left out, and how many of them each has.
-PLATE, EXPECTED = "difference", "expected"
-OPTIONAL = {PLATE: 1, EXPECTED: 3}
+PLATE = "difference"  # the input of the fourth channel, in exported files
 STRIDE = 4
 
 
@@ -66,9 +63,8 @@ class Lateral(nn.Module):
 
 
 class KeypointNet(nn.Module):
-    """Landmark heatmaps and visibility from crops: RGB, the difference to the background plate, which a static
-    camera gives, and where the landmarks are expected, drawn as by `models.expected`. What there is not is zero, or
-    left out at the end.
+    """Landmark heatmaps and visibility from crops: RGB and the difference to the background plate, which a static
+    camera gives; all zero where there is none.
 
     Args:
         landmarks: number of landmarks J: those of the body first, then those of its surface (virtual markers).
@@ -99,15 +95,13 @@ class KeypointNet(nn.Module):
         self.visibility = nn.Linear(widths[3], landmarks)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, 3 to 7, S, S) in 0..1 -> heatmap logits (N, J, S/4, S/4), visibility logits (N, J)."""
+        """(N, 4, S, S) in 0..1 -> heatmap logits (N, J, S/4, S/4), visibility logits (N, J)."""
         fine, coarse = self.features(image)
         return self.head(fine), self.visibility(coarse)
 
     def features(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, 3 to 7, S, S) -> (N, widths[0], S/4, S/4), for the heatmaps, and (N, widths[3]) of the whole."""
-        given = image.shape[1]
-        scaled = (image - self.mean[:, :given]) / self.std[:, :given]
-        x = self.stem(nn.functional.pad(scaled, (0, 0, 0, 0, 0, CHANNELS - given)) if given < CHANNELS else scaled)
+        """(N, 4, S, S) -> (N, widths[0], S/4, S/4), of which heatmaps are made, and (N, widths[3]) of the whole."""
+        x = self.stem((image - self.mean) / self.std)
         features = []
         for level in self.levels:
             x = level(x)
@@ -134,7 +128,7 @@ class SeparateHeads(nn.Module):
         self.body_head, self.body_visibility = _rows(net.head, slice(body)), _rows(net.visibility, slice(body))
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """(N, 3 to 7, S, S) -> heatmaps and visibility of the body, then of the markers; logits as of `KeypointNet`."""
+        """(N, 4, S, S) -> heatmaps and visibility of the body, then of the markers; logits as of `KeypointNet`."""
         fine, coarse = self.net.features(image)
         return (
             self.body_head(fine), self.body_visibility(coarse),
@@ -142,8 +136,8 @@ class SeparateHeads(nn.Module):
         )  # fmt: skip
 
 
-class InputsApart(nn.Module):
-    """A network of seven channels as one of three inputs, for whoever has pictures alone: see `models.export`.
+class PlateApart(nn.Module):
+    """A network of four channels as one of two inputs, for whoever has no plate: see `models.export`.
 
     Args:
         net: a `KeypointNet` or its `SeparateHeads`.
@@ -153,11 +147,9 @@ class InputsApart(nn.Module):
         super().__init__()
         self.net = net
 
-    def forward(self, image: Tensor, difference: Tensor, expected: Tensor) -> tuple[Tensor, ...]:
-        """(N, 3, S, S) RGB, (N, 1, S, S) or (1, 1, 1, 1) difference, (N, 3, S, S) or (1, 3, 1, 1) expected -> as the
-        network."""
-        nothing = 0 * image
-        out: tuple[Tensor, ...] = self.net(torch.cat([image, nothing[:, :1] + difference, nothing + expected], 1))
+    def forward(self, image: Tensor, difference: Tensor) -> tuple[Tensor, ...]:
+        """(N, 3, S, S) RGB, (N, 1, S, S) or (1, 1, 1, 1) difference -> as the network."""
+        out: tuple[Tensor, ...] = self.net(torch.cat([image, 0 * image[:, :1] + difference], 1))
         return out
 
 

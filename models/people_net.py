@@ -4,9 +4,8 @@ difference to the background plate that a static camera gives."""
 import torch
 from torch import Tensor, nn
 
-from muybridge.models.keypoint_net import MEAN, STD, Block, ConvUnit, Lateral
+from muybridge.models.keypoint_net import CHANNELS, MEAN, STD, Block, ConvUnit, Lateral
 
-CHANNELS = 4
 STRIDE = 8
 
 
@@ -26,8 +25,8 @@ class PeopleNet(nn.Module):
     ) -> None:
         super().__init__()
         self.config = {"widths": widths, "depths": depths}
-        self.register_buffer("mean", torch.tensor(MEAN[:CHANNELS]).view(1, CHANNELS, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor(STD[:CHANNELS]).view(1, CHANNELS, 1, 1), persistent=False)
+        self.register_buffer("mean", torch.tensor(MEAN).view(1, CHANNELS, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor(STD).view(1, CHANNELS, 1, 1), persistent=False)
         self.stem = nn.Sequential(ConvUnit(CHANNELS, 16, 2), ConvUnit(16, 32, 2), ConvUnit(32, widths[0], 2))
         self.levels = nn.ModuleList()
         for i, (width, depth) in enumerate(zip(widths, depths, strict=True)):

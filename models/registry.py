@@ -43,7 +43,6 @@ class KeypointModelCard:
         box_padding: side of a crop over the longer side of the person's box.
         plate_input: name of the input that takes the difference to the background plate, and may be left out; None
             where the network does not see it.
-        expected_input: the same of the stick figure where landmarks are expected, see `models.expected`.
         metadata: everything the file says, as text.
     """
 
@@ -56,17 +55,12 @@ class KeypointModelCard:
     marker_spread: SpreadCalibration | None
     box_padding: float
     plate_input: str | None
-    expected_input: str | None
     metadata: Mapping[str, str]
 
     def inputs(self, crops: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
-        """What the network takes in of crops (N, 3, 4 or 7, S, S) in 0..1: RGB, the plate's difference, and where
-        landmarks are expected."""
-        found = {"image": crops[:, :3]}
-        for name, part in ((self.plate_input, crops[:, 3:4]), (self.expected_input, crops[:, 4:])):
-            if name is not None and part.shape[1]:
-                found[name] = part
-        return found
+        """What the network takes in of crops (N, 3 or 4, S, S) in 0..1, RGB and the plate's difference."""
+        plate = {} if self.plate_input is None or crops.shape[1] < 4 else {self.plate_input: crops[:, 3:]}
+        return {"image": crops[:, :3]} | plate
 
 
 @dataclass(frozen=True)
@@ -131,7 +125,6 @@ def keypoint_card(metadata: Mapping[str, str], path: Path) -> KeypointModelCard:
         marker_spread=read.spread("marker_variance") if marked else None,
         box_padding=read.positive(read.text("box_padding"), "box_padding"),
         plate_input=metadata.get("plate_input"),
-        expected_input=metadata.get("expected_input"),
         metadata=dict(metadata),
     )
 

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from muybridge.errors import ModelError
-from muybridge.models.keypoint_net import CHANNELS, OPTIONAL, KeypointNet
+from muybridge.models.keypoint_net import CHANNELS, PLATE, KeypointNet
 from muybridge.models.people_net import PeopleNet
 
 _HEADS = ("head", "visibility")
@@ -29,7 +29,7 @@ def keypoint_net_from_onnx(path: Path) -> KeypointNet:
         ModelError: the file is damaged, of 8 bits, or of another architecture.
     """
     there = _initializers(path)
-    if [there.pop(name) for name in OPTIONAL if name in there]:
+    if there.pop(PLATE, None) is not None:
         there = {name.removeprefix("net."): value for name, value in there.items()}
     # A network without virtual markers was exported as it is, one with them within `SeparateHeads`.
     marked = "body_head.weight" in there
@@ -40,7 +40,7 @@ def keypoint_net_from_onnx(path: Path) -> KeypointNet:
                 there[f"net.{name}.{kind}"] = torch.cat(parts)
         here = {name.removeprefix("net.") if marked else name: value for name, value in there.items()}
         net = KeypointNet(len(here["head.bias"]))
-        # Networks of earlier versions did not know the plate, or what is expected: they begin by not heeding it.
+        # Networks of earlier versions did not know the plate: they begin by not heeding it.
         stem = here["stem.0.0.weight"]
         missing = CHANNELS - stem.shape[1]
         here["stem.0.0.weight"] = nn.functional.pad(stem, (0, 0, 0, 0, 0, missing)) if missing > 0 else stem
@@ -102,7 +102,7 @@ def measure_normalisation(net: nn.Module, images: Sequence[Tensor]) -> None:
 
     Args:
         net: of convolutions that normalisations follow; changed in place, what it computes in evaluation mode stays.
-        images: batches (N, C, S, S) in 0..1, of the kind that it is trained on.
+        images: batches (N, 4, S, S) in 0..1, of the kind that it is trained on.
     """
     units = [list(m) for m in net.modules() if isinstance(m, nn.Sequential) and len(m) > 1]
     pairs = [(unit[0], unit[1]) for unit in units if isinstance(unit[1], nn.BatchNorm2d)]

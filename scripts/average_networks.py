@@ -13,7 +13,7 @@ import sys
 import torch
 
 from muybridge.train.averaging import average_keypoints
-from muybridge.train.keypoints import held_out_batches, scores
+from muybridge.train.keypoints import evaluate, held_out_batches
 from muybridge.train.publish import keypoint_net, publish_keypoints
 
 
@@ -23,7 +23,7 @@ def main() -> None:
     out, renders, pool, *networks = map(pathlib.Path, sys.argv[1:])
     saved = average_keypoints(networks)
     batches = held_out_batches(renders, pool, 192, 24)
-    saved["scores"] = scores(keypoint_net(saved), batches[:12])
+    saved["scores"] = evaluate(keypoint_net(saved), batches[:8])
     checkpoint = out.with_suffix(".pt")
     checkpoint.parent.mkdir(parents=True, exist_ok=True)
     torch.save(saved, checkpoint)

@@ -16,7 +16,7 @@ from muybridge.geometry.landmarks import BODY23  # noqa: E402
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions  # noqa: E402
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
 from muybridge.models.export import export_onnx  # noqa: E402
-from muybridge.models.keypoint_net import EXPECTED, OPTIONAL, PLATE, InputsApart, KeypointNet  # noqa: E402
+from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart  # noqa: E402
 from muybridge.models.quantize import int8_path, quantize  # noqa: E402
 from muybridge.models.registry import keypoint_card, shipped_model  # noqa: E402
 from muybridge.train.publish import fit_spread, sigma_coverage  # noqa: E402
@@ -66,14 +66,13 @@ def test_float_export_agrees_with_torch_in_pixels(tmp_path: pathlib.Path, demo_c
     with torch.no_grad():
         net.head.weight.mul_(20)
     path = tmp_path / "net.onnx"
-    export_onnx(InputsApart(net), path, (2, 3, 64, 64), OUTPUTS, {"muybridge_kind": "keypoints"}, OPTIONAL)
+    export_onnx(PlateApart(net), path, (2, 3, 64, 64), OUTPUTS, {"muybridge_kind": "keypoints"}, PLATE)
     image = demo_crops[:6].transpose(0, 3, 1, 2).astype(np.float32) / 255
     difference = np.random.default_rng(0).random((6, 1, *image.shape[2:]), np.float32)
-    expected = np.random.default_rng(1).random(image.shape, np.float32)
     session = quiet_session(path)
-    there = session.run(["heatmaps"], {"image": image, PLATE: difference, EXPECTED: expected})[0]
+    there = session.run(["heatmaps"], {"image": image, PLATE: difference})[0]
     with torch.inference_mode():
-        here = net(torch.from_numpy(np.concatenate([image, difference, expected], 1)))[0].numpy()
+        here = net(torch.from_numpy(np.concatenate([image, difference], 1)))[0].numpy()
     points = [decode_heatmaps(h, 4, SpreadCalibration()).points_crop_px for h in (here, there)]
     assert np.median(np.linalg.norm(points[0] - points[1], axis=-1)) <= 0.05
 
@@ -82,8 +81,8 @@ def test_quantised_network_keeps_its_interface_and_batch(tmp_path: pathlib.Path)
     torch.manual_seed(1)
     path = tmp_path / "net.onnx"
     metadata = {"muybridge_kind": "keypoints", "names": ["a"]}
-    export_onnx(InputsApart(KeypointNet(5)), path, (2, 3, 64, 64), OUTPUTS, metadata, OPTIONAL)
-    images = np.random.default_rng(0).integers(0, 256, (12, 7, 64, 64), np.uint8)
+    export_onnx(PlateApart(KeypointNet(5)), path, (2, 3, 64, 64), OUTPUTS, metadata, PLATE)
+    images = np.random.default_rng(0).integers(0, 256, (12, 4, 64, 64), np.uint8)
     target = int8_path(path)
     assert target.name == "net-int8.onnx"
     quantize(path, target, images)
@@ -96,8 +95,7 @@ def test_quantised_network_keeps_its_interface_and_batch(tmp_path: pathlib.Path)
         heatmaps, visibility = session.run(None, {"image": image})
         assert heatmaps.shape == (batch, 5, size // 4, size // 4) and visibility.shape == (batch, 5)
         np.testing.assert_array_equal(session.run(None, {"image": image, PLATE: nothing})[0], heatmaps)
-        for name, given in ((PLATE, nothing + 1), (EXPECTED, image + 1)):
-            assert (session.run(None, {"image": image, name: given})[0] != heatmaps).any()
+        assert (session.run(None, {"image": image, PLATE: nothing + 1})[0] != heatmaps).any()
 
 
 def quiet_session(path: pathlib.Path) -> onnxruntime.InferenceSession:

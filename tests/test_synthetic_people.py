@@ -235,7 +235,7 @@ def test_the_plate_shows_who_moves_and_is_blind_to_who_stood_still(renders, monk
         return float(value[seen].mean()) - float(batch.difference[:, 0, :8].float().mean()), batch
 
     with_plate, batch = contrast(replace(plain, plate=1.0))
-    assert with_plate > 15 and batch.pixels.shape == (len(whole), 7, 128, 128)
+    assert with_plate > 15 and batch.pixels.shape == (len(whole), 4, 128, 128)
     assert abs(contrast(replace(plain, plate=1.0), still=1.0)[0]) < 0.3 * with_plate
     without, other = contrast(replace(plain, plate=0.0))
     assert without == 0 and (other.image == batch.image).all()  # the pictures are the same

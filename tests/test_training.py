@@ -174,7 +174,7 @@ def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
 
 def test_measured_normalisation_changes_nothing_but_the_filters():
     torch.manual_seed(4)
-    net, images = KeypointNet(5), [torch.rand(4, 7, 64, 64) for _ in range(2)]
+    net, images = KeypointNet(5), [torch.rand(4, 4, 64, 64) for _ in range(2)]
     for module in net.modules():
         if isinstance(module, torch.nn.BatchNorm2d):  # as a trained one, away from its beginning
             torch.nn.init.normal_(module.running_mean)

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from muybridge.geometry.landmarks import BODY23
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps
 from muybridge.models.footage import Footage
-from muybridge.models.keypoint_net import STRIDE, KeypointNet
+from muybridge.models.keypoint_net import CHANNELS, STRIDE, KeypointNet
 from muybridge.train.augment import MIRROR
 from muybridge.train.camera_faults import CameraFaults
 from muybridge.train.heatmap_loss import heatmap_loss
@@ -83,7 +83,7 @@ class View:
         linear[:, :, 0] *= np.where(flip, -1, 1)[:, None]
         moved = (self.size - 1) / 2 + shift_px - linear @ np.full(2, (source - 1) / 2)
         matrix = np.concatenate([linear, moved[..., None]], -1)
-        images = np.empty((len(index), self.footage.crops.shape[-1], self.size, self.size), np.uint8)
+        images = np.empty((len(index), CHANNELS, self.size, self.size), np.uint8)
         for k, i in enumerate(index):
             warped = cv2.warpAffine(self.footage.crops[i], matrix[k], (self.size, self.size), flags=cv2.INTER_LINEAR)
             images[k] = warped.transpose(2, 0, 1)

@@ -12,10 +12,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from muybridge.errors import ModelError, SessionError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks import BODY23
-from muybridge.models.expected import draw_expected
 from muybridge.models.export import export_onnx
 from muybridge.models.footage import Footage, load_footage
-from muybridge.models.keypoint_net import EXPECTED, OPTIONAL, PLATE, InputsApart, KeypointNet, SeparateHeads
+from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart, SeparateHeads
 from muybridge.models.quantize import int8_path, quantize
 from muybridge.models.registry import KeypointModelCard, shipped_model
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
@@ -92,18 +91,15 @@ def _write(
     size, marked, footage = view.size, card.markers is not None, view.footage
     metadata = {k: v for k, v in card.metadata.items() if k not in _OUTDATED} | {
         "version": f"{card.version}, adapted", "adapted": json.dumps(facts),
-        "plate_input": PLATE, "expected_input": EXPECTED,
+        "plate_input": PLATE,
         "licence": f"{card.metadata.get('licence', '')}; then adapted to footage of the user's, without labels",
     }  # fmt: skip
     outputs = ["heatmaps", "visibility", *(["marker_heatmaps", "marker_visibility"] if marked else [])]
     exported = SeparateHeads(net, len(BODY23)).eval() if marked else net
     options.out.mkdir(parents=True, exist_ok=True)
     path = options.out / "keypoints.onnx"
-    export_onnx(InputsApart(exported), path, (2, 3, size, size), tuple(outputs), metadata, OPTIONAL)
+    export_onnx(PlateApart(exported), path, (2, 3, size, size), tuple(outputs), metadata, PLATE)
     some = np.linspace(0, len(footage.crops) - 1, min(CALIBRATION_IMAGES, len(footage.crops))).astype(int)
-    images, at = view.plain(some)
-    # Ranges are measured with and without an expectation in turns.
-    expected = draw_expected(np.where(np.arange(len(some))[:, None, None] % 2, at[:, : len(BODY23)], np.nan), size)
-    quantize(path, int8_path(path), np.concatenate([images, expected.transpose(0, 3, 1, 2)], 1))
+    quantize(path, int8_path(path), view.plain(some)[0])
     with replacing(options.out / "adapt.json") as temporary:
         temporary.write_text(json.dumps(facts, indent=1), encoding="utf-8")

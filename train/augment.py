@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from muybridge.geometry.landmarks import BODY23, SURFACE
-from muybridge.models.expected import draw_expected
 from muybridge.train.camera_faults import CameraFaults, outside_of_video
 from muybridge.train.close_ups import BORDER, SOMETHING, cut_boxes, to_crop
 from muybridge.train.clutter import add_clutter, mirrored_on
-from muybridge.train.expectations import Expectations
 from muybridge.train.plates import Plates
 from muybridge.train.renders import RenderSet
 
@@ -42,7 +40,6 @@ class AugmentOptions:
         close_up: share of crops that frame a part of a person, see `close_ups`.
         clutter: share of crops with things that are nobody behind the person, see `clutter`.
         plate: share of crops with the difference to the background plate, see `plates`.
-        expected: share of crops with where landmarks are expected, see `expectations`.
         faults: with what a camera does to an image, see `camera_faults`.
     """
 
@@ -58,20 +55,17 @@ class AugmentOptions:
     close_up: float = 0.1
     clutter: float = 0.5
     plate: float = 0.5
-    expected: float = 0.5
     faults: bool = True
 
 
 @dataclass(frozen=True)
 class Batch:
     """Training images: `image` (B, 3, S, S) uint8 RGB, `difference` (B, 1, S, S) uint8 to the background plate, zero
-    where there is none, `expected` (B, 3, S, S) uint8 where landmarks are expected, zero where nothing is,
-    `landmarks_px` (B, 23, 2), `visible` (B, 23) bool; the same of the body's surface, `markers_px` (B, M, 2) and
-    `markers_visible` (B, M), NaN where a render has none."""
+    where there is none, `landmarks_px` (B, 23, 2), `visible` (B, 23) bool; the same of the body's surface,
+    `markers_px` (B, M, 2) and `markers_visible` (B, M), NaN where a render has none."""
 
     image: Tensor
     difference: Tensor
-    expected: Tensor
     landmarks_px: Tensor
     visible: Tensor
     markers_px: Tensor
@@ -79,8 +73,8 @@ class Batch:
 
     @property
     def pixels(self) -> Tensor:
-        """(B, 7, S, S) uint8: what the network sees."""
-        return torch.cat([self.image, self.difference, self.expected], 1)
+        """(B, 4, S, S) uint8: what the network sees."""
+        return torch.cat([self.image, self.difference], 1)
 
 
 # Images that are made together: what they need in between stays in the processor's cache.
@@ -101,9 +95,8 @@ class Compositor:
         self.renders, self.backgrounds, self.size, self.options = renders, backgrounds, size, options
         self.rng = np.random.default_rng(seed)
         self.faults = CameraFaults(self.rng)
-        # With numbers of their own: the pictures of a seed are the same with plates and without.
+        # With numbers of its own: the pictures of a seed are the same with plates and without.
         self.plates = Plates(np.random.default_rng([seed, 1]))
-        self.expectations = Expectations(np.random.default_rng([seed, 2]))
         self.whole = renders.whole  # a close-up would be cut off in mid-air beside somebody else
 
     def batch(self, count: int, index: NDArray[np.intp] | None = None) -> Batch:
@@ -147,14 +140,7 @@ class Compositor:
         pixels = self.faults.compress(pixels) if opt.faults else pixels
         at, seen = torch.from_numpy(landmarks), torch.from_numpy(visible & inside)
         body = len(BODY23)
-        expected = self._expected(landmarks[:, :body])
-        return pixels, difference, expected, at[:, :body], seen[:, :body], at[:, body:], seen[:, body:]
-
-    def _expected(self, landmarks: NDArray[np.float32]) -> Tensor:
-        """(B, 3, S, S) uint8 where the body's landmarks (B, 23, 2) are expected, of a share of the crops."""
-        expected = self.expectations(landmarks, self.size)
-        expected[self.expectations.rng.random(len(landmarks)) >= self.options.expected] = np.nan
-        return torch.from_numpy(draw_expected(expected, self.size).transpose(0, 3, 1, 2))
+        return pixels, difference, at[:, :body], seen[:, :body], at[:, body:], seen[:, body:]
 
     def _difference(self, image: Tensor, plate: Tensor, person: Tensor, before: Tensor) -> Tensor:
         """(B, 1, S, S) uint8 to the background plate, of a share of the crops; `before` (B, 1, S, S) is what stands

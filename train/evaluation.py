@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from muybridge.errors import SessionError
 from muybridge.geometry.landmarks import BODY23
 from muybridge.models.decode import decode_heatmaps
-from muybridge.models.expected import MIRRORED
 from muybridge.models.registry import KeypointModelCard, keypoint_card, shipped_model
 from muybridge.train.augment import AugmentOptions, Compositor
 from muybridge.train.backgrounds import make_backgrounds
@@ -38,8 +37,7 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
         raise SessionError(f"{options.renders}: no held-out renders; make some with `muybridge synth`")
     # Backgrounds of another seed than any training's pool.
     backgrounds = make_backgrounds(256, SIZE, options.seed)
-    shown = {"plate": float(options.plate), "expected": float(options.expected)}
-    augment = AugmentOptions(close_up=0, faults=options.faults, **shown)
+    augment = AugmentOptions(close_up=0, plate=float(options.plate), faults=options.faults)
     if not options.occlusion:
         augment = replace(augment, second_person=0, occluder=0, mosaic=0, truncate=0, tumble=0, clutter=0)
     compositor = Compositor(store, backgrounds, card.input_size, options.seed, augment)
@@ -49,7 +47,7 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
         image = batch.pixels.numpy().astype(np.float32) / np.float32(255)
         heatmaps = session.run(["heatmaps"], card.inputs(image))[0]
         if options.flip:
-            mirrored = session.run(["heatmaps"], card.inputs(np.ascontiguousarray(image[:, MIRRORED, :, ::-1])))[0]
+            mirrored = session.run(["heatmaps"], card.inputs(np.ascontiguousarray(image[..., ::-1])))[0]
             heatmaps = (heatmaps + mirrored[:, MIRROR, :, ::-1]) / 2
         decoded = decode_heatmaps(heatmaps, card.stride, card.spread)
         truth = batch.landmarks_px.numpy()

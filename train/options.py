@@ -161,7 +161,6 @@ class Evaluation:
         faults: with what a camera does to a picture: blur, noise, compression and the rest.
         occlusion: with things and people in front, faces made unrecognisable, borders, clutter and people who tumble.
         plate: with the difference to the background plate, as good as a static camera's plate is.
-        expected: with where landmarks are expected, as well as a first look by several cameras would know.
         flip: every crop also mirrored, as `muybridge run` reads each view again.
     """
 
@@ -172,5 +171,4 @@ class Evaluation:
     faults: bool = True
     occlusion: bool = True
     plate: bool = False
-    expected: bool = False
     flip: bool = False

