@@ -19,12 +19,13 @@ from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import Keypoints2D
 from muybridge.geometry.swaps import repair_swaps
 from muybridge.geometry.triangulation import leave_one_out_error
-from muybridge.infer.detect import DetectOptions, detect, file_names, open_models
+from muybridge.infer.detect import DetectOptions, detect, file_names, first_look, is_finished, open_models
 from muybridge.infer.keypoints import merge_tracks
 from muybridge.infer.outputs import open_output
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import Session, SessionOptions, open_session, with_frames
 from muybridge.infer.stages import StageStore
+from muybridge.infer.upward import stood_up
 
 DEFAULT_RESULTS = "muybridge"
 
@@ -45,8 +46,11 @@ def session_keypoints(
     """
     inputs = [session.calibration, *(v.path for v in session.videos)]
     folder = open_output(results or session.path / DEFAULT_RESULTS, (), inputs).work
-    models = open_models(options)
-    found = detect(session, file_names(session.cameras.names), models, StageStore(folder), options, progress)
+    models, store, names = open_models(options), StageStore(folder), file_names(session.cameras.names)
+    first = first_look(options)  # of a run
+    session = stood_up(session, names, models, store, first, progress)
+    options = first if is_finished(session, names, models, store, first) else options
+    found = detect(session, names, models, store, options, progress)
     frames = min(len(d.tracks.points_px) for d in found)
     keypoints = merge_tracks([d.tracks for d in found]) if frames == session.frames else None
     if keypoints is None:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -49,6 +49,7 @@ def run(
     fill_share: float = SolveOptions.fill_share,
     everyone: bool = False,
     refine_cameras: bool = False,
+    world: Literal["calibration", "upright"] = RunOptions.world,
     markers_in_video: bool = False,
     marker_video: MarkerVideoOptions = MarkerVideoOptions(),  # noqa: B008
     overlay: OverlayOptions = OverlayOptions(),  # noqa: B008
@@ -73,6 +74,7 @@ def run(
         fill_share: a landmark that the cameras do not agree on is taken from the fitted body in frames where at
             least this share of the landmarks was measured; above 1, never.
         refine_cameras: first make the calibration's poses better by the person; the report says what it gained.
+        world: whose axes results have: the calibration's, or turned upright where its Z axis is not up.
         everyone: write the other people whom two cameras see, too: `points_2.trc`, `motion_2.bvh` and so on.
         markers_in_video: the videos are of bright markers on a dark picture: they are found, matched, named and solved,
             without the keypoint network.
@@ -87,7 +89,7 @@ def run(
                 print(run_marker_session(path, place, session, marker_video, overwrite, progress), flush=True)
         return 0
     solve = SolveOptions(person, swaps, triangulate, pose_prior, smooth, fit, fill_share, everyone)
-    options = RunOptions(session, detect, solve, second_look, overlay, refine_cameras, overwrite)
+    options = RunOptions(session, detect, solve, second_look, overlay, refine_cameras, world, overwrite)
     jobs = plan(sessions, out)
     if len(jobs) == 1:
         with Progress(quiet=quiet) as progress:

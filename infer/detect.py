@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -189,6 +189,26 @@ def detect(
         return in_threads([w.run for w in work], options.workers, stop)
 
 
+def is_finished(
+    session: Session, file_names: Sequence[str], models: Models, store: StageStore, options: DetectOptions
+) -> bool:
+    """Whether `detect` with the same arguments would find all of its results in the store."""
+    with Progress(quiet=True) as silent, silent.task("", 0) as task:
+        work = [
+            _CameraWork(session, c, name, models, store, options, silent, task, threading.Event())
+            for c, name in enumerate(file_names)
+        ]
+        return all(w.stored() is not None for w in work)
+
+
+def first_look(options: DetectOptions) -> DetectOptions:
+    """How views are read that are all read again: there the mirrored crops are worth their time."""
+    keypoints = options.keypoints
+    if keypoints.onnx.flip is not None:
+        return options
+    return replace(options, keypoints=replace(keypoints, onnx=replace(keypoints.onnx, flip=False)))
+
+
 def in_threads(jobs: Sequence[Callable[[], _T]], workers: int, stop: threading.Event) -> list[_T]:
     """The jobs' results; the first failure, or Ctrl-C, stops the others at their next chunk, where they raise
     `Stopped` if they see `stop` set."""
@@ -229,10 +249,17 @@ class _CameraWork:
     def proxy(self) -> Path:
         return self.store.folder / f"video-{self.name}.mp4"
 
+    @property
+    def stage(self) -> str:
+        return f"landmarks-{self.name}"
+
+    def stored(self) -> StageResult | None:
+        """The stage's result of before, with the small copy of its video."""
+        return self.store.load(self.stage, self._key()) if self.proxy.is_file() else None
+
     def run(self) -> CameraResult:
-        stage, key = f"landmarks-{self.name}", self._key()
-        stored = self.store.load(stage, key)
-        if stored is not None and self.proxy.is_file():
+        stage, stored = self.stage, self.stored()
+        if stored is not None:
             self.progress.say(
                 f"{self.name}: 2D landmarks resumed from {self.store.folder / (stage + '.npz')}"
             )
@@ -250,7 +277,7 @@ class _CameraWork:
         long_side = int(self.models.metadata["people"]["input_long_side"])
         upright = upright_for(camera, camera.width, camera.height)
         facts = {_HUNG: [upright.width, upright.height, upright.angle, long_side]}
-        result = self.store.save(stage, key, arrays, facts, time.perf_counter() - start)
+        result = self.store.save(stage, self._key(), arrays, facts, time.perf_counter() - start)
         return CameraResult(_tracks(result, self.models.landmarks), self.proxy, result)
 
     def _key(self) -> str:

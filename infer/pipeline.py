@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from muybridge import __version__
 from muybridge.errors import SessionError
@@ -18,7 +18,7 @@ from muybridge.geometry.calibration.quality import CalibrationQuality
 from muybridge.geometry.clocks import Clock
 from muybridge.geometry.landmarks import Keypoints2D
 from muybridge.infer import calibration_stage, exports, refine_cameras
-from muybridge.infer.detect import CameraResult, DetectOptions, Models, detect, file_names, open_models
+from muybridge.infer.detect import CameraResult, DetectOptions, Models, detect, file_names, first_look, open_models
 from muybridge.infer.keypoints import CameraTracks, merge_markers, merge_tracks
 from muybridge.infer.outputs import WORK, OutputFolder, open_output
 from muybridge.infer.overlay import OverlayOptions
@@ -56,6 +56,7 @@ class RunOptions:
         second_look: views that lack the person, looked at again where the others know them to be.
         overlay: the videos with what was found.
         refine_cameras: make the cameras' poses better by the person first.
+        world: whose axes results have: the `calibration`'s, or turned `upright` where its Z axis is not up.
         overwrite: replace files of our names in the results folder that muybridge did not write.
     """
 
@@ -65,6 +66,7 @@ class RunOptions:
     second_look: SecondLookOptions = field(default_factory=SecondLookOptions)
     overlay: OverlayOptions = field(default_factory=OverlayOptions)
     refine_cameras: bool = False
+    world: Literal["calibration", "upright"] = "calibration"
     overwrite: bool = False
 
 
@@ -163,9 +165,10 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
         SessionError: a video gave no frame.
     """
     files = file_names(session.cameras.names)
-    turn = options.session.world == "upright"
-    session = stood_up(session, files, models, store, _first_look(options), turn, progress)
-    detected = detect(session, files, models, store, _first_look(options), progress)
+    look = options.second_look
+    first = first_look(options.detect) if look.enabled and look.everywhere else options.detect
+    session = stood_up(session, files, models, store, first, progress, turn=options.world == "upright")
+    detected = detect(session, files, models, store, first, progress)
     session, keypoints, markers = _common(session, detected, progress)
     clocks = session_clocks(session)
 
@@ -187,15 +190,6 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
     progress.say(solution.person)
     solution.stages.update(before)
     return Followed(session, detected, clocks, solution, calibration)
-
-
-def _first_look(options: RunOptions) -> DetectOptions:
-    """How views are read that are all read again: there the mirrored crops are worth their time."""
-    keypoints, look = options.detect.keypoints, options.second_look
-    if keypoints.onnx.flip is not None or not (look.enabled and look.everywhere):
-        return options.detect
-    once = replace(keypoints, onnx=replace(keypoints.onnx, flip=False))
-    return replace(options.detect, keypoints=once)
 
 
 def _facts(

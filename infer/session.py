@@ -41,14 +41,12 @@ class SessionOptions:
             and says so.
         video_rotation: whether a file's rotation flag turns its frames; `auto` applies it unless only the
             frames as coded have the calibration's size.
-        world: whose axes results have: the `calibration`'s, or turned `upright` where its Z axis is not up.
     """
 
     calibration: Path | None = None
     cameras: tuple[str, ...] = ()
     video_size: VideoFit = "auto"
     video_rotation: Literal["auto", "apply", "ignore"] = "auto"
-    world: Literal["calibration", "upright"] = "calibration"
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,8 @@ from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
 
 # Appended to the names of stages that follow a second look.
 _AGAIN = ", second look"
+# Landmarks measured in at least this share of the frames may be taken from the fitted body where they are not.
+_NOW_AND_THEN = 0.2
 
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]
@@ -338,14 +340,29 @@ def _fit(points: Points3D, options: FitOptions) -> tuple[Arrays, Mapping[str, An
 
 
 def _filled(points: Points3D, measured: Points3D, body: Arrays, share: float) -> Points3D:
-    """`points` with what is missing taken from the fitted body, in frames where the body is well known."""
-    known = np.isfinite(measured.points_world).all(-1).mean(1) >= share
+    """`points` with what is missing taken from the fitted body, in frames where the body is well known: landmarks that
+    are measured now and then, or sit on one bone with what is measured. Legs under a desk are not made up."""
+    there = np.asarray(np.isfinite(measured.points_world).all(-1))
+    known = there.mean(1) >= share
+    often = there[known].mean(0) >= _NOW_AND_THEN if known.any() else np.zeros(there.shape[1], dtype=np.bool_)
+    tied = there @ _on_one_bone(points.landmarks.names)
     gap = known[:, None] & np.isnan(points.points_world).any(-1) & np.isfinite(body["landmarks_world"]).all(-1)
+    gap &= often | tied
     variance = np.broadcast_to(body["landmark_sigma"] ** 2, gap.shape)
     position, covariance = points.points_world.copy(), points.covariance_world.copy()
     position[gap] = body["landmarks_world"][gap]
     covariance[gap] = variance[gap][:, None, None] * np.eye(3)
     return replace(points, points_world=position, covariance_world=covariance)
+
+
+def _on_one_bone(names: Sequence[str]) -> NDArray[np.bool_]:
+    """(J, J) whether two landmarks keep their distance whatever the pose."""
+    bones = []
+    for name in names:
+        side, part = name.split("_")[0], name.rsplit("_", 1)[-1]
+        foot, face = part in ("ankle", "heel", "toe"), part in ("nose", "eye", "ear")
+        bones.append(f"{side} foot" if foot else "face" if face else part if part in ("hip", "shoulder") else name)
+    return np.array([[a == b for b in bones] for a in bones])
 
 
 def _pack(motion: Motion) -> tuple[Arrays, Mapping[str, Any]]:

@@ -30,7 +30,7 @@ _WINDOWS, _SECONDS, _FPS = 3, 2.0, 12.0
 
 def stood_up(
     session: Session, file_names: Sequence[str], models: Models, store: StageStore, options: DetectOptions,
-    turn: bool, progress: Progress,
+    progress: Progress, turn: bool = False,
 ) -> Session:  # fmt: skip
     """The session with `upright` cameras, where its calibration's Z axis is not believed to be up.
 
@@ -40,8 +40,8 @@ def stood_up(
         models: the networks.
         store: where finished stages are.
         options: how 2D landmarks are found.
-        turn: into the upright world altogether, so that results stand in it.
         progress: whom to tell.
+        turn: into the upright world altogether, so that results stand in it.
     """
     if session.level_cameras is session.cameras:
         return session

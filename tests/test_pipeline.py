@@ -487,3 +487,8 @@ def test_gaps_are_filled_from_the_body_only_where_it_is_known():
     assert np.isnan(filled.points_world[2, 4:]).all()
     np.testing.assert_array_equal(filled.points_world[[0, 3]], truth[[0, 3]])
     assert np.isnan(_filled(points, points, body, 1.1).points_world[1, 9]).all()
+    # Knees that are never seen are not made up; a heel that is not is where its toes say.
+    knee, heel = BODY23.index("left_knee"), BODY23.index("left_heel")
+    seen[:, [knee, heel]] = np.nan
+    filled = _filled(points, points, body, 0.5)
+    assert np.isnan(filled.points_world[:, knee]).all() and np.isfinite(filled.points_world[[0, 1, 3], heel]).all()

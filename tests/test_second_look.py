@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from muybridge.geometry.landmarks import BODY23, Points3D
-from muybridge.infer.detect import CameraResult, DetectOptions, open_models
+from muybridge.infer.detect import CameraResult, DetectOptions, file_names, first_look, is_finished, open_models
 from muybridge.infer.keypoints import CameraTracks
 from muybridge.infer.onnx import Expectation, KeypointNetwork
 from muybridge.infer.progress import Progress
@@ -164,3 +164,16 @@ def test_an_even_map_stays_unknown(demo, tmp_path):
 def test_it_can_be_switched_off(demo, tmp_path):
     _, points, slots, _ = demo
     assert look(demo, tmp_path / "work", enabled=False)(slots, points) is None
+
+
+def test_what_a_run_has_read_is_found_again_by_others(make_session, staged, staged_people) -> None:
+    take = make_session(frames=12, width=160, height=120)
+    assert staged("run", take, "--quiet").returncode == 0
+    session, options = open_session(take), DetectOptions()
+    store = StageStore(take / "muybridge" / "work")
+    names, models = file_names(session.cameras.names), staged_people.staged_models(options)
+    # A run that reads every view again reads it once at first, whatever is asked.
+    assert is_finished(session, names, models, store, first_look(options))
+    assert not is_finished(session, names, models, store, options)
+    (store.folder / "landmarks-cam2.npz").unlink()
+    assert not is_finished(session, names, models, store, first_look(options))
