@@ -4,7 +4,6 @@ Moments are whole numbers. Films count frames (by time where their rates differ)
 (columns `sync_index`, `cam_id`, `frame_time`: a row a frame) says otherwise; images are numbered by their names.
 """
 
-import csv
 import re
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -20,12 +19,12 @@ from muybridge.geometry.calibration.board import Board, BoardDetector
 from muybridge.geometry.calibration.board_lens import View
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import natural_key
+from muybridge.infer.time_table import TIMESTAMPS, read_time_table
 from muybridge.infer.video import VideoInfo, is_video, probe_video, read_chunks
 
 Gray = NDArray[np.uint8]
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
-TIMESTAMPS = "timestamps.csv"
 _LOOKS_A_SECOND = 6.0
 _MOST_LOOKS = 600
 
@@ -106,7 +105,7 @@ def _numbers(images: Sequence[Path]) -> NDArray[np.int64]:
 def _films(films: Sequence[Path], stamps: Path | None, every: int | None) -> list[Pictures]:
     infos = [probe_video(p) for p in films]
     if stamps is not None:
-        moments = _by_stamps(stamps, infos)
+        moments = [moment for _, moment in read_time_table(stamps, infos, CalibrationError)]
     else:
         rate = infos[0].fps
         same = all(abs(i.fps / rate - 1) < 0.01 and not i.variable_rate for i in infos)
@@ -117,34 +116,6 @@ def _films(films: Sequence[Path], stamps: Path | None, every: int | None) -> lis
         looked = np.nonzero(mine % (every or usual) == 0)[0]
         _, first = np.unique(mine[looked], return_index=True)
         out.append(Pictures(info.path.stem, info.path, info, (), mine, looked[first]))
-    return out
-
-
-def _by_stamps(path: Path, infos: Sequence[VideoInfo]) -> list[NDArray[np.int64]]:
-    """Moments of each film's frames from a table."""
-    rows: dict[str, list[tuple[float, int]]] = {}
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            for line, row in enumerate(csv.DictReader(file), start=2):
-                camera = row.get("cam_id") or row.get("port") or row.get("camera")
-                if camera is None:
-                    raise ValueError(f"line {line} names no camera in a column cam_id")
-                rows.setdefault(camera.strip(), []).append((float(row["frame_time"]), int(row["sync_index"])))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise CalibrationError(
-            f"{path}: cannot be read ({error}); it needs the columns sync_index, cam_id, frame_time, a row a frame"
-        ) from None
-    out = []
-    for info in infos:
-        stem = info.path.stem
-        key = stem if stem in rows else "".join(re.findall(r"\d+$", stem)).lstrip("0") or "0"
-        if key not in rows:
-            raise CalibrationError(f"{path}: no rows for {stem}; it has cam_id {', '.join(sorted(rows))}")
-        if len(rows[key]) != info.frames:
-            raise CalibrationError(
-                f"{path}: {len(rows[key])} rows for {stem}, whose film has {info.frames} frames; they must match"
-            )
-        out.append(np.array([moment for _, moment in sorted(rows[key])]))
     return out
 
 

@@ -20,6 +20,7 @@ from muybridge.errors import SessionError
 from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, read_calibration
 from muybridge.geometry.calibration.level import levelled
 from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.infer.time_table import TIMESTAMPS, nearest, paired_by_time, time_table_of
 from muybridge.infer.video import VideoInfo, is_video, probe_video, read_chunks
 
 # A file of one of these kinds that cannot be opened is a broken video; any other is something else.
@@ -117,7 +118,12 @@ def open_session(path: Path, options: SessionOptions = SessionOptions()) -> Sess
         cameras.append(fitted)
         if assumed:
             notices.append(assumed)
-    fps, indices, said = _common_time(videos)
+    table = time_table_of(path)
+    if table is None:
+        fps, indices, said = _common_time(videos)
+    else:
+        fps, indices, paired = paired_by_time(table, videos)
+        said = [paired]
     notices += said + _oddities(videos)
     return Session(
         path=path,
@@ -150,7 +156,7 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
             continue
         if entry.is_file() and (entry.suffix.lower() in VIDEO_SUFFIXES or is_video(entry)):
             found.append(entry)
-        else:
+        elif entry.name != TIMESTAMPS:
             ignored.append(entry.name)
     if not found:
         beside = f" (it has {', '.join(ignored[:5])}, which are no videos)" if ignored else ""
@@ -353,7 +359,7 @@ def _common_time(videos: Sequence[VideoInfo]) -> tuple[float, NDArray[np.int64],
         notices.append(f"the videos differ in length ({lengths} frames): the first {frames} frames are used")
     if by_time:
         grid = np.arange(frames) / fps
-        indices = np.stack([_nearest(v.times, grid) for v in videos])
+        indices = np.stack([nearest(v.times, grid) for v in videos])
     else:
         indices = np.tile(np.arange(frames), (len(videos), 1))
     return fps, indices, notices
@@ -361,18 +367,6 @@ def _common_time(videos: Sequence[VideoInfo]) -> tuple[float, NDArray[np.int64],
 
 def _commonest(rates: NDArray[np.float64]) -> float:
     return float(Counter(float(r) for r in rates).most_common(1)[0][0])
-
-
-def _nearest(times: NDArray[np.float64], grid: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Index of the time nearest to each grid point; both sorted, so the result never decreases."""
-    right = (
-        np.clip(np.searchsorted(times, grid), 1, len(times) - 1)
-        if len(times) > 1
-        else np.zeros(len(grid), int)
-    )
-    left = np.maximum(right - 1, 0)
-    nearer_left = np.abs(grid - times[left]) <= np.abs(times[right] - grid)
-    return np.where(nearer_left, left, right).astype(np.int64)
 
 
 def _oddities(videos: Sequence[VideoInfo]) -> list[str]:

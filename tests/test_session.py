@@ -225,3 +225,41 @@ def test_the_real_take_opens_with_its_letterboxes_said(real_data):
     assert [(c.width, c.height) for c in session.cameras] == [(1080, 1920)] * 2 + [(1088, 1920)] * 2
     assert np.array_equal(session.frame_indices, np.tile(np.arange(100), (4, 1)))
     assert sum("video is 1080x1920" in text for text in session.notices) == 2
+
+
+def write_times(session: Path, times: dict[str, list[float]], where: str = "timestamps.csv") -> None:
+    rows = sorted((t, camera) for camera, all_times in times.items() for t in all_times)
+    lines = ["sync_index,cam_id,frame_time", *(f"{round(30 * t)},{camera},{t}" for t, camera in rows)]
+    (session / where).write_text("\n".join(lines))
+
+
+@pytest.mark.parametrize("where", ["timestamps.csv", "videos/timestamps.csv"])
+def test_frames_are_paired_by_a_table_of_times(make_session, where):
+    path = make_session(frames=12)
+    even = [100 + k / 30 for k in range(12)]
+    # The second camera starts three frames late, the third drops two.
+    late, dropped = [t + 0.1 for t in even], [100 + k / 30 for k in (0, 1, 2, 3, 5, 6, 7, 9, 10, 11, 12, 13)]
+    write_times(path, {"1": even, "2": late, "3": dropped}, where)
+    session = open_session(path)
+    assert session.frames == 9 and session.fps == pytest.approx(30)
+    assert session.frame_indices[0].tolist() == list(range(3, 12))
+    assert session.frame_indices[1].tolist() == list(range(9))
+    assert session.frame_indices[2].tolist() == [3, 3, 4, 5, 6, 6, 7, 8, 9]
+    (said,) = session.notices
+    assert "paired by timestamps.csv" in said and "33 ms" in said
+
+
+def test_tables_of_times_that_do_not_fit_are_refused(make_session):
+    path = make_session(frames=5)
+    times = [k / 30 for k in range(5)]
+    for table, what in (
+        ({"1": times, "2": times}, "no rows for cam3"),
+        ({"1": times, "2": times, "3": times[:4]}, "4 rows for cam3, whose film has 5 frames"),
+        ({"1": times, "2": times, "3": [9 + t for t in times]}, "not taken at the same time"),
+    ):
+        write_times(path, table)
+        with pytest.raises(SessionError, match=what):
+            open_session(path)
+    (path / "timestamps.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(SessionError, match="needs the columns sync_index, cam_id, frame_time"):
+        open_session(path)
