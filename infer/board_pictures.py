@@ -19,7 +19,7 @@ from muybridge.geometry.calibration.board import Board, BoardDetector
 from muybridge.geometry.calibration.board_lens import View
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import natural_key
-from muybridge.infer.time_table import TIMESTAMPS, read_time_table
+from muybridge.infer.time_table import read_time_table, time_table_in
 from muybridge.infer.video import VideoInfo, is_video, probe_video, read_chunks
 
 Gray = NDArray[np.uint8]
@@ -82,7 +82,7 @@ def find_pictures(folder: Path, timestamps: Path | None = None, every: int | Non
             Pictures(p.name, p, None, tuple(images), n, np.arange(len(images)))
             for (p, images), n in zip(folders, numbered, strict=True)
         ]
-    stamps = timestamps or (folder / TIMESTAMPS if (folder / TIMESTAMPS).is_file() else None)
+    stamps = timestamps or time_table_in(folder)
     return _films(films, stamps, every)
 
 

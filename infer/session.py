@@ -156,7 +156,7 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
             continue
         if entry.is_file() and (entry.suffix.lower() in VIDEO_SUFFIXES or is_video(entry)):
             found.append(entry)
-        elif entry.name != TIMESTAMPS:
+        elif entry.name not in TIMESTAMPS:
             ignored.append(entry.name)
     if not found:
         beside = f" (it has {', '.join(ignored[:5])}, which are no videos)" if ignored else ""

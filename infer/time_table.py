@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from muybridge.errors import MuybridgeError, SessionError
 from muybridge.infer.video import VideoInfo
 
-TIMESTAMPS = "timestamps.csv"
+# What the file is called; the second name is that of older recordings.
+TIMESTAMPS = ("timestamps.csv", "frame_time_history.csv")
 
 
 def read_time_table(
@@ -63,7 +64,12 @@ def read_time_table(
 
 def time_table_of(session: Path) -> Path | None:
     """The table of a session folder, in it or beside its videos; None where there is none."""
-    return next((p for p in (session / TIMESTAMPS, session / "videos" / TIMESTAMPS) if p.is_file()), None)
+    return time_table_in(session) or time_table_in(session / "videos")
+
+
+def time_table_in(folder: Path) -> Path | None:
+    """The table in a folder; None where there is none."""
+    return next((folder / name for name in TIMESTAMPS if (folder / name).is_file()), None)
 
 
 def paired_by_time(path: Path, films: Sequence[VideoInfo]) -> tuple[float, NDArray[np.int64], str]:

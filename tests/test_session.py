@@ -233,7 +233,7 @@ def write_times(session: Path, times: dict[str, list[float]], where: str = "time
     (session / where).write_text("\n".join(lines))
 
 
-@pytest.mark.parametrize("where", ["timestamps.csv", "videos/timestamps.csv"])
+@pytest.mark.parametrize("where", ["timestamps.csv", "videos/frame_time_history.csv"])
 def test_frames_are_paired_by_a_table_of_times(make_session, where):
     path = make_session(frames=12)
     even = [100 + k / 30 for k in range(12)]
@@ -246,7 +246,7 @@ def test_frames_are_paired_by_a_table_of_times(make_session, where):
     assert session.frame_indices[1].tolist() == list(range(9))
     assert session.frame_indices[2].tolist() == [3, 3, 4, 5, 6, 6, 7, 8, 9]
     (said,) = session.notices
-    assert "paired by timestamps.csv" in said and "33 ms" in said
+    assert f"paired by {Path(where).name}" in said and "33 ms" in said
 
 
 def test_tables_of_times_that_do_not_fit_are_refused(make_session):
