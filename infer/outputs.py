@@ -13,6 +13,7 @@ from pathlib import Path
 
 from muybridge.errors import OutputError
 from muybridge.infer.stages import file_digest, partial_name, write_whole
+from muybridge.infer.time_table import VIDEO_FOLDERS
 
 WORK = "work"
 MANIFEST = "manifest.json"
@@ -93,7 +94,7 @@ def open_output(path: Path, names: Sequence[str], inputs: Iterable[Path], overwr
     """
     place = path.resolve()
     default = "leave out --out to get the folder `muybridge` inside the session"
-    if (path / "videos").is_dir():
+    if any((path / name).is_dir() for name in VIDEO_FOLDERS):
         raise OutputError(f"{path} is a session's own folder: results never go over the input; {default}")
     if any(_inside(place, folder) for folder in {i.resolve().parent for i in inputs}):
         raise OutputError(f"{path} is where the input lies: results never go over the input; {default}")
@@ -121,7 +122,7 @@ def _inside(place: Path, folder: Path) -> bool:
     """
     if place == folder:
         return True
-    return folder.name in ("videos", "calibration") and folder in place.parents
+    return folder.name in (*VIDEO_FOLDERS, "calibration") and folder in place.parents
 
 
 def _foreign_work(work: Path) -> bool:

@@ -20,7 +20,7 @@ from muybridge.errors import SessionError
 from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, read_calibration
 from muybridge.geometry.calibration.level import levelled
 from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.infer.time_table import TIMESTAMPS, nearest, paired_by_time, time_table_of
+from muybridge.infer.time_table import TIMESTAMPS, VIDEO_FOLDERS, nearest, paired_by_time, time_table_of
 from muybridge.infer.video import VideoInfo, is_video, probe_video, read_chunks
 
 # A file of one of these kinds that cannot be opened is a broken video; any other is something else.
@@ -146,9 +146,9 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
     if not path.is_dir():
         what = "is a file" if path.exists() else "does not exist"
         raise SessionError(f"{path} {what}; {layout}")
-    folder = path / "videos"
-    if not folder.is_dir():
-        raise SessionError(f"{path} has no folder `videos`: put the videos into {folder}, one file a camera")
+    folder = next((path / name for name in VIDEO_FOLDERS if (path / name).is_dir()), path)
+    if folder == path and not any(p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES for p in path.iterdir()):
+        raise SessionError(f"{path} has no folder `videos`: put the videos into {path / 'videos'}, one file a camera")
     found: list[Path] = []
     ignored: list[str] = []
     for entry in sorted(folder.iterdir(), key=lambda p: natural_key(p.name)):
@@ -167,8 +167,9 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
         raise SessionError(
             f"{folder} has more than one video named {twice[0]} ({names}): keep one file a camera"
         )
-    notices = [f"{folder} also holds {', '.join(ignored)}: not videos, ignored"] if ignored else []
-    return found, notices
+    if folder == path:  # beside the calibration and whatever else a session has
+        return found, [f"{path} has no folder `videos`: the videos in it itself are used"]
+    return found, [f"{folder} also holds {', '.join(ignored)}: not videos, ignored"] if ignored else []
 
 
 def natural_key(text: str) -> tuple[tuple[int, int | str], ...]:

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from muybridge.errors import MuybridgeError, SessionError
 from muybridge.infer.video import VideoInfo
 
+# Where a session's videos are: the first of these folders that is there; other programs have their own names for it.
+VIDEO_FOLDERS = ("videos", "synchronized_videos", "videos-raw")
 # What the file is called; the second name is that of older recordings.
 TIMESTAMPS = ("timestamps.csv", "frame_time_history.csv")
 
@@ -64,7 +66,7 @@ def read_time_table(
 
 def time_table_of(session: Path) -> Path | None:
     """The table of a session folder, in it or beside its videos; None where there is none."""
-    return time_table_in(session) or time_table_in(session / "videos")
+    return next((table for name in ("", *VIDEO_FOLDERS) if (table := time_table_in(session / name))), None)
 
 
 def time_table_in(folder: Path) -> Path | None:

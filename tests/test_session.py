@@ -263,3 +263,22 @@ def test_tables_of_times_that_do_not_fit_are_refused(make_session):
     (path / "timestamps.csv").write_text("a,b\n1,2\n")
     with pytest.raises(SessionError, match="needs the columns sync_index, cam_id, frame_time"):
         open_session(path)
+
+
+@pytest.mark.parametrize("where", ["synchronized_videos", "videos-raw", "."])
+def test_folders_of_other_programs_are_sessions(make_session, where):
+    """Videos under another name or in the session itself, the calibration under a name of its own beside them."""
+    path = make_session(frames=4)
+    (path / "calibration.toml").rename(path / "recording_3_camera_calibration.toml")
+    for video in (path / "videos").iterdir():
+        (path / where).mkdir(exist_ok=True)
+        video.rename(path / where / video.name)
+    (path / "videos").rmdir()
+    (path / "notes.txt").write_text("slept badly")
+    session = open_session(path)
+    assert session.frames == 4 and session.calibration.name == "recording_3_camera_calibration.toml"
+    assert any("videos in it itself" in notice for notice in session.notices) == (where == ".")
+    # Two of them: nobody can say which counts.
+    shutil.copy(session.calibration, path / "better.toml")
+    with pytest.raises(CalibrationError, match=r"several calibrations \(better.toml, recording_3"):
+        open_session(path)

@@ -165,7 +165,8 @@ def find_calibration(session_dir: Path) -> Path:
     """The calibration of a session folder.
 
     That is `calibration.toml` in it; else the one file of a known format directly in its folder
-    `calibration` (a COLMAP model, which is several files, counts as one and is returned as that folder).
+    `calibration` (a COLMAP model, which is several files, counts as one and is returned as that folder); else the
+    one directly in the session, where other programs put theirs.
 
     Raises:
         CalibrationError: none, or several (they are named).
@@ -178,24 +179,25 @@ def find_calibration(session_dir: Path) -> Path:
         f"put calibration.toml into {session_dir}, or one file of a known format into "
         f"{session_dir / 'calibration'}, or name one with --calibration; {_KNOWN}"
     )
-    folder = session_dir / "calibration"
-    if not folder.is_dir():
+    folders = [f for f in (session_dir / "calibration", session_dir) if f.is_dir()]
+    listed = ""
+    for folder in folders:
+        try:
+            found, others = _candidates(folder)
+        except OSError as error:
+            raise CalibrationError(f"{folder}: cannot be read: {error.strerror or error}; {expected}") from None
+        if len(found) > 1:
+            names = ", ".join(p.name if p != folder else "a COLMAP model" for p in found)
+            raise CalibrationError(
+                f"{folder}: several calibrations ({names}); leave one there, or name one with --calibration"
+            )
+        if found:
+            return found[0]
+        if others and folder != session_dir:
+            listed = f" ({', '.join(others[:5])}{', ...' if len(others) > 5 else ''} is of none)"
+    if len(folders) < 2:
         raise CalibrationError(f"{session_dir}: no calibration; {expected}")
-    try:
-        found, others = _candidates(folder)
-    except OSError as error:
-        raise CalibrationError(f"{folder}: cannot be read: {error.strerror or error}; {expected}") from None
-    if len(found) > 1:
-        names = ", ".join(p.name if p != folder else "a COLMAP model" for p in found)
-        raise CalibrationError(
-            f"{folder}: several calibrations ({names}); leave one there, or name one with --calibration"
-        )
-    if not found:
-        listed = (
-            f" ({', '.join(others[:5])}{', ...' if len(others) > 5 else ''} is of none)" if others else ""
-        )
-        raise CalibrationError(f"{folder}: no calibration file of a known format{listed}; {expected}")
-    return found[0]
+    raise CalibrationError(f"{folders[0]}: no calibration file of a known format{listed}; {expected}")
 
 
 def _candidates(folder: Path) -> tuple[list[Path], list[str]]:
