@@ -61,11 +61,15 @@ def stood_up(
         axes = _axes(part, merge_tracks([result.tracks for result in found]))
         stage = store.save(STAGE, key, {"standing": axes}, {}, time.perf_counter() - start)
     upright = levelled(session.cameras, stage.arrays["standing"])
-    if not turn:
-        return replace(session, upright=upright)
-    notice = "the world was turned upright: results and the calibration beside them have Z up"
-    progress.notice(notice)
-    return replace(session, cameras=upright, upright=upright, notices=(*session.notices, notice))
+    notice = ""
+    if upright is session.cameras:
+        notice = "people who stand say otherwise: the calibration's Z axis is up, and cameras hang askew"
+    elif turn:
+        notice = "the world was turned upright: results and the calibration beside them have Z up"
+    if notice:
+        progress.notice(notice)
+        session = replace(session, notices=(*session.notices, notice))
+    return replace(session, cameras=upright if turn else session.cameras, upright=upright)
 
 
 def _moments(frames: int, fps: float) -> tuple[NDArray[np.intp], float]:

@@ -95,3 +95,15 @@ def test_who_stands_tells_where_cameras_do_not_agree() -> None:
     # A world that is level stays so, whoever leans.
     np.testing.assert_array_equal(believed_up(cameras, axes), Z_UP)
     assert standing_axes(people[:, :4], LandmarkSet("four", names[:4], ())).shape == (0, 3)
+
+
+def test_who_stands_on_a_level_floor_takes_doubts_away() -> None:
+    """Where every camera is hung askew, what they agree on by chance is not up."""
+    rng, doubted, off = np.random.default_rng(1), 0, []
+    for _ in range(40):
+        cameras = rig(rng, 4, rng.choice([-1, 1], 4) * rng.uniform(10, 35, 4))
+        doubted += levelled(cameras) is not cameras
+        leaning = Rotation.from_rotvec(rng.normal(0, np.radians(6), (12, 3))).apply(Z_UP)
+        off.append(np.degrees(np.arccos(believed_up(cameras, leaning) @ Z_UP)))
+    assert doubted > 5
+    assert (np.array(off) > 0).sum() < 0.3 * doubted and max(off) < 25

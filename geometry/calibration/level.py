@@ -51,23 +51,19 @@ def believed_up(cameras: CameraGroup, standing: Floats | None = None) -> Floats:
 
     Args:
         cameras: at least one.
-        standing: (N, 3) from people's feet to their shoulders, see `standing_axes`: where Z is not up, what they say
-            counts with what the cameras do.
+        standing: (N, 3) from people's feet to their shoulders, see `standing_axes`: what they say counts with what the
+            cameras do.
     """
     z_up = np.array([0.0, 0.0, 1.0])
     rotations = cameras.cam_from_world[:, :, :3]
-    each = _log_likelihood(rotations, _sphere())
+    standing = np.empty((0, 3)) if standing is None else standing
+    each = _log_likelihood(rotations, _sphere()) + _log_standing(standing, _sphere())
     most = float(each.max())
     leaning = most + math.log(np.exp(each - most).mean()) + math.log(_LEANING)
-    level = float(_log_likelihood(rotations, z_up[None])[0]) + math.log(1 - _LEANING)
+    upright = _log_likelihood(rotations, z_up[None]) + _log_standing(standing, z_up[None])
     its_own = rotations[:, 2, 2].max() > _STRAIGHT_UP
-    if leaning - level < math.log(_ODDS) and not its_own:
+    if leaning - float(upright[0]) - math.log(1 - _LEANING) < math.log(_ODDS) and not its_own:
         return z_up
-    if standing is not None and len(standing):
-        away = np.arccos(np.clip(_sphere() @ standing.T, -1, 1))
-        # On a sphere a spread of so much is of this density.
-        peak = (1 - _NOT_STANDING) / (2 * np.pi * _STAND_SD**2) * np.exp(-0.5 * (away / _STAND_SD) ** 2)
-        each = each + min(1.0, _MOMENTS / len(standing)) * np.log(peak + _NOT_STANDING / (4 * np.pi)).sum(axis=1)
     return _likeliest(each)
 
 
@@ -151,6 +147,15 @@ def _log_likelihood(rotations: Floats, directions: Floats) -> Floats:
     hung = np.logaddexp.reduce(ways, axis=0)
     looks = (1 - _STEEPLY) * _normal(down - _DOWN, _DOWN_SD) + _STEEPLY / np.pi
     return np.asarray(hung + np.log(looks).sum(axis=0))
+
+
+def _log_standing(axes: Floats, directions: Floats) -> Floats:
+    """(N,) how well people who are stretched out along axes (K, 3) stand if up is a direction (N, 3)."""
+    away = np.arccos(np.clip(directions @ axes.T, -1, 1))
+    # On a sphere a spread of so much is of this density.
+    peak = (1 - _NOT_STANDING) / (2 * np.pi * _STAND_SD**2) * np.exp(-0.5 * (away / _STAND_SD) ** 2)
+    independent = min(1.0, _MOMENTS / max(1, len(axes)))
+    return np.asarray(independent * np.log(peak + _NOT_STANDING / (4 * np.pi)).sum(axis=1))
 
 
 def _normal(x: Floats, sd: float) -> Floats:
