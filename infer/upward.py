@@ -24,8 +24,9 @@ from muybridge.infer.session import Session
 from muybridge.infer.stages import StageStore, code_digest, digest
 
 STAGE = "up"
-# Three windows of two seconds, at this many frames a second.
-_WINDOWS, _SECONDS, _FPS = 3, 2.0, 12.0
+# Three windows of two seconds, at this many frames a second, in the first half minute: films are decoded from their
+# beginning, and people mostly stand there.
+_WINDOWS, _SECONDS, _FPS, _WITHIN = 3, 2.0, 12.0, 30.0
 
 
 def stood_up(
@@ -75,7 +76,7 @@ def stood_up(
 def _moments(frames: int, fps: float) -> tuple[NDArray[np.intp], float]:
     """Which frames are looked at, and how many a second."""
     step = max(1, round(fps / _FPS))
-    every = np.arange(0, frames, step)
+    every = np.arange(0, min(frames, max(1, round(_WITHIN * fps))), step)
     length = round(_SECONDS * fps / step)
     if len(every) <= _WINDOWS * length:
         return every, fps / step
