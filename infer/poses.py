@@ -184,7 +184,8 @@ class PoseReader:
         if not len(redo):
             return poses
         second = self(pictures, frame[redo], wanted[redo])
-        gain = second.sureness - poses.sureness[redo]
+        # Of all landmarks: a crop that cuts some off is not the better one for being sure of the rest.
+        gain = (second.score - poses.score[redo]).mean(axis=1)
         for number in np.unique(track[redo]):
             here = track[redo] == number
             # All of a track's frames or none: two readings in turns would jitter.
@@ -199,7 +200,8 @@ class PoseReader:
         own = self.own_boxes(poses)
         side = (own[:, 2:] - own[:, :2]).max(axis=1)
         tracks = np.unique(track)
-        sureness = {int(t): float(poses.sureness[track == t].mean()) for t in tracks}
+        # Of all landmarks: a box on a part of somebody finds few, and these surely.
+        sureness = {int(t): float(poses.score[track == t].mean()) for t in tracks}
         gone: set[int] = set()
         for older, younger in [(int(a), int(b)) for i, a in enumerate(tracks) for b in tracks[i + 1 :]]:
             if gone & {older, younger}:

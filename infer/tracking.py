@@ -28,8 +28,9 @@ _MAX_DISTANCE = 0.3
 _MORE_DISTANCE = 0.5
 _MAX_DISTANCE_GROWTH = 0.05
 _MAX_DISTANCE_EVER = 0.8
-# The cost of leaving a track and a detection alone; dearer than any pair within the gate.
-_APART = 3.0
+# The cost of leaving a track and a detection alone: dearer than a good pair, and cheaper than to pull a track off its
+# detection so that another one gets any.
+_APART = 1.8
 
 # A new track does not begin on a person who already has one.
 _MAX_START_OVERLAP = 0.5

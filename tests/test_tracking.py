@@ -192,3 +192,14 @@ def test_landmarks_that_both_are_sure_of_tell_that_two_tracks_are_one_person() -
     apart = points.copy()
     apart[5:] += [60, 0]
     assert reader.duplicates(frame, track, poses._replace(points_px=apart)).tolist() == []
+
+
+def test_a_track_is_not_pulled_off_its_person_so_that_a_stray_one_gets_a_box() -> None:
+    tracker = _tracker()
+    person, part = _box(760, 380, 680, 690), _box(1034, 496, 190, 470)
+    first = tracker.step(_detected(person, scores=[0.6]))
+    slot = int(np.flatnonzero(first.ids >= 0)[0])
+    tracker.step(_detected(person, part, scores=[0.55, 0.36]))
+    # The person again, and a poor box below it; the part is not seen.
+    now = tracker.step(_detected(_box(600, 620, 530, 830), _box(750, 382, 700, 690), scores=[0.3, 0.5]))
+    np.testing.assert_allclose(now.boxes_px[slot], _box(750, 382, 700, 690))
