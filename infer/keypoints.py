@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -275,6 +275,14 @@ def _assemble(
         markers_variance_px2=dense(6, (markers,), np.nan) if markers else None,
         markers_score=dense(7, (markers,), 0.0) if markers else None,
     )
+
+
+def first_frames(tracks: CameraTracks, frames: int) -> CameraTracks:
+    """The tracks in the first `frames` frames."""
+    if len(tracks.points_px) == frames:
+        return tracks
+    values = {f.name: getattr(tracks, f.name) for f in fields(tracks) if f.name != "landmarks"}
+    return replace(tracks, **{name: array[:frames] for name, array in values.items() if array is not None})
 
 
 def merge_tracks(tracks: Sequence[CameraTracks]) -> Keypoints2D:

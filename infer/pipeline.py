@@ -7,7 +7,7 @@ import re
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -19,7 +19,7 @@ from muybridge.geometry.clocks import Clock
 from muybridge.geometry.landmarks import Keypoints2D
 from muybridge.infer import calibration_stage, exports, refine_cameras
 from muybridge.infer.detect import CameraResult, DetectOptions, Models, detect, file_names, first_look, open_models
-from muybridge.infer.keypoints import CameraTracks, merge_markers, merge_tracks
+from muybridge.infer.keypoints import first_frames, merge_markers, merge_tracks
 from muybridge.infer.outputs import WORK, OutputFolder, open_output
 from muybridge.infer.overlay import OverlayOptions
 from muybridge.infer.progress import Progress
@@ -287,15 +287,8 @@ def _common(
         notice = f"{shortest} has {frames} frames, fewer than its header suggests: the first {frames} are used"
         progress.notice(notice)
         session = replace(with_frames(session, frames), notices=(*session.notices, notice))
-    tracks = [_first(d.tracks, frames) for d in detected]
+    tracks = [first_frames(d.tracks, frames) for d in detected]
     return session, merge_tracks(tracks), merge_markers(tracks)
-
-
-def _first(tracks: CameraTracks, frames: int) -> CameraTracks:
-    if len(tracks.points_px) == frames:
-        return tracks
-    values = {f.name: getattr(tracks, f.name) for f in fields(tracks) if f.name != "landmarks"}
-    return replace(tracks, **{name: array[:frames] for name, array in values.items() if array is not None})
 
 
 def session_facts(session: Session) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from muybridge.geometry.calibration.level import levelled, standing_axes
 from muybridge.geometry.landmarks import Keypoints2D
 from muybridge.geometry.triangulation import triangulate
 from muybridge.infer.detect import DetectOptions, Models, detect
-from muybridge.infer.keypoints import merge_tracks
+from muybridge.infer.keypoints import first_frames, merge_tracks
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import Session
 from muybridge.infer.stages import StageStore, code_digest, digest
@@ -59,7 +59,8 @@ def stood_up(
         (store.folder / STAGE).mkdir(exist_ok=True)
         progress.say("the calibration's Z axis is not up: looking at a few moments for people who stand")
         found = detect(part, file_names, models, StageStore(store.folder / STAGE), options, progress)
-        axes = _axes(part, merge_tracks([result.tracks for result in found]))
+        shared = min(len(result.tracks.points_px) for result in found)  # a film may end before its header says
+        axes = _axes(part, merge_tracks([first_frames(result.tracks, shared) for result in found]))
         stage = store.save(STAGE, key, {"standing": axes}, {}, time.perf_counter() - start)
     upright = levelled(session.cameras, stage.arrays["standing"])
     notice = ""
@@ -87,7 +88,8 @@ def _moments(frames: int, fps: float) -> tuple[NDArray[np.intp], float]:
 def _axes(session: Session, keypoints: Keypoints2D) -> NDArray[np.float64]:
     """(N, 3) from feet to shoulders of everybody whom two cameras see, where they are stretched out."""
     axes = [np.empty((0, 3))]
-    for person in find_people(session.cameras, keypoints, fps=session.fps):
+    frames = keypoints.points_px.shape[1]
+    for person in find_people(session.cameras, keypoints, fps=session.fps) if frames else ():
         if person.rank > 0:
             points, variance, _ = take_person(keypoints, person)
             world = triangulate(session.cameras, points, variance).points_world
