@@ -193,12 +193,10 @@ def is_finished(
     session: Session, file_names: Sequence[str], models: Models, store: StageStore, options: DetectOptions
 ) -> bool:
     """Whether `detect` with the same arguments would find all of its results in the store."""
-    with Progress(quiet=True) as silent, silent.task("", 0) as task:
-        work = [
-            _CameraWork(session, c, name, models, store, options, silent, task, threading.Event())
-            for c, name in enumerate(file_names)
-        ]
-        return all(w.stored() is not None for w in work)
+    return all(
+        _proxy(store, name).is_file() and store.holds(_stage(name), _key(session, c, models, options))
+        for c, name in enumerate(file_names)
+    )
 
 
 def first_look(options: DetectOptions) -> DetectOptions:
@@ -231,6 +229,29 @@ class Stopped(Exception):
     """Another camera failed, or the user stopped the run."""
 
 
+def _stage(name: str) -> str:
+    return f"landmarks-{name}"
+
+
+def _proxy(store: StageStore, name: str) -> Path:
+    return store.folder / f"video-{name}.mp4"
+
+
+def _key(session: Session, index: int, models: Models, options: DetectOptions) -> str:
+    """Of a camera's 2D stage."""
+    video = session.videos[index]
+    return digest(
+        [video.path.name, video.size_bytes, video.mtime_ns, video.rotation_deg],
+        session.frame_indices[index],
+        session.fps,
+        session.level_cameras[index],
+        options.keypoints,
+        options.markers != "none",
+        models.metadata,
+        code_digest(*_CODE),
+    )
+
+
 @dataclass(frozen=True)
 class _CameraWork:
     """One camera's 2D stage."""
@@ -247,19 +268,12 @@ class _CameraWork:
 
     @property
     def proxy(self) -> Path:
-        return self.store.folder / f"video-{self.name}.mp4"
-
-    @property
-    def stage(self) -> str:
-        return f"landmarks-{self.name}"
-
-    def stored(self) -> StageResult | None:
-        """The stage's result of before, with the small copy of its video."""
-        return self.store.load(self.stage, self._key()) if self.proxy.is_file() else None
+        return _proxy(self.store, self.name)
 
     def run(self) -> CameraResult:
-        stage, stored = self.stage, self.stored()
-        if stored is not None:
+        stage, key = _stage(self.name), _key(self.session, self.index, self.models, self.options)
+        stored = self.store.load(stage, key)
+        if stored is not None and self.proxy.is_file():
             self.progress.say(
                 f"{self.name}: 2D landmarks resumed from {self.store.folder / (stage + '.npz')}"
             )
@@ -277,21 +291,8 @@ class _CameraWork:
         long_side = int(self.models.metadata["people"]["input_long_side"])
         upright = upright_for(camera, camera.width, camera.height)
         facts = {_HUNG: [upright.width, upright.height, upright.angle, long_side]}
-        result = self.store.save(stage, self._key(), arrays, facts, time.perf_counter() - start)
+        result = self.store.save(stage, key, arrays, facts, time.perf_counter() - start)
         return CameraResult(_tracks(result, self.models.landmarks), self.proxy, result)
-
-    def _key(self) -> str:
-        video, camera = self.session.videos[self.index], self.session.level_cameras[self.index]
-        return digest(
-            [video.path.name, video.size_bytes, video.mtime_ns, video.rotation_deg],
-            self.session.frame_indices[self.index],
-            self.session.fps,
-            camera,
-            self.options.keypoints,
-            self.options.markers != "none",
-            self.models.metadata,
-            code_digest(*_CODE),
-        )
 
     def _compute(self) -> tuple[CameraTracks, NDArray[np.uint8] | None]:
         video, camera = self.session.videos[self.index], self.session.level_cameras[self.index]

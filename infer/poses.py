@@ -16,7 +16,7 @@ from muybridge.infer.crops import extract_crops
 from muybridge.infer.onnx import Expectation, KeypointNetwork, Located
 from muybridge.infer.other_models import OtherNetwork
 from muybridge.infer.plates import Backdrop, SmallFrames
-from muybridge.infer.tracking import filled_boxes, smoothed_boxes
+from muybridge.infer.tracking import filled_boxes, smoothed_boxes, smoothing_frames
 from muybridge.infer.upright import Upright
 from muybridge.models.decode import DecodedHeatmaps
 
@@ -101,7 +101,7 @@ class PoseReader:
         self._camera = camera
         self._backdrop = backdrop
         self.upright = upright
-        self._smoothing = _OWN_BOX_SMOOTHING * min(fps, 30.0)
+        self._smoothing = smoothing_frames(_OWN_BOX_SMOOTHING, fps)
 
     def __call__(self, pictures: Pictures, frame: NDArray[np.intp], boxes_px: NDArray[np.float64]) -> Poses:
         """Landmarks in boxes.

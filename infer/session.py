@@ -20,13 +20,16 @@ from muybridge.errors import SessionError
 from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, read_calibration
 from muybridge.geometry.calibration.level import levelled
 from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.infer.time_table import TIMESTAMPS, VIDEO_FOLDERS, nearest, paired_by_time, time_table_of
+from muybridge.infer.time_table import TIMESTAMPS, nearest, paired_by_time, time_table_in
 from muybridge.infer.video import VideoInfo, is_video, probe_video, read_chunks
 
 # A file of one of these kinds that cannot be opened is a broken video; any other is something else.
 VIDEO_SUFFIXES = frozenset(
     ".mp4 .m4v .mov .avi .mkv .webm .mpg .mpeg .mts .m2ts .ts .mxf .wmv .flv .3gp .h264 .hevc".split()
 )
+# Where a session's videos are: in the first of these folders that is there (other programs have their own names for
+# it), else in the session itself.
+VIDEO_FOLDERS = ("videos", "synchronized_videos", "videos-raw")
 # Rates this close are one rate written down differently (29.97 and 30).
 _SAME_RATE = 0.005
 
@@ -118,12 +121,8 @@ def open_session(path: Path, options: SessionOptions = SessionOptions()) -> Sess
         cameras.append(fitted)
         if assumed:
             notices.append(assumed)
-    table = time_table_of(path)
-    if table is None:
-        fps, indices, said = _common_time(videos)
-    else:
-        fps, indices, paired = paired_by_time(table, videos)
-        said = [paired]
+    table = time_table_in(path) or time_table_in(_video_folder(path))
+    fps, indices, said = _common_time(videos) if table is None else paired_by_time(table, videos)
     notices += said + _oddities(videos)
     return Session(
         path=path,
@@ -146,7 +145,7 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
     if not path.is_dir():
         what = "is a file" if path.exists() else "does not exist"
         raise SessionError(f"{path} {what}; {layout}")
-    folder = next((path / name for name in VIDEO_FOLDERS if (path / name).is_dir()), path)
+    folder = _video_folder(path)
     if folder == path and not any(p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES for p in path.iterdir()):
         raise SessionError(f"{path} has no folder `videos`: put the videos into {path / 'videos'}, one file a camera")
     found: list[Path] = []
@@ -170,6 +169,10 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
     if folder == path:  # beside the calibration and whatever else a session has
         return found, [f"{path} has no folder `videos`: the videos in it itself are used"]
     return found, [f"{folder} also holds {', '.join(ignored)}: not videos, ignored"] if ignored else []
+
+
+def _video_folder(path: Path) -> Path:
+    return next((path / name for name in VIDEO_FOLDERS if (path / name).is_dir()), path)
 
 
 def natural_key(text: str) -> tuple[tuple[int, int | str], ...]:

@@ -73,6 +73,14 @@ class StageStore:
         """`folder` must exist."""
         self.folder = folder
 
+    def holds(self, stage: str, key: str) -> bool:
+        """Whether a stage's result for this key is stored; its arrays are not read."""
+        try:
+            with np.load(self.folder / f"{stage}.npz", allow_pickle=False) as stored:
+                return bool(json.loads(str(stored["stage"]))["key"] == key)
+        except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+            return False
+
     def load(self, stage: str, key: str) -> StageResult | None:
         """The stored result of a stage, or None where there is none for this key."""
         path = self.folder / f"{stage}.npz"

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from muybridge.errors import MuybridgeError, SessionError
 from muybridge.infer.video import VideoInfo
 
-# Where a session's videos are: the first of these folders that is there; other programs have their own names for it.
-VIDEO_FOLDERS = ("videos", "synchronized_videos", "videos-raw")
 # What the file is called; the second name is that of older recordings.
 TIMESTAMPS = ("timestamps.csv", "frame_time_history.csv")
 
@@ -64,17 +62,12 @@ def read_time_table(
     return out
 
 
-def time_table_of(session: Path) -> Path | None:
-    """The table of a session folder, in it or beside its videos; None where there is none."""
-    return next((table for name in ("", *VIDEO_FOLDERS) if (table := time_table_in(session / name))), None)
-
-
 def time_table_in(folder: Path) -> Path | None:
     """The table in a folder; None where there is none."""
     return next((folder / name for name in TIMESTAMPS if (folder / name).is_file()), None)
 
 
-def paired_by_time(path: Path, films: Sequence[VideoInfo]) -> tuple[float, NDArray[np.int64], str]:
+def paired_by_time(path: Path, films: Sequence[VideoInfo]) -> tuple[float, NDArray[np.int64], list[str]]:
     """Frames a second of the take, the frame (C, T) of every film at each of its moments, and what was done.
 
     The take runs from the first to the last moment that all films know, in even steps of the slowest film's usual one.
@@ -96,7 +89,7 @@ def paired_by_time(path: Path, films: Sequence[VideoInfo]) -> tuple[float, NDArr
         f"frames are paired by {path.name}: {len(grid)} moments at {1 / step:.4g} fps, a frame is off its moment by "
         f"{1000 * off:.0f} ms at most"
     )
-    return 1 / step, np.stack(at), said
+    return 1 / step, np.stack(at), [said]
 
 
 def nearest(times: NDArray[np.float64], grid: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -214,8 +214,7 @@ class BoxSmoother:
     _MEMORY = 8
 
     def __init__(self, options: TrackOptions = TrackOptions(), fps: float = 30.0) -> None:
-        # Of more frames than this each shows much the same, and the memory ends.
-        self._sigma = options.smooth * min(fps, 30.0)
+        self._sigma = smoothing_frames(options.smooth, fps)
         self._memory: dict[int, NDArray[np.float64]] = {}
 
     def __call__(self, frames: list[TrackedFrame]) -> NDArray[np.float64]:
@@ -249,6 +248,11 @@ def filled_boxes(series: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArr
         for column in range(4):
             result[inner, column] = np.interp(inner, at, series[at, column])
     return result
+
+
+def smoothing_frames(seconds: float, fps: float) -> float:
+    """Frames of a smoothing over seconds: no more than at 30 a second; more show much the same, and memory ends."""
+    return seconds * min(fps, 30.0)
 
 
 def smoothed_boxes(series: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
