@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from muybridge.infer.overlay import OverlayOptions, write_overlay
 from muybridge.infer.progress import Progress, Task
 from muybridge.infer.quality import Quality, plain
 from muybridge.infer.report import ReportData, Thumbnail, pick_thumbnail_frames, write_report
+from muybridge.infer.report_sections import PersonPage
 from muybridge.infer.session import Session
 from muybridge.infer.solve import Solution
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
@@ -28,6 +30,8 @@ from muybridge.motion.formats.bvh import write_bvh
 from muybridge.motion.formats.c3d import write_c3d
 from muybridge.motion.formats.gltf import write_glb
 from muybridge.motion.formats.trc import write_trc
+
+Floats = NDArray[np.float64]
 
 POINTS_TRC, POINTS_C3D, MARKERS_C3D = "points.trc", "points.c3d", "markers.c3d"
 MOTION_BVH, MOTION_GLB = "motion.bvh", "motion.glb"
@@ -50,9 +54,9 @@ def result_names(camera_files: Sequence[str]) -> tuple[str, ...]:
         camera_files: the cameras' names as file names.
     """
     overlays = tuple(overlay_name(name) for name in camera_files)
-    motion = POINTS_TRC, POINTS_C3D, MOTION_BVH, MOTION_GLB, MARKERS_C3D
-    others = tuple(of_person(name, n) for n in range(2, MOST_PEOPLE + 1) for name in motion)
-    return (*motion, *others, *overlays, REPORT, RUN, CALIBRATION)
+    personal = POINTS_TRC, POINTS_C3D, MOTION_BVH, MOTION_GLB, MARKERS_C3D, REPORT
+    people = tuple(of_person(name, n) for n in range(1, MOST_PEOPLE + 1) for name in personal)
+    return (*people, *overlays, RUN, CALIBRATION)
 
 
 def of_person(name: str, number: int) -> str:
@@ -177,46 +181,61 @@ def _counted(chunks: Iterator[NDArray[np.uint8]], task: Task) -> Iterator[NDArra
         task.advance(len(chunk))
 
 
-def write_report_page(
+def write_report_pages(
     output: OutputFolder,
     session: Session,
     solution: Solution,
-    quality: Quality,
+    qualities: Sequence[Quality],
     calibration: CalibrationQuality | None,
     thumbnails: Sequence[Thumbnail],
     timings: Mapping[str, float],
     options: Mapping[str, Any],
     versions: Mapping[str, str],
     files: Sequence[str],
-) -> None:
-    """Write `report.html`."""
-    motion = solution.motion
-    data = ReportData(
-        title=session.name,
-        cameras=session.cameras,
-        points=solution.measured,
-        delivered=solution.points,
-        others=tuple(other.points.points_world for other in solution.others[: MOST_PEOPLE - 1]),
-        keypoints_px=solution.points_px,
-        leave_one_out_px=solution.leave_one_out_px,
+) -> list[str]:
+    """Write `report.html`, and one more for each further person; `qualities` are everybody's.
+
+    Returns:
+        The pages' names.
+    """
+    people = (solution, *solution.others)[: len(qualities)]
+    names = [of_person(REPORT, n) for n in range(1, len(people) + 1)]
+    pages = tuple(
+        PersonPage(name, q.coverage, q.leave_one_out_px) for name, q in zip(names, qualities, strict=True)
+    )
+    shared = {
+        "cameras": session.cameras, "warnings": session.notices, "timings_s": timings, "options": plain(options),
+        "versions": versions, "pages": pages if len(pages) > 1 else (), "files": tuple(files),
+    }  # fmt: skip
+    for n, (person, quality) in enumerate(zip(people, qualities, strict=True)):
+        # Overlays are drawn with the first person's points.
+        own = {"calibration": calibration, "thumbnails": tuple(thumbnails)} if n == 0 else {}
+        others = tuple(p.points.points_world for p in people if p is not person)
+        data = _report_data(session.name, n + 1, person, others, quality, shared | own)
+        output.write(names[n], partial(write_report, data=data))
+    return names
+
+
+def _report_data(
+    name: str, number: int, person: Solution, others: tuple[Floats, ...], quality: Quality, shared: Mapping[str, Any]
+) -> ReportData:
+    motion = person.motion
+    tables = ("cameras", "landmarks")
+    return ReportData(
+        title=name if number == 1 else f"{name}, person {number}",
+        points=person.measured,
+        delivered=person.points,
+        number=number,
+        others=others,
+        keypoints_px=person.points_px,
+        leave_one_out_px=person.leave_one_out_px,
         joint_positions_world=None if motion is None else motion.joint_positions_world(),
         joint_names=() if motion is None else motion.skeleton.names,
         joint_parents=() if motion is None else tuple(motion.skeleton.parents),
-        person=solution.person,
-        calibration=calibration,
-        warnings=session.notices,
-        timings_s=timings,
-        quality=plain(
-            {
-                k: v for k, v in asdict(quality).items() if k not in ("cameras", "landmarks")
-            }  # has its own tables
-        ),
-        options=plain(options),
-        versions=versions,
-        thumbnails=tuple(thumbnails),
-        files=tuple(files),
+        person=person.person,
+        quality=plain({k: v for k, v in asdict(quality).items() if k not in tables}),
+        **shared,
     )
-    output.write(REPORT, lambda path: write_report(path, data))
 
 
 def write_run(output: OutputFolder, facts: Mapping[str, Any]) -> None:

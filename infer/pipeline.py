@@ -80,6 +80,7 @@ class RunResult:
         solution: what was found.
         quality: how good it is.
         seconds: how long this run took.
+        others: how good the other people are who were written, by number from 2.
     """
 
     out: Path
@@ -87,6 +88,7 @@ class RunResult:
     solution: Solution
     quality: Quality
     seconds: float
+    others: tuple[Quality, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -136,19 +138,20 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     session, solution, calibration = followed.session, followed.solution, followed.calibration
     if solution.motion is None:
         session = replace(session, notices=(*session.notices, f"there is no motion: {solution.no_motion}"))
-    quality = assess(session.cameras, solution)
+    people = (solution, *solution.others[: exports.MOST_PEOPLE - 1])
+    qualities = [assess(session.cameras, person) for person in people]
     written, stages = _write(
-        output, store, session, files, followed.detected, solution, quality, calibration, options, progress
+        output, store, session, files, followed.detected, solution, qualities, calibration, options, progress
     )
     seconds = time.perf_counter() - start
-    facts = _facts(began, seconds, session, written, quality, calibration, solution, stages, options, models.metadata)
+    facts = _facts(began, seconds, session, written, qualities, calibration, solution, stages, options, models.metadata)
     exports.write_run(output, facts)
     if solution.motion is None:
         raise SessionError(
             f"{path}: {solution.no_motion}; {output.path / exports.REPORT} and the overlays beside it show "
             "what was found: if the marks are on the person, the calibration does not belong to these videos"
         )
-    return RunResult(output.path, session, solution, quality, seconds)
+    return RunResult(output.path, session, solution, qualities[0], seconds, tuple(qualities[1:]))
 
 
 def follow(session: Session, models: Models, store: StageStore, options: RunOptions, progress: Progress) -> Followed:
@@ -197,7 +200,7 @@ def _facts(
     seconds: float,
     session: Session,
     written: Sequence[str],
-    quality: Quality,
+    qualities: Sequence[Quality],
     calibration: CalibrationQuality | None,
     solution: Solution,
     stages: Mapping[str, StageResult],
@@ -212,10 +215,11 @@ def _facts(
         "seconds": seconds,
         "session": session_facts(session),
         "results": [*written, exports.RUN],
-        "quality": asdict(quality),
+        "quality": asdict(qualities[0]),
         "calibration": calibration_facts(calibration),
         "person": solution.person,
         "people": 1 + len(solution.others),
+        "others": [{"person": n, "quality": asdict(q)} for n, q in enumerate(qualities[1:], start=2)],
         "notices": session.notices,
         "stages": stage_facts(stages),
         "options": asdict(options),
@@ -251,7 +255,7 @@ def _write(
     files: Sequence[str],
     detected: Sequence[CameraResult],
     solution: Solution,
-    quality: Quality,
+    qualities: Sequence[Quality],
     calibration: CalibrationQuality | None,
     options: RunOptions,
     progress: Progress,
@@ -265,12 +269,12 @@ def _write(
     stages |= drawn
     written += [exports.overlay_name(name) for name in files]
     timings = {name: stage.seconds for name, stage in stages.items()}
-    exports.write_report_page(
-        output, session, solution, quality, calibration, thumbnails, timings, asdict(options), versions(), written
+    written += exports.write_report_pages(
+        output, session, solution, qualities, calibration, thumbnails, timings, asdict(options), versions(), written
     )
-    kept = {*written, exports.REPORT, exports.RUN}
+    kept = {*written, exports.RUN}
     output.retire(name for name in exports.result_names(files) if name not in kept)
-    return [*written, exports.REPORT], stages
+    return written, stages
 
 
 def _common(
@@ -381,6 +385,11 @@ def summary(result: RunResult) -> str:
         rows.append(
             f"    {name:<{width}}  sees {camera['seen']:6.1%}   reprojection "
             f"{camera['reprojection_px']:6.1f} px   left out {camera['leave_one_out_px']:6.1f} px"
+        )
+    for number, other in enumerate(result.others, start=2):
+        rows.append(
+            f"  person {number}: 3D points for {other.coverage:.1%}, a camera left out is missed by "
+            f"{other.leave_one_out_px:.1f} px (median)"
         )
     rows.append(f"  results: {result.out} ({exports.REPORT} shows them; {WORK}/ may be deleted)")
     return "\n".join(rows)

@@ -24,11 +24,13 @@ from muybridge.infer.report_data import fill_page, packed_positions, packed_shar
 from muybridge.infer.report_figures import bone_figures, camera_figures, headline, timeline
 from muybridge.infer.report_findings import findings
 from muybridge.infer.report_sections import (
+    PersonPage,
     bones_section,
     cameras_section,
     findings_section,
     heading_section,
     landmarks_section,
+    people_section,
     run_section,
     thumbnails_section,
 )
@@ -63,7 +65,9 @@ class ReportData:
         cameras: C cameras, as used (after crops and scalings).
         points: T frames of J landmarks, as triangulated: what is missing and what disagrees is theirs.
         delivered: the points as they were written (smoothed, gaps filled), shown in 3D; None: `points`.
-        others: (T, J, 3) of each further person as written to files of their own, shown in 3D.
+        number: which of the people in the take this is, from 1.
+        others: (T, J, 3) of everybody else as written to files of their own, by number, shown in 3D.
+        pages: everybody's reports in the order of their numbers, this one among them; none of one alone.
         keypoints_px: (C, T, J, 2) the person's 2D points, NaN where missing; they tell a shifted, lagging or
             left-right-swapping camera.
         leave_one_out_px: (C, T, J) distance of a 2D point to what the other cameras say; NaN where unknown.
@@ -85,7 +89,9 @@ class ReportData:
     cameras: CameraGroup
     points: Points3D
     delivered: Points3D | None = None
+    number: int = 1
     others: tuple[Floats, ...] = ()
+    pages: tuple[PersonPage, ...] = ()
     keypoints_px: Floats | None = None
     leave_one_out_px: Floats | None = None
     joint_positions_world: Floats | None = None
@@ -140,7 +146,8 @@ def render_report(data: ReportData) -> str:
     parts = {
         "title": html.escape(data.title),
         "css": read_asset("report.css"),
-        "heading": heading_section(data.title, points, summary, len(cameras), data.timings_s, data.files),
+        "heading": heading_section(data.title, points, summary, len(cameras), data.timings_s, data.files)
+        + people_section(data.number, data.pages),
         "findings": findings_section(said, data.person),
         "cameras": cameras_section(cameras),
         "calibration": calibration_in_report(data.calibration),
@@ -198,6 +205,7 @@ def _scene(data: ReportData) -> dict[str, Any]:
             "positions": packed_positions(shown.points_world[::stride]),
         },
         "joints": None,
+        "number": data.number,
         "others": [packed_positions(other[::stride]) for other in data.others],
         "timeline": {
             "first": line.first_frame.tolist(),

@@ -3,6 +3,7 @@
 import html
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,21 @@ _FILES = {
     ".mp4": "video with what was found drawn in",
     ".json": "figures, options and versions",
 }
+
+
+@dataclass(frozen=True)
+class PersonPage:
+    """One person's report.
+
+    Attributes:
+        file: its name, relative to the others.
+        coverage: share of frames x landmarks with a 3D point.
+        leave_one_out_px: median distance of a 2D point to what the other cameras say.
+    """
+
+    file: str
+    coverage: float
+    leave_one_out_px: float
 
 
 def number_text(value: float, digits: int = 1, unit: str = "") -> str:
@@ -93,6 +109,19 @@ def _file_list(files: Sequence[str]) -> str:
         for name in files
     )
     return f'<details class="files"><summary>Files of this run</summary><ul>{links}</ul></details>'
+
+
+def people_section(number: int, pages: Sequence[PersonPage]) -> str:
+    """Links to the reports of everybody in the take; nothing where there is one person."""
+    if not pages:
+        return ""
+    items = []
+    for n, page in enumerate(pages, start=1):
+        name = f"Person {n}" if n == number else f'<a href="{html.escape(page.file, quote=True)}">Person {n}</a>'
+        figures = f"{percent_text(page.coverage)} covered, {number_text(page.leave_one_out_px, 1, ' px')} left out"
+        here = ' aria-current="page"' if n == number else ""
+        items.append(f"<li{here}>{name} <span>{figures}</span></li>")
+    return f'<nav class="people" aria-label="Everybody in this take"><ul>{"".join(items)}</ul></nav>'
 
 
 def tile(name: str, value: str, meaning: str) -> str:

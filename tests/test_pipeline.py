@@ -152,8 +152,13 @@ def test_everyone_leaves_in_files_of_their_own(take, staged, staged_people, monk
         assert min(np.nanmean(np.linalg.norm(points - t, axis=-1)) for t in truth) < 0.02
     assert np.linalg.norm(found[0] - found[1], axis=-1).min() > 0.5
     assert (out / "motion_2.bvh").exists() and not (out / "points_3.trc").exists()
-    # The report's 3D view has the other person too.
-    assert (out / "report.html").read_text().count('"others":[{"offset"') == 1
+    # Everybody has a report, whose 3D view has the others too; without --everyone they go.
+    pages = [(out / name).read_text() for name in ("report.html", "report_2.html")]
+    assert all(page.count('"others":[{"offset"') == 1 for page in pages)
+    assert '<a href="report_2.html">' in pages[0] and '<a href="report.html">' in pages[1]
+    assert json.loads((out / "run.json").read_text())["others"][0]["quality"]["coverage"] > 0.9
+    assert staged("run", take, "--quiet").returncode == 0
+    assert not (out / "report_2.html").exists() and "report_2" not in (out / "report.html").read_text()
 
 
 def test_a_second_run_resumes_everything_and_says_so(take, staged):

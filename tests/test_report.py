@@ -31,6 +31,7 @@ from muybridge.infer.report_figures import (
     timeline,
 )
 from muybridge.infer.report_findings import findings, verdict
+from muybridge.infer.report_sections import PersonPage
 
 J = len(BODY23)
 FPS = 60.0
@@ -315,6 +316,15 @@ def test_ten_minutes_stay_below_20_mb() -> None:
     assert len(page.encode()) < 20e6
     scene = _scene(page)
     assert scene["stride"] == 1 and len(scene["timeline"]["first"]) <= 1000
+
+
+def test_everybody_is_numbered_alike_and_linked() -> None:
+    pages = (PersonPage("report.html", 1.0, 4.0), PersonPage("report_2.html", 0.75, 12.34))
+    page = render_report(_data(number=2, others=(_walk(120) + 1.0,), pages=pages))
+    assert _scene(page)["number"] == 2
+    assert '<a href="report.html">Person 1</a> <span>100 % covered, 4.0 px left out</span>' in page
+    assert 'aria-current="page">Person 2 <span>75 % covered, 12.3 px left out</span>' in page
+    assert 'class="people"' not in render_report(_data())
 
 
 def test_mismatched_arrays_are_refused() -> None:

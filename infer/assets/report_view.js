@@ -45,6 +45,7 @@ class View {
     this.scene = scene;
     this.context = canvas.getContext("2d");
     this.landmarks = { ...scene.landmarks, track: new Track(scene.landmarks.positions, scene.landmarks.names.length) };
+    this.number = scene.number;
     this.others = (scene.others || []).map((packed) => ({ ...scene.landmarks, track: new Track(packed, scene.landmarks.names.length) }));
     this.joints = scene.joints && { ...scene.joints, track: new Track(scene.joints.positions, scene.joints.names.length) };
     this.show = { points: true, joints: !!this.joints, cameras: true, trails: false, names: false, follow: false };
@@ -188,7 +189,10 @@ class View {
     parts.sort((x, y) => y.depth - x.depth);
     for (const part of parts) part.draw(g);
     if (this.show.names) this.drawNames(g, hole, points, joints);
-    if (others.length) [points, ...others].forEach((found, k) => this.drawNumber(g, hole, found, String(k + 1)));
+    if (others.length) {
+      others.splice(this.number - 1, 0, points);
+      others.forEach((found, k) => this.drawNumber(g, hole, found, String(k + 1)));
+    }
     if (this.frame) {
       g.strokeStyle = this.colour.frustum; g.lineWidth = 1.5; g.setLineDash([6, 5]);
       g.strokeRect(...this.frame); g.setLineDash([]);
