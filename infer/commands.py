@@ -17,6 +17,7 @@ from muybridge.geometry.pose_prior import PosePriorOptions
 from muybridge.geometry.smoothing import SmoothOptions
 from muybridge.geometry.swaps import SwapOptions
 from muybridge.geometry.triangulation import TriangulateOptions
+from muybridge.geometry.view_offsets import ViewOffsetOptions
 from muybridge.infer.cli import one_line
 from muybridge.infer.demo import run_demo
 from muybridge.infer.detect import DetectOptions
@@ -43,6 +44,7 @@ def run(
     second_look: SecondLookOptions = SecondLookOptions(),  # noqa: B008
     swaps: SwapOptions = SwapOptions(),  # noqa: B008
     triangulate: TriangulateOptions = TriangulateOptions(),  # noqa: B008
+    view_offsets: ViewOffsetOptions = ViewOffsetOptions(),  # noqa: B008
     pose_prior: PosePriorOptions = PosePriorOptions(),  # noqa: B008
     smooth: SmoothOptions = SmoothOptions(),  # noqa: B008
     fit: FitOptions = FitOptions(),  # noqa: B008
@@ -68,6 +70,7 @@ def run(
         second_look: views that lack the person, looked at again where the others know them to be.
         swaps: left and right, where one camera has exchanged them.
         triangulate: 3D points.
+        view_offsets: where the network puts a landmark from this side and from that, learned from the take.
         pose_prior: what the rest of the body and of the take say about a point.
         smooth: points over time.
         fit: skeleton and joint angles.
@@ -88,7 +91,7 @@ def run(
             with Progress(quiet=quiet) as progress:
                 print(run_marker_session(path, place, session, marker_video, overwrite, progress), flush=True)
         return 0
-    solve = SolveOptions(person, swaps, triangulate, pose_prior, smooth, fit, fill_share, everyone)
+    solve = SolveOptions(person, swaps, triangulate, view_offsets, pose_prior, smooth, fit, fill_share, everyone)
     options = RunOptions(session, detect, solve, second_look, overlay, refine_cameras, world, overwrite)
     jobs = plan(sessions, out)
     if len(jobs) == 1:

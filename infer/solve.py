@@ -19,6 +19,7 @@ from muybridge.geometry.skeleton import Motion, Skeleton
 from muybridge.geometry.smoothing import SmoothOptions, smooth_points
 from muybridge.geometry.swaps import SwapOptions, repair_swaps
 from muybridge.geometry.triangulation import TriangulateOptions, leave_one_out_error, triangulate
+from muybridge.geometry.view_offsets import ViewOffsetOptions, learn_view_offsets, without_view_offsets
 from muybridge.infer.markers import triangulate_markers
 from muybridge.infer.progress import Progress
 from muybridge.infer.second_look import SecondLook
@@ -41,6 +42,7 @@ class SolveOptions:
         person: which person is followed.
         swaps: left and right, where one camera has exchanged them.
         triangulate: 3D points.
+        view_offsets: where the network puts a landmark from this side and from that.
         pose_prior: what the rest of the body and of the take say about a point.
         smooth: points over time.
         fit: the skeleton and its joint angles.
@@ -52,6 +54,7 @@ class SolveOptions:
     person: AssociateOptions = field(default_factory=AssociateOptions)
     swaps: SwapOptions = field(default_factory=SwapOptions)
     triangulate: TriangulateOptions = field(default_factory=TriangulateOptions)
+    view_offsets: ViewOffsetOptions = field(default_factory=ViewOffsetOptions)
     pose_prior: PosePriorOptions = field(default_factory=PosePriorOptions)
     smooth: SmoothOptions = field(default_factory=SmoothOptions)
     fit: FitOptions = field(default_factory=FitOptions)
@@ -245,7 +248,7 @@ def _to_points(
     )  # fmt: skip
     px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
     cloud = stage(
-        f"points{suffix}", [sides.key, options.triangulate, options.pose_prior],
+        f"points{suffix}", [sides.key, options.triangulate, options.view_offsets, options.pose_prior],
         lambda: _points(cameras, px, variance, keypoints.landmarks, fps, options),
     )  # fmt: skip
     return sides, cloud
@@ -296,16 +299,25 @@ def _points(
     options: SolveOptions,
 ) -> tuple[Arrays, Mapping[str, Any]]:  # fmt: skip
     found = triangulate(cameras, points_px, variance_px2, options.triangulate)
-    found = with_pose_prior(
-        cameras, points_px, variance_px2, landmarks, fps, found, options.triangulate, options.pose_prior
+    offsets = learn_view_offsets(
+        cameras, points_px, variance_px2, landmarks, fps, found, options.triangulate, options.view_offsets
     )
+    mended = points_px
+    if offsets is not None:
+        mended, found = without_view_offsets(cameras, points_px, variance_px2, found, offsets, options.triangulate)
+    found = with_pose_prior(
+        cameras, mended, variance_px2, landmarks, fps, found, options.triangulate, options.pose_prior
+    )
+    # Reports are about what was seen, not about what was made of it.
+    residual = np.linalg.norm(cameras.project(found.points_world) - points_px, axis=-1)
     arrays = {
         "points_world": found.points_world,
         "covariance_world": found.covariance_world,
-        "residual_px": found.residual_px,
+        "residual_px": np.where(np.isfinite(variance_px2), residual, np.nan),
         "inlier": found.inlier,
     }
-    return arrays, {"noise_px": found.noise_px}
+    facts = {"noise_px": found.noise_px, "view_offset_size_m": 0.0 if offsets is None else offsets.size_m}
+    return arrays, facts
 
 
 def _left_out(cameras: CameraGroup, sides: Arrays, options: TriangulateOptions) -> tuple[Arrays, Mapping[str, Any]]:
