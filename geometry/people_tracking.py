@@ -79,6 +79,7 @@ class PeopleTracker:
         self._focal = np.array([camera.camera_matrix[0, 0] for camera in cameras])
         self._size_px = np.array([[camera.width, camera.height] for camera in cameras], dtype=np.float64)
         self._limbs = _limb_pairs(keypoints)
+        self._patience = max(3.0, options.coast * fps)
         self._taken = np.zeros(keypoints.points_px.shape[:3], dtype=np.bool_)
         self._bodies: list[Body] = []
         self._ended: list[Body] = []
@@ -366,7 +367,7 @@ class PeopleTracker:
         """Bodies that were not seen for long end; doubtful ones soon."""
         kept: list[Body] = []
         for body in self._bodies:
-            patience = max(3.0, self._options.coast * self._fps) if body.confirmed else 3
+            patience = self._patience if body.confirmed else 3
             gone = body.unseen > patience or body.unmet > 2 * patience
             (self._ended if gone else kept).append(body)
         self._bodies = kept
@@ -385,18 +386,16 @@ class PeopleTracker:
             moved = np.nanmedian(body.track[later[-1]] - body.track[later[0]], axis=0) / (later[-1] - later[0])
             probe.velocity = -np.nan_to_num(moved)
         t = frames[0] - 1
-        while t >= 0 and probe.unmet < 3:
+        while t >= 0 and probe.unmet <= self._patience and probe.unseen < 3:
             self._load(t)
             free = self._there[:, t - self._chunk] & ~self._taken[:, t]
             probe.points = probe.points + probe.velocity
             before = probe.met
             self._follow([probe], t, free)
-            if probe.met == before:
-                body.slots[:, t] = -1
-            else:
+            if probe.met > before:
                 body.track[t] = probe.track[t]
-                seen = body.slots[:, t] >= 0
-                self._taken[seen, t, body.slots[seen, t]] = True
+            seen = body.slots[:, t] >= 0
+            self._taken[seen, t, body.slots[seen, t]] = True
             t -= 1
 
 

@@ -100,6 +100,19 @@ def seen_exactly(cameras, slots: list[np.ndarray]) -> Keypoints2D:
     return Keypoints2D(BODY23, px, np.where(known, 4.0, np.nan), known * 0.9)
 
 
+def test_who_is_misread_at_first_is_followed_from_the_first_frame_on(bench) -> None:
+    """Two cameras see a person come; one of them misreads a third of a second."""
+    rng = np.random.default_rng(4)
+    cameras, people = bench.room(4, rng), bench.walkers(1, 120, rng, 60.0)
+    keypoints = seen_exactly(cameras, [people[0]])
+    px = keypoints.points_px.copy()
+    px[2:, :40] = np.nan
+    px[1, :20] += 0.25 * np.ptp(px[1, :20], axis=-2, keepdims=True)
+    found = track_people(cameras, replace(keypoints, points_px=px), AssociateOptions(), 60.0)
+    assert len(found) == 1
+    assert (found[0][0] >= 0).all() and (found[0][1, :20] < 0).all() and (found[0][1, 22:] >= 0).all()
+
+
 def test_a_near_view_that_goes_wrong_by_and_by_does_not_make_two_people_of_one(bench) -> None:
     rng = np.random.default_rng(2)
     cameras, people = bench.room(5, rng), bench.walkers(1, 80, rng)
