@@ -350,12 +350,15 @@ class PeopleTracker:
         return np.nan_to_num(_near_mean(uneven, least=2), nan=0.0) < 0.6
 
     def _merge(self, t: int) -> None:
-        """Younger bodies that lie in an older one and share no view with it are the older one."""
+        """Younger bodies that lie in an older one and share no view with it are the older one, unless a camera has seen
+        both beside each other: then one passes the other, and hides them."""
         bodies = sorted(self._bodies, key=lambda b: (not b.confirmed, b.first))
         for i, old in enumerate(bodies):
             for young in bodies[i + 1 :]:
                 both = (old.slots[:, t] >= 0) & (young.slots[:, t] >= 0)
                 if young in self._bodies and not both.any() and _apart(old.points, young.points) < _SAME_BODY:
+                    if ((old.slots >= 0) & (young.slots >= 0)).any(0).sum() >= self._options.min_frames:
+                        continue
                     self._bodies.remove(young)
                     if (young.slots[:, t] >= 0).sum() >= 2 > (old.slots[:, t] >= 0).sum():
                         old.points, old.velocity, old.unmet, old.unseen = young.points, young.velocity, 0, 0
