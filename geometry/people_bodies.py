@@ -101,6 +101,19 @@ def without_doubles(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
     return [b for b in bodies if b in kept]
 
 
+def without_stray_end(body: Body, few: int, gap: float) -> None:
+    """Takes the end off a body that was lost, coasted for more than `gap` frames and then met by accident, in fewer
+    than `few` frames: from there nobody would find them again."""
+    frames = np.array(sorted(body.track))
+    breaks = np.flatnonzero(np.diff(frames) > max(2.0, gap)) + 1
+    while len(breaks) and len(frames) - breaks[-1] < few:
+        for t in frames[breaks[-1] :]:
+            del body.track[int(t)]
+        frames, breaks = frames[: breaks[-1]], breaks[:-1]
+        body.met = len(frames)
+        body.slots[:, frames[-1] + 1 :] = -1
+
+
 def _trunk(landmarks: LandmarkSet) -> list[int]:
     return [n for n, name in enumerate(landmarks.names) if name.split("_")[-1] in ("shoulder", "hip")]
 
@@ -136,9 +149,13 @@ def _handed_over(before: Body, after: Body, fps: float) -> bool:
 
 
 def _jump(before: Body, after: Body) -> float:
-    """Distance between where one body was last and another first seen."""
-    last, first = before.track[max(before.track)], after.track[min(after.track)]
-    return float(np.linalg.norm(np.nanmedian(last, axis=0) - np.nanmedian(first, axis=0)))
+    """Distance between where one body was last and another first seen: the least of a few frames each, since what a
+    body saw last may be what it was lost by."""
+    last, first = (
+        np.stack([np.nanmedian(body.track[t], axis=0) for t in frames])
+        for body, frames in ((before, sorted(before.track)[-3:]), (after, sorted(after.track)[:3]))
+    )
+    return float(np.linalg.norm(last[:, None] - first[None], axis=-1).min())
 
 
 def _build(body: Body, edges: _Ints) -> tuple[_Floats, _Floats]:

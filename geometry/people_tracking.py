@@ -20,7 +20,7 @@ from scipy.optimize import linear_sum_assignment
 
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import Keypoints2D
-from muybridge.geometry.people_bodies import Body, rejoined, without_doubles
+from muybridge.geometry.people_bodies import Body, rejoined, without_doubles, without_stray_end
 from muybridge.geometry.rays import nearest_points, pair_points, ray_directions
 from muybridge.geometry.robust import extent
 
@@ -36,6 +36,8 @@ _CHUNK = 128
 _LOYALTY = 0.01
 # A view that lies this much farther off than the others', and this far in body sizes, is of someone else.
 _ODD_VIEW, _ODD_VIEW_SIZE = 3.0, 0.05
+# Seconds in which two cameras see somebody, at least, for them not to be an accident.
+_LEAST_SEEN = 0.3
 # Seconds between two frames of the same track up to which what lies between is taken too.
 _BRIDGE = 0.2
 # A body is no faster than this, in body sizes a second, and loses so much of its speed in a second without two views.
@@ -55,7 +57,7 @@ class AssociateOptions:
         gate_growth: how the gate widens with every second in which the body was not seen.
         gate_slack: how much wider it is for every second between two frames beyond a thirtieth: more can happen.
         start: distance of two views' rays, in body sizes, up to which they may begin a body.
-        min_frames: people seen by two cameras in fewer frames are dropped as accidents.
+        min_frames: people seen by two cameras in fewer frames (or for less than 0.3 s) are dropped as accidents.
         coast: seconds for which a body is predicted without being seen, before it is looked for as a new one.
         same_build: mean difference of limbs' lengths up to which someone who comes back is who left.
     """
@@ -94,7 +96,9 @@ class PeopleTracker:
             self._load(t)
             self._step(t)
         bodies = [*self._ended, *self._bodies]
-        least = min(self._options.min_frames, max(1, frames // 4))
+        least = min(max(self._options.min_frames, _LEAST_SEEN * self._fps), max(1, frames // 4))
+        for body in [*self._ended, *self._bodies]:
+            without_stray_end(body, self._options.min_frames, _BRIDGE * self._fps)
         bodies = [b for b in bodies if b.met >= least and (b.confirmed or frames < 2 * self._options.min_frames)]
         for body in bodies:
             self._backwards(body)

@@ -11,6 +11,7 @@ import pytest
 from muybridge.geometry.association import take_slots
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import BODY23, Keypoints2D
+from muybridge.geometry.people_bodies import Body, without_stray_end
 from muybridge.geometry.people_tracking import AssociateOptions, PeopleTracker, track_people
 from muybridge.geometry.rays import nearest_points, pair_points, ray_directions
 from muybridge.geometry.triangulation import triangulate
@@ -111,6 +112,30 @@ def test_who_is_misread_at_first_is_followed_from_the_first_frame_on(bench) -> N
     found = track_people(cameras, replace(keypoints, points_px=px), AssociateOptions(), 60.0)
     assert len(found) == 1
     assert (found[0][0] >= 0).all() and (found[0][1, :20] < 0).all() and (found[0][1, 22:] >= 0).all()
+
+
+def test_who_passes_close_by_does_not_swallow_anybody(bench) -> None:
+    """A room in which one person passes near another, in some of the cameras before them, after four seconds."""
+    seed, until = 7 + 5000 + 400, 170
+    rng = np.random.default_rng(seed)
+    cameras, people = bench.room(4, rng), bench.walkers(5, 300, rng)
+    whole = bench.keypoints_of(cameras, people, seed, 6)
+    cut = {name: getattr(whole, name)[:, :until] for name in ("points_px", "variance_px2", "score")}
+    switches, error = bench.compare(people[:, :until], bench.solved(cameras, replace(whole, **cut)))
+    assert switches == 0
+    assert np.isfinite(error).any(-1).mean(1).min() > 0.95
+
+
+def test_the_end_that_a_lost_body_met_by_accident_is_taken_off() -> None:
+    points = np.zeros((23, 3))
+    slots = np.zeros((3, 100), int)
+    body = Body(points, slots, True, 0, met=45, track={t: points for t in [*range(40), 60, 61, 90, 91, 92]})
+    without_stray_end(body, 5, 6.0)
+    assert sorted(body.track) == list(range(40)) and body.met == 40
+    assert (body.slots[:, :40] == 0).all() and (body.slots[:, 40:] == -1).all()
+    long = Body(points, slots * 0, True, 0, met=46, track={t: points for t in [*range(40), *range(60, 66)]})
+    without_stray_end(long, 5, 6.0)
+    assert len(long.track) == 46
 
 
 def test_a_near_view_that_goes_wrong_by_and_by_does_not_make_two_people_of_one(bench) -> None:
