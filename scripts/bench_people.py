@@ -125,7 +125,7 @@ def covered(boxes: NDArray[np.float64], depth: NDArray[np.float64]) -> NDArray[n
 
 
 def camera_tracks(
-    camera: Camera, people: NDArray[np.float64], rng: np.random.Generator, slots: int
+    camera: Camera, people: NDArray[np.float64], rng: np.random.Generator, slots: int, fps: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """One camera's landmarks by slot: (T, P, J, 2) px and (T, P) score."""
     count, frames, landmarks = people.shape[:3]
@@ -139,7 +139,7 @@ def camera_tracks(
     inside = ((true_px > 0) & (true_px < [WIDTH, HEIGHT])).all(-1)
     px[~inside | (rng.random(inside.shape) < 0.05)] = np.nan
     missed = rng.random((count, frames)) < 0.05
-    tracker = Tracker(np.array([-0.5, -0.5, WIDTH - 0.5, HEIGHT - 0.5]), TrackOptions(max_people=slots))
+    tracker = Tracker(np.array([-0.5, -0.5, WIDTH - 0.5, HEIGHT - 0.5]), TrackOptions(max_people=slots), fps)
     out, score = np.full((frames, slots, landmarks, 2), np.nan), np.zeros((frames, slots))
     false: list[tuple[int, NDArray[np.float64]]] = []
     for t in range(frames):
@@ -159,10 +159,13 @@ def camera_tracks(
     return out, score
 
 
-def keypoints_of(cameras: CameraGroup, people: NDArray[np.float64], seed: int, slots: int) -> Keypoints2D:
+def keypoints_of(
+    cameras: CameraGroup, people: NDArray[np.float64], seed: int, slots: int, fps: float = 30.0
+) -> Keypoints2D:
     """What all cameras see."""
     rng = np.random.default_rng(seed)
-    parts = [camera_tracks(camera, people, np.random.default_rng(rng.integers(1 << 31)), slots) for camera in cameras]
+    own = [np.random.default_rng(rng.integers(1 << 31)) for _ in cameras]
+    parts = [camera_tracks(c, people, draws, slots, fps) for c, draws in zip(cameras, own, strict=True)]
     px = np.stack([p for p, _ in parts])
     known = np.isfinite(px).all(-1)
     score = np.where(known, np.stack([s for _, s in parts])[..., None], 0.0)
@@ -240,13 +243,13 @@ def _measure(
     slots, rng = max(count + 1, TrackOptions().max_people), np.random.default_rng(seed)
     fps = options.fps
     cameras, people = room(cams, rng), walkers(count, options.frames, rng, fps)
-    keypoints = keypoints_of(cameras, people, seed, slots)
+    keypoints = keypoints_of(cameras, people, seed, slots, fps)
     start = time.perf_counter()
     found = solved(cameras, keypoints, fps)
     seconds = time.perf_counter() - start
     switches, error = compare(people, found)
     single = np.concatenate([
-        compare(one[None], solved(cameras, keypoints_of(cameras, one[None], seed + n, slots), fps))[1]
+        compare(one[None], solved(cameras, keypoints_of(cameras, one[None], seed + n, slots, fps), fps))[1]
         for n, one in enumerate(people)
     ])  # fmt: skip
     both = np.isfinite(error) & np.isfinite(single)
