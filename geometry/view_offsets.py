@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.geometry.triangulation import TriangulateOptions, Triangulation, triangulate
 
@@ -78,11 +78,11 @@ class ViewOffsets:
             points_world: (T, J, 3) metres.
             axes: (T, 3, 3) the trunk's, see `trunk_axes`.
         """
-        seen_along = _directions(cameras, points_world, axes)
-        body = np.einsum("jab,ctjb->ctja", self.by_view, seen_along) + self.common
-        shifted = points_world + np.einsum("tab,ctjb->ctja", axes, body)
-        at = cameras.project(points_world)
-        off = np.stack([camera.project(p) for camera, p in zip(cameras, shifted, strict=True)]) - at
+        off = np.empty((len(cameras), *points_world.shape[:2], 2))
+        for camera, out in zip(cameras, off, strict=True):
+            body = np.einsum("jab,tjb->tja", self.by_view, _directions(camera, points_world, axes)) + self.common
+            shifted = points_world + np.einsum("tab,tjb->tja", axes, body)
+            out[:] = camera.project(shifted) - camera.project(points_world)
         return np.nan_to_num(off)
 
 
@@ -163,10 +163,9 @@ def _unit(vector: Array) -> Array:
     return unit
 
 
-def _directions(cameras: CameraGroup, points_world: Array, axes: Array) -> Array:
-    """(C, T, J, 3) unit vectors from the cameras to the points, in the trunk's axes."""
-    centers = np.stack([camera.center_world for camera in cameras])
-    along: Array = np.einsum("tba,ctjb->ctja", axes, _unit(points_world - centers[:, None, None]))
+def _directions(camera: Camera, points_world: Array, axes: Array) -> Array:
+    """(T, J, 3) unit vectors from the camera to the points, in the trunk's axes."""
+    along: Array = np.einsum("tba,tjb->tja", axes, _unit(points_world - camera.center_world))
     return along
 
 
@@ -179,7 +178,7 @@ def _normal_equations(
     weight = np.sqrt(np.where(inlier & np.isfinite(variance), 1 / variance, 0.0))
     by_point = np.nan_to_num(np.stack(steps, -1)) * weight[..., None, None]  # (C, T, J, 2, 3)
     error = np.nan_to_num(px - at) * weight[..., None]
-    along = np.nan_to_num(_directions(cameras, points_world, axes))
+    along = np.nan_to_num(np.stack([_directions(camera, points_world, axes) for camera in cameras]))
     by_offset = np.einsum("ctjpa,tab,ctjd->ctjpbd", by_point, axes, along).reshape(*error.shape, 9)
     # A point that moves explains what it can: what it cannot is left for B_j.
     free = np.einsum("ctjpa,ctjpb->tjab", by_point, by_point)
