@@ -46,6 +46,7 @@ PLANS = {
     "runner-60": Plan(("run",), fps=60, seconds=3, seed=4),
     "jumper-3-cameras": Plan(("jump",), cameras=3, seed=5),
     "floor": Plan(("get_up",), seed=6),
+    "lying": Plan(("lie",), seed=107),
     "dark": Plan(("reach",), gain=0.3, noise=6.0, size=(640, 480), seed=7),
     "two-walkers": Plan(("walk", "walk"), seed=11),
     "two-close": Plan(("pair",), seed=12),
