@@ -14,6 +14,7 @@ from muybridge.geometry.association import AssociateOptions, select_person, take
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.ik import FitOptions, fit_body, landmarks_from_motion
 from muybridge.geometry.landmarks import Keypoints2D, LandmarkSet, Points3D
+from muybridge.geometry.limbs import stretched_limbs
 from muybridge.geometry.pose_prior import PosePriorOptions, with_pose_prior
 from muybridge.geometry.skeleton import Motion, Skeleton
 from muybridge.geometry.smoothing import SmoothOptions, smooth_points
@@ -307,6 +308,13 @@ def _points(
         mended, found = without_view_offsets(cameras, points_px, variance_px2, found, offsets, options.triangulate)
     found = with_pose_prior(
         cameras, mended, variance_px2, landmarks, fps, found, options.triangulate, options.pose_prior
+    )
+    wrong = stretched_limbs(found.points_world, landmarks)
+    found = replace(
+        found,
+        points_world=np.where(wrong[..., None], np.nan, found.points_world),
+        covariance_world=np.where(wrong[..., None, None], np.nan, found.covariance_world),
+        inlier=found.inlier & ~wrong,
     )
     # Reports are about what was seen, not about what was made of it.
     residual = np.linalg.norm(cameras.project(found.points_world) - points_px, axis=-1)

@@ -1,0 +1,48 @@
+"""Limbs that are far longer than this person's: an elbow that two views put where a hand of somebody else was."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.landmarks import LandmarkSet
+
+_LIMBS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
+# A bone so many times as long as this person's is none; noise and a trunk's landmark that is off do not do that. Two
+# bones in a row cannot both be off as much.
+_STRETCHED, _STRETCHED_TWO = 1.6, 1.3
+# Frames of either side in which a bone is known, at least, for its length to be known.
+_LEAST = 8
+
+
+def stretched_limbs(points_world: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.bool_]:
+    """Elbows, wrists, knees and ankles that lie too far from the trunk.
+
+    A bone's length is the median over the take and both sides. From the trunk outwards, the first joint that is too far
+    from the one before is wrong; beyond it a joint is judged by its distance from the last one that is right.
+
+    Args:
+        points_world: (T, J, 3) metres, NaN where unknown.
+        landmarks: what the J are.
+
+    Returns:
+        (T, J) True where a point cannot be right.
+    """
+    wrong = np.zeros(points_world.shape[:2], dtype=np.bool_)
+    for names in _LIMBS:
+        sides = [[f"{side}_{name}" for name in names] for side in ("left", "right")]
+        if any(name not in landmarks.names for side in sides for name in side):
+            continue
+        chains = [points_world[:, [landmarks.index(name) for name in side]] for side in sides]
+        bones = np.concatenate([np.linalg.norm(np.diff(chain, axis=1), axis=-1) for chain in chains])
+        if (np.isfinite(bones).sum(0) < _LEAST).any():
+            continue
+        usual = np.nanmedian(bones, axis=0)
+        for side, chain in zip(sides, chains, strict=True):
+            with np.errstate(invalid="ignore"):
+                middle = np.linalg.norm(chain[:, 1] - chain[:, 0], axis=-1) > _STRETCHED * usual[0]
+                by_middle = np.linalg.norm(chain[:, 2] - chain[:, 1], axis=-1) > _STRETCHED * usual[1]
+                by_trunk = np.linalg.norm(chain[:, 2] - chain[:, 0], axis=-1) > _STRETCHED_TWO * usual.sum()
+            wrong[:, landmarks.index(side[1])] = middle
+            wrong[:, landmarks.index(side[2])] = np.where(middle, by_trunk, by_middle)
+    return wrong

@@ -1,0 +1,45 @@
+"""Limbs that no body has."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from muybridge.geometry.landmarks import BODY23, LandmarkSet
+from muybridge.geometry.limbs import stretched_limbs
+
+AT = BODY23.index
+
+
+@pytest.fixture
+def standing() -> NDArray[np.float64]:
+    """(40, 23, 3) somebody of usual measurements, with a centimetre of noise."""
+    places = {
+        "shoulder": (0.2, 0.0, 1.45), "elbow": (0.25, 0.0, 1.15), "wrist": (0.27, -0.05, 0.9), "hip": (0.1, 0.0, 0.95),
+        "knee": (0.1, -0.02, 0.5), "ankle": (0.1, 0.0, 0.08),
+    }  # fmt: skip
+    body = np.zeros((23, 3))
+    for name, (x, y, z) in places.items():
+        body[AT(f"left_{name}")], body[AT(f"right_{name}")] = (x, y, z), (-x, y, z)
+    return body + np.random.default_rng(0).normal(0, 0.01, (40, 23, 3))
+
+
+def test_the_first_joint_that_is_too_far_out_is_wrong(standing) -> None:
+    assert not stretched_limbs(standing, BODY23).any()
+    points = standing.copy()
+    points[5, AT("left_elbow")] += [0.6, 0, 0]  # the wrist is where it was
+    points[6, AT("left_elbow"), 0] += 0.6
+    points[6, AT("left_wrist"), 0] += 0.6  # the arm's end is elsewhere
+    points[7, AT("right_ankle"), 1] -= 0.8
+    points[8, AT("right_knee")] = np.nan
+    expected = np.zeros((40, 23), bool)
+    for frame, name in ((5, "left_elbow"), (6, "left_elbow"), (6, "left_wrist"), (7, "right_ankle")):
+        expected[frame, AT(name)] = True
+    np.testing.assert_array_equal(stretched_limbs(points, BODY23), expected)
+
+
+def test_lengths_that_are_not_known_blame_nobody(standing) -> None:
+    points = standing.copy()
+    points[5, AT("left_elbow")] += 1.0
+    points[1:, AT("right_elbow")] = points[6:, AT("left_elbow")] = np.nan
+    assert not stretched_limbs(points, BODY23)[:, AT("left_elbow")].any()
+    assert not stretched_limbs(points[:, :5], LandmarkSet("face", BODY23.names[:5], ())).any()
