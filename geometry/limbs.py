@@ -11,6 +11,8 @@ _LIMBS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
 # A bone so many times as long as this person's is none; noise and a trunk's landmark that is off do not do that. Two
 # bones in a row cannot both be off as much.
 _STRETCHED, _STRETCHED_TWO = 1.6, 1.3
+# A bone whose length typically varies by more than this share of itself is not known.
+_SPREAD = 0.15
 # Frames of either side in which a bone is known, at least, for its length to be known.
 _LEAST = 8
 
@@ -38,11 +40,13 @@ def stretched_limbs(points_world: NDArray[np.float64], landmarks: LandmarkSet) -
         if (np.isfinite(bones).sum(0) < _LEAST).any():
             continue
         usual = np.nanmedian(bones, axis=0)
+        steady = np.nanmedian(np.abs(bones - usual), axis=0) < _SPREAD * usual
         for side, chain in zip(sides, chains, strict=True):
             with np.errstate(invalid="ignore"):
                 middle = np.linalg.norm(chain[:, 1] - chain[:, 0], axis=-1) > _STRETCHED * usual[0]
                 by_middle = np.linalg.norm(chain[:, 2] - chain[:, 1], axis=-1) > _STRETCHED * usual[1]
                 by_trunk = np.linalg.norm(chain[:, 2] - chain[:, 0], axis=-1) > _STRETCHED_TWO * usual.sum()
+            middle &= steady[0]
             wrong[:, landmarks.index(side[1])] = middle
-            wrong[:, landmarks.index(side[2])] = np.where(middle, by_trunk, by_middle)
+            wrong[:, landmarks.index(side[2])] = np.where(middle, by_trunk & steady.all(), by_middle & steady[1])
     return wrong
