@@ -36,17 +36,15 @@ def stretched_limbs(points_world: NDArray[np.float64], landmarks: LandmarkSet) -
         if any(name not in landmarks.names for side in sides for name in side):
             continue
         chains = [points_world[:, [landmarks.index(name) for name in side]] for side in sides]
-        bones = np.concatenate([np.linalg.norm(np.diff(chain, axis=1), axis=-1) for chain in chains])
+        lengths = [np.linalg.norm(np.diff(chain, axis=1), axis=-1) for chain in chains]
+        bones = np.concatenate(lengths)
         if (np.isfinite(bones).sum(0) < _LEAST).any():
             continue
         usual = np.nanmedian(bones, axis=0)
         steady = np.nanmedian(np.abs(bones - usual), axis=0) < _SPREAD * usual
-        for side, chain in zip(sides, chains, strict=True):
-            with np.errstate(invalid="ignore"):
-                middle = np.linalg.norm(chain[:, 1] - chain[:, 0], axis=-1) > _STRETCHED * usual[0]
-                by_middle = np.linalg.norm(chain[:, 2] - chain[:, 1], axis=-1) > _STRETCHED * usual[1]
-                by_trunk = np.linalg.norm(chain[:, 2] - chain[:, 0], axis=-1) > _STRETCHED_TWO * usual.sum()
-            middle &= steady[0]
+        for side, chain, length in zip(sides, chains, lengths, strict=True):
+            middle, end = ((length > _STRETCHED * usual) & steady).T
+            far = np.linalg.norm(chain[:, 2] - chain[:, 0], axis=-1) > _STRETCHED_TWO * usual.sum()
             wrong[:, landmarks.index(side[1])] = middle
-            wrong[:, landmarks.index(side[2])] = np.where(middle, by_trunk & steady.all(), by_middle & steady[1])
+            wrong[:, landmarks.index(side[2])] = np.where(middle, far & steady.all(), end)
     return wrong

@@ -97,7 +97,7 @@ class PeopleTracker:
             self._step(t)
         bodies = [*self._ended, *self._bodies]
         least = min(max(self._options.min_frames, _LEAST_SEEN * self._fps), max(1, frames // 4))
-        for body in [*self._ended, *self._bodies]:
+        for body in bodies:
             without_stray_end(body, self._options.min_frames, _BRIDGE * self._fps)
         bodies = [b for b in bodies if b.met >= least and (b.confirmed or frames < 2 * self._options.min_frames)]
         for body in bodies:

@@ -222,7 +222,7 @@ def without_view_offsets(
         options: those of `triangulate`.
 
     Returns:
-        (C, T, J, 2) px, and the points, whose `residual_px` are still those of the points as they were seen.
+        (C, T, J, 2) px, and the points; their `residual_px` are of these px, not of those that were seen.
     """
     px = np.asarray(points_px, np.float64)
     axes = trunk_axes(found.points_world, offsets.landmarks)

@@ -65,11 +65,16 @@ def of_person(name: str, number: int) -> str:
     return name if number == 1 else f"{path.stem}_{number}{path.suffix}"
 
 
+def written_people(solution: Solution) -> tuple[Solution, ...]:
+    """Everybody who gets files: the person of interest, then the others."""
+    return solution, *solution.others[: MOST_PEOPLE - 1]
+
+
 def write_motion(output: OutputFolder, session: Session, solution: Solution, markers: MarkerChoice) -> list[str]:
     """Write the points, the motion, the markers of a set and the calibration as used; returns their names."""
     output.write(CALIBRATION, lambda path: save_calibration(session.cameras, path))
     names = [CALIBRATION]
-    for number, person in enumerate((solution, *solution.others[: MOST_PEOPLE - 1]), start=1):
+    for number, person in enumerate(written_people(solution), start=1):
         for name, write in _writers(person, markers).items():
             output.write(of_person(name, number), write)
             names.append(of_person(name, number))
@@ -137,7 +142,7 @@ def _write_overlay(
 ) -> StageResult:
     name, camera = overlay_name(camera_file), session.cameras[index]
     projected = camera.project(solution.points.points_world)
-    others = [camera.project(o.points.points_world) for o in solution.others[: MOST_PEOPLE - 1]]
+    others = [camera.project(o.points.points_world) for o in written_people(solution)[1:]]
     residual, inlier = solution.measured.residual_px[index], solution.measured.inlier[index]
     key = digest(
         code_digest(*_OVERLAY_CODE), detected.stage.key, camera, options, solution.points_px[index],
@@ -198,7 +203,7 @@ def write_report_pages(
     Returns:
         The pages' names.
     """
-    people = (solution, *solution.others)[: len(qualities)]
+    people = written_people(solution)
     names = [of_person(REPORT, n) for n in range(1, len(people) + 1)]
     pages = tuple(
         PersonPage(name, q.coverage, q.leave_one_out_px) for name, q in zip(names, qualities, strict=True)

@@ -138,8 +138,7 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     session, solution, calibration = followed.session, followed.solution, followed.calibration
     if solution.motion is None:
         session = replace(session, notices=(*session.notices, f"there is no motion: {solution.no_motion}"))
-    people = (solution, *solution.others[: exports.MOST_PEOPLE - 1])
-    qualities = [assess(session.cameras, person) for person in people]
+    qualities = [assess(session.cameras, person) for person in exports.written_people(solution)]
     written, stages = _write(
         output, store, session, files, followed.detected, solution, qualities, calibration, options, progress
     )
