@@ -10,6 +10,7 @@ pytest.importorskip("anny")
 
 from muybridge.train.bodies import KINDS, BodyModel  # noqa: E402
 from muybridge.train.motion_floor import sit  # noqa: E402
+from muybridge.train.motion_ground import TRUNK_BONES, chosen_skin  # noqa: E402
 from muybridge.train.motion_hands import HABITS, hands_at_rest  # noqa: E402
 from muybridge.train.motion_kinds import Stage, stand  # noqa: E402
 from muybridge.train.motion_rig import (  # noqa: E402
@@ -19,6 +20,7 @@ from muybridge.train.motion_rig import (  # noqa: E402
     forward,
     joint_angles,
     log,
+    skin,
     turn,
     two_bone,
 )
@@ -185,6 +187,28 @@ def test_kinds_are_what_they_say(skeleton, clips):
             assert low <= np.linalg.norm(np.diff(a[:, 0, :2], axis=0), axis=1).sum() / 5.0 <= high, kind
     for a in at["crawl"]:  # on hands and knees, the face down
         assert (a[:, skeleton.index("toe2-1.L"), 2] < a[:, root, 2]).all()
+
+
+def lowest(skeleton, clip, bones):
+    """(T,) metres, the lowest point of the skin of some bones."""
+    rotations, at = forward(skeleton, turn(clip.rotvec), clip.root)
+    return skin(skeleton, rotations, at, chosen_skin(skeleton, bones))[..., 2].min(1)
+
+
+def test_who_lies_does_not_hover(skeleton, clips):
+    everything = np.concatenate([lowest(skeleton, c, TRUNK_BONES) for c in clips["lie"]])
+    assert everything.max() < 0.06  # on a side the shoulder bears, which is not the trunk's
+    for bones in (("head",), ("lowerarm", "wrist", "finger"), ("foot", "toe")):
+        clear = np.concatenate([lowest(skeleton, c, bones) for c in clips["lie"]])
+        assert clear.min() > -0.02 and np.median(clear) < 0.10, bones
+
+
+def test_who_crawls_is_on_hands_and_knees(skeleton, clips):
+    for clip in clips["crawl"]:
+        knees = np.stack([lowest(skeleton, clip, (f"upperleg02.{s}", f"lowerleg01.{s}")) for s, _ in SIDES])
+        hands = np.stack([lowest(skeleton, clip, (f"wrist.{s}", f"finger3-2.{s}")) for s, _ in SIDES])
+        assert np.abs(knees.min(0)).max() < 0.02 and np.abs(knees).max() < 0.10
+        assert np.abs(hands.min(0)).max() < 0.03 and hands.max() < 0.16
 
 
 def test_mirroring_exchanges_left_and_right(skeleton, clips):

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.ndimage import gaussian_filter1d
 
+from muybridge.train.motion_ground import KNEE_BONES, TRUNK_BONES
 from muybridge.train.motion_kinds import Plant, Stage, ease, spans
 from muybridge.train.motion_rig import SIDES, Array
 from muybridge.train.motion_solve import GRAVITY
@@ -139,8 +140,8 @@ def sit(g: Stage) -> None:
         g.s["abd" + s] = -3 + seated * g.u(-2, 16)
 
 
-def _off_the_feet(g: Stage) -> None:
-    g.s["ground"] = 1.0
+def _off_the_feet(g: Stage, bearing: tuple[str, ...]) -> None:
+    g.s["ground"], g.s.bearing = 1.0, bearing
     for s, _ in SIDES:
         g.s["plant" + s], g.s["contact" + s] = 0.0, 0.0
 
@@ -148,8 +149,13 @@ def _off_the_feet(g: Stage) -> None:
 def crawl(g: Stage) -> None:
     """On hands and knees: diagonal steps, the hands and the bearing knees staying where they are."""
     k = g.solver.k
-    period, pitch, duty = g.u(0.9, 1.7), g.u(72, 88), g.u(0.55, 0.68)
+    period, duty = g.u(0.9, 1.7), g.u(0.55, 0.68)
     thigh = float(np.linalg.norm(k.at("upperleg01.L") - k.at("lowerleg01.L")))
+    shoulders = float(np.linalg.norm(k.at("upperarm01.L") - k.rest[0]))
+    arm = sum(float(np.linalg.norm(k.at(a) - k.at(b))) for a, b in (("upperarm01.L", "lowerarm01.L"),
+                                                                    ("lowerarm01.L", "wrist.L")))  # fmt: skip
+    rise = (g.u(0.74, 0.9) * arm - thigh) / shoulders  # of the trunk, so that the arms reach the floor, nearly straight
+    pitch = np.degrees(np.arccos(np.clip(rise, -0.1, 0.5)))
     reach = thigh * np.sin(np.radians(g.u(8, 22) * (1 - 0.4 * g.calm)))
     speed = 2 * reach / (duty * period)
     g.s["y"] = -speed * g.t
@@ -157,7 +163,6 @@ def crawl(g: Stage) -> None:
     g.noise(("lateral", "twist", "roll", "yaw"), 2.5)
     g.s["nod"], g.s["look"] = -g.u(5, 50) + g.wander(-10, 10, 1), g.wander(-35, 35, 1.3)
     start, width = g.u(0, period), g.u(0.13, 0.24)
-    shoulders = float(np.linalg.norm(k.at("upperarm01.L") - k.rest[0]))
     for j, (s, sign) in enumerate(SIDES):
         plants = []
         for step in range(-3, int((g.end + 3) / period) + 3):
@@ -167,9 +172,9 @@ def crawl(g: Stage) -> None:
         g.plan(s, plants, lift=g.u(0.05, 0.12))
         for hand, foot in (("hx", "bx"), ("hy", "by"), ("hz", "bz")):
             g.s[hand + s] = g.s[foot + s]
-        g.s["hz" + s] = g.s["hz" + s] + 0.055
-        g.s["hand" + s], g.s["flex" + s], g.s["out" + s], g.s["elbow" + s] = 1.0, 85.0, 5.0, 8.0
-        g.s["armtwist" + s], g.s["wrist" + s], g.s["curl" + s] = -10.0, -70.0, 5.0
+        g.s["hz" + s] = g.s["hz" + s] + g.solver.palm[s][1]
+        g.s["hand" + s], g.s["palm" + s], g.s["flex" + s], g.s["out" + s], g.s["elbow" + s] = 1.0, 1.0, 85.0, 5.0, 8.0
+        g.s["armtwist" + s], g.s["wrist" + s], g.s["curl" + s] = -10.0, -70.0, 0.0
         phase = np.mod((g.t - start) / period - 0.5 * j, 1.0)
         swung = (phase - duty) / (1 - duty)
         fore = np.where(phase < duty, reach * (1 - 2 * phase / duty), reach * (2 * ease(swung) - 1))
@@ -178,29 +183,31 @@ def crawl(g: Stage) -> None:
         lifted = 64 * (lifted * (1 - lifted)) ** 3
         g.s["hip" + s] = pitch + np.degrees(np.arcsin(fore / thigh)) + 7 * lifted
         g.s["knee" + s] = 86 + np.degrees(np.arcsin(fore / thigh)) + 12 * lifted
-        g.s["ankle" + s] = g.u(20, 45)
+        g.s["ankle" + s] = g.u(30, 52)
         g.s["abd" + s] = -8 + g.wander(-2, 4, 2)
-    _off_the_feet(g)
+    _off_the_feet(g, KNEE_BONES)
     g.s["height"] = (thigh + 0.06) / float(k.rest[0, 2])
 
 
 def lie(g: Stage) -> None:
     """Lying on the back, front or side; limbs move, sometimes the body rolls over."""
-    _off_the_feet(g)
+    _off_the_feet(g, TRUNK_BONES)
     base = float(g.rng.choice([0.0, 90.0, -90.0, 180.0])) + g.u(-12, 12)
     roll = np.full(len(g.t), base)
     if g.end > 3 and g.u(0, 1) < 0.5:
         a = g.u(0.4, g.end - 2.4)
         roll = g.keys([a, a + g.u(1.2, 2.2)], [base, base + float(g.rng.choice([-90, 90, 180, -180]))])
     g.s["roll"], g.s["pitch"] = roll + g.wander(-4, 4, 2), -90 + g.wander(-3, 3, 2)
-    g.s["height"] = 0.15
+    g.s["height"], g.s["x"] = 0.15, np.radians(roll - base) * 0.07 * float(g.solver.k.height)  # rolls, does not slide
+    g.s["headsink"] = 1 - g.wander(0, 0.3, 2)
     up = 0.5 * (1 + np.cos(np.radians(roll)))  # 1 on the back, 0 on the front
     flat = np.abs(np.cos(np.radians(roll)))  # 0 on a side
-    g.s["lean"], g.s["lateral"] = g.wander(-4, 18, 2) * up, g.wander(-12, 12, 2) * flat
+    g.s["lean"], g.s["lateral"] = g.wander(-4, 10, 2) * up, g.wander(-12, 12, 2) * flat
     g.s["twist"], g.s["look"] = g.wander(-12, 12, 2), g.wander(-50, 50, 1.6)
     g.s["nod"] = g.wander(-5, 25, 2) * up - 15 * (1 - up)
+    drawn_up = 12.0 if g.u(0, 1) < 0.35 else 75 - 30 * g.calm
     for s, sign in SIDES:
-        bent, hip = g.wander(0, 1, 1.8), g.wander(0, 75 - 30 * g.calm, 1.8)
+        bent, hip = g.wander(0, 1, 1.8), g.wander(0, drawn_up, 1.8)
         g.s["hip" + s] = 4 + hip * up
         g.s["knee" + s] = 6 + up * hip * (0.8 + bent) + (1 - up) * bent * 70
         g.s["abd" + s] = g.wander(-3, 25, 2)
@@ -216,6 +223,9 @@ def lie(g: Stage) -> None:
                                 ("armtwist", 0.0, 0.0)):  # fmt: skip
             g.s[name + s] = g.s[name + s] * (1 - below - above) + low * below + high * above
         g.s["elbow" + s] = g.s["elbow" + s] * (1 - above) + above * g.u(10, 60)
+        for limb, idle in (("arm", 0.6), ("leg", 0.75)):
+            lazy = np.ones(len(g.t)) if g.u(0, 1) < idle else np.clip(g.wander(-0.3, 1.3, 1.8), 0, 1)
+            g.s[f"{limb}sink{s}"] = lazy * (1 - above)
 
 
 def get_up(g: Stage) -> None:
@@ -228,18 +238,21 @@ def get_up(g: Stage) -> None:
     g.stance(wide, 0.0, 14)
     g.alive(0.7)
     feet = g.keys([sitting - 0.55 * rate, sitting + 0.15 * rate], [0, 1])
-    g.s["ground"] = 1 - g.keys([sitting, squatting - 0.25 * rate], [0, 1])
+    g.s["ground"] = 1 - g.keys([sitting - 0.5 * rate, sitting + 0.3 * rate], [0, 1])
+    g.s.bearing = TRUNK_BONES
+    down = 1 - g.keys([lying, 0.5 * (lying + sitting)], [0, 1])
+    g.s["headsink"] = down
     g.s["balance"] = g.keys([sitting, squatting], [0, 1])
     ball = float(g.solver.ball_at_rest("L")[1])
-    back = ball + 0.38 * leg
+    back = ball + 0.54 * leg
     g.s["y"] = g.keys(key, [back + 0.2, back, ball + 0.1, 0.0])
-    deep = g.u(0.3, 0.42)
+    deep = g.u(0.34, 0.42)
     g.s["height"] = g.keys(key, [0.12, 0.12, deep, 0.985]) * (0.985 * high / high)
-    g.s["pitch"] = g.s["pitch"] + g.keys(key, [-90, g.u(-28, -12), 24, 0])
+    g.s["pitch"] = g.s["pitch"] + g.keys(key, [-90, g.u(-28, -12), 10, 0])
     g.s["lean"] = g.s["lean"] + g.keys(key, [0, g.u(25, 45), 40, 0])
     g.s["nod"] = g.keys(key, [5, 10, -25, 3])
     for s, _ in SIDES:
-        g.s["plant" + s] = feet
+        g.s["plant" + s], g.s["armsink" + s], g.s["legsink" + s] = feet, down * g.u(0.5, 1), 1.0
         g.s["contact" + s] = np.where((feet > 1 - 1e-6) & (g.s["ground"] < 1e-6), 1.0, 0.0)
         g.s["hip" + s] = g.keys(key, [g.u(3, 30), g.u(85, 100), 115, 5])
         g.s["knee" + s] = g.keys(key, [g.u(8, 50), g.u(80, 105), 120, 8])

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
+from muybridge.train.motion_ground import KNEE_BONES, chosen_skin, flat_hand, sink_limbs
 from muybridge.train.motion_rig import (
     NECK,
     SIDES,
@@ -27,15 +28,16 @@ from muybridge.train.motion_rig import (
 
 GRAVITY = 9.81
 TOES = 62.0  # degrees, how far toes bend up
+THUMB = 35.0  # degrees, how far a thumb is spread beside a hand on the floor
 STRIDE = 4  # corrections are slow: they are computed on every fourth frame
 
 # Channels of a script with their values at ease; a channel of a limb has an L and an R. Degrees and metres.
 TRUNK = {"lean": 3.0, "lateral": 0.0, "twist": 0.0, "nod": 3.0, "tilt": 0.0, "look": 0.0, "yaw": 0.0, "pitch": 2.0,
-         "roll": 0.0, "x": 0.0, "y": 0.0, "height": 0.985, "ground": 0.0, "balance": 0.0}  # fmt: skip
+         "roll": 0.0, "x": 0.0, "y": 0.0, "height": 0.985, "ground": 0.0, "balance": 0.0, "headsink": 0.0}  # fmt: skip
 LIMB = {"hip": 5.0, "abd": -3.0, "hiprot": 4.0, "knee": 8.0, "ankle": 0.0, "plant": 1.0, "contact": 1.0,
         "bx": 0.0, "by": 0.0, "bz": 0.0, "byaw": 0.0, "bpitch": 0.0, "flex": 0.0, "out": 14.0, "elbow": 22.0,
         "armtwist": 0.0, "pro": 0.0, "wrist": 0.0, "curl": 25.0, "hand": 0.0, "hx": 0.0, "hy": 0.0,
-        "hz": 0.0}  # fmt: skip
+        "hz": 0.0, "palm": 0.0, "armsink": 0.0, "legsink": 0.0}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -60,16 +62,19 @@ class Script:
         channels: named curves (T,), see `TRUNK` and `LIMB`. `height` is the root's, as a share of its height when
             standing; `bx by bz byaw bpitch` where the ball of the foot is; `plant` how much the foot follows that
             rather than the leg's angles; `contact` 1 where it stands still on the floor; `hx hy hz` a place for the
-            wrist and `hand` how much the arm follows it; `ground` 1 where the lowest point of the body, whichever it
-            is, touches the floor; `balance` 1 where the centre of mass shall be over the feet.
+            wrist and `hand` how much the arm follows it, `palm` how flat the hand lies on the floor; `ground` 1 where
+            what bears the body lies on the floor, and the limbs stay out of it; `armsink legsink headsink` how far
+            these sink onto it then; `balance` 1 where the centre of mass shall be over the feet.
         flights: spans (first, last) of frames without contact.
         holds: hands whose place the body carries, by side.
+        bearing: beginnings of the names of the bones that bear the body where `ground` is 1; all if there are none.
     """
 
     time: Array
     channels: dict[str, Array] = field(default_factory=dict)
     flights: list[tuple[int, int]] = field(default_factory=list)
     holds: dict[str, Hold] = field(default_factory=dict)
+    bearing: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         names = TRUNK | {k + s: v for k, v in LIMB.items() for s, _ in SIDES}
@@ -84,7 +89,8 @@ class Script:
 
     def every(self, step: int) -> "Script":
         """Every `step`-th frame."""
-        return Script(self.time[::step], {k: v[::step] for k, v in self.channels.items()}, holds=self.holds)
+        return Script(self.time[::step], {k: v[::step] for k, v in self.channels.items()}, holds=self.holds,
+                      bearing=self.bearing)  # fmt: skip
 
 
 def limit(value: Array, low: float, high: float, soft: float = 8.0) -> Array:
@@ -107,6 +113,7 @@ class Solver:
         self.ball_height = float(ball[2])
         self.heel = np.array([0.0, 0.25 * (ankle[2] + 0.08), -ankle[2]])  # from the ankle
         self.ankle_heights = self._ankle_heights()
+        self.palm = {s: flat_hand(skeleton, s) for s, _ in SIDES}
 
     def _ankle_heights(self) -> tuple[Array, Array]:
         """Pitches of a foot in degrees and how high its ankle is while the lowest point of the foot is on the floor,
@@ -143,7 +150,12 @@ class Solver:
             shift = np.repeat(shift, STRIDE, 0)[: len(script.time)]
         local, root = self.pose(script, shift)
         if script["ground"].any():
-            root = root + self._onto_the_floor(script, local, root)
+            lowered = self._onto_the_floor(script, local, root)
+            root = root + lowered
+            if script.bearing:
+                local, root = self.pose(script, shift + lowered)
+                local = self._limbs_onto_the_floor(script, local, root)
+                root = root + self._out_of_the_floor(script, local, root)
         if script.flights:
             root = root + self._ballistics(script, local, root)
         return local, root
@@ -158,18 +170,43 @@ class Solver:
             support = (load[..., None] * foot).sum(0)
             error = support - centre_of_mass(self.k, at)[:, :2]
             out[:, :2] = script["balance"][:, None] * error
-        rotations, _ = forward(self.k, local, root)
-        low = skin(self.k, rotations, at)[..., 2].min(1)
+        low = self._lowest(local, root, script.bearing)
         out[:, 2] = -low * script["ground"] + (1 - script["ground"]) * np.maximum(-low - 0.004, 0) * 0.7
         return out
 
     def _onto_the_floor(self, script: Script, local: Array, root: Array) -> Array:
         """Shift of the root that puts the lowest point on the floor where `ground` says so, and nowhere below it."""
-        rotations, at = forward(self.k, local[::2], root[::2])
-        low = np.interp(script.time, script.time[::2], skin(self.k, rotations, at)[..., 2].min(1))
+        low = np.interp(script.time, script.time[::2], self._lowest(local[::2], root[::2], script.bearing))
         out = np.zeros_like(root)
         low = np.where(low < 0, low, low * (1 - (1 - script["ground"]) ** 3))
         out[:, 2] = -gaussian_filter1d(low, 1.2, mode="nearest")
+        return out
+
+    def _lowest(self, local: Array, root: Array, bearing: tuple[str, ...] = ()) -> Array:
+        """(T,) height of the lowest point of the skin, or of what bears the body."""
+        rotations, at = forward(self.k, local, root)
+        mine = chosen_skin(self.k, bearing) if bearing else slice(None)
+        return np.asarray(skin(self.k, rotations, at, mine)[..., 2].min(1))
+
+    def _limbs_onto_the_floor(self, script: Script, local: Array, root: Array) -> Array:
+        """Local rotations with limbs and head out of the floor, and sunk onto it as far as the script says."""
+        c, step = script.channels, script.time[1] - script.time[0]
+        near = np.clip(2 * c["ground"], 0, 1)
+        sink, free = {"head": c["headsink"] * c["ground"]}, {"head": near}
+        for s, _ in SIDES:
+            kneels = float(script.bearing == KNEE_BONES)
+            sink |= {name + s: c[f"{name}sink{s}"] * c["ground"] for name in ("arm", "leg")}
+            sink["shank" + s] = c["ground"] * kneels
+            free["arm" + s] = near * (1 - c["hand" + s])
+            free["leg" + s] = near * (1 - c["plant" + s]) * (1 - kneels)
+            free["shank" + s] = near * kneels
+        return sink_limbs(self.k, local, root, step, sink, free)
+
+    def _out_of_the_floor(self, script: Script, local: Array, root: Array) -> Array:
+        """Shift of the root for what is still in the floor."""
+        low = np.interp(script.time, script.time[::2], self._lowest(local[::2], root[::2]))
+        out = np.zeros_like(root)
+        out[:, 2] = gaussian_filter1d(np.maximum(-low, 0), 1.2, mode="nearest")
         return out
 
     def _load(self, script: Script) -> Array:
@@ -315,9 +352,20 @@ class Solver:
         lower = unit(k.at("wrist." + side) - k.at("lowerarm01." + side)) * sign
         local[:, self.i["lowerarm02." + side]] = turn(np.radians(limit(c["pro" + side], -75, 75))[:, None] * lower)
         local[:, self.i["wrist." + side]] = rot(1, sign * limit(c["wrist" + side], -75, 70))
+        if c["palm" + side].any():
+            self._flatten_hand(script, local, root, side, sign)
         for finger in range(2, 6):
             for joint in range(1, 4):
                 local[:, self.i[f"finger{finger}-{joint}.{side}"]] = rot(1, sign * limit(c["curl" + side], -5, 90))
+
+    def _flatten_hand(self, script: Script, local: Array, root: Array, side: str, sign: float) -> None:
+        """The hand flat on the floor and its thumb beside it, mixed in by `palm`."""
+        weight, palm = script["palm" + side][:, None], self.palm[side][0]
+        above = self._carried(local, root, "lowerarm02." + side)[0]
+        lain = np.swapaxes(above, -1, -2) @ rot(2, script["yaw"]) @ palm
+        bent = local[:, self.i["wrist." + side]]
+        local[:, self.i["wrist." + side]] = bent @ turn(log(np.swapaxes(bent, -1, -2) @ lain) * weight)
+        local[:, self.i["finger1-1." + side]] = turn(weight * np.radians(THUMB) * (palm.T @ [0.0, sign, 0.0]))
 
     def _hand(self, script: Script, local: Array, root: Array, side: str, arm: Array,
               elbow: Array) -> tuple[Array, Array]:  # fmt: skip
