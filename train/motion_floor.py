@@ -10,8 +10,9 @@ from muybridge.train.motion_rig import SIDES, Array
 from muybridge.train.motion_solve import GRAVITY
 
 
-def jump(g: Stage) -> None:
-    """Jumps on the spot, forward, back or to a side, with legs straight, tucked or astride."""
+def jump(g: Stage, flight: tuple[float, float] = (0.26, 0.52)) -> None:
+    """Jumps on the spot, forward, back or to a side, with legs straight, tucked or astride; in the air for `flight`
+    seconds at least and at most."""
     g.s["balance"] = 1.0
     g.stance(g.width * g.u(0.9, 1.5))
     g.alive(0.5)
@@ -21,7 +22,7 @@ def jump(g: Stage) -> None:
     leaps, at = [], np.zeros(2)
     place = {s: [(-9.0, 9.0, sign * g.width, float(g.solver.ball_at_rest(s)[1]), sign * 6)] for s, sign in SIDES}
     while t < g.end:
-        fly, deep, low = g.u(0.26, 0.52) * (0.6 + 0.4 * far), g.u(0.12, 0.33), g.u(0.1, 0.3)
+        fly, deep, low = g.u(*flight) * (0.6 + 0.4 * far), g.u(0.12, 0.33), g.u(0.1, 0.3)
         v = 0.5 * GRAVITY * fly
         down, push, land = g.u(0.35, 0.6), 1.9 * (deep + 0.06) / v + 0.05, 1.6 * (low + 0.06) / v + 0.06
         a = t + down + push

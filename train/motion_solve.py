@@ -1,6 +1,6 @@
 """From a script (joint angles, foot plans, flights) to rotations: contacts, balance, ballistics, the floor."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -29,6 +29,7 @@ from muybridge.train.motion_rig import (
 GRAVITY = 9.81
 TOES = 62.0  # degrees, how far toes bend up
 THUMB = 35.0  # degrees, how far a thumb is spread beside a hand on the floor
+SETTLING = 0.012  # s, how smooth the last shift onto the floor is over time
 STRIDE = 4  # corrections are slow: they are computed on every fourth frame
 
 # Channels of a script with their values at ease; a channel of a limb has an L and an R. Degrees and metres.
@@ -68,6 +69,7 @@ class Script:
         flights: spans (first, last) of frames without contact.
         holds: hands whose place the body carries, by side.
         bearing: beginnings of the names of the bones that bear the body where `ground` is 1; all if there are none.
+        settling: s, over which the shift onto the floor is smoothed.
     """
 
     time: Array
@@ -75,6 +77,7 @@ class Script:
     flights: list[tuple[int, int]] = field(default_factory=list)
     holds: dict[str, Hold] = field(default_factory=dict)
     bearing: tuple[str, ...] = ()
+    settling: float = SETTLING
 
     def __post_init__(self) -> None:
         names = TRUNK | {k + s: v for k, v in LIMB.items() for s, _ in SIDES}
@@ -89,8 +92,8 @@ class Script:
 
     def every(self, step: int) -> "Script":
         """Every `step`-th frame."""
-        return Script(self.time[::step], {k: v[::step] for k, v in self.channels.items()}, holds=self.holds,
-                      bearing=self.bearing)  # fmt: skip
+        channels = {k: v[::step] for k, v in self.channels.items()}
+        return replace(self, time=self.time[::step], channels=channels, flights=[])
 
 
 def limit(value: Array, low: float, high: float, soft: float = 8.0) -> Array:
@@ -154,8 +157,8 @@ class Solver:
             root = root + lowered
             if script.bearing:
                 local, root = self.pose(script, shift + lowered)
-                local = self._limbs_onto_the_floor(script, local, root)
-                root = root + self._out_of_the_floor(script, local, root)
+            local = self._limbs_onto_the_floor(script, local, root)
+            root = root + self._out_of_the_floor(script, local, root)
         if script.flights:
             root = root + self._ballistics(script, local, root)
         return local, root
@@ -176,10 +179,11 @@ class Solver:
 
     def _onto_the_floor(self, script: Script, local: Array, root: Array) -> Array:
         """Shift of the root that puts the lowest point on the floor where `ground` says so, and nowhere below it."""
-        low = np.interp(script.time, script.time[::2], self._lowest(local[::2], root[::2], script.bearing))
+        low = self._lowest(local, root, script.bearing)
         out = np.zeros_like(root)
         low = np.where(low < 0, low, low * (1 - (1 - script["ground"]) ** 3))
-        out[:, 2] = -gaussian_filter1d(low, 1.2, mode="nearest")
+        step = script.time[1] - script.time[0] if len(script.time) > 1 else 1.0
+        out[:, 2] = -gaussian_filter1d(low, script.settling / step, mode="nearest")
         return out
 
     def _lowest(self, local: Array, root: Array, bearing: tuple[str, ...] = ()) -> Array:
@@ -204,9 +208,9 @@ class Solver:
 
     def _out_of_the_floor(self, script: Script, local: Array, root: Array) -> Array:
         """Shift of the root for what is still in the floor."""
-        low = np.interp(script.time, script.time[::2], self._lowest(local[::2], root[::2]))
+        step = script.time[1] - script.time[0] if len(script.time) > 1 else 1.0
         out = np.zeros_like(root)
-        out[:, 2] = gaussian_filter1d(np.maximum(-low, 0), 1.2, mode="nearest")
+        out[:, 2] = gaussian_filter1d(np.maximum(-self._lowest(local, root), 0), SETTLING / step, mode="nearest")
         return out
 
     def _load(self, script: Script) -> Array:

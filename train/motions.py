@@ -1,8 +1,8 @@
 """Seeded, procedural motion as sequences: wide and plausible, within joint limits, on the floor or in flight.
 
-A clip comes from a programme (`motion_kinds`, `motion_floor`) that writes a script of joint angles and foot plans;
-`motion_solve` makes it stand on its feet, keep its balance and fly in parabolas. A clip that breaks a bar (joint
-limits, sliding feet, self-penetration, speed) is drawn again, calmer.
+A clip comes from a programme (`motion_kinds`, `motion_floor`, `motion_acrobatics`) that writes a script of joint
+angles and foot plans; `motion_solve` makes it stand on its feet, keep its balance and fly in parabolas. A clip that
+breaks a bar (joint limits, sliding feet, self-penetration, speed) is drawn again, calmer.
 """
 
 import functools
@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.train import motion_floor, motion_kinds
+from muybridge.train import motion_acrobatics, motion_floor, motion_kinds
 from muybridge.train.motion_hands import hands_at_rest
 from muybridge.train.motion_kinds import Stage
 from muybridge.train.motion_rig import LIMITS, SIDES, Array, Skeleton, forward, joint_angles, log, rot, turn
@@ -23,6 +23,7 @@ from muybridge.train.penetration import penetrates
 MOTIONS: dict[str, float] = {
     "stand": 0.20, "walk": 0.14, "run": 0.07, "jump": 0.07, "squat": 0.07, "kneel": 0.05, "sit": 0.07, "reach": 0.08,
     "throw": 0.05, "kick": 0.06, "balance": 0.08, "dance": 0.08, "crawl": 0.02, "lie": 0.02, "get_up": 0.02,
+    "floor_sit": 0.015, "plank": 0.01, "handstand": 0.01, "cartwheel": 0.01, "somersault": 0.005,
 }  # fmt: skip
 # Share of the clips of a kind in which hands rest somewhere (`motion_hands`).
 HANDS_AT_REST = {"stand": 0.65, "walk": 0.3, "sit": 0.55, "kneel": 0.2}
@@ -220,7 +221,8 @@ def slides(ball: Array, contact: NDArray[np.bool_], allowed: float = 0.005) -> N
 def _programme(kind: str) -> Callable[[Stage], None]:
     if kind not in MOTIONS:
         raise ValueError(f"unknown kind of motion {kind!r}: choose one of {', '.join(MOTIONS)}")
-    found: Callable[[Stage], None] = getattr(motion_kinds, kind, None) or getattr(motion_floor, kind)
+    modules = (motion_kinds, motion_floor, motion_acrobatics)
+    found: Callable[[Stage], None] = next(getattr(m, kind) for m in modules if hasattr(m, kind))
     return found
 
 
