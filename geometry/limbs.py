@@ -11,8 +11,8 @@ _LIMBS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
 # A bone so many times as long as this person's is none; noise and a trunk's landmark that is off do not do that. Two
 # bones in a row cannot both be off as much.
 _STRETCHED, _STRETCHED_TWO = 1.6, 1.3
-# A bone whose length typically varies by more than this share of itself is not known.
-_SPREAD = 0.15
+# A bone whose length typically varies by more than this share of itself is not known; nobody's is longer than this, m.
+_SPREAD, _LONGEST = 0.15, 0.75
 # Frames of either side in which a bone is known, at least, for its length to be known.
 _LEAST = 8
 
@@ -20,7 +20,8 @@ _LEAST = 8
 def stretched_limbs(points_world: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.bool_]:
     """Elbows, wrists, knees and ankles that lie too far from the trunk.
 
-    A bone's length is the median over the take and both sides. From the trunk outwards, the first joint that is too far
+    A bone's length is the median over the take and both sides; where it varies too much to be known, only what is longer
+    than anybody's bone is wrong (unless all are, in a world that is not in metres). From the trunk outwards, the first joint that is too far
     from the one before is wrong; beyond it a joint is judged by its distance from the last one that is right.
 
     Args:
@@ -42,9 +43,11 @@ def stretched_limbs(points_world: NDArray[np.float64], landmarks: LandmarkSet) -
             continue
         usual = np.nanmedian(bones, axis=0)
         steady = np.nanmedian(np.abs(bones - usual), axis=0) < _SPREAD * usual
+        longest = np.where(steady, _STRETCHED * usual, np.where(usual < _LONGEST, _LONGEST, np.inf))
+        reach = _STRETCHED_TWO * usual.sum() if steady.all() else longest.sum()
         for side, chain, length in zip(sides, chains, lengths, strict=True):
-            middle, end = ((length > _STRETCHED * usual) & steady).T
-            far = np.linalg.norm(chain[:, 2] - chain[:, 0], axis=-1) > _STRETCHED_TWO * usual.sum()
+            middle, end = (length > longest).T
+            far = np.linalg.norm(chain[:, 2] - chain[:, 0], axis=-1) > reach
             wrong[:, landmarks.index(side[1])] = middle
-            wrong[:, landmarks.index(side[2])] = np.where(middle, far & steady.all(), end)
+            wrong[:, landmarks.index(side[2])] = np.where(middle, far, end)
     return wrong

@@ -47,6 +47,7 @@ PLANS = {
     "jumper-3-cameras": Plan(("jump",), cameras=3, seed=5),
     "floor": Plan(("get_up",), seed=6),
     "lying": Plan(("lie",), seed=107),
+    "cartwheel": Plan(("cartwheel",), seed=121),
     "dark": Plan(("reach",), gain=0.3, noise=6.0, size=(640, 480), seed=7),
     "two-walkers": Plan(("walk", "walk"), seed=11),
     "two-close": Plan(("pair",), seed=12),

@@ -43,3 +43,16 @@ def test_lengths_that_are_not_known_blame_nobody(standing) -> None:
     points[1:, AT("right_elbow")] = points[6:, AT("left_elbow")] = np.nan
     assert not stretched_limbs(points, BODY23)[:, AT("left_elbow")].any()
     assert not stretched_limbs(points[:, :5], LandmarkSet("face", BODY23.names[:5], ())).any()
+
+
+def test_bones_longer_than_anybodys_are_wrong_even_where_lengths_are_not_known(standing) -> None:
+    points = standing.copy()
+    rng = np.random.default_rng(1)
+    for name in ("left_knee", "right_knee"):
+        points[:, AT(name), 2] += rng.uniform(-0.17, 0.17, 40)
+    points[5, AT("left_knee")] += [1.2, 0, 0]
+    points[6, AT("left_knee")], points[6, AT("left_ankle")] = points[6, AT("left_hip")] + [0, 0, -1.0], [0.1, 0, -1.3]
+    wrong = stretched_limbs(points, BODY23)
+    assert wrong[[5, 6], AT("left_knee")].all() and not wrong[5, AT("left_ankle")] and wrong[6, AT("left_ankle")]
+    assert wrong.sum() == 3
+    assert not stretched_limbs(3 * points, BODY23)[6, AT("left_ankle")]  # not in metres: nothing can be said
