@@ -70,6 +70,19 @@ def test_pixels_are_those_of_the_cameras(model):
     assert np.abs(result.residuals_px).max() < 1e-6
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_pixels_that_fit_no_camera_leave_it_a_focal_length(axis):
+    camera = Camera("a", "PINHOLE", 1280, 720, (900.0, 905.0, 640.0, 360.0), np.eye(4)[:3])
+    points = np.random.default_rng(1).normal(size=(40, 3)) * 0.3 + [0, 0, 2]
+    px = camera.project(points)
+    px[:, axis] = 2 * camera.params[2 + axis] - px[:, axis]
+    free = (FreeCamera(pose=False, focal=True),)
+    result = adjust(AdjustProblem(
+        CameraGroup((camera,)), np.zeros(40, int), np.arange(40), px, np.ones(40), points, np.zeros(40, bool), free,
+    ))  # fmt: skip
+    assert min(result.cameras[0].params[:2]) > 0
+
+
 def test_twelve_cameras_with_outliers_and_gaps_within_their_uncertainty_and_five_seconds():
     rng = np.random.default_rng(3)
     truth = rig(12, rng)

@@ -382,6 +382,16 @@ class _Solver:
         out[np.ix_(self.free, self.free)] = inverse
         return out
 
+    def has_focal_lengths(self, s: _State) -> bool:
+        """Whether every focal length, the second too, is one: pixels that fit no camera push them below zero."""
+        models = [camera.model for camera in self.problem.cameras]
+        return all(
+            value > 0
+            for model, params in zip(models, s.params, strict=True)
+            for kind, value in zip(parameter_kinds(model), params, strict=True)
+            if kind == "focal"
+        )
+
     def gauge(self, s: _State) -> Floats:
         """(total, 7) how the cameras change if the world is moved, turned and scaled."""
         out = np.zeros((self.offsets[-1], 7))
@@ -416,7 +426,7 @@ def adjust(problem: AdjustProblem) -> AdjustResult:
                 trial_cost = solver.cost(trial)
             except np.linalg.LinAlgError:
                 trial_cost = np.inf
-            if trial_cost <= cost and min(p[0] for p in trial.params) > 0:
+            if trial_cost <= cost and solver.has_focal_lengths(trial):
                 gain, state, cost = (cost - trial_cost) / max(cost, 1e-30), trial, trial_cost
                 damping = max(damping / 10, 1e-12)
                 break
