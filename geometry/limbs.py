@@ -20,9 +20,10 @@ _LEAST = 8
 def stretched_limbs(points_world: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.bool_]:
     """Elbows, wrists, knees and ankles that lie too far from the trunk.
 
-    A bone's length is the median over the take and both sides; where it varies too much to be known, only what is longer
-    than anybody's bone is wrong (unless all are, in a world that is not in metres). From the trunk outwards, the first joint that is too far
-    from the one before is wrong; beyond it a joint is judged by its distance from the last one that is right.
+    A bone's length is the median over the take and both sides; where it varies too much to be known, only what is
+    longer than anybody's bone is wrong (unless all are, in a world that is not in metres). From the trunk outwards, the
+    first joint that is too far from the one before is wrong; beyond it a joint is judged by its distance from the last
+    one that is right.
 
     Args:
         points_world: (T, J, 3) metres, NaN where unknown.

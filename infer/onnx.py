@@ -24,9 +24,9 @@ _REMEDY = "name a model that muybridge exported, or leave the option out to use 
 # A network with no more of its belief than this round the likeliest place knows nothing of a landmark: it is outside of
 # the picture, and what comes out is a quarter of a crop off (the median of held-out people seen in part).
 NO_IDEA = 0.1
-# The network knows people upright best. A crop whose landmarks have a larger variance than this on (geometric) average is
-# shown to it turned by quarters, and what it then sees counts where its variance is smaller by this factor, in nats.
-_UNSURE, _SURER = 3.0, 0.6  # ln px^2 of the crop, at 192 px
+# The network knows people upright best. A crop of whose landmarks the logarithms of the variances are more than this on
+# average (px^2 at 192 px) is shown to it turned by quarters too; what it then sees counts where they are less by so much.
+_UNSURE, _SURER = 3.0, 0.6
 _ONLY_ERRORS = 4  # onnxruntime's "fatal": a damaged file is reported by us, in one line
 
 

@@ -1,0 +1,61 @@
+"""Crops of which the network is unsure are shown to it turned by quarters."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
+from muybridge.models.registry import shipped_model
+
+SPOT = 6  # half of a spot's side, px
+
+
+def spotted(network: KeypointNetwork, places: list[tuple[int, int]]) -> NDArray[np.uint8]:
+    """Black crops with a bright spot at each of the places (column, row)."""
+    crops = np.zeros((len(places), network.crop_size, network.crop_size, 3), np.uint8)
+    for crop, (x, y) in zip(crops, places, strict=True):
+        crop[y - SPOT : y + SPOT, x - SPOT : x + SPOT] = 255
+    return crops
+
+
+@pytest.fixture
+def network(monkeypatch: pytest.MonkeyPatch) -> KeypointNetwork:
+    """A network that finds a spot in the upper third of a crop, and is sure of nothing else."""
+    opened = KeypointNetwork(shipped_model("keypoints"), OnnxOptions(flip=False))
+    cells = opened.crop_size // opened.card.stride
+
+    def look(self: KeypointNetwork, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        small = crops[..., 0].reshape(len(crops), cells, opened.card.stride, cells, -1).mean(axis=(2, 4)) / 255
+        sees = small[:, : cells // 3].max(axis=(1, 2)) > 0.5
+        maps = np.where(sees[:, None, None], 30 * small, 0.1 * small).astype(np.float32)
+        count = len(self.card.landmarks)
+        visibility = np.broadcast_to(sees[:, None], (len(crops), count)).astype(np.float32)
+        return [np.repeat(maps[:, None], count, axis=1), visibility.copy()]
+
+    monkeypatch.setattr(KeypointNetwork, "__call__", look)
+    return opened
+
+
+def test_a_person_who_is_upside_down_is_found_where_they_are(network: KeypointNetwork) -> None:
+    places = [(100, 20), (30, 160), (170, 100), (20, 90), (96, 96)]
+    found = network.locate(spotted(network, places))
+    middles = np.repeat(np.array(places[:4])[:, None] - 0.5, len(network.landmarks), axis=1)
+    np.testing.assert_allclose(found.found.points_crop_px[:4], middles, atol=2)
+    np.testing.assert_array_equal(found.visibility[:, 0], [1, 1, 1, 1, 0])
+    assert np.isnan(found.found.points_crop_px[4]).all()  # nowhere near an edge, however it is turned
+
+
+def test_what_is_sure_is_not_turned(network: KeypointNetwork, monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[int] = []
+    look = KeypointNetwork.__call__
+
+    def counted(self: KeypointNetwork, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        looked.append(len(crops))
+        return look(self, crops)
+
+    monkeypatch.setattr(KeypointNetwork, "__call__", counted)
+    network.locate(spotted(network, [(100, 20), (30, 20), (30, 160)]))
+    assert looked == [3, 1, 1, 1]
+    looked.clear()
+    still = KeypointNetwork(shipped_model("keypoints"), OnnxOptions(flip=False, turn=False))
+    assert np.isnan(still.locate(spotted(network, [(30, 160)])).found.points_crop_px).all() and looked == [1]
