@@ -19,14 +19,12 @@ from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.models.decode import DecodedHeatmaps, decode_heatmaps, with_expectation
 from muybridge.models.registry import KeypointModelCard, PeopleModelCard, keypoint_card, people_card
+from muybridge.models.turning import turn_where_unsure
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
 # A network with no more of its belief than this round the likeliest place knows nothing of a landmark: it is outside of
 # the picture, and what comes out is a quarter of a crop off (the median of held-out people seen in part).
 NO_IDEA = 0.1
-# The network knows people upright best. A crop of whose landmarks the logarithms of the variances are more than this on
-# average (px^2 at 192 px) is shown to it turned by quarters too; what it then sees counts where they are less by so much.
-_UNSURE, _SURER = 3.0, 0.6
 _ONLY_ERRORS = 4  # onnxruntime's "fatal": a damaged file is reported by us, in one line
 
 
@@ -146,7 +144,7 @@ class KeypointNetwork:
         """Landmarks in (N, S, S, C) crops, see `__call__`, where they are expected if need be."""
         maps = self(crops)
         if self._options.turn:
-            self._turn(crops, maps)
+            turn_where_unsure(self, crops, maps, self.card, rows=1)
         heatmaps, visibility, *markers = maps
         spread, marked, card = self.card.marker_spread, None, self.card
         if markers and spread is not None:
@@ -160,27 +158,6 @@ class KeypointNetwork:
         found = decode_heatmaps(heatmaps, card.stride, card.spread)
         # A map that says nothing would otherwise say what was expected.
         return Located(_known(found, nothing), visibility, marked, _known(alone, nothing))
-
-    def _turn(self, crops: NDArray[np.uint8], maps: list[NDArray[np.float32]]) -> None:
-        """Replace what the network says of unsure crops by what it says of them turned, where it is surer of that."""
-        unsure = self._doubt(maps[0])
-        (tried,) = np.nonzero(unsure > _UNSURE)
-        if not len(tried):
-            return
-        least = unsure[tried] - _SURER
-        for quarters in (1, 2, 3):
-            turned = self(np.rot90(crops[tried], quarters, axes=(1, 2)))
-            doubt = self._doubt(turned[0])
-            (surer,) = np.nonzero(doubt < least)
-            least[surer] = doubt[surer]
-            for out, found in zip(maps, turned, strict=True):
-                back = found[surer]
-                out[tried[surer]] = np.rot90(back, -quarters, axes=(2, 3)) if back.ndim == 4 else back
-
-    def _doubt(self, heatmaps: NDArray[np.float32]) -> NDArray[np.float64]:
-        """(N,) mean logarithm of the landmarks' variances, px^2 of a crop of 192 px."""
-        variance = decode_heatmaps(heatmaps, self.card.stride, self.card.spread).variance_crop_px2
-        return np.asarray(np.log(variance * (192 / self.card.input_size) ** 2).mean(axis=1))
 
     def __call__(self, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
         """Run the network.

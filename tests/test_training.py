@@ -241,6 +241,7 @@ def test_evaluation_with_and_without_what_makes_it_hard(store, tmp_path):
     assert plain != found
     assert evaluate_onnx(replace(options, flip=True)) != found
     assert evaluate_onnx(replace(options, plate=True)) != found
+    assert evaluate_onnx(replace(options, turn=True)) != found
     with pytest.raises(SessionError, match="muybridge synth"):
         evaluate_onnx(replace(options, renders=tmp_path))
 

@@ -11,6 +11,7 @@ from muybridge.errors import SessionError
 from muybridge.geometry.landmarks import BODY23
 from muybridge.models.decode import decode_heatmaps
 from muybridge.models.registry import KeypointModelCard, keypoint_card, shipped_model
+from muybridge.models.turning import turn_where_unsure
 from muybridge.train.augment import AugmentOptions, Compositor
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.loop import HELD_OUT
@@ -41,15 +42,22 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
     if not options.occlusion:
         augment = replace(augment, second_person=0, occluder=0, mosaic=0, truncate=0, tumble=0, clutter=0)
     compositor = Compositor(store, backgrounds, card.input_size, options.seed, augment)
+
+    def look(image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+        heatmaps = session.run(["heatmaps"], card.inputs(np.ascontiguousarray(image)))[0]
+        if options.flip:
+            mirrored = session.run(["heatmaps"], card.inputs(np.ascontiguousarray(image[..., ::-1])))[0]
+            heatmaps = (heatmaps + mirrored[:, MIRROR, :, ::-1]) / 2
+        return [heatmaps]
+
     distances, twins, inside_sigma, visibles, insides = [], [], [], [], []
     for _ in range(-(-options.crops // 64)):
         batch = compositor.batch(64)
         image = batch.pixels.numpy().astype(np.float32) / np.float32(255)
-        heatmaps = session.run(["heatmaps"], card.inputs(image))[0]
-        if options.flip:
-            mirrored = session.run(["heatmaps"], card.inputs(np.ascontiguousarray(image[..., ::-1])))[0]
-            heatmaps = (heatmaps + mirrored[:, MIRROR, :, ::-1]) / 2
-        decoded = decode_heatmaps(heatmaps, card.stride, card.spread)
+        maps = look(image)
+        if options.turn:
+            turn_where_unsure(look, image, maps, card, rows=2)
+        decoded = decode_heatmaps(maps[0], card.stride, card.spread)
         truth = batch.landmarks_px.numpy()
         error = decoded.points_crop_px - truth
         distances.append(np.linalg.norm(error, axis=-1))

@@ -162,6 +162,7 @@ class Evaluation:
         occlusion: with things and people in front, faces made unrecognisable, borders, clutter and people who tumble.
         plate: with the difference to the background plate, as good as a static camera's plate is.
         flip: every crop also mirrored, as `muybridge run` reads each view again.
+        turn: crops of which the network is unsure also turned by quarters, as in `muybridge run`.
     """
 
     model: pathlib.Path | None = None
@@ -172,3 +173,4 @@ class Evaluation:
     occlusion: bool = True
     plate: bool = False
     flip: bool = False
+    turn: bool = False
