@@ -37,6 +37,7 @@ _PLATE, _HUNG = "plate", "frames_width_height_angle_and_long_side"
 # The code that a camera's 2D landmarks depend on.
 _CODE = (
     "muybridge.models.decode",
+    "muybridge.models.turning",
     "muybridge.models.decode_simcc",
     "muybridge.models.model_card",
     "muybridge.models.registry",

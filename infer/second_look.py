@@ -32,8 +32,8 @@ from muybridge.infer.video import read_chunks
 
 _Floats = NDArray[np.float64]
 _CODE = (
-    "muybridge.models.decode", "muybridge.infer.second_look", "muybridge.infer.poses", "muybridge.infer.onnx",
-    "muybridge.infer.crops", "muybridge.infer.plates",
+    "muybridge.models.decode", "muybridge.models.turning", "muybridge.infer.second_look", "muybridge.infer.poses",
+    "muybridge.infer.onnx", "muybridge.infer.crops", "muybridge.infer.plates",
 )  # fmt: skip
 
 
