@@ -200,7 +200,7 @@ class PoseEstimator:
         if not len(frame):
             return
         options, track = self._options, ids[frame, slot]
-        poses = reader(pictures, frame, boxes[frame, slot])
+        poses = reader(pictures, frame, track, boxes[frame, slot])
         if options.refine_crop:
             poses = reader.refined(pictures, frame, track, poses, options.min_sure, options.refine_change)
         missed = np.stack([t.missed for t in tracked])[frame, slot]

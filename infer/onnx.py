@@ -19,7 +19,7 @@ from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.models.decode import DecodedHeatmaps, decode_heatmaps, with_expectation
 from muybridge.models.registry import KeypointModelCard, PeopleModelCard, keypoint_card, people_card
-from muybridge.models.turning import turn_where_unsure
+from muybridge.models.turning import Series, turn_where_unsure
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
 # A network with no more of its belief than this round the likeliest place knows nothing of a landmark: it is outside of
@@ -140,16 +140,20 @@ class KeypointNetwork:
         """(N, 4) boxes as the crops want them: as they are, since the crops are square."""
         return boxes_px
 
-    def locate(self, crops: NDArray[np.uint8], expected: Expectation | None = None) -> Located:
-        """Landmarks in (N, S, S, C) crops, see `__call__`, where they are expected if need be."""
+    def locate(
+        self, crops: NDArray[np.uint8], expected: Expectation | None = None, series: Series | None = None
+    ) -> Located:
+        """Landmarks in (N, S, S, C) crops, see `__call__`, where they are expected if need be; of crops that show the
+        same at one moment after another not all are turned in vain."""
+        card, marked = self.card, None
         maps = self(crops)
         if self._options.turn:
-            turn_where_unsure(self, crops, maps, self.card, rows=1)
+            alone = turn_where_unsure(self, crops, maps, card, 1, series)
+        else:
+            alone = decode_heatmaps(maps[0], card.stride, card.spread)
         heatmaps, visibility, *markers = maps
-        spread, marked, card = self.card.marker_spread, None, self.card
-        if markers and spread is not None:
-            marked = _known(decode_heatmaps(markers[0], card.stride, spread))
-        alone = decode_heatmaps(heatmaps, card.stride, card.spread)
+        if markers and card.marker_spread is not None:
+            marked = _known(decode_heatmaps(markers[0], card.stride, card.marker_spread))
         nothing = alone.score < NO_IDEA
         if expected is None:
             return Located(_known(alone, nothing), visibility, marked)

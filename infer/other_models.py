@@ -21,6 +21,7 @@ from muybridge.infer.onnx import (
 from muybridge.models.decode import DecodedHeatmaps
 from muybridge.models.decode_simcc import decode_simcc, decode_value_heatmaps
 from muybridge.models.model_card import ModelCard, find_card, load_card
+from muybridge.models.turning import Series
 
 # How near a coordinate counts as there, for the score: a part of the crop's longer side.
 _SCORE_RADIUS = 0.04
@@ -92,9 +93,11 @@ class OtherNetwork:
         half = np.stack([np.maximum(width, height * aspect), np.maximum(height, width / aspect)], axis=1) / 2
         return np.concatenate([middle - half, middle + half], axis=1)
 
-    def locate(self, crops: NDArray[np.uint8], expected: Expectation | None = None) -> Located:
-        """Landmarks in (N, S, S, 3) RGB crops, S the `crop_size`; the input is the crops' middle. What is `expected`
-        is not looked at: nobody knows how sure another model's maps are.
+    def locate(
+        self, crops: NDArray[np.uint8], expected: Expectation | None = None, series: Series | None = None
+    ) -> Located:
+        """Landmarks in (N, S, S, 3) RGB crops, S the `crop_size`; the input is the crops' middle. What is `expected`,
+        and which of them follow each other, is not looked at: nobody knows how sure another model's maps are.
 
         Raises:
             ModelError: the model fails, or its outputs have other shapes than its card tells.

@@ -19,6 +19,7 @@ from muybridge.infer.plates import Backdrop, SmallFrames
 from muybridge.infer.tracking import filled_boxes, smoothed_boxes, smoothing_frames
 from muybridge.infer.upright import Upright
 from muybridge.models.decode import DecodedHeatmaps
+from muybridge.models.turning import Series
 
 # How far a person reaches beyond their landmarks, in longer sides of the landmarks' own box.
 _REACH = {"nose": 0.11, "eye": 0.11, "ear": 0.11, "wrist": 0.10}
@@ -30,6 +31,9 @@ _MIN_BOX_PX = 8.0
 # Smoothing of the landmarks' own boxes (seconds), and how many frames round a poor box are redone.
 _OWN_BOX_SMOOTHING = 0.067
 _REDO_AROUND = 3
+
+# How often (seconds) what the network is unsure of in a track is shown to it in every orientation.
+_TRY_EVERY = 0.13
 
 # Two tracks are of one person if the median distance of their landmarks is below this part of the body's
 # longer side; the younger one goes unless it is surer by this much. Landmarks that both are sure of decide, where
@@ -102,32 +106,38 @@ class PoseReader:
         self._backdrop = backdrop
         self.upright = upright
         self._smoothing = smoothing_frames(_OWN_BOX_SMOOTHING, fps)
+        self._try_every = max(1, round(_TRY_EVERY * fps))
 
-    def __call__(self, pictures: Pictures, frame: NDArray[np.intp], boxes_px: NDArray[np.float64]) -> Poses:
+    def __call__(
+        self, pictures: Pictures, frame: NDArray[np.intp], track: NDArray[np.int64], boxes_px: NDArray[np.float64]
+    ) -> Poses:
         """Landmarks in boxes.
 
         Args:
             pictures: n of them.
             frame: (K,) which of them a box is in.
+            track: (K,) which track it belongs to; frames ascend within a track.
             boxes_px: (K, 4) upright px.
         """
         boxes_px = _at_least(boxes_px)
         crops = self._crops(boxes_px)
-        return _poses(self._network.locate(self._pixels(pictures, frame, crops)), crops, boxes_px)
+        found = self._network.locate(self._pixels(pictures, frame, crops), series=Series(track, self._try_every))
+        return _poses(found, crops, boxes_px)
 
     def expecting(
         self, pictures: Pictures, frame: NDArray[np.intp], boxes_px: NDArray[np.float64], expected: Expectation
     ) -> tuple[Poses, Poses]:
-        """Landmarks in boxes, where they are expected if need be; and the same without the expectation.
+        """Landmarks in boxes of one person, where they are expected if need be; and the same without the expectation.
 
         Args:
-            pictures, frame, boxes_px: as above.
+            pictures, frame, boxes_px: as above; frames ascend.
             expected: of every box, in px of the frame.
         """
         boxes_px = _at_least(boxes_px)
         crops = self._crops(boxes_px)
         in_crop = expected._replace(points_px=crops.to_crop(expected.points_px))
-        located = self._network.locate(self._pixels(pictures, frame, crops), in_crop)
+        one = Series(np.zeros(len(frame), dtype=np.int64), self._try_every)
+        located = self._network.locate(self._pixels(pictures, frame, crops), in_crop, one)
         poses = _poses(located, crops, boxes_px)
         if located.alone is None:
             return poses, poses
@@ -183,7 +193,7 @@ class PoseReader:
         redo = np.flatnonzero(again)
         if not len(redo):
             return poses
-        second = self(pictures, frame[redo], wanted[redo])
+        second = self(pictures, frame[redo], track[redo], wanted[redo])
         # Of all landmarks: a crop that cuts some off is not the better one for being sure of the rest.
         gain = (second.score - poses.score[redo]).mean(axis=1)
         for number in np.unique(track[redo]):

@@ -1,12 +1,12 @@
 """Crops turned by quarters: a network that knows people upright best finds who lies or stands on their hands so."""
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.models.decode import decode_heatmaps
+from muybridge.models.decode import DecodedHeatmaps, decode_heatmaps
 from muybridge.models.registry import KeypointModelCard
 
 Maps = list[NDArray[np.float32]]
@@ -17,9 +17,23 @@ Value = TypeVar("Value", np.uint8, np.float32)
 _UNSURE, _SURER = 3.0, 0.6
 
 
+class Series(NamedTuple):
+    """Which crops show the same at one moment after another, so that not every one need be tried in every orientation:
+    what the detector takes for a person and is none is unsure in all of its frames.
+
+    Attributes:
+        number: (N,) of the series; the crops of each are in order of time.
+        every: one of so many is tried in every orientation, the others in those that count for their neighbours.
+    """
+
+    number: NDArray[np.int64]
+    every: int
+
+
 def turn_where_unsure(
-    look: Callable[[NDArray[Value]], Maps], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int
-) -> None:
+    look: Callable[[NDArray[Value]], Maps], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
+    series: Series | None = None,
+) -> DecodedHeatmaps:  # fmt: skip
     """Replace what a network says of unsure crops by what it says of them turned, where it is surer of that.
 
     Args:
@@ -29,23 +43,59 @@ def turn_where_unsure(
             any others of four axes, and arrays of two axes that do not turn.
         card: of the network.
         rows: axis of the crops.
+        series: of the crops; each stands for itself if absent.
+
+    Returns:
+        the landmarks that the heatmaps then say.
     """
-    unsure = _doubt(maps[0], card)
-    (tried,) = np.nonzero(unsure > _UNSURE)
-    if not len(tried):
-        return
-    least = unsure[tried] - _SURER
-    for quarters in (1, 2, 3):
-        turned = look(np.rot90(crops[tried], quarters, axes=(rows, rows + 1)))
-        doubt = _doubt(turned[0], card)
-        (surer,) = np.nonzero(doubt < least)
-        least[surer] = doubt[surer]
+    decoded = decode_heatmaps(maps[0], card.stride, card.spread)
+    least = _doubt(decoded, card)
+    (unsure,) = np.nonzero(least > _UNSURE)
+    if not len(unsure):
+        return decoded
+    least -= _SURER
+    quarters = np.zeros(len(crops), dtype=np.int64)
+
+    def attempt(turn: int, tried: NDArray[np.intp]) -> None:
+        if not len(tried):
+            return
+        turned = look(np.rot90(crops[tried], turn, axes=(rows, rows + 1)))
+        doubt = _doubt(decode_heatmaps(turned[0], card.stride, card.spread), card)
+        surer = doubt < least[tried]
+        better = tried[surer]
+        least[better], quarters[better] = doubt[surer], turn
         for out, found in zip(maps, turned, strict=True):
             back = found[surer]
-            out[tried[surer]] = np.rot90(back, -quarters, axes=(2, 3)) if back.ndim == 4 else back
+            out[better] = np.rot90(back, -turn, axes=(2, 3)) if back.ndim == 4 else back
+
+    before, after = _samples(unsure, series)
+    sampled = (before == unsure) | (after == unsure)
+    for turn in (1, 2, 3):
+        attempt(turn, unsure[sampled])
+    counts = quarters[before], quarters[after]
+    for turn in (1, 2, 3):
+        attempt(turn, unsure[~sampled & ((counts[0] == turn) | (counts[1] == turn))])
+    (changed,) = np.nonzero(quarters)
+    for values, new in zip(decoded, decode_heatmaps(maps[0][changed], card.stride, card.spread), strict=True):
+        values[changed] = new
+    return decoded
 
 
-def _doubt(heatmaps: NDArray[np.float32], card: KeypointModelCard) -> NDArray[np.float64]:
+def _samples(unsure: NDArray[np.intp], series: Series | None) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(n,) and (n,) of the unsure crops' own series those before and after each that are tried in every orientation;
+    of one that is, itself is one of them."""
+    before, after = unsure.copy(), unsure.copy()
+    if series is None:
+        return before, after
+    number = series.number[unsure]
+    for each in np.unique(number):
+        (here,) = np.nonzero(number == each)
+        place = np.arange(len(here))
+        before[here] = unsure[here[place // series.every * series.every]]
+        after[here] = unsure[here[np.minimum(-(-place // series.every) * series.every, len(here) - 1)]]
+    return before, after
+
+
+def _doubt(found: DecodedHeatmaps, card: KeypointModelCard) -> NDArray[np.float64]:
     """(N,) mean logarithm of the landmarks' variances, px^2 of a crop of 192 px."""
-    variance = decode_heatmaps(heatmaps, card.stride, card.spread).variance_crop_px2
-    return np.asarray(np.log(variance * (192 / card.input_size) ** 2).mean(axis=1))
+    return np.asarray(np.log(found.variance_crop_px2 * (192 / card.input_size) ** 2).mean(axis=1))

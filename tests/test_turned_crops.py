@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
 from muybridge.models.registry import shipped_model
+from muybridge.models.turning import Series
 
 SPOT = 6  # half of a spot's side, px
 
@@ -59,3 +60,31 @@ def test_what_is_sure_is_not_turned(network: KeypointNetwork, monkeypatch: pytes
     looked.clear()
     still = KeypointNetwork(shipped_model("keypoints"), OnnxOptions(flip=False, turn=False))
     assert np.isnan(still.locate(spotted(network, [(30, 160)])).found.points_crop_px).all() and looked == [1]
+
+
+def test_of_a_series_only_samples_and_what_is_like_them_are_turned(
+    network: KeypointNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[int] = []
+    look = KeypointNetwork.__call__
+
+    def counted(self: KeypointNetwork, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        looked.append(len(crops))
+        return look(self, crops)
+
+    monkeypatch.setattr(KeypointNetwork, "__call__", counted)
+    # One hangs upside down in all frames, one is nobody; their frames take turns.
+    places = [(60 + 5 * (k // 2), 170) if k % 2 == 0 else (96, 96) for k in range(18)]
+    series = Series(np.arange(18) % 2, every=4)
+    found = network.locate(spotted(network, places), series=series).found.points_crop_px[:, 0]
+    np.testing.assert_allclose(found[::2], np.array(places[::2]) - 0.5, atol=2)
+    assert np.isnan(found[1::2]).all()
+    # Three of nine frames of each in three orientations; the other six of the one in that of their neighbours.
+    assert looked == [18, 6, 6, 6, 6]
+
+
+def test_who_turns_over_within_a_series_is_found_in_every_frame(network: KeypointNetwork) -> None:
+    places = [(96, 20), (60, 20), (20, 60), (20, 90), (20, 120), (60, 172), (96, 172), (120, 172)]
+    series = Series(np.zeros(len(places), dtype=np.int64), every=4)
+    found = network.locate(spotted(network, places), series=series).found.points_crop_px[:, 0]
+    np.testing.assert_allclose(found, np.array(places) - 0.5, atol=2)

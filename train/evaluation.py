@@ -56,8 +56,9 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
         image = batch.pixels.numpy().astype(np.float32) / np.float32(255)
         maps = look(image)
         if options.turn:
-            turn_where_unsure(look, image, maps, card, rows=2)
-        decoded = decode_heatmaps(maps[0], card.stride, card.spread)
+            decoded = turn_where_unsure(look, image, maps, card, rows=2)
+        else:
+            decoded = decode_heatmaps(maps[0], card.stride, card.spread)
         truth = batch.landmarks_px.numpy()
         error = decoded.points_crop_px - truth
         distances.append(np.linalg.norm(error, axis=-1))
