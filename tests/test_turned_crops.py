@@ -37,6 +37,20 @@ def network(monkeypatch: pytest.MonkeyPatch) -> KeypointNetwork:
     return opened
 
 
+@pytest.fixture
+def looked(network: KeypointNetwork, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many crops the network was shown, call by call."""
+    counts: list[int] = []
+    look = type(network).__call__
+
+    def counted(self: KeypointNetwork, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        counts.append(len(crops))
+        return look(self, crops)
+
+    monkeypatch.setattr(KeypointNetwork, "__call__", counted)
+    return counts
+
+
 def test_a_person_who_is_upside_down_is_found_where_they_are(network: KeypointNetwork) -> None:
     places = [(100, 20), (30, 160), (170, 100), (20, 90), (96, 96)]
     found = network.locate(spotted(network, places))
@@ -46,15 +60,7 @@ def test_a_person_who_is_upside_down_is_found_where_they_are(network: KeypointNe
     assert np.isnan(found.found.points_crop_px[4]).all()  # nowhere near an edge, however it is turned
 
 
-def test_what_is_sure_is_not_turned(network: KeypointNetwork, monkeypatch: pytest.MonkeyPatch) -> None:
-    looked: list[int] = []
-    look = KeypointNetwork.__call__
-
-    def counted(self: KeypointNetwork, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
-        looked.append(len(crops))
-        return look(self, crops)
-
-    monkeypatch.setattr(KeypointNetwork, "__call__", counted)
+def test_what_is_sure_is_not_turned(network: KeypointNetwork, looked: list[int]) -> None:
     network.locate(spotted(network, [(100, 20), (30, 20), (30, 160)]))
     assert looked == [3, 1, 1, 1]
     looked.clear()
@@ -63,16 +69,8 @@ def test_what_is_sure_is_not_turned(network: KeypointNetwork, monkeypatch: pytes
 
 
 def test_of_a_series_only_samples_and_what_is_like_them_are_turned(
-    network: KeypointNetwork, monkeypatch: pytest.MonkeyPatch
+    network: KeypointNetwork, looked: list[int]
 ) -> None:
-    looked: list[int] = []
-    look = KeypointNetwork.__call__
-
-    def counted(self: KeypointNetwork, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
-        looked.append(len(crops))
-        return look(self, crops)
-
-    monkeypatch.setattr(KeypointNetwork, "__call__", counted)
     # One hangs upside down in all frames, one is nobody; their frames take turns.
     places = [(60 + 5 * (k // 2), 170) if k % 2 == 0 else (96, 96) for k in range(18)]
     series = Series(np.arange(18) % 2, every=4)

@@ -187,6 +187,7 @@ def crawl(g: Stage) -> None:
         g.s["ankle" + s] = g.u(30, 52)
         g.s["abd" + s] = -8 + g.wander(-2, 4, 2)
     _off_the_feet(g, KNEE_BONES)
+    g.s["kneelL"] = g.s["kneelR"] = 1.0
     g.s["height"] = (thigh + 0.06) / float(k.rest[0, 2])
 
 

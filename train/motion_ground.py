@@ -40,8 +40,7 @@ def _limbs(side: str) -> dict[str, _Limb]:
 
 def chosen_skin(skeleton: Skeleton, bones: tuple[str, ...]) -> NDArray[np.bool_]:
     """(P,) points of the skin that a bone whose name begins with one of `bones` moves the most."""
-    strongest = np.take_along_axis(skeleton.skin, skeleton.weights.argmax(1)[:, None], 1)[:, 0]
-    return np.array([skeleton.bones[i].startswith(bones) for i in strongest])
+    return np.array([name.startswith(bones) for name in skeleton.bones])[skeleton.strongest]
 
 
 def sink_limbs(skeleton: Skeleton, local: Array, root: Array, step: float, sink: dict[str, Array],

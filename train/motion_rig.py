@@ -4,6 +4,7 @@ Rotations are anny's `local-ref` (see `muybridge.train.poses`): a bone's global 
 own, and its origin is its parent's plus the parent's rotation of the offset at rest.
 """
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +58,11 @@ class Skeleton:
     def at(self, bone: str) -> Array:
         """(3,) origin of a bone at rest."""
         return np.asarray(self.rest[self.bones.index(bone)])
+
+    @functools.cached_property
+    def strongest(self) -> NDArray[np.intp]:
+        """(P,) index of the bone that moves a point of the skin the most."""
+        return np.asarray(np.take_along_axis(self.skin, self.weights.argmax(1)[:, None], 1)[:, 0])
 
     @property
     def height(self) -> float:

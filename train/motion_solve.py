@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from muybridge.train.motion_ground import KNEE_BONES, chosen_skin, flat_hand, sink_limbs
+from muybridge.train.motion_ground import chosen_skin, flat_hand, sink_limbs
 from muybridge.train.motion_rig import (
     NECK,
     SIDES,
@@ -38,7 +38,7 @@ TRUNK = {"lean": 3.0, "lateral": 0.0, "twist": 0.0, "nod": 3.0, "tilt": 0.0, "lo
 LIMB = {"hip": 5.0, "abd": -3.0, "hiprot": 4.0, "knee": 8.0, "ankle": 0.0, "plant": 1.0, "contact": 1.0,
         "bx": 0.0, "by": 0.0, "bz": 0.0, "byaw": 0.0, "bpitch": 0.0, "flex": 0.0, "out": 14.0, "elbow": 22.0,
         "armtwist": 0.0, "pro": 0.0, "wrist": 0.0, "curl": 25.0, "hand": 0.0, "hx": 0.0, "hy": 0.0,
-        "hz": 0.0, "palm": 0.0, "armsink": 0.0, "legsink": 0.0}  # fmt: skip
+        "hz": 0.0, "palm": 0.0, "armsink": 0.0, "legsink": 0.0, "kneel": 0.0}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,8 @@ class Script:
             rather than the leg's angles; `contact` 1 where it stands still on the floor; `hx hy hz` a place for the
             wrist and `hand` how much the arm follows it, `palm` how flat the hand lies on the floor; `ground` 1 where
             what bears the body lies on the floor, and the limbs stay out of it; `armsink legsink headsink` how far
-            these sink onto it then; `balance` 1 where the centre of mass shall be over the feet.
+            these sink onto it then; `kneel` 1 where it is a knee that bears, and the shank that sinks; `balance` 1
+            where the centre of mass shall be over the feet.
         flights: spans (first, last) of frames without contact.
         holds: hands whose place the body carries, by side.
         bearing: beginnings of the names of the bones that bear the body where `ground` is 1; all if there are none.
@@ -89,6 +90,11 @@ class Script:
 
     def __setitem__(self, name: str, value: Array | float) -> None:
         self.channels[name] = np.broadcast_to(np.asarray(value, np.float64), self.time.shape).copy()
+
+    @property
+    def step(self) -> float:
+        """Seconds between frames; 1 where there is but one."""
+        return float(self.time[1] - self.time[0]) if len(self.time) > 1 else 1.0
 
     def every(self, step: int) -> "Script":
         """Every `step`-th frame."""
@@ -127,8 +133,7 @@ class Solver:
         for toe in self.toes["L"]:
             local[:, toe] = rot(0, -pitch.clip(0, TOES))
         moved = {self.i["foot.L"]} | {i for i, b in enumerate(k.bones) if b.startswith("toe") and b.endswith(".L")}
-        strongest = np.take_along_axis(k.skin, k.weights.argmax(1)[:, None], 1)[:, 0]
-        mine = np.isin(strongest, list(moved))
+        mine = np.isin(k.strongest, list(moved))
         rotations, origins = forward(k, local, np.broadcast_to(k.rest[0], (len(pitch), 3)))
         low = skin(k, rotations, origins, mine)[..., 2].min(1)
         return pitch, gaussian_filter1d(k.at("foot.L")[2] - low, 1.0, mode="nearest")
@@ -182,8 +187,7 @@ class Solver:
         low = self._lowest(local, root, script.bearing)
         out = np.zeros_like(root)
         low = np.where(low < 0, low, low * (1 - (1 - script["ground"]) ** 3))
-        step = script.time[1] - script.time[0] if len(script.time) > 1 else 1.0
-        out[:, 2] = -gaussian_filter1d(low, script.settling / step, mode="nearest")
+        out[:, 2] = -gaussian_filter1d(low, script.settling / script.step, mode="nearest")
         return out
 
     def _lowest(self, local: Array, root: Array, bearing: tuple[str, ...] = ()) -> Array:
@@ -194,34 +198,32 @@ class Solver:
 
     def _limbs_onto_the_floor(self, script: Script, local: Array, root: Array) -> Array:
         """Local rotations with limbs and head out of the floor, and sunk onto it as far as the script says."""
-        c, step = script.channels, script.time[1] - script.time[0]
+        c = script.channels
         near = np.clip(2 * c["ground"], 0, 1)
         sink, free = {"head": c["headsink"] * c["ground"]}, {"head": near}
         for s, _ in SIDES:
-            kneels = float(script.bearing == KNEE_BONES)
+            kneels = c["kneel" + s]
             sink |= {name + s: c[f"{name}sink{s}"] * c["ground"] for name in ("arm", "leg")}
             sink["shank" + s] = c["ground"] * kneels
             free["arm" + s] = near * (1 - c["hand" + s])
             free["leg" + s] = near * (1 - c["plant" + s]) * (1 - kneels)
             free["shank" + s] = near * kneels
-        return sink_limbs(self.k, local, root, step, sink, free)
+        return sink_limbs(self.k, local, root, script.step, sink, free)
 
     def _out_of_the_floor(self, script: Script, local: Array, root: Array) -> Array:
         """Shift of the root for what is still in the floor."""
-        step = script.time[1] - script.time[0] if len(script.time) > 1 else 1.0
-        out = np.zeros_like(root)
-        out[:, 2] = gaussian_filter1d(np.maximum(-self._lowest(local, root), 0), SETTLING / step, mode="nearest")
+        out, low = np.zeros_like(root), self._lowest(local, root)
+        out[:, 2] = gaussian_filter1d(np.maximum(-low, 0), SETTLING / script.step, mode="nearest")
         return out
 
     def _load(self, script: Script) -> Array:
         """(2, T) share of the weight on each foot: it leaves a foot before the foot leaves the floor."""
-        step = script.time[1] - script.time[0] if len(script.time) > 1 else 1.0
         loads = []
         for s, _ in SIDES:
             off = np.nonzero(script["contact" + s] < 0.5)[0]
             away = np.full(len(script.time), 1.0)
             if len(off):
-                away = np.abs(np.arange(len(script.time))[:, None] - off).min(1) * step / 0.45
+                away = np.abs(np.arange(len(script.time))[:, None] - off).min(1) * script.step / 0.45
             x = np.clip(away, 0, 1)
             loads.append(x**3 * (10 - 15 * x + 6 * x**2) + 1e-4)
         both = np.stack(loads)
@@ -268,8 +270,7 @@ class Solver:
             most = float(np.linalg.norm(span)) * 0.997
             flat = ((hip - ankle)[:, :2] ** 2).sum(1)
             top = ankle[:, 2] + np.sqrt(np.maximum(most**2 - flat, 1e-3)) - hip[:, 2] + root[:, 2]
-            step = script.time[1] - script.time[0] if len(script.time) > 1 else 1.0
-            on = gaussian_filter1d(script["contact" + side], 0.05 / step, mode="nearest")
+            on = gaussian_filter1d(script["contact" + side], 0.05 / script.step, mode="nearest")
             excess = height - top
             excess = 0.5 * (excess + np.sqrt(excess**2 + 0.01**2))
             height = height - excess * np.clip(on * 2, 0, 1) ** 2 * (script["plant" + side] > 0.5)
