@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks import BODY23
-from muybridge.models.decode import decode_heatmaps
 from muybridge.models.registry import shipped_model
 from muybridge.train.augment import AugmentOptions, Batch, Compositor
 from muybridge.train.backgrounds import make_backgrounds
-from muybridge.train.evaluation import load_model
+from muybridge.train.evaluation import load_model, read_crops
 from muybridge.train.loop import HELD_OUT
 from muybridge.train.renders import SIZE, load_renders
 
@@ -50,8 +49,8 @@ def synthetic_sheet(renders: pathlib.Path, model: pathlib.Path) -> NDArray[np.ui
     """RGB page of the hard cases; prints their scores."""
     session, card = load_model(model)
     batch = hard_cases(renders, card.input_size)
-    heatmaps = session.run(["heatmaps"], card.inputs(batch.pixels.numpy().astype(np.float32) / 255))
-    found = decode_heatmaps(heatmaps[0], card.stride, card.spread).points_crop_px
+    image = batch.pixels.numpy().astype(np.float32) / 255
+    found = read_crops(session, card, image, flip=True, turn=True).points_crop_px
     truth, visible = batch.landmarks_px.numpy(), batch.visible.numpy()
     error = np.linalg.norm(found - truth, axis=-1)
     print(f"median error {np.median(error[visible]):.2f} px of {card.input_size}, "

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
 from muybridge.geometry.landmarks import BODY23
-from muybridge.models.decode import decode_heatmaps
+from muybridge.models.decode import DecodedHeatmaps, decode_heatmaps
 from muybridge.models.registry import KeypointModelCard, keypoint_card, shipped_model
 from muybridge.models.turning import turn_where_unsure
 from muybridge.train.augment import AugmentOptions, Compositor
@@ -29,6 +29,25 @@ def load_model(path: pathlib.Path) -> tuple[onnxruntime.InferenceSession, Keypoi
     return session, keypoint_card(session.get_modelmeta().custom_metadata_map, path)
 
 
+def read_crops(
+    session: onnxruntime.InferenceSession, card: KeypointModelCard, image: NDArray[np.float32], flip: bool, turn: bool
+) -> DecodedHeatmaps:
+    """The body's landmarks in crops (N, C, S, S), 0 to 1, each mirrored too (`flip`) and turned where unsure (`turn`):
+    `muybridge run` does both."""
+
+    def look(image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+        heatmaps = session.run(["heatmaps"], card.inputs(np.ascontiguousarray(image)))[0]
+        if flip:
+            mirrored = session.run(["heatmaps"], card.inputs(np.ascontiguousarray(image[..., ::-1])))[0]
+            heatmaps = (heatmaps + mirrored[:, MIRROR, :, ::-1]) / 2
+        return [heatmaps]
+
+    maps = look(image)
+    if turn:
+        return turn_where_unsure(look, image, maps, card, rows=2)
+    return decode_heatmaps(maps[0], card.stride, card.spread)
+
+
 def evaluate_onnx(options: Evaluation) -> dict[str, float]:
     """Figures of merit on visible landmarks, sigma also on all inside the crop; pixels are the network's."""
     path = options.model or shipped_model("keypoints")
@@ -43,22 +62,11 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
         augment = replace(augment, second_person=0, occluder=0, mosaic=0, truncate=0, tumble=0, clutter=0)
     compositor = Compositor(store, backgrounds, card.input_size, options.seed, augment)
 
-    def look(image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-        heatmaps = session.run(["heatmaps"], card.inputs(np.ascontiguousarray(image)))[0]
-        if options.flip:
-            mirrored = session.run(["heatmaps"], card.inputs(np.ascontiguousarray(image[..., ::-1])))[0]
-            heatmaps = (heatmaps + mirrored[:, MIRROR, :, ::-1]) / 2
-        return [heatmaps]
-
     distances, twins, inside_sigma, visibles, insides = [], [], [], [], []
     for _ in range(-(-options.crops // 64)):
         batch = compositor.batch(64)
         image = batch.pixels.numpy().astype(np.float32) / np.float32(255)
-        maps = look(image)
-        if options.turn:
-            decoded = turn_where_unsure(look, image, maps, card, rows=2)
-        else:
-            decoded = decode_heatmaps(maps[0], card.stride, card.spread)
+        decoded = read_crops(session, card, image, options.flip, options.turn)
         truth = batch.landmarks_px.numpy()
         error = decoded.points_crop_px - truth
         distances.append(np.linalg.norm(error, axis=-1))
