@@ -21,6 +21,7 @@ from muybridge.models.weights_from_onnx import trained_for
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.bodies import BodyModel
 from muybridge.train.curves import write_curves
+from muybridge.train.optimiser import Optimisers
 from muybridge.train.options import Training
 from muybridge.train.render import Renderer
 from muybridge.train.renders import SIZE, RenderSet, load_renders
@@ -199,13 +200,14 @@ class Fit:
         options.out.mkdir(parents=True, exist_ok=True)
         self.checkpoint, self.log = options.out / CHECKPOINT, options.out / "log.jsonl"
         self.net = placed(net)
-        self.optimiser = torch.optim.AdamW(net.parameters(), options.rate, weight_decay=0.02)
+        self.optimiser = Optimisers(net, options.rate)
         self.average = AveragedWeights(self.net)
         self.state: dict[str, Any] = {"step": 0} | (seen or Seen())._asdict()
         if resumes(options):
             saved = torch.load(self.checkpoint, map_location=device(), weights_only=False)
             self.net.load_state_dict(saved["net"])
-            self.optimiser.load_state_dict(saved["optimiser"])
+            if isinstance(saved["optimiser"], list):  # earlier versions' had AdamW alone: it begins anew
+                self.optimiser.load_state_dict(saved["optimiser"])
             self.average.state = saved["average"]
             self.state = saved["state"]
         log_line(self.log, {"options": {k: str(v) for k, v in asdict(options).items()}} | machine() | self.state)
@@ -221,8 +223,7 @@ class Fit:
             bar = progress.add_task("training", total=budget)
             while (elapsed := time.monotonic() - began) < budget:
                 step = self.state["step"] - first
-                for group in self.optimiser.param_groups:
-                    group["lr"] = learning_rate(self.options.rate, step, elapsed, budget, self.options.decay)
+                self.optimiser.set_rate(learning_rate(self.options.rate, step, elapsed, budget, self.options.decay))
                 batch = tuple(t.to(device(), non_blocking=True) for t in next(stream))
                 losses.append(self._step(batch, loss_of))
                 self.state["images"] += len(batch[0])
@@ -236,7 +237,7 @@ class Fit:
 
     def _step(self, batch: Any, loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]]) -> float:
         self.net.train()
-        self.optimiser.zero_grad(set_to_none=True)
+        self.net.zero_grad(set_to_none=True)
         loss, shown = loss_of(self.net, batch)
         loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
