@@ -1,12 +1,14 @@
 """Designs of the keypoint network, trained from nothing for equal processor time on the same stream of crops.
 
-    python scripts/compare_designs.py --minutes 8 --size 128
+    python scripts/compare_designs.py --minutes 8 --size 128 [--only u-shape ...]
 
 - `u-shape`: the shipped design, dense 3x3 convolutions, heatmaps at a quarter of the resolution;
 - `depthwise`: the same shape with separable convolutions, wider for about the same number of parameters;
 - `simcc`: the way down of the shipped design, then one row and one column of bins a landmark at half of a pixel
   (Li et al. 2022), no way up;
-- `coarse`: the shipped design with heatmaps at an eighth of the resolution, its width spent deeper down.
+- `coarse`: the shipped design with heatmaps at an eighth of the resolution, its width spent deeper down;
+- `u-shape, AdamW`: the shipped design, all of its parameters trained with AdamW; the others have Muon for their
+  filters, as in `muybridge train`.
 
 Processor time of the training thread counts, not wall-clock time, so that other work on the machine favours none.
 Prints a Markdown table.
@@ -25,9 +27,11 @@ from muybridge.geometry.landmarks import BODY23
 from muybridge.models.keypoint_net import CHANNELS, ConvUnit, KeypointNet
 from muybridge.train import loop
 from muybridge.train.augment import Batch, Compositor
+from muybridge.train.optimiser import Optimisers
 from muybridge.train.renders import load_renders
 
 J = len(BODY23)
+RATE = 1.5e-3
 MIRROR = torch.tensor(BODY23.mirror)
 
 
@@ -166,11 +170,20 @@ def score(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
     return {"median px": float(e.median()), "PCK@0.05": float(pck), "swaps": float(s.mean())}
 
 
-def train(make: Callable[[], nn.Module], options: argparse.Namespace) -> tuple[nn.Module, int]:
+class AdamW(Optimisers):
+    """AdamW alone."""
+
+    def __init__(self, net: nn.Module, lr: float) -> None:
+        self.parts = [torch.optim.AdamW(net.parameters(), lr, weight_decay=0.02)]
+
+
+def train(
+    make: Callable[[], nn.Module], optimise: type[Optimisers], options: argparse.Namespace
+) -> tuple[nn.Module, int]:
     """A design trained for `options.minutes` of processor time; the images are made outside of the account."""
     torch.manual_seed(0)
     net = make().to(memory_format=torch.channels_last)
-    optimiser = torch.optim.AdamW(net.parameters(), 1.5e-3, weight_decay=0.02)
+    optimiser = optimise(net, RATE)
     store = load_renders(options.renders, loop.TRAINED_ON)
     compositor = Compositor(store, np.load(options.pool, mmap_mode="r"), options.size, 5)
     used, images, budget, step = 0.0, 0, options.minutes * 60, 0
@@ -179,9 +192,8 @@ def train(make: Callable[[], nn.Module], options: argparse.Namespace) -> tuple[n
         batch = compositor.batch(32)
         began = time.process_time()
         net.train()
-        for group in optimiser.param_groups:
-            group["lr"] = loop.learning_rate(1.5e-3, step, used, budget, 0.4)
-        optimiser.zero_grad(set_to_none=True)
+        optimiser.set_rate(loop.learning_rate(RATE, step, used, budget, 0.4))
+        net.zero_grad(set_to_none=True)
         loss_of(net, batch).backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(net.parameters(), 5.0)
         optimiser.step()
@@ -195,7 +207,7 @@ def train(make: Callable[[], nn.Module], options: argparse.Namespace) -> tuple[n
 def speed(net: nn.Module, size: int) -> float:
     """Crops a second of processor time in evaluation, float32, batches of 16."""
     net.eval()
-    image = torch.rand(16, 3, size, size).contiguous(memory_format=torch.channels_last)
+    image = torch.rand(16, CHANNELS, size, size).contiguous(memory_format=torch.channels_last)
     with torch.inference_mode():
         net(image)
         began = time.process_time()
@@ -211,16 +223,21 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=128)
     parser.add_argument("--renders", type=pathlib.Path, default=pathlib.Path("runs/renders"))
     parser.add_argument("--pool", type=pathlib.Path, default=pathlib.Path("runs/pool-5000-0.npy"))
+    parser.add_argument("--only", nargs="+", help="names of designs")
     options = parser.parse_args()
     torch.set_num_threads(1)
     held_out, pool = load_renders(options.renders, loop.HELD_OUT), np.load(options.pool, mmap_mode="r")
     batches = [Compositor(held_out, pool, options.size, 10_000 + i).batch(64) for i in range(8)]
     print("| design | parameters | images seen | images/s | median px | PCK@0.05 of the box | swaps | crops/s in use |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |", flush=True)
-    designs = {"u-shape": lambda: KeypointNet(J), "depthwise": depthwise, "simcc": lambda: Simcc(options.size),
-               "coarse": Coarse}  # fmt: skip
+    designs: dict[str, Callable[[], nn.Module]] = {
+        "u-shape": lambda: KeypointNet(J), "depthwise": depthwise, "simcc": lambda: Simcc(options.size),
+        "coarse": Coarse, "u-shape, AdamW": lambda: KeypointNet(J),
+    }  # fmt: skip
     for name, make in designs.items():
-        net, images = train(make, options)
+        if options.only and name not in options.only:
+            continue
+        net, images = train(make, AdamW if name.endswith("AdamW") else Optimisers, options)
         s, parameters = score(net, batches), sum(p.numel() for p in net.parameters()) / 1e6
         rate = images / options.minutes / 60
         print(f"| {name} | {parameters:.2f} M | {images:,} | {rate:.0f} | {s['median px']:.2f} | {s['PCK@0.05']:.3f} "
