@@ -95,5 +95,9 @@ def evaluate(
     """
     from muybridge.train.evaluation import evaluate_onnx
 
+    ways = {"the background plate": options.plate, "each crop mirrored": options.flip,
+            "unsure ones turned": options.turn}  # fmt: skip
+    how = ", ".join(f"{'with' if on else 'without'} {way}" for way, on in ways.items())
+    print(f"{options.crops} held-out crops, {how}")
     for name, value in evaluate_onnx(options).items():
         print(f"{name:<24} {value:.4g}")

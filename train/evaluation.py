@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
+from rich.progress import track
 
 from muybridge.errors import SessionError
 from muybridge.geometry.landmarks import BODY23
@@ -63,7 +64,7 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
     compositor = Compositor(store, backgrounds, card.input_size, options.seed, augment)
 
     distances, twins, inside_sigma, visibles, insides = [], [], [], [], []
-    for _ in range(-(-options.crops // 64)):
+    for _ in track(range(-(-options.crops // 64)), "scoring", transient=True):
         batch = compositor.batch(64)
         image = batch.pixels.numpy().astype(np.float32) / np.float32(255)
         decoded = read_crops(session, card, image, options.flip, options.turn)

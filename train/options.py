@@ -151,7 +151,7 @@ class SolverTraining(Training):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Score a keypoint network on held-out synthetic crops.
+    """Score a keypoint network on held-out synthetic crops, read as `muybridge run` reads those of static cameras.
 
     Attributes:
         model: the ONNX file; the shipped one by default.
@@ -161,8 +161,8 @@ class Evaluation:
         faults: with what a camera does to a picture: blur, noise, compression and the rest.
         occlusion: with things and people in front, faces made unrecognisable, borders, clutter and people who tumble.
         plate: with the difference to the background plate, as good as a static camera's plate is.
-        flip: every crop also mirrored, as `muybridge run` reads each view again.
-        turn: crops of which the network is unsure also turned by quarters, as in `muybridge run`.
+        flip: every crop also mirrored.
+        turn: crops of which the network is unsure also turned by quarters.
     """
 
     model: pathlib.Path | None = None
@@ -171,6 +171,6 @@ class Evaluation:
     seed: int = 10_000
     faults: bool = True
     occlusion: bool = True
-    plate: bool = False
-    flip: bool = False
-    turn: bool = False
+    plate: bool = True
+    flip: bool = True
+    turn: bool = True
