@@ -12,9 +12,12 @@ from muybridge.models.registry import KeypointModelCard
 Maps = list[NDArray[np.float32]]
 Value = TypeVar("Value", np.uint8, np.float32)
 
-# A crop of whose landmarks the logarithms of the variances are more than this on average (px^2 of a crop of 192 px) is
-# unsure; another orientation counts where they are less by so much.
-_UNSURE, _SURER = 3.0, 0.6
+# A crop is as sure as the surest of its landmarks, so many of them: of one who is half out of the picture, or behind
+# something, the rest tells which way up they are.
+_SUREST = 16
+# A crop where the logarithms of their variances are more than this on average (px^2 of a crop of 192 px) is unsure;
+# another orientation counts where they are less by so much.
+_UNSURE, _SURER = 2.0, 0.6
 
 
 class Series(NamedTuple):
@@ -97,5 +100,6 @@ def _samples(unsure: NDArray[np.intp], series: Series | None) -> tuple[NDArray[n
 
 
 def _doubt(found: DecodedHeatmaps, card: KeypointModelCard) -> NDArray[np.float64]:
-    """(N,) mean logarithm of the landmarks' variances, px^2 of a crop of 192 px."""
-    return np.asarray(np.log(found.variance_crop_px2 * (192 / card.input_size) ** 2).mean(axis=1))
+    """(N,) mean logarithm of the variances of the surest landmarks, px^2 of a crop of 192 px."""
+    logs = np.sort(np.log(found.variance_crop_px2 * (192 / card.input_size) ** 2), axis=1)
+    return np.asarray(logs[:, :_SUREST].mean(axis=1))

@@ -177,3 +177,27 @@ def staged(
         return subprocess.CompletedProcess(given, code, said.out, said.err)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A render store of bright sticks: a vertical bar whose ends and middle are the landmarks; training reads it."""
+    from muybridge.train.renders import SHARD, SIZE, shard_path
+
+    folder = tmp_path_factory.mktemp("synthetic") / "renders"
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    for number in range(5):
+        pixels = np.zeros((SHARD, 5, SIZE, SIZE), np.uint8)
+        landmarks = np.zeros((SHARD, 23, 2), np.float32)
+        boxes = np.zeros((SHARD, 4), np.float32)
+        for i in range(SHARD):
+            x, top, bottom = rng.integers(90, 160), rng.integers(20, 60), rng.integers(190, 240)
+            pixels[i, :4, top:bottom, x - 12 : x + 12] = rng.integers(100, 255, 4)[:, None, None]
+            pixels[i, 3, top:bottom, x - 12 : x + 12] = 255
+            landmarks[i] = np.stack([np.full(23, x), np.linspace(top, bottom - 1, 23)], -1)
+            boxes[i] = x - 12, top, x + 11, bottom - 1
+        path = shard_path(folder, number)
+        np.save(path.with_suffix(".npy"), pixels)
+        np.savez(path, landmarks_px=landmarks, visible=np.ones((SHARD, 23), bool), box_px=boxes)
+    return folder

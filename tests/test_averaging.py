@@ -1,5 +1,6 @@
 """One network from several of a training run."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -50,6 +51,19 @@ def test_weights_lie_in_the_middle(shipped, tmp_path):
     moved = {k: (saved["average"][k] - v).float() for k, v in before.items()}
     far = [k for k, d in moved.items() if d.abs().max() > 1e-6]
     assert len(far) == 1 and torch.allclose(moved[far[0]], torch.full_like(moved[far[0]], 0.125), atol=1e-6)
+
+
+def test_what_each_saw_since_they_parted_counts(shipped, tmp_path):
+    def told(images: int, minutes: float) -> Path:
+        model = onnx.load(str(shipped))
+        (training,) = (p for p in model.metadata_props if p.key == "training")
+        training.value = json.dumps({"images": images, "minutes": minutes})
+        path = tmp_path / f"{images}.onnx"
+        onnx.save(model, str(path))
+        return path
+
+    saved = average_keypoints([told(1500, 30), told(1000, 20), told(1200, 25)])
+    assert saved["state"] == {"images": 1700, "seconds": pytest.approx(60 * 35)}
 
 
 def test_what_cannot_be_averaged_is_refused(shipped, tmp_path):

@@ -1,7 +1,6 @@
 """The training loops, their losses, checkpoints and exports."""
 
 import json
-import pathlib
 from dataclasses import replace
 
 import cv2
@@ -25,32 +24,7 @@ from muybridge.train.evaluation import MIRROR, _figures, evaluate_onnx  # noqa: 
 from muybridge.train.heatmap_loss import OUTSIDE  # noqa: E402
 from muybridge.train.options import Evaluation, KeypointTraining, PeopleTraining  # noqa: E402
 from muybridge.train.publish import fit_spread, load_checkpoint, publish_keypoints, sigma_coverage  # noqa: E402
-from muybridge.train.renders import SHARD, SIZE, load_renders, shard_path  # noqa: E402
-
-
-def write_store(folder: pathlib.Path, shards: int = 5) -> pathlib.Path:
-    """A render store of bright sticks: a vertical bar whose ends and middle are the landmarks."""
-    folder.mkdir()
-    rng = np.random.default_rng(0)
-    for number in range(shards):
-        pixels = np.zeros((SHARD, 5, SIZE, SIZE), np.uint8)
-        landmarks = np.zeros((SHARD, 23, 2), np.float32)
-        boxes = np.zeros((SHARD, 4), np.float32)
-        for i in range(SHARD):
-            x, top, bottom = rng.integers(90, 160), rng.integers(20, 60), rng.integers(190, 240)
-            pixels[i, :4, top:bottom, x - 12 : x + 12] = rng.integers(100, 255, 4)[:, None, None]
-            pixels[i, 3, top:bottom, x - 12 : x + 12] = 255
-            landmarks[i] = np.stack([np.full(23, x), np.linspace(top, bottom - 1, 23)], -1)
-            boxes[i] = x - 12, top, x + 11, bottom - 1
-        path = shard_path(folder, number)
-        np.save(path.with_suffix(".npy"), pixels)
-        np.savez(path, landmarks_px=landmarks, visible=np.ones((SHARD, 23), bool), box_px=boxes)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def store(tmp_path_factory):
-    return write_store(tmp_path_factory.mktemp("synthetic") / "renders")
+from muybridge.train.renders import SIZE, load_renders  # noqa: E402
 
 
 def test_heatmap_loss_is_least_at_the_truth():

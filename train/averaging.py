@@ -33,9 +33,18 @@ def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
         if {k: v.shape for k, v in state.items()} != {k: v.shape for k, v in states[0].items()}:
             raise ModelError(f"{path}: of another design than {paths[0]}; average networks of one training run")
     mean = {k: torch.stack([s[k].float() for s in states]).mean(0).to(v.dtype) for k, v in states[0].items()}
-    seen = [Seen.of(path) for path in paths]
-    state = {"images": max(s.images for s in seen), "seconds": max(s.seconds for s in seen)}
     return {
-        "average": mean, "config": nets[0].config, "state": state, "scores": {},
+        "average": mean, "config": nets[0].config, "state": _seen(paths)._asdict(), "scores": {},
         "options": {"seed": trained_for(paths[0])["seed"]},
     }  # fmt: skip
+
+
+def _seen(paths: Sequence[pathlib.Path]) -> Seen:
+    """What networks saw together: what the youngest saw, from which the others are taken to have gone on, and what each
+    of them saw since."""
+    seen = [Seen.of(path) for path in paths]
+    first = min(seen)
+    return Seen(
+        first.images + sum(s.images - first.images for s in seen),
+        first.seconds + sum(s.seconds - first.seconds for s in seen),
+    )

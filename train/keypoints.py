@@ -4,6 +4,7 @@ The loss is the cross-entropy between the softmax over a landmark's cells and a 
 (the classification form of SimCC, Li et al. 2022, in two dimensions), plus a binary one for visibility.
 """
 
+import itertools
 import pathlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from muybridge.models.keypoint_net import STRIDE, KeypointNet
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, measure_normalisation
 from muybridge.train import loop
 from muybridge.train.augment import AugmentOptions, Batch, Compositor
+from muybridge.train.difficulty import Difficulty, drawing_probability, read_difficulty
 from muybridge.train.heatmap_loss import heatmap_loss
 from muybridge.train.options import KeypointTraining
 from muybridge.train.renders import RenderSet, load_renders
@@ -26,6 +28,8 @@ from muybridge.train.renders import RenderSet, load_renders
 MIRROR = list(BODY23.mirror)
 # Of the virtual markers' loss beside the body landmarks'.
 SURFACE_WEIGHT = 0.5
+# Batches after which those who make crops look up which renders are hard.
+_LOOKED_UP = 100
 
 
 @dataclass(frozen=True)
@@ -35,20 +39,44 @@ class _Crops:
     pool: pathlib.Path
     size: int
     count: int
+    difficulty: pathlib.Path
+    hard: float
 
     def __call__(self, renders: RenderSet, seed: int) -> Callable[[], loop.Batch]:
         compositor = Compositor(renders, np.load(self.pool, mmap_mode="r"), self.size, seed)
+        rng = np.random.default_rng([seed, 2])
+        made = itertools.count()
+        probability = np.empty(0)
 
         def following() -> loop.Batch:
-            batch = compositor.batch(self.count)
+            nonlocal probability
+            if next(made) % _LOOKED_UP == 0:
+                probability = drawing_probability(read_difficulty(self.difficulty), len(renders), self.hard)
+            index = rng.choice(len(renders), self.count, p=probability)
+            batch = compositor.batch(self.count, index)
             landmarks = torch.cat([batch.landmarks_px, batch.markers_px], 1)
-            return batch.pixels, landmarks, torch.cat([batch.visible, batch.markers_visible], 1)
+            visible = torch.cat([batch.visible, batch.markers_visible], 1)
+            return batch.pixels, landmarks, visible, torch.from_numpy(index)
 
         return following
 
 
-def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
-    """Total loss, and the mean cross-entropy of the visible landmarks of the body for the log."""
+class Loss:
+    """The loss of a batch, which also tells which renders are hard."""
+
+    def __init__(self, difficulty: Difficulty) -> None:
+        self.difficulty = difficulty
+
+    def __call__(self, net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
+        """Total loss, and the mean cross-entropy of the visible landmarks of the body for the log."""
+        total, each, count = losses_of(net, batch[:3])
+        self.difficulty.note(batch[3].cpu().numpy(), (each / count).cpu().numpy())
+        return total, each.sum() / count.sum()
+
+
+def losses_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor, Tensor]:
+    """Total loss; (B,) summed cross-entropy of the visible landmarks of the body of each crop, without gradients; and
+    (B,) how many these are."""
     image, landmarks_px, visible = batch
     with torch.autocast(image.device.type, dtype=torch.bfloat16):
         heatmaps, visibility = net(image.float().div(255).contiguous(memory_format=torch.channels_last))
@@ -61,7 +89,7 @@ def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
     total = (each * weight)[:, :body].mean() + 0.2 * see
     if each.shape[1] > body:
         total = total + SURFACE_WEIGHT * (each * weight)[:, body:].mean()
-    return total, (each * seen)[:, :body].sum().detach() / seen[:, :body].sum()
+    return total, (each * seen)[:, :body].sum(1).detach(), seen[:, :body].sum(1)
 
 
 @torch.no_grad()
@@ -115,6 +143,7 @@ def train(options: KeypointTraining) -> pathlib.Path:
             raise ModelError(f"{options.model}: training needs a network that finds virtual markers too")
         measure_normalisation(net, [validation[0].pixels.float().div(255)])
     fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
-    crops = _Crops(pool, options.size, options.batch)
-    fit.run(loop.batches(options, crops, fit.state["step"]), loss_of)
+    difficulty = Difficulty(options.out / "difficulty.npy")
+    crops = _Crops(pool, options.size, options.batch, difficulty.path, options.hard)
+    fit.run(loop.batches(options, crops, fit.state["step"]), Loss(difficulty))
     return fit.checkpoint

@@ -88,10 +88,12 @@ class KeypointTraining(Training):
     Attributes:
         size: side of the crops in pixels, a multiple of 32.
         model: fp32 network of ours to begin with, such as a shipped one, where `out` has no run yet.
+        hard: share of the crops that are drawn by how wrong the network was on their people before.
     """
 
     size: int = 128
     model: pathlib.Path | None = None
+    hard: float = 0.0
 
 
 @dataclass(frozen=True)
