@@ -36,8 +36,9 @@ _CHUNK = 128
 _LOYALTY = 0.01
 # A view that lies this much farther off than the others', and this far in body sizes, is of someone else.
 _ODD_VIEW, _ODD_VIEW_SIZE = 3.0, 0.05
-# Seconds in which two cameras see somebody, at least, for them not to be an accident.
-_LEAST_SEEN = 0.3
+# Seconds in which two cameras see a body, at least, for it not to be an accident; and somebody, in all of the take: a
+# shadow that is taken for a person for a moment agrees between cameras as well as people do.
+_LEAST_SEEN, _LEAST_IN_ALL = 0.3, 0.5
 # Seconds between two frames of the same track up to which what lies between is taken too.
 _BRIDGE = 0.2
 # A body is no faster than this, in body sizes a second, and loses so much of its speed in a second without two views.
@@ -57,7 +58,8 @@ class AssociateOptions:
         gate_growth: how the gate widens with every second in which the body was not seen.
         gate_slack: how much wider it is for every second between two frames beyond a thirtieth: more can happen.
         start: distance of two views' rays, in body sizes, up to which they may begin a body.
-        min_frames: people seen by two cameras in fewer frames (or for less than 0.3 s) are dropped as accidents.
+        min_frames: people seen by two cameras in fewer frames (or for less than 0.3 s at a time, 0.5 s in all) are
+            dropped as accidents.
         coast: seconds for which a body is predicted without being seen, before it is looked for as a new one.
         same_build: mean difference of limbs' lengths up to which someone who comes back is who left.
     """
@@ -96,7 +98,7 @@ class PeopleTracker:
             self._load(t)
             self._step(t)
         bodies = [*self._ended, *self._bodies]
-        least = min(max(self._options.min_frames, _LEAST_SEEN * self._fps), max(1, frames // 4))
+        least = _least_frames(self._options, _LEAST_SEEN * self._fps, frames)
         for body in bodies:
             without_stray_end(body, self._options.min_frames, _BRIDGE * self._fps)
         bodies = [b for b in bodies if b.met >= least and (b.confirmed or frames < 2 * self._options.min_frames)]
@@ -439,7 +441,13 @@ def track_people(
     options = options or AssociateOptions()
     bodies = PeopleTracker(cameras, keypoints, options, fps).run()
     groups = rejoined(bodies, keypoints.landmarks, options.coast, options.same_build, fps)
-    return [np.asarray(group) for group in groups]
+    least = _least_frames(options, _LEAST_IN_ALL * fps, keypoints.points_px.shape[1])
+    return [np.asarray(group) for group in groups if ((group >= 0).sum(axis=0) >= 2).sum() >= least]
+
+
+def _least_frames(options: AssociateOptions, wanted: float, frames: int) -> float:
+    """In how many of a take's frames two cameras have to see somebody."""
+    return min(max(options.min_frames, wanted), max(1, frames // 4))
 
 
 def _limb_pairs(keypoints: Keypoints2D) -> _Ints:

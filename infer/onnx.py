@@ -17,14 +17,11 @@ from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import LandmarkSet
-from muybridge.models.decode import DecodedHeatmaps, decode_heatmaps, with_expectation
+from muybridge.models.decode import NO_IDEA, DecodedHeatmaps, decode_heatmaps, with_expectation
 from muybridge.models.registry import KeypointModelCard, PeopleModelCard, keypoint_card, people_card
 from muybridge.models.turning import Series, turn_where_unsure
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
-# A network with no more of its belief than this round the likeliest place knows nothing of a landmark: it is outside of
-# the picture, and what comes out is a quarter of a crop off (the median of held-out people seen in part).
-NO_IDEA = 0.1
 _ONLY_ERRORS = 4  # onnxruntime's "fatal": a damaged file is reported by us, in one line
 
 

@@ -6,18 +6,18 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.models.decode import DecodedHeatmaps, decode_heatmaps
+from muybridge.models.decode import NO_IDEA, DecodedHeatmaps, decode_heatmaps
 from muybridge.models.registry import KeypointModelCard
 
 Maps = list[NDArray[np.float32]]
 Value = TypeVar("Value", np.uint8, np.float32)
 
-# A crop is as sure as the surest of its landmarks, so many of them: of one who is half out of the picture, or behind
-# something, the rest tells which way up they are.
-_SUREST = 16
-# A crop where the logarithms of their variances are more than this on average (px^2 of a crop of 192 px) is unsure;
-# another orientation counts where they are less by so much.
-_UNSURE, _SURER = 2.0, 0.6
+# A crop of whose landmarks the logarithms of the variances are more than this on average (px^2 of a crop of 192 px) is
+# unsure; another orientation counts where they are less by so much.
+_UNSURE, _SURER = 3.0, 0.6
+# What is nowhere in a crop as it stands has no say, where so many landmarks are left: of a close-up it would outweigh
+# what is in the picture.
+_LEAST_THERE = 6
 
 
 class Series(NamedTuple):
@@ -52,7 +52,8 @@ def turn_where_unsure(
         the landmarks that the heatmaps then say.
     """
     decoded = decode_heatmaps(maps[0], card.stride, card.spread)
-    least = _doubt(decoded, card)
+    there = _there(decoded)
+    least = _doubt(decoded, card, there)
     (unsure,) = np.nonzero(least > _UNSURE)
     if not len(unsure):
         return decoded
@@ -63,7 +64,7 @@ def turn_where_unsure(
         if not len(tried):
             return
         turned = look(np.rot90(crops[tried], turn, axes=(rows, rows + 1)))
-        doubt = _doubt(decode_heatmaps(turned[0], card.stride, card.spread), card)
+        doubt = _doubt(decode_heatmaps(turned[0], card.stride, card.spread), card, there[tried])
         surer = doubt < least[tried]
         better = tried[surer]
         least[better], quarters[better] = doubt[surer], turn
@@ -99,7 +100,14 @@ def _samples(unsure: NDArray[np.intp], series: Series | None) -> tuple[NDArray[n
     return before, after
 
 
-def _doubt(found: DecodedHeatmaps, card: KeypointModelCard) -> NDArray[np.float64]:
-    """(N,) mean logarithm of the variances of the surest landmarks, px^2 of a crop of 192 px."""
-    logs = np.sort(np.log(found.variance_crop_px2 * (192 / card.input_size) ** 2), axis=1)
-    return np.asarray(logs[:, :_SUREST].mean(axis=1))
+def _there(found: DecodedHeatmaps) -> NDArray[np.bool_]:
+    """(N, J) which landmarks tell which way up a crop is."""
+    there = found.score >= NO_IDEA
+    there[there.sum(axis=1) < _LEAST_THERE] = True
+    return there
+
+
+def _doubt(found: DecodedHeatmaps, card: KeypointModelCard, there: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(N,) mean logarithm of the variances of the landmarks `there` (N, J), px^2 of a crop of 192 px."""
+    logs = np.log(found.variance_crop_px2 * (192 / card.input_size) ** 2)
+    return np.asarray(np.mean(logs, axis=1, where=there))

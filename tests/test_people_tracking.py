@@ -157,6 +157,20 @@ def test_a_near_view_that_goes_wrong_by_and_by_does_not_make_two_people_of_one(b
     assert (found[0][near, :40] == 0).all() and (found[0][near, 50:] == -1).all()
 
 
+@pytest.mark.parametrize("fps", [30.0, 60.0])
+def test_who_is_there_for_a_moment_is_nobody(bench, fps: float) -> None:
+    """A shadow that four cameras take for a person for 0.4 s; somebody is there for 0.4 s twice."""
+    rng = np.random.default_rng(6)
+    cameras, people = bench.room(4, rng), bench.walkers(1, round(3 * fps), rng, fps)
+    beside = people[0] + [0.9, 0.0, 0.0]
+    first, again = slice(round(0.5 * fps), round(0.9 * fps)), slice(round(1.2 * fps), round(1.6 * fps))
+    for there, count in (((first,), 1), ((first, again), 2)):
+        other = np.full_like(beside, np.nan)
+        for frames in there:
+            other[frames] = beside[frames]
+        assert len(track_people(cameras, seen_exactly(cameras, [people[0], other]), fps=fps)) == count
+
+
 def test_who_is_found_twice_is_one(bench) -> None:
     rng = np.random.default_rng(4)
     cameras, people = bench.room(4, rng), bench.walkers(1, 60, rng)

@@ -5,8 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
+from muybridge.models.decode import NO_IDEA
 from muybridge.models.registry import shipped_model
-from muybridge.models.turning import Series
+from muybridge.models.turning import Series, turn_where_unsure
 
 SPOT = 6  # half of a spot's side, px
 
@@ -86,3 +87,29 @@ def test_who_turns_over_within_a_series_is_found_in_every_frame(network: Keypoin
     series = Series(np.zeros(len(places), dtype=np.int64), every=4)
     found = network.locate(spotted(network, places), series=series).found.points_crop_px[:, 0]
     np.testing.assert_allclose(found, np.array(places) - 0.5, atol=2)
+
+
+@pytest.mark.parametrize("here", [12, 5])
+def test_what_is_not_in_the_picture_has_no_say(here: int) -> None:
+    """A close-up that shows `here` landmarks, a little less sure when turned, and turned makes the others up; of who
+    is hardly found at all, the others count."""
+    card = KeypointNetwork(shipped_model("keypoints"), OnnxOptions()).card
+    cells = card.input_size // card.stride
+    spot = np.zeros((cells, cells), np.float32)
+    spot[18:21, 10:13] = 1
+    looked = 0
+
+    def maps_of(shown: float, made_up: float) -> list[NDArray[np.float32]]:
+        sure = np.where(np.arange(23) < here, shown, made_up)[None, :, None, None]
+        return [np.asarray(sure * spot, np.float32)]
+
+    def look(crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        nonlocal looked
+        looked += len(crops)
+        return maps_of(5.5, 7.0)
+
+    crops = np.zeros((1, card.input_size, card.input_size, 3), np.uint8)
+    found = turn_where_unsure(look, crops, maps_of(6.0, 0.0), card, rows=1)
+    assert looked == 3
+    assert (found.score[0, :here] > NO_IDEA).all()
+    assert ((found.score[0, here:] > NO_IDEA) == (here == 5)).all()
