@@ -170,20 +170,11 @@ def score(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
     return {"median px": float(e.median()), "PCK@0.05": float(pck), "swaps": float(s.mean())}
 
 
-class AdamW(Optimisers):
-    """AdamW alone."""
-
-    def __init__(self, net: nn.Module, lr: float) -> None:
-        self.parts = [torch.optim.AdamW(net.parameters(), lr, weight_decay=0.02)]
-
-
-def train(
-    make: Callable[[], nn.Module], optimise: type[Optimisers], options: argparse.Namespace
-) -> tuple[nn.Module, int]:
+def train(make: Callable[[], nn.Module], muon: bool, options: argparse.Namespace) -> tuple[nn.Module, int]:
     """A design trained for `options.minutes` of processor time; the images are made outside of the account."""
     torch.manual_seed(0)
     net = make().to(memory_format=torch.channels_last)
-    optimiser = optimise(net, RATE)
+    optimiser = Optimisers(net, RATE, muon=muon)
     store = load_renders(options.renders, loop.TRAINED_ON)
     compositor = Compositor(store, np.load(options.pool, mmap_mode="r"), options.size, 5)
     used, images, budget, step = 0.0, 0, options.minutes * 60, 0
@@ -237,7 +228,7 @@ def main() -> None:
     for name, make in designs.items():
         if options.only and name not in options.only:
             continue
-        net, images = train(make, AdamW if name.endswith("AdamW") else Optimisers, options)
+        net, images = train(make, not name.endswith("AdamW"), options)
         s, parameters = score(net, batches), sum(p.numel() for p in net.parameters()) / 1e6
         rate = images / options.minutes / 60
         print(f"| {name} | {parameters:.2f} M | {images:,} | {rate:.0f} | {s['median px']:.2f} | {s['PCK@0.05']:.3f} "

@@ -34,6 +34,8 @@ def test_filters_between_layers_are_muons_and_all_else_is_adams() -> None:
     assert {"stem.0.0.weight", "head.weight", "visibility.weight", "stem.0.1.weight"} <= of_adam
     assert {"stem.1.0.weight", "levels.3.1.second.0.weight", "laterals.0.block.first.0.weight"} <= of_muon
     assert len(Optimisers(torch.nn.Linear(20, 20), 1e-3).parts) == 1
+    (alone,) = Optimisers(net, 1e-3, muon=False).parts
+    assert sum(len(group["params"]) for group in alone.param_groups) == len(names)
 
 
 def test_a_checkpoint_goes_on_as_if_nothing_had_been() -> None:

@@ -71,10 +71,12 @@ class Optimisers:
         net: the network.
         lr: learning rate.
         weight_decay: as of AdamW.
+        muon: without, AdamW has them all.
     """
 
-    def __init__(self, net: nn.Module, lr: float, weight_decay: float = 0.02) -> None:
-        filters = [p for p in net.parameters() if p.ndim == 4 and p.shape[1] >= _LEAST_CHANNELS and p.shape[2] > 1]
+    def __init__(self, net: nn.Module, lr: float, weight_decay: float = 0.02, muon: bool = True) -> None:
+        wide = [p for p in net.parameters() if p.ndim == 4 and p.shape[1] >= _LEAST_CHANNELS and p.shape[2] > 1]
+        filters = wide if muon else []
         chosen = {id(p) for p in filters}
         others = [p for p in net.parameters() if id(p) not in chosen]
         self.parts: list[torch.optim.Optimizer] = [torch.optim.AdamW(others, lr, weight_decay=weight_decay)]
