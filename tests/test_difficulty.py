@@ -8,6 +8,7 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
+from muybridge.errors import ModelError  # noqa: E402
 from muybridge.train import keypoints, loop  # noqa: E402
 from muybridge.train.difficulty import Difficulty, drawing_probability, read_difficulty  # noqa: E402
 from muybridge.train.options import KeypointTraining  # noqa: E402
@@ -56,6 +57,11 @@ def test_crops_of_hard_renders_come_more_often(store: pathlib.Path, tmp_path: pa
     share = np.isin(drawn, [7, 100]).mean()
     assert 0.38 < share < 0.62
     assert len(np.unique(drawn)) > 80
+
+
+def test_a_share_that_is_none_is_refused(tmp_path: pathlib.Path) -> None:
+    with pytest.raises(ModelError, match=r"--hard 1\.5: .* 0 to 1"):
+        keypoints.train(KeypointTraining(renders=tmp_path, out=tmp_path / "run", hard=1.5))
 
 
 def test_training_notes_which_renders_are_hard(

@@ -134,6 +134,8 @@ def held_out_batches(renders: pathlib.Path, pool: pathlib.Path, size: int, count
 
 def train(options: KeypointTraining) -> pathlib.Path:
     """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
+    if not 0 <= options.hard <= 1:
+        raise ModelError(f"--hard {options.hard:g}: it is a share of the crops, 0 to 1")
     pool = loop.prepare(options)
     validation = held_out_batches(options.renders, pool, options.size)
     net, seen = KeypointNet(len(BODY23) + len(SURFACE)), loop.Seen()
