@@ -10,6 +10,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # -c on every install: the versions that the tests ran with. pip's own configuration says where from.
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt
+# Two processes, each with whole files of tests: what a file's tests share is made once.
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile
 export NUMBA_NUM_THREADS ?= $(shell nproc 2>/dev/null || echo 2)
 
 help:
@@ -19,11 +21,11 @@ demo: $(VENV)/.installed-base
 	$(BIN)/muybridge demo
 
 test: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest -m "not slow"
+	$(PYTEST) -m "not slow"
 	$(MAKE) --no-print-directory lint
 
 test-all: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest
+	$(PYTEST)
 	$(MAKE) --no-print-directory lint
 
 lint: $(VENV)/.installed-dev

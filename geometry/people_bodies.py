@@ -20,6 +20,10 @@ _DOUBLE_SIZE, _DOUBLE_SHARE = 0.14, 0.8
 # Bodies that a camera sees both of in more than this share of their common frames are two people; a camera's track
 # passes from one to the other within so many seconds.
 _BOTH_SHARE, _HANDED_WITHIN = 0.05, 0.2
+# Who stands tells where the floor is, if the line from the ankles to the shoulders is this near to the vertical
+# (cosine); a body of which nine tenths lie this little above it or deeper, in lengths of that line, is no body.
+# Who lies on the floor reaches three times as high.
+_STANDING, _FLAT = 0.94, 0.05
 # How far from where they were last seen people may be found again, in body sizes: at once, and more with every second.
 _NEAR_BY, _STRAYS = 0.3, 3.6
 
@@ -99,6 +103,36 @@ def without_doubles(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
                    for other in kept):  # fmt: skip
             kept.append(body)
     return [b for b in bodies if b in kept]
+
+
+def without_shadows(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
+    """The bodies without those that lie in the floor or beneath it: shadows and reflections, in which detectors see
+    people too. As long as somebody stands to tell where the floor is, in a world whose z is up."""
+    parts = {n: [k for k, name in enumerate(landmarks.names) if name.endswith(n)] for n in ("shoulder", "ankle")}
+    if not all(parts.values()):
+        return bodies
+    floors, lengths = [], []
+    tracks = [np.stack([b.track[t] for t in sorted(b.track)]) if b.track else np.empty((0, len(landmarks), 3))
+              for b in bodies]  # fmt: skip
+    for points in tracks:
+        ankles = points[:, parts["ankle"]].mean(1)
+        rise = points[:, parts["shoulder"]].mean(1) - ankles
+        length = np.linalg.norm(rise, axis=-1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            standing = rise[:, 2] / length > _STANDING
+        if standing.any():
+            floors.append(float(np.nanmedian(np.nanmin(points[standing, :, 2], axis=1))))
+            lengths.append(float(np.median(length[standing])))
+    if not floors:
+        return bodies
+    top = min(floors) + _FLAT * float(np.median(lengths))
+    return [b for b, points in zip(bodies, tracks, strict=True) if not _beneath(points, top)]
+
+
+def _beneath(points: _Floats, height: float) -> bool:
+    """Whether nine tenths of the landmarks (T, J, 3) are no higher, at the median of the frames that know any."""
+    known = points[np.isfinite(points[..., 2]).any(1)]
+    return len(known) > 0 and float(np.median(np.nanpercentile(known[..., 2], 90, axis=1))) < height
 
 
 def without_stray_end(body: Body, few: int, gap: float) -> None:

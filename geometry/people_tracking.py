@@ -20,7 +20,7 @@ from scipy.optimize import linear_sum_assignment
 
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import Keypoints2D
-from muybridge.geometry.people_bodies import Body, rejoined, without_doubles, without_stray_end
+from muybridge.geometry.people_bodies import Body, rejoined, without_doubles, without_shadows, without_stray_end
 from muybridge.geometry.rays import nearest_points, pair_points, ray_directions
 from muybridge.geometry.robust import extent
 
@@ -37,8 +37,9 @@ _LOYALTY = 0.01
 # A view that lies this much farther off than the others', and this far in body sizes, is of someone else.
 _ODD_VIEW, _ODD_VIEW_SIZE = 3.0, 0.05
 # Seconds in which two cameras see a body, at least, for it not to be an accident; and somebody, in all of the take: a
-# shadow that is taken for a person for a moment agrees between cameras as well as people do.
-_LEAST_SEEN, _LEAST_IN_ALL = 0.3, 0.5
+# shadow that is taken for a person for a moment agrees between cameras as well as people do. So many times as long
+# where never three of three cameras or more do: two that face each other agree on nearly anything between them.
+_LEAST_SEEN, _LEAST_IN_ALL, _TWO_ALONE = 0.3, 0.5, 2
 # Seconds between two frames of the same track up to which what lies between is taken too.
 _BRIDGE = 0.2
 # A body is no faster than this, in body sizes a second, and loses so much of its speed in a second without two views.
@@ -58,8 +59,8 @@ class AssociateOptions:
         gate_growth: how the gate widens with every second in which the body was not seen.
         gate_slack: how much wider it is for every second between two frames beyond a thirtieth: more can happen.
         start: distance of two views' rays, in body sizes, up to which they may begin a body.
-        min_frames: people seen by two cameras in fewer frames (or for less than 0.3 s at a time, 0.5 s in all) are
-            dropped as accidents.
+        min_frames: people seen by two cameras in fewer frames (or for less than 0.3 s at a time, 0.5 s in all, 1 s
+            where no third camera ever does) are dropped as accidents.
         coast: seconds for which a body is predicted without being seen, before it is looked for as a new one.
         same_build: mean difference of limbs' lengths up to which someone who comes back is who left.
     """
@@ -102,6 +103,10 @@ class PeopleTracker:
         for body in bodies:
             without_stray_end(body, self._options.min_frames, _BRIDGE * self._fps)
         bodies = [b for b in bodies if b.met >= least and (b.confirmed or frames < 2 * self._options.min_frames)]
+        # Before anybody is followed back: what others have is not free, whoever's turn comes first.
+        for body in bodies:
+            for c, t in zip(*np.nonzero(body.slots >= 0), strict=True):
+                self._taken[c, t, body.slots[c, t]] = True
         for body in bodies:
             self._backwards(body)
         self._bridge(bodies)
@@ -386,8 +391,6 @@ class PeopleTracker:
         if not body.track:
             return
         frames = sorted(body.track)
-        for c, t in zip(*np.nonzero(body.slots >= 0), strict=True):
-            self._taken[c, t, body.slots[c, t]] = True
         probe = Body(body.track[frames[0]], body.slots, True, body.first)
         probe.points = np.where(np.isfinite(probe.points), probe.points, np.nanmedian(probe.points, axis=0))
         later = [f for f in frames if f <= frames[0] + 5]
@@ -439,10 +442,16 @@ def track_people(
         fps: frames a second.
     """
     options = options or AssociateOptions()
-    bodies = PeopleTracker(cameras, keypoints, options, fps).run()
+    bodies = without_shadows(PeopleTracker(cameras, keypoints, options, fps).run(), keypoints.landmarks)
     groups = rejoined(bodies, keypoints.landmarks, options.coast, options.same_build, fps)
-    least = _least_frames(options, _LEAST_IN_ALL * fps, keypoints.points_px.shape[1])
-    return [np.asarray(group) for group in groups if ((group >= 0).sum(axis=0) >= 2).sum() >= least]
+    frames = keypoints.points_px.shape[1]
+    found = []
+    for group in groups:
+        views = (group >= 0).sum(axis=0)
+        wanted = _LEAST_IN_ALL * fps * (1 if views.max() >= min(3, len(cameras)) else _TWO_ALONE)
+        if (views >= 2).sum() >= _least_frames(options, wanted, frames):
+            found.append(np.asarray(group))
+    return found
 
 
 def _least_frames(options: AssociateOptions, wanted: float, frames: int) -> float:

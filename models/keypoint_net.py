@@ -79,7 +79,7 @@ class KeypointNet(nn.Module):
         self,
         landmarks: int = 23,
         widths: tuple[int, int, int, int] = (32, 64, 128, 160),
-        depths: tuple[int, int, int, int] = (0, 2, 2, 2),
+        depths: tuple[int, int, int, int] = (0, 2, 2, 3),
     ) -> None:
         super().__init__()
         self.config: dict[str, Any] = {"landmarks": landmarks, "widths": widths, "depths": depths}

@@ -15,9 +15,10 @@ Value = TypeVar("Value", np.uint8, np.float32)
 # A crop of whose landmarks the logarithms of the variances are more than this on average (px^2 of a crop of 192 px) is
 # unsure; another orientation counts where they are less by so much.
 _UNSURE, _SURER = 3.0, 0.6
-# What is nowhere in a crop as it stands has no say, where so many landmarks are left: of a close-up it would outweigh
-# what is in the picture.
-_LEAST_THERE = 6
+# Nobody is turned of whom some landmarks, but less than this share of them, are in the crop: who is seen in part, at a
+# desk or by the picture's border, is unsure for that and not for lying, and may look like a person any way up. Of whom
+# fewer than so many are found, nothing is known yet.
+_WHOLE, _LEAST_THERE = 0.85, 6
 
 
 class Series(NamedTuple):
@@ -52,9 +53,10 @@ def turn_where_unsure(
         the landmarks that the heatmaps then say.
     """
     decoded = decode_heatmaps(maps[0], card.stride, card.spread)
-    there = _there(decoded)
-    least = _doubt(decoded, card, there)
-    (unsure,) = np.nonzero(least > _UNSURE)
+    least = _doubt(decoded, card)
+    there = (decoded.score >= NO_IDEA).sum(axis=1)
+    in_part = (there >= _LEAST_THERE) & (there < _WHOLE * decoded.score.shape[1])
+    (unsure,) = np.nonzero((least > _UNSURE) & ~in_part)
     if not len(unsure):
         return decoded
     least -= _SURER
@@ -64,7 +66,7 @@ def turn_where_unsure(
         if not len(tried):
             return
         turned = look(np.rot90(crops[tried], turn, axes=(rows, rows + 1)))
-        doubt = _doubt(decode_heatmaps(turned[0], card.stride, card.spread), card, there[tried])
+        doubt = _doubt(decode_heatmaps(turned[0], card.stride, card.spread), card)
         surer = doubt < least[tried]
         better = tried[surer]
         least[better], quarters[better] = doubt[surer], turn
@@ -100,14 +102,6 @@ def _samples(unsure: NDArray[np.intp], series: Series | None) -> tuple[NDArray[n
     return before, after
 
 
-def _there(found: DecodedHeatmaps) -> NDArray[np.bool_]:
-    """(N, J) which landmarks tell which way up a crop is."""
-    there = found.score >= NO_IDEA
-    there[there.sum(axis=1) < _LEAST_THERE] = True
-    return there
-
-
-def _doubt(found: DecodedHeatmaps, card: KeypointModelCard, there: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(N,) mean logarithm of the variances of the landmarks `there` (N, J), px^2 of a crop of 192 px."""
-    logs = np.log(found.variance_crop_px2 * (192 / card.input_size) ** 2)
-    return np.asarray(np.mean(logs, axis=1, where=there))
+def _doubt(found: DecodedHeatmaps, card: KeypointModelCard) -> NDArray[np.float64]:
+    """(N,) mean logarithm of the landmarks' variances, px^2 of a crop of 192 px."""
+    return np.asarray(np.log(found.variance_crop_px2 * (192 / card.input_size) ** 2).mean(axis=1))

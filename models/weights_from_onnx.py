@@ -44,6 +44,9 @@ def keypoint_net_from_onnx(path: Path) -> KeypointNet:
         stem = here["stem.0.0.weight"]
         missing = CHANNELS - stem.shape[1]
         here["stem.0.0.weight"] = nn.functional.pad(stem, (0, 0, 0, 0, 0, missing)) if missing > 0 else stem
+        # They also had a block less at the coarsest level.
+        if "levels.3.3.first.0.weight" not in here:
+            here |= _idle_block("levels.3.3", net.config["widths"][3])
         net.load_state_dict(_unfolded(net, here))
     return net.eval()
 
@@ -95,7 +98,8 @@ def trained_for(path: Path) -> dict[str, Any]:
 @torch.no_grad()
 def measure_normalisation(net: nn.Module, images: Sequence[Tensor]) -> None:
     """Unfolds normalisation: filters whose outputs have unit variance on `images`, followed by normalisations with that
-    variance and mean, so that a network from a file can be trained on as any other.
+    variance and mean, so that a network from a file can be trained on as any other. Filters of nothing but zeros are
+    drawn at random, and their normalisation lets nothing through until it has learned to.
 
     Folded filters are as large as the network's last touch made them, fifty times larger in one layer than in
     another, and a step of one learning rate would be too large for some and nothing for others.
@@ -105,7 +109,12 @@ def measure_normalisation(net: nn.Module, images: Sequence[Tensor]) -> None:
         images: batches (N, 4, S, S) in 0..1, of the kind that it is trained on.
     """
     units = [list(m) for m in net.modules() if isinstance(m, nn.Sequential) and len(m) > 1]
-    pairs = [(unit[0], unit[1]) for unit in units if isinstance(unit[1], nn.BatchNorm2d)]
+    pairs = [(unit[0], unit[1]) for unit in units
+             if isinstance(unit[0], nn.Conv2d) and isinstance(unit[1], nn.BatchNorm2d)]  # fmt: skip
+    for convolution, normalisation in pairs:
+        if not torch.any(convolution.weight):
+            nn.init.kaiming_normal_(convolution.weight)
+            normalisation.weight.zero_()
     moments: dict[nn.Module, list[Tensor]] = {normalisation: [] for _, normalisation in pairs}
 
     def measure(module: nn.Module, inputs: tuple[Tensor, ...]) -> None:
@@ -130,6 +139,17 @@ def measure_normalisation(net: nn.Module, images: Sequence[Tensor]) -> None:
         normalisation.weight.copy_(gain * deviation * math.sqrt(1 + normalisation.eps))
         normalisation.running_mean.copy_(mean / deviation)
         normalisation.running_var.fill_(1.0)
+
+
+def _idle_block(name: str, channels: int) -> dict[str, Tensor]:
+    """Weights of a residual block that adds nothing, in the form of a file's. Its first filters are always the same, so
+    that networks which began with them can be averaged."""
+    shape = (channels, channels, 3, 3)
+    drawn = torch.randn(shape, generator=torch.Generator().manual_seed(0)) * math.sqrt(2 / (9 * channels))
+    filters = {"first": drawn, "second": torch.zeros(shape)}
+    return {f"{name}.{k}.0.weight": v for k, v in filters.items()} | {
+        f"{name}.{k}.0.weight_bias": torch.zeros(channels) for k in filters
+    }
 
 
 def _unfolded(net: nn.Module, weights: dict[str, Tensor]) -> dict[str, Tensor]:

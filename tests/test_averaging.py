@@ -15,7 +15,7 @@ from onnx import numpy_helper  # noqa: E402
 
 from muybridge.errors import ModelError  # noqa: E402
 from muybridge.models.registry import shipped_model  # noqa: E402
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx  # noqa: E402
+from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, trained_for  # noqa: E402
 from muybridge.train.averaging import average_keypoints  # noqa: E402
 from muybridge.train.publish import keypoint_net  # noqa: E402
 
@@ -42,7 +42,7 @@ def test_the_average_of_a_network_with_itself_is_itself(shipped, tmp_path):
     with torch.inference_mode():
         ours, theirs = keypoint_net(saved)(image)[0], keypoint_net_from_onnx(shipped)(image)[0]
     assert torch.allclose(ours, theirs, atol=1e-5)
-    assert saved["state"]["images"] > 1e6 and saved["options"]["seed"] == "0"
+    assert saved["state"]["images"] > 1e6 and saved["options"]["seed"] == trained_for(shipped)["seed"]
 
 
 def test_weights_lie_in_the_middle(shipped, tmp_path):
@@ -51,6 +51,26 @@ def test_weights_lie_in_the_middle(shipped, tmp_path):
     moved = {k: (saved["average"][k] - v).float() for k, v in before.items()}
     far = [k for k, d in moved.items() if d.abs().max() > 1e-6]
     assert len(far) == 1 and torch.allclose(moved[far[0]], torch.full_like(moved[far[0]], 0.125), atol=1e-6)
+
+
+def without_last_block(path: Path, to: Path) -> Path:
+    """The network as one of an earlier version, which had a block less at the coarsest level."""
+    model = onnx.load(str(path))
+    kept = [i for i in model.graph.initializer if not i.name.startswith("net.net.levels.3.3.")]
+    assert len(kept) == len(model.graph.initializer) - 4
+    del model.graph.initializer[:]
+    model.graph.initializer.extend(kept)
+    onnx.save(model, str(to))
+    return to
+
+
+def test_a_block_that_a_file_lacks_is_the_others(shipped, tmp_path):
+    earlier = without_last_block(changed(shipped, tmp_path / "other.onnx", 0.3), tmp_path / "earlier.onnx")
+    before, mean = keypoint_net_from_onnx(shipped).state_dict(), average_keypoints([shipped, shipped, earlier])
+    moved = {k: (mean["average"][k] - v).float() for k, v in before.items()}
+    far = [k for k, d in moved.items() if d.abs().max() > 1e-6]
+    assert len(far) == 1 and torch.allclose(moved[far[0]], torch.full_like(moved[far[0]], 0.1), atol=1e-6)
+    assert before["levels.3.3.second.0.weight"].any()
 
 
 def test_what_each_saw_since_they_parted_counts(shipped, tmp_path):
@@ -62,7 +82,7 @@ def test_what_each_saw_since_they_parted_counts(shipped, tmp_path):
         onnx.save(model, str(path))
         return path
 
-    saved = average_keypoints([told(1500, 30), told(1000, 20), told(1200, 25)])
+    saved = average_keypoints([told(1500, 30), told(1000, 20), told(1200, 25), tmp_path / "1500.onnx"])
     assert saved["state"] == {"images": 1700, "seconds": pytest.approx(60 * 35)}
 
 

@@ -171,6 +171,34 @@ def test_who_is_there_for_a_moment_is_nobody(bench, fps: float) -> None:
         assert len(track_people(cameras, seen_exactly(cameras, [people[0], other]), fps=fps)) == count
 
 
+@pytest.mark.parametrize("fps", [30.0, 60.0])
+def test_whom_never_three_cameras_see_has_to_be_there_for_longer(bench, fps: float) -> None:
+    rng = np.random.default_rng(6)
+    cameras, people = bench.room(4, rng), bench.walkers(1, round(5 * fps), rng, fps)
+    for seconds, seen_by, count in ((0.8, 2, 1), (0.8, 3, 2), (1.3, 2, 2)):
+        other = people[0] + [0.9, 0.0, 0.0]
+        other[round((1 + seconds) * fps) :] = other[: round(fps)] = np.nan
+        found = seen_exactly(cameras, [people[0], other])
+        found.points_px[seen_by:, :, 1] = np.nan
+        assert len(track_people(cameras, found, fps=fps)) == count, (seconds, seen_by)
+
+
+def test_shadows_on_the_floor_are_nobody_but_who_lies_there_is_somebody(bench) -> None:
+    rng = np.random.default_rng(6)
+    cameras, people = bench.room(4, rng), bench.walkers(1, 90, rng)
+    person = people[0]
+    shadow = person.copy()
+    shadow[..., 0] += 0.9 * person[..., 2]
+    shadow[..., 2] = rng.normal(0, 0.01, person.shape[:2])
+    assert len(track_people(cameras, seen_exactly(cameras, [person, shadow]))) == 1
+    # Nobody stands there to tell where the floor is: then nobody is taken away.
+    assert len(track_people(cameras, seen_exactly(cameras, [shadow]))) == 1
+    # Who lies on their back, 1 m away: half a trunk above the floor.
+    still = person[:1] - person[:1].mean(axis=(1,), keepdims=True)
+    lying = np.stack([still[..., 0] - 1.2, still[..., 2], 0.12 - still[..., 1]], -1).repeat(len(person), 0)
+    assert len(track_people(cameras, seen_exactly(cameras, [person, lying + person[:1, :1] * [1, 1, 0]]))) == 2
+
+
 def test_who_is_found_twice_is_one(bench) -> None:
     rng = np.random.default_rng(4)
     cameras, people = bench.room(4, rng), bench.walkers(1, 60, rng)

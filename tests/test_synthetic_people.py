@@ -247,7 +247,8 @@ def test_who_stands_still_is_in_the_plate_of_a_scene(renders, monkeypatch):
         elsewhere, as a share of the former: no two shares have the same scenes."""
         for name, share in (("STILL", still), ("PARTLY", partly), ("GHOST", ghost)):
             monkeypatch.setattr(f"muybridge.train.scenes.{name}", share)
-        monkeypatch.setattr("muybridge.train.scenes.NEAR_SHARE", 0)
+        for name in ("NEAR_SHARE", "CAST_SHARE"):
+            monkeypatch.setattr(f"muybridge.train.scenes.{name}", 0)
         batch = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 3).batch(48, (192, 320))
         within, beside, room = 0, 0, 0
         for image, boxes, ignored in zip(batch.image[:, 3].numpy(), batch.boxes, batch.ignore, strict=True):
@@ -266,8 +267,27 @@ def test_who_stands_still_is_in_the_plate_of_a_scene(renders, monkeypatch):
     assert strongest(ghost=1.0)[1] > 4 * shadows
 
 
+def test_people_cast_shadows_from_their_feet_and_keep_their_boxes(renders, monkeypatch):
+    pole, frame = np.zeros((20, 9), np.uint8), np.full((60, 60, 3), 200, np.uint8)
+    pole[5:16, 4] = 255
+    scenes._cast(frame, pole, 15.0, np.array([20, 30]), (1.0, 0.5, 0.5, 0.3))
+    dark = np.argwhere(frame[..., 0] < 180)
+    assert abs(dark[-1] - [45, 24]).max() <= 1 and abs(dark[0] - [40, 34]).max() <= 1  # foot and top of a pole of 10 px
+    assert abs((dark[:, 1] - 24) - 2 * (45 - dark[:, 0])).max() <= 2
+    boxes = []
+    for name in ("GHOST", "STILL", "PARTLY", "NEAR_SHARE"):
+        monkeypatch.setattr(f"muybridge.train.scenes.{name}", 0)
+    for share in (0, 1):
+        monkeypatch.setattr("muybridge.train.scenes.CAST_SHARE", share)
+        monkeypatch.setattr(SceneCompositor, "_light", lambda self: (0.8, -0.4, 0.4, 1.0))
+        boxes.append(SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 0)._scene(192, 320))
+    assert np.array_equal(boxes[0][2], boxes[1][2]) and np.array_equal(boxes[0][1], boxes[1][1])  # boxes and the plate
+    assert (boxes[1][0] <= boxes[0][0]).all() and (boxes[1][0] < boxes[0][0]).any()
+
+
 def test_scene_boxes_hold_their_people(renders, monkeypatch):
     monkeypatch.setattr("muybridge.train.scenes.GHOST", 0)
+    monkeypatch.setattr("muybridge.train.scenes.CAST_SHARE", 0)
     compositor = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 0)
     batch = compositor.batch(12, (192, 320))
     assert tuple(batch.image.shape) == (12, 4, 192, 320)

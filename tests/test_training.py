@@ -14,10 +14,10 @@ from muybridge.errors import ModelError, SessionError  # noqa: E402
 from muybridge.geometry.landmarks import BODY23  # noqa: E402
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
 from muybridge.models.export import export_onnx, parity  # noqa: E402
-from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
+from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart  # noqa: E402
 from muybridge.models.people_net import PeopleNet  # noqa: E402
 from muybridge.models.registry import keypoint_card, people_card, shipped_model  # noqa: E402
-from muybridge.models.weights_from_onnx import measure_normalisation  # noqa: E402
+from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, measure_normalisation  # noqa: E402
 from muybridge.train import keypoints, loop, people  # noqa: E402
 from muybridge.train.augment import AugmentOptions, Compositor  # noqa: E402
 from muybridge.train.evaluation import MIRROR, _figures, evaluate_onnx  # noqa: E402
@@ -146,15 +146,20 @@ def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
     assert card.metadata["training_command"] == "a test"
 
 
-def test_measured_normalisation_changes_nothing_but_the_filters():
-    torch.manual_seed(4)
-    net, images = KeypointNet(5), [torch.rand(4, 4, 64, 64) for _ in range(2)]
-    for module in net.modules():
-        if isinstance(module, torch.nn.BatchNorm2d):  # as a trained one, away from its beginning
+def as_trained(net):
+    """With normalisations that are away from their beginning; in evaluation mode."""
+    for module in net.eval().modules():
+        if isinstance(module, torch.nn.BatchNorm2d):
             torch.nn.init.normal_(module.running_mean)
             torch.nn.init.uniform_(module.running_var, 0.2, 3)
             torch.nn.init.uniform_(module.weight, 0.2, 2)
-    net.eval()
+    return net
+
+
+def test_measured_normalisation_changes_nothing_but_the_filters():
+    torch.manual_seed(4)
+    net, images = KeypointNet(5), [torch.rand(4, 4, 64, 64) for _ in range(2)]
+    as_trained(net)
     with torch.no_grad():
         before = net(images[0])[0]
         measure_normalisation(net, images)
@@ -165,6 +170,36 @@ def test_measured_normalisation_changes_nothing_but_the_filters():
     assert (trained - before).abs().mean() < 0.02 * before.std()
     outputs = net.stem[0][0]((torch.cat(images) - net.mean) / net.std)
     torch.testing.assert_close(outputs.std((0, 2, 3)), torch.ones(16), rtol=2e-2, atol=0)
+
+
+def test_a_block_that_earlier_files_lack_begins_idle_and_learns(tmp_path):
+    torch.manual_seed(0)
+    earlier, path = as_trained(KeypointNet(23, depths=(0, 2, 2, 2))), tmp_path / "earlier.onnx"
+    export_onnx(PlateApart(earlier), path, (2, 3, 64, 64), ("heatmaps", "visibility"), {}, PLATE)
+    net, image = keypoint_net_from_onnx(path), torch.rand(4, 4, 64, 64)
+    with torch.no_grad():
+        for _ in range(2):
+            torch.testing.assert_close(net(image)[0], earlier(image)[0], rtol=1e-3, atol=1e-3)
+            measure_normalisation(net, [image])  # may not change what it says
+    last, gradient = net.levels[3][3].second[1].weight, []
+    assert not last.any()
+    for _ in range(2):
+        net.train()(image)[0].square().mean().backward()
+        gradient.append(float(net.levels[3][3].second[0].weight.grad.abs().max()))
+        with torch.no_grad():
+            last -= 0.1 * last.grad.sign()
+    assert gradient[0] == 0 < gradient[1]  # nothing lets it through, and then something does
+
+
+def test_a_run_of_another_design_is_refused_by_name(store, tmp_path):
+    options = KeypointTraining(
+        renders=store, out=tmp_path / "run", minutes=0.02, size=64, batch=4, backgrounds=8, workers=0
+    )
+    saved = load_checkpoint(keypoints.train(options))
+    saved["net"] = KeypointNet(95, depths=(0, 2, 2, 2)).state_dict()
+    loop.save_atomically(options.out / loop.CHECKPOINT, saved)
+    with pytest.raises(SessionError, match=r"run.checkpoint\.pt: of another design"):
+        keypoints.train(options)
 
 
 @pytest.mark.parametrize("kind", ["keypoints", "people"])

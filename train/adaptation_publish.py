@@ -24,6 +24,8 @@ from muybridge.train.options import Adaptation
 from muybridge.train.publish import CALIBRATION_IMAGES
 
 _BEYOND_BELIEF = 0.04  # of the crop
+# What it has to come nearer for it to have learned anything: unfolding its normalisation alone changes it by rounding.
+_LEAST_GAIN = 0.002
 # What was measured of the network before says nothing of it now.
 _OUTDATED = ("scores", "sigma_coverage", "marker_scores", "marker_sigma_coverage", "training_command")
 
@@ -56,7 +58,7 @@ def adapt(options: Adaptation, command: str) -> str:
         bar = progress.add_task(f"adapting to {len(footage.crops)} crops", total=1.0)
         student, images = adapted(net, view, options, lambda share: progress.update(bar, completed=share))
     after = agreement(student, view)
-    if after.mean_px >= before.mean_px:
+    if after.mean_px > (1 - _LEAST_GAIN) * before.mean_px:
         raise SessionError(
             f"{options.footage}: the network comes no nearer to what all cameras agree on than before "
             f"({_change(before, after)}): use it as it was, or give it more --minutes"

@@ -5,12 +5,13 @@ Networks between whose ends training went on at a constant rate lie in one valle
 """
 
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import torch
 
 from muybridge.errors import ModelError
+from muybridge.models.keypoint_net import Block, KeypointNet
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, trained_for
 from muybridge.train.loop import Seen
 
@@ -20,7 +21,7 @@ def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
 
     Args:
         paths: ONNX files; normalisation is folded into their convolutions, so that no statistics have to be measured
-            anew.
+            anew. One that is named twice counts twice. A block that a file lacks is the mean of the others'.
 
     Raises:
         ModelError: fewer than two files, or one that is none of ours, or of another design than the first.
@@ -32,14 +33,23 @@ def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
     for path, state in zip(paths, states, strict=True):
         if {k: v.shape for k, v in state.items()} != {k: v.shape for k, v in states[0].items()}:
             raise ModelError(f"{path}: of another design than {paths[0]}; average networks of one training run")
-    mean = {k: torch.stack([s[k].float() for s in states]).mean(0).to(v.dtype) for k, v in states[0].items()}
+    mean = {}
+    for k, v in states[0].items():
+        those = [s[k].float() for s, net in zip(states, nets, strict=True) if not k.startswith(_idle_blocks(net))]
+        mean[k] = torch.stack(those or [s[k].float() for s in states]).mean(0).to(v.dtype)
     return {
-        "average": mean, "config": nets[0].config, "state": _seen(paths)._asdict(), "scores": {},
+        "average": mean, "config": nets[0].config, "state": _seen(dict.fromkeys(paths))._asdict(), "scores": {},
         "options": {"seed": trained_for(paths[0])["seed"]},
     }  # fmt: skip
 
 
-def _seen(paths: Sequence[pathlib.Path]) -> Seen:
+def _idle_blocks(net: KeypointNet) -> tuple[str, ...]:
+    """What the names of the weights of blocks begin with that add nothing, as those that a file lacks."""
+    blocks = ((name, block) for name, block in net.named_modules() if isinstance(block, Block))
+    return tuple(f"{name}." for name, block in blocks if not any(p.any() for p in block.second[0].parameters()))
+
+
+def _seen(paths: Iterable[pathlib.Path]) -> Seen:
     """What networks saw together: what the youngest saw, from which the others are taken to have gone on, and what each
     of them saw since."""
     seen = [Seen.of(path) for path in paths]

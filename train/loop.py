@@ -205,7 +205,13 @@ class Fit:
         self.state: dict[str, Any] = {"step": 0} | (seen or Seen())._asdict()
         if resumes(options):
             saved = torch.load(self.checkpoint, map_location=device(), weights_only=False)
-            self.net.load_state_dict(saved["net"])
+            try:
+                self.net.load_state_dict(saved["net"])
+            except RuntimeError as error:
+                raise SessionError(
+                    f"{self.checkpoint}: of another design than this version's, so training cannot resume; start a new "
+                    "run with another --out, from its weights with --model FILE.onnx"
+                ) from error
             if isinstance(saved["optimiser"], list):  # earlier versions' had AdamW alone: it begins anew
                 self.optimiser.load_state_dict(saved["optimiser"])
             self.average.state = saved["average"]

@@ -19,6 +19,8 @@ CLOSE_SHARE = 0.12
 BESIDE_SHARE = 0.3
 # Share of scenes with somebody near, cut off by the picture's border, from a store that has close-ups.
 NEAR_SHARE = 0.25
+# Share of scenes in which a low sun or a lamp throws people's outlines onto the floor; what lies there is nobody.
+CAST_SHARE = 0.3
 SHAPES = ((192, 320), (320, 192), (256, 320), (320, 256))  # height, width
 
 
@@ -100,19 +102,30 @@ class SceneCompositor:
     ) -> tuple[list[NDArray[np.float64]], list[int]]:
         """Draws people of these sizes, pixels, far ones first; their boxes and the areas of their silhouettes."""
         rng, beside = self.rng, self._beside(size)
+        height, width = owners.shape
         boxes, areas = [], []
         roll = np.radians(rng.normal(0, 8 if rng.random() < 0.8 else 20))
         placed: dict[int, NDArray[np.float64]] = {}
+        light = self._light() if rng.random() < CAST_SHARE else None
         for number, k in enumerate(np.argsort(size)):
             rgba, box = self._person(float(size[k]), roll)
             mate = next((placed[m] for m in beside[k] if m in placed), None)
-            shift = None if mate is None else self._next_to(mate, box)
+            shift = self._place(height, width, box) if mate is None else self._next_to(mate, box)
+            if light is not None:
+                _cast(frame, rgba[..., 3], float(box[3]), shift, light)
             at, area = self._paste(frame, owners, rgba, box, number, shift)
             placed[int(k)] = at
             self._before(frame, plate, owners, number, rgba, at[:2] - box[:2])
             boxes.append(at)
             areas.append(area)
         return boxes, areas
+
+    def _light(self) -> tuple[float, float, float, float]:
+        """Where shadows fall and what they are like: how far across and how far up the picture (negative: towards the
+        camera) for every pixel of a person's height, how much light is left, and their edges' softness in pixels."""
+        rng = self.rng
+        away = rng.uniform(0.05, 0.7) * rng.choice([-1, 1])
+        return rng.normal(0, 0.9), away, rng.uniform(0.3, 0.8), float(np.exp(rng.uniform(np.log(0.3), np.log(3))))
 
     def _before(
         self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16], number: int,
@@ -276,6 +289,19 @@ class SceneCompositor:
         corners = center + reach * np.stack([np.cos(angle), np.sin(angle)], 1) * rng.uniform(0.4, 1.6, 2)
         cv2.fillPoly(mask, [corners.astype(np.int32)], 1)
         self._cover(mask > 0, frame, plate, owners)
+
+
+def _cast(
+    frame: NDArray[np.uint8], alpha: NDArray[np.uint8], foot: float, shift: NDArray[np.intp],
+    light: tuple[float, float, float, float],
+) -> None:  # fmt: skip
+    """Darkens the floor where a person (`alpha` (h, w), whose feet are in row `foot`, moved by `shift`) keeps a light
+    of `_light` away."""
+    across, up, left, soft = light
+    there = np.array([[1, -across, shift[0] + across * foot], [0, up, shift[1] + (1 - up) * foot]])
+    shadow = cv2.warpAffine(alpha, there, (frame.shape[1], frame.shape[0]), flags=cv2.INTER_LINEAR)
+    shadow = cv2.GaussianBlur(shadow, (0, 0), soft).astype(np.float32)[..., None] / 255
+    frame[:] = (frame * (1 - (1 - left) * shadow)).astype(np.uint8)
 
 
 def _extent(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
