@@ -10,8 +10,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 # -c on every install: the versions that the tests ran with. pip's own configuration says where from.
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt
-# Two processes, each with whole files of tests: what a file's tests share is made once.
-PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile
+# Two processes, each with whole files of tests: what a file's tests share is made once. One thread for each, since
+# threads of torch that wait for a processor cost the other process its own.
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 export NUMBA_NUM_THREADS ?= $(shell nproc 2>/dev/null || echo 2)
 
 help:

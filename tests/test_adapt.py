@@ -162,7 +162,7 @@ def test_a_network_gets_used_to_footage(footage, tmp_path):
     net = keypoint_net_from_onnx(shipped_model("keypoints"))
     before = {k: v.clone() for k, v in net.state_dict().items()}
     shares = []
-    options = Adaptation(tmp_path / "footage.npz", tmp_path, minutes=0.3, threads=2)
+    options = Adaptation(tmp_path / "footage.npz", tmp_path, minutes=0.6)
     student, images = adapted(net, view, options, shares.append)
     assert images >= 64 and shares == sorted(shares) and shares[-1] <= 1
     assert all(torch.equal(v, before[k]) for k, v in net.state_dict().items())  # the teacher stays
@@ -172,7 +172,7 @@ def test_a_network_gets_used_to_footage(footage, tmp_path):
 def test_files_are_written_that_run_takes(footage, tmp_path):
     save_footage(tmp_path / "footage.npz", footage)
     out = tmp_path / "out"
-    said = adapt(Adaptation(tmp_path / "footage.npz", out, minutes=0.3, threads=2), "muybridge train adapt")
+    said = adapt(Adaptation(tmp_path / "footage.npz", out, minutes=0.3, threads=1), "muybridge train adapt")
     assert "before" in said and str(out) in said
     models = open_models(DetectOptions(keypoint_model=out / "keypoints.onnx", markers="all"))
     assert models.landmarks == BODY23
@@ -186,7 +186,7 @@ def test_files_are_written_that_run_takes(footage, tmp_path):
 def test_what_is_no_better_is_not_written(footage, tmp_path):
     save_footage(tmp_path / "footage.npz", footage)
     with pytest.raises(SessionError, match="no nearer"):
-        adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out", minutes=0.03, rate=1e-12, threads=2), "")
+        adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out", minutes=0.03, rate=1e-12, threads=1), "")
     assert not (tmp_path / "out").exists()
     some = footage._replace(landmarks_px=footage.landmarks_px[:, :30], agreed=footage.agreed[:, :30])
     save_footage(tmp_path / "footage.npz", some)
