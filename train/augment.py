@@ -114,15 +114,16 @@ class Compositor:
         cuts = to_crop(rng, lines, matrix, np.isfinite(made[:, 0]))
         person, landmarks, visible = self._warp(index, matrix, flip)
         plate = self._background(count, opt.clutter)
-        image = plate * (1 - person[:, 4:] * self._column(rng.uniform(0, 0.6, count)))
+        shade = person[:, 4:] * self._column(rng.uniform(0, 0.6, count))
+        image = torch.addcmul(plate, plate, shade, value=-1)
         other = rng.random(count) < (opt.second_person if len(self.whole) else 0.0)
         in_front = rng.random(count) < 0.4
         front = self._second_person(image, other, in_front) if other.any() else None
-        image = image * (1 - person[:, 3:4]) + person[:, :3]
+        image.mul_(1 - person[:, 3:4]).add_(person[:, :3])
         if front is not None:
             visible &= ~(self._alpha_at(front[:, 3].numpy(), landmarks) > 0.5)
-            image = image * (1 - front[:, 3:4]) + front[:, :3]
-        image, visible, before = self._occlude(image, visible, landmarks)
+            image.mul_(1 - front[:, 3:4]).add_(front[:, :3])
+        visible, before = self._occlude(image, visible, landmarks)
         self._mosaic(image, landmarks)
         visible = visible & ~cuts.hidden(landmarks)
         for i in cuts.chosen(SOMETHING):
@@ -131,12 +132,12 @@ class Compositor:
             before[i, :, mask] = 1
         difference = self._difference(image, plate, person, before)
         image = self.faults.apply(image) if opt.faults else image
-        image, visible = self._truncate(image, visible, landmarks)
-        for i in cuts.chosen(BORDER):
-            image[i, :, torch.from_numpy(cuts.mask(i, self.size))] = 0
-        difference[(image == 0).all(1, keepdim=True)] = 0
+        visible, outside = self._truncate(visible, landmarks)
+        for i, mask in [*outside, *((i, cuts.mask(i, self.size)) for i in cuts.chosen(BORDER))]:
+            for layer in (image, difference):
+                layer[i, :, torch.from_numpy(mask)] = 0
         inside = ((landmarks >= 0) & (landmarks <= self.size - 1)).all(-1)
-        pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8)
+        pixels = image.clamp_(0, 1).mul_(255).round_().to(torch.uint8)
         pixels = self.faults.compress(pixels) if opt.faults else pixels
         at, seen = torch.from_numpy(landmarks), torch.from_numpy(visible & inside)
         body = len(BODY23)
@@ -145,13 +146,13 @@ class Compositor:
     def _difference(self, image: Tensor, plate: Tensor, person: Tensor, before: Tensor) -> Tensor:
         """(B, 1, S, S) uint8 to the background plate, of a share of the crops; `before` (B, 1, S, S) is what stands
         before the person: a part of the room, or held or carried."""
-        known = self.plates.rng.random(len(image)) < self.options.plate
-        if not known.any():
-            return torch.zeros(before.shape, dtype=torch.uint8)
-        static = before * self._column(self.plates.rng.random(len(image)) < 0.6)
-        self.plates.seen_before(plate, person, static)
-        difference = self.plates.difference(image, plate, static)
-        difference[torch.from_numpy(~known)] = 0
+        known = torch.from_numpy(np.nonzero(self.plates.rng.random(len(image)) < self.options.plate)[0])
+        difference = torch.zeros(before.shape, dtype=torch.uint8)
+        if len(known):
+            static = before[known] * self._column(self.plates.rng.random(len(known)) < 0.6)
+            empty = plate[known]
+            self.plates.seen_before(empty, person[known], static)
+            difference[known] = self.plates.difference(image[known], empty, static)
         return difference
 
     def _column(self, values: NDArray[np.generic]) -> Tensor:
@@ -194,14 +195,14 @@ class Compositor:
         landmarks = np.einsum("nij,nkj->nki", matrix[:, :, :2], landmarks) + matrix[:, None, :, 2]
         visible = np.concatenate([self.renders.visible[index], self.renders.markers_visible[index]], 1)
         landmarks[flip], visible[flip] = landmarks[flip][:, MIRROR], visible[flip][:, MIRROR]
-        return torch.from_numpy(warped).float() / 255, landmarks.astype(np.float32), visible
+        return torch.from_numpy(warped).float().div_(255), landmarks.astype(np.float32), visible
 
     def _background(self, count: int, clutter: float = 0.0) -> Tensor:
         """Random windows of the background pool, a share of them cluttered."""
         pictures = np.stack([self._window() for _ in range(count)])
         for i in np.nonzero(self.rng.random(count) < clutter)[0]:
             add_clutter(pictures[i], 6, self._window, self.rng)
-        return torch.from_numpy(pictures.transpose(0, 3, 1, 2).astype(np.float32)) / 255
+        return torch.from_numpy(pictures.transpose(0, 3, 1, 2).astype(np.float32)).div_(255)
 
     def _window(self) -> NDArray[np.uint8]:
         """(size, size, 3) of one background: half of them no larger than they were made, or blur would tell people
@@ -239,14 +240,13 @@ class Compositor:
 
     def _occlude(
         self, image: Tensor, visible: NDArray[np.bool_], landmarks: NDArray[np.float32]
-    ) -> tuple[Tensor, NDArray[np.bool_], Tensor]:
-        """Things in front of the person: polygons and bars with the texture of another background. Also where they are,
-        (B, 1, S, S) in 0..1."""
+    ) -> tuple[NDArray[np.bool_], Tensor]:
+        """Puts things in front of the person, in place: polygons and bars with the texture of another background.
+        Returns what is visible still, and where they are, (B, 1, S, S) in 0..1."""
         rng, size = self.rng, self.size
         chosen = np.nonzero(rng.random(len(image)) < self.options.occluder)[0]
         if not len(chosen):
-            return image, visible, torch.zeros_like(image[:, :1])
-        texture = self._background(len(chosen))
+            return visible, torch.zeros_like(image[:, :1])
         mask = np.zeros((len(image), size, size), np.float32)
         for i in chosen:
             canvas = np.zeros((size, size), np.uint8)
@@ -264,9 +264,9 @@ class Compositor:
             mask[i] = canvas / 255.0
         visible = visible & ~(self._alpha_at(mask, landmarks) > 0.5)
         alpha = torch.from_numpy(mask)[:, None]
-        full = torch.zeros_like(image)
-        full[torch.from_numpy(chosen)] = texture
-        return image * (1 - alpha) + full * alpha, visible, alpha
+        for i, texture in zip(chosen, self._background(len(chosen)), strict=True):
+            image[i].lerp_(texture, alpha[i])
+        return visible, alpha
 
     def _mosaic(self, image: Tensor, landmarks: NDArray[np.float32]) -> None:
         """Pixelated faces, as published recordings have them, in place."""
@@ -283,13 +283,13 @@ class Compositor:
             )
 
     def _truncate(
-        self, image: Tensor, visible: NDArray[np.bool_], landmarks: NDArray[np.float32]
-    ) -> tuple[Tensor, NDArray[np.bool_]]:
-        """The crop reaches over the border of the video."""
-        visible = visible.copy()
-        for i in np.nonzero(self.rng.random(len(image)) < self.options.truncate)[0]:
+        self, visible: NDArray[np.bool_], landmarks: NDArray[np.float32]
+    ) -> tuple[NDArray[np.bool_], list[tuple[int, NDArray[np.bool_]]]]:
+        """Crops that reach over the border of the video: what is visible still, and where what is outside, (S, S)."""
+        visible, outside = visible.copy(), []
+        for i in np.nonzero(self.rng.random(len(visible)) < self.options.truncate)[0]:
             mask, (nx, ny, edge) = outside_of_video(self.rng, self.size, self.size)
-            image[i, :, torch.from_numpy(mask)] = 0
+            outside.append((int(i), mask))
             centred = landmarks[i] - (self.size - 1) / 2
             visible[i] &= ~(centred[:, 0] * nx + centred[:, 1] * ny > edge)
-        return image, visible
+        return visible, outside

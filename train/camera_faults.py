@@ -21,14 +21,21 @@ class CameraFaults:
         # Drawing fresh noise for every pixel would cost as much as all the rest together.
         self._noise = torch.from_numpy(rng.standard_normal(_NOISE, np.float32))
 
-    def _grain(self, image: Tensor) -> Tensor:
-        """Gaussian noise in the shape of (B, 3, H, W), every image from its own place in a store of it."""
-        size = image[0].numel()
-        store = self._noise
-        while len(store) < 2 * size:
-            store = torch.cat([store, store.flip(0)])
-        starts = self.rng.integers(0, len(store) - size, len(image))
-        return torch.stack([store[start : start + size].view(image.shape[1:]) for start in starts])
+    def _add_noise(self, image: Tensor) -> None:
+        """Adds Gaussian noise to (B, 3, H, W), in place; every image's from its own place in a store of it."""
+        count, size = len(image), image[0].numel()
+        noise = self.rng.gamma(1.2, 0.014, count).clip(0, 0.08)
+        # Photon noise grows with the root of the light; the rest is the sensor's own.
+        photon = self.rng.random(count) < 0.5
+        while len(self._noise) < 2 * size:
+            self._noise = torch.cat([self._noise, self._noise.flip(0)])
+        starts = self.rng.integers(0, len(self._noise) - size, count)
+        for one, start, level, grows in zip(image, starts, noise, photon, strict=True):
+            grain = self._noise[start : start + size].view(one.shape)
+            if grows:
+                one.addcmul_(grain, one.clamp(0, 1).sqrt_(), value=1.5 * level)
+            else:
+                one.add_(grain, alpha=level)
 
     def _column(self, values: NDArray[np.generic]) -> Tensor:
         return torch.from_numpy(np.asarray(values, np.float32)).view(-1, 1, 1, 1)
@@ -41,11 +48,27 @@ class CameraFaults:
 
     def apply(self, image: Tensor) -> Tensor:
         """(B, 3, H, W) in 0..1 -> the same shape, not clamped."""
-        rng = self.rng
+        rng, count = self.rng, len(image)
         # Cameras expose for what they see: hardly any picture is dark all over.
         level = image.mean((1, 2, 3), keepdim=True)
-        wanted = self._column(rng.uniform(0.12, 0.3, len(image)))
+        wanted = self._column(rng.uniform(0.12, 0.3, count))
         image = image * (wanted / level.clamp(min=1e-3)).clamp(1.0, 5.0)
+        self._blur(image)
+        some = np.nonzero(rng.random(count) < 0.35)[0]
+        for i, turn in zip(some, rng.uniform(-0.25, 0.25, len(some)), strict=True):
+            image[i] = _other_hue(image[i], turn)
+        image = self._colour(image).clamp_(1e-4, 1).pow_(self._column(np.exp(rng.normal(0, 0.25, count))))
+        self._lens_and_shutter(image)
+        self._add_noise(image)
+        some = self._some(0.2, image)
+        if len(some):  # what cameras do against blur
+            soft = _blurred(image[some], 5, np.ones(len(some)))
+            image[some] += (image[some] - soft) * self._uniform(0.3, 1.5, len(some)).view(-1, 1, 1, 1)
+        return image
+
+    def _blur(self, image: Tensor) -> None:
+        """Defocus, motion blur and low resolution of some of (B, 3, H, W), in place."""
+        rng = self.rng
         some = self._some(0.45, image)
         if len(some):
             sigma = rng.uniform(0.3, 1.6, len(some)) * (min(image.shape[-2:]) / 192)
@@ -61,39 +84,33 @@ class CameraFaults:
             small = [int(n * share) for n in image.shape[-2:]]
             low = torch.nn.functional.interpolate(image[some], small, mode="area")
             image[some] = torch.nn.functional.interpolate(low, image.shape[-2:], mode="bilinear")
-        some = self._some(0.35, image)
-        if len(some):
-            image[some] = kornia.enhance.adjust_hue(image[some].clamp(0, 1), self._uniform(-0.25, 0.25, len(some)))
-        grey = image.mean(1, keepdim=True)
-        saturation = self._column(np.exp(rng.normal(0, 0.35, len(image))) * (rng.random(len(image)) > 0.1))
-        image = grey + (image - grey) * saturation
-        image = image * self._column(np.exp(rng.normal(0, 0.12, len(image))))
-        balance = torch.from_numpy(np.exp(rng.normal(0, 0.06, (len(image), 3, 1, 1))).astype(np.float32))
-        contrast = self._column(np.exp(rng.normal(0, 0.22, len(image))))
-        level = image.mean((1, 2, 3), keepdim=True)
-        image = ((image - level) * contrast + level) * balance + self._column(rng.normal(0, 0.05, len(image)))
-        gamma = self._column(np.exp(rng.normal(0, 0.25, len(image))))
-        image = image.clamp(1e-4, 1) ** gamma
-        image = image * self._lens_and_shutter(image)
-        noise = rng.gamma(1.2, 0.014, len(image)).clip(0, 0.08)
-        # Photon noise grows with the root of the light; the rest is the sensor's own.
-        photon = self._column(rng.random(len(image)) < 0.5)
-        image = image + self._grain(image) * self._column(noise) * (1 + photon * (1.5 * image.clamp(0, 1).sqrt() - 1))
-        some = self._some(0.2, image)
-        if len(some):  # what cameras do against blur
-            soft = _blurred(image[some], 5, np.ones(len(some)))
-            image[some] += (image[some] - soft) * self._uniform(0.3, 1.5, len(some)).view(-1, 1, 1, 1)
-        return image
 
-    def _lens_and_shutter(self, image: Tensor) -> Tensor:
-        """Gain (B, 1, H, W): darker corners, and bands where lamps flicker under a rolling shutter."""
+    def _colour(self, image: Tensor) -> Tensor:
+        """Saturation, brightness, contrast, white balance and black level of (B, 3, H, W): one affine map of colours
+        for each image."""
+        rng, (count, channels, height, width) = self.rng, image.shape
+        saturation = np.exp(rng.normal(0, 0.35, count)) * (rng.random(count) > 0.1)
+        brightness = np.exp(rng.normal(0, 0.12, count))
+        balance = np.exp(rng.normal(0, 0.06, (count, 3)))
+        contrast = np.exp(rng.normal(0, 0.22, count))
+        level = brightness * image.mean((1, 2, 3)).numpy()  # which saturation leaves as it is
+        offset = balance * (level * (1 - contrast))[:, None] + rng.normal(0, 0.05, count)[:, None]
+        s = saturation[:, None, None]
+        matrix = (s * np.eye(3) + (1 - s) / 3) * (brightness * contrast)[:, None, None] * balance[:, :, None]
+        matrix_t, offset_t = torch.from_numpy(matrix.astype(np.float32)), torch.from_numpy(offset.astype(np.float32))
+        flat = image.reshape(count, channels, -1)
+        return torch.baddbmm(offset_t[:, :, None], matrix_t, flat).view(count, channels, height, width)
+
+    def _lens_and_shutter(self, image: Tensor) -> None:
+        """Darker corners of some of (B, 3, H, W), and bands where lamps flicker under a rolling shutter; in place."""
         rng, (height, width), count = self.rng, image.shape[-2:], len(image)
-        y = torch.linspace(-1, 1, height).view(1, 1, -1, 1)
-        x = torch.linspace(-1, 1, width).view(1, 1, 1, -1)
-        corner = self._column(rng.uniform(0, 0.35, count) * (rng.random(count) < 0.25))
-        gain = 1 - corner * ((x - self._column(rng.normal(0, 0.4, count))) ** 2 + y**2)
-        band = self._column(rng.uniform(0, 0.2, count) * (rng.random(count) < 0.08))
-        return gain * (1 + band * torch.sin(self._column(rng.uniform(2, 12, count)) * y + 1.0))  # of rows alone
+        y, x = torch.linspace(-1, 1, height)[:, None], torch.linspace(-1, 1, width)
+        corner, to_side = rng.uniform(0, 0.35, count), rng.normal(0, 0.4, count)
+        for i in np.nonzero(rng.random(count) < 0.25)[0]:
+            image[i] *= 1 - corner[i] * ((x - to_side[i]) ** 2 + y**2)
+        band, waves = rng.uniform(0, 0.2, count), rng.uniform(2, 12, count)
+        for i in np.nonzero(rng.random(count) < 0.08)[0]:
+            image[i] *= 1 + band[i] * torch.sin(waves[i] * y + 1.0)  # of rows alone
 
     def compress(self, pixels: Tensor) -> Tensor:
         """What a sensor's colour filter and the file's codec leave of (B, 3, H, W) uint8, in place: Bayer mosaic,
@@ -120,6 +137,13 @@ def _blurred(image: Tensor, window: int, sigma: NDArray[np.float64]) -> Tensor:
         for k in range(3):
             cv2.GaussianBlur(source[k], (window, window), width, dst=target[k], borderType=cv2.BORDER_REFLECT_101)
     return torch.from_numpy(out)
+
+
+def _other_hue(image: Tensor, turn: float) -> Tensor:
+    """(3, H, W), clamped to 0..1, with its hue turned by `turn` radians; many times as fast as with kornia."""
+    picture = cv2.cvtColor(np.ascontiguousarray(image.clamp(0, 1).numpy().transpose(1, 2, 0)), cv2.COLOR_RGB2HSV)
+    picture[..., 0] = (picture[..., 0] + np.degrees(turn)) % 360
+    return torch.from_numpy(np.ascontiguousarray(cv2.cvtColor(picture, cv2.COLOR_HSV2RGB).transpose(2, 0, 1)))
 
 
 def through_bayer(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

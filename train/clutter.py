@@ -29,15 +29,15 @@ def add_clutter(plate: Picture, most: int, texture: Callable[[], Picture], rng: 
     for _ in range(int(rng.integers(0, most + 1))):
         inside = _shape(height, width, rng)
         if rng.random() < 0.6:
-            plate[inside] = texture()[inside]
+            cv2.copyTo(texture(), inside, plate)
         else:
             left, right = rng.uniform(0.6, 1.2, 2).tolist()
             fall = np.linspace(left, right, width)
             colour = (rng.uniform(10, 240, 3) * fall[:, None]).clip(0, 255).astype(np.uint8)
-            plate[inside] = np.broadcast_to(colour, plate.shape)[inside]
+            cv2.copyTo(np.ascontiguousarray(np.broadcast_to(colour, plate.shape)), inside, plate)
 
 
-def _shape(height: int, width: int, rng: np.random.Generator) -> NDArray[np.bool_]:
+def _shape(height: int, width: int, rng: np.random.Generator) -> Picture:
     mask = np.zeros((height, width), np.uint8)
     at = rng.uniform(0, 1, 2) * [width, height]
     reach = float(np.exp(rng.uniform(np.log(0.03), np.log(0.4)))) * max(width, height)
@@ -52,4 +52,4 @@ def _shape(height: int, width: int, rng: np.random.Generator) -> NDArray[np.bool
         turn = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 8))))
         corners = at + reach * np.stack([np.cos(turn), np.sin(turn)], 1) * rng.uniform(0.3, 1.2, 2)
         cv2.fillPoly(mask, [corners.astype(np.int32)], 1)
-    return mask > 0
+    return mask

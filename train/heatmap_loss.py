@@ -65,10 +65,11 @@ class _CrossEntropy(torch.autograd.Function):
         """The logits' gradient (B, h, w, J)."""
         exponentials, total, cells, target, mass, even = ctx.saved_tensors
         (each,) = gradients
-        out = torch.empty_like(exponentials, dtype=ctx.dtype)
-        torch.mul(exponentials, (each * (mass + even) / total)[:, None, None], out=out)
+        # In place: what was saved is good for one gradient.
+        exponentials.mul_((each * (mass + even) / total)[:, None, None])
         if even.any():
-            out.sub_((each * even / (out.shape[1] * out.shape[2]))[:, None, None])
-        taken = (-target * each[..., None]).transpose(1, 2).to(ctx.dtype)
-        out.view(out.shape[0], -1, out.shape[-1]).scatter_add_(1, cells.transpose(1, 2), taken)
-        return out, None, None, None
+            count = exponentials.shape[1] * exponentials.shape[2]
+            exponentials.sub_((each * even / count)[:, None, None])
+        taken = (-target * each[..., None]).transpose(1, 2)
+        exponentials.view(len(target), -1, target.shape[1]).scatter_add_(1, cells.transpose(1, 2), taken)
+        return exponentials.to(ctx.dtype), None, None, None

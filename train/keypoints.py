@@ -79,7 +79,7 @@ def losses_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor, Tensor
     (B,) how many these are."""
     image, landmarks_px, visible = batch
     with torch.autocast(image.device.type, dtype=torch.bfloat16):
-        heatmaps, visibility = net(image.float().div(255).contiguous(memory_format=torch.channels_last))
+        heatmaps, visibility = net(image.float().div_(255))
     each = heatmap_loss(heatmaps, landmarks_px)
     seen, known = visible.float(), landmarks_px.isfinite().all(-1).float()
     # Hidden landmarks count too, less: the network shall guess them and know that it guesses.
