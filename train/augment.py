@@ -133,9 +133,9 @@ class Compositor:
         difference = self._difference(image, plate, person, before)
         image = self.faults.apply(image) if opt.faults else image
         visible, outside = self._truncate(visible, landmarks)
-        for i, mask in [*outside, *((i, cuts.mask(i, self.size)) for i in cuts.chosen(BORDER))]:
+        for i, beyond in [*outside, *((int(i), cuts.mask(i, self.size)) for i in cuts.chosen(BORDER))]:
             for layer in (image, difference):
-                layer[i, :, torch.from_numpy(mask)] = 0
+                layer[i, :, torch.from_numpy(beyond)] = 0
         inside = ((landmarks >= 0) & (landmarks <= self.size - 1)).all(-1)
         pixels = image.clamp_(0, 1).mul_(255).round_().to(torch.uint8)
         pixels = self.faults.compress(pixels) if opt.faults else pixels

@@ -54,9 +54,8 @@ class CameraFaults:
         wanted = self._column(rng.uniform(0.12, 0.3, count))
         image = image * (wanted / level.clamp(min=1e-3)).clamp(1.0, 5.0)
         self._blur(image)
-        some = np.nonzero(rng.random(count) < 0.35)[0]
-        for i, turn in zip(some, rng.uniform(-0.25, 0.25, len(some)), strict=True):
-            image[i] = _other_hue(image[i], turn)
+        for i in np.nonzero(rng.random(count) < 0.35)[0]:
+            image[i] = _other_hue(image[i], rng.uniform(-0.25, 0.25))
         image = self._colour(image).clamp_(1e-4, 1).pow_(self._column(np.exp(rng.normal(0, 0.25, count))))
         self._lens_and_shutter(image)
         self._add_noise(image)
