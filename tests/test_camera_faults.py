@@ -7,8 +7,9 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
 import cv2  # noqa: E402
+import kornia  # noqa: E402
 
-from muybridge.train.camera_faults import CameraFaults, through_bayer, through_h264  # noqa: E402
+from muybridge.train.camera_faults import CameraFaults, other_hue, through_bayer, through_h264  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -43,3 +44,10 @@ def test_faults_are_seeded_finite_and_leave_most_of_the_image(picture):
     after = first.mean(1).flatten(1)
     kept = [np.corrcoef(a, b)[0, 1] for a, b in zip(grey.numpy(), after.numpy(), strict=True)]
     assert np.median(kept) > 0.8
+
+
+@pytest.mark.parametrize("turn", [-0.25, 0.0, 0.1])
+def test_hues_turn_as_kornia_turns_them(picture, turn):
+    image = torch.from_numpy(picture).permute(2, 0, 1).float() / 255
+    assert (other_hue(image, turn) - kornia.enhance.adjust_hue(image, turn)).abs().max() < 1e-3
+    assert turn or (other_hue(image, turn) - image).abs().max() < 1e-3

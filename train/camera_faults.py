@@ -55,7 +55,7 @@ class CameraFaults:
         image = image * (wanted / level.clamp(min=1e-3)).clamp(1.0, 5.0)
         self._blur(image)
         for i in np.nonzero(rng.random(count) < 0.35)[0]:
-            image[i] = _other_hue(image[i], rng.uniform(-0.25, 0.25))
+            image[i] = other_hue(image[i], rng.uniform(-0.25, 0.25))
         image = self._colour(image).clamp_(1e-4, 1).pow_(self._column(np.exp(rng.normal(0, 0.25, count))))
         self._lens_and_shutter(image)
         self._add_noise(image)
@@ -138,7 +138,7 @@ def _blurred(image: Tensor, window: int, sigma: NDArray[np.float64]) -> Tensor:
     return torch.from_numpy(out)
 
 
-def _other_hue(image: Tensor, turn: float) -> Tensor:
+def other_hue(image: Tensor, turn: float) -> Tensor:
     """(3, H, W), clamped to 0..1, with its hue turned by `turn` radians; many times as fast as with kornia."""
     picture = cv2.cvtColor(np.ascontiguousarray(image.clamp(0, 1).numpy().transpose(1, 2, 0)), cv2.COLOR_RGB2HSV)
     picture[..., 0] = (picture[..., 0] + np.degrees(turn)) % 360
