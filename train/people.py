@@ -86,7 +86,7 @@ def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
     """Total loss, and the box loss for the log."""
     image, heat, weight, box, has_box = batch
     with torch.autocast(image.device.type, dtype=torch.bfloat16):
-        logits, distance = net(image.float().div(255).contiguous(memory_format=torch.channels_last))
+        logits, distance = net(image.float().div_(255))
     logits = logits[:, 0].float()
     p = torch.sigmoid(logits).clamp(1e-5, 1 - 1e-5)
     positive = (heat >= 0.999).float()
