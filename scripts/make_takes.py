@@ -48,6 +48,7 @@ PLANS = {
     "floor": Plan(("get_up",), seed=6),
     "lying": Plan(("lie",), seed=107),
     "cartwheel": Plan(("cartwheel",), seed=121),
+    "handstand": Plan(("handstand",), seed=131),
     "dark": Plan(("reach",), gain=0.3, noise=6.0, size=(640, 480), seed=7),
     "two-walkers": Plan(("walk", "walk"), seed=11),
     "two-close": Plan(("pair",), seed=12),
