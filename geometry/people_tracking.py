@@ -105,8 +105,8 @@ class PeopleTracker:
         bodies = [b for b in bodies if b.met >= least and (b.confirmed or frames < 2 * self._options.min_frames)]
         # Before anybody is followed back: what others have is not free, whoever's turn comes first.
         for body in bodies:
-            for c, t in zip(*np.nonzero(body.slots >= 0), strict=True):
-                self._taken[c, t, body.slots[c, t]] = True
+            seen = np.nonzero(body.slots >= 0)
+            self._taken[(*seen, body.slots[seen])] = True
         for body in bodies:
             self._backwards(body)
         self._bridge(bodies)

@@ -145,7 +145,7 @@ def _idle_block(name: str, channels: int) -> dict[str, Tensor]:
     """Weights of a residual block that adds nothing, in the form of a file's. Its first filters are always the same, so
     that networks which began with them can be averaged."""
     shape = (channels, channels, 3, 3)
-    drawn = torch.randn(shape, generator=torch.Generator().manual_seed(0)) * math.sqrt(2 / (9 * channels))
+    drawn = nn.init.kaiming_normal_(torch.empty(shape), generator=torch.Generator().manual_seed(0))
     filters = {"first": drawn, "second": torch.zeros(shape)}
     return {f"{name}.{k}.0.weight": v for k, v in filters.items()} | {
         f"{name}.{k}.0.weight_bias": torch.zeros(channels) for k in filters

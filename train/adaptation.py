@@ -155,7 +155,7 @@ def adapted(
 def _loss(net: nn.Module, image: Tensor, at: Tensor, agreed: Tensor, visible: Tensor) -> Tensor:
     """Cross-entropy of the heatmaps; visibility stays what the network itself said of the crop at first."""
     with torch.autocast(image.device.type, dtype=torch.bfloat16):
-        heatmaps, visibility = net(image.contiguous(memory_format=torch.channels_last))
+        heatmaps, visibility = net(image)
     inside = ((at >= 0) & (at <= image.shape[-1] - 1)).all(-1, keepdim=True)
     each = heatmap_loss(heatmaps, torch.where(inside, at, torch.nan)) * (_NOT_FOUND + (1 - _NOT_FOUND) * agreed.float())
     kept = torch.nn.functional.binary_cross_entropy_with_logits(visibility.float(), visible)

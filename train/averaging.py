@@ -33,9 +33,9 @@ def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
     for path, state in zip(paths, states, strict=True):
         if {k: v.shape for k, v in state.items()} != {k: v.shape for k, v in states[0].items()}:
             raise ModelError(f"{path}: of another design than {paths[0]}; average networks of one training run")
-    mean = {}
+    mean, idle = {}, [_idle_blocks(net) for net in nets]
     for k, v in states[0].items():
-        those = [s[k].float() for s, net in zip(states, nets, strict=True) if not k.startswith(_idle_blocks(net))]
+        those = [s[k].float() for s, blocks in zip(states, idle, strict=True) if not k.startswith(blocks)]
         mean[k] = torch.stack(those or [s[k].float() for s in states]).mean(0).to(v.dtype)
     return {
         "average": mean, "config": nets[0].config, "state": _seen(dict.fromkeys(paths))._asdict(), "scores": {},

@@ -96,7 +96,7 @@ def losses_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor, Tensor
 def predict(net: nn.Module, image: Tensor) -> Tensor:
     """(B, 23, 2) crop pixels of the body's landmarks, decoded as in use."""
     with torch.autocast(image.device.type, dtype=torch.bfloat16):
-        heatmaps, _ = net(image.float().div(255).contiguous(memory_format=torch.channels_last))
+        heatmaps, _ = net(image.float().div_(255))
     decoded = decode_heatmaps(heatmaps[:, : len(BODY23)].float().cpu().numpy(), STRIDE, SpreadCalibration())
     return torch.from_numpy(decoded.points_crop_px).float()
 

@@ -242,12 +242,10 @@ class SceneCompositor:
 
     def _paste(
         self, frame: NDArray[np.uint8], owners: NDArray[np.int16], person: NDArray[np.uint8],
-        box: NDArray[np.float64], number: int, shift: NDArray[np.intp] | None = None,
+        box: NDArray[np.float64], number: int, shift: NDArray[np.intp],
     ) -> tuple[NDArray[np.float64], int]:  # fmt: skip
-        """Draws the person into `frame`, moved by `shift` or to a random place; returns the box there and the
-        silhouette's area."""
+        """Draws the person into `frame`, moved by `shift`; returns the box there and the silhouette's area."""
         height, width = owners.shape
-        shift = self._place(height, width, box) if shift is None else shift
         size = person.shape[0]
         x0, y0 = np.maximum(shift, 0)
         x1, y1 = np.minimum(shift + size, [width, height])
