@@ -45,6 +45,19 @@ class Block(nn.Module):
         return torch.relu(x + self.second(self.first(x)))
 
 
+def upsample(x: Tensor) -> Tensor:
+    """(N, C, h, w) -> (N, C, 2h, 2w), bilinear, cells half a cell from the edges."""
+    if not torch.compiler.is_compiling():
+        return nn.functional.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
+    # Of the above, torch 2.13 compiles a gradient of zero in bfloat16.
+    for axis in (2, 3):
+        size = x.shape[axis]
+        before = torch.cat([x.narrow(axis, 0, 1), x.narrow(axis, 0, size - 1)], axis)
+        after = torch.cat([x.narrow(axis, 1, size - 1), x.narrow(axis, size - 1, 1)], axis)
+        x = torch.stack([0.75 * x + 0.25 * before, 0.75 * x + 0.25 * after], axis + 1).flatten(axis, axis + 1)
+    return x
+
+
 class Lateral(nn.Module):
     """Brings coarse features up to a finer level: 1x1 convolution, bilinear upsampling, sum."""
 
@@ -55,10 +68,7 @@ class Lateral(nn.Module):
 
     def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
         """(N, coarse, h, w), (N, fine, 2h, 2w) -> (N, fine, 2h, 2w)."""
-        up = nn.functional.interpolate(
-            self.reduce(coarse), scale_factor=2.0, mode="bilinear", align_corners=False
-        )
-        out: Tensor = self.block(fine + up)
+        out: Tensor = self.block(fine + upsample(self.reduce(coarse)))
         return out
 
 

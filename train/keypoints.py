@@ -20,6 +20,7 @@ from muybridge.models.keypoint_net import STRIDE, KeypointNet
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, measure_normalisation
 from muybridge.train import loop
 from muybridge.train.augment import AugmentOptions, Batch, Compositor
+from muybridge.train.compiled import compiled
 from muybridge.train.difficulty import Difficulty, drawing_probability, read_difficulty
 from muybridge.train.heatmap_loss import heatmap_loss
 from muybridge.train.options import KeypointTraining
@@ -62,14 +63,19 @@ class _Crops:
 
 
 class Loss:
-    """The loss of a batch, which also tells which renders are hard."""
+    """The loss of a batch, which also tells which renders are hard.
 
-    def __init__(self, difficulty: Difficulty) -> None:
-        self.difficulty = difficulty
+    Args:
+        difficulty: where it is noted.
+        losses: `losses_of`, as it is or compiled.
+    """
+
+    def __init__(self, difficulty: Difficulty, losses: Callable[..., tuple[Tensor, Tensor, Tensor]]) -> None:
+        self.difficulty, self.losses = difficulty, losses
 
     def __call__(self, net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
         """Total loss, and the mean cross-entropy of the visible landmarks of the body for the log."""
-        total, each, count = losses_of(net, batch[:3])
+        total, each, count = self.losses(net, batch[:3])
         self.difficulty.note(batch[3].cpu().numpy(), (each / count).cpu().numpy())
         return total, each.sum() / count.sum()
 
@@ -147,5 +153,5 @@ def train(options: KeypointTraining) -> pathlib.Path:
     fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
     difficulty = Difficulty(options.out / "difficulty.npy")
     crops = _Crops(pool, options.size, options.batch, difficulty.path, options.hard)
-    fit.run(loop.batches(options, crops, fit.state["step"]), Loss(difficulty))
+    fit.run(loop.batches(options, crops, fit.state["step"]), Loss(difficulty, compiled(losses_of, options.minutes)))
     return fit.checkpoint

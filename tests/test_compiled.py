@@ -1,0 +1,59 @@
+"""The loss compiled is the loss."""
+
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
+from muybridge.train import compiled as module  # noqa: E402
+from muybridge.train.compiled import PAYS_AFTER_MINUTES, compiled  # noqa: E402
+from muybridge.train.keypoints import losses_of  # noqa: E402
+
+
+def test_gradients_are_no_further_from_the_precise_ones_than_those_of_the_loss_as_it_is(monkeypatch):
+    fused = compiled(losses_of, PAYS_AFTER_MINUTES)
+    if fused is losses_of:
+        pytest.skip("torch.compile does not work here")
+    torch.manual_seed(0)
+    net = KeypointNet(95, (16, 16, 16, 24), (0, 1, 0, 1)).train()
+    image, seen = torch.randint(0, 255, (8, 4, 64, 64), dtype=torch.uint8), torch.rand(8, 95) > 0.3
+    batch = image, torch.rand(8, 95, 2) * 80 - 8, seen  # some lie outside
+
+    def gradients(losses):
+        net.zero_grad()
+        total, each, count = losses(net, batch)
+        total.backward()
+        return {name: p.grad.clone() for name, p in net.named_parameters()}, total.detach(), each, count
+
+    rough, _, rough_each, rough_count = gradients(losses_of)
+    ours, total, each, count = gradients(fused)
+    monkeypatch.setattr(torch, "autocast", lambda *_, **__: torch.enable_grad())
+    precise, precise_total, *_ = gradients(losses_of)
+
+    assert float(total) == pytest.approx(float(precise_total), rel=2e-3)
+    torch.testing.assert_close(each, rough_each, rtol=2e-2, atol=0.0)
+    assert torch.equal(count, rough_count)
+    for name, truth in precise.items():
+        # That of the last bias is none: a softmax does not feel it.
+        off, usual = float((ours[name] - truth).norm()), float((rough[name] - truth).norm())
+        assert off < 1.3 * usual + 1e-4, (name, off, usual, float(truth.norm()))
+
+
+def test_what_does_not_pay_or_does_not_work_is_left_as_it_is(monkeypatch, capsys):
+    assert compiled(losses_of, PAYS_AFTER_MINUTES / 2) is losses_of
+
+    def without_compiler(function):
+        raise RuntimeError("no C++ compiler\nsearched everywhere")
+
+    monkeypatch.setattr(module.torch, "compile", without_compiler)
+    assert compiled(losses_of, PAYS_AFTER_MINUTES) is losses_of
+    assert "no C++ compiler" in capsys.readouterr().out
+
+
+def test_upsampling_for_the_compiler_is_the_same(monkeypatch):
+    from muybridge.models.keypoint_net import upsample
+
+    x = torch.randn(2, 3, 5, 7)
+    usual = upsample(x)
+    monkeypatch.setattr(torch.compiler, "is_compiling", lambda: True)
+    assert upsample(x).shape == (2, 3, 10, 14) and torch.allclose(upsample(x), usual, atol=1e-6)

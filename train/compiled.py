@@ -1,0 +1,31 @@
+"""Operations fused into few loops over memory (`torch.compile`), where a machine can."""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import torch
+
+from muybridge.train.loop import device
+
+# Compiling takes half a minute, and so much time comes back in so many minutes.
+PAYS_AFTER_MINUTES = 5.0
+
+_Function = TypeVar("_Function", bound=Callable[..., object])
+
+
+def compiled(function: _Function, minutes: float) -> _Function:
+    """`function` compiled at its first call, or as it is: in a run of a few `minutes`, which it would only delay, on a
+    GPU, and where torch cannot compile, for want of a C++ compiler or Python's headers."""
+    if minutes < PAYS_AFTER_MINUTES or device().type != "cpu" or not _works():
+        return function
+    out: _Function = torch.compile(function)  # type: ignore[assignment]
+    return out
+
+
+def _works() -> bool:
+    try:
+        torch.compile(torch.neg)(torch.ones(64))
+    except Exception as error:  # whatever is missing, training goes on without
+        print(f"training without torch.compile, a fifth slower: {str(error).strip().splitlines()[0]}", flush=True)
+        return False
+    return True
