@@ -303,7 +303,8 @@ class _CameraWork:
             self.options.markers != "none", self.session.fps,
         )  # fmt: skip
         size = fit_inside(video.width, video.height, PROXY_LONG_SIDE_PX)
-        with VideoWriter(self.proxy, *size, fps=self.session.fps) as writer:
+        # Nobody keeps it: fast is better than small.
+        with VideoWriter(self.proxy, *size, fps=self.session.fps, preset="ultrafast") as writer:
             for frames in read_chunks(video, self.session.frame_indices[self.index]):
                 if self.stop.is_set():
                     raise Stopped
