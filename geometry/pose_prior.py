@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import LandmarkSet, Points3D
+from muybridge.geometry.robust import row_median
 from muybridge.geometry.smoothing import SmoothOptions, smooth_points
 from muybridge.geometry.triangulation import TriangulateOptions, Triangulation, limits_of, views_of
 from muybridge.geometry.triangulation_kernel import Limits
@@ -184,7 +185,7 @@ def learn_prior(
         The body and where it is in each frame; shares start from zero.
     """
     noise2 = np.trace(covariance, axis1=-2, axis2=-1) / 3
-    usual = np.nan_to_num(np.nanmedian(np.where(full[:, None], noise2, np.nan), axis=0), nan=1e-3)
+    usual = np.nan_to_num(row_median(np.where(full[:, None], noise2, np.nan).T, 1), nan=1e-3)
     off = np.linalg.norm(raw - smooth, axis=-1)
     fine = np.isfinite(off) & (off < 4 * np.sqrt(3 * np.maximum(noise2, usual)))
     points = np.where(fine[..., None], raw, smooth)

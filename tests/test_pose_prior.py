@@ -115,6 +115,18 @@ def test_one_view_counts_for_a_while_and_invents_nobody(walk: tuple[CameraGroup,
     assert np.isnan(short[84:95]).all() and np.isfinite(short[81]).any()
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_landmark_that_nobody_sees_hurts_no_other(walk: tuple[CameraGroup, Floats]) -> None:
+    cameras, truth = walk
+    px, variance = seen(cameras, truth)
+    hidden = BODY23.index("left_wrist")
+    px[:, :, hidden] = np.nan
+    alone, helped = solved(cameras, px, variance)
+    others = np.arange(len(BODY23)) != hidden
+    assert np.isfinite(helped.points_world[:, others]).mean() > 0.99
+    assert np.nanmedian(error_mm(helped, truth)[:, others]) < np.nanmedian(error_mm(alone, truth)[:, others])
+
+
 def test_covariance_says_how_far_points_are_off(walk: tuple[CameraGroup, Floats]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth, gross=0.0)
