@@ -4,7 +4,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
+from muybridge.models.keypoint_net import KeypointNet, upsample  # noqa: E402
 from muybridge.train import compiled as module  # noqa: E402
 from muybridge.train.compiled import PAYS_AFTER_MINUTES, compiled  # noqa: E402
 from muybridge.train.keypoints import losses_of  # noqa: E402
@@ -49,10 +49,15 @@ def test_what_does_not_pay_or_does_not_work_is_left_as_it_is(monkeypatch, capsys
     assert compiled(losses_of, PAYS_AFTER_MINUTES) is losses_of
     assert "no C++ compiler" in capsys.readouterr().out
 
+    def without_a_word(function):
+        raise NotImplementedError
+
+    monkeypatch.setattr(module.torch, "compile", without_a_word)
+    assert compiled(losses_of, PAYS_AFTER_MINUTES) is losses_of
+    assert "NotImplementedError" in capsys.readouterr().out
+
 
 def test_upsampling_for_the_compiler_is_the_same(monkeypatch):
-    from muybridge.models.keypoint_net import upsample
-
     x = torch.randn(2, 3, 5, 7)
     usual = upsample(x)
     monkeypatch.setattr(torch.compiler, "is_compiling", lambda: True)
