@@ -6,6 +6,7 @@ of the time where a mean never is.
 """
 
 import copy
+from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import torch
@@ -17,6 +18,7 @@ STD = (0.26, 0.26, 0.26, 0.2)
 CHANNELS = len(MEAN)
 PLATE = "difference"  # the input of the fourth channel, in exported files
 STRIDE = 4
+BODY = 23  # landmarks of the body
 
 
 class ConvUnit(nn.Sequential):
@@ -47,7 +49,7 @@ class Block(nn.Module):
 
 def upsample(x: Tensor) -> Tensor:
     """(N, C, h, w) -> (N, C, 2h, 2w), bilinear, cells half a cell from the edges."""
-    if not torch.compiler.is_compiling():
+    if not torch.compiler.is_compiling() or torch.compiler.is_exporting():
         return nn.functional.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
     # Of the above, torch 2.13 compiles a gradient of zero in bfloat16.
     for axis in (2, 3):
@@ -69,6 +71,36 @@ class Lateral(nn.Module):
     def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
         """(N, coarse, h, w), (N, fine, 2h, 2w) -> (N, fine, 2h, 2w)."""
         out: Tensor = self.block(fine + upsample(self.reduce(coarse)))
+        return out
+
+
+class Head(nn.Module):
+    """Heatmaps from features. The finest tell where to a cell a landmark is, and alone where markers on the skin are.
+    Coarser ones, which see more of the person and have more channels, tell too which of two twins a landmark of the
+    body is. They say nothing at first, as in files of networks that had none.
+
+    Args:
+        landmarks: number of landmarks J.
+        widths: channels at 1/4, 1/8 and 1/16 of the input's resolution.
+        body: how many of the landmarks are of the body, the first.
+    """
+
+    def __init__(self, landmarks: int, widths: Sequence[int], body: int) -> None:
+        super().__init__()
+        self.body = body
+        self.fine = nn.Conv2d(widths[0], landmarks, 1)
+        self.eighth, self.sixteenth = (nn.Conv2d(width, body, 1, bias=False) for width in widths[1:])
+        for layer in (self.eighth, self.sixteenth):
+            nn.init.zeros_(layer.weight)
+
+    def forward(self, features: Sequence[Tensor]) -> Tensor:
+        """(N, widths[2], h, w), (N, widths[1], 2h, 2w), (N, widths[0], 4h, 4w) -> logits (N, J, 4h, 4w)."""
+        sixteenth, eighth, quarter = features
+        fine = self.fine(quarter)
+        coarse = upsample(self.eighth(eighth) + upsample(self.sixteenth(sixteenth)))
+        out: Tensor = fine + coarse if self.body == fine.shape[1] else torch.cat(
+            [fine[:, : self.body] + coarse, fine[:, self.body :]], 1
+        )  # fmt: skip
         return out
 
 
@@ -101,25 +133,26 @@ class KeypointNet(nn.Module):
             down = [ConvUnit(widths[i - 1], width, 2)] if i else []
             self.levels.append(nn.Sequential(*down, *(Block(width) for _ in range(depth))))
         self.laterals = nn.ModuleList(Lateral(widths[i + 1], widths[i]) for i in (2, 1, 0))
-        self.head = nn.Conv2d(widths[0], landmarks, 1)
+        self.head = Head(landmarks, widths[:3], min(landmarks, BODY))
         self.visibility = nn.Linear(widths[3], landmarks)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """(N, 4, S, S) in 0..1 -> heatmap logits (N, J, S/4, S/4), visibility logits (N, J)."""
-        fine, coarse = self.features(image)
-        return self.head(fine), self.visibility(coarse)
+        features, whole = self.features(image)
+        return self.head(features), self.visibility(whole)
 
-    def features(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, 4, S, S) -> (N, widths[0], S/4, S/4), of which heatmaps are made, and (N, widths[3]) of the whole."""
+    def features(self, image: Tensor) -> tuple[list[Tensor], Tensor]:
+        """(N, 4, S, S) -> those of which heatmaps are made, as `Head` takes them, and (N, widths[3]) of the whole."""
         x = self.stem((image - self.mean) / self.std)
         features = []
         for level in self.levels:
             x = level(x)
             features.append(x)
-        coarse = x.mean((2, 3))
+        whole, merged = x.mean((2, 3)), []
         for lateral, fine in zip(self.laterals, features[-2::-1], strict=True):
             x = lateral(x, fine)
-        return x, coarse
+            merged.append(x)
+        return merged, whole
 
 
 class SeparateHeads(nn.Module):
@@ -133,16 +166,20 @@ class SeparateHeads(nn.Module):
     def __init__(self, net: KeypointNet, body: int) -> None:
         super().__init__()
         self.net = net
-        self.marker_head = _rows(net.head, slice(body, None))
+        if body != net.head.body:
+            raise ValueError(f"the network's head has {net.head.body} landmarks of the body, not {body}")
+        self.marker_head = _rows(net.head.fine, slice(body, None))
         self.marker_visibility = _rows(net.visibility, slice(body, None))
-        self.body_head, self.body_visibility = _rows(net.head, slice(body)), _rows(net.visibility, slice(body))
+        self.body_head = copy.deepcopy(net.head)
+        self.body_head.fine = _rows(net.head.fine, slice(body))
+        self.body_visibility = _rows(net.visibility, slice(body))
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """(N, 4, S, S) -> heatmaps and visibility of the body, then of the markers; logits as of `KeypointNet`."""
-        fine, coarse = self.net.features(image)
+        features, whole = self.net.features(image)
         return (
-            self.body_head(fine), self.body_visibility(coarse),
-            self.marker_head(fine), self.marker_visibility(coarse),
+            self.body_head(features), self.body_visibility(whole),
+            self.marker_head(features[-1]), self.marker_visibility(whole),
         )  # fmt: skip
 
 

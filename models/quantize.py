@@ -4,7 +4,7 @@ Weights become 7-bit integers with a scale for each output channel, activations 
 tensor, measured on calibration images. Seven bits, because the kernels of processors without VNNI add pairs of
 products in 16 bits, which eight would overflow. The first convolution stays in float32: it has four input
 channels, takes 1 % of the work, and its input is the image, whose range it normalises; so does the head, whose output
-is the result.
+is the result, and which sums and enlarges what several convolutions say.
 """
 
 from __future__ import annotations
@@ -92,15 +92,22 @@ def _quiet() -> Iterator[None]:
 
 
 def _kept_in_float(model: object, source: Path) -> list[str]:
-    """Names of the first convolution and of those that make an output."""
+    """Names of the first convolution, of those that make an output, and of the sums and enlargements between."""
     graph = model.graph  # type: ignore[attr-defined]
-    outputs = {output.name for output in graph.output}
+    makes = {name: node for node in graph.node for name in node.output}
+    last: list[str] = []
+    results = [output.name for output in graph.output]
+    while results:
+        node = makes.get(results.pop())
+        if node is not None and node.op_type in ("Conv", "Add", "Resize"):
+            last.append(node.name)
+            results += [] if node.op_type == "Conv" else list(node.input)
     convolutions = [node for node in graph.node if node.op_type == "Conv"]
     if not convolutions:
         raise ModelError(f"{source}: has no convolution to quantise; name a convolutional network")
     nodes = list(graph.node)
     before = [node.name for node in nodes[: nodes.index(convolutions[0])]]  # on the image itself
-    return [*before, convolutions[0].name] + [n.name for n in convolutions[1:] if outputs & set(n.output)]
+    return [*before, convolutions[0].name, *(name for name in last if name != convolutions[0].name)]
 
 
 def _channels(graph: object) -> dict[str, int]:

@@ -18,7 +18,6 @@ from muybridge.models.people_net import PeopleNet
 
 _HEADS = ("head", "visibility")
 
-
 def keypoint_net_from_onnx(path: Path) -> KeypointNet:
     """The network of a file that `muybridge train keypoints` exported in fp32.
 
@@ -32,14 +31,15 @@ def keypoint_net_from_onnx(path: Path) -> KeypointNet:
     if there.pop(PLATE, None) is not None:
         there = {name.removeprefix("net."): value for name, value in there.items()}
     # A network without virtual markers was exported as it is, one with them within `SeparateHeads`.
-    marked = "body_head.weight" in there
+    marked = "body_visibility.weight" in there
     with _other_design(path):
+        there = {name.replace("body_head.fine.", "body_head."): value for name, value in there.items()}
         for name in _HEADS if marked else ():
             for kind in ("weight", "bias"):
                 parts = [there.pop(f"{part}_{name}.{kind}") for part in ("body", "marker")]
                 there[f"net.{name}.{kind}"] = torch.cat(parts)
-        here = {name.removeprefix("net.") if marked else name: value for name, value in there.items()}
-        net = KeypointNet(len(here["head.bias"]))
+        here = {name.removeprefix("net.").removeprefix("body_") if marked else name: v for name, v in there.items()}
+        net = KeypointNet(len(here["visibility.bias"]))
         # Networks of earlier versions did not know the plate: they begin by not heeding it.
         stem = here["stem.0.0.weight"]
         missing = CHANNELS - stem.shape[1]
@@ -47,6 +47,11 @@ def keypoint_net_from_onnx(path: Path) -> KeypointNet:
         # They also had a block less at the coarsest level.
         if "levels.3.3.first.0.weight" not in here:
             here |= _idle_block("levels.3.3", net.config["widths"][3])
+        # And heatmaps of the finest features alone.
+        if "head.weight" in here:
+            here |= {f"head.fine.{kind}": here.pop(f"head.{kind}") for kind in ("weight", "bias")}
+        coarser = {k: torch.zeros_like(v) for k, v in net.head.state_dict(prefix="head.").items() if ".fine." not in k}
+        here = coarser | here
         net.load_state_dict(_unfolded(net, here))
     return net.eval()
 

@@ -64,7 +64,9 @@ def test_float_export_agrees_with_torch_in_pixels(tmp_path: pathlib.Path, demo_c
     torch.manual_seed(0)
     net = KeypointNet(23).eval()
     with torch.no_grad():
-        net.head.weight.mul_(20)
+        net.head.fine.weight.mul_(20)
+        for layer in (net.head.eighth, net.head.sixteenth):
+            torch.nn.init.normal_(layer.weight)
     path = tmp_path / "net.onnx"
     export_onnx(PlateApart(net), path, (2, 3, 64, 64), OUTPUTS, {"muybridge_kind": "keypoints"}, PLATE)
     image = demo_crops[:6].transpose(0, 3, 1, 2).astype(np.float32) / 255
@@ -88,8 +90,13 @@ def test_quantised_network_keeps_its_interface_and_batch(tmp_path: pathlib.Path)
     quantize(path, target, images)
     session = quiet_session(target)
     assert json.loads(session.get_modelmeta().custom_metadata_map["names"]) == ["a"]
-    weights = {w.data_type for w in __import__("onnx").load(str(target)).graph.initializer}
-    assert __import__("onnx").TensorProto.INT8 in weights
+    onnx = __import__("onnx")
+    graph = onnx.load(str(target)).graph
+    types = {w.name: w.data_type for w in graph.initializer}
+    # The first convolution and the three that heatmaps are summed of stay as they are.
+    filters = [types.get(node.input[1], onnx.TensorProto.INT8) for node in graph.node if node.op_type == "Conv"]
+    assert onnx.TensorProto.INT8 in types.values()
+    assert filters.count(onnx.TensorProto.FLOAT) == 4 < len(filters)
     for batch, size in ((1, 64), (3, 96)):
         image, nothing = np.zeros((batch, 3, size, size), np.float32), np.zeros((batch, 1, size, size), np.float32)
         heatmaps, visibility = session.run(None, {"image": image})

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+onnx = pytest.importorskip("onnx")
 torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
@@ -14,7 +15,7 @@ from muybridge.errors import ModelError, SessionError  # noqa: E402
 from muybridge.geometry.landmarks import BODY23  # noqa: E402
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
 from muybridge.models.export import export_onnx, parity  # noqa: E402
-from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart  # noqa: E402
+from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart, SeparateHeads  # noqa: E402
 from muybridge.models.people_net import PeopleNet  # noqa: E402
 from muybridge.models.registry import keypoint_card, people_card, shipped_model  # noqa: E402
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, measure_normalisation  # noqa: E402
@@ -90,13 +91,13 @@ def test_networks_are_small():
 
 
 @pytest.mark.parametrize(
-    ("net", "outputs", "shapes"),
+    ("net", "outputs", "shapes", "upsampled"),
     [
-        (KeypointNet(23), ("heatmaps", "visibility"), [(3, 4, 64, 64), (1, 4, 160, 160)]),
-        (PeopleNet(), ("heatmap", "box"), [(2, 4, 96, 160), (1, 4, 320, 192)]),
+        (KeypointNet(23), ("heatmaps", "visibility"), [(3, 4, 64, 64), (1, 4, 160, 160)], 5),
+        (PeopleNet(), ("heatmap", "box"), [(2, 4, 96, 160), (1, 4, 320, 192)], 2),
     ],
 )
-def test_export_says_the_same_as_torch(net, outputs, shapes, tmp_path):
+def test_export_says_the_same_as_torch(net, outputs, shapes, upsampled, tmp_path):
     torch.manual_seed(0)
     path = tmp_path / "net.onnx"
     example = (2, shapes[0][1], 64, 96)
@@ -107,6 +108,9 @@ def test_export_says_the_same_as_torch(net, outputs, shapes, tmp_path):
 
     metadata = onnxruntime.InferenceSession(str(path)).get_modelmeta().custom_metadata_map
     assert json.loads(metadata["names"]) == ["a", "b"]
+    # Upsampling is one operator in files, however it is written for training.
+    operators = [node.op_type for node in onnx.load(str(path)).graph.node]
+    assert operators.count("Resize") == upsampled and "Unsqueeze" not in operators
     assert b"site-packages" not in path.read_bytes()  # no paths of the machine that exported it
 
 
@@ -189,6 +193,32 @@ def test_a_block_that_earlier_files_lack_begins_idle_and_learns(tmp_path):
         with torch.no_grad():
             last -= 0.1 * last.grad.sign()
     assert gradient[0] == 0 < gradient[1]  # nothing lets it through, and then something does
+
+
+def test_files_whose_heatmaps_came_of_the_finest_features_alone_are_read(tmp_path):
+    torch.manual_seed(0)
+    net, path = as_trained(KeypointNet(95)), tmp_path / "net.onnx"
+    names = ("heatmaps", "visibility", "marker_heatmaps", "marker_visibility")
+    export_onnx(PlateApart(SeparateHeads(net, 23)), path, (2, 3, 64, 64), names, {}, PLATE)
+    # As that version named them, and without what it did not know, which says nothing before it was trained.
+    model = onnx.load(str(path))
+    kept = [i for i in model.graph.initializer if "eighth" not in i.name and "sixteenth" not in i.name]
+    assert len(model.graph.initializer) - len(kept) == 2
+    for initializer in kept:
+        initializer.name = initializer.name.replace(".fine.", ".")
+    del model.graph.initializer[:]
+    model.graph.initializer.extend(kept)
+    onnx.save(model, str(path))
+    again, image = keypoint_net_from_onnx(path), torch.rand(2, 4, 64, 64)
+    with torch.no_grad():
+        torch.testing.assert_close(again(image)[0], net(image)[0], rtol=1e-3, atol=1e-3)
+        # What coarser features say is exported, and read again.
+        for layer in (again.head.eighth, again.head.sixteenth):
+            torch.nn.init.normal_(layer.weight)
+        export_onnx(PlateApart(SeparateHeads(again, 23)), path, (2, 3, 64, 64), names, {}, PLATE)
+        third = keypoint_net_from_onnx(path)
+        assert (third(image)[0] - net(image)[0])[:, :23].abs().mean() > 0.1
+        torch.testing.assert_close(third(image)[0], again(image)[0], rtol=1e-3, atol=1e-3)
 
 
 def test_a_run_of_another_design_is_refused_by_name(store, tmp_path):

@@ -147,7 +147,7 @@ def train(options: KeypointTraining) -> pathlib.Path:
     net, seen = KeypointNet(len(BODY23) + len(SURFACE)), loop.Seen()
     if options.model is not None and not loop.resumes(options):
         net, seen = keypoint_net_from_onnx(options.model), loop.Seen.of(options.model)
-        if net.head.out_channels != len(BODY23) + len(SURFACE):
+        if net.visibility.out_features != len(BODY23) + len(SURFACE):
             raise ModelError(f"{options.model}: training needs a network that finds virtual markers too")
         measure_normalisation(net, [validation[0].pixels.float().div(255)])
     fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
