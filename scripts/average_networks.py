@@ -4,7 +4,7 @@
 usage: python scripts/average_networks.py OUT RENDERS POOL NETWORK.onnx NETWORK.onnx ...
 
 OUT is the new file, its 8-bit version goes beside it; RENDERS and POOL (`pool-*.npy`) give the held-out crops that
-the score, the variance and the 8-bit ranges are taken from.
+the score, the variance and the 8-bit ranges are taken from, as large as the first network's.
 """
 
 import pathlib
@@ -13,6 +13,7 @@ import sys
 import torch
 
 from muybridge.train.averaging import average_keypoints
+from muybridge.train.evaluation import load_model
 from muybridge.train.keypoints import evaluate, held_out_batches
 from muybridge.train.publish import keypoint_net, publish_keypoints
 
@@ -22,7 +23,7 @@ def main() -> None:
         raise SystemExit(__doc__)
     out, renders, pool, *networks = map(pathlib.Path, sys.argv[1:])
     saved = average_keypoints(networks)
-    batches = held_out_batches(renders, pool, 192, 24)
+    batches = held_out_batches(renders, pool, load_model(networks[0])[1].input_size, 24)
     saved["scores"] = evaluate(keypoint_net(saved), batches[:8])
     checkpoint = out.with_suffix(".pt")
     checkpoint.parent.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,6 @@
 """Crops a second of the keypoint networks, and their ratio to the matrix-multiply peak measured in the same minute.
 
-    python scripts/bench_networks.py [--sizes 128 160 192] [--threads 1 2] [--rounds 15]
+    python scripts/bench_networks.py [--sizes 160 192 224] [--threads 1 2] [--rounds 15]
 
 Prints a Markdown table. Networks, sizes and the matrix product take turns, and the best round of each counts: other
 work on the machine then costs all of them alike, as far as anything can.
@@ -18,7 +18,7 @@ PRODUCT = 1024  # side of the matrices
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sizes", type=int, nargs="+", default=[128, 160, 192])
+    parser.add_argument("--sizes", type=int, nargs="+", default=[160, 192, 224])
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--rounds", type=int, default=15)
     options = parser.parse_args()

@@ -26,13 +26,13 @@ OUTPUTS = ("heatmaps", "visibility")
 
 @pytest.fixture(scope="module")
 def demo_crops(repository: pathlib.Path) -> np.ndarray:
-    """(N, 192, 192, 3) crops of the person in the demo's videos, which no calibration of activations has seen."""
+    """(N, S, S, 3) crops of the person in the demo's videos, which no calibration of activations has seen."""
     import av
 
     from muybridge.geometry.crops import crops_for_boxes
     from muybridge.infer.crops import extract_crops
 
-    crops = []
+    crops, side = [], KeypointNetwork(shipped_model("keypoints")).crop_size
     for video in sorted((repository / "infer" / "demo_take" / "videos").iterdir()):
         with av.open(str(video)) as container:
             for k, frame in enumerate(container.decode(video=0)):
@@ -40,7 +40,7 @@ def demo_crops(repository: pathlib.Path) -> np.ndarray:
                     image = frame.to_ndarray(format="rgb24")
                     height, width = image.shape[:2]
                     box = np.array([[0.3 * width, 0.15 * height, 0.7 * width, 0.95 * height]])
-                    crops.append(extract_crops(image, crops_for_boxes(box, 192))[0])
+                    crops.append(extract_crops(image, crops_for_boxes(box, side))[0])
     return np.stack(crops)
 
 

@@ -113,10 +113,11 @@ def test_crops_of_the_difference_lie_on_those_of_the_frame(camera: Camera | None
 def test_the_shipped_network_sees_the_plate_and_does_without() -> None:
     network = KeypointNetwork(shipped_model("keypoints"))
     assert network.channels == 4
-    crops = np.random.default_rng(0).integers(0, 256, (2, 192, 192, 4), dtype=np.uint8)
+    side = network.crop_size
+    crops = np.random.default_rng(0).integers(0, 256, (2, side, side, 4), dtype=np.uint8)
     without = network(crops[..., :3])[0]
     assert np.abs(network(crops)[0] - without).max() > 0.1
     crops[..., 3] = 0
     np.testing.assert_allclose(network(crops)[0], without, atol=1e-4)
-    with pytest.raises(ValueError, match="192"):
+    with pytest.raises(ValueError, match=str(side)):
         network(crops[:, :96])
