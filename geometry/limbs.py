@@ -1,4 +1,5 @@
-"""Limbs that are far longer than this person's: an elbow that two views put where a hand of somebody else was."""
+"""Points that tell nothing or cannot be right: known to no better than 0.15 m, or on limbs far longer than this
+person's (an elbow that two views put where a hand of somebody else was)."""
 
 from __future__ import annotations
 
@@ -15,6 +16,34 @@ _STRETCHED, _STRETCHED_TWO = 1.6, 1.3
 _SPREAD, _LONGEST = 0.15, 0.75
 # Frames of either side in which a bone is known, at least, for its length to be known.
 _LEAST = 8
+# Known no better than this, in lengths of the trunk, a point tells nobody anything: 0.15 m of a grown person.
+_VAGUE = 0.3
+
+
+def vague_points(
+    points_world: NDArray[np.float64], covariance_world: NDArray[np.float64], landmarks: LandmarkSet
+) -> NDArray[np.bool_]:
+    """Points of which a take says next to nothing: two views that were both unsure, or one, of which depth is a guess.
+
+    Args:
+        points_world: (T, J, 3), NaN where unknown.
+        covariance_world: (T, J, 3, 3).
+        landmarks: what the J are.
+
+    Returns:
+        (T, J) True where the standard deviation of a coordinate, on average, is more than 0.3 of the distance from the
+        middle of the shoulders to that of the hips (median over the take; all False where that is never known).
+    """
+    wrong = np.zeros(points_world.shape[:2], dtype=np.bool_)
+    ends = [[f"{side}_{name}" for side in ("left", "right")] for name in ("shoulder", "hip")]
+    if any(name not in landmarks.names for end in ends for name in end):
+        return wrong
+    top, bottom = (points_world[:, [landmarks.index(name) for name in end]].mean(axis=1) for end in ends)
+    trunk = np.linalg.norm(top - bottom, axis=-1)
+    if np.isfinite(trunk).sum() < _LEAST:
+        return wrong
+    variance = np.trace(covariance_world, axis1=-2, axis2=-1) / 3
+    return np.asarray(variance > (_VAGUE * np.nanmedian(trunk)) ** 2)
 
 
 def stretched_limbs(points_world: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.bool_]:

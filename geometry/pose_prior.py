@@ -32,6 +32,10 @@ from muybridge.geometry.triangulation_kernel import Limits
 Array = NDArray[np.float64]
 # Fewer show no body.
 _LEAST_FRAMES, _LEAST_LANDMARKS = 30, 8
+# A landmark that two cameras see in fewer frames than these, or than this share of those in which the body is learned,
+# is not learned: it would be where it was last seen, and as sure as if it had stayed there. How far the others leave it
+# free is then a guess, metres.
+_LEAST_SHOWN, _SHARE_SHOWN, _FREE = 15, 0.1, 0.3
 _CHUNK = 256
 # How much larger than noise makes them on average, in the product of independent samples, a way's eigenvalue has to be.
 _NOISE_EDGE = 4.0
@@ -101,7 +105,8 @@ def with_pose_prior(
         options: see `PosePriorOptions`.
 
     Returns:
-        As `found`; points that one camera alone sees are there where two saw the person shortly before or after.
+        As `found`; points that one camera alone sees are there where two saw the person shortly before or after, of
+        landmarks that the take shows often enough to know where on the body they are.
         Unchanged where the take is too short, or too little is seen, to learn a body from.
     """
     options = options or PosePriorOptions()
@@ -126,7 +131,7 @@ def with_pose_prior(
     for _ in range(options.rounds):
         prior, poses = learn_prior(found.points_world, found.covariance_world, start, full, poses, options)
         result, covariance, inlier = _fitted(prior, poses, sight, sure, options.steps)
-    keep = _worth_keeping(inlier, full, options)
+    keep = _worth_keeping(inlier, full, _learned(found.points_world, full), options)
     result = np.where(keep[..., None], result, np.nan)
     settled = np.isfinite(np.asarray(variance_px2)).sum(0) >= options.enough
     result = np.where(settled[..., None], found.points_world, result)
@@ -141,7 +146,15 @@ def with_pose_prior(
     )  # fmt: skip
 
 
-def _worth_keeping(inlier: NDArray[np.bool_], full: NDArray[np.bool_], options: PosePriorOptions) -> NDArray[np.bool_]:
+def _learned(raw: Array, full: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(J,) landmarks that the take shows often enough."""
+    shown = np.isfinite(raw[full]).all(-1).sum(0)
+    return np.asarray(shown >= max(_LEAST_SHOWN, _SHARE_SHOWN * full.sum()))
+
+
+def _worth_keeping(
+    inlier: NDArray[np.bool_], full: NDArray[np.bool_], learned: NDArray[np.bool_], options: PosePriorOptions
+) -> NDArray[np.bool_]:
     """(T, J) points that two cameras agree on, or one near frames in which the whole person was known."""
     frames = np.arange(len(full))
     at = np.flatnonzero(full)
@@ -150,7 +163,7 @@ def _worth_keeping(inlier: NDArray[np.bool_], full: NDArray[np.bool_], options: 
     away = np.minimum(np.abs(at[following] - frames), np.abs(at[before] - frames))
     counted = inlier.sum(-1)
     someone = (counted > 0).sum(1) >= 4
-    one = (counted >= 1) & (away <= options.one_view)[:, None] & someone[:, None]
+    one = (counted >= 1) & (away <= options.one_view)[:, None] & someone[:, None] & learned
     return np.asarray((counted >= 2) | one)
 
 
@@ -199,7 +212,9 @@ def learn_prior(
         own = np.einsum("tba,tjb->tja", rotation, points - center[:, None])
         mean = own[full].mean(axis=0)
         tau = np.maximum(1.4826 * np.median(np.linalg.norm(own[full] - mean, axis=-1), axis=0) / 1.54, 0.005)
-    ways, tau = _ways(own - mean, full, usual, options)
+    learned = _learned(raw, full)
+    ways, tau = _ways(np.where(learned[:, None], own - mean, 0.0), full, usual, options)
+    tau[~learned] = _FREE
     return PosePrior(mean, ways, tau), _Poses(rotation, center, np.zeros((len(raw), ways.shape[-1])))
 
 

@@ -14,7 +14,7 @@ from muybridge.geometry.association import AssociateOptions, select_person, take
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.ik import FitOptions, fit_body, landmarks_from_motion
 from muybridge.geometry.landmarks import Keypoints2D, LandmarkSet, Points3D
-from muybridge.geometry.limbs import stretched_limbs
+from muybridge.geometry.limbs import stretched_limbs, vague_points
 from muybridge.geometry.pose_prior import PosePriorOptions, with_pose_prior
 from muybridge.geometry.skeleton import Motion, Skeleton
 from muybridge.geometry.smoothing import SmoothOptions, smooth_points
@@ -310,6 +310,7 @@ def _points(
         cameras, mended, variance_px2, landmarks, fps, found, options.triangulate, options.pose_prior
     )
     wrong = stretched_limbs(found.points_world, landmarks)
+    wrong |= vague_points(found.points_world, found.covariance_world, landmarks)
     found = replace(
         found,
         points_world=np.where(wrong[..., None], np.nan, found.points_world),

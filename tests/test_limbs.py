@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks import BODY23, LandmarkSet
-from muybridge.geometry.limbs import stretched_limbs
+from muybridge.geometry.limbs import stretched_limbs, vague_points
 
 AT = BODY23.index
 
@@ -56,3 +56,17 @@ def test_bones_longer_than_anybodys_are_wrong_even_where_lengths_are_not_known(s
     assert wrong[[5, 6], AT("left_knee")].all() and not wrong[5, AT("left_ankle")] and wrong[6, AT("left_ankle")]
     assert wrong.sum() == 3
     assert not stretched_limbs(3 * points, BODY23)[6, AT("left_ankle")]  # not in metres: nothing can be said
+
+
+def test_points_of_which_nothing_is_known_are_vague_in_any_unit(standing) -> None:
+    sure = np.tile(1e-4 * np.eye(3), (40, 23, 1, 1))
+    sure[5, AT("left_knee")] = np.diag([0.3, 0.1, 0.1]) ** 2
+    sure[6, AT("left_knee")] = np.diag([0.2, 0.1, 0.1]) ** 2  # a depth that is a guess alone is not enough
+    expected = np.zeros((40, 23), bool)
+    expected[5, AT("left_knee")] = True
+    np.testing.assert_array_equal(vague_points(standing, sure, BODY23), expected)
+    np.testing.assert_array_equal(vague_points(1000 * standing, 1e6 * sure, BODY23), expected)
+    sure[7] = standing[7] = np.nan
+    np.testing.assert_array_equal(vague_points(standing, sure, BODY23), expected)
+    standing[8:] = np.nan
+    assert vague_points(standing, sure, BODY23).sum() == 0  # the trunk is known in seven frames

@@ -127,6 +127,19 @@ def test_a_landmark_that_nobody_sees_hurts_no_other(walk: tuple[CameraGroup, Flo
     assert np.nanmedian(error_mm(helped, truth)[:, others]) < np.nanmedian(error_mm(alone, truth)[:, others])
 
 
+def test_one_view_says_nothing_of_a_landmark_that_the_take_never_showed(walk: tuple[CameraGroup, Floats]) -> None:
+    cameras, truth = walk
+    px, variance = seen(cameras, truth)
+    feet = [j for j, name in enumerate(BODY23.names) if any(part in name for part in ("ankle", "toe", "heel"))]
+    px[1:, 5:, feet] = np.nan  # five frames show the feet, in the rest one camera claims to
+    alone, helped = solved(cameras, px, variance)
+    assert np.isfinite(helped.points_world[:5, feet]).mean() > 0.9
+    assert np.isnan(helped.points_world[5:, feet]).all()
+    others = [j for j in range(len(BODY23)) if j not in feet]
+    assert np.isfinite(helped.points_world[:, others]).mean() > 0.99
+    assert np.nanmean(error_mm(helped, truth)[:, others]) < 0.7 * np.nanmean(error_mm(alone, truth)[:, others])
+
+
 def test_covariance_says_how_far_points_are_off(walk: tuple[CameraGroup, Floats]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth, gross=0.0)
