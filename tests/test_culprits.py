@@ -13,6 +13,7 @@ from muybridge.geometry.calibration.culprits import CulpritOptions, CulpritRepor
 from muybridge.geometry.calibration.culprits_fit import changed, fit_camera, student_scale
 from muybridge.geometry.calibration.people import refine_people
 from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.robust import extent
 
 Landmarks = tuple[np.ndarray, np.ndarray]
 Fault = Callable[[CameraGroup, Landmarks, int], tuple[CameraGroup, Landmarks, set[int]]]
@@ -168,6 +169,16 @@ def test_a_video_of_another_take_is_named() -> None:
     report = find_culprits(rig, px, variance)
     assert [f.cameras for f in report.faults] == [("cam4",)]
     assert report.order[0] == 3
+
+
+def test_who_fills_the_picture_may_be_misread_by_more_pixels() -> None:
+    cameras = CameraGroup(tuple(replace(c, params=(2400, 2400, 960, 540)) for c in _rig(4).cameras))
+    px, variance = _seen(cameras, 3)
+    px[1] += np.random.default_rng(3).normal(0, 75.0, px[1].shape)
+    person = np.nanmedian(extent(px[1]))
+    assert 75 * 1.18 > CulpritOptions().unrelated * 1920 and person > 700
+    report = find_culprits(cameras, px, variance)
+    assert not [f for f in report.faults if f.kind == "unrelated"], report.sentence
 
 
 @pytest.mark.slow

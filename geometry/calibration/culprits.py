@@ -76,6 +76,8 @@ class CulpritOptions:
         farthest_turn_deg: a camera that is turned by more and wrong in other ways besides shows something else.
         unrelated: error against the other cameras, as a share of the image's longer side, from which a video that
             nothing puts right is taken to show something else.
+        unrelated_of_person: the same as a share of the person's size in the image: somebody who fills the picture is
+            misread by more pixels than somebody far off.
     """
 
     max_frames: int = 80
@@ -93,6 +95,7 @@ class CulpritOptions:
     min_focal: float = 0.008
     farthest_turn_deg: float = 6.0
     unrelated: float = 0.04
+    unrelated_of_person: float = 0.15
 
 
 @dataclass(frozen=True)
@@ -446,7 +449,8 @@ def _unrelated(take: Take, setup: Setup, faults: list[Fault], options: CulpritOp
         error = np.linalg.norm(camera.project(left_out(take, setup, c)) - px, axis=-1)
         known = error[np.isfinite(error)]
         typical = float(np.median(known)) if known.size >= 100 else 0.0
-        if typical >= options.unrelated * max(camera.width, camera.height):
+        least = max(options.unrelated * max(camera.width, camera.height), options.unrelated_of_person * _person_px(px))
+        if typical >= least:
             found.append(_other(camera.name, typical, options.min_evidence))
     # Where one does not fit, it draws the others away from each other: only the worst is named.
     worst = max(found, key=lambda f: f.effect_px, default=None)
