@@ -37,8 +37,8 @@ class FootageOptions:
     """What of a take becomes crops.
 
     Attributes:
-        most_crops: as many, evenly spread over the take; each takes 0.2 MB of memory.
-        size_px: side of the crops, px.
+        most_crops: as many, evenly spread over the take; each takes 0.4 MB of memory.
+        size_px: side of the crops, px: a third more than the network's, for what is turned and moved in training.
         padding: side of a crop over the longer side of the person's box.
         most_unsure: a landmark whose place the cameras do not know to this share of the crop has no label.
         least_known: share of the body's landmarks that need a label for a crop to count.
@@ -46,7 +46,7 @@ class FootageOptions:
     """
 
     most_crops: int = 2000
-    size_px: int = 256
+    size_px: int = 300
     padding: float = 1.25 * 4 / 3
     most_unsure: float = 0.015
     least_known: float = 0.5

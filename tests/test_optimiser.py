@@ -31,7 +31,7 @@ def test_filters_between_layers_are_muons_and_all_else_is_adams() -> None:
     of_muon = {names[id(p)] for group in muon.param_groups for p in group["params"]}
     of_adam = {names[id(p)] for group in adam.param_groups for p in group["params"]}
     assert isinstance(muon, Muon) and not of_muon & of_adam and of_muon | of_adam == set(names.values())
-    assert {"stem.0.0.weight", "head.weight", "visibility.weight", "stem.0.1.weight"} <= of_adam
+    assert {"stem.0.0.weight", "head.fine.weight", "visibility.weight", "stem.0.1.weight"} <= of_adam
     assert {"stem.1.0.weight", "levels.3.1.second.0.weight", "laterals.0.block.first.0.weight"} <= of_muon
     assert len(Optimisers(torch.nn.Linear(20, 20), 1e-3).parts) == 1
     (alone,) = Optimisers(net, 1e-3, muon=False).parts
