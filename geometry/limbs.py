@@ -20,6 +20,16 @@ _LEAST = 8
 _VAGUE = 0.3
 
 
+def trunk_of(points_world: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.float64]:
+    """(T, 3) from the middle of the hips to that of the shoulders of points (T, J, 3); NaN where one of the four is not
+    known, or not in the set."""
+    ends = [[f"{side}_{name}" for side in ("left", "right")] for name in ("shoulder", "hip")]
+    if any(name not in landmarks.names for end in ends for name in end):
+        return np.full((len(points_world), 3), np.nan)
+    top, bottom = (points_world[:, [landmarks.index(name) for name in end]].mean(axis=1) for end in ends)
+    return np.asarray(top - bottom)
+
+
 def vague_points(
     points_world: NDArray[np.float64], covariance_world: NDArray[np.float64], landmarks: LandmarkSet
 ) -> NDArray[np.bool_]:
@@ -34,16 +44,11 @@ def vague_points(
         (T, J) True where the standard deviation of a coordinate, on average, is more than 0.3 of the distance from the
         middle of the shoulders to that of the hips (median over the take; all False where that is never known).
     """
-    wrong = np.zeros(points_world.shape[:2], dtype=np.bool_)
-    ends = [[f"{side}_{name}" for side in ("left", "right")] for name in ("shoulder", "hip")]
-    if any(name not in landmarks.names for end in ends for name in end):
-        return wrong
-    top, bottom = (points_world[:, [landmarks.index(name) for name in end]].mean(axis=1) for end in ends)
-    trunk = np.linalg.norm(top - bottom, axis=-1)
-    if np.isfinite(trunk).sum() < _LEAST:
-        return wrong
+    length = np.linalg.norm(trunk_of(points_world, landmarks), axis=-1)
+    if np.isfinite(length).sum() < _LEAST:
+        return np.zeros(points_world.shape[:2], dtype=np.bool_)
     variance = np.trace(covariance_world, axis1=-2, axis2=-1) / 3
-    return np.asarray(variance > (_VAGUE * np.nanmedian(trunk)) ** 2)
+    return np.asarray(variance > (_VAGUE * np.nanmedian(length)) ** 2)
 
 
 def stretched_limbs(points_world: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.bool_]:

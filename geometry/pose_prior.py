@@ -126,12 +126,13 @@ def with_pose_prior(
     sight = _Sight(cameras.cam_from_world, views.seen.reshape(*shape, 2), info.reshape(shape),
                    limits_of(views, triangulate))  # fmt: skip
     sure = np.where((found.inlier.sum(0) >= 3)[..., None], found.points_world, np.nan)
+    learned = _learned(found.points_world, full)
     poses: _Poses | None = None
     result = start
     for _ in range(options.rounds):
-        prior, poses = learn_prior(found.points_world, found.covariance_world, start, full, poses, options)
+        prior, poses = learn_prior(found.points_world, found.covariance_world, start, full, learned, poses, options)
         result, covariance, inlier = _fitted(prior, poses, sight, sure, options.steps)
-    keep = _worth_keeping(inlier, full, _learned(found.points_world, full), options)
+    keep = _worth_keeping(inlier, full, learned, options)
     result = np.where(keep[..., None], result, np.nan)
     settled = np.isfinite(np.asarray(variance_px2)).sum(0) >= options.enough
     result = np.where(settled[..., None], found.points_world, result)
@@ -181,8 +182,8 @@ class _Sight:
 
 
 def learn_prior(
-    raw: Array, covariance: Array, smooth: Array, full: NDArray[np.bool_], poses: _Poses | None,
-    options: PosePriorOptions,
+    raw: Array, covariance: Array, smooth: Array, full: NDArray[np.bool_], learned: NDArray[np.bool_],
+    poses: _Poses | None, options: PosePriorOptions,
 ) -> tuple[PosePrior, _Poses]:  # fmt: skip
     """The body that a take shows.
 
@@ -191,6 +192,7 @@ def learn_prior(
         covariance: see raw.
         smooth: (T, J, 3) the same over time, everywhere.
         full: (T,) frames in which enough is known to learn from.
+        learned: (J,) landmarks that these show often enough; the others are left free.
         poses: where the body is, if that is known better than from `smooth`.
         options: see `PosePriorOptions`.
 
@@ -212,7 +214,6 @@ def learn_prior(
         own = np.einsum("tba,tjb->tja", rotation, points - center[:, None])
         mean = own[full].mean(axis=0)
         tau = np.maximum(1.4826 * np.median(np.linalg.norm(own[full] - mean, axis=-1), axis=0) / 1.54, 0.005)
-    learned = _learned(raw, full)
     ways, tau = _ways(np.where(learned[:, None], own - mean, 0.0), full, usual, options)
     tau[~learned] = _FREE
     return PosePrior(mean, ways, tau), _Poses(rotation, center, np.zeros((len(raw), ways.shape[-1])))

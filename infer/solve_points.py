@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
 from muybridge.geometry.ik import BodyFit, FitOptions
+from muybridge.geometry.limbs import trunk_of
 from muybridge.geometry.marker_fit import MarkerFit, MarkerFitOptions
 
 if TYPE_CHECKING:
@@ -248,10 +249,7 @@ def _tilt_deg(points_world: Floats) -> float:
     """Median angle between the trunk and up; 0 where it is not known."""
     from muybridge.geometry.landmarks import BODY23
 
-    def middle(part: str) -> Floats:
-        return np.asarray(sum(points_world[:, BODY23.index(f"{side}_{part}")] for side in ("left", "right"))) / 2
-
-    trunk = middle("shoulder") - middle("hip")
+    trunk = trunk_of(points_world, BODY23)
     length = np.linalg.norm(trunk, axis=-1)
     known = np.isfinite(length) & (length > 1e-6)
     if not known.any():

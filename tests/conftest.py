@@ -201,3 +201,19 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
         np.save(path.with_suffix(".npy"), pixels)
         np.savez(path, landmarks_px=landmarks, visible=np.ones((SHARD, 23), bool), box_px=boxes)
     return folder
+
+
+@pytest.fixture(scope="session")
+def change_weights() -> Callable[..., Path]:
+    """Writes a network with the first of its weights that `chosen` takes changed: (from, to, chosen, change) -> to."""
+    onnx = pytest.importorskip("onnx")
+
+    def write(path: Path, to: Path, chosen: Callable[[Any], bool], change: Callable[..., Any]) -> Path:
+        model = onnx.load(str(path))
+        weights = next(i for i in model.graph.initializer if chosen(i))
+        values = change(onnx.numpy_helper.to_array(weights))
+        weights.CopyFrom(onnx.numpy_helper.from_array(values, weights.name))
+        onnx.save(model, str(to))
+        return to
+
+    return write

@@ -5,8 +5,6 @@ import subprocess
 import sys
 
 import numpy as np
-import onnx
-import onnx.numpy_helper
 import onnxruntime
 import pytest
 import torch
@@ -159,20 +157,20 @@ def test_labels_are_where_the_person_is(followed, footage):
     assert np.nanmedian(np.abs(spread[1] - ratio * spread[0])) < 3
 
 
-def worse_network(path):
+@pytest.fixture
+def worse_network(change_weights, tmp_path):
     """The shipped network with noise on its heads' weights: something to gain, however slow the machine."""
-    net = onnx.load(shipped_model("keypoints"))
-    (weight,) = (i for i in net.graph.initializer if i.name.endswith("body_head.fine.weight"))
-    values = onnx.numpy_helper.to_array(weight)
-    noisy = values + np.random.default_rng(0).normal(0, 0.3 * values.std(), values.shape).astype(np.float32)
-    weight.CopyFrom(onnx.numpy_helper.from_array(noisy, weight.name))
-    onnx.save(net, path)
-    return path
+
+    def noisy(values):
+        return values + np.random.default_rng(0).normal(0, 0.3 * values.std(), values.shape).astype(np.float32)
+
+    to = tmp_path / "worse.onnx"
+    return change_weights(shipped_model("keypoints"), to, lambda i: i.name == "net.body_head.fine.weight", noisy)
 
 
-def test_a_network_gets_used_to_footage(footage, tmp_path):
+def test_a_network_gets_used_to_footage(footage, worse_network, tmp_path):
     view = View(footage, 192, 1.25)
-    net = keypoint_net_from_onnx(worse_network(tmp_path / "worse.onnx"))
+    net = keypoint_net_from_onnx(worse_network)
     before = {k: v.clone() for k, v in net.state_dict().items()}
     shares = []
     options = Adaptation(tmp_path / "footage.npz", tmp_path, minutes=0.6)
@@ -182,10 +180,11 @@ def test_a_network_gets_used_to_footage(footage, tmp_path):
     assert agreement(student, view).mean_px < 0.95 * agreement(net, view).mean_px
 
 
-def test_files_are_written_that_run_takes(footage, tmp_path):
+def test_files_are_written_that_run_takes(footage, worse_network, tmp_path):
     save_footage(tmp_path / "footage.npz", footage)
-    out, model = tmp_path / "out", worse_network(tmp_path / "worse.onnx")
-    said = adapt(Adaptation(tmp_path / "footage.npz", out, model, minutes=0.3, threads=1), "muybridge train adapt")
+    out = tmp_path / "out"
+    options = Adaptation(tmp_path / "footage.npz", out, worse_network, minutes=0.3, threads=1)
+    said = adapt(options, "muybridge train adapt")
     assert "before" in said and str(out) in said
     models = open_models(DetectOptions(keypoint_model=out / "keypoints.onnx", markers="all"))
     assert models.landmarks == BODY23

@@ -11,7 +11,6 @@ import pytest
 pytest.importorskip("torch")
 
 import torch  # noqa: E402
-from onnx import numpy_helper  # noqa: E402
 
 from muybridge.errors import ModelError  # noqa: E402
 from muybridge.models.registry import shipped_model  # noqa: E402
@@ -25,14 +24,14 @@ def shipped() -> Path:
     return shipped_model("keypoints", "fp32")
 
 
-def changed(path: Path, to: Path, by: float) -> Path:
+@pytest.fixture
+def changed(change_weights):
     """The network with one convolution's weights all larger by `by`."""
-    model = onnx.load(str(path))
-    weights = next(i for i in model.graph.initializer if len(i.dims) == 4 and i.dims[2] == 3)
-    values = numpy_helper.to_array(weights) + np.float32(by)
-    weights.CopyFrom(numpy_helper.from_array(values, weights.name))
-    onnx.save(model, str(to))
-    return to
+
+    def change(path: Path, to: Path, by: float) -> Path:
+        return change_weights(path, to, lambda i: len(i.dims) == 4 and i.dims[2] == 3, lambda w: w + np.float32(by))
+
+    return change
 
 
 def test_the_average_of_a_network_with_itself_is_itself(shipped, tmp_path):
@@ -45,7 +44,7 @@ def test_the_average_of_a_network_with_itself_is_itself(shipped, tmp_path):
     assert saved["state"]["images"] > 1e6 and saved["options"]["seed"] == trained_for(shipped)["seed"]
 
 
-def test_weights_lie_in_the_middle(shipped, tmp_path):
+def test_weights_lie_in_the_middle(shipped, changed, tmp_path):
     saved = average_keypoints([shipped, changed(shipped, tmp_path / "other.onnx", 0.25)])
     before = keypoint_net_from_onnx(shipped).state_dict()
     moved = {k: (saved["average"][k] - v).float() for k, v in before.items()}
@@ -64,7 +63,7 @@ def without_last_block(path: Path, to: Path) -> Path:
     return to
 
 
-def test_a_block_that_a_file_lacks_is_the_others(shipped, tmp_path):
+def test_a_block_that_a_file_lacks_is_the_others(shipped, changed, tmp_path):
     earlier = without_last_block(changed(shipped, tmp_path / "other.onnx", 0.3), tmp_path / "earlier.onnx")
     before, mean = keypoint_net_from_onnx(shipped).state_dict(), average_keypoints([shipped, shipped, earlier])
     moved = {k: (mean["average"][k] - v).float() for k, v in before.items()}
