@@ -51,13 +51,34 @@ def upsample(x: Tensor) -> Tensor:
     """(N, C, h, w) -> (N, C, 2h, 2w), bilinear, cells half a cell from the edges."""
     if not torch.compiler.is_compiling() or torch.compiler.is_exporting():
         return nn.functional.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
-    # Of the above, torch 2.13 compiles a gradient of zero in bfloat16.
-    for axis in (2, 3):
-        size = x.shape[axis]
-        before = torch.cat([x.narrow(axis, 0, 1), x.narrow(axis, 0, size - 1)], axis)
-        after = torch.cat([x.narrow(axis, 1, size - 1), x.narrow(axis, size - 1, 1)], axis)
-        x = torch.stack([0.75 * x + 0.25 * before, 0.75 * x + 0.25 * after], axis + 1).flatten(axis, axis + 1)
-    return x
+    out: Tensor = Upsample.apply(x)  # type: ignore[no-untyped-call]
+    return out
+
+
+class Upsample(torch.autograd.Function):
+    """`upsample` for the compiler: of the usual one torch 2.13 compiles a gradient of zero in bfloat16."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor) -> Tensor:
+        """(N, C, h, w) -> (N, C, 2h, 2w): three quarters of the nearest cell, a quarter of the next."""
+        for axis in (2, 3):
+            size = x.shape[axis]
+            at = torch.arange(2 * size, device=x.device)
+            following = (at // 2 + 2 * (at % 2) - 1).clamp(0, size - 1)
+            x = 0.75 * x.index_select(axis, at // 2) + 0.25 * x.index_select(axis, following)
+        return x
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> Tensor:
+        """(N, C, 2h, 2w) -> (N, C, h, w): each cell has a part in four, at the edge twice in the same."""
+        (g,) = gradients
+        for axis in (2, 3):
+            last = g.shape[axis] - 1
+            at = torch.arange(0, last, 2, device=g.device)
+            near = g.index_select(axis, at) + g.index_select(axis, at + 1)
+            far = g.index_select(axis, (at - 1).clamp(min=0)) + g.index_select(axis, (at + 2).clamp(max=last))
+            g = 0.75 * near + 0.25 * far
+        return g
 
 
 class Lateral(nn.Module):
@@ -95,13 +116,22 @@ class Head(nn.Module):
 
     def forward(self, features: Sequence[Tensor]) -> Tensor:
         """(N, widths[2], h, w), (N, widths[1], 2h, 2w), (N, widths[0], 4h, 4w) -> logits (N, J, 4h, 4w)."""
+        body, markers = self.apart(features)
+        return body if markers is None else torch.cat([body, markers], 1)
+
+    def apart(self, features: Sequence[Tensor]) -> tuple[Tensor, Tensor | None]:
+        """Of the same, the logits of the body and those of the markers, if there are any: a loss of either needs no
+        copy of all."""
         sixteenth, eighth, quarter = features
-        fine = self.fine(quarter)
         coarse = upsample(self.eighth(eighth) + upsample(self.sixteenth(sixteenth)))
-        out: Tensor = fine + coarse if self.body == fine.shape[1] else torch.cat(
-            [fine[:, : self.body] + coarse, fine[:, self.body :]], 1
-        )  # fmt: skip
-        return out
+        weight, bias = self.fine.weight, self.fine.bias
+        if len(weight) == self.body:
+            return self.fine(quarter) + coarse, None
+        body, markers = (
+            nn.functional.conv2d(quarter, weight[part], bias[part])  # type: ignore[index]
+            for part in (slice(self.body), slice(self.body, None))
+        )
+        return body + coarse, markers
 
 
 class KeypointNet(nn.Module):
@@ -140,6 +170,11 @@ class KeypointNet(nn.Module):
         """(N, 4, S, S) in 0..1 -> heatmap logits (N, J, S/4, S/4), visibility logits (N, J)."""
         features, whole = self.features(image)
         return self.head(features), self.visibility(whole)
+
+    def apart(self, image: Tensor) -> tuple[Tensor, Tensor | None, Tensor]:
+        """The same, with the body's heatmaps and the markers' (if there are any) as two, for their losses."""
+        features, whole = self.features(image)
+        return *self.head.apart(features), self.visibility(whole)
 
     def features(self, image: Tensor) -> tuple[list[Tensor], Tensor]:
         """(N, 4, S, S) -> those of which heatmaps are made, as `Head` takes them, and (N, widths[3]) of the whole."""

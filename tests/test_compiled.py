@@ -43,11 +43,11 @@ def test_what_does_not_pay_or_does_not_work_is_left_as_it_is(monkeypatch, capsys
     assert compiled(losses_of, PAYS_AFTER_MINUTES / 2) is losses_of
 
     def without_compiler(function):
-        raise RuntimeError("no C++ compiler\nsearched everywhere")
+        raise RuntimeError("backend='inductor' raised:\n\nno C++ compiler\nsearched everywhere")
 
     monkeypatch.setattr(module.torch, "compile", without_compiler)
     assert compiled(losses_of, PAYS_AFTER_MINUTES) is losses_of
-    assert "no C++ compiler" in capsys.readouterr().out
+    assert "slower: no C++ compiler\n" in capsys.readouterr().out
 
     def without_a_word(function):
         raise NotImplementedError

@@ -22,7 +22,7 @@ from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, measure_n
 from muybridge.train import keypoints, loop, people  # noqa: E402
 from muybridge.train.augment import AugmentOptions, Compositor  # noqa: E402
 from muybridge.train.evaluation import MIRROR, _figures, evaluate_onnx  # noqa: E402
-from muybridge.train.heatmap_loss import OUTSIDE  # noqa: E402
+from muybridge.train.heatmap_loss import OUTSIDE, heatmap_loss  # noqa: E402
 from muybridge.train.options import Evaluation, KeypointTraining, PeopleTraining  # noqa: E402
 from muybridge.train.publish import fit_spread, load_checkpoint, publish_keypoints, sigma_coverage  # noqa: E402
 from muybridge.train.renders import SIZE, load_renders  # noqa: E402
@@ -34,10 +34,10 @@ def test_heatmap_loss_is_least_at_the_truth():
     for shift in range(-2, 3):
         logits = torch.full((1, 1, 16, 16), -8.0)
         logits[0, 0, 5, 3 + shift] = 8.0
-        scores.append(float(keypoints.heatmap_loss(logits, truth)))
+        scores.append(float(heatmap_loss(logits, truth)))
     assert int(np.argmin(scores)) == 2
     outside = torch.tensor([[[200.0, 5.0]]])
-    assert float(keypoints.heatmap_loss(torch.zeros(1, 1, 16, 16), outside)) == 0.0
+    assert float(heatmap_loss(torch.zeros(1, 1, 16, 16), outside)) == 0.0
 
 
 @pytest.mark.parametrize("layout", [torch.contiguous_format, torch.channels_last])
@@ -56,7 +56,7 @@ def test_heatmap_loss_and_its_gradient_are_those_of_cross_entropy(layout):
     best = torch.zeros(3, 5)
     best[1, 1] = OUTSIDE * np.log(12 * 16)
     expected = expected - best
-    loss = keypoints.heatmap_loss(logits, landmarks)
+    loss = heatmap_loss(logits, landmarks)
     torch.testing.assert_close(loss, expected, atol=1e-4, rtol=1e-5)
     ours, theirs = (torch.autograd.grad((value * weight).sum(), logits)[0] for value in (loss, expected))
     torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-3)
@@ -69,7 +69,7 @@ def test_heatmap_loss_is_least_for_what_the_decoder_reads_back():
     optimiser = torch.optim.Adam([logits], 0.5)
     for _ in range(300):
         optimiser.zero_grad()
-        keypoints.heatmap_loss(logits, truth).sum().backward()
+        heatmap_loss(logits, truth).sum().backward()
         optimiser.step()
     decoded = decode_heatmaps(logits.detach().numpy(), 4, SpreadCalibration())
     np.testing.assert_allclose(decoded.points_crop_px[0, 0], truth[0, 0].numpy(), atol=0.2)
@@ -299,6 +299,13 @@ def test_crops_without_faults_are_sharp(store):
 
 def test_training_without_renders_says_what_to_do(tmp_path):
     with pytest.raises(SessionError, match="muybridge synth"):
+        keypoints.train(KeypointTraining(renders=tmp_path, out=tmp_path / "run"))
+
+
+def test_training_without_held_out_renders_names_those_that_are_wanting(store, tmp_path):
+    for file in store.glob("renders-00004.*"):
+        (tmp_path / file.name).symlink_to(file)
+    with pytest.raises(SessionError, match=r"none of renders-00000\.npz to renders-00003\.npz, to score with"):
         keypoints.train(KeypointTraining(renders=tmp_path, out=tmp_path / "run"))
 
 

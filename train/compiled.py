@@ -26,7 +26,9 @@ def _works() -> bool:
     try:
         torch.compile(torch.neg)(torch.ones(64))
     except Exception as error:  # whatever is missing, training goes on without
-        why = str(error).strip().partition("\n")[0] or type(error).__name__
+        # Of inductor's errors the first line only says that it is one.
+        lines = [line for line in str(error).splitlines() if line.strip() and not line.endswith("raised:")]
+        why = lines[0].strip() if lines else type(error).__name__
         print(f"training without torch.compile, an eighth slower: {why}", flush=True)
         return False
     return True

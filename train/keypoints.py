@@ -22,7 +22,7 @@ from muybridge.train import loop
 from muybridge.train.augment import AugmentOptions, Batch, Compositor
 from muybridge.train.compiled import compiled
 from muybridge.train.difficulty import Difficulty, drawing_probability, read_difficulty
-from muybridge.train.heatmap_loss import heatmap_loss
+from muybridge.train.heatmap_loss import cross_entropy, targets
 from muybridge.train.options import KeypointTraining
 from muybridge.train.renders import RenderSet, load_renders
 
@@ -80,20 +80,22 @@ class Loss:
         return total, each.sum() / count.sum()
 
 
-def losses_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor, Tensor]:
+def losses_of(net: KeypointNet, batch: loop.Batch) -> tuple[Tensor, Tensor, Tensor]:
     """Total loss; (B,) summed cross-entropy of the visible landmarks of the body of each crop, without gradients; and
     (B,) how many these are."""
     image, landmarks_px, visible = batch
+    body, target = len(BODY23), targets(landmarks_px, image.shape[-2] // STRIDE, image.shape[-1] // STRIDE)
     with torch.autocast(image.device.type, dtype=torch.bfloat16):
-        heatmaps, visibility = net(image.float().div_(255))
-    each = heatmap_loss(heatmaps, landmarks_px)
+        heatmaps, markers, visibility = net.apart(image.float().div_(255))
+    each = cross_entropy(heatmaps, target.of(slice(body)))
+    if markers is not None:
+        each = torch.cat([each, cross_entropy(markers, target.of(slice(body, None)))], 1)
     seen, known = visible.float(), landmarks_px.isfinite().all(-1).float()
     # Hidden landmarks count too, less: the network shall guess them and know that it guesses.
     weight = 0.35 + 0.65 * seen
     see = torch.nn.functional.binary_cross_entropy_with_logits(visibility.float(), seen, known)
-    body = len(BODY23)
     total = (each * weight)[:, :body].mean() + 0.2 * see
-    if each.shape[1] > body:
+    if markers is not None:
         total = total + SURFACE_WEIGHT * (each * weight)[:, body:].mean()
     return total, (each * seen)[:, :body].sum(1).detach(), seen[:, :body].sum(1)
 

@@ -24,7 +24,7 @@ from muybridge.train.curves import write_curves
 from muybridge.train.optimiser import Optimisers
 from muybridge.train.options import Training
 from muybridge.train.render import Renderer
-from muybridge.train.renders import SIZE, RenderSet, load_renders
+from muybridge.train.renders import SIZE, RenderSet, load_renders, shard_path
 from muybridge.train.rooms import make_room_pictures
 
 # The first shards of a store are never trained on.
@@ -103,12 +103,15 @@ class Throughput:
 
 
 def prepare(options: Training) -> pathlib.Path:
-    """Seeds torch and makes the background pool; SessionError where there is nothing to train on."""
+    """Seeds torch and makes the background pool; SessionError where there is nothing to train on, or to score with."""
     if not len(load_renders(options.renders, TRAINED_ON)):
         raise SessionError(
             f"{options.renders}: no renders to train on (the first {HELD_OUT.stop} shards are held out); "
             "make some with `muybridge synth`"
         )
+    if not len(load_renders(options.renders, HELD_OUT)):
+        first, last = (shard_path(options.renders, number).name for number in (HELD_OUT[0], HELD_OUT[-1]))
+        raise SessionError(f"{options.renders}: none of {first} to {last}, to score with; `muybridge synth` makes them")
     torch.manual_seed(options.seed)
     torch.set_num_threads(options.threads)
     return background_pool(options)
