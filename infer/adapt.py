@@ -23,6 +23,7 @@ from muybridge.infer.session import SessionOptions, open_session
 from muybridge.infer.solve import SolveOptions
 from muybridge.infer.stages import StageStore
 from muybridge.models.footage import save_footage
+from muybridge.models.registry import keypoint_card
 
 DEFAULT_OUT = "adapted"
 RESULTS = ("keypoints.onnx", "keypoints-int8.onnx", "adapt.json")
@@ -85,7 +86,8 @@ def adapt(
         output = open_output(path / DEFAULT_OUT if out is None else out, RESULTS, inputs, overwrite)
         followed = follow(opened, models, StageStore(output.work), run, progress)
         footage = output.work / "footage.npz"
-        save_footage(footage, collect(followed, progress))
+        card = keypoint_card(models.metadata["keypoints"], models.keypoints)
+        save_footage(footage, collect(followed, card, progress))
     made = output.work / "trained"
     code = _train(footage, made, models.keypoints, options)
     if code:

@@ -24,6 +24,7 @@ from muybridge.infer.solve import Solution
 from muybridge.infer.upright import upright_for
 from muybridge.infer.video import read_chunks
 from muybridge.models.footage import Footage
+from muybridge.models.registry import KeypointModelCard
 
 _Floats = NDArray[np.float64]
 
@@ -38,29 +39,44 @@ class FootageOptions:
 
     Attributes:
         most_crops: as many, evenly spread over the take; each takes 0.4 MB of memory.
-        size_px: side of the crops, px: a third more than the network's, for what is turned and moved in training.
-        padding: side of a crop over the longer side of the person's box.
+        larger: the crops over the network's, for what is turned and moved in training.
         most_unsure: a landmark whose place the cameras do not know to this share of the crop has no label.
         least_known: share of the body's landmarks that need a label for a crop to count.
         fewest_crops: with fewer than this a network would learn them by heart.
     """
 
     most_crops: int = 2000
-    size_px: int = 300
-    padding: float = 1.25 * 4 / 3
+    larger: float = 4 / 3
     most_unsure: float = 0.015
     least_known: float = 0.5
     fewest_crops: int = 60
 
 
-def collect(followed: Followed, progress: Progress, options: FootageOptions = FootageOptions()) -> Footage:
+class _Shape(NamedTuple):
+    """Side of the crops, px, and over the longer side of the person's box."""
+
+    size_px: int
+    padding: float
+
+
+def collect(
+    followed: Followed, card: KeypointModelCard, progress: Progress, options: FootageOptions = FootageOptions()
+) -> Footage:
     """The crops of a session whose people were followed, their virtual markers too.
+
+    Args:
+        followed: the session and its people.
+        card: of the network that is going to learn from them.
+        progress: is told.
+        options: what becomes a crop.
 
     Raises:
         SessionError: too few frames in which enough of the person is known in 3D.
     """
+    shape = _Shape(round(options.larger * card.input_size), options.larger * card.box_padding)
     people = [_Person(s, options) for s in (followed.solution, *followed.solution.others)]
-    views = [_views(followed, c, person, options) for c in range(len(followed.session.cameras)) for person in people]
+    cameras = range(len(followed.session.cameras))
+    views = [_views(followed, c, person, shape, options) for c in cameras for person in people]
     total = sum(len(v.frames) for v in views)
     if total < options.fewest_crops:
         raise SessionError(
@@ -74,14 +90,14 @@ def collect(followed: Followed, progress: Progress, options: FootageOptions = Fo
     parts: list[tuple[NDArray[Any], ...]] = []
     with progress.task("crops", len(views)) as task:
         for view in views:
-            parts += _cut(followed, view.select(np.isin(view.frames, kept)), options)
+            parts += _cut(followed, view.select(np.isin(view.frames, kept)), shape)
             task.advance()
     crops, landmarks, agreed, held_out = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     facts = {
         "session": followed.session.name, "cameras": list(followed.session.cameras.names),
         "frames": len(kept), "people": len(people),
     }  # fmt: skip
-    return Footage(crops, landmarks, agreed, held_out, options.padding, facts)
+    return Footage(crops, landmarks, agreed, held_out, shape.padding, facts)
 
 
 class _Person:
@@ -115,7 +131,7 @@ class _View(NamedTuple):
         )  # fmt: skip
 
 
-def _views(followed: Followed, c: int, person: _Person, options: FootageOptions) -> _View:
+def _views(followed: Followed, c: int, person: _Person, shape: _Shape, options: FootageOptions) -> _View:
     """Frames in which the camera should see the person whole enough, with labels where they are sure enough."""
     camera = followed.session.cameras[c]
     px = camera.project(person.points)
@@ -123,7 +139,7 @@ def _views(followed: Followed, c: int, person: _Person, options: FootageOptions)
     upright = upright_for(followed.session.level_cameras[c], camera.width, camera.height)
     boxes = upright.centered_in_frame(body_boxes(upright.to_upright(px[:, :body]), person.body.landmarks))
     side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
-    unsure = _sigma_px(camera, person.points, person.covariance) / np.maximum(options.padding * side, 1)[:, None]
+    unsure = _sigma_px(camera, person.points, person.covariance) / np.maximum(shape.padding * side, 1)[:, None]
     inside = ((px >= -0.5) & (px <= [camera.width - 0.5, camera.height - 0.5])).all(axis=-1)
     labelled = np.isfinite(px).all(axis=-1) & (unsure <= options.most_unsure) & inside
     px = np.where(labelled[..., None], px, np.nan)
@@ -139,13 +155,13 @@ def _sigma_px(camera: Camera, points: _Floats, covariance: _Floats) -> _Floats:
     return np.asarray(np.sqrt(np.maximum(variance, 0)))
 
 
-def _cut(followed: Followed, view: _View, options: FootageOptions) -> Iterator[tuple[NDArray[Any], ...]]:
+def _cut(followed: Followed, view: _View, shape: _Shape) -> Iterator[tuple[NDArray[Any], ...]]:
     """The first arrays of `Footage` of a view, chunk by chunk."""
     session, c = followed.session, view.camera
     camera, count = session.level_cameras[c], len(followed.detected[c].tracks.points_px)
     own = own_frames(followed.clocks, c, view.frames, session.fps, count)
     block = view.frames // max(1, session.frames // _BLOCKS)
-    crops = crops_for_boxes(view.boxes_px, options.size_px, camera, options.padding)
+    crops = crops_for_boxes(view.boxes_px, shape.size_px, camera, shape.padding)
     frames, order = np.unique(own, return_inverse=True)
     backdrop = followed.detected[c].backdrop()
     begin = 0

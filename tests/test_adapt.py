@@ -55,10 +55,15 @@ def followed(demo_session):
 
 
 @pytest.fixture(scope="module")
-def footage(followed):
+def network_card():
+    return load_model(shipped_model("keypoints"))[1]
+
+
+@pytest.fixture(scope="module")
+def footage(followed, network_card):
     """80 crops of it or so."""
     with Progress(quiet=True) as progress:
-        return collect(followed, progress, FootageOptions(most_crops=80, size_px=256))
+        return collect(followed, network_card, progress, FootageOptions(most_crops=80))
 
 
 def random_footage(count=12, seed=0):
@@ -140,7 +145,7 @@ def test_crops_move_with_their_landmarks():
 def test_labels_are_where_the_person_is(followed, footage):
     with demo_folder().joinpath(TRUTH).open("rb") as file, np.load(file) as truth:
         world, names = truth["points_world"], [str(n) for n in truth["names"]]
-    assert footage.crops.shape[1:] == (256, 256, 4) and 60 <= len(footage.crops) <= 100
+    assert footage.crops.shape[1:] == (299, 299, 4) and 60 <= len(footage.crops) <= 100
     assert footage.landmarks_px.shape == (len(footage.crops), JOINTS, 2)
     assert np.isfinite(footage.landmarks_px).all(-1).mean() > 0.8
     assert 0 < footage.held_out.mean() < 0.3
@@ -162,18 +167,18 @@ def worse_network(change_weights, tmp_path):
     """The shipped network with noise on its heads' weights: something to gain, however slow the machine."""
 
     def noisy(values):
-        return values + np.random.default_rng(0).normal(0, 0.3 * values.std(), values.shape).astype(np.float32)
+        return values + np.random.default_rng(0).normal(0, 0.6 * values.std(), values.shape).astype(np.float32)
 
     to = tmp_path / "worse.onnx"
     return change_weights(shipped_model("keypoints"), to, lambda i: i.name == "net.body_head.fine.weight", noisy)
 
 
 def test_a_network_gets_used_to_footage(footage, worse_network, tmp_path):
-    view = View(footage, 192, 1.25)
+    view = View(footage, 224, 1.25)
     net = keypoint_net_from_onnx(worse_network)
     before = {k: v.clone() for k, v in net.state_dict().items()}
     shares = []
-    options = Adaptation(tmp_path / "footage.npz", tmp_path, minutes=0.6)
+    options = Adaptation(tmp_path / "footage.npz", tmp_path, minutes=0.6, rate=1e-3)  # much, in seconds
     student, images = adapted(net, view, options, shares.append)
     assert images >= 64 and shares == sorted(shares) and shares[-1] <= 1
     assert all(torch.equal(v, before[k]) for k, v in net.state_dict().items())  # the teacher stays
@@ -206,9 +211,9 @@ def test_what_is_no_better_is_not_written(footage, tmp_path):
         adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out"), "")
 
 
-def test_what_teaches_nothing_is_refused(followed, footage, tmp_path):
+def test_what_teaches_nothing_is_refused(followed, network_card, footage, tmp_path):
     with pytest.raises(SessionError, match="too little"), Progress(quiet=True) as progress:
-        collect(followed, progress, FootageOptions(fewest_crops=100_000))
+        collect(followed, network_card, progress, FootageOptions(fewest_crops=100_000))
     # Labels beside the person.
     save_footage(tmp_path / "footage.npz", footage._replace(landmarks_px=footage.landmarks_px + 30))
     with pytest.raises(SessionError, match="no label to learn from"):

@@ -92,8 +92,9 @@ class Dresser:
         if v["sleeve"] > 0.4 and self.chance(0.3):
             style = (style | 8) & ~3
         v["shirt_style"] = style
-        if v["pattern"][0] == PATTERNS.index("quilted"):  # a padded jacket
-            v |= {"sleeve": 0.46, "puff_shirt": self.between(0.02, 0.035), "hem": self.between(-0.1, 0.08),
+        # A padded jacket, or a coat of wool, fleece or fur.
+        if v["pattern"][0] == PATTERNS.index("quilted") or self.chance(0.08):
+            v |= {"sleeve": 0.46, "puff_shirt": self.between(0.02, 0.042), "hem": self.between(-0.1, 0.08),
                   "bulge": 0.02, "flare_sleeve": 0.0, "loose_shirt": 1.0}  # fmt: skip
         if v["pattern"][0] < 4 and self.chance(0.4):
             self._print()
