@@ -58,7 +58,10 @@ def test_what_does_not_pay_or_does_not_work_is_left_as_it_is(monkeypatch, capsys
 
 
 def test_upsampling_for_the_compiler_is_the_same(monkeypatch):
-    x = torch.randn(2, 3, 5, 7)
+    x, weight = torch.randn(2, 3, 5, 7, requires_grad=True), torch.randn(2, 3, 10, 14)
     usual = upsample(x)
+    (gradient,) = torch.autograd.grad((usual * weight).sum(), x)
     monkeypatch.setattr(torch.compiler, "is_compiling", lambda: True)
-    assert upsample(x).shape == (2, 3, 10, 14) and torch.allclose(upsample(x), usual, atol=1e-6)
+    ours = upsample(x)
+    assert ours.shape == (2, 3, 10, 14) and torch.allclose(ours, usual, atol=1e-6)
+    torch.testing.assert_close(torch.autograd.grad((ours * weight).sum(), x)[0], gradient, rtol=1e-5, atol=1e-5)
