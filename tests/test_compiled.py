@@ -4,6 +4,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from muybridge.models.batch_norm import BatchNorm  # noqa: E402
 from muybridge.models.keypoint_net import KeypointNet, upsample  # noqa: E402
 from muybridge.train import compiled as module  # noqa: E402
 from muybridge.train.compiled import PAYS_AFTER_MINUTES, compiled  # noqa: E402
@@ -33,10 +34,41 @@ def test_gradients_are_no_further_from_the_precise_ones_than_those_of_the_loss_a
     assert float(total) == pytest.approx(float(precise_total), rel=2e-3)
     torch.testing.assert_close(each, rough_each, rtol=2e-2, atol=0.0)
     assert torch.equal(count, rough_count)
-    for name, truth in precise.items():
-        # That of the last bias is none: a softmax does not feel it.
-        off, usual = float((ours[name] - truth).norm()), float((rough[name] - truth).norm())
-        assert off < 1.3 * usual + 1e-4, (name, off, usual, float(truth.norm()))
+    # That of the last bias is none: a softmax does not feel it.
+    size = {name: float(truth.norm()) for name, truth in precise.items() if truth.norm() > 1e-5}
+    off, usual = (
+        {name: float((given[name] - precise[name]).norm()) / size[name] for name in size} for given in (ours, rough)
+    )
+    assert sum(off.values()) < 1.15 * sum(usual.values())
+    # bfloat16 rounds at random: of a single layer the one is up to twice as far off as the other, either way.
+    for name in size:
+        assert off[name] < min(2.5 * usual[name] + 5e-3, 0.7), (name, off[name], usual[name])
+
+
+def test_batch_normalisation_compiled_is_torchs_own():
+    if compiled(losses_of, PAYS_AFTER_MINUTES) is losses_of:
+        pytest.skip("torch.compile does not work here")
+    torch.manual_seed(0)
+    usual, ours = torch.nn.BatchNorm2d(24), BatchNorm(24)
+    with torch.no_grad():
+        for norm in (usual, ours):
+            norm.weight.copy_(torch.linspace(0.2, 3, 24))
+            norm.bias.copy_(torch.linspace(-1, 1, 24))
+    fused = torch.compile(lambda x: ours(x))
+    way = torch.randn(6, 24, 20, 20)
+    for _ in range(3):
+        # Far from zero beside its spread, in some channels, as after a bias.
+        x = torch.randn(6, 24, 20, 20) * torch.linspace(0.5, 4, 24)[:, None, None] + torch.arange(24.0)[:, None, None]
+        there, here = (x.clone().to(memory_format=torch.channels_last).requires_grad_() for _ in range(2))
+        wanted, got = usual(there), fused(here)
+        torch.testing.assert_close(got, wanted, rtol=1e-4, atol=1e-4)
+        (wanted * way).sum().backward()
+        (got * way).sum().backward()
+        torch.testing.assert_close(here.grad, there.grad, rtol=1e-4, atol=1e-4)
+    for name in ("weight", "bias"):
+        torch.testing.assert_close(getattr(ours, name).grad, getattr(usual, name).grad, rtol=1e-4, atol=2e-3)
+    torch.testing.assert_close(ours.running_mean, usual.running_mean)
+    torch.testing.assert_close(ours.running_var, usual.running_var, rtol=1e-4, atol=1e-4)
 
 
 def test_what_does_not_pay_or_does_not_work_is_left_as_it_is(monkeypatch, capsys):

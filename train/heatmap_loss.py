@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from muybridge.models.batch_norm import worked_out
 from muybridge.models.keypoint_net import STRIDE
 
 # Cells on each side of a landmark that its Gaussian reaches (five sigma).
@@ -45,7 +46,9 @@ def _gaussian(cell: Tensor, n: int, sigma: float, inside: Tensor) -> Tensor:
     """(B, J) places in cells -> (B, n, J) with sums of one over the cells, even where they are not `inside`."""
     cell = torch.where(inside, cell, 0.0)[:, None]
     at = torch.arange(n, device=cell.device)[:, None]
-    share = torch.exp(-((at - cell) ** 2) / (2 * sigma**2)) * ((at - cell.round()).abs() <= REACH)
+    # Nothing beyond is kept, and numbers too small for float32 are slow to make.
+    away = (at - cell).clamp(-REACH - 1, REACH + 1)
+    share = torch.exp(-(away**2) / (2 * sigma**2)) * ((at - cell.round()).abs() <= REACH)
     share = torch.where(inside[:, None], share, 1.0)
     return share / share.sum(1, keepdim=True)
 
@@ -71,9 +74,12 @@ class _CrossEntropy(torch.autograd.Function):
     def forward(ctx: Any, logits: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
         """(B, h, w, J), (B, h, J), (B, w, J) -> (B, J)."""
         precise = logits.to(torch.float32, copy=True)
+        # Row by row, so that a row is still in the cache when it is gone over again.
         expected = ((precise * columns[:, None]).sum(2) * rows).sum(1)
-        top = precise.amax((1, 2), keepdim=True)
-        whole = precise.sub_(top).exp_().sum((1, 2)).log() + top[:, 0, 0]
+        row_top = precise.amax(2)
+        row = precise.sub_(row_top[:, :, None]).exp_().sum(2)
+        top = row_top.amax(1, keepdim=True)
+        whole = (row * (row_top - top).exp()).sum(1).log() + top[:, 0]
         ctx.save_for_backward(logits, rows, columns, whole)
         return rows.sum(1) * whole - expected
 
@@ -81,8 +87,9 @@ class _CrossEntropy(torch.autograd.Function):
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:
         """The logits' gradient (B, h, w, J)."""
         logits, rows, columns, whole = ctx.saved_tensors
-        (each,) = gradients
+        # The gradient of each landmark's loss comes from sums that the compiler would work out anew for every cell.
+        each = worked_out(gradients[0])
         out = logits.to(torch.float32, copy=True).sub_(whole[:, None, None]).exp_()
-        out.mul_((each * rows.sum(1))[:, None, None])
-        out.addcmul_(rows[:, :, None], (columns * each[:, None])[:, None], value=-1.0)
+        out.mul_(worked_out(each * rows.sum(1))[:, None, None])
+        out.addcmul_(rows[:, :, None], worked_out(columns * each[:, None])[:, None], value=-1.0)
         return out.to(logits.dtype), None, None

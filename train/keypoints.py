@@ -57,7 +57,8 @@ class _Crops:
             batch = compositor.batch(self.count, index)
             landmarks = torch.cat([batch.landmarks_px, batch.markers_px], 1)
             visible = torch.cat([batch.visible, batch.markers_visible], 1)
-            return batch.pixels, landmarks, visible, torch.from_numpy(index)
+            pixels = batch.pixels.contiguous(memory_format=torch.channels_last)  # here, where there is time
+            return pixels, landmarks, visible, torch.from_numpy(index)
 
         return following
 
