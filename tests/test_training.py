@@ -266,6 +266,7 @@ def test_evaluation_counts_what_it_says():
     found = _figures(distance, twin, np.full((count, 23, 2), 1.5), visible, visible, 192)
     limbs = int((MIRROR != np.arange(23))[5:].sum()) * count
     assert found["left-right swaps"] == pytest.approx(2 / limbs)
+    assert found["left-right swaps, face too"] == pytest.approx(2 / (23 * count))
     assert found["PCK@0.1 of the box"] == pytest.approx(1 - 2 / (23 * count))
     assert found["within 1 sigma (0.683)"] == 0 and found["within 2 sigma (0.954)"] == 1
     visible[0, pairs] = False

@@ -100,4 +100,4 @@ def evaluate(
     how = ", ".join(f"{'with' if on else 'without'} {way}" for way, on in ways.items())
     print(f"{options.crops} held-out crops, {how}")
     for name, value in evaluate_onnx(options).items():
-        print(f"{name:<24} {value:.4g}")
+        print(f"{name:<26} {value:.4g}")
