@@ -1,15 +1,17 @@
 """Crops a second of the keypoint networks, and their ratio to the matrix-multiply peak measured in the same minute.
 
-    python scripts/bench_networks.py [--sizes 160 192 224] [--threads 1 2] [--rounds 15]
+    python scripts/bench_networks.py [--sizes 160 192 224] [--sessions 1x1 1x2 2x1] [--rounds 15]
 
-Prints a Markdown table. Networks, sizes and the matrix product take turns, and the best round of each counts: other
-work on the machine then costs all of them alike, as far as anything can.
+Prints a Markdown table. 2x1 is two sessions of one thread each side by side, as `muybridge run` has them on two
+processors. Networks, sizes and the matrix product take turns, and the best round of each counts: other work on the
+machine then costs all of them alike, as far as anything can.
 """
 
 import argparse
 import os
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 BATCH = 4
 PRODUCT = 1024  # side of the matrices
@@ -19,23 +21,30 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sizes", type=int, nargs="+", default=[160, 192, 224])
-    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--sessions", nargs="+", default=["1x1", "1x2", "2x1"], help="sessions x threads of each")
     parser.add_argument("--rounds", type=int, default=15)
     options = parser.parse_args()
-    print("| threads | crop px | GMAC a crop | fp32 crops/s | int8 crops/s | int8 / fp32 | fp32 / matmul peak |")
+    print("| sessions x threads | px | GMAC a crop | fp32 crops/s | int8 crops/s | int8 / fp32 | fp32 / matmul peak |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
-    for threads in options.threads:
-        jobs, work = _jobs(options.sizes, threads)
-        rates = _best_rates(jobs, options.rounds)
+    for layout in options.sessions:
+        sessions, threads = map(int, layout.split("x"))
+        with ThreadPoolExecutor(sessions) as pool:
+            jobs = {name: _side_by_side(job, sessions, pool) for name, job in _jobs(options.sizes, threads).items()}
+            rates = {name: rate * sessions for name, rate in _best_rates(jobs, options.rounds).items()}
         peak = rates["matmul"] * PRODUCT**3
         for size in options.sizes:
-            fp32, int8 = rates[f"fp32 {size}"] * BATCH, rates[f"int8 {size}"] * BATCH
-            print(f"| {threads} | {size} | {work[size] / 1e9:.2f} | {fp32:.0f} | {int8:.0f} | {int8 / fp32:.1f} "
-                  f"| {fp32 * work[size] / peak:.2f} (of {2 * peak / 1e9:.0f} GFLOP/s) |")  # fmt: skip
+            work, fp32, int8 = _multiplications(size), rates[f"fp32 {size}"] * BATCH, rates[f"int8 {size}"] * BATCH
+            print(f"| {sessions} x {threads} | {size} | {work / 1e9:.2f} | {fp32:.0f} | {int8:.0f} | {int8 / fp32:.1f} "
+                  f"| {fp32 * work / peak:.2f} (of {2 * peak / 1e9:.0f} GFLOP/s) |")  # fmt: skip
 
 
-def _jobs(sizes: list[int], threads: int) -> tuple[dict[str, Callable[[], object]], dict[int, float]]:
-    """What is measured, by name, and the multiplications of a crop of each size."""
+def _side_by_side(job: Callable[[], object], count: int, pool: ThreadPoolExecutor) -> Callable[[], object]:
+    """The job `count` times at once: a session of one thread works in whichever threads call it."""
+    return lambda: [done.result() for done in [pool.submit(job) for _ in range(count)]]
+
+
+def _jobs(sizes: list[int], threads: int) -> dict[str, Callable[[], object]]:
+    """What is measured, by name."""
     import numpy as np
     import onnxruntime
 
@@ -52,7 +61,7 @@ def _jobs(sizes: list[int], threads: int) -> tuple[dict[str, Callable[[], object
             image = np.random.default_rng(0).random((BATCH, 3, size, size), np.float32)
             jobs[f"{precision} {size}"] = lambda s=session, i=image: s.run(None, {"image": i})
     jobs["matmul"] = _product(threads)
-    return jobs, {size: _multiplications(size) for size in sizes}
+    return jobs
 
 
 def _product(threads: int) -> Callable[[], object]:
