@@ -300,7 +300,7 @@ def test_crops_without_faults_are_sharp(store):
 
 def test_training_without_renders_says_what_to_do(tmp_path):
     with pytest.raises(SessionError, match="muybridge synth"):
-        keypoints.train(KeypointTraining(renders=tmp_path, out=tmp_path / "run"))
+        keypoints.train(KeypointTraining(renders=tmp_path, shards=0, out=tmp_path / "run"))
 
 
 def test_training_without_held_out_renders_names_those_that_are_wanting(store, tmp_path):

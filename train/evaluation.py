@@ -87,8 +87,8 @@ def _figures(
     distance: NDArray[np.float64], twin: NDArray[np.float64], in_sigma: NDArray[np.float64],
     visible: NDArray[np.bool_], inside: NDArray[np.bool_], size: int,
 ) -> dict[str, float]:  # fmt: skip
-    # Twins that lie on each other can't be told apart by anyone. Eyes and ears lie so near to each other that a share of
-    # all landmarks looks better than one of the limbs' alone.
+    # Twins that lie on each other can't be told apart by anyone. Eyes and ears are so near to each other that the share
+    # of all landmarks looks better than that of the limbs'.
     swapped = (twin < distance) & visible & (MIRROR != np.arange(len(MIRROR))) & (np.abs(twin - distance) > 0.03 * size)
     limb = np.broadcast_to(LIMB, visible.shape)
     box = size / 1.25

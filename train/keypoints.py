@@ -141,20 +141,27 @@ def held_out_batches(renders: pathlib.Path, pool: pathlib.Path, size: int, count
     return [Compositor(store, backgrounds, size, 10_000 + i, whole).batch(64) for i in range(count)]
 
 
+def _network_of(model: pathlib.Path) -> KeypointNet:
+    net = keypoint_net_from_onnx(model)
+    if net.visibility.out_features != len(BODY23) + len(SURFACE):
+        raise ModelError(f"{model}: training needs a network that finds virtual markers too")
+    return net
+
+
 def train(options: KeypointTraining) -> pathlib.Path:
     """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
     if not 0 <= options.hard <= 1:
         raise ModelError(f"--hard {options.hard:g}: it is a share of the crops, 0 to 1")
-    pool = loop.prepare(options)
-    validation = held_out_batches(options.renders, pool, options.size)
-    net, seen = KeypointNet(len(BODY23) + len(SURFACE)), loop.Seen()
-    if options.model is not None and not loop.resumes(options):
-        net, seen = keypoint_net_from_onnx(options.model), loop.Seen.of(options.model)
-        if net.visibility.out_features != len(BODY23) + len(SURFACE):
-            raise ModelError(f"{options.model}: training needs a network that finds virtual markers too")
-        measure_normalisation(net, [validation[0].pixels.float().div(255)])
-    fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
-    difficulty = Difficulty(options.out / "difficulty.npy")
-    crops = _Crops(pool, options.size, options.batch, difficulty.path, options.hard)
-    fit.run(loop.batches(options, crops, fit.state["step"]), Loss(difficulty, compiled(losses_of, options.minutes)))
+    model = None if loop.resumes(options) else options.model
+    given = None if model is None else _network_of(model)  # before all that takes minutes
+    with loop.prepared(options) as pool:
+        validation = held_out_batches(options.renders, pool, options.size)
+        net = given or KeypointNet(len(BODY23) + len(SURFACE))
+        if given is not None:
+            measure_normalisation(net, [validation[0].pixels.float().div(255)])
+        seen = loop.Seen() if model is None else loop.Seen.of(model)
+        fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
+        difficulty = Difficulty(options.out / "difficulty.npy")
+        crops = _Crops(pool, options.size, options.batch, difficulty.path, options.hard)
+        fit.run(loop.batches(options, crops, fit.state["step"]), Loss(difficulty, compiled(losses_of, options.minutes)))
     return fit.checkpoint

@@ -6,6 +6,7 @@ import pathlib
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
@@ -19,12 +20,13 @@ from muybridge.errors import SessionError
 from muybridge.files import replacing
 from muybridge.models.weights_from_onnx import trained_for
 from muybridge.train.backgrounds import make_backgrounds
+from muybridge.train.beside import Beside
 from muybridge.train.bodies import BodyModel
 from muybridge.train.curves import write_curves
 from muybridge.train.optimiser import Optimisers
 from muybridge.train.options import Training
 from muybridge.train.render import Renderer
-from muybridge.train.renders import SIZE, RenderSet, load_renders, shard_path
+from muybridge.train.renders import SIZE, RenderSet, load_renders, shard_numbers, shard_path
 from muybridge.train.rooms import make_room_pictures
 
 # The first shards of a store are never trained on.
@@ -102,8 +104,21 @@ class Throughput:
         return rate
 
 
-def prepare(options: Training) -> pathlib.Path:
-    """Seeds torch and makes the background pool; SessionError where there is nothing to train on, or to score with."""
+@contextmanager
+def prepared(options: Training) -> Iterator[pathlib.Path]:
+    """Seeds torch, makes the background pool, whose path it gives, and waits for the first renders where there are
+    none; the others are made while the block runs. SessionError where there are none to train on, or to score with."""
+    torch.manual_seed(options.seed)
+    torch.set_num_threads(options.threads)
+    with Beside(options.renders, options.shards, options.seed) as renders:
+        if renders.making:
+            background_pool(options)  # some minutes, in which the first are made
+        renders.wait_for(HELD_OUT.stop + 4)
+        _check_renders(options)
+        yield background_pool(options)
+
+
+def _check_renders(options: Training) -> None:
     if not len(load_renders(options.renders, TRAINED_ON)):
         raise SessionError(
             f"{options.renders}: no renders to train on (the first {HELD_OUT.stop} shards are held out); "
@@ -112,9 +127,6 @@ def prepare(options: Training) -> pathlib.Path:
     if not len(load_renders(options.renders, HELD_OUT)):
         first, last = (shard_path(options.renders, number).name for number in (HELD_OUT[0], HELD_OUT[-1]))
         raise SessionError(f"{options.renders}: none of {first} to {last}, to score with; `muybridge synth` makes them")
-    torch.manual_seed(options.seed)
-    torch.set_num_threads(options.threads)
-    return background_pool(options)
 
 
 def batches(options: Training, make: Callable[[RenderSet, int], Callable[[], Batch]], start: int) -> Iterator[Batch]:
@@ -141,12 +153,16 @@ class _Stream(IterableDataset[Batch]):
         count = 0
         while True:
             # New shards are picked up while they are being made.
+            known = len(shard_numbers(self.options.renders))
             renders = load_renders(self.options.renders, TRAINED_ON)
             seed = worker_seed(self.options.seed, self.start, worker.id if worker else 0, count)
             following = self.make(renders, seed)
-            for _ in range(500):
+            for k in range(500):
                 yield following()
                 count += 1
+                # A store that has only begun is looked at more often, for a few people are soon learned by heart.
+                if k % 25 == 24 and len(shard_numbers(self.options.renders)) > 1.1 * known:
+                    break
 
 
 def background_pool(options: Training) -> pathlib.Path:

@@ -57,9 +57,11 @@ class Training:
     """How a network is trained.
 
     Attributes:
-        renders: folder of the render store (`muybridge synth`).
+        renders: folder of the render store, made where there is none; `muybridge synth` has more choices.
+        shards: how many shards of 256 renders are made where there are none; the first four are held out from training,
+            and training begins with the eighth, while the others are still being made. 0: none are made.
         out: folder of checkpoints, logs and the finished ONNX file; a run there is resumed.
-        minutes: wall-clock time of this call.
+        minutes: wall-clock time of this call's training, once the first renders and the backgrounds are there.
         batch: images a step.
         rate: peak learning rate.
         decay: share of the time, at its end, over which the learning rate falls.
@@ -70,6 +72,7 @@ class Training:
     """
 
     renders: pathlib.Path = pathlib.Path("runs/renders")
+    shards: int = 60
     out: pathlib.Path = pathlib.Path("runs/keypoints")
     minutes: float = 60.0
     batch: int = 64

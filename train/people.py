@@ -126,13 +126,15 @@ def evaluate(net: nn.Module, batches: list[SceneBatch], threshold: float = 0.3) 
 
 def train(options: PeopleTraining) -> pathlib.Path:
     """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
-    pool = loop.prepare(options)
-    held_out = SceneCompositor(load_renders(options.renders, loop.HELD_OUT), np.load(pool, mmap_mode="r"), 10_000)
-    validation = [held_out.batch(32, shape) for shape in SHAPES]
-    net, seen = PeopleNet(), loop.Seen()
-    if options.model is not None and not loop.resumes(options):
-        net, seen = people_net_from_onnx(options.model), loop.Seen.of(options.model)
-        measure_normalisation(net, [validation[0].image.float().div(255)])
-    fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
-    fit.run(loop.batches(options, _Scenes(pool, options.batch), fit.state["step"]), loss_of)
+    model = None if loop.resumes(options) else options.model
+    given = None if model is None else people_net_from_onnx(model)  # before all that takes minutes
+    with loop.prepared(options) as pool:
+        held_out = SceneCompositor(load_renders(options.renders, loop.HELD_OUT), np.load(pool, mmap_mode="r"), 10_000)
+        validation = [held_out.batch(32, shape) for shape in SHAPES]
+        net = given or PeopleNet()
+        if given is not None:
+            measure_normalisation(net, [validation[0].image.float().div(255)])
+        seen = loop.Seen() if model is None else loop.Seen.of(model)
+        fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
+        fit.run(loop.batches(options, _Scenes(pool, options.batch), fit.state["step"]), loss_of)
     return fit.checkpoint

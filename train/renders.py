@@ -113,6 +113,11 @@ def shard_path(folder: pathlib.Path, number: int) -> pathlib.Path:
     return folder / f"renders-{number:05d}.npz"
 
 
+def shard_numbers(folder: pathlib.Path) -> list[int]:
+    """Which shards a store has."""
+    return sorted(int(path.stem[-5:]) for path in folder.glob("renders-?????.npz"))
+
+
 def make_renders(
     folder: pathlib.Path, numbers: range, seed: int, kinds: Sequence[str] = (), close_ups: bool = False
 ) -> None:
@@ -153,10 +158,7 @@ def make_renders(
 
 def load_renders(folder: pathlib.Path, numbers: range | None = None) -> RenderSet:
     """All whole shards of `folder`, or those of `numbers`; pixels stay on disk until used."""
-    paths = sorted(p for p in folder.glob("renders-?????.npz"))
-    if numbers is not None:
-        wanted = {shard_path(folder, n).name for n in numbers}
-        paths = [p for p in paths if p.name in wanted]
+    paths = [shard_path(folder, n) for n in shard_numbers(folder) if numbers is None or n in numbers]
     labels = [np.load(p) for p in paths]
     if not labels:
         return RenderSet([], np.zeros((0, 23, 2), "f4"), np.zeros((0, 23), bool), np.zeros((0, 4), "f4"))
