@@ -200,7 +200,9 @@ class KeypointNet(nn.Module):
         cells = image.permute(0, 2, 3, 1)
         scale, mean = (worked_out(part.flatten().repeat(16)) for part in (1 / self.std, self.mean))
         rows = (cells.reshape(-1, 16 * CHANNELS) - mean) * scale
-        return worked_out(rows.bfloat16(), cells.shape).permute(0, 3, 1, 2)
+        kind = image.device.type
+        rows = rows.to(torch.get_autocast_dtype(kind)) if torch.is_autocast_enabled(kind) else rows
+        return worked_out(rows, cells.shape).permute(0, 3, 1, 2)
 
 
 class SeparateHeads(nn.Module):

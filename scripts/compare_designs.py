@@ -28,6 +28,7 @@ from muybridge.models.keypoint_net import CHANNELS, ConvUnit, KeypointNet
 from muybridge.train import loop
 from muybridge.train.augment import Batch, Compositor
 from muybridge.train.optimiser import Optimisers
+from muybridge.train.precision import autocast
 from muybridge.train.renders import load_renders
 
 J = len(BODY23)
@@ -115,7 +116,7 @@ def bins_loss(logits: Tensor, place: Tensor, sigma: float) -> Tensor:
 
 def loss_of(net: nn.Module, batch: Batch) -> Tensor:
     """The same weighting for all: hidden landmarks count a third, those outside of the crop nothing."""
-    with torch.autocast("cpu", dtype=torch.bfloat16):
+    with autocast(batch.pixels.device):
         first, second = net(batch.pixels.float().div(255).contiguous(memory_format=torch.channels_last))
     at, size = batch.landmarks_px, batch.image.shape[-1]
     inside = ((at > 0) & (at < size - 1)).all(-1)
@@ -157,7 +158,7 @@ def score(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
     net.eval()
     error, swap = [], []
     for batch in batches:
-        with torch.autocast("cpu", dtype=torch.bfloat16):
+        with autocast(batch.pixels.device):
             out = net(batch.pixels.float().div(255).contiguous(memory_format=torch.channels_last))
         at = decode(*out, batch.image.shape[-1])
         distance = (at - batch.landmarks_px).norm(dim=-1)

@@ -27,6 +27,7 @@ from muybridge.train.heatmap_loss import heatmap_loss
 from muybridge.train.keypoints import SURFACE_WEIGHT
 from muybridge.train.loop import AveragedWeights, device, learning_rate, placed
 from muybridge.train.options import Adaptation
+from muybridge.train.precision import autocast
 
 # Of the loss, labels that the view's own network had not found: mostly hidden, some of them wrong.
 _NOT_FOUND = 0.35
@@ -154,7 +155,7 @@ def adapted(
 
 def _loss(net: nn.Module, image: Tensor, at: Tensor, agreed: Tensor, visible: Tensor) -> Tensor:
     """Cross-entropy of the heatmaps; visibility stays what the network itself said of the crop at first."""
-    with torch.autocast(image.device.type, dtype=torch.bfloat16):
+    with autocast(image.device):
         heatmaps, visibility = net(image)
     inside = ((at >= 0) & (at <= image.shape[-1] - 1)).all(-1, keepdim=True)
     each = heatmap_loss(heatmaps, torch.where(inside, at, torch.nan)) * (_NOT_FOUND + (1 - _NOT_FOUND) * agreed.float())

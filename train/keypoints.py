@@ -24,6 +24,7 @@ from muybridge.train.compiled import compiled
 from muybridge.train.difficulty import Difficulty, drawing_probability, read_difficulty
 from muybridge.train.heatmap_loss import cross_entropy, targets
 from muybridge.train.options import KeypointTraining
+from muybridge.train.precision import autocast
 from muybridge.train.renders import RenderSet, load_renders
 
 MIRROR = list(BODY23.mirror)
@@ -86,7 +87,7 @@ def losses_of(net: KeypointNet, batch: loop.Batch) -> tuple[Tensor, Tensor, Tens
     (B,) how many these are."""
     image, landmarks_px, visible = batch
     body, target = len(BODY23), targets(landmarks_px, image.shape[-2] // STRIDE, image.shape[-1] // STRIDE)
-    with torch.autocast(image.device.type, dtype=torch.bfloat16):
+    with autocast(image.device):
         heatmaps, markers, visibility = net.apart(image.float().div_(255))
     each = cross_entropy(heatmaps, target.of(slice(body)))
     if markers is not None:
@@ -104,7 +105,7 @@ def losses_of(net: KeypointNet, batch: loop.Batch) -> tuple[Tensor, Tensor, Tens
 @torch.no_grad()
 def predict(net: nn.Module, image: Tensor) -> Tensor:
     """(B, 23, 2) crop pixels of the body's landmarks, decoded as in use."""
-    with torch.autocast(image.device.type, dtype=torch.bfloat16):
+    with autocast(image.device):
         heatmaps, _ = net(image.float().div_(255))
     decoded = decode_heatmaps(heatmaps[:, : len(BODY23)].float().cpu().numpy(), STRIDE, SpreadCalibration())
     return torch.from_numpy(decoded.points_crop_px).float()

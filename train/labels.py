@@ -12,6 +12,7 @@ from muybridge.train import loop
 from muybridge.train.marker_augment import DUST, CloudOptions, CloudSampler
 from muybridge.train.marker_clouds import MarkerClips, load_marker_clips, make_marker_clips
 from muybridge.train.options import LabelTraining
+from muybridge.train.precision import autocast
 
 HELD_OUT = range(0, 4)
 # Batches after which shards that were made meanwhile are taken in.
@@ -27,7 +28,7 @@ _SHARES = {
 def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
     """Cross-entropy of the assignment over the known points, and the same for the log."""
     points, seen, asked, labels = batch
-    with torch.autocast(points.device.type, dtype=torch.bfloat16):
+    with autocast(points.device):
         scores = net.logits(points, seen, asked)  # type: ignore[operator]
     # Columns that no frame of the batch asks for are left out.
     columns = torch.cat([asked.amax(0) > 0, asked.new_ones(1) > 0])

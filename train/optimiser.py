@@ -12,6 +12,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from muybridge.train.precision import pays
+
 # Learning rate of the filters over that of the rest.
 FASTER = 2.5
 _MOMENTUM = 0.95
@@ -23,10 +25,11 @@ _LEAST_CHANNELS = 16
 
 
 def orthogonal(matrix: Tensor) -> Tensor:
-    """(m, n) about U V^T of a matrix U S V^T, by Newton-Schulz iteration in bfloat16: singular values of about one."""
+    """(m, n) about U V^T of a matrix U S V^T, by Newton-Schulz iteration: singular values of about one."""
     a, b, c = _QUINTIC
     tall = matrix.shape[0] > matrix.shape[1]
-    x = (matrix.mT if tall else matrix).bfloat16()
+    x = matrix.mT if tall else matrix
+    x = x.bfloat16() if pays(matrix.device.type) else x.float()
     x = x / (x.norm() + 1e-7)
     for _ in range(_ITERATIONS):
         gram = x @ x.mT

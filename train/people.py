@@ -15,6 +15,7 @@ from muybridge.models.people_net import STRIDE, PeopleNet
 from muybridge.models.weights_from_onnx import measure_normalisation, people_net_from_onnx
 from muybridge.train import loop
 from muybridge.train.options import PeopleTraining
+from muybridge.train.precision import autocast
 from muybridge.train.renders import RenderSet, load_renders
 from muybridge.train.scenes import SHAPES, SceneBatch, SceneCompositor
 
@@ -85,7 +86,7 @@ def generalised_iou(a: Tensor, b: Tensor) -> Tensor:
 def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
     """Total loss, and the box loss for the log."""
     image, heat, weight, box, has_box = batch
-    with torch.autocast(image.device.type, dtype=torch.bfloat16):
+    with autocast(image.device):
         logits, distance = net(image.float().div_(255))
     logits = logits[:, 0].float()
     p = torch.sigmoid(logits).clamp(1e-5, 1 - 1e-5)
@@ -104,7 +105,7 @@ def evaluate(net: nn.Module, batches: list[SceneBatch], threshold: float = 0.3) 
     where = next(net.parameters()).device
     found, people, false, total, overlap = 0, 0, 0, 0, []
     for batch in batches:
-        with torch.autocast(where.type, dtype=torch.bfloat16):
+        with autocast(where):
             logits, distance = net(batch.image.to(where).float().div(255))
         detected = decode_people(
             logits.float().cpu().numpy(), distance.float().cpu().numpy(), STRIDE, threshold, max_people=8
