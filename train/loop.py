@@ -19,6 +19,7 @@ from torch.utils.data import DataLoader, IterableDataset
 from muybridge.errors import SessionError
 from muybridge.files import replacing
 from muybridge.models.weights_from_onnx import trained_for
+from muybridge.train import precision
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.beside import Beside
 from muybridge.train.bodies import BodyModel
@@ -86,7 +87,7 @@ def machine() -> dict[str, Any]:
     """What a throughput figure depends on."""
     return {
         "machine": platform.machine(), "python": platform.python_version(), "torch": torch.__version__,
-        "cpus": os.cpu_count(), "device": str(device()),
+        "cpus": os.cpu_count(), "device": str(device()), "precision": precision.name(device()),
         "gpu": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
     }  # fmt: skip
 

@@ -1,14 +1,14 @@
 """In which precision a network is trained: bfloat16 where the machine multiplies in it, else float32.
 
 A processor without instructions for bfloat16 (AVX2 alone, as most laptops have) works it out in pieces: a convolution,
-forth and back, takes eight times as long as in float32. Where it has them, it takes a half to an eighth.
+forth and back, takes eight to eleven times as long as in float32. Where it has them, it takes a half to an eighth.
 """
 
 import time
 from functools import lru_cache
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 # By how much bfloat16 has to be faster, since it rounds.
 _PAYS = 1.2
@@ -30,22 +30,28 @@ def autocast(device: torch.device) -> torch.autocast:
     return torch.autocast(device.type, dtype=torch.bfloat16, enabled=pays(device.type))
 
 
+def name(device: torch.device) -> str:
+    """Of the precision in which a network is trained on `device`: "bfloat16" or "float32"."""
+    return "bfloat16" if pays(device.type) else "float32"
+
+
 @lru_cache(maxsize=1)
 def _measured() -> bool:
     with torch.random.fork_rng(devices=[]):
-        layer = nn.Conv2d(64, 64, 3, padding=1).to(memory_format=torch.channels_last)
-        image = torch.randn(2, 64, 48, 48).to(memory_format=torch.channels_last).requires_grad_()
+        layer = nn.Conv2d(64, 64, 3, padding=1)
+        image = torch.randn(2, 64, 48, 48).contiguous(memory_format=torch.channels_last)
     # In turns, so that what else the machine does slows both; the first of each sets up.
     rounds = [[_seconds(layer, image, rough) for rough in (False, True)] for _ in range(_ROUNDS + 1)][1:]
     precise, rough = (min(each) for each in zip(*rounds, strict=True))
-    return precise > _PAYS * rough
+    return bool(precise > _PAYS * rough)
 
 
-def _seconds(layer: nn.Module, image: torch.Tensor, rough: bool) -> float:
+def _seconds(layer: nn.Module, image: Tensor, rough: bool) -> float:
     """Of the layer forth and back."""
     start = time.perf_counter()
-    with torch.enable_grad(), torch.autocast("cpu", dtype=torch.bfloat16, enabled=rough):
-        out = layer(image)
-    inputs = [image, *layer.parameters()]
-    torch.autograd.grad(out.float().sum(), inputs)
+    with torch.enable_grad():
+        image = image.detach().requires_grad_()
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=rough):
+            out = layer(image)
+        torch.autograd.grad(out.float().sum(), [image, *layer.parameters()])
     return time.perf_counter() - start
