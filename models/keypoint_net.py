@@ -1,8 +1,8 @@
 """The keypoint network: a small dense U-shaped net from a crop to a distribution of every landmark's place.
 
-Dense 3x3 convolutions throughout: on a CPU that multiplies in bfloat16 they train three times as fast as depthwise ones. The
-output is a classification over cells, not a regression: while left and right are ambiguous, a mode is right half
-of the time where a mean never is.
+Dense 3x3 convolutions throughout: on a CPU that multiplies in bfloat16 they train three times as fast as depthwise
+ones. The output is a classification over cells, not a regression: while left and right are ambiguous, a mode is right
+half of the time where a mean never is.
 """
 
 import copy
