@@ -111,8 +111,11 @@ def test_a_plan_that_says_nothing_is_named(tmp_path: pathlib.Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="kills a process group's leader")
-def test_rendering_ends_with_a_killed_training(store: pathlib.Path, tmp_path: pathlib.Path) -> None:
+@pytest.mark.parametrize("background", [False, True])
+def test_rendering_ends_with_a_killed_training(store: pathlib.Path, tmp_path: pathlib.Path, background: bool) -> None:
     program = (
+        # as a shell starts a background job
+        f"import signal\nsignal.signal(signal.SIGINT, signal.{'SIG_IGN' if background else 'default_int_handler'})\n"
         "import pathlib, sys, time\nfrom muybridge.train import beside\n"
         f"beside._command = lambda *what: [sys.executable, '-c', {_COPIER!r}, {str(store)!r}, '0.2', *map(str, what)]\n"
         f"others = beside.Beside(pathlib.Path({str(tmp_path)!r}), 60, 3)\nothers.wait_for(2)\n"

@@ -5,6 +5,7 @@ import contextlib
 import json
 import os
 import pathlib
+import signal
 import subprocess
 import sys
 import threading
@@ -110,6 +111,8 @@ def main(folder: pathlib.Path, shards: int, seed: int) -> None:
         sys.stdin.buffer.read()
         _thread.interrupt_main()
 
+    # A shell's background jobs, and all that they start, ignore the interrupt, and Python's own then does nothing.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     threading.Thread(target=wait_for_end, daemon=True).start()
     if hasattr(os, "nice"):
         os.nice(5)
