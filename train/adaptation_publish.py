@@ -20,6 +20,7 @@ from muybridge.models.registry import KeypointModelCard, shipped_model
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
 from muybridge.train.adaptation import Agreement, View, adapted, agreement
 from muybridge.train.evaluation import load_model
+from muybridge.train.memory import keep_memory
 from muybridge.train.options import Adaptation
 from muybridge.train.publish import CALIBRATION_IMAGES
 
@@ -46,6 +47,7 @@ def adapt(options: Adaptation, command: str) -> str:
     net = keypoint_net_from_onnx(path)
     _check(footage, card, net, options)
     torch.set_num_threads(options.threads or os.cpu_count() or 1)
+    keep_memory()
     view = View(footage, card.input_size, card.box_padding)
     before = agreement(net, view)
     if before.median_px > _BEYOND_BELIEF * view.size:

@@ -24,6 +24,7 @@ from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.beside import Beside
 from muybridge.train.bodies import BodyModel
 from muybridge.train.curves import write_curves
+from muybridge.train.memory import keep_memory
 from muybridge.train.optimiser import Optimisers
 from muybridge.train.options import Training
 from muybridge.train.render import Renderer
@@ -111,6 +112,7 @@ def prepared(options: Training) -> Iterator[pathlib.Path]:
     none; the others are made while the block runs. SessionError where there are none to train on, or to score with."""
     torch.manual_seed(options.seed)
     torch.set_num_threads(options.threads)
+    keep_memory()
     with Beside(options.renders, options.shards, options.seed) as renders:
         if renders.making:
             background_pool(options)  # some minutes, in which the first are made
@@ -151,6 +153,7 @@ class _Stream(IterableDataset[Batch]):
         worker = torch.utils.data.get_worker_info()
         if worker:
             torch.set_num_threads(1)
+            keep_memory()
         count = 0
         while True:
             # New shards are picked up while they are being made.
