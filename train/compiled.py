@@ -5,8 +5,6 @@ from typing import TypeVar
 
 import torch
 
-from muybridge.train.loop import device
-
 # Compiling takes half a minute, and so much time comes back in so many minutes.
 PAYS_AFTER_MINUTES = 5.0
 
@@ -16,7 +14,7 @@ _Function = TypeVar("_Function", bound=Callable[..., object])
 def compiled(function: _Function, minutes: float) -> _Function:
     """`function` compiled at its first call, or as it is: in a run of a few `minutes`, which it would only delay, on a
     GPU, and where torch cannot compile, for want of a C++ compiler or Python's headers."""
-    if minutes < PAYS_AFTER_MINUTES or device().type != "cpu" or not _works():
+    if minutes < PAYS_AFTER_MINUTES or torch.cuda.is_available() or not _works():
         return function
     out: _Function = torch.compile(function)  # type: ignore[assignment]
     return out

@@ -7,6 +7,7 @@ The loss is the cross-entropy between the softmax over a landmark's cells and a 
 import itertools
 import pathlib
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ from muybridge.train.heatmap_loss import cross_entropy, targets
 from muybridge.train.options import KeypointTraining
 from muybridge.train.precision import autocast
 from muybridge.train.renders import RenderSet, load_renders
+from muybridge.train.second import Second, pays
 
 MIRROR = list(BODY23.mirror)
 # Of the virtual markers' loss beside the body landmarks'.
@@ -85,7 +87,7 @@ class Loss:
 def losses_of(net: KeypointNet, batch: loop.Batch) -> tuple[Tensor, Tensor, Tensor]:
     """Total loss; (B,) summed cross-entropy of the visible landmarks of the body of each crop, without gradients; and
     (B,) how many these are."""
-    image, landmarks_px, visible = batch
+    image, landmarks_px, visible = batch[:3]
     body, target = len(BODY23), targets(landmarks_px, image.shape[-2] // STRIDE, image.shape[-1] // STRIDE)
     with autocast(image.device):
         heatmaps, markers, visibility = net.apart(image.float().div_(255))
@@ -149,6 +151,13 @@ def _network_of(model: pathlib.Path) -> KeypointNet:
     return net
 
 
+def _second(net: KeypointNet, options: KeypointTraining) -> AbstractContextManager[Second | None]:
+    """The second process, if it is wished for and pays."""
+    if options.second and pays(options.batch, options.threads, options.minutes):
+        return Second(net, losses_of, options.minutes, options.threads)
+    return nullcontext()
+
+
 def train(options: KeypointTraining) -> pathlib.Path:
     """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
     if not 0 <= options.hard <= 1:
@@ -164,5 +173,7 @@ def train(options: KeypointTraining) -> pathlib.Path:
         fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
         difficulty = Difficulty(options.out / "difficulty.npy")
         crops = _Crops(pool, options.size, options.batch, difficulty.path, options.hard)
-        fit.run(loop.batches(options, crops, fit.state["step"]), Loss(difficulty, compiled(losses_of, options.minutes)))
+        loss = Loss(difficulty, compiled(losses_of, options.minutes))
+        with _second(net, options) as other:
+            fit.run(loop.batches(options, crops, fit.state["step"]), loss, other)
     return fit.checkpoint

@@ -30,6 +30,7 @@ from muybridge.train.options import Training
 from muybridge.train.render import Renderer
 from muybridge.train.renders import SIZE, RenderSet, load_renders, shard_numbers, shard_path
 from muybridge.train.rooms import make_room_pictures
+from muybridge.train.second import Second
 
 # The first shards of a store are never trained on.
 HELD_OUT = range(0, 4)
@@ -241,9 +242,12 @@ class Fit:
             self.state = saved["state"]
         log_line(self.log, {"options": {k: str(v) for k, v in asdict(options).items()}} | machine() | self.state)
 
-    def run(self, stream: Iterator[Any], loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]]) -> None:
+    def run(
+        self, stream: Iterator[Any], loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]],
+        second: Second | None = None,
+    ) -> None:  # fmt: skip
         """Trains for `options.minutes`. `loss_of(net, batch)` gives the loss and a figure for the log; a batch is
-        a tuple that begins with the images."""
+        a tuple that begins with the images. A `second` process may take a part of each."""
         budget, began = self.options.minutes * 60, time.monotonic()
         before, first = self.state["seconds"], self.state["step"]
         rate, losses, saved_at = Throughput(self.state["images"]), [], began
@@ -254,7 +258,7 @@ class Fit:
                 step = self.state["step"] - first
                 self.optimiser.set_rate(learning_rate(self.options.rate, step, elapsed, budget, self.options.decay))
                 batch = tuple(t.to(device(), non_blocking=True) for t in next(stream))
-                losses.append(self._step(batch, loss_of))
+                losses.append(self._step(batch, loss_of, second))
                 self.state["images"] += len(batch[0])
                 self.state["seconds"] = before + elapsed
                 done = f"{self.state['images']:,} images, loss {losses[-1]:.2f}"
@@ -264,11 +268,16 @@ class Fit:
                     losses, saved_at = [], time.monotonic()
         self._save(losses, rate)
 
-    def _step(self, batch: Any, loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]]) -> float:
+    def _step(
+        self, batch: Any, loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]], second: Second | None
+    ) -> float:
         self.net.train()
         self.net.zero_grad(set_to_none=True)
-        loss, shown = loss_of(self.net, batch)
-        loss.backward()  # type: ignore[no-untyped-call]
+        if second is not None:
+            shown = second.gradients(self.net, batch, loss_of)
+        else:
+            loss, shown = loss_of(self.net, batch)
+            loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
         self.optimiser.step()
         self.average.update(self.net, self.state["step"])

@@ -92,11 +92,14 @@ class KeypointTraining(Training):
         size: side of the crops in pixels, a multiple of 32.
         model: fp32 network of ours to begin with, such as a shipped one, where `out` has no run yet.
         hard: share of the crops that are drawn by how wrong the network was on their people before.
+        second: what the network's threads and the making of crops leave idle of the processors, a second process uses
+            for a part of every batch, in runs of five minutes and more.
     """
 
     size: int = 128
     model: pathlib.Path | None = None
     hard: float = 0.0
+    second: bool = True
 
 
 @dataclass(frozen=True)

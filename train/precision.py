@@ -13,6 +13,7 @@ from torch import Tensor, nn
 # By how much bfloat16 has to be faster, since it rounds.
 _PAYS = 1.2
 _ROUNDS = 3
+_settled: bool | None = None
 
 
 @torch.compiler.assume_constant_result  # type: ignore[untyped-decorator]
@@ -22,7 +23,15 @@ def pays(kind: str) -> bool:
     On a CPU it is measured, once a process, by a convolution, which takes 0.1 to 1 s: what a processor says that it
     has does not tell how fast it is, nor what torch makes of it.
     """
-    return _measured() if kind == "cpu" else True
+    if kind != "cpu":
+        return True
+    return _measured() if _settled is None else _settled
+
+
+def settle(rough: bool) -> None:
+    """Has this process do on a CPU as the one does that it works for, instead of measuring for itself."""
+    global _settled
+    _settled = rough
 
 
 def autocast(device: torch.device) -> torch.autocast:
