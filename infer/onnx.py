@@ -35,7 +35,7 @@ class OnnxOptions:
         flip: run the keypoint network on the mirrored crop too and average: better, and twice the time. By default
             with 8-bit networks of ours, which take half of it.
         turn: show the keypoint network what it is unsure of turned by quarters too: people who lie or stand on their
-            hands.
+            hands; and, where crops are mirrored, tilted to both sides.
     """
 
     threads: int = 1
@@ -145,7 +145,7 @@ class KeypointNetwork:
         card, marked = self.card, None
         maps = self(crops)
         if self._options.turn:
-            alone = turn_where_unsure(self, crops, maps, card, 1, series)
+            alone = turn_where_unsure(self, crops, maps, card, 1, series, tilt=self._flip)
         else:
             alone = decode_heatmaps(maps[0], card.stride, card.spread)
         heatmaps, visibility, *markers = maps

@@ -1,8 +1,11 @@
-"""Crops turned by quarters: a network that knows people upright best finds who lies or stands on their hands so."""
+"""Crops turned by quarters, and tilted a little: a network that knows people upright best finds who lies or stands on
+their hands so, and what it is still unsure of it sees once more from either side."""
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple, TypeVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +22,8 @@ _UNSURE, _SURER = 3.0, 0.6
 # desk or by the picture's border, is unsure for that and not for lying, and may look like a person any way up. Of whom
 # fewer than so many are found, nothing is known yet.
 _WHOLE, _LEAST_THERE = 0.85, 6
+# What is more unsure than this is tilted to both sides by so much, and the mean of all three looks counts.
+_DOUBTFUL, _TILT = 2.2, np.radians(14.0)
 
 
 class Series(NamedTuple):
@@ -36,9 +41,10 @@ class Series(NamedTuple):
 
 def turn_where_unsure(
     look: Callable[[NDArray[Value]], Maps], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
-    series: Series | None = None,
+    series: Series | None = None, tilt: bool = False,
 ) -> DecodedHeatmaps:  # fmt: skip
-    """Replace what a network says of unsure crops by what it says of them turned, where it is surer of that.
+    """Replace what a network says of unsure crops by what it says of them turned by quarters, where it is surer of
+    that; of what is unsure still, by the mean with what it says of it tilted.
 
     Args:
         look: runs the network: crops to maps.
@@ -48,18 +54,38 @@ def turn_where_unsure(
         card: of the network.
         rows: axis of the crops.
         series: of the crops; each stands for itself if absent.
+        tilt: crops too, two looks more at what is unsure.
 
     Returns:
         the landmarks that the heatmaps then say.
     """
     decoded = decode_heatmaps(maps[0], card.stride, card.spread)
     least = _doubt(decoded, card)
-    there = (decoded.score >= NO_IDEA).sum(axis=1)
-    in_part = (there >= _LEAST_THERE) & (there < _WHOLE * decoded.score.shape[1])
-    (unsure,) = np.nonzero((least > _UNSURE) & ~in_part)
-    if not len(unsure):
+    (unsure,) = np.nonzero((least > _UNSURE) & ~_in_part(decoded))
+    quarters = _turn(look, crops, maps, card, rows, least - _SURER, _samples(unsure, series), unsure)
+    (changed,) = np.nonzero(quarters)
+    _decode_again(decoded, maps, card, changed)
+    if not tilt:
         return decoded
-    least -= _SURER
+    (doubtful,) = np.nonzero(_doubt(decoded, card, _in_part(decoded)) > _DOUBTFUL)
+    _tilt(look, crops, maps, rows, doubtful, quarters)
+    _decode_again(decoded, maps, card, doubtful)
+    return decoded
+
+
+def _decode_again(decoded: DecodedHeatmaps, maps: Maps, card: KeypointModelCard, changed: NDArray[np.intp]) -> None:
+    """Brings the landmarks of some crops up to date with their heatmaps, in place."""
+    if len(changed):
+        for values, new in zip(decoded, decode_heatmaps(maps[0][changed], card.stride, card.spread), strict=True):
+            values[changed] = new
+
+
+def _turn(
+    look: Callable[[NDArray[Value]], Maps], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
+    least: NDArray[np.float64], samples: tuple[NDArray[np.intp], NDArray[np.intp]], unsure: NDArray[np.intp],
+) -> NDArray[np.int64]:  # fmt: skip
+    """Turns the `unsure` crops, see `turn_where_unsure`; (N,) by how many quarters each is seen best. The doubt of them
+    has to be less than `least` (N,), which is changed."""
     quarters = np.zeros(len(crops), dtype=np.int64)
 
     def attempt(turn: int, tried: NDArray[np.intp]) -> None:
@@ -74,17 +100,70 @@ def turn_where_unsure(
             back = found[surer]
             out[better] = np.rot90(back, -turn, axes=(2, 3)) if back.ndim == 4 else back
 
-    before, after = _samples(unsure, series)
+    before, after = samples
     sampled = (before == unsure) | (after == unsure)
     for turn in (1, 2, 3):
         attempt(turn, unsure[sampled])
     counts = quarters[before], quarters[after]
     for turn in (1, 2, 3):
         attempt(turn, unsure[~sampled & ((counts[0] == turn) | (counts[1] == turn))])
-    (changed,) = np.nonzero(quarters)
-    for values, new in zip(decoded, decode_heatmaps(maps[0][changed], card.stride, card.spread), strict=True):
-        values[changed] = new
-    return decoded
+    return quarters
+
+
+def _tilt(
+    look: Callable[[NDArray[Value]], Maps], crops: NDArray[Value], maps: Maps, rows: int, doubtful: NDArray[np.intp],
+    quarters: NDArray[np.int64],
+) -> None:  # fmt: skip
+    """Makes what a network says of the `doubtful` crops, turned by their `quarters` (N,), the mean of that and of what
+    it says of them tilted to either side, in place."""
+    if not len(doubtful):
+        return
+    upright = np.stack([np.rot90(crops[k], quarters[k], axes=(rows - 1, rows)) for k in doubtful])
+    totals = [out[doubtful] for out in maps]
+    for angle in (_TILT, -_TILT):
+        for total, found in zip(totals, look(_tilted(upright, rows, angle)), strict=True):
+            if found.ndim == 2:
+                total += found
+                continue
+            back = _tilted_back(found, angle)
+            for k, turn in enumerate(quarters[doubtful]):
+                total[k] += np.rot90(back[k], -turn, axes=(1, 2))
+    for out, total in zip(maps, totals, strict=True):
+        out[doubtful] = total / 3
+
+
+def _tilted(crops: NDArray[Value], rows: int, angle: float) -> NDArray[Value]:
+    """Crops turned about their middle by `angle`, radians, counter-clockwise as one sees them; black beyond."""
+    size = crops.shape[rows]
+    matrix = cv2.getRotationMatrix2D(((size - 1) / 2, (size - 1) / 2), float(np.degrees(angle)), 1.0)
+    pictures = np.ascontiguousarray(crops if rows == 1 else crops.transpose(0, 2, 3, 1))
+    turned = np.stack([cv2.warpAffine(p, matrix, (size, size), flags=cv2.INTER_LINEAR) for p in pictures])
+    turned = turned.reshape(pictures.shape)  # of one channel OpenCV drops the axis
+    return np.ascontiguousarray(turned if rows == 1 else turned.transpose(0, 3, 1, 2)).astype(crops.dtype, copy=False)
+
+
+def _tilted_back(maps: NDArray[np.float32], angle: float) -> NDArray[np.float32]:
+    """Heatmaps (N, J, h, h) of crops that were tilted by `angle`, as if they had not been: bilinear, the nearest cell
+    beyond the edge."""
+    cells, weights = _sampling(maps.shape[-1], angle)
+    flat = maps.reshape(*maps.shape[:2], -1)
+    out = sum(weight * flat[..., cell] for cell, weight in zip(cells, weights, strict=True))
+    return np.asarray(out, dtype=np.float32).reshape(maps.shape)
+
+
+@lru_cache(maxsize=8)
+def _sampling(size: int, angle: float) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+    """(4, size * size) cells of a map tilted by `angle`, and the weight with which each cell of the upright map is made
+    of them."""
+    middle = (size - 1) / 2
+    v, u = np.indices((size, size)) - middle
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, y = (np.clip(at + middle, 0, size - 1).ravel() for at in (cos * u + sin * v, cos * v - sin * u))
+    left, top = (np.minimum(np.floor(at), size - 2).astype(np.intp) for at in (x, y))
+    cells = np.stack([(top + dv) * size + left + du for dv in (0, 1) for du in (0, 1)])
+    across, down = (np.stack([1 - (at - low), at - low]) for at, low in ((x, left), (y, top)))
+    weights = np.stack([down[dv] * across[du] for dv in (0, 1) for du in (0, 1)]).astype(np.float32)
+    return cells, weights
 
 
 def _samples(unsure: NDArray[np.intp], series: Series | None) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -102,6 +181,17 @@ def _samples(unsure: NDArray[np.intp], series: Series | None) -> tuple[NDArray[n
     return before, after
 
 
-def _doubt(found: DecodedHeatmaps, card: KeypointModelCard) -> NDArray[np.float64]:
-    """(N,) mean logarithm of the landmarks' variances, px^2 of a crop of 192 px."""
-    return np.asarray(np.log(found.variance_crop_px2 * (192 / card.input_size) ** 2).mean(axis=1))
+def _in_part(found: DecodedHeatmaps) -> NDArray[np.bool_]:
+    """(N,) which crops show a part of a person."""
+    there = (found.score >= NO_IDEA).sum(axis=1)
+    return np.asarray((there >= _LEAST_THERE) & (there < _WHOLE * found.score.shape[1]))
+
+
+def _doubt(
+    found: DecodedHeatmaps, card: KeypointModelCard, in_part: NDArray[np.bool_] | None = None
+) -> NDArray[np.float64]:
+    """(N,) mean logarithm of the landmarks' variances, px^2 of a crop of 192 px; of crops `in_part` (N,), of those
+    landmarks that are there."""
+    doubt = np.log(found.variance_crop_px2 * (192 / card.input_size) ** 2)
+    counted = True if in_part is None else ~in_part[:, None] | (found.score >= NO_IDEA)
+    return np.asarray(doubt.mean(axis=1, where=counted))

@@ -1,10 +1,11 @@
-"""Crops of which the network is unsure are shown to it turned by quarters."""
+"""Crops of which the network is unsure are shown to it turned by quarters, and tilted."""
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
+from muybridge.models import turning
 from muybridge.models.decode import NO_IDEA
 from muybridge.models.registry import shipped_model
 from muybridge.models.turning import Series, turn_where_unsure
@@ -106,3 +107,65 @@ def test_parts_of_people_are_not_turned(here: int, turned: bool) -> None:
     found = turn_where_unsure(look, crops, [np.asarray(shown * spot, np.float32)], card, rows=1)
     assert ((found.score[0] > NO_IDEA) == (turned | (np.arange(23) < here))).all()
     assert (np.isclose(found.points_crop_px[0, 0], 4 * np.array([11, 19]) + 1.5, atol=1).all()) != turned
+
+
+def test_what_is_tilted_comes_back_to_its_place() -> None:
+    cells = 56
+    spot = np.zeros((2, 3, cells, cells), np.float32)
+    spot[0, :, 10:13, 40:43] = 9
+    spot[1, :, 30:33, 8:11] = 9
+    for rows, channels in ((1, (0, 2, 3, 1)), (2, (0, 1, 2, 3))):
+        for angle in (turning._TILT, -turning._TILT):
+            picture = np.ascontiguousarray(spot.transpose(channels))
+            tilted = turning._tilted(picture, rows, angle)
+            assert tilted.shape == picture.shape
+            maps = tilted if rows == 2 else tilted.transpose(0, 3, 1, 2)
+            # It went where a turn about the middle takes it, counter-clockwise where the angle is positive.
+            middle, (x, y) = (cells - 1) / 2, (41 - (cells - 1) / 2, 11 - (cells - 1) / 2)
+            there = middle + np.array([np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x])
+            v, u = np.indices((cells, cells))
+            found = [(axis * maps[0, 0]).sum() / maps[0, 0].sum() for axis in (u, v)]
+            np.testing.assert_allclose(found, there, atol=0.1)
+            back = turning._tilted_back(np.ascontiguousarray(maps, dtype=np.float32), angle)
+            assert np.abs(back - spot).max() < 5 and np.corrcoef(back.ravel(), spot.ravel())[0, 1] > 0.95
+
+
+@pytest.mark.parametrize("quarters", range(4))
+def test_what_is_unsure_is_the_mean_of_three_looks(quarters: int) -> None:
+    """Crops that only their own orientation makes known to the network, which is never sure of anything: it sees them
+    turned and tilted, and its maps come back to where the spots are."""
+    card = KeypointNetwork(shipped_model("keypoints"), OnnxOptions()).card
+    size, cells = card.input_size, card.input_size // card.stride
+    upright = np.zeros((1, size, size, 3), np.uint8)
+    upright[0, 20:32, 104:116] = 255  # at the top: the network's own way up
+    upright[0, 150:162, 60:72] = 90
+    crop = np.ascontiguousarray(np.rot90(upright, -quarters, axes=(1, 2)))
+    shown: list[float] = []
+
+    def look(crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        small = crops[..., 0].reshape(len(crops), cells, card.stride, cells, -1).mean(axis=(2, 4)) / 255
+        shown.extend(small[:, : cells // 4].sum(axis=(1, 2)))
+        known = small[:, : cells // 4].max(axis=(1, 2)) > 0.5
+        maps = np.where(known[:, None, None], 7 * small, small).astype(np.float32)
+        return [np.repeat(maps[:, None], 23, axis=1), known[:, None].repeat(23, 1).astype(np.float32)]
+
+    first = look(crop)
+    plain = [m.copy() for m in first]
+    alone = turn_where_unsure(look, crop, plain, card, rows=1)
+    shown.clear()
+    tilted = [m.copy() for m in first]
+    found = turn_where_unsure(look, crop, tilted, card, rows=1, tilt=True)
+    assert len(shown) == 5  # three quarters and, of the best of the four, two tilts
+    np.testing.assert_allclose(found.points_crop_px, alone.points_crop_px, atol=2.5)
+    assert not np.allclose(tilted[0], plain[0]) and np.corrcoef(tilted[0].ravel(), plain[0].ravel())[0, 1] > 0.9
+    np.testing.assert_allclose(tilted[1], 1.0)  # the mean of three looks at somebody known
+
+
+def test_crops_are_tilted_where_they_are_mirrored_too(network: KeypointNetwork, looked: list[int]) -> None:
+    places = [(100, 20), (96, 96)]  # one who is found, and nobody
+    network.locate(spotted(network, places))
+    assert looked == [2, 1, 1, 1]
+    looked.clear()
+    network._flip = True
+    network.locate(spotted(network, places))
+    assert looked == [2, 1, 1, 1, 1, 1]

@@ -35,8 +35,8 @@ def load_model(path: pathlib.Path) -> tuple[onnxruntime.InferenceSession, Keypoi
 def read_crops(
     session: onnxruntime.InferenceSession, card: KeypointModelCard, image: NDArray[np.float32], flip: bool, turn: bool
 ) -> DecodedHeatmaps:
-    """The body's landmarks in crops (N, C, S, S), 0 to 1, each mirrored too (`flip`) and turned where unsure (`turn`):
-    `muybridge run` does both."""
+    """The body's landmarks in crops (N, C, S, S), 0 to 1, each mirrored too (`flip`), and turned where unsure (`turn`;
+    with both, tilted too): `muybridge run` does both."""
 
     def look(image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
         heatmaps = session.run(["heatmaps"], card.inputs(np.ascontiguousarray(image)))[0]
@@ -47,7 +47,7 @@ def read_crops(
 
     maps = look(image)
     if turn:
-        return turn_where_unsure(look, image, maps, card, rows=2)
+        return turn_where_unsure(look, image, maps, card, rows=2, tilt=flip)
     return decode_heatmaps(maps[0], card.stride, card.spread)
 
 

@@ -170,7 +170,7 @@ class Evaluation:
         occlusion: with things and people in front, faces made unrecognisable, borders, clutter and people who tumble.
         plate: with the difference to the background plate, as good as a static camera's plate is.
         flip: every crop also mirrored.
-        turn: crops of which the network is unsure also turned by quarters.
+        turn: crops of which the network is unsure also turned by quarters and, with `flip`, tilted to both sides.
     """
 
     model: pathlib.Path | None = None
