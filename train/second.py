@@ -214,7 +214,7 @@ def _answer_all(
     rough: bool,
 ) -> None:  # fmt: skip
     if hasattr(os, "nice"):
-        os.nice(5)  # whoever makes the crops comes first
+        os.nice(10)  # whoever makes crops, or renders, comes first
     torch.set_num_threads(1)
     keep_memory()
     precision.settle(rough)
