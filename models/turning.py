@@ -62,7 +62,7 @@ def turn_where_unsure(
     decoded = decode_heatmaps(maps[0], card.stride, card.spread)
     least = _doubt(decoded, card)
     (unsure,) = np.nonzero((least > _UNSURE) & ~_in_part(decoded))
-    quarters = _turn(look, crops, maps, card, rows, least - _SURER, _samples(unsure, series), unsure)
+    quarters = _turn(look, crops, maps, card, rows, least - _SURER, unsure, series)
     (changed,) = np.nonzero(quarters)
     _decode_again(decoded, maps, card, changed)
     if not tilt:
@@ -82,7 +82,7 @@ def _decode_again(decoded: DecodedHeatmaps, maps: Maps, card: KeypointModelCard,
 
 def _turn(
     look: Callable[[NDArray[Value]], Maps], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
-    least: NDArray[np.float64], samples: tuple[NDArray[np.intp], NDArray[np.intp]], unsure: NDArray[np.intp],
+    least: NDArray[np.float64], unsure: NDArray[np.intp], series: Series | None,
 ) -> NDArray[np.int64]:  # fmt: skip
     """Turns the `unsure` crops, see `turn_where_unsure`; (N,) by how many quarters each is seen best. The doubt of them
     has to be less than `least` (N,), which is changed."""
@@ -100,7 +100,7 @@ def _turn(
             back = found[surer]
             out[better] = np.rot90(back, -turn, axes=(2, 3)) if back.ndim == 4 else back
 
-    before, after = samples
+    before, after = _samples(unsure, series)
     sampled = (before == unsure) | (after == unsure)
     for turn in (1, 2, 3):
         attempt(turn, unsure[sampled])

@@ -95,17 +95,15 @@ class Second:
         if theirs:
             self._hand_over(batch, theirs)
         began, shown = time.perf_counter(), []
-        size = len(batch[0]) // CHUNKS
         for k in range(theirs, CHUNKS):
-            loss, figure = loss_of(net, tuple(part[k * size : (k + 1) * size] for part in batch))
+            loss, figure = loss_of(net, _chunk(batch, k))
             (loss / CHUNKS).backward()  # type: ignore[no-untyped-call]
             shown.append(figure)
         each = (time.perf_counter() - began) / len(shown)
         self._own_seconds = _moved(self._own_seconds, each)
         if theirs:
             self._second_seconds = _moved(self._second_seconds, self._answer() / theirs)
-            assert self._shared is not None
-            for p, gradient in zip(self._parameters, _views(self._shared.gradients, self._parameters), strict=True):
+            for p, gradient in zip(self._parameters, self._gradients, strict=True):
                 p.grad = gradient.clone() if p.grad is None else p.grad.add_(gradient)
         return torch.stack(shown).mean()
 
@@ -115,6 +113,9 @@ class Second:
             _memory(torch.empty(count)), _memory(torch.empty(count)),
             tuple(_memory(torch.empty_like(part)) for part in batch),
         )  # fmt: skip
+        self._weights, self._gradients = (
+            _views(flat, self._parameters) for flat in (self._shared.weights, self._shared.gradients)
+        )
         context = torch.multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         rough = precision.pays("cpu")
@@ -145,7 +146,7 @@ class Second:
         assert self._shared is not None
         count = chunks * len(batch[0]) // CHUNKS
         with torch.no_grad():
-            for view, p in zip(_views(self._shared.weights, self._parameters), self._parameters, strict=True):
+            for view, p in zip(self._weights, self._parameters, strict=True):
                 view.copy_(p)
         for there, part in zip(self._shared.batch, batch, strict=True):
             there[:count] = part[:count]
@@ -182,6 +183,12 @@ def _memory(tensor: Tensor) -> Tensor:
     return shared
 
 
+def _chunk(batch: tuple[Tensor, ...], k: int) -> tuple[Tensor, ...]:
+    """The k-th of a batch's chunks."""
+    size = len(batch[0]) // CHUNKS
+    return tuple(part[k * size : (k + 1) * size] for part in batch)
+
+
 def _moved(mean: float, newest: float) -> float:
     return mean + _NEWEST * (newest - mean) if mean else newest
 
@@ -200,12 +207,12 @@ def _work(
 ) -> None:  # fmt: skip
     """The second process: chunks come, gradients go, until the other end of the pipe is closed, however its holder
     ended."""
-    with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError, KeyboardInterrupt):
-        try:
-            _answer_all(pipe, shared, design, losses, minutes, rough)
-        except (EOFError, BrokenPipeError, ConnectionResetError):
-            raise
-        except Exception as error:  # whatever it is, the training has to hear of it
+    try:
+        _answer_all(pipe, shared, design, losses, minutes, rough)
+    except (EOFError, BrokenPipeError, ConnectionResetError, KeyboardInterrupt):
+        return
+    except Exception as error:  # whatever it is, the training has to hear of it
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):
             pipe.send(f"{type(error).__name__}: {error}")
 
 
@@ -224,13 +231,12 @@ def _answer_all(
     for p, view in zip(parameters, _views(shared.weights, parameters), strict=True):
         p.data = view
     gradients, fused = _views(shared.gradients, parameters), compiled(losses, minutes)
-    size = len(shared.batch[0]) // CHUNKS
     while True:
         chunks = pipe.recv()
         began = time.perf_counter()
         net.zero_grad(set_to_none=True)
         for k in range(chunks):
-            loss, *_ = fused(net, tuple(part[k * size : (k + 1) * size] for part in shared.batch))
+            loss, *_ = fused(net, _chunk(shared.batch, k))
             (loss / CHUNKS).backward()  # type: ignore[no-untyped-call]
         for p, gradient in zip(parameters, gradients, strict=True):
             gradient.zero_() if p.grad is None else gradient.copy_(p.grad)
