@@ -6,7 +6,8 @@ usage: python scripts/bench_takes.py TAKES [--out RESULTS] [--only NAME ...] [op
 TAKES comes from scripts/make_takes.py. "found" is the share of a true person's frames, of those in which two cameras
 have four fifths of them in the picture, in which somebody was found within 0.4 m; "switches" are changes of identity;
 "false" is the share of frames, of all people found, in which nobody true was near. Errors are of the final landmarks,
-smoothed and with gaps filled: mean, median, and the share within 5 cm.
+smoothed and with gaps filled: mean, median, and the share within 5 cm. "swaps" is the share of the limbs' landmarks
+that lie nearer to their twin's true place, of those whose twin is more than 5 cm away.
 """
 
 import argparse
@@ -20,9 +21,13 @@ from bench_people import compare
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import load_calibration
+from muybridge.geometry.landmarks import BODY23
 from muybridge.motion.formats.trc import read_trc
 
 Floats = NDArray[np.float64]
+
+APART_M = 0.05
+DIGITS = {"people": ".0f", "switches": ".0f", "mean mm": ".1f", "median mm": ".1f"}
 
 
 def truth_of(take: pathlib.Path) -> tuple[Floats, list[str], NDArray[np.bool_]]:
@@ -50,6 +55,26 @@ def found_in(out: pathlib.Path, names: list[str], frames: int) -> list[Floats]:
     return people
 
 
+def swaps(truth: Floats, found: list[Floats], counted: NDArray[np.bool_]) -> float:
+    """Share of the limbs' landmarks that are nearer to their twin's true place than to their own.
+
+    Args:
+        truth: (P, T, J, 3) metres, the landmarks of BODY23.
+        found: (T, J, 3) of everybody found.
+        counted: (P, T) where the true people count; who is found is the one nearest to them.
+    """
+    mirror = np.array(BODY23.mirror)
+    pairs = (mirror != np.arange(len(mirror))) & (np.arange(len(mirror)) >= 5)  # no eyes and ears
+    people = np.stack(found)
+    own = np.linalg.norm(people[:, None] - truth, axis=-1)  # (F, P, T, J)
+    twin = np.linalg.norm(people[:, None] - truth[:, :, mirror], axis=-1)
+    near = np.nan_to_num(own, nan=1e3).mean(-1).argmin(0)[None, ..., None]  # (1, P, T, 1)
+    own, twin = (np.take_along_axis(d, near, axis=0)[0] for d in (own, twin))
+    apart = np.linalg.norm(truth - truth[:, :, mirror], axis=-1) > APART_M
+    asked = counted[..., None] & pairs & apart & np.isfinite(own) & np.isfinite(twin)
+    return float((twin < own)[asked].mean())
+
+
 def score(take: pathlib.Path, out: pathlib.Path) -> dict[str, float]:
     """Figures of one take."""
     truth, names, visible = truth_of(take)
@@ -62,6 +87,7 @@ def score(take: pathlib.Path, out: pathlib.Path) -> dict[str, float]:
         "people": len(truth), "found": float((matched & visible).sum() / visible.sum()), "switches": switches,
         "false": 1 - float(matched.sum()) / max(total, 1), "mean mm": float(np.nanmean(counted)),
         "median mm": float(np.nanmedian(counted)), "within 5 cm": float((counted < 50).sum() / counted.size),
+        "swaps": swaps(truth, people, visible & matched),
     }  # fmt: skip
 
 
@@ -72,7 +98,8 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", default=[])
     options, rest = parser.parse_known_args()
     muybridge = pathlib.Path(sys.executable).with_name("muybridge")
-    print("| take | people | found | switches | false | mean mm | median mm | within 5 cm | s |\n" + "|---" * 9 + "|")
+    columns = "take | people | found | switches | false | mean mm | median mm | within 5 cm | swaps | s"
+    print(f"| {columns} |\n" + "|---" * len(columns.split("|")) + "|")
     for take in sorted(p.parent for p in options.takes.glob("*/calibration.toml")):
         if options.only and take.name not in options.only:
             continue
@@ -83,8 +110,7 @@ def main() -> None:
             print(f"| {take.name} | failed: {(done.stderr or done.stdout).strip().splitlines()[-1]} |")
             continue
         figures = score(take, out)
-        cells = [f"{v:.3f}" if k in ("found", "false", "within 5 cm") else f"{v:.0f}" if k in ("people", "switches")
-                 else f"{v:.1f}" for k, v in figures.items()]  # fmt: skip
+        cells = [f"{v:{DIGITS.get(k, '.3f')}}" for k, v in figures.items()]
         print(f"| {take.name} | {' | '.join(cells)} | {time.monotonic() - began:.0f} |", flush=True)
 
 
