@@ -5,7 +5,8 @@
 
 The synthetic cases are held-out people under the hardest settings of the augmentation: any roll up to 60 degrees,
 occluders, second persons, the border of the video. Left limbs are orange, right ones blue, the truth is thin and
-white. The second form shows the overlays of a finished `muybridge run`: every camera at ten instants.
+white; landmarks that the network has no idea of, which count as missing in use, are not drawn. The second form shows
+the overlays of a finished `muybridge run`: every camera at ten instants.
 """
 
 import argparse
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks import BODY23
+from muybridge.models.decode import NO_IDEA
 from muybridge.models.registry import shipped_model
 from muybridge.train.augment import AugmentOptions, Batch, Compositor
 from muybridge.train.backgrounds import make_backgrounds
@@ -37,8 +39,10 @@ def hard_cases(renders: pathlib.Path, size: int) -> Batch:
 
 
 def draw(picture: NDArray[np.uint8], points: NDArray[np.floating], scale: float, truth: bool = False) -> None:
-    """Bones into an RGB picture, in place."""
+    """Bones into an RGB picture, in place; none to landmarks that are NaN."""
     for a, b in BODY23.edge_indices:
+        if not np.isfinite(points[[a, b]]).all():
+            continue
         name = BODY23.names[b] if BODY23.names[a].split("_")[0] == BODY23.names[b].split("_")[0] else "middle"
         colour = LEFT if name.startswith("left") else RIGHT if name.startswith("right") else MIDDLE
         ends = [tuple(np.round((points[i] + 0.5) * scale - 0.5).astype(int).tolist()) for i in (a, b)]
@@ -50,13 +54,15 @@ def synthetic_sheet(renders: pathlib.Path, model: pathlib.Path) -> NDArray[np.ui
     session, card = load_model(model)
     batch = hard_cases(renders, card.input_size)
     image = batch.pixels.numpy().astype(np.float32) / 255
-    found = read_crops(session, card, image, flip=True, turn=True).points_crop_px
+    decoded = read_crops(session, card, image, flip=True, turn=True)
+    found = decoded.points_crop_px
     truth, visible = batch.landmarks_px.numpy(), batch.visible.numpy()
     error = np.linalg.norm(found - truth, axis=-1)
     print(f"median error {np.median(error[visible]):.2f} px of {card.input_size}, "
           f"PCK@0.05 {(error[visible] < 0.05 * card.input_size).mean():.3f}")  # fmt: skip
+    shown = np.where(decoded.score[..., None] < NO_IDEA, np.nan, found)
     tiles = []
-    for image, at, true in zip(batch.image.numpy(), found, truth, strict=True):
+    for image, at, true in zip(batch.image.numpy(), shown, truth, strict=True):
         scale = TILE / card.input_size
         tile = cv2.resize(image.transpose(1, 2, 0), (TILE, TILE), interpolation=cv2.INTER_AREA)
         draw(tile, at, scale)
