@@ -189,11 +189,9 @@ def solved(cameras: CameraGroup, keypoints: Keypoints2D, fps: float = 30.0) -> l
     return found
 
 
-def compare(
-    truth: NDArray[np.float64], found: list[NDArray[np.float64]]
-) -> tuple[int, NDArray[np.float64]]:
-    """Identity switches, and the error (N, T, J) of the matched landmarks in mm, NaN where unmatched."""
-    result = np.full(truth.shape[:3], np.nan)
+def match(truth: NDArray[np.float64], found: list[NDArray[np.float64]]) -> tuple[int, NDArray[np.int64]]:
+    """Identity switches, and (N, T) which of the found each true person is in each frame, -1 where none."""
+    result = np.full(truth.shape[:2], -1)
     if not found:
         return 0, result
     error = np.linalg.norm(np.stack(found)[:, None] - truth[None], axis=-1)  # (F, N, T, J)
@@ -210,9 +208,24 @@ def compare(
         for f, n in zip(*linear_sum_assignment(cost), strict=True):
             if away[f, n, t] < NEAR_M:
                 switches += int(last[n] >= 0 and last[n] != f)
-                last[n] = f
-                result[n, t] = 1000 * error[f, n, t]
+                last[n] = result[n, t] = f
     return switches, result
+
+
+def matched_points(found: list[NDArray[np.float64]], which: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(N, T, J, 3) of the found people, in the places of the true ones that they are, NaN where nobody was found."""
+    if not found:
+        return np.full((*which.shape, 1, 3), np.nan)
+    points = np.stack(found)[which, np.arange(which.shape[1])]
+    return np.where((which >= 0)[..., None, None], points, np.nan)
+
+
+def compare(
+    truth: NDArray[np.float64], found: list[NDArray[np.float64]]
+) -> tuple[int, NDArray[np.float64]]:
+    """Identity switches, and the error (N, T, J) of the matched landmarks in mm, NaN where unmatched."""
+    switches, which = match(truth, found)
+    return switches, 1000 * np.linalg.norm(matched_points(found, which) - truth, axis=-1)
 
 
 def main() -> None:

@@ -17,12 +17,12 @@ import sys
 import time
 
 import numpy as np
-from bench_people import compare
+from bench_people import match, matched_points
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.landmarks import BODY23
 from muybridge.motion.formats.trc import read_trc
+from muybridge.train.evaluation import LIMB, MIRROR
 
 Floats = NDArray[np.float64]
 
@@ -55,39 +55,33 @@ def found_in(out: pathlib.Path, names: list[str], frames: int) -> list[Floats]:
     return people
 
 
-def swaps(truth: Floats, found: list[Floats], counted: NDArray[np.bool_]) -> float:
+def swaps(truth: Floats, people: Floats) -> float:
     """Share of the limbs' landmarks that are nearer to their twin's true place than to their own.
 
     Args:
-        truth: (P, T, J, 3) metres, the landmarks of BODY23.
-        found: (T, J, 3) of everybody found.
-        counted: (P, T) where the true people count; who is found is the one nearest to them.
+        truth: (..., J, 3) metres, the landmarks of BODY23.
+        people: the same of who was found, NaN where nobody was or shall not count.
     """
-    mirror = np.array(BODY23.mirror)
-    pairs = (mirror != np.arange(len(mirror))) & (np.arange(len(mirror)) >= 5)  # no eyes and ears
-    people = np.stack(found)
-    own = np.linalg.norm(people[:, None] - truth, axis=-1)  # (F, P, T, J)
-    twin = np.linalg.norm(people[:, None] - truth[:, :, mirror], axis=-1)
-    near = np.nan_to_num(own, nan=1e3).mean(-1).argmin(0)[None, ..., None]  # (1, P, T, 1)
-    own, twin = (np.take_along_axis(d, near, axis=0)[0] for d in (own, twin))
-    apart = np.linalg.norm(truth - truth[:, :, mirror], axis=-1) > APART_M
-    asked = counted[..., None] & pairs & apart & np.isfinite(own) & np.isfinite(twin)
-    return float((twin < own)[asked].mean())
+    twins = truth[..., MIRROR, :]
+    own, twin = (np.linalg.norm(people - at, axis=-1) for at in (truth, twins))
+    apart = np.linalg.norm(truth - twins, axis=-1) > APART_M
+    return float((twin < own)[LIMB & apart & np.isfinite(own)].mean())
 
 
 def score(take: pathlib.Path, out: pathlib.Path) -> dict[str, float]:
     """Figures of one take."""
     truth, names, visible = truth_of(take)
     people = found_in(out, names, truth.shape[1])
-    switches, error = compare(truth, people)
-    matched = np.isfinite(error).any(-1)
+    switches, which = match(truth, people)
+    points, matched = matched_points(people, which), which >= 0
+    error = 1000 * np.linalg.norm(points - truth, axis=-1)
     counted = error[visible & matched]
     total = sum(int(np.isfinite(p).any((1, 2)).sum()) for p in people)
     return {
         "people": len(truth), "found": float((matched & visible).sum() / visible.sum()), "switches": switches,
         "false": 1 - float(matched.sum()) / max(total, 1), "mean mm": float(np.nanmean(counted)),
         "median mm": float(np.nanmedian(counted)), "within 5 cm": float((counted < 50).sum() / counted.size),
-        "swaps": swaps(truth, people, visible & matched),
+        "swaps": swaps(truth[visible & matched], points[visible & matched]),
     }  # fmt: skip
 
 
