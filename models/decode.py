@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.models.twins import told_apart
+
 # The refined point is the centre of a window of this half-width (cells) on its own probability mass, reached
 # in this many steps. A fixed window about the best cell would pull points towards the cell's centre.
 _WINDOW_CELLS = 2.5
@@ -70,7 +72,9 @@ class DecodedHeatmaps(NamedTuple):
     score: NDArray[np.float64]
 
 
-def decode_heatmaps(logits: NDArray[np.float32], stride: int, spread: SpreadCalibration) -> DecodedHeatmaps:
+def decode_heatmaps(
+    logits: NDArray[np.float32], stride: int, spread: SpreadCalibration, twins: NDArray[np.intp] | None = None
+) -> DecodedHeatmaps:
     """Landmarks from classification maps.
 
     The softmax over a landmark's cells is the probability of where it is. The point is the distribution's
@@ -82,6 +86,8 @@ def decode_heatmaps(logits: NDArray[np.float32], stride: int, spread: SpreadCali
         logits: (N, J, h, w).
         stride: input pixels a cell.
         spread: the network's calibration of variances.
+        twins: (J,) each landmark's counterpart on the other side (its own index where it has none), if those that are
+            found in one place shall be told apart, see `models.twins`.
 
     Raises:
         ValueError: `logits` has not four axes.
@@ -98,6 +104,9 @@ def decode_heatmaps(logits: NDArray[np.float32], stride: int, spread: SpreadCali
         moments = probability @ _moment_basis(height, width)
         moments = moments.astype(np.float64)
         moments[:, 1:] /= moments[:, :1]
+        if twins is not None:
+            whole, likeliest = (a.reshape(count, landmarks) for a in (moments[:, 0], best))
+            best = told_apart(probability.reshape(logits.shape), whole, likeliest, twins).ravel()
         point_uv, mass = _refine(probability.reshape(-1, height, width), best)
         score = np.minimum(mass / moments[:, 0], 1.0)
         # Moments are about the map's middle, for float32's sake.

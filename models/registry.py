@@ -11,6 +11,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
@@ -56,6 +57,11 @@ class KeypointModelCard:
     box_padding: float
     plate_input: str | None
     metadata: Mapping[str, str]
+
+    @cached_property
+    def twins(self) -> NDArray[np.intp]:
+        """(J,) each landmark's counterpart on the other side, its own index where it has none."""
+        return np.array(self.landmarks.mirror, dtype=np.intp)
 
     def inputs(self, crops: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
         """What the network takes in of crops (N, 3 or 4, S, S) in 0..1, RGB and the plate's difference."""

@@ -59,7 +59,7 @@ def turn_where_unsure(
     Returns:
         the landmarks that the heatmaps then say.
     """
-    decoded = decode_heatmaps(maps[0], card.stride, card.spread)
+    decoded = _decoded(maps[0], card)
     least = _doubt(decoded, card)
     (unsure,) = np.nonzero((least > _UNSURE) & ~_in_part(decoded))
     quarters = _turn(look, crops, maps, card, rows, least - _SURER, unsure, series)
@@ -73,10 +73,14 @@ def turn_where_unsure(
     return decoded
 
 
+def _decoded(heatmaps: NDArray[np.float32], card: KeypointModelCard) -> DecodedHeatmaps:
+    return decode_heatmaps(heatmaps, card.stride, card.spread, card.twins)
+
+
 def _decode_again(decoded: DecodedHeatmaps, maps: Maps, card: KeypointModelCard, changed: NDArray[np.intp]) -> None:
     """Brings the landmarks of some crops up to date with their heatmaps, in place."""
     if len(changed):
-        for values, new in zip(decoded, decode_heatmaps(maps[0][changed], card.stride, card.spread), strict=True):
+        for values, new in zip(decoded, _decoded(maps[0][changed], card), strict=True):
             values[changed] = new
 
 
@@ -92,7 +96,7 @@ def _turn(
         if not len(tried):
             return
         turned = look(np.rot90(crops[tried], turn, axes=(rows, rows + 1)))
-        doubt = _doubt(decode_heatmaps(turned[0], card.stride, card.spread), card)
+        doubt = _doubt(_decoded(turned[0], card), card)
         surer = doubt < least[tried]
         better = tried[surer]
         least[better], quarters[better] = doubt[surer], turn

@@ -140,3 +140,48 @@ def test_overlaps() -> None:
     scores = np.array([0.5, 0.9, 0.1])
     assert suppress_overlaps(boxes, scores, 0.3).tolist() == [1, 2]
     assert suppress_overlaps(boxes, scores, 0.4).tolist() == [1, 0, 2]
+
+
+def test_of_twins_in_one_place_the_one_that_may_be_elsewhere_goes_there() -> None:
+    sure, torn = _peak(10, 16, 1.0), 0.55 * _peak(11, 16, 1.0) + 0.45 * _peak(22, 9, 1.0)
+    alone = 0.55 * _peak(10, 16, 1.0) + 0.45 * _peak(20, 20, 1.0)  # without a twin
+    logits, twins = _logits(sure, torn, alone), np.array([1, 0, 2])
+    plain, told = decode_heatmaps(logits, 4, _PLAIN), decode_heatmaps(logits, 4, _PLAIN, twins)
+    np.testing.assert_allclose(plain.points_crop_px[0, 1], [45.5, 65.5], atol=0.4)
+    np.testing.assert_allclose(told.points_crop_px[0, 1], [89.5, 37.5], atol=0.4)
+    # It is as unsure as where it was, by what the other place weighs more.
+    assert told.score[0, 1] == pytest.approx(plain.score[0, 1] * 45 / 55, rel=0.02)
+    assert told.variance_crop_px2[0, 1] == pytest.approx((0.55 * (11**2 + 7**2) / 2 + 1) * 16 + 0.5, rel=0.03)
+    for values, before in zip(told, plain, strict=True):
+        np.testing.assert_array_equal(values[0, [0, 2]], before[0, [0, 2]])
+    # Whichever comes first; and each crop for itself.
+    np.testing.assert_array_equal(decode_heatmaps(logits[:, [1, 0, 2]], 4, _PLAIN, twins).points_crop_px[0, [1, 0, 2]],
+                                  told.points_crop_px[0])  # fmt: skip
+    both = decode_heatmaps(np.concatenate([_logits(sure, sure, alone), logits]), 4, _PLAIN, twins).points_crop_px
+    np.testing.assert_array_equal(both[1], told.points_crop_px[0])
+    np.testing.assert_allclose(both[0, 0], both[0, 1])
+
+
+@pytest.mark.parametrize(
+    ("second", "apart", "moves"), [(0.4, 11, True), (0.3, 11, False), (0.45, 2, False), (0.0, 11, False)]
+)
+def test_twins_stay_where_no_other_place_is_nearly_as_likely(second: float, apart: float, moves: bool) -> None:
+    one = (1 - second) * _peak(10, 16, 0.8) + second * _peak(10 + apart, 16, 0.8)
+    logits = _logits(_peak(10, 15, 0.8), one)
+    twins = np.array([1, 0])
+    at = decode_heatmaps(logits, 4, _PLAIN, twins).points_crop_px[0, 1, 0] / 4
+    assert (at > 16) == moves
+    # Twins that are apart as it is are left alone.
+    logits = _logits(_peak(20, 15, 0.8), one)
+    np.testing.assert_array_equal(
+        decode_heatmaps(logits, 4, _PLAIN, twins).points_crop_px, decode_heatmaps(logits, 4, _PLAIN).points_crop_px
+    )
+
+
+def test_twins_at_the_edge_and_on_broken_maps() -> None:
+    corner = 0.55 * _peak(0, 0, 0.8) / _peak(0, 0, 0.8).sum() + 0.45 * _peak(31, 31, 0.8) / _peak(31, 31, 0.8).sum()
+    logits = _logits(_peak(0, 0, 0.8), corner, _peak(5, 5, 1.0), _peak(5, 5, 1.0))
+    logits[0, 2, 3, 3] = np.nan
+    found = decode_heatmaps(logits, 4, _PLAIN, np.array([1, 0, 3, 2]))
+    np.testing.assert_allclose(found.points_crop_px[0, 1], 31 * 4 + 1.5, atol=2)
+    assert np.isnan(found.points_crop_px[0, 2]).all() and np.isfinite(found.points_crop_px[0, 3]).all()

@@ -48,7 +48,7 @@ def read_crops(
     maps = look(image)
     if turn:
         return turn_where_unsure(look, image, maps, card, rows=2, tilt=flip)
-    return decode_heatmaps(maps[0], card.stride, card.spread)
+    return decode_heatmaps(maps[0], card.stride, card.spread, card.twins)
 
 
 def evaluate_onnx(options: Evaluation) -> dict[str, float]:

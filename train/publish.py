@@ -86,10 +86,12 @@ class HeldOut(NamedTuple):
 def held_out(net: KeypointNet, batches: list[Batch]) -> HeldOut:
     """All that the network finds in crops, body first, then markers, in crop pixels, as decoded in use."""
     parts = []
+    twins = np.arange(net.visibility.out_features)  # of markers none are told apart
+    twins[: len(BODY23)] = BODY23.mirror
     for batch in batches:
         with torch.inference_mode():
             heatmaps, _ = net(batch.pixels.float().div(255))
-        decoded = decode_heatmaps(heatmaps.numpy(), STRIDE, SpreadCalibration(1.0, 1e-12))
+        decoded = decode_heatmaps(heatmaps.numpy(), STRIDE, SpreadCalibration(1.0, 1e-12), twins)
         at = np.concatenate([batch.landmarks_px, batch.markers_px], 1)[:, : heatmaps.shape[1]]
         seen = np.concatenate([batch.visible, batch.markers_visible], 1)[:, : heatmaps.shape[1]]
         inside = ((at >= 0) & (at < batch.image.shape[-1])).all(-1)
