@@ -1,5 +1,4 @@
-"""Cross-entropy of heatmaps against small Gaussians, and of being near at all, written for a CPU: few passes over the
-logits, as they lie."""
+"""Cross-entropy of heatmaps against small Gaussians, written for a CPU: few passes over the logits, as they lie."""
 
 import math
 from typing import Any, NamedTuple
@@ -14,10 +13,6 @@ from muybridge.models.keypoint_net import STRIDE
 REACH = 4
 # Of the loss of landmarks outside of the crop, beside those inside.
 OUTSIDE = 0.5
-# Half the side of the square of cells that is near a landmark: about a twentieth of a person.
-NEAR = 2.5
-# No less is believed of that than this: its logarithm is to stay a number.
-_LEAST_NEAR = 1e-12
 
 
 class Targets(NamedTuple):
@@ -27,8 +22,6 @@ class Targets(NamedTuple):
     rows: Tensor  # (B, h, J), sums are the weight
     columns: Tensor  # (B, w, J), sums are one
     least: Tensor  # (B, J) cross-entropy of the best answer where that is to say nothing, outside; else zero
-    near_rows: Tensor  # (B, h, J) one for rows near a landmark inside of the crop, else zero
-    near_columns: Tensor  # (B, w, J)
 
     def of(self, landmarks: slice) -> "Targets":
         """Those of some of the landmarks."""
@@ -46,8 +39,7 @@ def targets(landmarks_px: Tensor, h: int, w: int, sigma: float = 0.8) -> Targets
     outside = landmarks_px.isfinite().all(-1) & ~inside
     columns, rows = (_gaussian(cell[..., axis], n, sigma, inside) for axis, n in ((0, w), (1, h)))
     weight = inside + OUTSIDE * outside
-    near_columns, near_rows = (_near(cell[..., axis], n, inside) for axis, n in ((0, w), (1, h)))
-    return Targets(rows * weight[:, None], columns, OUTSIDE * outside * math.log(h * w), near_rows, near_columns)
+    return Targets(rows * weight[:, None], columns, OUTSIDE * outside * math.log(h * w))
 
 
 def _gaussian(cell: Tensor, n: int, sigma: float, inside: Tensor) -> Tensor:
@@ -61,74 +53,43 @@ def _gaussian(cell: Tensor, n: int, sigma: float, inside: Tensor) -> Tensor:
     return share / share.sum(1, keepdim=True)
 
 
-def _near(cell: Tensor, n: int, inside: Tensor) -> Tensor:
-    """(B, J) places in cells -> (B, n, J) ones for cells near them, zeros for the others and where not `inside`. There
-    is one at least: a place inside is half a cell from one at most."""
-    at = torch.arange(n, device=cell.device)[:, None]
-    return (((at - cell[:, None]).abs() <= NEAR) & inside[:, None]).float()
-
-
 def heatmap_loss(logits: Tensor, landmarks_px: Tensor) -> Tensor:
     """`cross_entropy` (B, J) of heatmap logits (B, J, h, w) against Gaussians round `landmarks_px` (B, J, 2)."""
     return cross_entropy(logits, targets(landmarks_px, *logits.shape[-2:]))
 
 
-def cross_entropy(logits: Tensor, target: Targets, near: float = 0.0) -> Tensor:
+def cross_entropy(logits: Tensor, target: Targets) -> Tensor:
     """(B, J) of heatmap logits (B, J, h, w); zero for landmarks that are unknown. Of a landmark outside of the crop
-    nothing is to be said: its loss is that of an even distribution, less what the best answer has, times `OUTSIDE`.
-
-    Args:
-        near: weight of what is added for landmarks inside: the negative logarithm of the probability near the landmark,
-            which minds nothing but whether the right one of two places is believed.
-    """
+    nothing is to be said: its loss is that of an even distribution, less what the best answer has, times `OUTSIDE`."""
     apply = _CrossEntropy.apply
-    out: Tensor = apply(logits.permute(0, 2, 3, 1), *target, near)  # type: ignore[no-untyped-call]
+    out: Tensor = apply(logits.permute(0, 2, 3, 1), target.rows, target.columns)  # type: ignore[no-untyped-call]
     return out - target.least
 
 
 class _CrossEntropy(torch.autograd.Function):
-    """log-sum-exp of all cells less the expected logit, and `weight` times log-sum-exp of all less that of those near.
-    For the gradient, softmax minus target, the logits are kept in their own precision; it is written in that and in
-    their order of memory."""
+    """log-sum-exp of all cells less the expected logit. For the gradient, softmax minus target, the logits are kept in
+    their own precision; it is written in that and in their order of memory."""
 
     @staticmethod
-    def forward(
-        ctx: Any, logits: Tensor, rows: Tensor, columns: Tensor, least: Tensor, near_rows: Tensor,
-        near_columns: Tensor, weight: float,
-    ) -> Tensor:  # fmt: skip
-        """(B, h, w, J), (B, h, J), (B, w, J), unused, (B, h, J), (B, w, J) -> (B, J)."""
+    def forward(ctx: Any, logits: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+        """(B, h, w, J), (B, h, J), (B, w, J) -> (B, J)."""
         precise = logits.to(torch.float32, copy=True)
         # Row by row, so that a row is still in the cache when it is gone over again.
         expected = ((precise * columns[:, None]).sum(2) * rows).sum(1)
         row_top = precise.amax(2)
         row = precise.sub_(row_top[:, :, None]).exp_().sum(2)
         top = row_top.amax(1, keepdim=True)
-        share = (row_top - top).exp()
-        sum_ = (row * share).sum(1)
-        whole = sum_.log() + top[:, 0]
-        out = rows.sum(1) * whole - expected
-        near = torch.ones_like(whole)
-        if weight:
-            inside = near_rows.amax(1)
-            there = ((precise * near_columns[:, None]).sum(2) * (near_rows * share)).sum(1)
-            near = torch.where(inside > 0, there / sum_, 1.0).clamp(min=_LEAST_NEAR)
-            out = out - weight * near.log()
-        ctx.save_for_backward(logits, rows, columns, whole, near_rows, near_columns, near)
-        ctx.weight = weight
-        return out
+        whole = (row * (row_top - top).exp()).sum(1).log() + top[:, 0]
+        ctx.save_for_backward(logits, rows, columns, whole)
+        return rows.sum(1) * whole - expected
 
     @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:
         """The logits' gradient (B, h, w, J)."""
-        logits, rows, columns, whole, near_rows, near_columns, near = ctx.saved_tensors
+        logits, rows, columns, whole = ctx.saved_tensors
         # The gradient of each landmark's loss comes from sums that the compiler would work out anew for every cell.
-        each, all_ = worked_out(gradients[0]), rows.sum(1)
+        each = worked_out(gradients[0])
         out = logits.to(torch.float32, copy=True).sub_(whole[:, None, None]).exp_()
-        if ctx.weight:
-            all_ = all_ + ctx.weight * near_rows.amax(1)
-            nearer = worked_out(near_rows * (ctx.weight * each / near)[:, None])
-            out.mul_(worked_out(each * all_)[:, None, None] - nearer[:, :, None] * near_columns[:, None])
-        else:
-            out.mul_(worked_out(each * all_)[:, None, None])
+        out.mul_(worked_out(each * rows.sum(1))[:, None, None])
         out.addcmul_(rows[:, :, None], worked_out(columns * each[:, None])[:, None], value=-1.0)
-        return out.to(logits.dtype), *(None,) * 6
+        return out.to(logits.dtype), None, None

@@ -32,9 +32,6 @@ from muybridge.train.second import Second, pays
 MIRROR = list(BODY23.mirror)
 # Of the virtual markers' loss beside the body landmarks'.
 SURFACE_WEIGHT = 0.5
-# Of whether a landmark of the body is found at all, beside where to a fraction of a cell it is, of which most of the
-# cross-entropy is in a network that finds 19 of 20.
-NEAR_WEIGHT = 2.0
 # Batches after which those who make crops look up which renders are hard.
 _LOOKED_UP = 100
 
@@ -94,7 +91,7 @@ def losses_of(net: KeypointNet, batch: loop.Batch) -> tuple[Tensor, Tensor, Tens
     body, target = len(BODY23), targets(landmarks_px, image.shape[-2] // STRIDE, image.shape[-1] // STRIDE)
     with autocast(image.device):
         heatmaps, markers, visibility = net.apart(image.float().div_(255))
-    each = cross_entropy(heatmaps, target.of(slice(body)), NEAR_WEIGHT)
+    each = cross_entropy(heatmaps, target.of(slice(body)))
     if markers is not None:
         each = torch.cat([each, cross_entropy(markers, target.of(slice(body, None)))], 1)
     seen, known = visible.float(), landmarks_px.isfinite().all(-1).float()
