@@ -10,6 +10,8 @@ _ONE_PLACE = 3
 _AROUND = 2
 # The one to which another place is the likelier goes there, if that is at most so many nats less likely to it.
 _LESS_LIKELY = 0.8
+# Of what has less of its probability in one place, as where it is outside of the picture, the second is anywhere.
+_KNOWN = 0.25
 
 
 def told_apart(
@@ -31,7 +33,8 @@ def told_apart(
     crop, mark = np.tile(crop, 2), np.concatenate([left[pair], twins[left[pair]]])
     first = _mass_round(probability, crop, mark, v[crop, mark], u[crop, mark])
     # What is left to another place cannot be enough where the first has too much.
-    open_ = np.flatnonzero(first * (1 + np.exp(-_LESS_LIKELY)) < total[crop, mark])
+    share = first / total[crop, mark]
+    open_ = np.flatnonzero((share > _KNOWN) & (share < 1 / (1 + np.exp(-_LESS_LIKELY))))
     less, cell = np.full(len(crop), np.inf), best[crop, mark]
     less[open_], cell[open_] = _second(probability[crop[open_], mark[open_]], first[open_], cell[open_])
     # Of each pair, one after the other in the two halves, the one that minds least.

@@ -171,6 +171,10 @@ def test_twins_stay_where_no_other_place_is_nearly_as_likely(second: float, apar
     twins = np.array([1, 0])
     at = decode_heatmaps(logits, 4, _PLAIN, twins).points_crop_px[0, 1, 0] / 4
     assert (at > 16) == moves
+    # Of what hardly anything is known no other place is either.
+    vague = 0.2 * one + 0.8 / one.size
+    at = decode_heatmaps(_logits(_peak(10, 15, 0.8), vague), 4, _PLAIN, twins).points_crop_px[0, 1, 0] / 4
+    assert at < 16
     # Twins that are apart as it is are left alone.
     logits = _logits(_peak(20, 15, 0.8), one)
     np.testing.assert_array_equal(
