@@ -85,6 +85,22 @@ def test_learning_rate_warms_up_stays_and_falls():
     assert rate(500, 100.0) == pytest.approx(0.01)
 
 
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_weights_are_averaged_over_the_last_steps_or_a_share_of_all(share):
+    net = torch.nn.Linear(1, 1)
+    average = loop.AveragedWeights(net, 0.9, share)
+    for step in range(400):
+        torch.nn.init.constant_(net.weight, float(step))
+        average.update(net, step)
+    # Of an exponential average the weights of a step fall by a tenth with every step after it.
+    assert float(average.state["weight"]) == pytest.approx(399 - 9 if share == 0 else 399 / 2, abs=1)
+
+
+def test_a_share_of_steps_that_is_none_is_refused(store, tmp_path):
+    with pytest.raises(SessionError, match="--average 2"):
+        keypoints.train(KeypointTraining(renders=store, out=tmp_path / "run", average=2.0, workers=0))
+
+
 def test_networks_are_small():
     assert sum(p.numel() for p in KeypointNet().parameters()) < 3e6
     assert sum(p.numel() for p in PeopleNet().parameters()) < 3e6

@@ -56,16 +56,23 @@ def learning_rate(peak: float, step: int, elapsed: float, budget: float, decay: 
 
 
 class AveragedWeights:
-    """Exponential moving average of a network's parameters and buffers (Polyak averaging)."""
+    """Moving average of a network's parameters and buffers (Polyak averaging).
 
-    def __init__(self, net: nn.Module, decay: float = 0.9995) -> None:
-        self.decay = decay
+    Args:
+        net: the network.
+        decay: what is left of the average after a step; less in the first steps.
+        share: of all steps up to now, over how many of the last it is taken at least: 1 is the mean of all.
+    """
+
+    def __init__(self, net: nn.Module, decay: float = 0.9995, share: float = 0.0) -> None:
+        self.decay, self.share = decay, share
         self.state = {k: v.detach().clone() for k, v in net.state_dict().items()}
 
     @torch.no_grad()
     def update(self, net: nn.Module, step: int) -> None:
         """Moves the average towards the network; faster in the first steps."""
         decay = min(self.decay, (1 + step) / (10 + step))
+        decay = max(decay, 1 - 1 / (1 + self.share * step))
         for key, value in net.state_dict().items():
             if value.dtype.is_floating_point:
                 self.state[key].lerp_(value.to(self.state[key].dtype), 1 - decay)
@@ -110,7 +117,10 @@ class Throughput:
 @contextmanager
 def prepared(options: Training) -> Iterator[pathlib.Path]:
     """Seeds torch, makes the background pool, whose path it gives, and waits for the first renders where there are
-    none; the others are made while the block runs. SessionError where there are none to train on, or to score with."""
+    none; the others are made while the block runs. SessionError where there are none to train on, or to score with, or
+    `average` is no share."""
+    if not 0 <= options.average <= 1:
+        raise SessionError(f"--average {options.average:g}: it is a share of the steps, 0 to 1")
     torch.manual_seed(options.seed)
     torch.set_num_threads(options.threads)
     keep_memory()
@@ -225,7 +235,7 @@ class Fit:
         self.checkpoint, self.log = options.out / CHECKPOINT, options.out / "log.jsonl"
         self.net = placed(net)
         self.optimiser = Optimisers(net, options.rate)
-        self.average = AveragedWeights(self.net)
+        self.average = AveragedWeights(self.net, share=options.average)
         self.state: dict[str, Any] = {"step": 0} | (seen or Seen())._asdict()
         if resumes(options):
             saved = torch.load(self.checkpoint, map_location=device(), weights_only=False)

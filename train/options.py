@@ -65,6 +65,8 @@ class Training:
         batch: images a step.
         rate: peak learning rate.
         decay: share of the time, at its end, over which the learning rate falls.
+        average: share of the run's steps, up to the last, over which weights are averaged where that is more than 2,000
+            steps: 1, the mean of all, suits a network that has long been trained and goes on.
         threads: torch threads of the network; further processes make the images.
         workers: processes that make the images.
         backgrounds: how many backgrounds the pool holds; half are painted, half are views of rendered rooms.
@@ -78,6 +80,7 @@ class Training:
     batch: int = 64
     rate: float = 2e-3
     decay: float = 0.2
+    average: float = 0.0
     threads: int = 1
     workers: int = 1
     backgrounds: int = 5000
