@@ -390,8 +390,8 @@ def _in_front(px: F64, depth_m: F64) -> tuple[F64, F64]:
 
 
 def _front(px: F64, metres: NDArray[np.floating]) -> tuple[NDArray[np.bool_], NDArray[np.floating]]:
-    """(J,) whether `px` (J, 2) lie in the image, and the median depth of what the 3 x 3 pixels around each show: a point is
-    hidden by what lies before it in most of them, and one at a silhouette is not lost to aliasing."""
+    """(J,) whether `px` (J, 2) lie in the image, and the median depth in the 3 x 3 pixels around each: what lies before
+    a point in most of them hides it, and one at a silhouette is not lost to aliasing."""
     at = np.round(px).astype(int)
     size = np.array(metres.shape[::-1])
     inside = np.all((at >= 1) & (at < size - 1), axis=1)
