@@ -27,6 +27,10 @@ _SCORE_RADIUS_CELLS = 2.5
 # the picture, and what comes out is a quarter of a crop off (the median of held-out people seen in part).
 NO_IDEA = 0.1
 
+# A crop in which some landmarks, but less than this share of them, are found shows a part of a person. Of whom fewer
+# than so many are found, nothing is known yet.
+_WHOLE, _LEAST_THERE = 0.85, 6
+
 # Half-width of the patch of cells gathered round the best one: it holds the window and the score's circle
 # wherever the point goes, which is at most one cell away.
 _PATCH = 3
@@ -87,7 +91,7 @@ def decode_heatmaps(
         stride: input pixels a cell.
         spread: the network's calibration of variances.
         twins: (J,) each landmark's counterpart on the other side (its own index where it has none), if those that are
-            found in one place shall be told apart, see `models.twins`.
+            found in one place shall be told apart where the crop shows a whole person, see `models.twins`.
 
     Raises:
         ValueError: `logits` has not four axes.
@@ -104,11 +108,15 @@ def decode_heatmaps(
         moments = probability @ _moment_basis(height, width)
         moments = moments.astype(np.float64)
         moments[:, 1:] /= moments[:, :1]
-        if twins is not None:
-            whole, likeliest = (a.reshape(count, landmarks) for a in (moments[:, 0], best))
-            best = told_apart(probability.reshape(logits.shape), whole, likeliest, twins).ravel()
-        point_uv, mass = _refine(probability.reshape(-1, height, width), best)
+        maps = probability.reshape(-1, height, width)
+        point_uv, mass = _refine(maps, best)
         score = np.minimum(mass / moments[:, 0], 1.0)
+        if twins is not None:
+            total, likeliest, whole = (a.reshape(count, landmarks) for a in (moments[:, 0], best, score))
+            crops = np.flatnonzero(~in_part(whole))
+            moved, cells = told_apart(probability.reshape(logits.shape), total, likeliest, crops, twins)
+            point_uv[moved], mass[moved] = _refine(maps[moved], cells)
+            score[moved] = np.minimum(mass[moved] / moments[moved, 0], 1.0)
         # Moments are about the map's middle, for float32's sake.
         offset = point_uv - np.array([(width - 1) / 2, (height - 1) / 2])
         spread_cells2 = moments[:, 3] - 2 * (offset * moments[:, 1:3]).sum(axis=1) + (offset**2).sum(axis=1)
@@ -118,6 +126,12 @@ def decode_heatmaps(
     shape = (count, landmarks)
     points = point_uv * stride + (stride - 1) / 2
     return DecodedHeatmaps(points.reshape(*shape, 2), variance.reshape(shape), score.reshape(shape))
+
+
+def in_part(score: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(N,) which crops show a part of a person, by the scores (N, J) of the landmarks."""
+    there = (score >= NO_IDEA).sum(axis=1)
+    return np.asarray((there >= _LEAST_THERE) & (there < _WHOLE * score.shape[1]))
 
 
 def with_expectation(

@@ -9,19 +9,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.models.decode import NO_IDEA, DecodedHeatmaps, decode_heatmaps
+from muybridge.models.decode import NO_IDEA, DecodedHeatmaps, decode_heatmaps, in_part
 from muybridge.models.registry import KeypointModelCard
 
 Maps = list[NDArray[np.float32]]
 Value = TypeVar("Value", np.uint8, np.float32)
 
 # A crop of whose landmarks the logarithms of the variances are more than this on average (px^2 of a crop of 192 px) is
-# unsure; another orientation counts where they are less by so much.
+# unsure; another orientation counts where they are less by so much. Nobody is turned who is seen in part, at a desk or
+# by the picture's border: they are unsure for that and not for lying, and may look like a person any way up.
 _UNSURE, _SURER = 3.0, 0.6
-# Nobody is turned of whom some landmarks, but less than this share of them, are in the crop: who is seen in part, at a
-# desk or by the picture's border, is unsure for that and not for lying, and may look like a person any way up. Of whom
-# fewer than so many are found, nothing is known yet.
-_WHOLE, _LEAST_THERE = 0.85, 6
 # What is more unsure than this is tilted to both sides by so much, and the mean of all three looks counts.
 _DOUBTFUL, _TILT = 2.2, np.radians(14.0)
 
@@ -61,13 +58,13 @@ def turn_where_unsure(
     """
     decoded = _decoded(maps[0], card)
     least = _doubt(decoded, card)
-    (unsure,) = np.nonzero((least > _UNSURE) & ~_in_part(decoded))
+    (unsure,) = np.nonzero((least > _UNSURE) & ~in_part(decoded.score))
     quarters = _turn(look, crops, maps, card, rows, least - _SURER, unsure, series)
     (changed,) = np.nonzero(quarters)
     _decode_again(decoded, maps, card, changed)
     if not tilt:
         return decoded
-    (doubtful,) = np.nonzero(_doubt(decoded, card, _in_part(decoded)) > _DOUBTFUL)
+    (doubtful,) = np.nonzero(_doubt(decoded, card, in_part(decoded.score)) > _DOUBTFUL)
     _tilt(look, crops, maps, rows, doubtful, quarters)
     _decode_again(decoded, maps, card, doubtful)
     return decoded
@@ -185,17 +182,11 @@ def _samples(unsure: NDArray[np.intp], series: Series | None) -> tuple[NDArray[n
     return before, after
 
 
-def _in_part(found: DecodedHeatmaps) -> NDArray[np.bool_]:
-    """(N,) which crops show a part of a person."""
-    there = (found.score >= NO_IDEA).sum(axis=1)
-    return np.asarray((there >= _LEAST_THERE) & (there < _WHOLE * found.score.shape[1]))
-
-
 def _doubt(
-    found: DecodedHeatmaps, card: KeypointModelCard, in_part: NDArray[np.bool_] | None = None
+    found: DecodedHeatmaps, card: KeypointModelCard, partly: NDArray[np.bool_] | None = None
 ) -> NDArray[np.float64]:
-    """(N,) mean logarithm of the landmarks' variances, px^2 of a crop of 192 px; of crops `in_part` (N,), of those
+    """(N,) mean logarithm of the landmarks' variances, px^2 of a crop of 192 px; of crops seen `partly` (N,), of those
     landmarks that are there."""
     doubt = np.log(found.variance_crop_px2 * (192 / card.input_size) ** 2)
-    counted = True if in_part is None else ~in_part[:, None] | (found.score >= NO_IDEA)
+    counted = True if partly is None else ~partly[:, None] | (found.score >= NO_IDEA)
     return np.asarray(doubt.mean(axis=1, where=counted))

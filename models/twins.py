@@ -15,22 +15,26 @@ _KNOWN = 0.25
 
 
 def told_apart(
-    probability: NDArray[np.float32], total: NDArray[np.float64], best: NDArray[np.intp], twins: NDArray[np.intp]
-) -> NDArray[np.intp]:
-    """The likeliest cells of landmarks, but of twins in one place one goes to its second likeliest place where that is
-    nearly as likely.
+    probability: NDArray[np.float32], total: NDArray[np.float64], best: NDArray[np.intp], crops: NDArray[np.intp],
+    twins: NDArray[np.intp],
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:  # fmt: skip
+    """Of twins in one place one goes to its second likeliest place where that is nearly as likely.
 
     Args:
         probability: (N, J, h, w), of any scale.
         total: (N, J) sums over the cells.
         best: (N, J) likeliest cells, counted along the rows.
+        crops: which of the N are looked at.
         twins: (J,) each landmark's counterpart on the other side; its own index where it has none.
+
+    Returns:
+        landmarks that go, as indices of N x J, and the cells that they go to.
     """
     left = np.flatnonzero(np.arange(len(twins)) < twins)
     v, u = np.divmod(best, probability.shape[3])
-    apart = np.maximum(*(np.abs(at[:, left] - at[:, twins[left]]) for at in (v, u)))
-    crop, pair = np.nonzero(apart <= _ONE_PLACE)
-    crop, mark = np.tile(crop, 2), np.concatenate([left[pair], twins[left[pair]]])
+    apart = np.maximum(*(np.abs(at[:, left] - at[:, twins[left]]) for at in (v[crops], u[crops])))
+    place, pair = np.nonzero(apart <= _ONE_PLACE)
+    crop, mark = np.tile(crops[place], 2), np.concatenate([left[pair], twins[left[pair]]])
     first = _mass_round(probability, crop, mark, v[crop, mark], u[crop, mark])
     # What is left to another place cannot be enough where the first has too much.
     share = first / total[crop, mark]
@@ -41,9 +45,7 @@ def told_apart(
     halves = less.reshape(2, -1)
     mover = np.arange(halves.shape[1]) + halves.shape[1] * halves.argmin(axis=0)
     mover = mover[less[mover] < _LESS_LIKELY]
-    changed = best.copy()
-    changed[crop[mover], mark[mover]] = cell[mover]
-    return changed
+    return crop[mover] * best.shape[1] + mark[mover], cell[mover]
 
 
 def _mass_round(
