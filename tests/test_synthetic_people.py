@@ -10,7 +10,7 @@ pytest.importorskip("anny")
 
 from muybridge.errors import MissingExtraError  # noqa: E402
 from muybridge.geometry.landmarks import BODY23  # noqa: E402
-from muybridge.train import scenes  # noqa: E402
+from muybridge.train import render, scenes  # noqa: E402
 from muybridge.train.augment import AugmentOptions, Compositor  # noqa: E402
 from muybridge.train.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.bodies import BODY_VERTICES, BodyModel  # noqa: E402
@@ -92,6 +92,16 @@ def test_view_projects_where_opengl_draws(body, renderer):
         drawn = np.array([columns.min(), rows.min(), columns.max(), rows.max()])
         assert np.abs(drawn - shot.box_px).max() < 1.5
         assert shot.visible.any()
+
+
+def test_a_point_is_hidden_by_what_most_pixels_round_it_show():
+    metres = np.full((16, 16), 5.0)
+    metres[4:9, 4:9] = 2.0  # something near, in front of a wall
+    px = np.array([[6.0, 6.0], [8.2, 7.0], [9.0, 7.0], [8.0, 8.0], [0.0, 3.0]])
+    inside, front = render._front(px, metres)
+    # Behind it; a cell from its edge; beside it; at its corner, of which five of nine pixels show the wall.
+    np.testing.assert_array_equal(front[:4], [2.0, 2.0, 5.0, 5.0])
+    np.testing.assert_array_equal(inside, [True, True, True, True, False])
 
 
 def test_visible_landmarks_lie_on_the_person(renders):
