@@ -147,7 +147,7 @@ class KeypointNetwork:
         if self._options.turn:
             alone = turn_where_unsure(self, crops, maps, card, 1, series, tilt=self._flip)
         else:
-            alone = decode_heatmaps(maps[0], card.stride, card.spread, card.twins)
+            alone = card.decoded(maps[0])
         heatmaps, visibility, *markers = maps
         if markers and card.marker_spread is not None:
             marked = _known(decode_heatmaps(markers[0], card.stride, card.marker_spread))
@@ -156,7 +156,7 @@ class KeypointNetwork:
             return Located(_known(alone, nothing), visibility, marked)
         sd_px = expected.sd * card.input_size
         heatmaps = with_expectation(heatmaps, card.stride, expected.points_px, sd_px, expected.most)
-        found = decode_heatmaps(heatmaps, card.stride, card.spread, card.twins)
+        found = card.decoded(heatmaps)
         # A map that says nothing would otherwise say what was expected.
         return Located(_known(found, nothing), visibility, marked, _known(alone, nothing))
 

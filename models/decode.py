@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.models.patches import patches
 from muybridge.models.twins import told_apart
 
 # The refined point is the centre of a window of this half-width (cells) on its own probability mass, reached
@@ -112,9 +113,8 @@ def decode_heatmaps(
         point_uv, mass = _refine(maps, best)
         score = np.minimum(mass / moments[:, 0], 1.0)
         if twins is not None:
-            total, likeliest, whole = (a.reshape(count, landmarks) for a in (moments[:, 0], best, score))
-            crops = np.flatnonzero(~in_part(whole))
-            moved, cells = told_apart(probability.reshape(logits.shape), total, likeliest, crops, twins)
+            whole = np.flatnonzero(~in_part(score.reshape(count, landmarks)))
+            moved, cells = told_apart(maps, moments[:, 0], best, whole, twins)
             point_uv[moved], mass[moved] = _refine(maps[moved], cells)
             score[moved] = np.minimum(mass[moved] / moments[moved, 0], 1.0)
         # Moments are about the map's middle, for float32's sake.
@@ -171,16 +171,10 @@ def _refine(
     A window with fractional edges moves to the centre of its mass: exact for a symmetric peak wherever it
     lies between cells.
     """
-    count, height, width = probability.shape
+    count, width = len(probability), probability.shape[2]
     best_v, best_u = best // width, best % width
-    around = np.arange(-_PATCH, _PATCH + 1)
-    v, u = best_v[:, None] + around, best_u[:, None] + around
-    inside_v, inside_u = (v >= 0) & (v < height), (u >= 0) & (u < width)
-    cells = np.clip(v, 0, height - 1)[:, :, None] * width + np.clip(u, 0, width - 1)[:, None, :]
-    cells += (np.arange(count) * (height * width))[:, None, None]
-    patch = probability.reshape(-1)[cells]
-    patch *= inside_v[:, :, None] & inside_u[:, None, :]
-    grid = around.astype(np.float32)
+    patch = patches(probability, np.arange(count), best, _PATCH)
+    grid = np.arange(-_PATCH, _PATCH + 1).astype(np.float32)
     offset = np.zeros((count, 2), dtype=np.float32)
     for _ in range(_WINDOW_STEPS):
         weight_u = np.clip(_WINDOW_CELLS + 0.5 - np.abs(grid - offset[:, :1]), 0.0, 1.0)

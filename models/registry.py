@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import BODY23, SURFACE, LandmarkSet
-from muybridge.models.decode import SpreadCalibration
+from muybridge.models.decode import DecodedHeatmaps, SpreadCalibration, decode_heatmaps
 
 ModelKind = Literal["keypoints", "people", "labels", "solver"]
 Precision = Literal["int8", "fp32"]
@@ -59,9 +59,12 @@ class KeypointModelCard:
     metadata: Mapping[str, str]
 
     @cached_property
-    def twins(self) -> NDArray[np.intp]:
-        """(J,) each landmark's counterpart on the other side, its own index where it has none."""
+    def _twins(self) -> NDArray[np.intp]:
         return np.array(self.landmarks.mirror, dtype=np.intp)
+
+    def decoded(self, heatmaps: NDArray[np.float32]) -> DecodedHeatmaps:
+        """The landmarks that heatmaps (N, J, h, w) of this network say, twins told apart."""
+        return decode_heatmaps(heatmaps, self.stride, self.spread, self._twins)
 
     def inputs(self, crops: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
         """What the network takes in of crops (N, 3 or 4, S, S) in 0..1, RGB and the plate's difference."""

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.models.decode import NO_IDEA, DecodedHeatmaps, decode_heatmaps, in_part
+from muybridge.models.decode import NO_IDEA, DecodedHeatmaps, in_part
 from muybridge.models.registry import KeypointModelCard
 
 Maps = list[NDArray[np.float32]]
@@ -56,7 +56,7 @@ def turn_where_unsure(
     Returns:
         the landmarks that the heatmaps then say.
     """
-    decoded = _decoded(maps[0], card)
+    decoded = card.decoded(maps[0])
     least = _doubt(decoded, card)
     (unsure,) = np.nonzero((least > _UNSURE) & ~in_part(decoded.score))
     quarters = _turn(look, crops, maps, card, rows, least - _SURER, unsure, series)
@@ -70,14 +70,10 @@ def turn_where_unsure(
     return decoded
 
 
-def _decoded(heatmaps: NDArray[np.float32], card: KeypointModelCard) -> DecodedHeatmaps:
-    return decode_heatmaps(heatmaps, card.stride, card.spread, card.twins)
-
-
 def _decode_again(decoded: DecodedHeatmaps, maps: Maps, card: KeypointModelCard, changed: NDArray[np.intp]) -> None:
     """Brings the landmarks of some crops up to date with their heatmaps, in place."""
     if len(changed):
-        for values, new in zip(decoded, _decoded(maps[0][changed], card), strict=True):
+        for values, new in zip(decoded, card.decoded(maps[0][changed]), strict=True):
             values[changed] = new
 
 
@@ -93,7 +89,7 @@ def _turn(
         if not len(tried):
             return
         turned = look(np.rot90(crops[tried], turn, axes=(rows, rows + 1)))
-        doubt = _doubt(_decoded(turned[0], card), card)
+        doubt = _doubt(card.decoded(turned[0]), card)
         surer = doubt < least[tried]
         better = tried[surer]
         least[better], quarters[better] = doubt[surer], turn

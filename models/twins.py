@@ -4,6 +4,8 @@ which of two it is, or sees one better than the other. Two in one place are rare
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.models.patches import patches
+
 # Twins whose likeliest cells are no more than so many apart, along either axis, are in one place.
 _ONE_PLACE = 3
 # Half the side of the square of cells whose probability is a place's.
@@ -15,51 +17,37 @@ _KNOWN = 0.25
 
 
 def told_apart(
-    probability: NDArray[np.float32], total: NDArray[np.float64], best: NDArray[np.intp], crops: NDArray[np.intp],
+    maps: NDArray[np.float32], total: NDArray[np.float64], best: NDArray[np.intp], crops: NDArray[np.intp],
     twins: NDArray[np.intp],
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:  # fmt: skip
     """Of twins in one place one goes to its second likeliest place where that is nearly as likely.
 
     Args:
-        probability: (N, J, h, w), of any scale.
-        total: (N, J) sums over the cells.
-        best: (N, J) likeliest cells, counted along the rows.
+        maps: (N J, h, w) probabilities of any scale, crop by crop.
+        total: (N J,) their sums.
+        best: (N J,) their likeliest cells, counted along the rows.
         crops: which of the N are looked at.
         twins: (J,) each landmark's counterpart on the other side; its own index where it has none.
 
     Returns:
-        landmarks that go, as indices of N x J, and the cells that they go to.
+        maps whose landmark goes, and the cells that they go to.
     """
     left = np.flatnonzero(np.arange(len(twins)) < twins)
-    v, u = np.divmod(best, probability.shape[3])
-    apart = np.maximum(*(np.abs(at[:, left] - at[:, twins[left]]) for at in (v[crops], u[crops])))
-    place, pair = np.nonzero(apart <= _ONE_PLACE)
-    crop, mark = np.tile(crops[place], 2), np.concatenate([left[pair], twins[left[pair]]])
-    first = _mass_round(probability, crop, mark, v[crop, mark], u[crop, mark])
+    one, other = ((crops[:, None] * len(twins) + marks).ravel() for marks in (left, twins[left]))
+    v, u = np.divmod(best, maps.shape[2])
+    together = np.maximum(*(np.abs(at[one] - at[other]) for at in (v, u))) <= _ONE_PLACE
+    pairs = np.concatenate([one[together], other[together]])
+    first = patches(maps, pairs, best[pairs], _AROUND).sum(axis=(1, 2)).astype(np.float64)
     # What is left to another place cannot be enough where the first has too much.
-    share = first / total[crop, mark]
+    share = first / total[pairs]
     open_ = np.flatnonzero((share > _KNOWN) & (share < 1 / (1 + np.exp(-_LESS_LIKELY))))
-    less, cell = np.full(len(crop), np.inf), best[crop, mark]
-    less[open_], cell[open_] = _second(probability[crop[open_], mark[open_]], first[open_], cell[open_])
+    less, cell = np.full(len(pairs), np.inf), best[pairs]
+    less[open_], cell[open_] = _second(maps[pairs[open_]], first[open_], cell[open_])
     # Of each pair, one after the other in the two halves, the one that minds least.
     halves = less.reshape(2, -1)
     mover = np.arange(halves.shape[1]) + halves.shape[1] * halves.argmin(axis=0)
     mover = mover[less[mover] < _LESS_LIKELY]
-    return crop[mover] * best.shape[1] + mark[mover], cell[mover]
-
-
-def _mass_round(
-    probability: NDArray[np.float32], crop: NDArray[np.intp], mark: NDArray[np.intp], v: NDArray[np.intp],
-    u: NDArray[np.intp],
-) -> NDArray[np.float64]:  # fmt: skip
-    """(K,) sums of maps round cells."""
-    height, width = probability.shape[2:]
-    around = np.arange(-_AROUND, _AROUND + 1)
-    rows, columns = v[:, None] + around, u[:, None] + around
-    inside = ((rows >= 0) & (rows < height))[:, :, None] & ((columns >= 0) & (columns < width))[:, None]
-    rows, columns = rows.clip(0, height - 1), columns.clip(0, width - 1)
-    patch = probability[crop[:, None, None], mark[:, None, None], rows[:, :, None], columns[:, None]]
-    return np.asarray((patch * inside).sum(axis=(1, 2)), dtype=np.float64)
+    return pairs[mover], cell[mover]
 
 
 def _second(
@@ -72,15 +60,13 @@ def _second(
     near = (np.abs(np.arange(height) - v[:, None]) <= _ONE_PLACE)[:, :, None]
     away = np.where(near & (np.abs(np.arange(width) - u[:, None]) <= _ONE_PLACE)[:, None, :], 0, maps)
     wide = np.pad(away, ((0, 0), (_AROUND, _AROUND), (_AROUND, _AROUND)))
-    side = np.arange(2 * _AROUND + 1)
-    lines = np.sum([wide[:, k : k + height] for k in side], axis=0)
-    place = np.sum([lines[:, :, k : k + width] for k in side], axis=0).reshape(-1, height * width)
+    side = 2 * _AROUND + 1
+    lines = np.sum([wide[:, k : k + height] for k in range(side)], axis=0)
+    place = np.sum([lines[:, :, k : k + width] for k in range(side)], axis=0).reshape(-1, height * width)
     middle = place.argmax(axis=1)
-    v, u = np.divmod(middle, width)
     # Of the cells of that place the likeliest.
-    patch = wide[rows[:, None, None], (v[:, None] + side)[:, :, None], (u[:, None] + side)[:, None]]
-    dv, du = np.divmod(patch.reshape(len(maps), side.size**2).argmax(axis=1), side.size)
-    cell = (v + dv - _AROUND) * width + u + du - _AROUND
+    inner = patches(away, rows, middle, _AROUND).reshape(len(maps), side**2).argmax(axis=1)
+    cell = middle + (inner // side - _AROUND) * width + inner % side - _AROUND
     with np.errstate(divide="ignore", invalid="ignore"):
         less = np.log(first / place[rows, middle])
     return np.nan_to_num(less, nan=np.inf, posinf=np.inf), cell

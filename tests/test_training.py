@@ -23,7 +23,13 @@ from muybridge.train import keypoints, loop, people  # noqa: E402
 from muybridge.train.augment import AugmentOptions, Compositor  # noqa: E402
 from muybridge.train.evaluation import MIRROR, _figures, evaluate_onnx  # noqa: E402
 from muybridge.train.heatmap_loss import OUTSIDE, heatmap_loss  # noqa: E402
-from muybridge.train.options import Evaluation, KeypointTraining, PeopleTraining  # noqa: E402
+from muybridge.train.options import (  # noqa: E402
+    Evaluation,
+    KeypointTraining,
+    LabelTraining,
+    PeopleTraining,
+    SolverTraining,
+)
 from muybridge.train.publish import fit_spread, load_checkpoint, publish_keypoints, sigma_coverage  # noqa: E402
 from muybridge.train.renders import SIZE, load_renders  # noqa: E402
 
@@ -99,6 +105,9 @@ def test_weights_are_averaged_over_the_last_steps_or_a_share_of_all(share):
 def test_a_share_of_steps_that_is_none_is_refused(store, tmp_path):
     with pytest.raises(SessionError, match="--average 2"):
         keypoints.train(KeypointTraining(renders=store, out=tmp_path / "run", average=2.0, workers=0))
+    for other in (PeopleTraining, LabelTraining, SolverTraining):
+        with pytest.raises(SessionError, match="--average -1"):
+            other(average=-1.0)
 
 
 def test_networks_are_small():

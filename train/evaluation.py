@@ -10,7 +10,7 @@ from rich.progress import track
 
 from muybridge.errors import SessionError
 from muybridge.geometry.landmarks import BODY23
-from muybridge.models.decode import DecodedHeatmaps, decode_heatmaps
+from muybridge.models.decode import DecodedHeatmaps
 from muybridge.models.registry import KeypointModelCard, keypoint_card, shipped_model
 from muybridge.models.turning import turn_where_unsure
 from muybridge.train.augment import AugmentOptions, Compositor
@@ -48,7 +48,7 @@ def read_crops(
     maps = look(image)
     if turn:
         return turn_where_unsure(look, image, maps, card, rows=2, tilt=flip)
-    return decode_heatmaps(maps[0], card.stride, card.spread, card.twins)
+    return card.decoded(maps[0])
 
 
 def evaluate_onnx(options: Evaluation) -> dict[str, float]:

@@ -23,13 +23,13 @@ from muybridge.train import loop
 from muybridge.train.augment import AugmentOptions, Batch, Compositor
 from muybridge.train.compiled import compiled
 from muybridge.train.difficulty import Difficulty, drawing_probability, read_difficulty
+from muybridge.train.evaluation import LIMB, MIRROR
 from muybridge.train.heatmap_loss import cross_entropy, targets
 from muybridge.train.options import KeypointTraining
 from muybridge.train.precision import autocast
 from muybridge.train.renders import RenderSet, load_renders
 from muybridge.train.second import Second, pays
 
-MIRROR = list(BODY23.mirror)
 # Of the virtual markers' loss beside the body landmarks'.
 SURFACE_WEIGHT = 0.5
 # Batches after which those who make crops look up which renders are hard.
@@ -110,7 +110,7 @@ def predict(net: nn.Module, image: Tensor) -> Tensor:
     with autocast(image.device):
         heatmaps, _ = net(image.float().div_(255))
     body = heatmaps[:, : len(BODY23)].float().cpu().numpy()
-    decoded = decode_heatmaps(body, STRIDE, SpreadCalibration(), np.array(MIRROR))
+    decoded = decode_heatmaps(body, STRIDE, SpreadCalibration(), MIRROR)
     return torch.from_numpy(decoded.points_crop_px).float()
 
 
@@ -125,10 +125,9 @@ def evaluate(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
         distance = (at - batch.landmarks_px).norm(dim=-1)
         twin = batch.landmarks_px[:, MIRROR]
         to_twin = (at - twin).norm(dim=-1)
-        paired = (torch.arange(at.shape[1]) != torch.tensor(MIRROR)) & (torch.arange(at.shape[1]) >= 5)
         apart = (batch.landmarks_px - twin).norm(dim=-1) > 0.06 * side
         errors.append(distance[batch.visible])
-        swaps.append((to_twin < distance)[batch.visible & paired & apart])
+        swaps.append((to_twin < distance)[batch.visible & torch.from_numpy(LIMB) & apart])
     error, swap = torch.cat(errors), torch.cat(swaps).float()
     return {
         "median_px": float(error.median()), "mean_px": float(error.mean()),

@@ -117,10 +117,7 @@ class Throughput:
 @contextmanager
 def prepared(options: Training) -> Iterator[pathlib.Path]:
     """Seeds torch, makes the background pool, whose path it gives, and waits for the first renders where there are
-    none; the others are made while the block runs. SessionError where there are none to train on, or to score with, or
-    `average` is no share."""
-    if not 0 <= options.average <= 1:
-        raise SessionError(f"--average {options.average:g}: it is a share of the steps, 0 to 1")
+    none; the others are made while the block runs. SessionError where there are none to train on, or to score with."""
     torch.manual_seed(options.seed)
     torch.set_num_threads(options.threads)
     keep_memory()

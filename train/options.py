@@ -4,6 +4,8 @@ import pathlib
 from dataclasses import dataclass
 from typing import Literal
 
+from muybridge.errors import SessionError
+
 
 @dataclass(frozen=True)
 class Adaptation:
@@ -85,6 +87,10 @@ class Training:
     workers: int = 1
     backgrounds: int = 5000
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.average <= 1:
+            raise SessionError(f"--average {self.average:g}: it is a share of the steps, 0 to 1")
 
 
 @dataclass(frozen=True)
