@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import LandmarkSet
-from muybridge.models.decode import NO_IDEA, DecodedHeatmaps, decode_heatmaps, with_expectation
+from muybridge.models.decode import NO_IDEA, DecodedHeatmaps, with_expectation
+from muybridge.models.mirroring import mean_of_mirrored
 from muybridge.models.registry import KeypointModelCard, PeopleModelCard, keypoint_card, people_card
 from muybridge.models.turning import Series, turn_where_unsure
 
@@ -104,7 +105,8 @@ class KeypointNetwork:
             if self.card.markers is None:
                 raise ModelError(f"{path}: this network finds no virtual markers; {_REMEDY}, or ask for no markers")
             self._sets.append(self.card.markers)
-            outputs |= {"marker_heatmaps": (4, len(self.card.markers))}
+            many = len(self.card.markers)
+            outputs |= {"marker_heatmaps": (4, many), "marker_visibility": (2, many)}
         _check_signature(self._session, path, channels=3, outputs=outputs)
         plate = self.card.plate_input  # networks of earlier versions do not see it
         if plate is not None and plate not in [n.name for n in self._session.get_overridable_initializers()]:
@@ -149,14 +151,15 @@ class KeypointNetwork:
         else:
             alone = card.decoded(maps[0])
         heatmaps, visibility, *markers = maps
-        if markers and card.marker_spread is not None:
-            marked = _known(decode_heatmaps(markers[0], card.stride, card.marker_spread))
+        alone = card.weighed(alone, visibility, self._flip)
+        if markers:
+            marked = _known(card.decoded_markers(markers[0], markers[1], self._flip))
         nothing = alone.score < NO_IDEA
         if expected is None:
             return Located(_known(alone, nothing), visibility, marked)
         sd_px = expected.sd * card.input_size
         heatmaps = with_expectation(heatmaps, card.stride, expected.points_px, sd_px, expected.most)
-        found = card.decoded(heatmaps)
+        found = card.weighed(card.decoded(heatmaps), visibility, self._flip)
         # A map that says nothing would otherwise say what was expected.
         return Located(_known(found, nothing), visibility, marked, _known(alone, nothing))
 
@@ -169,25 +172,24 @@ class KeypointNetwork:
 
         Returns:
             heatmaps (N, J, S/stride, S/stride) and visibility (N, J), both logits, and where markers were asked for
-            their heatmaps (N, M, S/stride, S/stride).
+            the same of them, M for J.
         """
         size = self.card.input_size
         if crops.shape[1:] not in {(size, size, channels) for channels in (3, self.channels)}:
             raise ValueError(f"crops must be (N, {size}, {size}, {self.channels}), not {crops.shape}")
         cells = size // self.card.stride
-        maps = [np.empty((len(crops), len(s), cells, cells), dtype=np.float32) for s in self._sets]
-        visibility = np.empty((len(crops), len(self._sets[0])), dtype=np.float32)
+        maps = []
+        for each in self._sets:
+            maps.append(np.empty((len(crops), len(each), cells, cells), dtype=np.float32))
+            maps.append(np.empty((len(crops), len(each)), dtype=np.float32))
         for part in batches(len(crops), self._options.batch):
             found, *mirrored = [self._run(c) for c in self._views(crops[part])]
-            visibility[part] = found[1]
-            for k, out in enumerate(maps):
-                out[part] = found[2 * k]
+            for out, once in zip(maps, found, strict=True):
+                out[part] = once
             for other in mirrored:
-                twin = [np.array(s.mirror) for s in self._sets]
-                visibility[part] = (visibility[part] + other[1][:, twin[0]]) / 2
                 for k, out in enumerate(maps):
-                    out[part] = (out[part] + other[2 * k][:, twin[k], :, ::-1]) / 2
-        return [maps[0], visibility, *maps[1:]]
+                    out[part] = mean_of_mirrored(out[part], other[k], np.array(self._sets[k // 2].mirror))
+        return maps
 
     def _views(self, crops: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
         """The crops, and mirrored if so wished."""
@@ -196,7 +198,7 @@ class KeypointNetwork:
     def _run(self, crops: NDArray[np.uint8]) -> Sequence[NDArray[np.float32]]:
         image = np.multiply(crops.transpose(0, 3, 1, 2), np.float32(1 / 255), dtype=np.float32)
         inputs = {name: np.ascontiguousarray(part) for name, part in self.card.inputs(image).items()}
-        outputs = ["heatmaps", "visibility", "marker_heatmaps"][: len(self._sets) + 1]
+        outputs = ["heatmaps", "visibility", "marker_heatmaps", "marker_visibility"][: 2 * len(self._sets)]
         return run_session(self._session, self.path, outputs, inputs)
 
 

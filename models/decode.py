@@ -47,11 +47,15 @@ class SpreadCalibration:
         scale, floor_px2: `scale * spread + floor_px2`, where there are no knots.
         knots: pairs of spread and variance, both ascending; between them the logarithm of the variance is linear
             in that of the spread, below the first it is constant, above the last proportional to the spread.
+        hidden: the variance of a landmark that is surely hidden over that of one that is surely not, spreads being one.
+        mirrored: the variance where a crop was looked at mirrored too over that where it was looked at once.
     """
 
     scale: float = 1.0
     floor_px2: float = 1.0
     knots: tuple[tuple[float, float], ...] = ()
+    hidden: float = 1.0
+    mirrored: float = 1.0
 
     def variance(self, spread_px2: NDArray[np.float64]) -> NDArray[np.float64]:
         """The variance of each coordinate, of the spread's shape; NaN stays NaN."""
@@ -61,6 +65,11 @@ class SpreadCalibration:
         inside = np.clip(spread_px2, at[0], at[-1])
         inner = np.exp(np.interp(np.log(inside), np.log(at), np.log(value)))
         return np.asarray(inner * np.maximum(spread_px2 / at[-1], 1.0), dtype=np.float64)
+
+    def ratio(self, seen: NDArray[np.float64], mirrored: bool) -> NDArray[np.float64]:
+        """What variances are to be multiplied by, where landmarks are visible with a probability of `seen`, and the
+        crops were looked at mirrored too or were not."""
+        return np.asarray(self.hidden ** (1 - seen) * (self.mirrored if mirrored else 1.0), dtype=np.float64)
 
 
 class DecodedHeatmaps(NamedTuple):

@@ -66,10 +66,32 @@ class KeypointModelCard:
         """The landmarks that heatmaps (N, J, h, w) of this network say, twins told apart."""
         return decode_heatmaps(heatmaps, self.stride, self.spread, self._twins)
 
+    def weighed(self, found: DecodedHeatmaps, visibility: NDArray[np.float32], mirrored: bool) -> DecodedHeatmaps:
+        """The landmarks with variances that know what looks hidden, by the logits `visibility` (N, J), and whether the
+        crops were looked at mirrored too."""
+        return _weighed(found, self.spread, visibility, mirrored)
+
+    def decoded_markers(
+        self, heatmaps: NDArray[np.float32], visibility: NDArray[np.float32], mirrored: bool
+    ) -> DecodedHeatmaps:
+        """The virtual markers that heatmaps (N, M, h, w) of this network say, which finds some, with variances as of
+        `weighed`."""
+        if self.marker_spread is None:
+            raise ValueError("this network finds no virtual markers")
+        found = decode_heatmaps(heatmaps, self.stride, self.marker_spread)
+        return _weighed(found, self.marker_spread, visibility, mirrored)
+
     def inputs(self, crops: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
         """What the network takes in of crops (N, 3 or 4, S, S) in 0..1, RGB and the plate's difference."""
         plate = {} if self.plate_input is None or crops.shape[1] < 4 else {self.plate_input: crops[:, 3:]}
         return {"image": crops[:, :3]} | plate
+
+
+def _weighed(
+    found: DecodedHeatmaps, spread: SpreadCalibration, visibility: NDArray[np.float32], mirrored: bool
+) -> DecodedHeatmaps:
+    seen = 1 / (1 + np.exp(-np.clip(visibility.astype(np.float64), -50, 50)))
+    return found._replace(variance_crop_px2=found.variance_crop_px2 * spread.ratio(seen, mirrored))
 
 
 @dataclass(frozen=True)
@@ -236,6 +258,8 @@ class _Reader:
             scale=self.positive(spread.get("scale"), f"{key}.scale"),
             floor_px2=self.positive(spread.get("floor_px2"), f"{key}.floor_px2"),
             knots=self.knots(spread.get("knots", []), f"{key}.knots"),
+            hidden=self.positive(spread.get("hidden", 1.0), f"{key}.hidden"),  # older files know neither
+            mirrored=self.positive(spread.get("mirrored", 1.0), f"{key}.mirrored"),
         )
 
     def names(self, key: str) -> tuple[str, ...]:

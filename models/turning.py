@@ -18,9 +18,9 @@ Value = TypeVar("Value", np.uint8, np.float32)
 # A crop of whose landmarks the logarithms of the variances are more than this on average (px^2 of a crop of 192 px) is
 # unsure; another orientation counts where they are less by so much. Nobody is turned who is seen in part, at a desk or
 # by the picture's border: they are unsure for that and not for lying, and may look like a person any way up.
-_UNSURE, _SURER = 3.0, 0.6
+_UNSURE, _SURER = 2.85, 0.6
 # What is more unsure than this is tilted to both sides by so much, and the mean of all three looks counts.
-_DOUBTFUL, _TILT = 2.2, np.radians(14.0)
+_DOUBTFUL, _TILT = 2.05, np.radians(14.0)
 
 
 class Series(NamedTuple):

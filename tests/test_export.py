@@ -19,7 +19,7 @@ from muybridge.models.export import export_onnx  # noqa: E402
 from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart  # noqa: E402
 from muybridge.models.quantize import int8_path, quantize  # noqa: E402
 from muybridge.models.registry import keypoint_card, shipped_model  # noqa: E402
-from muybridge.train.publish import fit_spread, sigma_coverage  # noqa: E402
+from muybridge.train.sigma import HeldOut, fit_mirrored, fit_spread, variances, within  # noqa: E402
 
 OUTPUTS = ("heatmaps", "visibility")
 
@@ -134,11 +134,53 @@ def test_variance_holds_at_one_and_two_sigma_where_errors_have_two_modes() -> No
     error[gone] += rng.normal(size=(gone.sum(), 2)) * 20
     half = count // 2
     fitted = fit_spread(error[:half], spread[:half])
-    one, two = sigma_coverage(error[half:], spread[half:], fitted)
+    one, two = within(error[half:], fitted.variance(spread[half:]))
     assert one == pytest.approx(0.683, abs=0.05) and two == pytest.approx(0.954, abs=0.05)
     at = np.geomspace(0.1, 1e4, 200)
     variance = fitted.variance(at)
     assert (np.diff(variance) >= 0).all() and variance[-1] / variance[-2] == pytest.approx(at[-1] / at[-2])
+
+
+def test_what_looks_hidden_has_a_larger_variance_and_what_was_mirrored_a_smaller() -> None:
+    """Errors that grow with the chance of being hidden, the spread being the same; both shares hold for either."""
+    rng = np.random.default_rng(1)
+    count = 20_000
+    spread = rng.uniform(2.0, 50.0, count)
+    seen = rng.beta(2.0, 1.0, count)
+    visible = rng.random(count) < seen
+    variance = (0.5 * spread + 1.0) * 2.5 ** (1 - seen)
+    error = rng.normal(size=(count, 2)) * np.sqrt(variance)[:, None]
+    fitted = fit_spread(error, spread, visible, seen)
+    assert fitted.hidden == pytest.approx(2.5, rel=0.1)
+    plain = fit_spread(error, spread, visible)
+    assert plain.hidden == 1.0
+    mirrored = HeldOut(0.8 * error, spread, seen, np.ones(count, dtype=bool), visible)
+    fitted = fit_mirrored(fitted, mirrored)
+    assert fitted.mirrored == pytest.approx(0.64, rel=0.05)
+    hard = seen < 0.4
+    for found, both in ((HeldOut(error, *mirrored[1:]), False), (mirrored, True)):
+        one, two = within(found.error_px[hard], variances(fitted, found, both)[hard])
+        assert one == pytest.approx(0.683, abs=0.02) and two == pytest.approx(0.954, abs=0.02)
+    assert within(error[hard], plain.variance(spread)[hard])[0] < 0.65
+
+
+def test_the_shipped_network_weighs_what_looks_hidden_and_what_was_mirrored() -> None:
+    session = onnxruntime.InferenceSession(shipped_model("keypoints"), providers=["CPUExecutionProvider"])
+    card = keypoint_card(session.get_modelmeta().custom_metadata_map, shipped_model("keypoints"))
+    assert card.spread.hidden > 1.2 and 0.6 < card.spread.mirrored < 1.0
+    maps = np.zeros((1, 23, 56, 56), dtype=np.float32)
+    maps[:, :, 20, 30] = 12.0
+    found = card.decoded(maps)
+    seen = np.full((1, 23), 20.0, dtype=np.float32)
+    np.testing.assert_allclose(card.weighed(found, seen, False).variance_crop_px2, found.variance_crop_px2, rtol=1e-6)
+    np.testing.assert_allclose(
+        card.weighed(found, -seen, True).variance_crop_px2,
+        found.variance_crop_px2 * card.spread.hidden * card.spread.mirrored, rtol=1e-6,
+    )  # fmt: skip
+    shares = json.loads(card.metadata["sigma_coverage"])
+    assert len(shares) == 12
+    for name, share in shares.items():
+        assert share == pytest.approx(0.683 if name.startswith("one") else 0.954, abs=0.05), name
 
 
 def test_knots_are_read_and_old_files_still_are() -> None:
@@ -156,3 +198,8 @@ def test_knots_are_read_and_old_files_still_are() -> None:
     for knots in ([[2, 1], [1, 2]], [[1, 2], [2, 1]], [[1]], "x", [[0, 1]]):
         with pytest.raises(ModelError, match="knots"):
             keypoint_card(base | {"variance": json.dumps(old | {"knots": knots})}, where)
+    assert (card.spread.hidden, card.spread.mirrored) == (1.0, 1.0)
+    card = keypoint_card(base | {"variance": json.dumps(new | {"hidden": 2.0, "mirrored": 0.9})}, where)
+    np.testing.assert_allclose(card.spread.ratio(np.array([1.0, 0.5, 0.0]), True), [0.9, 0.9 * 2**0.5, 1.8])
+    with pytest.raises(ModelError, match="hidden"):
+        keypoint_card(base | {"variance": json.dumps(new | {"hidden": 0.0})}, where)

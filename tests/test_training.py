@@ -30,8 +30,9 @@ from muybridge.train.options import (  # noqa: E402
     PeopleTraining,
     SolverTraining,
 )
-from muybridge.train.publish import fit_spread, load_checkpoint, publish_keypoints, sigma_coverage  # noqa: E402
+from muybridge.train.publish import load_checkpoint, publish_keypoints  # noqa: E402
 from muybridge.train.renders import SIZE, load_renders  # noqa: E402
+from muybridge.train.sigma import fit_spread, within  # noqa: E402
 
 
 def test_heatmap_loss_is_least_at_the_truth():
@@ -145,7 +146,7 @@ def test_spread_calibration_covers_errors():
     error = rng.normal(size=(8000, 2)) * np.sqrt(0.7 * spread + 1.5)[:, None]
     fitted = fit_spread(error[:4000], spread[:4000])
     assert fitted.scale == pytest.approx(0.7, rel=0.15)
-    one, two = sigma_coverage(error[4000:], spread[4000:], fitted)
+    one, two = within(error[4000:], fitted.variance(spread[4000:]))
     assert one == pytest.approx(0.683, abs=0.03)
     assert two == pytest.approx(0.954, abs=0.02)
 

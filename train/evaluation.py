@@ -11,6 +11,7 @@ from rich.progress import track
 from muybridge.errors import SessionError
 from muybridge.geometry.landmarks import BODY23
 from muybridge.models.decode import DecodedHeatmaps
+from muybridge.models.mirroring import mean_of_mirrored
 from muybridge.models.registry import KeypointModelCard, keypoint_card, shipped_model
 from muybridge.models.turning import turn_where_unsure
 from muybridge.train.augment import AugmentOptions, Compositor
@@ -38,17 +39,20 @@ def read_crops(
     """The body's landmarks in crops (N, C, S, S), 0 to 1, each mirrored too (`flip`), and turned where unsure (`turn`;
     with both, tilted too): `muybridge run` does both."""
 
+    def once(image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+        found: list[NDArray[np.float32]] = session.run(
+            ["heatmaps", "visibility"], card.inputs(np.ascontiguousarray(image))
+        )
+        return found
+
     def look(image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-        heatmaps = session.run(["heatmaps"], card.inputs(np.ascontiguousarray(image)))[0]
-        if flip:
-            mirrored = session.run(["heatmaps"], card.inputs(np.ascontiguousarray(image[..., ::-1])))[0]
-            heatmaps = (heatmaps + mirrored[:, MIRROR, :, ::-1]) / 2
-        return [heatmaps]
+        if not flip:
+            return once(image)
+        return [mean_of_mirrored(a, b, MIRROR) for a, b in zip(once(image), once(image[..., ::-1]), strict=True)]
 
     maps = look(image)
-    if turn:
-        return turn_where_unsure(look, image, maps, card, rows=2, tilt=flip)
-    return card.decoded(maps[0])
+    found = turn_where_unsure(look, image, maps, card, rows=2, tilt=flip) if turn else card.decoded(maps[0])
+    return card.weighed(found, maps[1], flip)
 
 
 def evaluate_onnx(options: Evaluation) -> dict[str, float]:

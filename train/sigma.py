@@ -1,0 +1,203 @@
+"""How far a keypoint network's landmarks are off, and the variance that says so: fitted on held-out crops."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from muybridge.geometry.landmarks import BODY23, SURFACE
+from muybridge.models.decode import SpreadCalibration, decode_heatmaps
+from muybridge.models.keypoint_net import STRIDE, KeypointNet
+from muybridge.models.mirroring import mean_of_mirrored
+from muybridge.train.augment import Batch
+
+# No landmark is known better than this, network pixels squared: a tenth of a pixel.
+LEAST_FLOOR_PX2 = 0.01
+# Shares of a Gaussian's values within one and two sigma, and the most knots of the map that is to give them.
+WITHIN_ONE, WITHIN_TWO, KNOTS = 0.6827, 0.9545, 16
+# What is tried for the ratio of the variance of crops looked at mirrored too to that of crops looked at once.
+_MIRRORED = np.geomspace(0.5, 1.25, 38)
+
+Look = Callable[[NDArray[np.float32]], tuple[NDArray[np.float32], NDArray[np.float32]]]
+"""A network: crops (N, 4, S, S) in 0..1 to heatmaps (N, J, h, w) and visibility (N, J), logits."""
+
+
+class HeldOut(NamedTuple):
+    """How landmarks of held-out crops were found: N crops, J landmarks; or any selection of them, (K,) for (N, J).
+
+    Attributes:
+        error_px: (N, J, 2), NaN where the truth is unknown.
+        spread_px2: (N, J) of the heatmaps.
+        seen: (N, J) probability that the landmark is not hidden, as the network says.
+        inside: (N, J) the landmark is known and lies inside of the crop.
+        visible: (N, J) and is not hidden.
+    """
+
+    error_px: NDArray[np.float64]
+    spread_px2: NDArray[np.float64]
+    seen: NDArray[np.float64]
+    inside: NDArray[np.bool_]
+    visible: NDArray[np.bool_]
+
+    def select(self, at: Any) -> "HeldOut":
+        """Those at an index of the first axes."""
+        return HeldOut(*(values[at] for values in self))
+
+
+def look_of(net: KeypointNet) -> Look:
+    """A network under training as a function."""
+
+    def look(crops: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        with torch.inference_mode():
+            heatmaps, visibility = net(torch.from_numpy(crops))
+        return heatmaps.numpy(), visibility.numpy()
+
+    return look
+
+
+def held_out(look: Look, batches: list[Batch], mirrored: bool) -> HeldOut:
+    """All that a network finds in crops, body first, then markers, in crop pixels, decoded as in use; with `mirrored`
+    by the mean of what it says of the crop and of its mirror image."""
+    parts, body = [], len(BODY23)
+    twins = np.concatenate([BODY23.mirror, body + np.array(SURFACE.mirror)])
+    once = SpreadCalibration(1.0, 1e-12)
+    for batch in batches:
+        crops = batch.pixels.numpy().astype(np.float32) / np.float32(255)
+        heatmaps, visibility = look(crops)
+        count = heatmaps.shape[1]
+        if mirrored:
+            other = look(np.ascontiguousarray(crops[..., ::-1]))
+            heatmaps = mean_of_mirrored(heatmaps, other[0], twins[:count])
+            visibility = mean_of_mirrored(visibility, other[1], twins[:count])
+        decoded = [decode_heatmaps(heatmaps[:, :body], STRIDE, once, np.array(BODY23.mirror))]
+        if count > body:
+            decoded.append(decode_heatmaps(heatmaps[:, body:], STRIDE, once))
+        points = np.concatenate([found.points_crop_px for found in decoded], 1)
+        spread = np.concatenate([found.variance_crop_px2 for found in decoded], 1)
+        at = np.concatenate([batch.landmarks_px, batch.markers_px], 1)[:, :count]
+        visible = np.concatenate([batch.visible, batch.markers_visible], 1)[:, :count]
+        inside = ((at >= 0) & (at < crops.shape[-1])).all(-1)
+        seen = 1 / (1 + np.exp(-np.clip(visibility.astype(np.float64), -50, 50)))
+        parts.append((points - at, spread, seen, inside, visible & inside))
+    return HeldOut(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+
+
+def fit_spread(
+    error_px: NDArray[np.float64], spread_px2: NDArray[np.float64],
+    visible: NDArray[np.bool_] | None = None, seen: NDArray[np.float64] | None = None,
+) -> SpreadCalibration:  # fmt: skip
+    """The map from spread to variance under which one and two sigma hold their share of held-out errors.
+
+    "Within n sigma" is meant a coordinate: |x error| < n sigma and |y error| < n sigma count one each, and a
+    Gaussian has 68.3 and 95.4 % of them. Errors are no Gaussian given the spread, though: most landmarks are near
+    and a few lie on the other hypothesis, so that a sigma from the 68.3 % quantile is too small for 95.4 % and one
+    from half of the 95.4 % quantile too large for 68.3 %. In every range of spreads the variance lies between the
+    two, by one weight for all, with which no share is farther off than need be, neither of all landmarks nor of
+    the visible ones nor of the hidden ones.
+
+    Args:
+        error_px: (K, 2).
+        spread_px2: (K,).
+        visible: (K,) which of them are not hidden; without, only all together are looked at.
+        seen: (K,) the probability of that, as the network says; with it, what looks hidden may have a larger variance
+            of the same spread.
+    """
+    groups: list[Any] = [slice(None)]
+    if visible is not None:
+        groups += [group for group in (visible, ~visible) if group.any()]
+    order = np.argsort(spread_px2)
+    parts = np.array_split(order, max(1, min(KNOTS, len(order) // 50)))
+    at = np.array([np.exp(np.log(np.maximum(spread_px2[part], LEAST_FLOOR_PX2)).mean()) for part in parts])
+    hidden = 1.0 if seen is None else _hidden(error_px, seen, parts)
+    factor = np.ones(len(error_px)) if seen is None else hidden ** (1 - seen)
+    error = np.abs(error_px) / np.sqrt(factor)[:, None]
+    one = np.array([np.quantile(error[part], WITHIN_ONE) for part in parts])
+    two = np.array([np.quantile(error[part], WITHIN_TWO) / 2 for part in parts])
+
+    def calibration(weight: float) -> SpreadCalibration:
+        variance = np.maximum(one ** (2 - 2 * weight) * two ** (2 * weight), LEAST_FLOOR_PX2)
+        return SpreadCalibration(knots=_pairs(at, np.maximum.accumulate(variance)), hidden=hidden)
+
+    weights = np.linspace(0.0, 1.0, 21)
+    off = [_farthest_off(error_px, calibration(weight).variance(spread_px2) * factor, groups) for weight in weights]
+    best = calibration(float(weights[int(np.argmin(off))]))
+    scale, floor = _line(spread_px2, best.variance(spread_px2))
+    return replace(best, scale=scale, floor_px2=floor)
+
+
+def fit_mirrored(spread: SpreadCalibration, found: HeldOut) -> SpreadCalibration:
+    """The calibration with the ratio by which variances are smaller where crops are looked at mirrored too, which
+    `found`, a selection of K landmarks, were."""
+    groups: list[Any] = [slice(None), *(group for group in (found.visible, ~found.visible) if group.any())]
+    variance = variances(spread, found)
+    off = [_farthest_off(found.error_px, variance * ratio, groups) for ratio in _MIRRORED]
+    return replace(spread, mirrored=float(_MIRRORED[int(np.argmin(off))]))
+
+
+def variances(spread: SpreadCalibration, found: HeldOut, mirrored: bool = False) -> NDArray[np.float64]:
+    """(K,) px^2 of each coordinate."""
+    return spread.variance(found.spread_px2) * spread.ratio(found.seen, mirrored)
+
+
+def within(error_px: NDArray[np.float64], variance_px2: NDArray[np.float64]) -> tuple[float, float]:
+    """Shares of the coordinates (K, 2) within one and two sigma (K,); a calibrated Gaussian has 0.683 and 0.954."""
+    sigma = np.sqrt(variance_px2)[:, None]
+    return float((np.abs(error_px) < sigma).mean()), float((np.abs(error_px) < 2 * sigma).mean())
+
+
+def calibrated(once: HeldOut, mirrored: HeldOut, landmarks: slice) -> tuple[dict[str, Any], dict[str, float]]:
+    """The variance's calibration from one half of the crops and its coverage on the other, as metadata.
+
+    Args:
+        once, mirrored: the same crops, looked at once and mirrored too.
+        landmarks: which of them.
+    """
+    half = len(once.inside) // 2
+    fit, test = (slice(half), landmarks), (slice(half, None), landmarks)
+    first, both = (found.select(fit).select(found.inside[fit]) for found in (once, mirrored))
+    spread = fit_mirrored(fit_spread(first.error_px, first.spread_px2, first.visible, first.seen), both)
+    shares: dict[str, float] = {}
+    for look, found in (("", once.select(test)), ("_mirrored", mirrored.select(test))):
+        groups = ("", found.inside), ("_visible", found.visible), ("_hidden", found.inside & ~found.visible)
+        for name, group in groups:
+            chosen = found.select(group)
+            one, two = within(chosen.error_px, variances(spread, chosen, bool(look)))
+            shares |= {f"one{name}{look}": round(one, 3), f"two{name}{look}": round(two, 3)}
+    metadata = {"scale": spread.scale, "floor_px2": spread.floor_px2, "knots": spread.knots}
+    return metadata | {"hidden": spread.hidden, "mirrored": spread.mirrored}, shares
+
+
+def _hidden(error_px: NDArray[np.float64], seen: NDArray[np.float64], parts: list[NDArray[np.intp]]) -> float:
+    """By what the variance grows from surely visible to surely hidden: the slope of the errors' logarithms within
+    `parts` of about one spread each, which the few errors that are far off hardly turn."""
+    size = np.log(np.abs(error_px) + np.sqrt(LEAST_FLOOR_PX2)).mean(axis=1)
+    x = np.concatenate([seen[part].mean() - seen[part] for part in parts])
+    y = np.concatenate([size[part] - size[part].mean() for part in parts])
+    return float(np.clip(np.exp(2 * (x * y).sum() / max((x * x).sum(), 1e-9)), 1.0, 4.0))
+
+
+def _farthest_off(error_px: NDArray[np.float64], variance_px2: NDArray[np.float64], groups: list[Any]) -> float:
+    """By how much the share within one or two sigma is off in the group where it is most so."""
+    shares = [within(error_px[group], variance_px2[group]) for group in groups]
+    return max(max(abs(one - WITHIN_ONE), abs(two - WITHIN_TWO)) for one, two in shares)
+
+
+def _pairs(a: NDArray[np.float64], b: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
+    """Pairs, without those whose first number does not ascend."""
+    keep = np.concatenate([[True], np.diff(np.maximum.accumulate(a)) > 0])
+    return tuple((float(x), float(y)) for x, y in zip(a[keep], b[keep], strict=True))
+
+
+def _line(spread_px2: NDArray[np.float64], variance_px2: NDArray[np.float64]) -> tuple[float, float]:
+    """Scale and floor of the line nearest to the variances by their ratio, for readers that know no knots."""
+
+    def cost(log_parameters: NDArray[np.float64]) -> float:
+        scale, floor = np.exp(log_parameters)
+        return float(np.abs(np.log((scale * spread_px2 + floor) / variance_px2)).mean())
+
+    scale, floor = np.exp(minimize(cost, np.log([0.5, 0.5]), method="Nelder-Mead").x)
+    return float(scale), float(max(floor, LEAST_FLOOR_PX2))
