@@ -294,6 +294,8 @@ def test_evaluation_counts_what_it_says():
     assert found["left-right swaps"] == pytest.approx(2 / limbs)
     assert found["left-right swaps, face too"] == pytest.approx(2 / (23 * count))
     assert found["PCK@0.1 of the box"] == pytest.approx(1 - 2 / (23 * count))
+    # Of four crops one has both swaps: the error of the mean of 2, 0, 0, 0 in units of 23 landmarks.
+    assert found["swaps, standard error"] == pytest.approx(np.std([2, 0, 0, 0], ddof=1) / 2 / 23)
     assert found["within 1 sigma (0.683)"] == 0 and found["within 2 sigma (0.954)"] == 1
     visible[0, pairs] = False
     assert _figures(distance, twin, np.zeros((count, 23, 2)), visible, visible, 192)["left-right swaps"] == 0
@@ -309,6 +311,7 @@ def test_evaluation_with_and_without_what_makes_it_hard(store, tmp_path, monkeyp
     assert plain != found
     assert evaluate_onnx(replace(options, flip=False)) != found
     assert evaluate_onnx(replace(options, plate=False)) != found
+    assert evaluate_onnx(replace(options, all_shards=True)) != found  # of other people too
     assert evaluate_onnx(replace(options, turn=False)) != found
     with pytest.raises(SessionError, match="muybridge synth"):
         evaluate_onnx(replace(options, renders=tmp_path))

@@ -59,7 +59,7 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
     """Figures of merit on visible landmarks, sigma also on all inside the crop; pixels are the network's."""
     path = options.model or shipped_model("keypoints")
     session, card = load_model(path)
-    store = load_renders(options.renders, HELD_OUT)
+    store = load_renders(options.renders, None if options.all_shards else HELD_OUT)
     if not len(store):
         raise SessionError(f"{options.renders}: no held-out renders; make some with `muybridge synth`")
     # Backgrounds of another seed than any training's pool.
@@ -96,15 +96,27 @@ def _figures(
     swapped = (twin < distance) & visible & (MIRROR != np.arange(len(MIRROR))) & (np.abs(twin - distance) > 0.03 * size)
     limb = np.broadcast_to(LIMB, visible.shape)
     box = size / 1.25
+    near = (distance < 0.05 * box) & visible
     return {
         "median error px": float(np.median(distance[visible])),
         "mean error px": float(distance[visible].mean()),
-        "PCK@0.05 of the box": float((distance[visible] < 0.05 * box).mean()),
+        "PCK@0.05 of the box": float(near.sum() / visible.sum()),
+        "PCK@0.05, standard error": _standard_error(near, visible),
         "PCK@0.1 of the box": float((distance[visible] < 0.1 * box).mean()),
         "left-right swaps": float(swapped[limb].sum() / visible[limb].sum()),
         "left-right swaps, face too": float(swapped.sum() / visible.sum()),
+        "swaps, standard error": _standard_error(swapped, visible),
         "within 1 sigma (0.683)": float((in_sigma[inside] < 1).mean()),
         "within 2 sigma (0.954)": float((in_sigma[inside] < 2).mean()),
         "within 1 sigma, visible": float((in_sigma[visible] < 1).mean()),
         "within 2 sigma, visible": float((in_sigma[visible] < 2).mean()),
     }
+
+
+def _standard_error(those: NDArray[np.bool_], all_: NDArray[np.bool_]) -> float:
+    """Of the share of `those` in `all_`, (N, J), crops being drawn and not landmarks: half of the swaps lie in a few of
+    them. Linearised ratio estimator, Cochran, "Sampling Techniques", 1977, eq. 2.45."""
+    each, total = those.sum(1), all_.sum(1)
+    residual = each - each.sum() / max(total.sum(), 1) * total
+    count = len(each)
+    return float(np.sqrt((residual**2).sum() * count / max(count - 1, 1)) / max(total.sum(), 1))

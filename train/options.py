@@ -173,6 +173,8 @@ class Evaluation:
     Attributes:
         model: the ONNX file; the shipped one by default.
         renders: folder of the render store, whose first four shards nobody trains on.
+        all_shards: score all of the store, for one that nobody trains on: the more people, the less the figures owe to
+            who they are.
         crops: how many crops, rounded up to batches of 64.
         seed: of the crops.
         faults: with what a camera does to a picture: blur, noise, compression and the rest.
@@ -184,6 +186,7 @@ class Evaluation:
 
     model: pathlib.Path | None = None
     renders: pathlib.Path = pathlib.Path("runs/renders")
+    all_shards: bool = False
     crops: int = 1024
     seed: int = 10_000
     faults: bool = True
