@@ -1,6 +1,6 @@
 """Crops a second of the keypoint networks, and their ratio to the matrix-multiply peak measured in the same minute.
 
-    python scripts/bench_networks.py [--sizes 160 192 224] [--sessions 1x1 1x2 2x1] [--rounds 15]
+    python scripts/bench_networks.py [--sizes 192 224 256] [--sessions 1x1 1x2 2x1] [--rounds 15]
 
 Prints a Markdown table. 2x1 is two sessions of one thread each side by side, as `muybridge run` has them on two
 processors. Networks, sizes and the matrix product take turns, and the best round of each counts: other work on the
@@ -20,7 +20,7 @@ PRODUCT = 1024  # side of the matrices
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sizes", type=int, nargs="+", default=[160, 192, 224])
+    parser.add_argument("--sizes", type=int, nargs="+", default=[192, 224, 256])
     parser.add_argument("--sessions", nargs="+", default=["1x1", "1x2", "2x1"], help="sessions x threads of each")
     parser.add_argument("--rounds", type=int, default=15)
     options = parser.parse_args()

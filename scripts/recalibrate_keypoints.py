@@ -1,0 +1,89 @@
+#!/usr/bin/env python3
+"""Calibrates a published keypoint network anew, for crops of another size if need be; its weights stay as they are.
+
+usage: python scripts/recalibrate_keypoints.py NETWORK.onnx RENDERS [--crops 2048] [--size PX]
+
+As `muybridge train keypoints` does at its end: variances are fitted on one half of the held-out crops of RENDERS, a
+part of them with the background plate, and their coverage is measured on the other, the 8-bit version beside
+NETWORK.onnx is made again, and scores are taken.
+"""
+
+import argparse
+import datetime
+import json
+import pathlib
+from typing import Any
+
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+
+import muybridge
+from muybridge.files import replacing
+from muybridge.geometry.landmarks import BODY23
+from muybridge.models.quantize import int8_path, quantize
+from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
+from muybridge.train.augment import AugmentOptions, Compositor
+from muybridge.train.backgrounds import make_backgrounds
+from muybridge.train.evaluation import load_model
+from muybridge.train.keypoints import evaluate
+from muybridge.train.loop import HELD_OUT
+from muybridge.train.publish import CALIBRATION_IMAGES, marker_scores
+from muybridge.train.renders import SIZE, load_renders
+from muybridge.train.sigma import Look, calibrated, held_out
+
+# Of the crops and of their backgrounds: no training's and no evaluation's.
+SEED = 20_000
+
+
+def look_of(path: pathlib.Path) -> Look:
+    """A network's file as a function: body first, then markers."""
+    session, card = load_model(path)
+    heatmaps, visibility = ["heatmaps"], ["visibility"]
+    if card.markers is not None:
+        heatmaps, visibility = [*heatmaps, "marker_heatmaps"], [*visibility, "marker_visibility"]
+
+    def look(crops: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        found = session.run([*heatmaps, *visibility], card.inputs(crops))
+        half = len(heatmaps)
+        return np.concatenate(found[:half], 1), np.concatenate(found[half:], 1)
+
+    return look
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("network", type=pathlib.Path)
+    parser.add_argument("renders", type=pathlib.Path)
+    parser.add_argument("--crops", type=int, default=2048)
+    parser.add_argument("--size", type=int)
+    options = parser.parse_args()
+    path: pathlib.Path = options.network
+    size = options.size or load_model(path)[1].input_size
+    people, backgrounds = load_renders(options.renders, HELD_OUT), make_backgrounds(256, SIZE, SEED)
+    compositor = Compositor(people, backgrounds, size, SEED, AugmentOptions(close_up=0))
+    batches = [compositor.batch(64) for _ in range(-(-options.crops // 64))]
+    once, mirrored = (held_out(look_of(path), batches, flip) for flip in (False, True))
+    scores = evaluate(keypoint_net_from_onnx(path), batches[:8])
+    today = f"{muybridge.__version__}+{datetime.date.today().isoformat()}"
+    new: dict[str, Any] = {"input_size": str(size), "version": today}
+    new["scores"] = {key: round(value, 4) for key, value in scores.items()}
+    body = len(BODY23)
+    for prefix, landmarks in (("", slice(body)), ("marker_", slice(body, None))):
+        if once.inside[:, landmarks].any():
+            new[f"{prefix}variance"], new[f"{prefix}sigma_coverage"] = calibrated(once, mirrored, landmarks)
+    if "marker_variance" in new:
+        new["marker_scores"] = marker_scores(once.select((slice(None), slice(body, None))))
+    model = onnx.load(str(path))
+    metadata = {entry.key: entry.value for entry in model.metadata_props}
+    metadata |= {key: value if isinstance(value, str) else json.dumps(value) for key, value in new.items()}
+    onnx.helper.set_model_props(model, metadata)
+    with replacing(path) as temporary:
+        onnx.save(model, str(temporary))
+    images = np.concatenate([batch.pixels.numpy() for batch in batches[:2]])
+    quantize(path, int8_path(path), images[:CALIBRATION_IMAGES])
+    print(json.dumps({key: value for key, value in new.items() if key[-8:] != "variance"}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
