@@ -145,7 +145,8 @@ def test_crops_move_with_their_landmarks():
 def test_labels_are_where_the_person_is(followed, footage):
     with demo_folder().joinpath(TRUTH).open("rb") as file, np.load(file) as truth:
         world, names = truth["points_world"], [str(n) for n in truth["names"]]
-    assert footage.crops.shape[1:] == (299, 299, 4) and 60 <= len(footage.crops) <= 100
+    side = round(load_model(shipped_model("keypoints"))[1].input_size * footage.padding / 1.25)
+    assert footage.crops.shape[1:] == (side, side, 4) and 60 <= len(footage.crops) <= 100
     assert footage.landmarks_px.shape == (len(footage.crops), JOINTS, 2)
     assert np.isfinite(footage.landmarks_px).all(-1).mean() > 0.8
     assert 0 < footage.held_out.mean() < 0.3
