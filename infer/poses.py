@@ -18,7 +18,7 @@ from muybridge.infer.other_models import OtherNetwork
 from muybridge.infer.plates import Backdrop, SmallFrames
 from muybridge.infer.tracking import filled_boxes, smoothed_boxes, smoothing_frames
 from muybridge.infer.upright import Upright
-from muybridge.models.decode import DecodedHeatmaps
+from muybridge.models.decode import DecodedHeatmaps, sigmoid
 from muybridge.models.turning import Series
 
 # How far a person reaches beyond their landmarks, in longer sides of the landmarks' own box.
@@ -246,7 +246,7 @@ def crop_pixels(
 
 def _poses(located: Located, crops: Crops, boxes_px: NDArray[np.float64]) -> Poses:
     """What was located in crops of these boxes (K, 4), upright px."""
-    seen = 1 / (1 + np.exp(-np.clip(located.visibility.astype(np.float64), -50, 50)))
+    seen = sigmoid(located.visibility)
     if located.markers is None:
         none = np.empty((len(crops), 0))
         marked = none[..., None].repeat(2, axis=-1), none, none

@@ -137,6 +137,11 @@ def decode_heatmaps(
     return DecodedHeatmaps(points.reshape(*shape, 2), variance.reshape(shape), score.reshape(shape))
 
 
+def sigmoid(logits: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Probabilities from logits of any shape."""
+    return np.asarray(1 / (1 + np.exp(-np.clip(logits.astype(np.float64), -50, 50))))
+
+
 def in_part(score: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(N,) which crops show a part of a person, by the scores (N, J) of the landmarks."""
     there = (score >= NO_IDEA).sum(axis=1)
@@ -236,7 +241,7 @@ def decode_people(
     """
     if heatmap.ndim != 4 or box.shape != (len(heatmap), 4, *heatmap.shape[2:]):
         raise ValueError(f"heatmap (N, 1, h, w) and box (N, 4, h, w) expected: {heatmap.shape}, {box.shape}")
-    scores = 1 / (1 + np.exp(-np.clip(heatmap[:, 0].astype(np.float64), -50, 50)))
+    scores = sigmoid(heatmap[:, 0])
     padded = np.pad(scores, ((0, 0), (1, 1), (1, 1)), constant_values=-1.0)
     around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(1, 2))
     peaks = (scores >= threshold) & (scores >= around.max(axis=(-1, -2)))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import BODY23, SURFACE, LandmarkSet
-from muybridge.models.decode import DecodedHeatmaps, SpreadCalibration, decode_heatmaps
+from muybridge.models.decode import DecodedHeatmaps, SpreadCalibration, decode_heatmaps, sigmoid
 
 ModelKind = Literal["keypoints", "people", "labels", "solver"]
 Precision = Literal["int8", "fp32"]
@@ -90,8 +90,8 @@ class KeypointModelCard:
 def _weighed(
     found: DecodedHeatmaps, spread: SpreadCalibration, visibility: NDArray[np.float32], mirrored: bool
 ) -> DecodedHeatmaps:
-    seen = 1 / (1 + np.exp(-np.clip(visibility.astype(np.float64), -50, 50)))
-    return found._replace(variance_crop_px2=found.variance_crop_px2 * spread.ratio(seen, mirrored))
+    ratio = spread.ratio(sigmoid(visibility), mirrored)
+    return found._replace(variance_crop_px2=found.variance_crop_px2 * ratio)
 
 
 @dataclass(frozen=True)

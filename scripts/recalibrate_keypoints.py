@@ -9,18 +9,14 @@ NETWORK.onnx is made again, and scores are taken.
 """
 
 import argparse
-import datetime
 import json
 import pathlib
-from typing import Any
 
 import numpy as np
 import onnx
 from numpy.typing import NDArray
 
-import muybridge
 from muybridge.files import replacing
-from muybridge.geometry.landmarks import BODY23
 from muybridge.models.quantize import int8_path, quantize
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
 from muybridge.train.augment import AugmentOptions, Compositor
@@ -28,9 +24,9 @@ from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.evaluation import load_model
 from muybridge.train.keypoints import evaluate
 from muybridge.train.loop import HELD_OUT
-from muybridge.train.publish import CALIBRATION_IMAGES, marker_scores
+from muybridge.train.publish import CALIBRATION_IMAGES, calibration, version
 from muybridge.train.renders import SIZE, load_renders
-from muybridge.train.sigma import Look, calibrated, held_out
+from muybridge.train.sigma import Look, held_out
 
 # Of the crops and of their backgrounds: no training's and no evaluation's.
 SEED = 20_000
@@ -63,17 +59,9 @@ def main() -> None:
     people, backgrounds = load_renders(options.renders, HELD_OUT), make_backgrounds(256, SIZE, SEED)
     compositor = Compositor(people, backgrounds, size, SEED, AugmentOptions(close_up=0))
     batches = [compositor.batch(64) for _ in range(-(-options.crops // 64))]
-    once, mirrored = (held_out(look_of(path), batches, flip) for flip in (False, True))
     scores = evaluate(keypoint_net_from_onnx(path), batches[:8])
-    today = f"{muybridge.__version__}+{datetime.date.today().isoformat()}"
-    new: dict[str, Any] = {"input_size": str(size), "version": today}
+    new = {"input_size": str(size), "version": version()} | calibration(*held_out(look_of(path), batches))
     new["scores"] = {key: round(value, 4) for key, value in scores.items()}
-    body = len(BODY23)
-    for prefix, landmarks in (("", slice(body)), ("marker_", slice(body, None))):
-        if once.inside[:, landmarks].any():
-            new[f"{prefix}variance"], new[f"{prefix}sigma_coverage"] = calibrated(once, mirrored, landmarks)
-    if "marker_variance" in new:
-        new["marker_scores"] = marker_scores(once.select((slice(None), slice(body, None))))
     model = onnx.load(str(path))
     metadata = {entry.key: entry.value for entry in model.metadata_props}
     metadata |= {key: value if isinstance(value, str) else json.dumps(value) for key, value in new.items()}

@@ -60,7 +60,7 @@ def _common(saved: dict[str, Any], kind: str, command: str) -> dict[str, Any]:
     state = saved["state"]
     return {
         "muybridge_kind": kind,
-        "version": f"{muybridge.__version__}+{datetime.date.today().isoformat()}",
+        "version": version(),
         "training_command": command,
         "training": {"images": state["images"], "minutes": round(state["seconds"] / 60, 1)},
         "seed": str(saved["options"]["seed"]),
@@ -77,31 +77,43 @@ def publish_keypoints(
     the 8-bit version's ranges are measured on the first of them."""
     saved = load_checkpoint(checkpoint)
     net = keypoint_net(saved)
-    found, mirrored = (held_out(look_of(net), batches, flip) for flip in (False, True))
-    size, body = batches[0].image.shape[-1], len(BODY23)
-    variance, within = calibrated(found, mirrored, slice(body))
+    measured = calibration(*held_out(look_of(net), batches))
+    size = batches[0].image.shape[-1]
     metadata = _common(saved, "keypoints", command) | {
         "precision": "fp32", "landmark_set": BODY23.name, "names": list(BODY23.names),
         "input_size": str(size), "stride": str(STRIDE),
         "normalisation": NORMALISATION, "box_padding": str(BOX_PADDING),
-        "variance": variance, "sigma_coverage": within,
         "plate_input": PLATE,
-    }  # fmt: skip
+    } | measured  # fmt: skip
     outputs = ["heatmaps", "visibility"]
     exported: nn.Module = net
-    if found.error_px.shape[1] > body and found.inside[:, body:].any():
-        variance, within = calibrated(found, mirrored, slice(body, None))
-        metadata |= {
-            "marker_names": list(SURFACE.names), "marker_variance": variance, "marker_sigma_coverage": within,
-            "marker_scores": marker_scores(found.select((slice(None), slice(body, None)))),
-        }  # fmt: skip
+    if "marker_variance" in measured:
+        metadata["marker_names"] = list(SURFACE.names)
         outputs += ["marker_heatmaps", "marker_visibility"]
-        exported = SeparateHeads(net, body).eval()
+        exported = SeparateHeads(net, len(BODY23)).eval()
     path.parent.mkdir(parents=True, exist_ok=True)
     export_onnx(PlateApart(exported), path, (2, 3, size, size), tuple(outputs), metadata, PLATE)
     images = np.concatenate([batch.pixels.numpy() for batch in batches])
     quantize(path, int8_path(path), images[:CALIBRATION_IMAGES])
     return metadata
+
+
+def calibration(once: HeldOut, mirrored: HeldOut) -> dict[str, Any]:
+    """What a keypoint network's file says of its variances, and of its markers where there are any in the crops, which
+    were looked at once and mirrored too."""
+    body = len(BODY23)
+    variance, coverage = calibrated(once, mirrored, slice(body))
+    metadata: dict[str, Any] = {"variance": variance, "sigma_coverage": coverage}
+    if once.inside[:, body:].any():
+        variance, coverage = calibrated(once, mirrored, slice(body, None))
+        metadata |= {"marker_variance": variance, "marker_sigma_coverage": coverage}
+        metadata["marker_scores"] = marker_scores(once.select((slice(None), slice(body, None))))
+    return metadata
+
+
+def version() -> str:
+    """Of weights that are published today."""
+    return f"{muybridge.__version__}+{datetime.date.today().isoformat()}"
 
 
 def marker_scores(found: HeldOut) -> dict[str, float]:

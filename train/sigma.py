@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from muybridge.geometry.landmarks import BODY23, SURFACE
-from muybridge.models.decode import SpreadCalibration, decode_heatmaps
+from muybridge.models.decode import SpreadCalibration, decode_heatmaps, sigmoid
 from muybridge.models.keypoint_net import STRIDE, KeypointNet
 from muybridge.models.mirroring import mean_of_mirrored
 from muybridge.train.augment import Batch
@@ -59,31 +59,33 @@ def look_of(net: KeypointNet) -> Look:
     return look
 
 
-def held_out(look: Look, batches: list[Batch], mirrored: bool) -> HeldOut:
-    """All that a network finds in crops, body first, then markers, in crop pixels, decoded as in use; with `mirrored`
-    by the mean of what it says of the crop and of its mirror image."""
-    parts, body = [], len(BODY23)
-    twins = np.concatenate([BODY23.mirror, body + np.array(SURFACE.mirror)])
-    once = SpreadCalibration(1.0, 1e-12)
+def held_out(look: Look, batches: list[Batch]) -> tuple[HeldOut, HeldOut]:
+    """All that a network finds in crops, body first, then markers, in crop pixels, decoded as in use: looked at once,
+    and by the mean of what it says of the crop and of its mirror image."""
+    parts: tuple[list[HeldOut], list[HeldOut]] = [], []
+    twins = np.concatenate([BODY23.mirror, len(BODY23) + np.array(SURFACE.mirror)])
     for batch in batches:
         crops = batch.pixels.numpy().astype(np.float32) / np.float32(255)
-        heatmaps, visibility = look(crops)
-        count = heatmaps.shape[1]
-        if mirrored:
-            other = look(np.ascontiguousarray(crops[..., ::-1]))
-            heatmaps = mean_of_mirrored(heatmaps, other[0], twins[:count])
-            visibility = mean_of_mirrored(visibility, other[1], twins[:count])
-        decoded = [decode_heatmaps(heatmaps[:, :body], STRIDE, once, np.array(BODY23.mirror))]
-        if count > body:
-            decoded.append(decode_heatmaps(heatmaps[:, body:], STRIDE, once))
-        points = np.concatenate([found.points_crop_px for found in decoded], 1)
-        spread = np.concatenate([found.variance_crop_px2 for found in decoded], 1)
-        at = np.concatenate([batch.landmarks_px, batch.markers_px], 1)[:, :count]
-        visible = np.concatenate([batch.visible, batch.markers_visible], 1)[:, :count]
-        inside = ((at >= 0) & (at < crops.shape[-1])).all(-1)
-        seen = 1 / (1 + np.exp(-np.clip(visibility.astype(np.float64), -50, 50)))
-        parts.append((points - at, spread, seen, inside, visible & inside))
-    return HeldOut(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+        once, other = look(crops), look(np.ascontiguousarray(crops[..., ::-1]))
+        each = twins[: once[0].shape[1]]
+        parts[0].append(_found(batch, *once))
+        parts[1].append(_found(batch, *(mean_of_mirrored(a, b, each) for a, b in zip(once, other, strict=True))))
+    first, both = (HeldOut(*(np.concatenate(v) for v in zip(*part, strict=True))) for part in parts)
+    return first, both
+
+
+def _found(batch: Batch, heatmaps: NDArray[np.float32], visibility: NDArray[np.float32]) -> HeldOut:
+    """What heatmaps and visibility of a batch say, beside the truth."""
+    count, body, plain = heatmaps.shape[1], len(BODY23), SpreadCalibration(1.0, 1e-12)
+    decoded = [decode_heatmaps(heatmaps[:, :body], STRIDE, plain, np.array(BODY23.mirror))]
+    if count > body:
+        decoded.append(decode_heatmaps(heatmaps[:, body:], STRIDE, plain))
+    points = np.concatenate([found.points_crop_px for found in decoded], 1)
+    spread = np.concatenate([found.variance_crop_px2 for found in decoded], 1)
+    at = np.concatenate([batch.landmarks_px, batch.markers_px], 1)[:, :count]
+    visible = np.concatenate([batch.visible, batch.markers_visible], 1)[:, :count]
+    inside = np.all((at >= 0) & (at < batch.image.shape[-1]), axis=-1)
+    return HeldOut(points - at, spread, sigmoid(visibility), inside, visible & inside)
 
 
 def fit_spread(
@@ -106,14 +108,13 @@ def fit_spread(
         seen: (K,) the probability of that, as the network says; with it, what looks hidden may have a larger variance
             of the same spread.
     """
-    groups: list[Any] = [slice(None)]
-    if visible is not None:
-        groups += [group for group in (visible, ~visible) if group.any()]
+    groups = [slice(None)] if visible is None else _groups(visible)
+    seen = np.ones(len(error_px)) if seen is None else seen
     order = np.argsort(spread_px2)
     parts = np.array_split(order, max(1, min(KNOTS, len(order) // 50)))
     at = np.array([np.exp(np.log(np.maximum(spread_px2[part], LEAST_FLOOR_PX2)).mean()) for part in parts])
-    hidden = 1.0 if seen is None else _hidden(error_px, seen, parts)
-    factor = np.ones(len(error_px)) if seen is None else hidden ** (1 - seen)
+    hidden = _hidden(error_px, seen, parts)
+    factor = SpreadCalibration(hidden=hidden).ratio(seen, False)
     error = np.abs(error_px) / np.sqrt(factor)[:, None]
     one = np.array([np.quantile(error[part], WITHIN_ONE) for part in parts])
     two = np.array([np.quantile(error[part], WITHIN_TWO) / 2 for part in parts])
@@ -132,8 +133,7 @@ def fit_spread(
 def fit_mirrored(spread: SpreadCalibration, found: HeldOut) -> SpreadCalibration:
     """The calibration with the ratio by which variances are smaller where crops are looked at mirrored too, which
     `found`, a selection of K landmarks, were."""
-    groups: list[Any] = [slice(None), *(group for group in (found.visible, ~found.visible) if group.any())]
-    variance = variances(spread, found)
+    variance, groups = variances(spread, found), _groups(found.visible)
     off = [_farthest_off(found.error_px, variance * ratio, groups) for ratio in _MIRRORED]
     return replace(spread, mirrored=float(_MIRRORED[int(np.argmin(off))]))
 
@@ -178,6 +178,11 @@ def _hidden(error_px: NDArray[np.float64], seen: NDArray[np.float64], parts: lis
     x = np.concatenate([seen[part].mean() - seen[part] for part in parts])
     y = np.concatenate([size[part] - size[part].mean() for part in parts])
     return float(np.clip(np.exp(2 * (x * y).sum() / max((x * x).sum(), 1e-9)), 1.0, 4.0))
+
+
+def _groups(visible: NDArray[np.bool_]) -> list[Any]:
+    """All landmarks, the visible ones (K,) and the hidden ones."""
+    return [slice(None), *(group for group in (visible, ~visible) if group.any())]
 
 
 def _farthest_off(error_px: NDArray[np.float64], variance_px2: NDArray[np.float64], groups: list[Any]) -> float:
