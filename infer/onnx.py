@@ -35,8 +35,8 @@ class OnnxOptions:
         batch: images in one call; it bounds memory, and speed hardly depends on it.
         flip: run the keypoint network on the mirrored crop too and average: better, and twice the time. By default
             with 8-bit networks of ours, which take half of it.
-        turn: show the keypoint network what it is unsure of turned by quarters too: people who lie or stand on their
-            hands; and, where crops are mirrored, tilted to both sides.
+        turn: show the keypoint network people seen in part smaller, and what it is unsure of turned by quarters too:
+            people who lie or stand on their hands; and, where crops are mirrored, tilted to both sides.
     """
 
     threads: int = 1
@@ -167,16 +167,16 @@ class KeypointNetwork:
         """Run the network.
 
         Args:
-            crops: (N, S, S, 3) RGB, S the card's `input_size`; or (N, S, S, 4) with the difference to the background
-                plate as a fourth channel, if the network sees it.
+            crops: (N, S, S, 3) RGB, S the card's `input_size`, at which the network is best, or another multiple of 32;
+                or (N, S, S, 4) with the difference to the background plate as a fourth channel, if the network sees it.
 
         Returns:
             heatmaps (N, J, S/stride, S/stride) and visibility (N, J), both logits, and where markers were asked for
             the same of them, M for J.
         """
-        size = self.card.input_size
-        if crops.shape[1:] not in {(size, size, channels) for channels in (3, self.channels)}:
-            raise ValueError(f"crops must be (N, {size}, {size}, {self.channels}), not {crops.shape}")
+        size = crops.shape[1]
+        if size % 32 or crops.shape[1:] not in {(size, size, channels) for channels in (3, self.channels)}:
+            raise ValueError(f"crops must be (N, S, S, {self.channels}), S a multiple of 32, not {crops.shape}")
         cells = size // self.card.stride
         maps = []
         for each in self._sets:

@@ -142,10 +142,15 @@ def sigmoid(logits: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.asarray(1 / (1 + np.exp(-np.clip(logits.astype(np.float64), -50, 50))))
 
 
-def in_part(score: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(N,) which crops show a part of a person, by the scores (N, J) of the landmarks."""
-    there = (score >= NO_IDEA).sum(axis=1)
-    return np.asarray((there >= _LEAST_THERE) & (there < _WHOLE * score.shape[1]))
+def there(score: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(N,) how many landmarks crops show, of whose places there is an idea, by their scores (N, J)."""
+    return np.asarray((score >= NO_IDEA).sum(axis=1))
+
+
+def in_part(score: NDArray[np.float64], whole: float = _WHOLE) -> NDArray[np.bool_]:
+    """(N,) which crops show a part of a person, less than the share `whole`, by the scores (N, J) of the landmarks."""
+    count = there(score)
+    return np.asarray((count >= _LEAST_THERE) & (count < whole * score.shape[1]))
 
 
 def with_expectation(

@@ -1,19 +1,17 @@
-"""Crops turned by quarters, and tilted a little: a network that knows people upright best finds who lies or stands on
-their hands so, and what it is still unsure of it sees once more from either side."""
+"""Crops shown to a network again: smaller, turned by quarters, and tilted a little. One that knows people whole and
+upright best finds so who is seen in part, lies or stands on their hands, and what it is still unsure of it sees once
+more from either side."""
 
-from collections.abc import Callable
 from functools import lru_cache
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.models.decode import NO_IDEA, DecodedHeatmaps, in_part
+from muybridge.models.parts import Look, Maps, Value, at_side, reading_sides
 from muybridge.models.registry import KeypointModelCard
-
-Maps = list[NDArray[np.float32]]
-Value = TypeVar("Value", np.uint8, np.float32)
 
 # A crop of whose landmarks the logarithms of the variances are more than this on average (px^2 of a crop of 192 px) is
 # unsure; another orientation counts where they are less by so much. Nobody is turned who is seen in part, at a desk or
@@ -37,14 +35,15 @@ class Series(NamedTuple):
 
 
 def turn_where_unsure(
-    look: Callable[[NDArray[Value]], Maps], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
+    look: Look[Value], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
     series: Series | None = None, tilt: bool = False,
 ) -> DecodedHeatmaps:  # fmt: skip
-    """Replace what a network says of unsure crops by what it says of them turned by quarters, where it is surer of
-    that; of what is unsure still, by the mean with what it says of it tilted.
+    """Replace what a network says of crops that show a part of somebody by what it says of them made smaller; of unsure
+    crops by what it says of them turned by quarters, where it is surer of that; of what is unsure still, by the mean
+    with what it says of it tilted.
 
     Args:
-        look: runs the network: crops to maps.
+        look: runs the network: crops of any side that is a multiple of 32 to maps.
         crops: (N, ...) with rows and columns of pixels at the axes `rows` and `rows + 1`.
         maps: what the network says of them, changed in place: first the landmarks' heatmaps (N, J, h, w), logits, then
             any others of four axes, and arrays of two axes that do not turn.
@@ -57,6 +56,13 @@ def turn_where_unsure(
         the landmarks that the heatmaps then say.
     """
     decoded = card.decoded(maps[0])
+    sides = reading_sides(decoded.score, card.input_size)
+    (small,) = np.nonzero(sides < card.input_size)
+    for side in np.unique(sides[small]):
+        (here,) = np.nonzero(sides == side)
+        for out, found in zip(maps, at_side(look, int(side), rows)(crops[here]), strict=True):
+            out[here] = found
+    _decode_again(decoded, maps, card, small)
     least = _doubt(decoded, card)
     (unsure,) = np.nonzero((least > _UNSURE) & ~in_part(decoded.score))
     quarters = _turn(look, crops, maps, card, rows, least - _SURER, unsure, series)
@@ -65,7 +71,10 @@ def turn_where_unsure(
     if not tilt:
         return decoded
     (doubtful,) = np.nonzero(_doubt(decoded, card, in_part(decoded.score)) > _DOUBTFUL)
-    _tilt(look, crops, maps, rows, doubtful, quarters)
+    sides[changed] = card.input_size
+    for side in np.unique(sides[doubtful]):
+        here = doubtful[sides[doubtful] == side]
+        _tilt(at_side(look, int(side), rows), crops, maps, rows, here, quarters)
     _decode_again(decoded, maps, card, doubtful)
     return decoded
 
@@ -78,7 +87,7 @@ def _decode_again(decoded: DecodedHeatmaps, maps: Maps, card: KeypointModelCard,
 
 
 def _turn(
-    look: Callable[[NDArray[Value]], Maps], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
+    look: Look[Value], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
     least: NDArray[np.float64], unsure: NDArray[np.intp], series: Series | None,
 ) -> NDArray[np.int64]:  # fmt: skip
     """Turns the `unsure` crops, see `turn_where_unsure`; (N,) by how many quarters each is seen best. The doubt of them
@@ -108,13 +117,11 @@ def _turn(
 
 
 def _tilt(
-    look: Callable[[NDArray[Value]], Maps], crops: NDArray[Value], maps: Maps, rows: int, doubtful: NDArray[np.intp],
+    look: Look[Value], crops: NDArray[Value], maps: Maps, rows: int, doubtful: NDArray[np.intp],
     quarters: NDArray[np.int64],
 ) -> None:  # fmt: skip
     """Makes what a network says of the `doubtful` crops, turned by their `quarters` (N,), the mean of that and of what
     it says of them tilted to either side, in place."""
-    if not len(doubtful):
-        return
     upright = np.stack([np.rot90(crops[k], quarters[k], axes=(rows - 1, rows)) for k in doubtful])
     totals = [out[doubtful] for out in maps]
     for angle in (_TILT, -_TILT):

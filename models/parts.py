@@ -1,0 +1,64 @@
+"""People of whom a part is seen: it fills the crop, larger than a network knows people best, and so it is shown to it
+smaller."""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.models.decode import in_part, there
+
+Maps = list[NDArray[np.float32]]
+Value = TypeVar("Value", np.uint8, np.float32)
+Look = Callable[[NDArray[Value]], Maps]
+
+# Of whom at most this share of the landmarks is found is shown at this share of a crop's side; measured on held-out
+# close-ups and people cut off.
+_SIDES = ((0.5, 5 / 8), (0.85, 3 / 4), (0.99, 7 / 8))
+# Sides that a network of ours takes are multiples of this, px.
+_MULTIPLE = 32
+
+
+def reading_sides(score: NDArray[np.float64], size: int) -> NDArray[np.int64]:
+    """(N,) side in px at which crops of `size` px are read best, by the scores (N, J) of their landmarks."""
+    count, most = there(score), score.shape[1]
+    sides = np.full(len(score), size, dtype=np.int64)
+    for share, side in reversed(_SIDES):
+        sides[count <= share * most] = max(1, round(size * side / _MULTIPLE)) * _MULTIPLE
+    return np.where(in_part(score, 1.0), sides, size)
+
+
+def at_side(look: Look[Value], side: int, rows: int) -> Look[Value]:
+    """A `look` at crops made smaller, whose maps are as large as if they had not been.
+
+    Args:
+        look: runs the network: crops to maps, of which those with four axes are (N, J, h, w) logits.
+        side: of the crops that it is to see, px.
+        rows: axis of the crops' rows of pixels, before that of the columns.
+    """
+
+    def smaller(crops: NDArray[Value]) -> Maps:
+        size = crops.shape[rows]
+        if side == size:
+            return look(crops)
+        maps = look(_shrunk(crops, side, rows))
+        return [_enlarged(m, m.shape[-1] * size // side) if m.ndim == 4 else m for m in maps]
+
+    return smaller
+
+
+def _shrunk(crops: NDArray[Value], side: int, rows: int) -> NDArray[Value]:
+    pictures = np.ascontiguousarray(crops if rows == 1 else crops.transpose(0, 2, 3, 1))
+    small = np.stack([cv2.resize(p, (side, side), interpolation=cv2.INTER_AREA) for p in pictures])
+    small = small.reshape(len(pictures), side, side, pictures.shape[-1])  # of one channel OpenCV drops the axis
+    return np.ascontiguousarray(small if rows == 1 else small.transpose(0, 3, 1, 2)).astype(crops.dtype, copy=False)
+
+
+def _enlarged(maps: NDArray[np.float32], cells: int) -> NDArray[np.float32]:
+    """Maps (N, J, h, h) with `cells` cells a side: linear between their middles, the nearest beyond the outermost."""
+    have = maps.shape[-1]
+    at = np.clip((np.arange(cells) + 0.5) * have / cells - 0.5, 0, have - 1)
+    weights = np.maximum(0, 1 - np.abs(at[:, None] - np.arange(have))).astype(np.float32)
+    return np.asarray(weights @ maps @ weights.T, dtype=np.float32)
