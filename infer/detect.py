@@ -34,10 +34,16 @@ MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
 PROXY_LONG_SIDE_PX = 960
 # Of a stage's arrays and facts.
 _PLATE, _HUNG = "plate", "frames_width_height_angle_and_long_side"
+# The side of the crops of a first look over that of a second one.
+_FIRST_SIZE = 0.75
 # The code that a camera's 2D landmarks depend on.
 _CODE = (
     "muybridge.models.decode",
+    "muybridge.models.mirroring",
+    "muybridge.models.parts",
+    "muybridge.models.patches",
     "muybridge.models.turning",
+    "muybridge.models.twins",
     "muybridge.models.decode_simcc",
     "muybridge.models.model_card",
     "muybridge.models.registry",
@@ -201,11 +207,11 @@ def is_finished(
 
 
 def first_look(options: DetectOptions) -> DetectOptions:
-    """How views are read that are all read again: there the mirrored crops are worth their time."""
-    keypoints = options.keypoints
-    if keypoints.onnx.flip is not None:
-        return options
-    return replace(options, keypoints=replace(keypoints, onnx=replace(keypoints.onnx, flip=False)))
+    """How views are read that are all read again: there mirrored crops and large ones are worth their time."""
+    keypoints, onnx = options.keypoints, options.keypoints.onnx
+    if onnx.flip is None:
+        onnx = replace(onnx, flip=False)
+    return replace(options, keypoints=replace(keypoints, onnx=replace(onnx, size=_FIRST_SIZE * onnx.size)))
 
 
 def in_threads(jobs: Sequence[Callable[[], _T]], workers: int, stop: threading.Event) -> list[_T]:

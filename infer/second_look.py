@@ -32,7 +32,8 @@ from muybridge.infer.video import read_chunks
 
 _Floats = NDArray[np.float64]
 _CODE = (
-    "muybridge.models.decode", "muybridge.models.turning", "muybridge.infer.second_look", "muybridge.infer.poses",
+    "muybridge.models.decode", "muybridge.models.mirroring", "muybridge.models.parts", "muybridge.models.patches",
+    "muybridge.models.turning", "muybridge.models.twins", "muybridge.infer.second_look", "muybridge.infer.poses",
     "muybridge.infer.onnx", "muybridge.infer.crops", "muybridge.infer.plates",
 )  # fmt: skip
 

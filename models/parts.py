@@ -21,13 +21,14 @@ _SIDES = ((0.5, 5 / 8), (0.85, 3 / 4), (0.99, 7 / 8))
 _MULTIPLE = 32
 
 
-def reading_sides(score: NDArray[np.float64], size: int) -> NDArray[np.int64]:
-    """(N,) side in px at which crops of `size` px are read best, by the scores (N, J) of their landmarks."""
+def reading_sides(score: NDArray[np.float64], side: int, best: int) -> NDArray[np.int64]:
+    """(N,) side in px at which crops of `side` px are read best by a network that is best at `best` px, by the scores
+    (N, J) of their landmarks."""
     count, most = there(score), score.shape[1]
-    sides = np.full(len(score), size, dtype=np.int64)
-    for share, side in reversed(_SIDES):
-        sides[count <= share * most] = max(1, round(size * side / _MULTIPLE)) * _MULTIPLE
-    return np.where(in_part(score, 1.0), sides, size)
+    sides = np.full(len(score), side, dtype=np.int64)
+    for share, smaller in reversed(_SIDES):
+        sides[count <= share * most] = max(1, round(best * smaller / _MULTIPLE)) * _MULTIPLE
+    return np.where(in_part(score, 1.0), np.minimum(sides, side), side)
 
 
 def at_side(look: Look[Value], side: int, rows: int) -> Look[Value]:

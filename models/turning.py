@@ -55,23 +55,23 @@ def turn_where_unsure(
     Returns:
         the landmarks that the heatmaps then say.
     """
-    decoded = card.decoded(maps[0])
-    sides = reading_sides(decoded.score, card.input_size)
-    (small,) = np.nonzero(sides < card.input_size)
+    decoded, size = card.decoded(maps[0]), crops.shape[rows]
+    sides = reading_sides(decoded.score, size, card.input_size)
+    (small,) = np.nonzero(sides < size)
     for side in np.unique(sides[small]):
         (here,) = np.nonzero(sides == side)
         for out, found in zip(maps, at_side(look, int(side), rows)(crops[here]), strict=True):
             out[here] = found
     _decode_again(decoded, maps, card, small)
-    least = _doubt(decoded, card)
+    least = _doubt(decoded, size)
     (unsure,) = np.nonzero((least > _UNSURE) & ~in_part(decoded.score))
     quarters = _turn(look, crops, maps, card, rows, least - _SURER, unsure, series)
     (changed,) = np.nonzero(quarters)
     _decode_again(decoded, maps, card, changed)
     if not tilt:
         return decoded
-    (doubtful,) = np.nonzero(_doubt(decoded, card, in_part(decoded.score)) > _DOUBTFUL)
-    sides[changed] = card.input_size
+    (doubtful,) = np.nonzero(_doubt(decoded, size, in_part(decoded.score)) > _DOUBTFUL)
+    sides[changed] = size
     for side in np.unique(sides[doubtful]):
         here = doubtful[sides[doubtful] == side]
         _tilt(at_side(look, int(side), rows), crops, maps, rows, here, quarters)
@@ -98,7 +98,7 @@ def _turn(
         if not len(tried):
             return
         turned = look(np.rot90(crops[tried], turn, axes=(rows, rows + 1)))
-        doubt = _doubt(card.decoded(turned[0]), card)
+        doubt = _doubt(card.decoded(turned[0]), crops.shape[rows])
         surer = doubt < least[tried]
         better = tried[surer]
         least[better], quarters[better] = doubt[surer], turn
@@ -185,11 +185,9 @@ def _samples(unsure: NDArray[np.intp], series: Series | None) -> tuple[NDArray[n
     return before, after
 
 
-def _doubt(
-    found: DecodedHeatmaps, card: KeypointModelCard, partly: NDArray[np.bool_] | None = None
-) -> NDArray[np.float64]:
-    """(N,) mean logarithm of the landmarks' variances, px^2 of a crop of 192 px; of crops seen `partly` (N,), of those
-    landmarks that are there."""
-    doubt = np.log(found.variance_crop_px2 * (192 / card.input_size) ** 2)
+def _doubt(found: DecodedHeatmaps, size: int, partly: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+    """(N,) mean logarithm of the variances of landmarks found in crops of `size` px, px^2 of a crop of 192 px; of crops
+    seen `partly` (N,), of those landmarks that are there."""
+    doubt = np.log(found.variance_crop_px2 * (192 / size) ** 2)
     counted = True if partly is None else ~partly[:, None] | (found.score >= NO_IDEA)
     return np.asarray(doubt.mean(axis=1, where=counted))

@@ -1,5 +1,6 @@
 """Crops of which the network is unsure are shown to it turned by quarters, and tilted."""
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -98,11 +99,14 @@ def test_parts_of_people_are_not_turned(here: int, turned: bool) -> None:
     cells = card.input_size // card.stride
     spot = np.zeros((cells, cells), np.float32)
     spot[18:21, 10:13] = 1
+    shown = np.where(np.arange(23) < here, 6.0, 0.0)[None, :, None, None]
 
     def look(crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
-        return [np.broadcast_to(9 * spot, (1, 23, cells, cells)).copy()]
+        if crops.shape[1] == card.input_size:
+            return [np.broadcast_to(9 * spot, (1, 23, cells, cells)).copy()]
+        fewer = (crops.shape[1] // card.stride,) * 2  # made smaller, they are no better known
+        return [np.asarray(shown * cv2.resize(spot, fewer, interpolation=cv2.INTER_AREA), np.float32)]
 
-    shown = np.where(np.arange(23) < here, 6.0, 0.0)[None, :, None, None]
     crops = np.zeros((1, card.input_size, card.input_size, 3), np.uint8)
     found = turn_where_unsure(look, crops, [np.asarray(shown * spot, np.float32)], card, rows=1)
     assert ((found.score[0] > NO_IDEA) == (turned | (np.arange(23) < here))).all()
