@@ -17,6 +17,9 @@ from muybridge.infer.session import Session
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
 
 STAGE = "refine"
+# A view's landmarks are off in the same way in both halves of a take, so that poses which make up for that seem better
+# in the second half too: of cameras that are right by a few per cent, and the points are worse for it.
+_LEAST_GAIN = 0.1
 
 
 def refined(
@@ -25,7 +28,7 @@ def refined(
     """A session with cameras refined from its people, and a notice that says what it gained.
 
     Poses found in the take's first half are tried on its second half, and kept out of the result: the figures
-    before and after are from frames that had no part in them. Where they do not get better, the cameras stay.
+    before and after are from frames that had no part in them. Where they do not get clearly better, the cameras stay.
 
     Args:
         session: C cameras as calibrated.
@@ -48,13 +51,12 @@ def refined(
         stage = store.save(STAGE, key, {"cam_from_world": poses}, facts, time.perf_counter() - start)
         progress.say(f"{STAGE}: {stage.seconds:.1f} s")
     before, after = float(stage.facts["before_px"]), float(stage.facts["after_px"])
-    better = after < before
     found = CameraGroup(
         tuple(c.posed(p) for c, p in zip(session.cameras, stage.arrays["cam_from_world"], strict=True))
     )
     notice = _notice(session.cameras, found, before, after)
     progress.notice(notice)
-    cameras = found if better else session.cameras
+    cameras = found if _better(before, after) else session.cameras
     return replace(session, cameras=cameras, notices=(*session.notices, notice)), stage
 
 
@@ -74,13 +76,18 @@ def _poses(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> tuple[np
     return result.cam_from_world, before, after
 
 
+def _better(before_px: float, after_px: float) -> bool:
+    """Whether the left-out error fell by enough to be the cameras' doing."""
+    return after_px < (1 - _LEAST_GAIN) * before_px
+
+
 def _notice(before: CameraGroup, after: CameraGroup, before_px: float, after_px: float) -> str:
     gained = (
         f"median leave-one-camera-out error {before_px:.1f} px before, {after_px:.1f} px after, in frames that had "
         "no part in it"
     )
-    if after_px >= before_px:
-        return f"the cameras were not refined from the person, as they would not be better: {gained}"
+    if not _better(before_px, after_px):
+        return f"the cameras were not refined from the person, as they would hardly be better: {gained}"
     changes = []
     for a, b in zip(before, after, strict=True):
         cosine = (np.trace(a.rotation @ b.rotation.T) - 1) / 2
