@@ -2,7 +2,7 @@
 smaller."""
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -44,17 +44,25 @@ def at_side(look: Look[Value], side: int, rows: int) -> Look[Value]:
         size = crops.shape[rows]
         if side == size:
             return look(crops)
-        maps = look(_shrunk(crops, side, rows))
+        shrunk = redrawn(crops, rows, lambda p: cv2.resize(p, (side, side), interpolation=cv2.INTER_AREA))
+        maps = look(shrunk)
         return [_enlarged(m, m.shape[-1] * size // side) if m.ndim == 4 else m for m in maps]
 
     return smaller
 
 
-def _shrunk(crops: NDArray[Value], side: int, rows: int) -> NDArray[Value]:
+def redrawn(crops: NDArray[Value], rows: int, draw: Callable[[NDArray[Value]], NDArray[Any]]) -> NDArray[Value]:
+    """Crops each drawn anew.
+
+    Args:
+        crops: (N, ...) with rows and columns of pixels at the axes `rows` and `rows + 1`.
+        rows: 1 or 2.
+        draw: (h, w, C) to pictures of as many channels, all of one size.
+    """
     pictures = np.ascontiguousarray(crops if rows == 1 else crops.transpose(0, 2, 3, 1))
-    small = np.stack([cv2.resize(p, (side, side), interpolation=cv2.INTER_AREA) for p in pictures])
-    small = small.reshape(len(pictures), side, side, pictures.shape[-1])  # of one channel OpenCV drops the axis
-    return np.ascontiguousarray(small if rows == 1 else small.transpose(0, 3, 1, 2)).astype(crops.dtype, copy=False)
+    drawn = np.stack([draw(p) for p in pictures])
+    drawn = drawn.reshape(*drawn.shape[:3], -1)  # of one channel OpenCV drops the axis
+    return np.ascontiguousarray(drawn if rows == 1 else drawn.transpose(0, 3, 1, 2)).astype(crops.dtype, copy=False)
 
 
 def _enlarged(maps: NDArray[np.float32], cells: int) -> NDArray[np.float32]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.models.decode import NO_IDEA, DecodedHeatmaps, in_part
-from muybridge.models.parts import Look, Maps, Value, at_side, reading_sides
+from muybridge.models.parts import Look, Maps, Value, at_side, reading_sides, redrawn
 from muybridge.models.registry import KeypointModelCard
 
 # A crop of whose landmarks the logarithms of the variances are more than this on average (px^2 of a crop of 192 px) is
@@ -140,10 +140,7 @@ def _tilted(crops: NDArray[Value], rows: int, angle: float) -> NDArray[Value]:
     """Crops turned about their middle by `angle`, radians, counter-clockwise as one sees them; black beyond."""
     size = crops.shape[rows]
     matrix = cv2.getRotationMatrix2D(((size - 1) / 2, (size - 1) / 2), float(np.degrees(angle)), 1.0)
-    pictures = np.ascontiguousarray(crops if rows == 1 else crops.transpose(0, 2, 3, 1))
-    turned = np.stack([cv2.warpAffine(p, matrix, (size, size), flags=cv2.INTER_LINEAR) for p in pictures])
-    turned = turned.reshape(pictures.shape)  # of one channel OpenCV drops the axis
-    return np.ascontiguousarray(turned if rows == 1 else turned.transpose(0, 3, 1, 2)).astype(crops.dtype, copy=False)
+    return redrawn(crops, rows, lambda p: cv2.warpAffine(p, matrix, (size, size), flags=cv2.INTER_LINEAR))
 
 
 def _tilted_back(maps: NDArray[np.float32], angle: float) -> NDArray[np.float32]:
