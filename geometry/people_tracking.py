@@ -34,8 +34,8 @@ _SHARE = 0.7
 _CHUNK = 128
 # What it is worth, in body sizes, that a camera's own tracker stayed with a detection.
 _LOYALTY = 0.01
-# A view that lies this much farther off than the others', and this far in body sizes, is of someone else.
-_ODD_VIEW, _ODD_VIEW_SIZE = 3.0, 0.05
+# A view that lies this much farther off than the others' is of someone else.
+_ODD_VIEW = 3.0
 # Seconds in which two cameras see a body, at least, for it not to be an accident; and somebody, in all of the take: a
 # shadow that is taken for a person for a moment agrees between cameras as well as people do. So many times as long
 # where never three of three cameras or more do: two that face each other agree on nearly anything between them.
@@ -59,6 +59,8 @@ class AssociateOptions:
         gate_growth: how the gate widens with every second in which the body was not seen.
         gate_slack: how much wider it is for every second between two frames beyond a thirtieth: more can happen.
         start: distance of two views' rays, in body sizes, up to which they may begin a body.
+        odd_view: distance of a view's rays from a body, in body sizes, from which it is of someone else where the
+            others agree well without it.
         min_frames: people seen by two cameras in fewer frames (or for less than 0.3 s at a time, 0.5 s in all, 1 s
             where no third camera ever does) are dropped as accidents.
         coast: seconds for which a body is predicted without being seen, before it is looked for as a new one.
@@ -69,6 +71,7 @@ class AssociateOptions:
     gate_growth: float = 0.45
     gate_slack: float = 0.5
     start: float = 0.06
+    odd_view: float = 0.05
     min_frames: int = 5
     coast: float = 1.0
     same_build: float = 0.04
@@ -223,7 +226,7 @@ class PeopleTracker:
         points, away = nearest_points(self._centers, rays, weights)
         off = _near_mean(away) / np.maximum(extent(points), 1e-6)  # (C, N)
         worst = np.nan_to_num(_nanmax(off))
-        doubtful = np.flatnonzero((np.isfinite(off).sum(0) >= 3) & (worst > _ODD_VIEW_SIZE))
+        doubtful = np.flatnonzero((np.isfinite(off).sum(0) >= 3) & (worst > self._options.odd_view))
         if not len(doubtful):
             return points, chosen
         # A near view that is wrong pulls the body to itself and looks no worse than the others: what tells is how

@@ -23,6 +23,7 @@ from muybridge.infer.detect import DetectOptions, detect, file_names, first_look
 from muybridge.infer.keypoints import merge_tracks
 from muybridge.infer.outputs import open_output
 from muybridge.infer.progress import Progress
+from muybridge.infer.refine_cameras import person_of
 from muybridge.infer.session import Session, SessionOptions, open_session, with_frames
 from muybridge.infer.stages import StageStore
 from muybridge.infer.upward import stood_up
@@ -110,7 +111,7 @@ def from_keypoints(
         The result, and the median leave-one-camera-out error before and after, px (the first is NaN where
         there was no calibration to begin with).
     """
-    selection = select_person(cameras, keypoints, fps=fps)
+    selection = person_of(cameras, keypoints, fps) if refine else select_person(cameras, keypoints, fps=fps)
     px, variance, score = take_person(keypoints, selection)
     px, variance, _ = repair_swaps(cameras, px, variance, keypoints.landmarks)
     names = keypoints.landmarks.names

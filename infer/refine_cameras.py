@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.association import select_person, take_person
+from muybridge.geometry.association import PersonSelection, select_person, take_person
 from muybridge.geometry.calibration.people import PeopleCalibrationOptions, refine_people
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import Keypoints2D
+from muybridge.geometry.people_tracking import AssociateOptions
 from muybridge.geometry.swaps import repair_swaps
 from muybridge.geometry.triangulation import leave_one_out_error
 from muybridge.infer.progress import Progress
@@ -20,6 +21,10 @@ STAGE = "refine"
 # A view's landmarks are off in the same way in both halves of a take, so that poses which make up for that seem better
 # in the second half too: of cameras that are right by a few per cent, and the points are worse for it.
 _LEAST_GAIN = 0.1
+# A camera that was turned by two degrees sees everybody elsewhere: if it has the person in less than this share of the
+# frames in which another has them, views count as theirs that lie farther off.
+_HARDLY_SEEN = 0.5
+_FARTHER_OFF = AssociateOptions(gate=0.3, start=0.15, odd_view=0.3)
 
 
 def refined(
@@ -60,9 +65,19 @@ def refined(
     return replace(session, cameras=cameras, notices=(*session.notices, notice)), stage
 
 
+def person_of(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> PersonSelection:
+    """The take's person, as `select_person`, in cameras of which some may be turned by a few degrees."""
+    selection = select_person(cameras, keypoints, fps=fps)
+    seen = (selection.slots >= 0).mean(1)
+    if seen.min() >= _HARDLY_SEEN * seen.max():
+        return selection
+    farther = select_person(cameras, keypoints, _FARTHER_OFF, fps)
+    return farther if (farther.slots >= 0).mean(1).min() > seen.min() else selection
+
+
 def _poses(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> tuple[np.ndarray, float, float]:
     """(C, 3, 4) refined poses, and the median leave-one-out error in held-out frames before and after, px."""
-    px, variance, _ = take_person(keypoints, select_person(cameras, keypoints, fps=fps))
+    px, variance, _ = take_person(keypoints, person_of(cameras, keypoints, fps))
     px, variance, _ = repair_swaps(cameras, px, variance, keypoints.landmarks)
     names, options = keypoints.landmarks.names, PeopleCalibrationOptions()
     result = refine_people(cameras, px, variance, names, options).cameras
