@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.infer.keypoints import CameraTracks, KeypointOptions, PoseEstimator
-from muybridge.infer.onnx import PeopleNetwork
+from muybridge.infer.onnx import SIZES, PeopleNetwork
 from muybridge.infer.other_models import open_keypoints
 from muybridge.infer.plates import Backdrop
 from muybridge.infer.progress import Progress, Task
@@ -36,14 +36,19 @@ PROXY_LONG_SIDE_PX = 960
 _PLATE, _HUNG = "plate", "frames_width_height_angle_and_long_side"
 # The side of the crops of a first look over that of a second one.
 _FIRST_SIZE = 0.75
-# The code that a camera's 2D landmarks depend on.
-_CODE = (
+# The code between a crop and its landmarks.
+READING_CODE = (
     "muybridge.models.decode",
     "muybridge.models.mirroring",
     "muybridge.models.parts",
     "muybridge.models.patches",
     "muybridge.models.turning",
     "muybridge.models.twins",
+    "muybridge.infer.onnx",
+)
+# The code that a camera's 2D landmarks depend on.
+_CODE = (
+    *READING_CODE,
     "muybridge.models.decode_simcc",
     "muybridge.models.model_card",
     "muybridge.models.registry",
@@ -52,7 +57,6 @@ _CODE = (
     "muybridge.infer.crops",
     "muybridge.infer.detect",
     "muybridge.infer.keypoints",
-    "muybridge.infer.onnx",
     "muybridge.infer.other_models",
     "muybridge.infer.people",
     "muybridge.infer.plates",
@@ -211,7 +215,8 @@ def first_look(options: DetectOptions) -> DetectOptions:
     keypoints, onnx = options.keypoints, options.keypoints.onnx
     if onnx.flip is None:
         onnx = replace(onnx, flip=False)
-    return replace(options, keypoints=replace(keypoints, onnx=replace(onnx, size=_FIRST_SIZE * onnx.size)))
+    onnx = replace(onnx, size=max(_FIRST_SIZE * onnx.size, SIZES[0]))
+    return replace(options, keypoints=replace(keypoints, onnx=onnx))
 
 
 def in_threads(jobs: Sequence[Callable[[], _T]], workers: int, stop: threading.Event) -> list[_T]:

@@ -19,10 +19,19 @@ from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.models.decode import NO_IDEA, DecodedHeatmaps, with_expectation
 from muybridge.models.mirroring import mean_of_mirrored
-from muybridge.models.registry import KeypointModelCard, PeopleModelCard, keypoint_card, people_card
+from muybridge.models.registry import (
+    SIDE_MULTIPLE,
+    KeypointModelCard,
+    PeopleModelCard,
+    crop_side,
+    keypoint_card,
+    people_card,
+)
 from muybridge.models.turning import Series, turn_where_unsure
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
+# Least and most that `OnnxOptions.size` may be.
+SIZES = 0.25, 2.0
 _ONLY_ERRORS = 4  # onnxruntime's "fatal": a damaged file is reported by us, in one line
 
 
@@ -49,8 +58,9 @@ class OnnxOptions:
     def __post_init__(self) -> None:
         if self.threads < 1 or self.batch < 1:
             raise ValueError("threads and batch must be at least 1")
-        if not 0.25 <= self.size <= 2:
-            raise ValueError(f"size must be between 0.25 and 2 of the network's own, not {self.size}")
+        if not SIZES[0] <= self.size <= SIZES[1]:
+            least, most = SIZES
+            raise ValueError(f"size must be between {least:g} and {most:g} of the network's own, not {self.size}")
 
 
 class Located(NamedTuple):
@@ -132,7 +142,7 @@ class KeypointNetwork:
     @property
     def crop_size(self) -> int:
         """Side of the crops, px."""
-        return max(1, round(self.card.input_size * self._options.size / 32)) * 32
+        return crop_side(self.card.input_size * self._options.size)
 
     @property
     def box_padding(self) -> float:
@@ -179,8 +189,9 @@ class KeypointNetwork:
             the same of them, M for J.
         """
         size = crops.shape[1]
-        if size % 32 or crops.shape[1:] not in {(size, size, channels) for channels in (3, self.channels)}:
-            raise ValueError(f"crops must be (N, S, S, {self.channels}), S a multiple of 32, not {crops.shape}")
+        if size % SIDE_MULTIPLE or crops.shape[1:] not in {(size, size, channels) for channels in (3, self.channels)}:
+            wanted = f"(N, S, S, {self.channels}), S a multiple of {SIDE_MULTIPLE}"
+            raise ValueError(f"crops must be {wanted}, not {crops.shape}")
         cells = size // self.card.stride
         maps = []
         for each in self._sets:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from muybridge.geometry.clocks import Clock, own_frames
 from muybridge.geometry.landmarks import Keypoints2D, Points3D
 from muybridge.geometry.robust import row_median
-from muybridge.infer.detect import CameraResult, DetectOptions, Models, Stopped, in_threads
+from muybridge.infer.detect import READING_CODE, CameraResult, DetectOptions, Models, Stopped, in_threads
 from muybridge.infer.keypoints import CameraTracks, merge_markers, merge_tracks
 from muybridge.infer.onnx import Expectation
 from muybridge.infer.other_models import open_keypoints
@@ -32,9 +32,8 @@ from muybridge.infer.video import read_chunks
 
 _Floats = NDArray[np.float64]
 _CODE = (
-    "muybridge.models.decode", "muybridge.models.mirroring", "muybridge.models.parts", "muybridge.models.patches",
-    "muybridge.models.turning", "muybridge.models.twins", "muybridge.infer.second_look", "muybridge.infer.poses",
-    "muybridge.infer.onnx", "muybridge.infer.crops", "muybridge.infer.plates",
+    *READING_CODE, "muybridge.infer.second_look", "muybridge.infer.poses", "muybridge.infer.crops",
+    "muybridge.infer.plates",
 )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.models.decode import in_part, there
+from muybridge.models.registry import crop_side
 
 Maps = list[NDArray[np.float32]]
 Value = TypeVar("Value", np.uint8, np.float32)
@@ -17,8 +18,6 @@ Look = Callable[[NDArray[Value]], Maps]
 # Of whom at most this share of the landmarks is found is shown at this share of a crop's side; measured on held-out
 # close-ups and people cut off.
 _SIDES = ((0.5, 5 / 8), (0.85, 3 / 4), (0.99, 7 / 8))
-# Sides that a network of ours takes are multiples of this, px.
-_MULTIPLE = 32
 
 
 def reading_sides(score: NDArray[np.float64], side: int, best: int) -> NDArray[np.int64]:
@@ -27,7 +26,7 @@ def reading_sides(score: NDArray[np.float64], side: int, best: int) -> NDArray[n
     count, most = there(score), score.shape[1]
     sides = np.full(len(score), side, dtype=np.int64)
     for share, smaller in reversed(_SIDES):
-        sides[count <= share * most] = max(1, round(best * smaller / _MULTIPLE)) * _MULTIPLE
+        sides[count <= share * most] = crop_side(best * smaller)
     return np.where(in_part(score, 1.0), np.minimum(sides, side), side)
 
 

@@ -26,6 +26,8 @@ from muybridge.models.decode import DecodedHeatmaps, SpreadCalibration, decode_h
 ModelKind = Literal["keypoints", "people", "labels", "solver"]
 Precision = Literal["int8", "fp32"]
 _KINDS: tuple[ModelKind, ...] = ("keypoints", "people", "labels", "solver")
+# Sides of crops that a keypoint network takes are multiples of this, px.
+SIDE_MULTIPLE = 32
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
 
 
@@ -111,6 +113,11 @@ class PeopleModelCard:
     metadata: Mapping[str, str]
 
 
+def crop_side(px: float) -> int:
+    """The side nearest to `px` of crops that a keypoint network takes."""
+    return max(1, round(px / SIDE_MULTIPLE)) * SIDE_MULTIPLE
+
+
 def shipped_model(kind: ModelKind, precision: Precision = "fp32") -> Path:
     """Path of the weights that came with the package.
 
@@ -149,7 +156,7 @@ def keypoint_card(metadata: Mapping[str, str], path: Path) -> KeypointModelCard:
     return KeypointModelCard(
         version=read.text("version"),
         landmarks=_landmark_set(read.text("landmark_set"), names, read),
-        input_size=read.integer("input_size", multiple_of=32),
+        input_size=read.integer("input_size", multiple_of=SIDE_MULTIPLE),
         stride=read.integer("stride"),
         spread=read.spread("variance"),
         markers=_marker_set(read.names("marker_names"), read) if marked else None,

@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from muybridge.infer.detect import DetectOptions, first_look
+from muybridge.infer.keypoints import KeypointOptions
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
 from muybridge.models.parts import at_side, reading_sides
 from muybridge.models.registry import shipped_model
@@ -75,6 +76,8 @@ def test_a_first_look_is_a_smaller_one() -> None:
     options = first_look(DetectOptions()).keypoints.onnx
     network, whole = KeypointNetwork(shipped_model("keypoints"), options), KeypointNetwork(shipped_model("keypoints"))
     assert (network.crop_size, whole.crop_size) == (192, 256)
+    smallest = DetectOptions(keypoints=KeypointOptions(onnx=OnnxOptions(size=0.25)))
+    assert first_look(smallest).keypoints.onnx.size == 0.25
     crops = np.random.default_rng(0).integers(0, 256, (2, 192, 192, 3), dtype=np.uint8)
     found = network.locate(crops).found
     there = np.isfinite(found.points_crop_px)
