@@ -28,7 +28,7 @@ from muybridge.models.registry import KeypointModelCard
 
 _Floats = NDArray[np.float64]
 
-# Blocks of frames that a take is cut into, and every how manieth is kept from training.
+# Blocks of frames that what is kept of a take is cut into, and every how manieth is kept from training.
 _BLOCKS, _HELD_OUT = 50, 10
 _STEP_M = 0.01  # how far a point is moved to see how many pixels a metre is there
 
@@ -87,10 +87,11 @@ def collect(
     known = np.unique(np.concatenate([v.frames for v in views]))
     most = max(1, options.most_crops * len(known) // total)
     kept = known[np.unique(np.linspace(0, len(known) - 1, most).astype(int))]
+    apart = kept[_held_out(len(kept))]
     parts: list[tuple[NDArray[Any], ...]] = []
     with progress.task("crops", len(views)) as task:
         for view in views:
-            parts += _cut(followed, view.select(np.isin(view.frames, kept)), shape)
+            parts += _cut(followed, view.select(np.isin(view.frames, kept)), apart, shape)
             task.advance()
     crops, landmarks, agreed, held_out = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     facts = {
@@ -155,12 +156,19 @@ def _sigma_px(camera: Camera, points: _Floats, covariance: _Floats) -> _Floats:
     return np.asarray(np.sqrt(np.maximum(variance, 0)))
 
 
-def _cut(followed: Followed, view: _View, shape: _Shape) -> Iterator[tuple[NDArray[Any], ...]]:
-    """The first arrays of `Footage` of a view, chunk by chunk."""
+def _held_out(count: int) -> NDArray[np.bool_]:
+    """(count,) which of so many frames are kept from training; some of every take."""
+    block = np.arange(count) // max(1, count // _BLOCKS)
+    return np.asarray(block % _HELD_OUT == min(_HELD_OUT // 2, block[-1]))
+
+
+def _cut(
+    followed: Followed, view: _View, apart: NDArray[np.intp], shape: _Shape
+) -> Iterator[tuple[NDArray[Any], ...]]:
+    """The first arrays of `Footage` of a view, chunk by chunk; the frames `apart` are held out."""
     session, c = followed.session, view.camera
     camera, count = session.level_cameras[c], len(followed.detected[c].tracks.points_px)
     own = own_frames(followed.clocks, c, view.frames, session.fps, count)
-    block = view.frames // max(1, session.frames // _BLOCKS)
     crops = crops_for_boxes(view.boxes_px, shape.size_px, camera, shape.padding)
     frames, order = np.unique(own, return_inverse=True)
     backdrop = followed.detected[c].backdrop()
@@ -170,5 +178,5 @@ def _cut(followed: Followed, view: _View, shape: _Shape) -> Iterator[tuple[NDArr
         pictures = Pictures(chunk, backdrop(chunk))
         pixels = crop_pixels(pictures, backdrop, order[here] - begin, crops.select(here), 4)
         at = crops.select(here).to_crop(view.landmarks_px[here]).astype(np.float32)
-        yield pixels, at, view.agreed[here], block[here] % _HELD_OUT == _HELD_OUT // 2
+        yield pixels, at, view.agreed[here], np.isin(view.frames[here], apart)
         begin += len(chunk)

@@ -15,7 +15,7 @@ from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.infer import adapt as command
 from muybridge.infer.demo import TRUTH, demo_folder
 from muybridge.infer.detect import DetectOptions, open_models
-from muybridge.infer.footage import FootageOptions, collect
+from muybridge.infer.footage import FootageOptions, _held_out, collect
 from muybridge.infer.pipeline import RunOptions, follow
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import open_session
@@ -33,25 +33,13 @@ JOINTS = len(BODY23) + len(SURFACE)
 
 
 @pytest.fixture(scope="module")
-def demo_session(tmp_path_factory):
-    """The demo's take as a session."""
-    folder = tmp_path_factory.mktemp("adapt") / "take"
-    (folder / "videos").mkdir(parents=True)
-    source = demo_folder()
-    (folder / "calibration.toml").write_bytes(source.joinpath("calibration.toml").read_bytes())
-    for video in source.joinpath("videos").iterdir():
-        (folder / "videos" / video.name).write_bytes(video.read_bytes())
-    return folder
-
-
-@pytest.fixture(scope="module")
-def followed(demo_session):
-    """What the pipeline finds in it, markers too."""
+def followed(short_demo, tmp_path_factory):
+    """What the pipeline finds in the demo's take, markers too."""
     detect = DetectOptions(markers="all")
-    store = StageStore(demo_session.parent / "work")
+    store = StageStore(tmp_path_factory.mktemp("adapt") / "work")
     store.folder.mkdir()
     with Progress(quiet=True) as progress:
-        return follow(open_session(demo_session), open_models(detect), store, RunOptions(detect=detect), progress)
+        return follow(open_session(short_demo), open_models(detect), store, RunOptions(detect=detect), progress)
 
 
 @pytest.fixture(scope="module")
@@ -142,9 +130,15 @@ def test_crops_move_with_their_landmarks():
     np.testing.assert_allclose(at, view.footage.landmarks_px - 32, atol=1e-3)
 
 
+@pytest.mark.parametrize("count", [1, 4, 20, 49, 100, 1234])
+def test_some_frames_of_every_take_are_held_out(count):
+    held = _held_out(count)
+    assert len(held) == count and 1 <= held.sum() <= max(1, 0.2 * count)
+
+
 def test_labels_are_where_the_person_is(followed, footage):
     with demo_folder().joinpath(TRUTH).open("rb") as file, np.load(file) as truth:
-        world, names = truth["points_world"], [str(n) for n in truth["names"]]
+        world, names = truth["points_world"][: followed.session.frames], [str(n) for n in truth["names"]]
     side = round(load_model(shipped_model("keypoints"))[1].input_size * footage.padding / 1.25)
     assert footage.crops.shape[1:] == (side, side, 4) and 60 <= len(footage.crops) <= 100
     assert footage.landmarks_px.shape == (len(footage.crops), JOINTS, 2)
@@ -179,7 +173,7 @@ def test_a_network_gets_used_to_footage(footage, worse_network, tmp_path):
     net = keypoint_net_from_onnx(worse_network)
     before = {k: v.clone() for k, v in net.state_dict().items()}
     shares = []
-    options = Adaptation(tmp_path / "footage.npz", tmp_path, minutes=0.6, rate=1e-3)  # much, in seconds
+    options = Adaptation(tmp_path / "footage.npz", tmp_path, minutes=0.3, rate=1e-3)  # much, in seconds
     student, images = adapted(net, view, options, shares.append)
     assert images >= 64 and shares == sorted(shares) and shares[-1] <= 1
     assert all(torch.equal(v, before[k]) for k, v in net.state_dict().items())  # the teacher stays
@@ -189,7 +183,7 @@ def test_a_network_gets_used_to_footage(footage, worse_network, tmp_path):
 def test_files_are_written_that_run_takes(footage, worse_network, tmp_path):
     save_footage(tmp_path / "footage.npz", footage)
     out = tmp_path / "out"
-    options = Adaptation(tmp_path / "footage.npz", out, worse_network, minutes=0.3, threads=1)
+    options = Adaptation(tmp_path / "footage.npz", out, worse_network, minutes=0.15, threads=1)
     said = adapt(options, "muybridge train adapt")
     assert "before" in said and str(out) in said
     models = open_models(DetectOptions(keypoint_model=out / "keypoints.onnx", markers="all"))
@@ -221,9 +215,9 @@ def test_what_teaches_nothing_is_refused(followed, network_card, footage, tmp_pa
         adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out"), "")
 
 
-def test_the_command_from_a_session_to_a_network(demo_session, tmp_path):
+def test_the_command_from_a_session_to_a_network(short_demo, tmp_path):
     out = tmp_path / "adapted"
-    run = [sys.executable, "-m", "muybridge", "adapt", str(demo_session), "--out", str(out), "--minutes", "0.3"]
+    run = [sys.executable, "-m", "muybridge", "adapt", str(short_demo), "--out", str(out), "--minutes", "0.15"]
     done = subprocess.run(run, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert {p.name for p in out.iterdir()} == {*command.RESULTS, "work"}
