@@ -12,9 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_smoothing_spline
 from scipy.ndimage import gaussian_filter1d, median_filter
-from scipy.signal import butter, savgol_filter, sosfiltfilt
 
 from muybridge.geometry.ik_kernel import compiled
 from muybridge.geometry.rotations import continuous_quat
@@ -181,7 +179,13 @@ def _odd_frames(seconds: float, fps: float, least: int) -> int:
     return max(2 * round(0.5 * seconds * fps) + 1, least + 1 - least % 2)
 
 
+# scipy.signal and scipy.interpolate are imported where they are used: they take longer to load than all the rest, and
+# every command loads this module.
+
+
 def _butterworth(x: Array, fps: float, o: FilterOptions) -> Array:
+    from scipy.signal import butter, sosfiltfilt
+
     assert o.cutoff_hz is not None
     if not 0 < o.cutoff_hz < 0.5 * fps:
         raise ValueError(f"a cut-off of {o.cutoff_hz:g} Hz needs more than {2 * o.cutoff_hz:g} frames/s, not {fps:g}")
@@ -195,11 +199,15 @@ def _butterworth(x: Array, fps: float, o: FilterOptions) -> Array:
 
 
 def _savgol(x: Array, fps: float, o: FilterOptions) -> Array:
+    from scipy.signal import savgol_filter
+
     window = _odd_frames(o.window, fps, o.degree + 1)
     return np.asarray(savgol_filter(x, window, o.degree, axis=0, mode="interp")) if len(x) >= window else x
 
 
 def _gcv_spline(x: Array, fps: float, o: FilterOptions) -> Array:
+    from scipy.interpolate import make_smoothing_spline
+
     if len(x) < 5:
         return x
     # In frames, not seconds: only there does scipy look for the best parameter where it is.

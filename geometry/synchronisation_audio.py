@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import correlate, correlation_lags
 
 from muybridge.geometry.clocks import MAD_SIGMA, UNKNOWN, Clock, Delays, clock_from_delays, parabola
 
@@ -66,6 +65,8 @@ def _envelope(samples: Floats, rate: float) -> tuple[Floats, float]:
 
 def _coarse_delay(reference: Floats, other: Floats, rate: float, max_offset: float | None) -> tuple[float, float]:
     """Delay by the envelopes, seconds, and how clear it is."""
+    from scipy.signal import correlate, correlation_lags  # slow to load, and every command loads this module
+
     a, step_rate = _envelope(reference, rate)
     b, _ = _envelope(other, rate)
     score = correlate(b, a, mode="full", method="fft")
