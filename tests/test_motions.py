@@ -52,9 +52,9 @@ def skeleton(body, phenotypes):
 
 @pytest.fixture(scope="module")
 def clips(skeleton):
-    """Three clips of 5 s of every kind."""
+    """Two clips of 5 s of every kind."""
     sampler = MotionSampler(skeleton, np.random.default_rng(21))
-    return {kind: [sampler.sample(5.0, FPS, kind) for _ in range(3)] for kind in MOTIONS}
+    return {kind: [sampler.sample(5.0, FPS, kind) for _ in range(2)] for kind in MOTIONS}
 
 
 def everything(clips):

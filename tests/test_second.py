@@ -133,7 +133,7 @@ def test_training_with_a_second_process_goes_on_and_resumes(store, tmp_path, mon
 
     monkeypatch.setattr(Second, "_count", one_as_soon_as_it_is_ready)
     options = KeypointTraining(
-        renders=store, out=tmp_path / "run", minutes=0.3, size=64, batch=16, backgrounds=8, workers=1
+        renders=store, out=tmp_path / "run", minutes=0.1, size=64, batch=16, backgrounds=8, workers=1
     )
     first = load_checkpoint(keypoints.train(options))
     assert first["state"]["images"] == 16 * first["state"]["step"] > 0

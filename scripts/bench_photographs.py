@@ -1,0 +1,118 @@
+#!/usr/bin/env python3
+"""A peer's 2D network, MediaPipe Pose (trained on photographs), beside ours on people in an ordinary video.
+
+    python scripts/bench_photographs.py boxes VIDEO boxes.npz          in muybridge's environment
+    python scripts/bench_photographs.py find VIDEO boxes.npz found.npz in an environment with mediapipe 0.10.14 alone
+    python scripts/bench_photographs.py score VIDEO found.npz          in muybridge's
+
+VIDEO is one still camera's, of people who go about; every 20th frame is looked at. Our detector gives both networks
+the boxes. MediaPipe's points are no truth, so only people count whom it puts into their own box with three limb joints
+in four visible. Printed is the share of shoulders, elbows, wrists, hips, knees and ankles (those that MediaPipe calls
+visible) within 0.2 and 0.5 of the trunk's length (middle of the shoulders to middle of the hips) of MediaPipe's, and
+of those that lie nearer to the other side's, each crop read as `run` reads it (mirrored too) and read once.
+"""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bench_mediapipe import JOINTS, MEDIAPIPE, SIDE
+
+EVERY = 20
+LEAST_PX, LEAST_SCORE, LEAST_OVERLAP, LEAST_SEEN = 60, 0.3, 0.5, 0.75
+
+
+def frames(video: Path) -> np.ndarray:
+    """(T, H, W, 3) BGR of every `EVERY`th frame."""
+    import cv2
+
+    reader, kept = cv2.VideoCapture(str(video)), []
+    while (read := reader.read())[0]:
+        kept.append(read[1])
+    if not kept:
+        raise SystemExit(f"{video}: no frames can be read")
+    return np.stack(kept[EVERY // 2 :: EVERY])
+
+
+def boxes(video: Path, out: Path) -> None:
+    """Writes (N,) numbers of frames and (N, 4) boxes, px."""
+    from muybridge.infer.onnx import PeopleNetwork
+    from muybridge.infer.people import PeopleDetector, PeopleOptions
+    from muybridge.infer.plates import Backdrop
+    from muybridge.infer.upright import Letterbox, upright_for
+    from muybridge.models.registry import shipped_model
+
+    pictures = frames(video)[..., ::-1]
+    network = PeopleNetwork(shipped_model("people"))
+    letterbox = Letterbox(upright_for(None, pictures.shape[2], pictures.shape[1]), network.card.input_long_side)
+    detector = PeopleDetector(network, letterbox, PeopleOptions(min_score=LEAST_SCORE))
+    found = [people.boxes_px if people is not None else np.empty((0, 4)) for people in
+             detector(Backdrop(letterbox)(pictures))]  # fmt: skip
+    np.savez(out, frame=np.repeat(np.arange(len(found)), [len(f) for f in found]), box=np.concatenate(found))
+
+
+def find(video: Path, given: Path, out: Path) -> None:
+    """Adds (N, 23, 3) x, y in pixels and visibility."""
+    import cv2
+    import mediapipe
+
+    pictures, stored = frames(video), dict(np.load(given))
+    network = mediapipe.solutions.pose.Pose(static_image_mode=True, model_complexity=1, min_detection_confidence=0.3)
+    points = np.full((len(stored["box"]), len(MEDIAPIPE), 3), np.nan)
+    for i, (frame, box) in enumerate(zip(stored["frame"], stored["box"], strict=True)):
+        middle, scale = (box[:2] + box[2:]) / 2, SIDE / (1.25 * (box[2:] - box[:2]).max())
+        crop = np.array([[scale, 0, SIDE / 2 - middle[0] * scale], [0, scale, SIDE / 2 - middle[1] * scale]])
+        image = cv2.warpAffine(pictures[frame], crop, (SIDE, SIDE), flags=cv2.INTER_AREA)
+        landmarks = network.process(np.ascontiguousarray(image[..., ::-1])).pose_landmarks
+        if landmarks is not None:
+            points[i] = np.array([[m.x * SIDE, m.y * SIDE, m.visibility] for m in landmarks.landmark])[MEDIAPIPE]
+            points[i, :, :2] = (points[i, :, :2] - crop[:, 2]) / scale
+    np.savez(out, points=points, **stored)
+
+
+def score(video: Path, given: Path) -> None:
+    """Prints the table."""
+    from muybridge.geometry.crops import crops_for_boxes
+    from muybridge.geometry.landmarks import BODY23
+    from muybridge.infer.crops import extract_crops
+    from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
+    from muybridge.models.registry import shipped_model
+
+    joints = [BODY23.index(name) for name in JOINTS]
+    stored = np.load(given)
+    usable = _usable(stored["points"], stored["box"], joints)
+    pictures, frame, box = frames(video)[..., ::-1], stored["frame"][usable], stored["box"][usable]
+    peer, seen = stored["points"][usable][:, joints, :2], stored["points"][usable][:, joints, 2] > 0.5
+    middle = [peer[:, [JOINTS.index(f"{side}_{part}") for side in ("left", "right")]].mean(1)
+              for part in ("shoulder", "hip")]  # fmt: skip
+    trunk = np.linalg.norm(middle[0] - middle[1], axis=-1)[:, None]
+    other = [JOINTS.index(n.replace("left", "?").replace("right", "left").replace("?", "right")) for n in JOINTS]
+    print(f"{len(box)} people, {np.median(box[:, 3] - box[:, 1]):.0f} px high (median), of {len(usable)} boxes")
+    print("| crops of | read | PCK@0.2 | PCK@0.5 | other side |\n" + "|---" * 5 + "|")
+    for precision in ("fp32", "int8"):
+        for label, flip in (("mirrored too", True), ("once", False)):
+            network = KeypointNetwork(shipped_model("keypoints", precision), OnnxOptions(flip=flip))
+            crops = crops_for_boxes(box, network.crop_size, padding=network.box_padding)
+            pixels = np.concatenate([extract_crops(pictures[f], crops.select([i])) for i, f in enumerate(frame)])
+            ours = crops.to_image(network.locate(pixels).found.points_crop_px)[:, joints]
+            away = np.nan_to_num(np.linalg.norm(ours - peer, axis=-1), nan=np.inf) / trunk
+            swapped = (away > 0.2) & (np.linalg.norm(ours[:, other] - peer, axis=-1) / trunk < away / 2)
+            within = [f"{(away < share)[seen].mean():.3f}" for share in (0.2, 0.5)]
+            print(f"| {precision} | {label} | {' | '.join(within)} | {swapped[seen].mean():.3f} |", flush=True)
+
+
+def _usable(points: np.ndarray, box: np.ndarray, joints: list[int]) -> Any:
+    """(N,) bool: whom MediaPipe found where the box is, and mostly visible."""
+    low, high = points[..., :2].min(1), points[..., :2].max(1)
+    both = np.clip(np.minimum(box[:, 2:], high) - np.maximum(box[:, :2], low), 0, None).prod(1)
+    overlap = both / ((box[:, 2:] - box[:, :2]).prod(1) + (high - low).prod(1) - both)
+    visible = (points[:, joints, 2] > 0.5).mean(1) >= LEAST_SEEN
+    return (overlap > LEAST_OVERLAP) & visible & ((high - low)[:, 1] > LEAST_PX)
+
+
+if __name__ == "__main__":
+    steps: dict[str, Any] = {"boxes": boxes, "find": find, "score": score}
+    if len(sys.argv) < 4 or len(sys.argv) != {"boxes": 4, "find": 5, "score": 4}.get(sys.argv[1]):
+        raise SystemExit(__doc__)
+    steps[sys.argv[1]](*map(Path, sys.argv[2:]))
