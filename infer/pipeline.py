@@ -18,6 +18,7 @@ from muybridge.geometry.calibration.quality import CalibrationQuality
 from muybridge.geometry.clocks import Clock
 from muybridge.geometry.landmarks import Keypoints2D
 from muybridge.infer import calibration_stage, exports, refine_cameras
+from muybridge.infer.compile_ahead import CompiledAhead
 from muybridge.infer.detect import CameraResult, DetectOptions, Models, detect, file_names, first_look, open_models
 from muybridge.infer.keypoints import first_frames, merge_markers, merge_tracks
 from muybridge.infer.outputs import WORK, OutputFolder, open_output
@@ -169,8 +170,10 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
     files = file_names(session.cameras.names)
     look = options.second_look
     first = first_look(options.detect) if look.enabled and look.everywhere else options.detect
-    session = stood_up(session, files, models, store, first, progress, turn=options.world == "upright")
-    detected = detect(session, files, models, store, first, progress)
+    with CompiledAhead() as ahead:
+        session = stood_up(session, files, models, store, first, progress, turn=options.world == "upright")
+        detected = detect(session, files, models, store, first, progress)
+        ahead.wait(progress)
     session, keypoints, markers = _common(session, detected, progress)
     clocks = session_clocks(session)
 

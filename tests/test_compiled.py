@@ -11,8 +11,7 @@ from muybridge.train import precision  # noqa: E402
 from muybridge.train.compiled import PAYS_AFTER_MINUTES, compiled  # noqa: E402
 from muybridge.train.keypoints import losses_of  # noqa: E402
 
-
-# What a network is not trained in here is compiled too, a minute or two where the processor is slow, by `make test-all`.
+# Compiling takes up to two minutes: `make test` does it in the precision that networks are trained in here.
 NATIVE = precision.name(torch.device("cpu")) == "bfloat16"
 
 

@@ -296,8 +296,8 @@ def test_run_with_another_model(short_demo: Path, tmp_path: Path) -> None:
     model = _shipped_as_simcc(tmp_path / "pose.onnx")
     out = tmp_path / "out"
     card = _card(tmp_path, **{"coco17": "halpe26", "box_padding = 1.25": "box_padding = 1.6667"})
-    code = run_command(["run", str(short_demo), "--out", str(out), "--keypoint-model", str(model), "--model-card", str(card),
-                        "--quiet"])  # fmt: skip
+    code = run_command(["run", str(short_demo), "--out", str(out), "--keypoint-model", str(model),
+                        "--model-card", str(card), "--quiet"])  # fmt: skip
     assert code == 0
     used = json.loads((out / "run.json").read_text())
     assert "pose.onnx" in json.dumps(used) and "card.toml" in json.dumps(used)
