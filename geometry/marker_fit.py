@@ -32,6 +32,7 @@ _FEWEST = 6
 # Joints that motion tells the place of; and metres, how far one may be off that is given from elsewhere.
 _LIMBS = ("thigh", "shin", "foot", "upper_arm", "forearm")
 _GIVEN = 0.04
+_ROUNDS = 15  # of Levenberg-Marquardt on one frame, from a pose that is near
 
 
 @dataclass(frozen=True)
@@ -188,20 +189,22 @@ def settle_frames(person: Person, points: Array, start: Pose, options: MarkerFit
     skeleton = solvable(person.skeleton, person.rigging)
     table = marker_body()
     chain = make_chain(skeleton, person.rigging.joints, person.rigging.offsets, table.rest, _prior(table, options))
+    points = np.ascontiguousarray(points)  # of one layout, or everything is compiled for each
     information = np.where(np.isfinite(points[..., 0]), 1.0 / person.sigma**2, 0.0)
     pose = Pose(start.root.copy(), start.turn.copy(), np.clip(start.angles, skeleton.lower, skeleton.upper))
     pose.angles[:, 0] = start.angles[:, 0]
     _settle_all(chain, pose.root, pose.turn, pose.angles, np.nan_to_num(points), information,
-                options.freedom if robust else 0.0)  # fmt: skip
+                options.freedom if robust else 0.0, _ROUNDS)  # fmt: skip
     return pose
 
 
 @compiled
 def _settle_all(
-    chain: Chain, root: Array, turn: Array, angles: Array, targets: Array, information: Array, freedom: float
-) -> None:
+    chain: Chain, root: Array, turn: Array, angles: Array, targets: Array, information: Array, freedom: float,
+    rounds: int,
+) -> None:  # fmt: skip
     for t in range(len(root)):
-        settle(chain, root[t], turn[t], angles[t], targets[t], information[t], freedom, 15)
+        settle(chain, root[t], turn[t], angles[t], targets[t], information[t], freedom, rounds)
 
 
 def _prior(table: MarkerBody, options: MarkerFitOptions) -> Array:

@@ -136,7 +136,7 @@ def elect(votes: Float, span: Int, rounds: int = 8) -> Int:
         order = np.argsort(-gain.max(1), kind="stable")
         first, last = np.ascontiguousarray(span[:, 0]), np.ascontiguousarray(span[:, 1])
         beside, starts = _overlaps(first, last)
-        _elect(gain, beside, starts, order, label, rounds)
+        _elect(gain, beside, starts, order, label, rounds, True)
         for frame in np.unique(np.quantile(first, np.linspace(0, 1, 12)).astype(int)):
             _assign_at(frame, gain, first, last, label)
         _elect(gain, beside, starts, order, label, rounds, False)
@@ -182,7 +182,7 @@ def _overlaps(first: Int, last: Int) -> tuple[Int, Int]:
 
 
 @numba.njit(cache=True)
-def _elect(gain: Float, beside: Int, starts: Int, order: Int, label: Int, rounds: int, fresh: bool = True) -> None:
+def _elect(gain: Float, beside: Int, starts: Int, order: Int, label: Int, rounds: int, fresh: bool) -> None:
     for p in order:
         if fresh or label[p] < 0:
             label[p] = _free(p, gain, beside, starts, label)

@@ -252,8 +252,9 @@ def _jerkiness(chain: Chain, options: SkeletonFitOptions) -> Array:
 
 
 def _known(points_world: Array, sigma: float) -> tuple[Array, Array]:
-    known = np.asarray(np.isfinite(points_world).all(axis=-1))
-    return np.where(known[..., None], points_world, 0.0), np.where(known, sigma**-2.0, 0.0)
+    points = np.ascontiguousarray(points_world)  # of one layout, or everything is compiled for each
+    known = np.asarray(np.isfinite(points).all(axis=-1))
+    return np.where(known[..., None], points, 0.0), np.where(known, sigma**-2.0, 0.0)
 
 
 def _enough(chain: Chain) -> int:

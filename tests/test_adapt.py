@@ -180,21 +180,6 @@ def test_a_network_gets_used_to_footage(footage, worse_network, tmp_path):
     assert agreement(student, view).mean_px < 0.95 * agreement(net, view).mean_px
 
 
-def test_files_are_written_that_run_takes(footage, worse_network, tmp_path):
-    save_footage(tmp_path / "footage.npz", footage)
-    out = tmp_path / "out"
-    options = Adaptation(tmp_path / "footage.npz", out, worse_network, minutes=0.15, threads=1)
-    said = adapt(options, "muybridge train adapt")
-    assert "before" in said and str(out) in said
-    models = open_models(DetectOptions(keypoint_model=out / "keypoints.onnx", markers="all"))
-    assert models.landmarks == BODY23
-    metadata = models.metadata["keypoints"]
-    assert "scores" not in metadata and json.loads(metadata["adapted"])["session"] == "take"
-    open_models(DetectOptions(keypoint_model=out / "keypoints-int8.onnx"))
-    facts = json.loads((out / "adapt.json").read_text())
-    assert facts["after"]["mean_px"] < facts["before"]["mean_px"]
-
-
 def test_what_is_no_better_is_not_written(footage, tmp_path):
     save_footage(tmp_path / "footage.npz", footage)
     with pytest.raises(SessionError, match="no nearer"):
@@ -215,13 +200,22 @@ def test_what_teaches_nothing_is_refused(followed, network_card, footage, tmp_pa
         adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out"), "")
 
 
-def test_the_command_from_a_session_to_a_network(short_demo, tmp_path):
+def test_the_command_from_a_session_to_a_network(short_demo, worse_network, tmp_path):
     out = tmp_path / "adapted"
     run = [sys.executable, "-m", "muybridge", "adapt", str(short_demo), "--out", str(out), "--minutes", "0.15"]
+    run += ["--keypoint-model", str(worse_network)]
     done = subprocess.run(run, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert {p.name for p in out.iterdir()} == {*command.RESULTS, "work"}
     assert "before" in done.stdout and f"--keypoint-model {out / 'keypoints-int8.onnx'}" in done.stdout
+    # Files that `run` takes.
+    models = open_models(DetectOptions(keypoint_model=out / "keypoints.onnx", markers="all"))
+    assert models.landmarks == BODY23
+    metadata = models.metadata["keypoints"]
+    assert "scores" not in metadata and json.loads(metadata["adapted"])["session"] == "take"
+    open_models(DetectOptions(keypoint_model=out / "keypoints-int8.onnx"))
+    facts = json.loads((out / "adapt.json").read_text())
+    assert facts["after"]["mean_px"] < facts["before"]["mean_px"]
     # A file of somebody else's stays.
     (out / "keypoints.onnx").write_text("mine")
     again = subprocess.run(run, capture_output=True, text=True, check=False)

@@ -222,6 +222,7 @@ def test_a_block_that_earlier_files_lack_begins_idle_and_learns(tmp_path):
     assert gradient[0] == 0 < gradient[1]  # nothing lets it through, and then something does
 
 
+@pytest.mark.slow
 def test_files_whose_heatmaps_came_of_the_finest_features_alone_are_read(tmp_path):
     torch.manual_seed(0)
     net, path = as_trained(KeypointNet(95)), tmp_path / "net.onnx"
