@@ -12,6 +12,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from muybridge import __version__
 from muybridge.errors import SessionError
 from muybridge.geometry.calibration.quality import CalibrationQuality
@@ -380,18 +382,24 @@ def summary(result: RunResult) -> str:
         f"{session.name}: {session.frames} frames, {len(session.cameras)} cameras, {result.seconds:.0f} s",
         f"  3D points for {quality.coverage:.1%} of all frames and landmarks",
         f"  they project {quality.reprojection_px:.1f} px (median) from the 2D landmarks",
-        f"  a camera left out is missed by {quality.leave_one_out_px:.1f} px (median)",
+        f"  {_left_out(quality.leave_one_out_px)}",
     ]
     width = max(len(name) for name in quality.cameras)
     for name, camera in quality.cameras.items():
         rows.append(
             f"    {name:<{width}}  sees {camera['seen']:6.1%}   reprojection "
-            f"{camera['reprojection_px']:6.1f} px   left out {camera['leave_one_out_px']:6.1f} px"
+            f"{camera['reprojection_px']:6.1f} px"
+            + (f"   left out {away:6.1f} px" if np.isfinite(away := camera["leave_one_out_px"]) else "")
         )
     for number, other in enumerate(result.others, start=2):
         rows.append(
-            f"  person {number}: 3D points for {other.coverage:.1%}, a camera left out is missed by "
-            f"{other.leave_one_out_px:.1f} px (median)"
+            f"  person {number}: 3D points for {other.coverage:.1%}, {_left_out(other.leave_one_out_px)}"
         )
     rows.append(f"  results: {result.out} ({exports.REPORT} shows them; {WORK}/ may be deleted)")
     return "\n".join(rows)
+
+
+def _left_out(away_px: float) -> str:
+    if np.isfinite(away_px):
+        return f"a camera left out is missed by {away_px:.1f} px (median)"
+    return "no camera can be left out: never more than two see the person"
