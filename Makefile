@@ -3,7 +3,7 @@
 # make test-all  the same with the slow tests
 # make lint      style, imports between the layers, types
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all lint clean
+.PHONY: help demo test test-all quick all lint clean
 SHELL := /bin/bash
 
 VENV := .venv
@@ -21,13 +21,18 @@ help:
 demo: $(VENV)/.installed-base
 	$(BIN)/muybridge demo
 
+# The linters beside the tests: types take a minute and a half of one processor, and tests leave some time of both.
 test: $(VENV)/.installed-dev
-	$(PYTEST) -m "not slow"
-	$(MAKE) --no-print-directory lint
+	$(MAKE) --no-print-directory -j2 quick lint
 
 test-all: $(VENV)/.installed-dev
+	$(MAKE) --no-print-directory -j2 all lint
+
+quick: $(VENV)/.installed-dev
+	$(PYTEST) -m "not slow"
+
+all: $(VENV)/.installed-dev
 	$(PYTEST)
-	$(MAKE) --no-print-directory lint
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

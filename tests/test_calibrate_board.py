@@ -143,7 +143,8 @@ def test_a_checkerboard_of_images(tmp_path):
         (["--columns", "1", "--rows", "7"], "at least 2 x 2"),
     ],
 )
-def test_a_wrong_description_is_told_the_right_one(shown, tmp_path, capfd, flags, said):
+def test_a_wrong_description_is_told_the_right_one(shown, tmp_path, capfd, monkeypatch, flags, said):
+    monkeypatch.setattr("muybridge.infer.calibrate_board._LOOKED_FOR_OTHERS", 6)
     assert said in failed(capfd, "board", shown, *flags, "--square", "0.05", "--out", tmp_path / "c.toml")
 
 

@@ -12,7 +12,7 @@ from muybridge.infer.keypoints import CameraTracks
 from muybridge.infer.onnx import Expectation, KeypointNetwork
 from muybridge.infer.progress import Progress
 from muybridge.infer.second_look import SecondLook, SecondLookOptions, missing_views
-from muybridge.infer.session import SessionOptions, open_session
+from muybridge.infer.session import SessionOptions, open_session, with_frames
 from muybridge.infer.stages import StageResult, StageStore
 from muybridge.infer.upright import Letterbox, Upright
 from muybridge.infer.video import read_chunks
@@ -27,10 +27,10 @@ def demo(repository: Path, tmp_path: Path):
     """The demo's session and its true landmarks, every camera following the person but the second, who loses them."""
     take = tmp_path / "take"
     shutil.copytree(repository / "infer" / "demo_take", take)
-    session = open_session(take, SessionOptions())
+    session = with_frames(open_session(take, SessionOptions()), 60)
     with np.load(take / "truth.npz") as truth:
         columns = [list(truth["names"]).index(n) for n in BODY23.names]
-        world = truth["points_world"][:, columns]
+        world = truth["points_world"][: session.frames, columns]
     frames, cameras = len(world), len(session.cameras)
     slots = np.zeros((cameras, frames), np.int64)
     slots[1, LOST] = -1
