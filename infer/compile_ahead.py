@@ -7,6 +7,7 @@ compiled comes to this one through numba's cache on disk.
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
 import tempfile
@@ -39,9 +40,11 @@ class CompiledAhead:
     process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> CompiledAhead:
-        if not all(is_compiled(loop) for loop in _LOOPS):
+        # Inside a program that was frozen into one file there is no interpreter to start.
+        if sys.executable and not getattr(sys, "frozen", False) and not all(is_compiled(loop) for loop in _LOOPS):
             command = [sys.executable, "-m", __name__]
-            self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            with contextlib.suppress(OSError):
+                self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         return self
 
     def wait(self, progress: Progress) -> None:

@@ -44,6 +44,18 @@ def test_nothing_is_started_where_all_is_compiled(monkeypatch, slow_process):
     assert ahead.process is None and not slow_process
 
 
+def test_nothing_is_started_where_no_interpreter_is(monkeypatch, slow_process):
+    monkeypatch.setattr(compile_ahead, "is_compiled", lambda loop: False)
+    for name, value in (("frozen", True), ("executable", "")):
+        with monkeypatch.context() as context, Progress(quiet=True) as progress:
+            context.setattr(sys, name, value, raising=False)
+            with CompiledAhead() as ahead:
+                ahead.wait(progress)
+    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: (_ for _ in ()).throw(OSError("no memory")))
+    with CompiledAhead() as ahead:
+        assert ahead.process is None and not slow_process
+
+
 def test_it_ends_with_what_it_is_for(monkeypatch, slow_process):
     monkeypatch.setattr(compile_ahead, "is_compiled", lambda loop: False)
     with pytest.raises(ZeroDivisionError), CompiledAhead() as ahead:
