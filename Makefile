@@ -3,7 +3,7 @@
 # make test-all  the same with the slow tests
 # make lint      style, imports between the layers, types
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all quick all lint clean
+.PHONY: help demo test test-all quick-tests all-tests lint clean
 SHELL := /bin/bash
 
 VENV := .venv
@@ -23,15 +23,15 @@ demo: $(VENV)/.installed-base
 
 # The linters beside the tests: types take a minute and a half of one processor, and tests leave some time of both.
 test: $(VENV)/.installed-dev
-	$(MAKE) --no-print-directory -j2 quick lint
+	$(MAKE) --no-print-directory -j2 quick-tests lint
 
 test-all: $(VENV)/.installed-dev
-	$(MAKE) --no-print-directory -j2 all lint
+	$(MAKE) --no-print-directory -j2 all-tests lint
 
-quick: $(VENV)/.installed-dev
+quick-tests: $(VENV)/.installed-dev
 	$(PYTEST) -m "not slow"
 
-all: $(VENV)/.installed-dev
+all-tests: $(VENV)/.installed-dev
 	$(PYTEST)
 
 lint: $(VENV)/.installed-dev
