@@ -56,7 +56,7 @@ class CompiledAhead:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self.process is not None and self.process.poll() is None:
+        if self.process is not None:
             self.process.kill()
             self.process.wait()
 
@@ -70,12 +70,11 @@ def is_compiled(loop: Any) -> bool:
 
 def compile_now() -> None:
     """Solves a second of the demo's take, from where its landmarks truly are."""
-    from muybridge.infer.demo import TRUTH, demo_folder  # which imports the pipeline, which imports this
+    from muybridge.infer.demo import demo_folder, true_points  # which imports the pipeline, which imports this
 
     cameras = load_calibration(Path(str(demo_folder().joinpath("calibration.toml"))))
-    with demo_folder().joinpath(TRUTH).open("rb") as file, np.load(file) as truth:
-        columns = [list(truth["names"]).index(name) for name in BODY23.names]
-        world = truth["points_world"][:_FRAMES, columns]
+    truth, names = true_points(demo_folder())
+    world = truth[:_FRAMES, [names.index(name) for name in BODY23.names]]
     px = np.stack([camera.project(world) for camera in cameras])[:, :, None]
     known = np.isfinite(px).all(axis=-1)
     keypoints = Keypoints2D(BODY23, px, np.where(known, 1.0, np.nan), np.where(known, 1.0, 0.0))

@@ -44,6 +44,12 @@ def demo_folder() -> Traversable:
     return folder
 
 
+def true_points(folder: Traversable) -> tuple[NDArray[np.float64], list[str]]:
+    """(T, K, 3) metres, and the (K,) landmarks' names, of a take like the demo's."""
+    with folder.joinpath(TRUTH).open("rb") as file, np.load(file) as truth:
+        return truth["points_world"], [str(n) for n in truth["names"]]
+
+
 def run_demo(
     out: Path, options: RunOptions, progress: Progress, folder: Traversable | None = None
 ) -> tuple[RunResult, Score]:
@@ -59,8 +65,7 @@ def run_demo(
         MuybridgeError: as `pipeline.run_session`.
     """
     folder = folder or demo_folder()
-    with folder.joinpath(TRUTH).open("rb") as file, np.load(file) as truth:
-        points_world, names = truth["points_world"], [str(n) for n in truth["names"]]
+    points_world, names = true_points(folder)
     take = out / TAKE
     _copy(folder, take, options.overwrite or is_ours(out))
     result = run_session(take, out, options, progress)

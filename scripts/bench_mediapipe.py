@@ -14,6 +14,7 @@ offset; the left-out camera's error is of all 23 landmarks.
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,13 +25,33 @@ JOINTS = tuple(f"{side}_{joint}" for joint in ("shoulder", "elbow", "wrist", "hi
                for side in ("left", "right"))  # fmt: skip
 
 
+def peer() -> Any:
+    """MediaPipe's network, which looks at every picture anew."""
+    import mediapipe
+
+    return mediapipe.solutions.pose.Pose(static_image_mode=True, model_complexity=1, min_detection_confidence=0.3)
+
+
+def look(network: Any, picture: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """(23, 3) x, y in pixels and visibility of whom it sees in a BGR picture round a box; NaN where nobody."""
+    import cv2
+
+    middle, scale = (low + high) / 2, SIDE / (1.25 * (high - low).max())
+    crop = np.array([[scale, 0, SIDE / 2 - middle[0] * scale], [0, scale, SIDE / 2 - middle[1] * scale]])
+    image = cv2.warpAffine(picture, crop, (SIDE, SIDE), flags=cv2.INTER_AREA)
+    landmarks = network.process(np.ascontiguousarray(image[..., ::-1])).pose_landmarks
+    if landmarks is None:
+        return np.full((len(MEDIAPIPE), 3), np.nan)
+    found = np.array([[m.x * SIDE, m.y * SIDE, m.visibility] for m in landmarks.landmark])[MEDIAPIPE]
+    found[:, :2] = (found[:, :2] - crop[:, 2]) / scale
+    return found
+
+
 def find(data: Path, out: Path) -> None:
     """Writes (C, T, 23, 3) x, y in pixels and visibility."""
     import cv2
-    import mediapipe
 
-    reference = np.load(data / "balancing/reference/openpose_body25b.npz")["keypoints2d_px"]
-    network = mediapipe.solutions.pose.Pose(static_image_mode=True, model_complexity=1, min_detection_confidence=0.3)
+    reference, network = np.load(data / "balancing/reference/openpose_body25b.npz")["keypoints2d_px"], peer()
     found = np.full((*reference.shape[:2], len(MEDIAPIPE), 3), np.nan)
     began = time.monotonic()
     for c, path in enumerate(sorted((data / "balancing/videos").glob("*.mp4"))):
@@ -38,14 +59,7 @@ def find(data: Path, out: Path) -> None:
         for t in range(reference.shape[1]):
             _, picture = video.read()
             points = reference[c, t][reference[c, t, :, 2] > 0.3, :2]
-            middle, scale = (points.min(0) + points.max(0)) / 2, SIDE / (1.25 * np.ptp(points, axis=0).max())
-            crop = np.array([[scale, 0, SIDE / 2 - middle[0] * scale], [0, scale, SIDE / 2 - middle[1] * scale]])
-            image = cv2.warpAffine(picture, crop, (SIDE, SIDE), flags=cv2.INTER_AREA)
-            landmarks = network.process(np.ascontiguousarray(image[..., ::-1])).pose_landmarks
-            if landmarks is not None:
-                each = [[m.x * SIDE, m.y * SIDE, m.visibility] for m in landmarks.landmark]
-                found[c, t] = np.array(each)[MEDIAPIPE]
-                found[c, t, :, :2] = (found[c, t, :, :2] - crop[:, 2]) / scale
+            found[c, t] = look(network, picture, points.min(0), points.max(0))
     np.savez_compressed(out, points=found)
     print(f"{found[..., 0, 0].size} crops in {time.monotonic() - began:.1f} s")
 
@@ -63,12 +77,12 @@ def score(data: Path, found: Path, run: Path) -> None:
     (cameras, reference_px, reference_variance), names = balancing(data)
     stored = np.load(data / "balancing/reference/openpose_body25b.npz")
     truth = stored["points3d_world"][:, [names.index(j) for j in JOINTS]]
-    peer = np.load(found)["points"]
+    theirs = np.load(found)["points"]
     with np.load(run / "work" / "person, second look.npz") as ours:
         px, variance = ours["array_points_px"], ours["array_variance_px2"]
     order = [names.index(n) for n in BODY23.names]
     sources = {
-        "ours": (px, variance), "MediaPipe": (peer[..., :2], np.where(peer[..., 2] > 0.5, 1.0, np.nan)),
+        "ours": (px, variance), "MediaPipe": (theirs[..., :2], np.where(theirs[..., 2] > 0.5, 1.0, np.nan)),
         "OpenPose, the reference's own": (reference_px[:, :, order], reference_variance[:, :, order]),
     }  # fmt: skip
     print("| 2D | cameras | single frames: MPJPE, aligned, offset-free | smoothed | left out px |\n" + "|---" * 5 + "|")

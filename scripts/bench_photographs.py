@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_mediapipe import JOINTS, MEDIAPIPE, SIDE
+from bench_mediapipe import JOINTS, look, peer
 
 EVERY = 20
 LEAST_PX, LEAST_SCORE, LEAST_OVERLAP, LEAST_SEEN = 60, 0.3, 0.5, 0.75
@@ -27,12 +27,14 @@ def frames(video: Path) -> np.ndarray:
     """(T, H, W, 3) BGR of every `EVERY`th frame."""
     import cv2
 
-    reader, kept = cv2.VideoCapture(str(video)), []
+    reader, kept, number = cv2.VideoCapture(str(video)), [], 0
     while (read := reader.read())[0]:
-        kept.append(read[1])
+        if number % EVERY == EVERY // 2:
+            kept.append(read[1])
+        number += 1
     if not kept:
-        raise SystemExit(f"{video}: no frames can be read")
-    return np.stack(kept[EVERY // 2 :: EVERY])
+        raise SystemExit(f"{video}: of its {number} frames that can be read none is a {EVERY}th")
+    return np.stack(kept)
 
 
 def boxes(video: Path, out: Path) -> None:
@@ -54,21 +56,9 @@ def boxes(video: Path, out: Path) -> None:
 
 def find(video: Path, given: Path, out: Path) -> None:
     """Adds (N, 23, 3) x, y in pixels and visibility."""
-    import cv2
-    import mediapipe
-
-    pictures, stored = frames(video), dict(np.load(given))
-    network = mediapipe.solutions.pose.Pose(static_image_mode=True, model_complexity=1, min_detection_confidence=0.3)
-    points = np.full((len(stored["box"]), len(MEDIAPIPE), 3), np.nan)
-    for i, (frame, box) in enumerate(zip(stored["frame"], stored["box"], strict=True)):
-        middle, scale = (box[:2] + box[2:]) / 2, SIDE / (1.25 * (box[2:] - box[:2]).max())
-        crop = np.array([[scale, 0, SIDE / 2 - middle[0] * scale], [0, scale, SIDE / 2 - middle[1] * scale]])
-        image = cv2.warpAffine(pictures[frame], crop, (SIDE, SIDE), flags=cv2.INTER_AREA)
-        landmarks = network.process(np.ascontiguousarray(image[..., ::-1])).pose_landmarks
-        if landmarks is not None:
-            points[i] = np.array([[m.x * SIDE, m.y * SIDE, m.visibility] for m in landmarks.landmark])[MEDIAPIPE]
-            points[i, :, :2] = (points[i, :, :2] - crop[:, 2]) / scale
-    np.savez(out, points=points, **stored)
+    pictures, stored, network = frames(video), dict(np.load(given)), peer()
+    seen = zip(stored["frame"], stored["box"], strict=True)
+    np.savez(out, points=[look(network, pictures[frame], box[:2], box[2:]) for frame, box in seen], **stored)
 
 
 def score(video: Path, given: Path) -> None:
@@ -83,11 +73,11 @@ def score(video: Path, given: Path) -> None:
     stored = np.load(given)
     usable = _usable(stored["points"], stored["box"], joints)
     pictures, frame, box = frames(video)[..., ::-1], stored["frame"][usable], stored["box"][usable]
-    peer, seen = stored["points"][usable][:, joints, :2], stored["points"][usable][:, joints, 2] > 0.5
-    middle = [peer[:, [JOINTS.index(f"{side}_{part}") for side in ("left", "right")]].mean(1)
+    theirs, seen = stored["points"][usable][:, joints, :2], stored["points"][usable][:, joints, 2] > 0.5
+    middle = [theirs[:, [JOINTS.index(f"{side}_{part}") for side in ("left", "right")]].mean(1)
               for part in ("shoulder", "hip")]  # fmt: skip
     trunk = np.linalg.norm(middle[0] - middle[1], axis=-1)[:, None]
-    other = [JOINTS.index(n.replace("left", "?").replace("right", "left").replace("?", "right")) for n in JOINTS]
+    other = [joints.index(BODY23.mirror[joint]) for joint in joints]
     print(f"{len(box)} people, {np.median(box[:, 3] - box[:, 1]):.0f} px high (median), of {len(usable)} boxes")
     print("| crops of | read | PCK@0.2 | PCK@0.5 | other side |\n" + "|---" * 5 + "|")
     for precision in ("fp32", "int8"):
@@ -96,8 +86,8 @@ def score(video: Path, given: Path) -> None:
             crops = crops_for_boxes(box, network.crop_size, padding=network.box_padding)
             pixels = np.concatenate([extract_crops(pictures[f], crops.select([i])) for i, f in enumerate(frame)])
             ours = crops.to_image(network.locate(pixels).found.points_crop_px)[:, joints]
-            away = np.nan_to_num(np.linalg.norm(ours - peer, axis=-1), nan=np.inf) / trunk
-            swapped = (away > 0.2) & (np.linalg.norm(ours[:, other] - peer, axis=-1) / trunk < away / 2)
+            away = np.nan_to_num(np.linalg.norm(ours - theirs, axis=-1), nan=np.inf) / trunk
+            swapped = (away > 0.2) & (np.linalg.norm(ours[:, other] - theirs, axis=-1) / trunk < away / 2)
             within = [f"{(away < share)[seen].mean():.3f}" for share in (0.2, 0.5)]
             print(f"| {precision} | {label} | {' | '.join(within)} | {swapped[seen].mean():.3f} |", flush=True)
 

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.infer.cli import run_command
-from muybridge.infer.demo import demo_folder
-from muybridge.infer.video import VideoWriter, probe_video, read_chunks
 
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 
@@ -147,17 +145,18 @@ def make_session(tmp_path: Path, make_video: Callable[..., Path]) -> Callable[..
 @pytest.fixture(scope="session")
 def short_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The session of the demo's take with its first 48 frames, a whole step: for what need not see all of it."""
-    folder = tmp_path_factory.mktemp("short_demo") / "take"
-    folder.mkdir()
-    source = demo_folder()
+    from muybridge.infer.demo import demo_folder
+    from muybridge.infer.video import VideoWriter, probe_video, read_chunks
+
+    folder, source = tmp_path_factory.mktemp("short_demo") / "take", demo_folder()
+    (folder / "videos").mkdir(parents=True)
     (folder / "calibration.toml").write_bytes(source.joinpath("calibration.toml").read_bytes())
     for video in source.joinpath("videos").iterdir():
         info = probe_video(Path(str(video)))
-        frames = np.concatenate(list(read_chunks(info)))[:48]
-        (folder / "videos").mkdir(exist_ok=True)
         with VideoWriter(folder / "videos" / video.name, info.width, info.height, info.fps, crf=12) as film:
-            for frame in frames:
-                film.write(frame)
+            for chunk in read_chunks(info, np.arange(48)):
+                for frame in chunk:
+                    film.write(frame)
     return folder
 
 

@@ -13,7 +13,7 @@ from muybridge.errors import FormatError, MissingExtraError, ModelError, Session
 from muybridge.geometry.clocks import Clock, own_frames
 from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.infer import adapt as command
-from muybridge.infer.demo import TRUTH, demo_folder
+from muybridge.infer.demo import demo_folder, true_points
 from muybridge.infer.detect import DetectOptions, open_models
 from muybridge.infer.footage import FootageOptions, _held_out, collect
 from muybridge.infer.pipeline import RunOptions, follow
@@ -137,8 +137,8 @@ def test_some_frames_of_every_take_are_held_out(count):
 
 
 def test_labels_are_where_the_person_is(followed, footage):
-    with demo_folder().joinpath(TRUTH).open("rb") as file, np.load(file) as truth:
-        world, names = truth["points_world"][: followed.session.frames], [str(n) for n in truth["names"]]
+    world, names = true_points(demo_folder())
+    world = world[: followed.session.frames]
     side = round(load_model(shipped_model("keypoints"))[1].input_size * footage.padding / 1.25)
     assert footage.crops.shape[1:] == (side, side, 4) and 60 <= len(footage.crops) <= 100
     assert footage.landmarks_px.shape == (len(footage.crops), JOINTS, 2)
@@ -173,7 +173,7 @@ def test_a_network_gets_used_to_footage(footage, worse_network, tmp_path):
     net = keypoint_net_from_onnx(worse_network)
     before = {k: v.clone() for k, v in net.state_dict().items()}
     shares = []
-    options = Adaptation(tmp_path / "footage.npz", tmp_path, minutes=0.2, rate=1e-3)  # much, in seconds
+    options = Adaptation(tmp_path / "footage.npz", tmp_path, minutes=0.6, rate=1e-3)  # much, in seconds
     student, images = adapted(net, view, options, shares.append)
     assert images >= 64 and shares == sorted(shares) and shares[-1] <= 1
     assert all(torch.equal(v, before[k]) for k, v in net.state_dict().items())  # the teacher stays
@@ -202,7 +202,7 @@ def test_what_teaches_nothing_is_refused(followed, network_card, footage, tmp_pa
 
 def test_the_command_from_a_session_to_a_network(short_demo, worse_network, tmp_path):
     out = tmp_path / "adapted"
-    run = [sys.executable, "-m", "muybridge", "adapt", str(short_demo), "--out", str(out), "--minutes", "0.15"]
+    run = [sys.executable, "-m", "muybridge", "adapt", str(short_demo), "--out", str(out), "--minutes", "0.3"]
     run += ["--keypoint-model", str(worse_network)]
     done = subprocess.run(run, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

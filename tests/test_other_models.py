@@ -14,7 +14,7 @@ from muybridge.geometry.crops import crops_for_boxes  # noqa: E402
 from muybridge.geometry.landmarks import BODY23  # noqa: E402
 from muybridge.infer.cli import run_command  # noqa: E402
 from muybridge.infer.crops import extract_crops  # noqa: E402
-from muybridge.infer.demo import demo_folder  # noqa: E402
+from muybridge.infer.demo import demo_folder, true_points  # noqa: E402
 from muybridge.infer.onnx import OnnxOptions  # noqa: E402
 from muybridge.infer.other_models import OtherNetwork, open_keypoints  # noqa: E402
 from muybridge.models.decode import SpreadCalibration  # noqa: E402
@@ -302,9 +302,8 @@ def test_run_with_another_model(short_demo: Path, tmp_path: Path) -> None:
     used = json.loads((out / "run.json").read_text())
     assert "pose.onnx" in json.dumps(used) and "card.toml" in json.dumps(used)
     points = _points_of(out)
-    with demo_folder().joinpath("truth.npz").open("rb") as file, np.load(file) as truth:
-        expected, names = truth["points_world"][: len(points)], [str(n) for n in truth["names"]]
-    error = np.linalg.norm(points[:, [BODY23.index(n) for n in names]] - expected, axis=-1)
+    expected, names = true_points(demo_folder())
+    error = np.linalg.norm(points[:, [BODY23.index(n) for n in names]] - expected[: len(points)], axis=-1)
     assert np.isfinite(error).mean() > 0.95
     assert np.nanmedian(error) < 0.04
 

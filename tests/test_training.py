@@ -154,7 +154,7 @@ def test_spread_calibration_covers_errors():
 
 def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
     options = KeypointTraining(
-        renders=store, out=tmp_path / "run", minutes=0.08, size=64, batch=16, backgrounds=8, threads=1, workers=0
+        renders=store, out=tmp_path / "run", minutes=0.25, size=64, batch=16, backgrounds=8, threads=1, workers=0
     )
     checkpoint = keypoints.train(options)
     first = load_checkpoint(checkpoint)
@@ -276,7 +276,7 @@ def test_training_goes_on_from_shipped_weights(kind, store, tmp_path):
 
 def test_people_training_learns(store, tmp_path):
     options = PeopleTraining(
-        renders=store, out=tmp_path / "run", minutes=0.15, batch=8, backgrounds=8, threads=1, workers=0
+        renders=store, out=tmp_path / "run", minutes=0.2, batch=8, backgrounds=8, threads=1, workers=0
     )
     saved = load_checkpoint(people.train(options))
     assert saved["state"]["images"] > 0
