@@ -120,8 +120,10 @@ def told(quality: CalibrationQuality) -> list[str]:
     width = max(len(n) for n in quality.cameras.names)
     for c in report.order if report.faults else range(len(quality.cameras)):
         name = quality.cameras.names[c]
+        away = quality.leave_one_out_px[c]  # NaN where never more than two cameras see the person
+        left_out = f"left out {away:5.1f} px   " if np.isfinite(away) else ""
         rows.append(
-            f"  {name:<{width}}  reprojection {quality.residual_px[c]:5.1f} px   left out "
-            f"{quality.leave_one_out_px[c]:5.1f} px   {blamed(report, name) or 'nothing wrong'}"
+            f"  {name:<{width}}  reprojection {quality.residual_px[c]:5.1f} px   {left_out}"
+            f"{blamed(report, name) or 'nothing wrong'}"
         )
     return rows

@@ -79,6 +79,15 @@ def test_the_page_names_the_culprit_first(turned: CalibrationQuality) -> None:
     assert "cam<2>" in lines[0] and lines[1].strip().startswith("cam<2>") and lines[1].endswith("turned")
 
 
+def test_of_two_cameras_none_can_be_left_out(staged_people: ModuleType) -> None:
+    rig = CameraGroup(_rig().cameras[:2])
+    px = rig.project(staged_people.person(40)) + np.random.default_rng(3).normal(0, 1.5, (2, 40, 23, 2))
+    quality = check_take(rig, px, np.full(px.shape[:-1], 4.0), source="a staged person")
+    lines = told(quality)
+    assert len(lines) == 3 and all("reprojection" in line for line in lines[1:])
+    assert "nan" not in "".join(lines) + render_calibration(CalibrationPage("two", quality)).lower()
+
+
 def test_a_judgement_survives_the_results_folder(turned: CalibrationQuality) -> None:
     arrays, facts = packed(turned)
     back = unpacked(turned.cameras, arrays, facts)

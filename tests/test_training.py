@@ -20,7 +20,7 @@ from muybridge.models.people_net import PeopleNet  # noqa: E402
 from muybridge.models.registry import keypoint_card, people_card, shipped_model  # noqa: E402
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, measure_normalisation  # noqa: E402
 from muybridge.train import keypoints, loop, people  # noqa: E402
-from muybridge.train.augment import AugmentOptions, Compositor  # noqa: E402
+from muybridge.train.augment import AugmentOptions, Batch, Compositor  # noqa: E402
 from muybridge.train.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.evaluation import MIRROR, _figures, evaluate_onnx  # noqa: E402
 from muybridge.train.heatmap_loss import OUTSIDE, heatmap_loss  # noqa: E402
@@ -165,6 +165,7 @@ def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
     losses = [line["loss"] for line in lines if "loss" in line]
     assert losses[-1] < losses[0]
     assert lines[0]["options"]["seed"] == "0" and "torch" in lines[0]
+    assert 2 < lines[-1]["held_out_loss"] < np.log(16 * 16)
     assert cv2.imread(str(options.out / "curves.png")).std() > 5
     pool = loop.background_pool(options)
     path = tmp_path / "out" / "keypoints.onnx"
@@ -175,6 +176,37 @@ def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
     card = keypoint_card(session.get_modelmeta().custom_metadata_map, path)
     assert card.landmarks is BODY23 and card.input_size == 64
     assert card.metadata["training_command"] == "a test"
+
+
+class _Says(torch.nn.Module):
+    """A network that is sure of the places it is given, by so much."""
+
+    def __init__(self, landmarks_px, sureness):
+        super().__init__()
+        self.sureness = torch.nn.Parameter(torch.tensor(sureness))
+        self.cell = (landmarks_px - 1.5) / 4
+
+    def forward(self, image):
+        at = torch.arange(16.0)
+        x, y = ((at - self.cell[..., axis, None]) ** 2 / (2 * 0.8**2) for axis in (0, 1))
+        return -self.sureness * (y[..., :, None] + x[..., None, :]), None
+
+
+def test_scores_tell_what_is_right_what_is_exchanged_and_how_sure_of_either():
+    at = torch.from_numpy(np.random.default_rng(3).uniform(8, 56, (2, 23, 2))).float()
+    seen, empty = torch.ones(2, 23, dtype=torch.bool), torch.empty(2, 0)
+    image, difference = (torch.zeros(2, channels, 64, 64, dtype=torch.uint8) for channels in (3, 1))
+    batch = Batch(image, difference, at, seen, empty, empty)
+    right, sure, exchanged, unsurely = (
+        keypoints.evaluate(_Says(places, sureness), [batch])
+        for places, sureness in ((at, 1.0), (at, 9.0), (at[:, MIRROR], 1.0), (at[:, MIRROR], 0.3))
+    )
+    assert right["pck05"] == sure["pck05"] == 1 and right["swaps"] == 0
+    assert exchanged["swaps"] == unsurely["swaps"] == 1
+    # Of a Gaussian over the cells the entropy is the least loss; who is too sure, or wrong, has more.
+    assert right["held_out_loss"] == pytest.approx(np.log(2 * np.pi * np.e * 0.8**2), abs=0.02)
+    assert right["held_out_loss"] < sure["held_out_loss"]
+    assert right["held_out_loss"] < unsurely["held_out_loss"] < exchanged["held_out_loss"]
 
 
 def as_trained(net):
