@@ -154,7 +154,7 @@ def test_of_twins_in_one_place_the_one_that_may_be_elsewhere_goes_there() -> Non
     assert told.variance_crop_px2[0, 1] == pytest.approx((0.55 * (11**2 + 7**2) / 2 + 1) * 16 + 0.5, rel=0.03)
     for values, before in zip(told, plain, strict=True):
         np.testing.assert_array_equal(values[0, [0, 2]], before[0, [0, 2]])
-    # Whichever comes first; and each crop for itself, to the rounding of sums that a processor may take in another order.
+    # Whichever comes first; and each crop for itself, to the rounding of sums taken in another order.
     swapped = decode_heatmaps(logits[:, [1, 0, 2]], 4, _PLAIN, twins).points_crop_px
     np.testing.assert_allclose(swapped[0, [1, 0, 2]], told.points_crop_px[0], atol=1e-5)
     both = decode_heatmaps(np.concatenate([_logits(sure, sure, alone), logits]), 4, _PLAIN, twins).points_crop_px
