@@ -33,6 +33,7 @@ from muybridge.train.options import (  # noqa: E402
 )
 from muybridge.train.publish import load_checkpoint, publish_keypoints  # noqa: E402
 from muybridge.train.renders import SIZE, load_renders  # noqa: E402
+from muybridge.train.scenes import SceneBatch  # noqa: E402
 from muybridge.train.sigma import fit_spread, within  # noqa: E402
 
 
@@ -312,7 +313,34 @@ def test_people_training_learns(store, tmp_path):
     )
     saved = load_checkpoint(people.train(options))
     assert saved["state"]["images"] > 0
-    assert set(saved["scores"]) == {"recall", "precision", "iou"}
+    assert set(saved["scores"]) == {"recall", "precision", "iou", "held_out_loss"}
+
+
+class _Finds(torch.nn.Module):
+    """A detector that is sure of the targets that it is given, by so much."""
+
+    def __init__(self, targets, sureness):
+        super().__init__()
+        self.sureness = torch.nn.Parameter(torch.tensor(sureness))
+        self.heat, self.box = torch.from_numpy(targets.heat)[:, None], torch.from_numpy(targets.box)
+
+    def forward(self, image):
+        return self.sureness * (2 * (self.heat >= 0.999).float() - 1), self.box
+
+
+def test_scores_of_detectors_tell_who_is_found_and_how_surely():
+    def scene(*box):
+        boxes = [np.array([box], np.float32)]
+        return SceneBatch(torch.zeros(1, 4, 192, 320, dtype=torch.uint8), boxes, [np.zeros((0, 4), np.float32)])
+
+    here, there = scene(40, 30, 99, 150), scene(200, 30, 259, 150)
+    sure, unsure, wrong = (
+        people.evaluate(_Finds(people.make_targets(said), sureness), [here])
+        for said, sureness in ((here, 9.0), (here, 3.0), (there, 9.0))
+    )
+    assert sure["recall"] == sure["precision"] == unsure["recall"] == 1 and sure["iou"] == pytest.approx(1, abs=1e-4)
+    assert wrong["recall"] == wrong["precision"] == 0
+    assert sure["held_out_loss"] < 0.01 < unsure["held_out_loss"] < 1 < wrong["held_out_loss"]
 
 
 def test_evaluation_counts_what_it_says():

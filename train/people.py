@@ -85,9 +85,16 @@ def generalised_iou(a: Tensor, b: Tensor) -> Tensor:
 
 def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
     """Total loss, and the box loss for the log."""
-    image, heat, weight, box, has_box = batch
+    image, *targets = batch
     with autocast(image.device):
         logits, distance = net(image.float().div_(255))
+    return _loss(logits, distance, *targets)
+
+
+def _loss(
+    logits: Tensor, distance: Tensor, heat: Tensor, weight: Tensor, box: Tensor, has_box: Tensor
+) -> tuple[Tensor, Tensor]:
+    """`loss_of` what a network says."""
     logits = logits[:, 0].float()
     p = torch.sigmoid(logits).clamp(1e-5, 1 - 1e-5)
     positive = (heat >= 0.999).float()
@@ -101,12 +108,15 @@ def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
 
 @torch.no_grad()
 def evaluate(net: nn.Module, batches: list[SceneBatch], threshold: float = 0.3) -> dict[str, float]:
-    """Recall of people, precision of detections at IoU 0.5, and mean IoU of those found."""
+    """Recall of people, precision of detections at IoU 0.5, mean IoU of those found, and the loss, which tells small
+    gains."""
     where = next(net.parameters()).device
-    found, people, false, total, overlap = 0, 0, 0, 0, []
+    found, people, false, total, overlap, losses = 0, 0, 0, 0, [], []
     for batch in batches:
+        image, *targets = (t.to(where) for t in as_tensors(batch))
         with autocast(where):
-            logits, distance = net(batch.image.to(where).float().div(255))
+            logits, distance = net(image.float().div(255))
+        losses.append(float(_loss(logits, distance, *targets)[0]))
         detected = decode_people(
             logits.float().cpu().numpy(), distance.float().cpu().numpy(), STRIDE, threshold, max_people=8
         )
@@ -121,7 +131,7 @@ def evaluate(net: nn.Module, batches: list[SceneBatch], threshold: float = 0.3) 
             false, total = false + int(wrong.sum()), total + int((~hidden).sum())
     return {
         "recall": found / max(people, 1), "precision": 1 - false / max(total, 1),
-        "iou": float(np.mean(overlap)) if overlap else 0.0,
+        "iou": float(np.mean(overlap)) if overlap else 0.0, "held_out_loss": float(np.mean(losses)),
     }  # fmt: skip
 
 
