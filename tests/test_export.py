@@ -19,7 +19,16 @@ from muybridge.models.export import export_onnx  # noqa: E402
 from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart  # noqa: E402
 from muybridge.models.quantize import int8_path, quantize  # noqa: E402
 from muybridge.models.registry import keypoint_card, shipped_model  # noqa: E402
-from muybridge.train.sigma import HeldOut, fit_mirrored, fit_spread, variances, within  # noqa: E402
+from muybridge.train.sigma import (  # noqa: E402
+    HeldOut,
+    _farthest_off,
+    _fit_hidden,
+    _hidden,
+    fit_mirrored,
+    fit_spread,
+    variances,
+    within,
+)
 
 OUTPUTS = ("heatmaps", "visibility")
 
@@ -162,6 +171,23 @@ def test_what_looks_hidden_has_a_larger_variance_and_what_was_mirrored_a_smaller
         one, two = within(found.error_px[hard], variances(fitted, found, both)[hard])
         assert one == pytest.approx(0.683, abs=0.02) and two == pytest.approx(0.954, abs=0.02)
     assert within(error[hard], plain.variance(spread)[hard])[0] < 0.65
+
+
+def test_what_looks_hidden_weighs_as_much_less_as_makes_the_shares_right() -> None:
+    rng = np.random.default_rng(5)
+    count = 40_000
+    spread, visible = np.exp(rng.uniform(0, 3, count)), rng.random(count) < 0.6
+    seen = np.where(visible, 0.95, 0.05)
+    # Some of the hidden ones are far off, which the slope of the logarithms hardly knows.
+    wide = np.where(~visible & (rng.random(count) < 0.25), 16.0, 1.0)
+    error = rng.normal(size=(count, 2)) * np.sqrt(spread * wide)[:, None]
+    parts = np.array_split(np.argsort(spread), 16)
+    slope = _hidden(error, seen, parts)
+    fitted = fit_spread(error, spread, visible, seen)
+    assert fitted.hidden > 1.2 * slope
+    groups = [np.full(count, True), visible, ~visible]
+    off = _farthest_off(error, fitted.variance(spread) * fitted.ratio(seen, False), groups)
+    assert off < _fit_hidden(error, spread, seen, slope, parts, groups)[0] - 0.001
 
 
 def test_the_shipped_network_weighs_what_looks_hidden_and_what_was_mirrored() -> None:

@@ -19,6 +19,8 @@ from muybridge.train.augment import Batch
 LEAST_FLOOR_PX2 = 0.01
 # Shares of a Gaussian's values within one and two sigma, and the most knots of the map that is to give them.
 WITHIN_ONE, WITHIN_TWO, KNOTS = 0.6827, 0.9545, 16
+# What is tried for the ratio of the variance of what looks hidden, times what the errors' slope says.
+_HIDDEN = np.geomspace(0.65, 2.0, 12)
 # What is tried for the ratio of the variance of crops looked at mirrored too to that of crops looked at once.
 _MIRRORED = np.geomspace(0.5, 1.25, 38)
 
@@ -106,14 +108,27 @@ def fit_spread(
         spread_px2: (K,).
         visible: (K,) which of them are not hidden; without, only all together are looked at.
         seen: (K,) the probability of that, as the network says; with it, what looks hidden may have a larger variance
-            of the same spread.
+            of the same spread: as much larger as makes the shares right, near what the errors' slope says.
     """
     groups = [slice(None)] if visible is None else _groups(visible)
     seen = np.ones(len(error_px)) if seen is None else seen
     order = np.argsort(spread_px2)
     parts = np.array_split(order, max(1, min(KNOTS, len(order) // 50)))
+    slope = _hidden(error_px, seen, parts)
+    # Where the slope says nothing of it there is nothing to choose.
+    tried = np.unique(np.maximum(slope * _HIDDEN, 1.0)) if slope > 1 and len(groups) > 1 else [slope]
+    fits = [_fit_hidden(error_px, spread_px2, seen, float(hidden), parts, groups) for hidden in tried]
+    best = min(fits, key=lambda fit: fit[0])[1]
+    scale, floor = _line(spread_px2, best.variance(spread_px2))
+    return replace(best, scale=scale, floor_px2=floor)
+
+
+def _fit_hidden(
+    error_px: NDArray[np.float64], spread_px2: NDArray[np.float64], seen: NDArray[np.float64], hidden: float,
+    parts: list[NDArray[np.intp]], groups: list[Any],
+) -> tuple[float, SpreadCalibration]:  # fmt: skip
+    """`fit_spread` with a given ratio of hidden landmarks, and by how much a share is off at most."""
     at = np.array([np.exp(np.log(np.maximum(spread_px2[part], LEAST_FLOOR_PX2)).mean()) for part in parts])
-    hidden = _hidden(error_px, seen, parts)
     factor = SpreadCalibration(hidden=hidden).ratio(seen, False)
     error = np.abs(error_px) / np.sqrt(factor)[:, None]
     one = np.array([np.quantile(error[part], WITHIN_ONE) for part in parts])
@@ -125,9 +140,7 @@ def fit_spread(
 
     weights = np.linspace(0.0, 1.0, 21)
     off = [_farthest_off(error_px, calibration(weight).variance(spread_px2) * factor, groups) for weight in weights]
-    best = calibration(float(weights[int(np.argmin(off))]))
-    scale, floor = _line(spread_px2, best.variance(spread_px2))
-    return replace(best, scale=scale, floor_px2=floor)
+    return min(off), calibration(float(weights[int(np.argmin(off))]))
 
 
 def fit_mirrored(spread: SpreadCalibration, found: HeldOut) -> SpreadCalibration:
