@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
 from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
-from muybridge.train import keypoints, second  # noqa: E402
+from muybridge.train import keypoints, precision, second  # noqa: E402
 from muybridge.train.keypoints import losses_of  # noqa: E402
 from muybridge.train.options import KeypointTraining  # noqa: E402
 from muybridge.train.publish import load_checkpoint  # noqa: E402
@@ -49,7 +49,15 @@ def wait_until_ready(other):
         time.sleep(0.1)
 
 
-def test_gradients_of_both_processes_add_up_to_those_of_one(monkeypatch):
+@pytest.fixture
+def precise():
+    """Both processes in float32: in bfloat16 sums taken in another order differ by more than what is looked for."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(precision, "_settled", False)
+        yield
+
+
+def test_gradients_of_both_processes_add_up_to_those_of_one(monkeypatch, precise):
     net, before = small_net(), second._processors()
     with Second(net, losses_of, 0.0) as other:
         for seed, theirs in enumerate((0, 1, 3, 2)):
@@ -65,7 +73,7 @@ def test_gradients_of_both_processes_add_up_to_those_of_one(monkeypatch):
             monkeypatch.undo()
             assert torch.isfinite(figure)
             for p, wanted in zip(net.parameters(), expected, strict=True):
-                torch.testing.assert_close(p.grad, wanted, rtol=2e-3, atol=2e-4 * float(wanted.abs().max() + 1))
+                torch.testing.assert_close(p.grad, wanted, rtol=1e-4, atol=1e-4 * float(wanted.abs().max()) + 1e-6)
             with torch.no_grad():  # as a step would: the other process has to hear of it
                 for p in net.parameters():
                     p.add_(0.05 * torch.randn_like(p))
