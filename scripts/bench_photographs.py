@@ -13,6 +13,7 @@ of those that lie nearer to the other side's, each crop read as `run` reads it (
 """
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ import numpy as np
 from bench_mediapipe import JOINTS, look, peer
 
 EVERY = 20
+# How `run` reads a crop, and once.
+WAYS = (("mirrored too", True), ("once", False))
 LEAST_PX, LEAST_SCORE, LEAST_OVERLAP, LEAST_SEEN = 60, 0.3, 0.5, 0.75
 
 
@@ -63,9 +66,7 @@ def find(video: Path, given: Path, out: Path) -> None:
 
 def score(video: Path, given: Path) -> None:
     """Prints the table."""
-    from muybridge.geometry.crops import crops_for_boxes
     from muybridge.geometry.landmarks import BODY23
-    from muybridge.infer.crops import extract_crops
     from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
     from muybridge.models.registry import shipped_model
 
@@ -74,22 +75,35 @@ def score(video: Path, given: Path) -> None:
     usable = _usable(stored["points"], stored["box"], joints)
     pictures, frame, box = frames(video)[..., ::-1], stored["frame"][usable], stored["box"][usable]
     theirs, seen = stored["points"][usable][:, joints, :2], stored["points"][usable][:, joints, 2] > 0.5
-    middle = [theirs[:, [JOINTS.index(f"{side}_{part}") for side in ("left", "right")]].mean(1)
-              for part in ("shoulder", "hip")]  # fmt: skip
-    trunk = np.linalg.norm(middle[0] - middle[1], axis=-1)[:, None]
-    other = [joints.index(BODY23.mirror[joint]) for joint in joints]
     print(f"{len(box)} people, {np.median(box[:, 3] - box[:, 1]):.0f} px high (median), of {len(usable)} boxes")
     print("| crops of | read | PCK@0.2 | PCK@0.5 | other side |\n" + "|---" * 5 + "|")
     for precision in ("fp32", "int8"):
-        for label, flip in (("mirrored too", True), ("once", False)):
+        for label, flip in WAYS:
             network = KeypointNetwork(shipped_model("keypoints", precision), OnnxOptions(flip=flip))
-            crops = crops_for_boxes(box, network.crop_size, padding=network.box_padding)
-            pixels = np.concatenate([extract_crops(pictures[f], crops.select([i])) for i, f in enumerate(frame)])
-            ours = crops.to_image(network.locate(pixels).found.points_crop_px)[:, joints]
-            away = np.nan_to_num(np.linalg.norm(ours - theirs, axis=-1), nan=np.inf) / trunk
-            swapped = (away > 0.2) & (np.linalg.norm(ours[:, other] - theirs, axis=-1) / trunk < away / 2)
-            within = [f"{(away < share)[seen].mean():.3f}" for share in (0.2, 0.5)]
-            print(f"| {precision} | {label} | {' | '.join(within)} | {swapped[seen].mean():.3f} |", flush=True)
+            cells = agreement(network, [pictures[f] for f in frame], box, theirs, seen)
+            print(f"| {precision} | {label} | {cells} |", flush=True)
+
+
+def agreement(
+    network: Any, pictures: Sequence[np.ndarray], box: np.ndarray, theirs: np.ndarray, seen: np.ndarray
+) -> str:
+    """The table's last three cells, of a keypoint network on RGB `pictures` of one person each, in boxes (N, 4), px,
+    against points of `JOINTS` (N, 12, 2), px, of which those `seen` (N, 12) count."""
+    from muybridge.geometry.crops import crops_for_boxes
+    from muybridge.geometry.landmarks import BODY23
+    from muybridge.infer.crops import extract_crops
+
+    joints = [BODY23.index(name) for name in JOINTS]
+    other = [joints.index(BODY23.mirror[joint]) for joint in joints]
+    middle = [theirs[:, [JOINTS.index(f"{side}_{part}") for side in ("left", "right")]].mean(1)
+              for part in ("shoulder", "hip")]  # fmt: skip
+    trunk = np.linalg.norm(middle[0] - middle[1], axis=-1)[:, None]
+    crops = crops_for_boxes(box, network.crop_size, padding=network.box_padding)
+    pixels = np.concatenate([extract_crops(picture, crops.select([i])) for i, picture in enumerate(pictures)])
+    ours = crops.to_image(network.locate(pixels).found.points_crop_px)[:, joints]
+    away = np.nan_to_num(np.linalg.norm(ours - theirs, axis=-1), nan=np.inf) / trunk
+    swapped = (away > 0.2) & (np.linalg.norm(ours[:, other] - theirs, axis=-1) / trunk < away / 2)
+    return " | ".join(f"{those[seen].mean():.3f}" for those in (away < 0.2, away < 0.5, swapped))
 
 
 def _usable(points: np.ndarray, box: np.ndarray, joints: list[int]) -> Any:

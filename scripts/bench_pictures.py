@@ -4,9 +4,8 @@
     python scripts/bench_pictures.py DATA [--network NETWORK.onnx ...] [--every 4] [--high 0 88]
 
 Every so many frames of each camera, as large as they are (`--high 0`) or made so small that the person is so many
-pixels high; boxes are those of the reference's own 2D, with a margin of 6 %. Prints the share of shoulders, elbows,
-wrists, hips, knees and ankles within 0.2 and 0.5 of the trunk's length of the reference's points, and of those beyond
-0.2 that lie nearer to the other side's, of the shipped networks unless told which.
+pixels high; boxes are those of the reference's own 2D, with a margin of 6 %. Prints for the shipped networks, unless
+told which, what scripts/bench_photographs.py does for an ordinary video, against the reference's points.
 """
 
 import argparse
@@ -15,38 +14,41 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from bench_culprits import balancing
 from bench_mediapipe import JOINTS
+from bench_photographs import WAYS, agreement
 from numpy.typing import NDArray
 
-from muybridge.geometry.crops import crops_for_boxes
-from muybridge.geometry.landmarks import BODY23
-from muybridge.infer.crops import extract_crops
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
 from muybridge.models.registry import shipped_model
 
-# Reference points that are less sure are no truth.
-SURE = 0.3
 MARGIN = 0.06
-OURS = [BODY23.index(name) for name in JOINTS]
-TWINS = [BODY23.mirror[joint] for joint in OURS]
 
 
 class Picture(NamedTuple):
-    """RGB pixels, the person's box (4,), and the reference's joints (12, 3): x, y in pixels and how sure."""
+    """RGB pixels, the left top and right bottom (2, 2) of the reference's points, and its joints (12, 2), px."""
 
     pixels: NDArray[np.uint8]
-    box: NDArray[np.float64]
+    extent: NDArray[np.float64]
     joints: NDArray[np.float64]
+
+    @property
+    def high(self) -> float:
+        """The person's height, px."""
+        return float(self.extent[1, 1] - self.extent[0, 1])
+
+    @property
+    def box(self) -> NDArray[np.float64]:
+        """(4,) px."""
+        low, high = self.extent
+        margin = MARGIN * (high - low).max()
+        return np.concatenate([low - margin, high + margin])
 
 
 def pictures(data: Path, every: int) -> list[Picture]:
     """Of all cameras, one in `every` frames."""
-    with np.load(data / "balancing/reference/openpose_body25b.npz") as stored:
-        reference, order = (
-            stored["keypoints2d_px"].astype(float),
-            [list(stored["names"]).index(name) for name in JOINTS],
-        )
-    found = []
+    (_, reference, _), names = balancing(data)
+    joints, found = [names.index(name) for name in JOINTS], []
     for c, path in enumerate(sorted((data / "balancing/videos").glob("*.mp4"))):
         video = cv2.VideoCapture(str(path))
         for t, points in enumerate(reference[c]):
@@ -54,33 +56,16 @@ def pictures(data: Path, every: int) -> list[Picture]:
             if not read:
                 raise SystemExit(f"{path}: ends before frame {t}, which the reference has")
             if t % every == 0:
-                sure = points[points[:, 2] > SURE, :2]
-                low, high = sure.min(0), sure.max(0)
-                margin = MARGIN * (high - low).max()
-                found.append(Picture(frame[..., ::-1], np.concatenate([low - margin, high + margin]), points[order]))
+                extent = np.stack([np.nanmin(points, 0), np.nanmax(points, 0)])
+                found.append(Picture(np.ascontiguousarray(frame[..., ::-1]), extent, points[joints]))
     return found
 
 
 def smaller(picture: Picture, high: int) -> Picture:
     """A picture in which the person is `high` pixels high."""
-    scale = high / ((picture.box[3] - picture.box[1]) / (1 + 2 * MARGIN))
+    scale = high / picture.high
     pixels = cv2.resize(picture.pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return Picture(pixels.astype(np.uint8), picture.box * scale, picture.joints * [scale, scale, 1])
-
-
-def shares(network: KeypointNetwork, seen: list[Picture]) -> tuple[float, float, float]:
-    """Of the joints: within 0.2 and 0.5 of the trunk, and on the other side."""
-    crops = crops_for_boxes(np.array([p.box for p in seen]), network.crop_size, padding=network.box_padding)
-    pixels = [extract_crops(np.ascontiguousarray(p.pixels), crops.select([i])) for i, p in enumerate(seen)]
-    at = crops.to_image(network.locate(np.concatenate(pixels)).found.points_crop_px)
-    truth = np.array([p.joints for p in seen])
-    middle = [truth[:, [JOINTS.index(f"{side}_{part}") for side in ("left", "right")], :2].mean(1)
-              for part in ("shoulder", "hip")]  # fmt: skip
-    trunk, sure = np.linalg.norm(middle[0] - middle[1], axis=-1)[:, None], truth[..., 2] > SURE
-    away, other = (np.nan_to_num(np.linalg.norm(at[:, which] - truth[..., :2], axis=-1), nan=np.inf) / trunk
-                   for which in (OURS, TWINS))  # fmt: skip
-    swapped = (away > 0.2) & (other < away / 2)
-    return float((away < 0.2)[sure].mean()), float((away < 0.5)[sure].mean()), float(swapped[sure].mean())
+    return Picture(pixels.astype(np.uint8), picture.extent * scale, picture.joints * scale)
 
 
 def main() -> None:
@@ -92,17 +77,16 @@ def main() -> None:
     options = parser.parse_args()
     networks = options.network or [shipped_model("keypoints", precision) for precision in ("fp32", "int8")]
     whole = pictures(options.data, options.every)
-    print("| network | person, px high | read | PCK@0.2 | PCK@0.5 | other side |\n" + "|---" * 6 + "|")
+    sizes = [[smaller(picture, high) for picture in whole] if high else whole for high in options.high]
+    print("| network | read | person, px high | PCK@0.2 | PCK@0.5 | other side |\n" + "|---" * 6 + "|")
     for path in networks:
-        for high in options.high:
-            seen = [smaller(picture, high) for picture in whole] if high else whole
-            for label, flip in (("mirrored too", True), ("once", False)):
-                row = shares(KeypointNetwork(path, OnnxOptions(flip=flip)), seen)
-                size = np.median([(p.box[3] - p.box[1]) / (1 + 2 * MARGIN) for p in seen])
-                print(
-                    f"| {path.name} | {size:.0f} | {label} | {' | '.join(f'{share:.3f}' for share in row)} |",
-                    flush=True,
-                )
+        for label, flip in WAYS:
+            network = KeypointNetwork(path, OnnxOptions(flip=flip))
+            for seen in sizes:
+                box, theirs = np.array([p.box for p in seen]), np.array([p.joints for p in seen])
+                cells = agreement(network, [p.pixels for p in seen], box, theirs, np.isfinite(theirs).all(-1))
+                high = np.median([p.high for p in seen])
+                print(f"| {path.name} | {label} | {high:.0f} | {cells} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from muybridge.train.sigma import (  # noqa: E402
     HeldOut,
     _farthest_off,
     _fit_hidden,
+    _groups,
     _hidden,
     fit_mirrored,
     fit_spread,
@@ -185,7 +186,7 @@ def test_what_looks_hidden_weighs_as_much_less_as_makes_the_shares_right() -> No
     slope = _hidden(error, seen, parts)
     fitted = fit_spread(error, spread, visible, seen)
     assert fitted.hidden > 1.2 * slope
-    groups = [np.full(count, True), visible, ~visible]
+    groups = _groups(visible)
     off = _farthest_off(error, fitted.variance(spread) * fitted.ratio(seen, False), groups)
     assert off < _fit_hidden(error, spread, seen, slope, parts, groups)[0] - 0.001
 

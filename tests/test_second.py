@@ -49,28 +49,22 @@ def wait_until_ready(other):
         time.sleep(0.1)
 
 
-@pytest.fixture
-def precise():
-    """Both processes in float32: in bfloat16 sums taken in another order differ by more than what is looked for."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(precision, "_settled", False)
-        yield
-
-
-def test_gradients_of_both_processes_add_up_to_those_of_one(monkeypatch, precise):
+def test_gradients_of_both_processes_add_up_to_those_of_one(monkeypatch):
+    # Both in float32: in bfloat16 sums taken in another order differ by more than what is looked for.
+    monkeypatch.setattr(precision, "_measured", lambda: False)
     net, before = small_net(), second._processors()
     with Second(net, losses_of, 0.0) as other:
         for seed, theirs in enumerate((0, 1, 3, 2)):
             batch = some_batch(seed)
             expected = of_one_process(net, batch)
-            if theirs:
-                wait_until_ready(other)
-                assert other._count() == 1  # of what takes how long nothing is known yet
-                monkeypatch.setattr(other, "_count", lambda theirs=theirs: theirs)
-                other._own_seconds = 0.0
-            net.zero_grad()
-            figure = other.gradients(net, batch, loss_of)
-            monkeypatch.undo()
+            with monkeypatch.context() as patch:
+                if theirs:
+                    wait_until_ready(other)
+                    assert other._count() == 1  # of what takes how long nothing is known yet
+                    patch.setattr(other, "_count", lambda theirs=theirs: theirs)
+                    other._own_seconds = 0.0
+                net.zero_grad()
+                figure = other.gradients(net, batch, loss_of)
             assert torch.isfinite(figure)
             for p, wanted in zip(net.parameters(), expected, strict=True):
                 torch.testing.assert_close(p.grad, wanted, rtol=1e-4, atol=1e-4 * float(wanted.abs().max()) + 1e-6)

@@ -138,9 +138,10 @@ def _fit_hidden(
         variance = np.maximum(one ** (2 - 2 * weight) * two ** (2 * weight), LEAST_FLOOR_PX2)
         return SpreadCalibration(knots=_pairs(at, np.maximum.accumulate(variance)), hidden=hidden)
 
-    weights = np.linspace(0.0, 1.0, 21)
-    off = [_farthest_off(error_px, calibration(weight).variance(spread_px2) * factor, groups) for weight in weights]
-    return min(off), calibration(float(weights[int(np.argmin(off))]))
+    fits = [calibration(float(weight)) for weight in np.linspace(0.0, 1.0, 21)]
+    off = [_farthest_off(error_px, fit.variance(spread_px2) * factor, groups) for fit in fits]
+    best = int(np.argmin(off))
+    return off[best], fits[best]
 
 
 def fit_mirrored(spread: SpreadCalibration, found: HeldOut) -> SpreadCalibration:
