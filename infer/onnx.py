@@ -27,11 +27,15 @@ from muybridge.models.registry import (
     keypoint_card,
     people_card,
 )
+from muybridge.models.trimming import without_outputs
 from muybridge.models.turning import Series, turn_where_unsure
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
 # Least and most that `OnnxOptions.size` may be.
 SIZES = 0.25, 2.0
+# Of a keypoint network.
+_BODY_OUTPUTS = "heatmaps", "visibility"
+_MARKER_OUTPUTS = "marker_heatmaps", "marker_visibility"
 _ONLY_ERRORS = 4  # onnxruntime's "fatal": a damaged file is reported by us, in one line
 
 
@@ -110,17 +114,17 @@ class KeypointNetwork:
         """
         self.path = path
         self._options = options
-        self._session = open_session(path, options)
+        self._session = open_session(path, options, () if markers else _MARKER_OUTPUTS)
         self.card: KeypointModelCard = keypoint_card(_metadata(self._session), path)
         count = len(self.card.landmarks)
-        outputs = {"heatmaps": (4, count), "visibility": (2, count)}
+        outputs = dict(zip(_BODY_OUTPUTS, ((4, count), (2, count)), strict=True))
         self._sets = [self.card.landmarks]
         if markers:
             if self.card.markers is None:
                 raise ModelError(f"{path}: this network finds no virtual markers; {_REMEDY}, or ask for no markers")
             self._sets.append(self.card.markers)
             many = len(self.card.markers)
-            outputs |= {"marker_heatmaps": (4, many), "marker_visibility": (2, many)}
+            outputs |= zip(_MARKER_OUTPUTS, ((4, many), (2, many)), strict=True)
         _check_signature(self._session, path, channels=3, outputs=outputs)
         plate = self.card.plate_input  # networks of earlier versions do not see it
         if plate is not None and plate not in [n.name for n in self._session.get_overridable_initializers()]:
@@ -211,9 +215,10 @@ class KeypointNetwork:
         return [crops, crops[:, :, ::-1]] if self._flip else [crops]
 
     def _run(self, crops: NDArray[np.uint8]) -> Sequence[NDArray[np.float32]]:
-        image = np.multiply(crops.transpose(0, 3, 1, 2), np.float32(1 / 255), dtype=np.float32)
-        inputs = {name: np.ascontiguousarray(part) for name, part in self.card.inputs(image).items()}
-        outputs = ["heatmaps", "visibility", "marker_heatmaps", "marker_visibility"][: 2 * len(self._sets)]
+        # Put in order as bytes, a quarter of what they are as numbers.
+        planes = np.ascontiguousarray(crops.transpose(0, 3, 1, 2))
+        inputs = {name: np.multiply(part, np.float32(1 / 255)) for name, part in self.card.inputs(planes).items()}
+        outputs = [*_BODY_OUTPUTS, *_MARKER_OUTPUTS][: 2 * len(self._sets)]
         return run_session(self._session, self.path, outputs, inputs)
 
 
@@ -258,7 +263,8 @@ class PeopleNetwork:
         heatmaps, boxes = [], []
         for part in batches(len(frames), self._options.batch):
             image = np.empty((len(frames[part]), 4, *frames.shape[1:3]), dtype=np.float32)
-            np.multiply(frames[part].transpose(0, 3, 1, 2), np.float32(1 / 255), out=image[:, :3])
+            planes = np.ascontiguousarray(frames[part].transpose(0, 3, 1, 2))
+            np.multiply(planes, np.float32(1 / 255), out=image[:, :3])
             image[:, 3] = difference[part]
             heatmap, box = run_session(self._session, self.path, ["heatmap", "box"], {"image": image})
             heatmaps.append(heatmap)
@@ -271,8 +277,8 @@ def batches(count: int, size: int) -> list[slice]:
     return [slice(start, start + size) for start in range(0, count, size)]
 
 
-def open_session(path: Path, options: OnnxOptions) -> onnxruntime.InferenceSession:
-    """A CPU session, or a ModelError in one line."""
+def open_session(path: Path, options: OnnxOptions, unwanted: Sequence[str] = ()) -> onnxruntime.InferenceSession:
+    """A CPU session that does not work out the `unwanted` outputs, or a ModelError in one line."""
     if not path.is_file():
         raise ModelError(f"{path}: no such model file; {_REMEDY}")
     settings = onnxruntime.SessionOptions()
@@ -284,7 +290,8 @@ def open_session(path: Path, options: OnnxOptions) -> onnxruntime.InferenceSessi
     except OSError as error:
         raise ModelError(f"{path}: the model file cannot be read ({error.strerror}); {_REMEDY}") from error
     try:
-        return onnxruntime.InferenceSession(data, settings, providers=["CPUExecutionProvider"])
+        wanted = without_outputs(data, unwanted) if unwanted else data
+        return onnxruntime.InferenceSession(wanted, settings, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's exceptions share no base but Exception
         raise ModelError(f"{path}: not an ONNX model, or a damaged one; {_REMEDY}") from error
 

@@ -67,14 +67,26 @@ def export_onnx(
 
 
 def _default_to_zero(graph: Any, name: str) -> None:
-    """Gives an input of an ONNX graph a value for when it is left out: one zero, which spreads over the image. Its
-    sizes get names of their own, since that zero is smaller than the image."""
-    from onnx import numpy_helper
+    """Gives an input of an ONNX graph a value for when it is left out: one zero, which is spread over the first input.
+    Its sizes get names of their own, since that zero is smaller than the image."""
+    from onnx import helper, numpy_helper
 
     found = next(node for node in graph.input if node.name == name)
     for axis in (0, 2, 3):
         found.type.tensor_type.shape.dim[axis].dim_param = f"{name}_{axis}"
     graph.initializer.append(numpy_helper.from_array(np.zeros((1, 1, 1, 1), np.float32), name))
+    graph.initializer.append(numpy_helper.from_array(np.ones(1, np.int64), f"{name}_channels"))
+    batch, size, shape, spread = (f"{name}_{part}" for part in ("batch", "size", "shape", "spread"))
+    for node in graph.node:
+        node.input[:] = [spread if value == name else value for value in node.input]
+    image = graph.input[0].name
+    for node in (
+        helper.make_node("Expand", [name, shape], [spread], spread),
+        helper.make_node("Concat", [batch, f"{name}_channels", size], [shape], shape, axis=0),
+        helper.make_node("Shape", [image], [size], size, start=2, end=4),
+        helper.make_node("Shape", [image], [batch], batch, start=0, end=1),
+    ):
+        graph.node.insert(0, node)
 
 
 def parity(net: nn.Module, path: Path, shape: tuple[int, int, int, int]) -> float:

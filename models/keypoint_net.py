@@ -144,6 +144,10 @@ class KeypointNet(nn.Module):
         landmarks: number of landmarks J: those of the body first, then those of its surface (virtual markers).
         widths: channels at 1/4, 1/8, 1/16 and 1/32 of the input's resolution.
         depths: residual blocks on the way down at each of these.
+
+    Attributes:
+        normalises: takes images in 0..1; else they come with the mean taken off, and the first filters divide by the
+            deviation (`PlateApart`).
     """
 
     mean: Tensor
@@ -159,6 +163,7 @@ class KeypointNet(nn.Module):
         self.config: dict[str, Any] = {"landmarks": landmarks, "widths": widths, "depths": depths}
         self.register_buffer("mean", torch.tensor(MEAN).view(1, CHANNELS, 1, 1), persistent=False)
         self.register_buffer("std", torch.tensor(STD).view(1, CHANNELS, 1, 1), persistent=False)
+        self.normalises = True
         self.stem = nn.Sequential(ConvUnit(CHANNELS, widths[0] // 2, 2), ConvUnit(widths[0] // 2, widths[0], 2))
         self.levels = nn.ModuleList()
         for i, (width, depth) in enumerate(zip(widths, depths, strict=True)):
@@ -180,7 +185,7 @@ class KeypointNet(nn.Module):
 
     def features(self, image: Tensor) -> tuple[list[Tensor], Tensor]:
         """(N, 4, S, S) -> those of which heatmaps are made, as `Head` takes them, and (N, widths[3]) of the whole."""
-        x = self.stem(self._normalised(image))
+        x = self.stem(self._normalised(image) if self.normalises else image)
         features = []
         for level in self.levels:
             x = level(x)
@@ -234,19 +239,29 @@ class SeparateHeads(nn.Module):
 
 
 class PlateApart(nn.Module):
-    """A network of four channels as one of two inputs, for whoever has no plate: see `models.export`.
+    """A network of four channels as one of two inputs, for whoever has no plate: see `models.export`. The first filters
+    divide by the images' deviation, which saves a pass over all pixels; the mean is taken off before, since filters
+    that reach beyond the border find zeros there.
 
     Args:
-        net: a `KeypointNet` or its `SeparateHeads`.
+        net: a `KeypointNet` or its `SeparateHeads`, which are left as they are.
     """
+
+    mean: Tensor
 
     def __init__(self, net: nn.Module) -> None:
         super().__init__()
-        self.net = net
+        self.net = copy.deepcopy(net)
+        inner = next(module for module in self.net.modules() if isinstance(module, KeypointNet))
+        self.register_buffer("mean", inner.mean[:, :3], persistent=False)
+        inner.normalises = False
+        first = next(module for module in inner.stem.modules() if isinstance(module, nn.Conv2d))
+        first.weight = nn.Parameter(first.weight.detach() / inner.std)
 
     def forward(self, image: Tensor, difference: Tensor) -> tuple[Tensor, ...]:
         """(N, 3, S, S) RGB, (N, 1, S, S) or (1, 1, 1, 1) difference -> as the network."""
-        out: tuple[Tensor, ...] = self.net(torch.cat([image, 0 * image[:, :1] + difference], 1))
+        spread = difference.expand(image.shape[0], 1, *image.shape[2:])
+        out: tuple[Tensor, ...] = self.net(torch.cat([image - self.mean, spread], 1))
         return out
 
 

@@ -2,9 +2,8 @@
 
 Weights become 7-bit integers with a scale for each output channel, activations 8-bit ones with a scale for each
 tensor, measured on calibration images. Seven bits, because the kernels of processors without VNNI add pairs of
-products in 16 bits, which eight would overflow. The first convolution stays in float32: it has four input
-channels, takes 1 % of the work, and its input is the image, whose range it normalises; so does the head, whose output
-is the result, and which sums and enlarges what several convolutions say.
+products in 16 bits, which eight would overflow. The head stays in float32: its output is the result, and it sums and
+enlarges what several convolutions say.
 """
 
 from __future__ import annotations
@@ -92,7 +91,8 @@ def _quiet() -> Iterator[None]:
 
 
 def _kept_in_float(model: object, source: Path) -> list[str]:
-    """Names of the first convolution, of those that make an output, and of the sums and enlargements between."""
+    """Names of the convolutions that make an output, of the sums and enlargements between, and of what prepares the
+    image."""
     graph = model.graph  # type: ignore[attr-defined]
     makes = {name: node for node in graph.node for name in node.output}
     last: list[str] = []
@@ -107,7 +107,7 @@ def _kept_in_float(model: object, source: Path) -> list[str]:
         raise ModelError(f"{source}: has no convolution to quantise; name a convolutional network")
     nodes = list(graph.node)
     before = [node.name for node in nodes[: nodes.index(convolutions[0])]]  # on the image itself
-    return [*before, convolutions[0].name, *(name for name in last if name != convolutions[0].name)]
+    return [*before, *last]
 
 
 def _channels(graph: object) -> dict[str, int]:

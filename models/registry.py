@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from muybridge.models.decode import DecodedHeatmaps, SpreadCalibration, decode_h
 
 ModelKind = Literal["keypoints", "people", "labels", "solver"]
 Precision = Literal["int8", "fp32"]
+_Value = TypeVar("_Value", np.uint8, np.float32)
 _KINDS: tuple[ModelKind, ...] = ("keypoints", "people", "labels", "solver")
 # Sides of crops that a keypoint network takes are multiples of this, px.
 SIDE_MULTIPLE = 32
@@ -83,8 +84,9 @@ class KeypointModelCard:
         found = decode_heatmaps(heatmaps, self.stride, self.marker_spread)
         return _weighed(found, self.marker_spread, visibility, mirrored)
 
-    def inputs(self, crops: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
-        """What the network takes in of crops (N, 3 or 4, S, S) in 0..1, RGB and the plate's difference."""
+    def inputs(self, crops: NDArray[_Value]) -> dict[str, NDArray[_Value]]:
+        """The parts of crops (N, 3 or 4, S, S), RGB and the plate's difference, that each of the network's inputs takes
+        in 0..1."""
         plate = {} if self.plate_input is None or crops.shape[1] < 4 else {self.plate_input: crops[:, 3:]}
         return {"image": crops[:, :3]} | plate
 

@@ -27,7 +27,7 @@ def keypoint_net_from_onnx(path: Path) -> KeypointNet:
     Raises:
         ModelError: the file is damaged, of 8 bits, or of another architecture.
     """
-    there = _initializers(path)
+    there, operators = _contents(path)
     if there.pop(PLATE, None) is not None:
         there = {name.removeprefix("net."): value for name, value in there.items()}
     # A network without virtual markers was exported as it is, one with them within `SeparateHeads`.
@@ -42,6 +42,8 @@ def keypoint_net_from_onnx(path: Path) -> KeypointNet:
         net = KeypointNet(len(here["visibility.bias"]))
         # Networks of earlier versions did not know the plate: they begin by not heeding it.
         stem = here["stem.0.0.weight"]
+        # Those of today have filters that divide by the images' deviation themselves.
+        stem = stem if "Div" in operators else stem * net.std
         missing = CHANNELS - stem.shape[1]
         here["stem.0.0.weight"] = nn.functional.pad(stem, (0, 0, 0, 0, 0, missing)) if missing > 0 else stem
         # They also had a block less at the coarsest level.
@@ -62,19 +64,21 @@ def people_net_from_onnx(path: Path) -> PeopleNet:
     Raises:
         ModelError: the file is damaged, or of another architecture.
     """
-    there, net = _initializers(path), PeopleNet()
+    (there, _), net = _contents(path), PeopleNet()
     with _other_design(path):
         net.load_state_dict(_unfolded(net, there))
     return net.eval()
 
 
-def _initializers(path: Path) -> dict[str, Tensor]:
+def _contents(path: Path) -> tuple[dict[str, Tensor], set[str]]:
+    """A file's weights by name, and its operators."""
     import onnx
     from onnx import numpy_helper
 
     try:
-        initializers = onnx.load(str(path)).graph.initializer
-        return {i.name: torch.from_numpy(numpy_helper.to_array(i).copy()) for i in initializers}
+        graph = onnx.load(str(path)).graph
+        weights = {i.name: torch.from_numpy(numpy_helper.to_array(i).copy()) for i in graph.initializer}
+        return weights, {node.op_type for node in graph.node}
     except Exception as error:
         raise ModelError(f"{path}: not an ONNX model ({str(error).splitlines()[0]})") from error
 

@@ -1,10 +1,11 @@
 """Crops a second of the keypoint networks, and their ratio to the matrix-multiply peak measured in the same minute.
 
-    python scripts/bench_networks.py [--sizes 192 224 256] [--sessions 1x1 1x2 2x1] [--rounds 15]
+    python scripts/bench_networks.py [--sizes 192 224 256] [--sessions 1x1 1x2 2x1] [--rounds 15] [--markers]
 
-Prints a Markdown table. 2x1 is two sessions of one thread each side by side, as `muybridge run` has them on two
-processors. Networks, sizes and the matrix product take turns, and the best round of each counts: other work on the
-machine then costs all of them alike, as far as anything can.
+Prints a Markdown table. The networks find the body's landmarks, as `muybridge run` has them do, or the virtual markers
+too. 2x1 is two sessions of one thread each side by side, as `muybridge run` has them on two processors. Networks, sizes
+and the matrix product take turns, and the best round of each counts: other work on the machine then costs all of them
+alike, as far as anything can.
 """
 
 import argparse
@@ -12,8 +13,10 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Literal
 
 BATCH = 4
+PRECISIONS: tuple[Literal["fp32", "int8"], ...] = ("fp32", "int8")
 PRODUCT = 1024  # side of the matrices
 
 
@@ -23,17 +26,19 @@ def main() -> None:
     parser.add_argument("--sizes", type=int, nargs="+", default=[192, 224, 256])
     parser.add_argument("--sessions", nargs="+", default=["1x1", "1x2", "2x1"], help="sessions x threads of each")
     parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--markers", action="store_true")
     options = parser.parse_args()
     print("| sessions x threads | px | GMAC a crop | fp32 crops/s | int8 crops/s | int8 / fp32 | fp32 / matmul peak |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for layout in options.sessions:
         sessions, threads = map(int, layout.split("x"))
         with ThreadPoolExecutor(sessions) as pool:
-            jobs = {name: _side_by_side(job, sessions, pool) for name, job in _jobs(options.sizes, threads).items()}
+            jobs = {name: _side_by_side(job, sessions, pool) for name, job in _jobs(options, threads).items()}
             rates = {name: rate * sessions for name, rate in _best_rates(jobs, options.rounds).items()}
         peak = rates["matmul"] * PRODUCT**3
         for size in options.sizes:
-            work, fp32, int8 = _multiplications(size), rates[f"fp32 {size}"] * BATCH, rates[f"int8 {size}"] * BATCH
+            work = _multiplications(size, options.markers)
+            fp32, int8 = (rates[f"{precision} {size}"] * BATCH for precision in PRECISIONS)
             print(f"| {sessions} x {threads} | {size} | {work / 1e9:.2f} | {fp32:.0f} | {int8:.0f} | {int8 / fp32:.1f} "
                   f"| {fp32 * work / peak:.2f} (of {2 * peak / 1e9:.0f} GFLOP/s) |")  # fmt: skip
 
@@ -43,21 +48,19 @@ def _side_by_side(job: Callable[[], object], count: int, pool: ThreadPoolExecuto
     return lambda: [done.result() for done in [pool.submit(job) for _ in range(count)]]
 
 
-def _jobs(sizes: list[int], threads: int) -> dict[str, Callable[[], object]]:
+def _jobs(options: argparse.Namespace, threads: int) -> dict[str, Callable[[], object]]:
     """What is measured, by name."""
     import numpy as np
     import onnxruntime
 
-    from muybridge.models.registry import shipped_model
-
     jobs: dict[str, Callable[[], object]] = {}
-    for precision in ("fp32", "int8"):
+    for precision in PRECISIONS:
         settings = onnxruntime.SessionOptions()
         settings.intra_op_num_threads = threads
         settings.log_severity_level = 3
-        path = str(shipped_model("keypoints", precision))
-        session = onnxruntime.InferenceSession(path, settings, providers=["CPUExecutionProvider"])
-        for size in sizes:
+        network = _network(precision, options.markers)
+        session = onnxruntime.InferenceSession(network, settings, providers=["CPUExecutionProvider"])
+        for size in options.sizes:
             image = np.random.default_rng(0).random((BATCH, 3, size, size), np.float32)
             jobs[f"{precision} {size}"] = lambda s=session, i=image: s.run(None, {"image": i})
     jobs["matmul"] = _product(threads)
@@ -81,14 +84,21 @@ def _product(threads: int) -> Callable[[], object]:
     return lambda: session.run(None, {"a": matrix, "b": matrix})
 
 
-def _multiplications(size: int) -> float:
+def _network(precision: Literal["fp32", "int8"], markers: bool) -> bytes:
+    """The shipped file, with or without the virtual markers."""
+    from muybridge.models.registry import shipped_model
+    from muybridge.models.trimming import without_outputs
+
+    unwanted = () if markers else ("marker_heatmaps", "marker_visibility")
+    return without_outputs(shipped_model("keypoints", precision).read_bytes(), unwanted)
+
+
+def _multiplications(size: int, markers: bool) -> float:
     """Multiply-accumulates of the network's convolutions for one crop."""
     import onnx
     from onnx import shape_inference
 
-    from muybridge.models.registry import shipped_model
-
-    model = onnx.load(str(shipped_model("keypoints")))
+    model = onnx.load_from_string(_network("fp32", markers))
     dims = model.graph.input[0].type.tensor_type.shape.dim
     for dim, value in zip(dims, (1, 3, size, size), strict=True):
         dim.Clear()

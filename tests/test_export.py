@@ -89,6 +89,22 @@ def test_float_export_agrees_with_torch_in_pixels(tmp_path: pathlib.Path, demo_c
     assert np.median(np.linalg.norm(points[0] - points[1], axis=-1)) <= 0.05
 
 
+def test_export_leaves_the_network_as_it_was_and_passes_over_the_pixels_once(tmp_path: pathlib.Path) -> None:
+    net, image = KeypointNet(5).eval(), torch.rand(2, 4, 64, 64)
+    with torch.inference_mode():
+        before = net(image)
+        apart = PlateApart(net)(image[:, :3], image[:, 3:])
+        bare, none = PlateApart(net)(image[:, :3], torch.zeros(1, 1, 1, 1)), image.clone()
+        none[:, 3] = 0
+        for here, there in zip((*before, *net(none)), (*apart, *bare), strict=True):
+            torch.testing.assert_close(here, there, rtol=1e-4, atol=1e-4)
+        assert torch.equal(net(image)[0], before[0])
+    path = tmp_path / "net.onnx"
+    export_onnx(PlateApart(net), path, (2, 3, 64, 64), OUTPUTS, {}, PLATE)
+    operators = [node.op_type for node in __import__("onnx").load(str(path)).graph.node]
+    assert set(operators[: operators.index("Conv")]) == {"Shape", "Concat", "Expand", "Sub"}
+
+
 def test_quantised_network_keeps_its_interface_and_batch(tmp_path: pathlib.Path) -> None:
     torch.manual_seed(1)
     path = tmp_path / "net.onnx"
@@ -103,10 +119,10 @@ def test_quantised_network_keeps_its_interface_and_batch(tmp_path: pathlib.Path)
     onnx = __import__("onnx")
     graph = onnx.load(str(target)).graph
     types = {w.name: w.data_type for w in graph.initializer}
-    # The first convolution and the three that heatmaps are summed of stay as they are.
+    # The three that heatmaps are summed of stay as they are.
     filters = [types.get(node.input[1], onnx.TensorProto.INT8) for node in graph.node if node.op_type == "Conv"]
     assert onnx.TensorProto.INT8 in types.values()
-    assert filters.count(onnx.TensorProto.FLOAT) == 4 < len(filters)
+    assert filters.count(onnx.TensorProto.FLOAT) == 3 < len(filters)
     for batch, size in ((1, 64), (3, 96)):
         image, nothing = np.zeros((batch, 3, size, size), np.float32), np.zeros((batch, 1, size, size), np.float32)
         heatmaps, visibility = session.run(None, {"image": image})
