@@ -55,6 +55,7 @@ def test_a_checkpoint_goes_on_as_if_nothing_had_been() -> None:
     weights = {k: v.clone() for k, v in net.state_dict().items()}
     again, resumed = made()
     again.load_state_dict(weights)
+    assert resumed.fits(optimiser.state_dict()) and not Optimisers(net, 1e-3, muon=False).fits(optimiser.state_dict())
     resumed.load_state_dict(copy.deepcopy(optimiser.state_dict()))  # as from a file
     for one in ((net, optimiser), (again, resumed)):
         step(*one, 2)

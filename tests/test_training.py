@@ -168,6 +168,9 @@ def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
     assert lines[0]["options"]["seed"] == "0" and "torch" in lines[0]
     assert 2 < lines[-1]["held_out_loss"] < np.log(16 * 16)
     assert cv2.imread(str(options.out / "curves.png")).std() > 5
+    assert len(again["optimiser"]) == 2
+    alone = load_checkpoint(keypoints.train(replace(options, minutes=0.02, muon=False)))
+    assert len(alone["optimiser"]) == 1 and alone["state"]["images"] > again["state"]["images"]
     pool = loop.background_pool(options)
     path = tmp_path / "out" / "keypoints.onnx"
     publish_keypoints(checkpoint, path, keypoints.held_out_batches(store, pool, 64, 2), "a test")

@@ -231,7 +231,7 @@ class Fit:
         options.out.mkdir(parents=True, exist_ok=True)
         self.checkpoint, self.log = options.out / CHECKPOINT, options.out / "log.jsonl"
         self.net = placed(net)
-        self.optimiser = Optimisers(net, options.rate)
+        self.optimiser = Optimisers(net, options.rate, muon=options.muon)
         self.average = AveragedWeights(self.net, share=options.average)
         self.state: dict[str, Any] = {"step": 0} | (seen or Seen())._asdict()
         if resumes(options):
@@ -243,7 +243,7 @@ class Fit:
                     f"{self.checkpoint}: of another design than this version's, so training cannot resume; start a new "
                     "run with another --out, from its weights with --model FILE.onnx"
                 ) from error
-            if isinstance(saved["optimiser"], list):  # earlier versions' had AdamW alone: it begins anew
+            if self.optimiser.fits(saved["optimiser"]):
                 self.optimiser.load_state_dict(saved["optimiser"])
             self.average.state = saved["average"]
             self.state = saved["state"]

@@ -101,7 +101,12 @@ class Optimisers:
         """For a checkpoint."""
         return [part.state_dict() for part in self.parts]
 
+    def fits(self, states: Any) -> bool:
+        """Whether a checkpoint's are of the same optimisers: with Muon or without; the first versions' were of another
+        form."""
+        return isinstance(states, list) and len(states) == len(self.parts)
+
     def load_state_dict(self, states: list[dict[str, Any]]) -> None:
-        """From a checkpoint."""
+        """From a checkpoint that fits."""
         for part, state in zip(self.parts, states, strict=True):
             part.load_state_dict(state)
