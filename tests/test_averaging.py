@@ -13,14 +13,14 @@ pytest.importorskip("torch")
 import torch  # noqa: E402
 
 from muybridge.errors import ModelError  # noqa: E402
+from muybridge.models.keypoint_net import STD as DEVIATION  # noqa: E402
 from muybridge.models.registry import shipped_model  # noqa: E402
-from muybridge.models import keypoint_net  # noqa: E402
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, trained_for  # noqa: E402
 from muybridge.train.averaging import average_keypoints  # noqa: E402
 from muybridge.train.publish import keypoint_net  # noqa: E402
 
 # In a file the first filters divide by the images' deviation.
-STD = torch.tensor(keypoint_net.STD).view(1, -1, 1, 1)
+STD = torch.tensor(DEVIATION).view(1, -1, 1, 1)
 
 
 @pytest.fixture(scope="module")
