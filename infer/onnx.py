@@ -20,6 +20,8 @@ from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.models.decode import NO_IDEA, DecodedHeatmaps, with_expectation
 from muybridge.models.mirroring import mean_of_mirrored
 from muybridge.models.registry import (
+    BODY_OUTPUTS,
+    MARKER_OUTPUTS,
     SIDE_MULTIPLE,
     KeypointModelCard,
     PeopleModelCard,
@@ -33,9 +35,6 @@ from muybridge.models.turning import Series, turn_where_unsure
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
 # Least and most that `OnnxOptions.size` may be.
 SIZES = 0.25, 2.0
-# Of a keypoint network.
-_BODY_OUTPUTS = "heatmaps", "visibility"
-_MARKER_OUTPUTS = "marker_heatmaps", "marker_visibility"
 _ONLY_ERRORS = 4  # onnxruntime's "fatal": a damaged file is reported by us, in one line
 
 
@@ -114,17 +113,17 @@ class KeypointNetwork:
         """
         self.path = path
         self._options = options
-        self._session = open_session(path, options, () if markers else _MARKER_OUTPUTS)
+        self._session = open_session(path, options, () if markers else MARKER_OUTPUTS)
         self.card: KeypointModelCard = keypoint_card(_metadata(self._session), path)
         count = len(self.card.landmarks)
-        outputs = dict(zip(_BODY_OUTPUTS, ((4, count), (2, count)), strict=True))
+        outputs = dict(zip(BODY_OUTPUTS, ((4, count), (2, count)), strict=True))
         self._sets = [self.card.landmarks]
         if markers:
             if self.card.markers is None:
                 raise ModelError(f"{path}: this network finds no virtual markers; {_REMEDY}, or ask for no markers")
             self._sets.append(self.card.markers)
             many = len(self.card.markers)
-            outputs |= zip(_MARKER_OUTPUTS, ((4, many), (2, many)), strict=True)
+            outputs |= zip(MARKER_OUTPUTS, ((4, many), (2, many)), strict=True)
         _check_signature(self._session, path, channels=3, outputs=outputs)
         plate = self.card.plate_input  # networks of earlier versions do not see it
         if plate is not None and plate not in [n.name for n in self._session.get_overridable_initializers()]:
@@ -218,7 +217,7 @@ class KeypointNetwork:
         # Put in order as bytes, a quarter of what they are as numbers.
         planes = np.ascontiguousarray(crops.transpose(0, 3, 1, 2))
         inputs = {name: np.multiply(part, np.float32(1 / 255)) for name, part in self.card.inputs(planes).items()}
-        outputs = [*_BODY_OUTPUTS, *_MARKER_OUTPUTS][: 2 * len(self._sets)]
+        outputs = [*BODY_OUTPUTS, *MARKER_OUTPUTS][: 2 * len(self._sets)]
         return run_session(self._session, self.path, outputs, inputs)
 
 

@@ -29,6 +29,9 @@ _Value = TypeVar("_Value", np.uint8, np.float32)
 _KINDS: tuple[ModelKind, ...] = ("keypoints", "people", "labels", "solver")
 # Sides of crops that a keypoint network takes are multiples of this, px.
 SIDE_MULTIPLE = 32
+# What a keypoint network gives out: heatmaps and visibility, of the body and, if it finds them, of the virtual markers.
+BODY_OUTPUTS = ("heatmaps", "visibility")
+MARKER_OUTPUTS = ("marker_heatmaps", "marker_visibility")
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
 
 

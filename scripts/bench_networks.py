@@ -86,11 +86,11 @@ def _product(threads: int) -> Callable[[], object]:
 
 def _network(precision: Literal["fp32", "int8"], markers: bool) -> bytes:
     """The shipped file, with or without the virtual markers."""
-    from muybridge.models.registry import shipped_model
+    from muybridge.models.registry import MARKER_OUTPUTS, shipped_model
     from muybridge.models.trimming import without_outputs
 
-    unwanted = () if markers else ("marker_heatmaps", "marker_visibility")
-    return without_outputs(shipped_model("keypoints", precision).read_bytes(), unwanted)
+    file = shipped_model("keypoints", precision).read_bytes()
+    return file if markers else without_outputs(file, MARKER_OUTPUTS)
 
 
 def _multiplications(size: int, markers: bool) -> float:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from muybridge.files import replacing
 from muybridge.models.quantize import int8_path, quantize
+from muybridge.models.registry import BODY_OUTPUTS, MARKER_OUTPUTS
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
 from muybridge.train.augment import AugmentOptions, Compositor
 from muybridge.train.backgrounds import make_backgrounds
@@ -35,14 +36,11 @@ SEED = 20_000
 def look_of(path: pathlib.Path) -> Look:
     """A network's file as a function: body first, then markers."""
     session, card = load_model(path)
-    heatmaps, visibility = ["heatmaps"], ["visibility"]
-    if card.markers is not None:
-        heatmaps, visibility = [*heatmaps, "marker_heatmaps"], [*visibility, "marker_visibility"]
+    outputs = BODY_OUTPUTS if card.markers is None else BODY_OUTPUTS + MARKER_OUTPUTS
 
     def look(crops: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        found = session.run([*heatmaps, *visibility], card.inputs(crops))
-        half = len(heatmaps)
-        return np.concatenate(found[:half], 1), np.concatenate(found[half:], 1)
+        found = session.run(outputs, card.inputs(crops))
+        return np.concatenate(found[::2], 1), np.concatenate(found[1::2], 1)
 
     return look
 

@@ -16,7 +16,7 @@ from muybridge.models.export import export_onnx
 from muybridge.models.footage import Footage, load_footage
 from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart, SeparateHeads
 from muybridge.models.quantize import int8_path, quantize
-from muybridge.models.registry import KeypointModelCard, shipped_model
+from muybridge.models.registry import BODY_OUTPUTS, MARKER_OUTPUTS, KeypointModelCard, shipped_model
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
 from muybridge.train.adaptation import Agreement, View, adapted, agreement
 from muybridge.train.evaluation import load_model
@@ -98,11 +98,11 @@ def _write(
         "plate_input": PLATE,
         "licence": f"{card.metadata.get('licence', '')}; then adapted to footage of the user's, without labels",
     }  # fmt: skip
-    outputs = ["heatmaps", "visibility", *(["marker_heatmaps", "marker_visibility"] if marked else [])]
+    outputs = BODY_OUTPUTS + MARKER_OUTPUTS if marked else BODY_OUTPUTS
     exported = SeparateHeads(net, len(BODY23)).eval() if marked else net
     options.out.mkdir(parents=True, exist_ok=True)
     path = options.out / "keypoints.onnx"
-    export_onnx(PlateApart(exported), path, (2, 3, size, size), tuple(outputs), metadata, PLATE)
+    export_onnx(PlateApart(exported), path, (2, 3, size, size), outputs, metadata, PLATE)
     some = np.linspace(0, len(footage.crops) - 1, min(CALIBRATION_IMAGES, len(footage.crops))).astype(int)
     quantize(path, int8_path(path), view.plain(some)[0])
     with replacing(options.out / "adapt.json") as temporary:

@@ -12,7 +12,7 @@ from muybridge.errors import SessionError
 from muybridge.geometry.landmarks import BODY23
 from muybridge.models.decode import DecodedHeatmaps
 from muybridge.models.mirroring import mean_of_mirrored
-from muybridge.models.registry import KeypointModelCard, keypoint_card, shipped_model
+from muybridge.models.registry import BODY_OUTPUTS, KeypointModelCard, keypoint_card, shipped_model
 from muybridge.models.turning import turn_where_unsure
 from muybridge.train.augment import AugmentOptions, Compositor
 from muybridge.train.backgrounds import make_backgrounds
@@ -41,7 +41,7 @@ def read_crops(
 
     def once(image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
         found: list[NDArray[np.float32]] = session.run(
-            ["heatmaps", "visibility"], card.inputs(np.ascontiguousarray(image))
+            BODY_OUTPUTS, card.inputs(np.ascontiguousarray(image))
         )
         return found
 

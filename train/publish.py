@@ -17,6 +17,7 @@ from muybridge.models.keypoint_net import CHANNELS, MEAN, PLATE, STD, STRIDE, Ke
 from muybridge.models.people_net import STRIDE as PEOPLE_STRIDE
 from muybridge.models.people_net import PeopleNet
 from muybridge.models.quantize import int8_path, quantize
+from muybridge.models.registry import BODY_OUTPUTS, MARKER_OUTPUTS
 from muybridge.train.augment import Batch
 from muybridge.train.sigma import HeldOut, calibrated, held_out, look_of
 
@@ -85,14 +86,14 @@ def publish_keypoints(
         "normalisation": NORMALISATION, "box_padding": str(BOX_PADDING),
         "plate_input": PLATE,
     } | measured  # fmt: skip
-    outputs = ["heatmaps", "visibility"]
+    outputs: tuple[str, ...] = BODY_OUTPUTS
     exported: nn.Module = net
     if "marker_variance" in measured:
         metadata["marker_names"] = list(SURFACE.names)
-        outputs += ["marker_heatmaps", "marker_visibility"]
+        outputs += MARKER_OUTPUTS
         exported = SeparateHeads(net, len(BODY23)).eval()
     path.parent.mkdir(parents=True, exist_ok=True)
-    export_onnx(PlateApart(exported), path, (2, 3, size, size), tuple(outputs), metadata, PLATE)
+    export_onnx(PlateApart(exported), path, (2, 3, size, size), outputs, metadata, PLATE)
     images = np.concatenate([batch.pixels.numpy() for batch in batches])
     quantize(path, int8_path(path), images[:CALIBRATION_IMAGES])
     return metadata
