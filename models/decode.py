@@ -49,6 +49,7 @@ class SpreadCalibration:
             in that of the spread, below the first it is constant, above the last proportional to the spread.
         hidden: the variance of a landmark that is surely hidden over that of one that is surely not, spreads being one.
         mirrored: the variance where a crop was looked at mirrored too over that where it was looked at once.
+        landmarks: of each landmark the variance over that of the others, spreads being one; empty where all are alike.
     """
 
     scale: float = 1.0
@@ -56,15 +57,18 @@ class SpreadCalibration:
     knots: tuple[tuple[float, float], ...] = ()
     hidden: float = 1.0
     mirrored: float = 1.0
+    landmarks: tuple[float, ...] = ()
 
     def variance(self, spread_px2: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The variance of each coordinate, of the spread's shape; NaN stays NaN."""
+        """The variance of each coordinate, of the spread's shape, whose last axis the `landmarks` are, if they are not
+        alike; NaN stays NaN."""
+        each = np.array(self.landmarks) if self.landmarks else 1.0
         if not self.knots:
-            return np.asarray(self.scale * spread_px2 + self.floor_px2, dtype=np.float64)
+            return np.asarray((self.scale * spread_px2 + self.floor_px2) * each, dtype=np.float64)
         at, value = np.array(self.knots).T
         inside = np.clip(spread_px2, at[0], at[-1])
         inner = np.exp(np.interp(np.log(inside), np.log(at), np.log(value)))
-        return np.asarray(inner * np.maximum(spread_px2 / at[-1], 1.0), dtype=np.float64)
+        return np.asarray(inner * np.maximum(spread_px2 / at[-1], 1.0) * each, dtype=np.float64)
 
     def ratio(self, seen: NDArray[np.float64], mirrored: bool) -> NDArray[np.float64]:
         """What variances are to be multiplied by, where landmarks are visible with a probability of `seen`, and the
@@ -131,10 +135,10 @@ def decode_heatmaps(
         spread_cells2 = moments[:, 3] - 2 * (offset * moments[:, 1:3]).sum(axis=1) + (offset**2).sum(axis=1)
     missing = ~np.isfinite(moments[:, 0])
     point_uv[missing], spread_cells2[missing], score[missing] = np.nan, np.nan, 0.0
-    variance = spread.variance(np.maximum(spread_cells2, 0.0) / 2 * stride**2)
     shape = (count, landmarks)
+    variance = spread.variance((np.maximum(spread_cells2, 0.0) / 2 * stride**2).reshape(shape))
     points = point_uv * stride + (stride - 1) / 2
-    return DecodedHeatmaps(points.reshape(*shape, 2), variance.reshape(shape), score.reshape(shape))
+    return DecodedHeatmaps(points.reshape(*shape, 2), variance, score.reshape(shape))
 
 
 def sigmoid(logits: NDArray[np.floating]) -> NDArray[np.float64]:

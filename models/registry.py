@@ -163,9 +163,9 @@ def keypoint_card(metadata: Mapping[str, str], path: Path) -> KeypointModelCard:
         landmarks=_landmark_set(read.text("landmark_set"), names, read),
         input_size=read.integer("input_size", multiple_of=SIDE_MULTIPLE),
         stride=read.integer("stride"),
-        spread=read.spread("variance"),
+        spread=read.spread("variance", len(names)),
         markers=_marker_set(read.names("marker_names"), read) if marked else None,
-        marker_spread=read.spread("marker_variance") if marked else None,
+        marker_spread=read.spread("marker_variance", len(SURFACE)) if marked else None,
         box_padding=read.positive(read.text("box_padding"), "box_padding"),
         plate_input=metadata.get("plate_input"),
         metadata=dict(metadata),
@@ -264,7 +264,13 @@ class _Reader:
             raise self.error(f"{key} is not a JSON object")
         return value
 
-    def spread(self, key: str) -> SpreadCalibration:
+    def ratios(self, value: Any, key: str, count: int) -> tuple[float, ...]:
+        """One positive number a landmark; older files have none."""
+        if not isinstance(value, list) or len(value) not in (0, count):
+            raise self.error(f"{key} is not a list of {count} numbers, one a landmark")
+        return tuple(self.positive(ratio, key) for ratio in value)
+
+    def spread(self, key: str, landmarks: int) -> SpreadCalibration:
         spread = self.json_object(key)
         return SpreadCalibration(
             scale=self.positive(spread.get("scale"), f"{key}.scale"),
@@ -272,6 +278,7 @@ class _Reader:
             knots=self.knots(spread.get("knots", []), f"{key}.knots"),
             hidden=self.positive(spread.get("hidden", 1.0), f"{key}.hidden"),  # older files know neither
             mirrored=self.positive(spread.get("mirrored", 1.0), f"{key}.mirrored"),
+            landmarks=self.ratios(spread.get("landmarks", []), f"{key}.landmarks", landmarks),
         )
 
     def names(self, key: str) -> tuple[str, ...]:

@@ -25,8 +25,10 @@ from muybridge.train.sigma import (  # noqa: E402
     _fit_hidden,
     _groups,
     _hidden,
+    calibrated,
     fit_mirrored,
     fit_spread,
+    landmark_ratios,
     variances,
     within,
 )
@@ -207,6 +209,39 @@ def test_what_looks_hidden_weighs_as_much_less_as_makes_the_shares_right() -> No
     assert off < _fit_hidden(error, spread, seen, slope, parts, groups)[0] - 0.001
 
 
+def test_each_landmark_has_its_share_within_its_sigma() -> None:
+    """Errors of the second pair are twice those of the first, those of the landmark between half, spreads alike."""
+    rng = np.random.default_rng(2)
+    mirror, factor = (1, 0, 2, 4, 3), np.array([1.0, 1.0, 0.25, 4.0, 4.0])
+    spread = rng.uniform(2.0, 50.0, (8_000, 5))
+    error = rng.normal(size=(8_000, 5, 2)) * np.sqrt(0.5 * spread * factor)[..., None]
+    visible = rng.random(spread.shape) < 0.7
+    # Of unknown truth, as much of a trap as it gets.
+    inside = np.arange(8_000)[:, None] % 10 > 0
+    error[~inside[:, 0]] = np.nan
+    inside = np.broadcast_to(inside, spread.shape)
+    found = HeldOut(error, spread, np.ones(spread.shape), inside, visible & inside)
+    ratios = landmark_ratios(found, mirror)
+    np.testing.assert_allclose(ratios, factor / np.exp(np.log(factor).mean()), rtol=0.1)
+    assert ratios[0] == ratios[1] and ratios[3] == ratios[4] and np.prod(ratios) == pytest.approx(1.0)
+    metadata, shares = calibrated(found, found, slice(None), mirror)
+    assert shares["one"] == pytest.approx(0.683, abs=0.02) and shares["two"] == pytest.approx(0.954, abs=0.02)
+    spread_of = SpreadCalibration(knots=tuple(metadata["knots"]), landmarks=tuple(metadata["landmarks"]))
+    for variance, off in ((spread_of.variance(spread), 0.02), (spread_of.variance(spread) / ratios, 0.3)):
+        each = [within(error[inside[:, j], j], variance[inside[:, j], j])[0] for j in range(5)]
+        assert (np.abs(np.array(each) - 0.683).max() < 0.02) == (off == 0.02)
+
+
+def test_of_a_landmark_that_is_hardly_ever_there_no_ratio_is_taken() -> None:
+    rng = np.random.default_rng(3)
+    spread = np.full((400, 3), 4.0)
+    error = rng.normal(size=(400, 3, 2)) * np.array([2.0, 2.0, 20.0])[:, None]
+    inside = np.ones(spread.shape, dtype=bool)
+    inside[:, 2] = np.arange(400) < 20
+    ratios = landmark_ratios(HeldOut(error, spread, np.ones(spread.shape), inside, inside), (0, 1, 2))
+    np.testing.assert_allclose(ratios, 1.0, atol=0.2)
+
+
 def test_the_shipped_network_weighs_what_looks_hidden_and_what_was_mirrored() -> None:
     session = onnxruntime.InferenceSession(shipped_model("keypoints"), providers=["CPUExecutionProvider"])
     card = keypoint_card(session.get_modelmeta().custom_metadata_map, shipped_model("keypoints"))
@@ -246,3 +281,25 @@ def test_knots_are_read_and_old_files_still_are() -> None:
     np.testing.assert_allclose(card.spread.ratio(np.array([1.0, 0.5, 0.0]), True), [0.9, 0.9 * 2**0.5, 1.8])
     with pytest.raises(ModelError, match="hidden"):
         keypoint_card(base | {"variance": json.dumps(new | {"hidden": 0.0})}, where)
+
+
+def test_a_landmarks_variance_may_differ_from_the_others() -> None:
+    base = {
+        "muybridge_kind": "keypoints", "version": "1", "landmark_set": "body23", "names": json.dumps(BODY23.names),
+        "input_size": "192", "stride": "4", "box_padding": "1.25",
+    }  # fmt: skip
+    alike = {"scale": 2.0, "floor_px2": 0.5, "hidden": 1.5, "mirrored": 0.8}
+    where = pathlib.Path("x.onnx")
+    ratios = [0.5 + 0.1 * j for j in range(23)]
+    maps = np.random.default_rng(0).normal(0, 3, (2, 23, 12, 12)).astype(np.float32)
+    seen = np.random.default_rng(1).normal(0, 2, (2, 23)).astype(np.float32)
+    cards = [keypoint_card(base | {"variance": json.dumps(v)}, where) for v in (alike, alike | {"landmarks": ratios})]
+    plain, own = (card.weighed(card.decoded(maps), seen, True) for card in cards)
+    np.testing.assert_allclose(own.variance_crop_px2, plain.variance_crop_px2 * ratios)
+    np.testing.assert_array_equal(own.points_crop_px, plain.points_crop_px)
+    knots = {"knots": [[1.0, 2.0], [100.0, 200.0]], "landmarks": ratios}
+    card = keypoint_card(base | {"variance": json.dumps(alike | knots)}, where)
+    np.testing.assert_allclose(card.spread.variance(np.full((1, 23), 10.0))[0], 20.0 * np.array(ratios))
+    for wrong in (ratios[1:], 1.0, [-1.0, *ratios[1:]], [None, *ratios[1:]]):
+        with pytest.raises(ModelError, match="landmarks"):
+            keypoint_card(base | {"variance": json.dumps(alike | {"landmarks": wrong})}, where)

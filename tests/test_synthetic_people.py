@@ -115,14 +115,23 @@ def test_visible_landmarks_lie_on_the_person(renders):
 
 
 PLAIN = AugmentOptions(
-    scale_sd=0, shift_sd=0, rotation_sd_deg=0, tumble=0, second_person=0, occluder=0, mosaic=0, truncate=0, close_up=0
+    scale_sd=0,
+    shift_sd=0,
+    rotation_sd_deg=0,
+    tumble=0,
+    second_person=0,
+    embrace=0,
+    occluder=0,
+    mosaic=0,
+    truncate=0,
+    close_up=0,
 )
 
 
 def test_crops_have_the_padding_they_promise(renders):
     compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 0, PLAIN)
     index = np.arange(16)
-    matrix, flip = compositor._placement(renders.box_px[index], 0.0)
+    matrix, flip = compositor._placement(renders.box_px[index])
     box = renders.box_px[index]
     side = (box[:, 2:] - box[:, :2]).max(1)
     scale = np.abs(np.linalg.det(matrix[:, :, :2])) ** 0.5
@@ -136,7 +145,7 @@ def test_mirrored_crops_swap_left_and_right(renders):
     """In a mirrored crop the labels keep their sides: a shoulder line that went right to left still does."""
     compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 1, PLAIN)
     index = np.arange(len(renders))
-    matrix, _ = compositor._placement(renders.box_px[index], 0.0)
+    matrix, _ = compositor._placement(renders.box_px[index])
     _, as_is, _ = compositor._warp(index, matrix, np.zeros(len(index), bool))
     _, swapped, _ = compositor._warp(index, matrix, np.ones(len(index), bool))
     np.testing.assert_array_equal(swapped[:, BODY23.index("left_knee")], as_is[:, BODY23.index("right_knee")])
@@ -145,13 +154,27 @@ def test_mirrored_crops_swap_left_and_right(renders):
 
 def test_labels_follow_pixels_through_the_augmentation(renders):
     """The person's silhouette in the crop covers the visible landmarks after rotation, scale and mirroring."""
-    options = AugmentOptions(second_person=0, occluder=0, truncate=0, mosaic=0)
+    options = AugmentOptions(second_person=0, embrace=0, occluder=0, truncate=0, mosaic=0)
     compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 2, options)
     index = np.arange(len(renders))
-    matrix, flip = compositor._placement(renders.box_px[index], 0.0)
+    matrix, flip = compositor._placement(renders.box_px[index])
     person, landmarks, visible = compositor._warp(index, matrix, flip)
     hits = compositor._alpha_at(person[:, 3].numpy(), landmarks)[visible]
     assert np.mean(hits > 0.3) > 0.95
+
+
+def test_in_a_hold_the_other_stands_right_behind_or_before(renders):
+    """Behind, nothing of the subject is lost; before, a part of it is."""
+
+    def seen(**others: float) -> tuple[np.ndarray, np.ndarray]:
+        options = replace(PLAIN, clutter=0, faults=False, plate=1, second_person=0, **others)
+        batch = Compositor(renders, np.full((2, 3, SIZE, SIZE), 90, np.uint8), 128, 3, options).batch(96)
+        return batch.visible.numpy().mean(1), (batch.difference > 20).float().mean((1, 2, 3)).numpy()
+
+    alone, held = seen(), seen(embrace=1.0)
+    assert (held[0] < alone[0] - 0.05).mean() > 0.15 and (held[0] > alone[0] - 0.02).mean() > 0.45
+    assert held[1].mean() > 1.3 * alone[1].mean()
+    assert held[0].mean() > 0.5 * alone[0].mean()
 
 
 def test_close_ups_frame_what_is_left_of_a_person(renders):

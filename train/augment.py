@@ -33,7 +33,9 @@ class AugmentOptions:
         shift_sd: spread of the person's place, as a share of the crop.
         rotation_sd_deg: spread of the roll that gravity alignment leaves.
         tumble: share of crops rolled by any angle up to 60 degrees.
-        second_person: share of crops with another person in or behind the scene.
+        second_person: share of crops with another person beside the subject.
+        embrace: share of crops with another person right behind or before the subject, as in a hold: of whom limbs show
+            where the subject's own are hidden.
         occluder: share of crops with things in front of the person.
         mosaic: share of crops with a pixelated face.
         truncate: share of crops that reach over the image's border (black there).
@@ -49,6 +51,7 @@ class AugmentOptions:
     rotation_sd_deg: float = 7.0
     tumble: float = 0.06
     second_person: float = 0.22
+    embrace: float = 0.12
     occluder: float = 0.35
     mosaic: float = 0.08
     truncate: float = 0.12
@@ -110,15 +113,16 @@ class Compositor:
         rng, opt, count = self.rng, self.options, len(index)
         made = self.renders.cut_px[index]
         box, lines = cut_boxes(rng, self.renders.box_px[index], opt.close_up, made)
-        matrix, flip = self._placement(box, 0.0)
+        matrix, flip = self._placement(box)
         cuts = to_crop(rng, lines, matrix, np.isfinite(made[:, 0]))
         person, landmarks, visible = self._warp(index, matrix, flip)
         plate = self._background(count, opt.clutter)
         shade = person[:, 4:] * self._column(rng.uniform(0, 0.6, count))
         image = torch.addcmul(plate, plate, shade, value=-1)
-        other = rng.random(count) < (opt.second_person if len(self.whole) else 0.0)
+        chance = rng.random(count) if len(self.whole) else np.ones(count)
+        other, close = chance < opt.second_person + opt.embrace, chance >= opt.second_person
         in_front = rng.random(count) < 0.4
-        front = self._second_person(image, other, in_front) if other.any() else None
+        front = self._second_person(image, other, close, in_front) if other.any() else None
         image.mul_(1 - person[:, 3:4]).add_(person[:, :3])
         if front is not None:
             visible &= ~(self._alpha_at(front[:, 3].numpy(), landmarks) > 0.5)
@@ -158,16 +162,18 @@ class Compositor:
     def _column(self, values: NDArray[np.generic]) -> Tensor:
         return torch.from_numpy(np.asarray(values, np.float32)).view(-1, 1, 1, 1)
 
-    def _placement(self, box: NDArray[np.float32], offset: float) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """crop_from_render (B, 2, 3) affine maps in pixels for boxes (B, 4), and which are mirrored. `offset` moves
-        people sideways by at least that share of the crop."""
+    def _placement(
+        self, box: NDArray[np.float32], aside: NDArray[np.float64] | None = None
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """crop_from_render (B, 2, 3) affine maps in pixels for boxes (B, 4), and which are mirrored. `aside` (B, 2)
+        moves people sideways, by a share of the crop between the two."""
         rng, opt, n, size = self.rng, self.options, len(box), self.size
         center = (box[:, :2] + box[:, 2:]) / 2
         side = (box[:, 2:] - box[:, :2]).max(1)
         scale = size / (opt.padding * side) * np.exp(rng.normal(0, opt.scale_sd, n).clip(-0.35, 0.35))
         shift = rng.normal(0, opt.shift_sd, (n, 2)).clip(-0.12, 0.12) * size
-        if offset:
-            shift[:, 0] += rng.choice([-1, 1], n) * rng.uniform(offset, 0.75, n) * size
+        if aside is not None:
+            shift[:, 0] += rng.choice([-1, 1], n) * rng.uniform(*aside.T) * size
             shift[:, 1] += rng.normal(0, 0.12, n) * size
             scale *= np.exp(rng.normal(0, 0.25, n))
         angle = np.radians(rng.normal(0, opt.rotation_sd_deg, n))
@@ -223,12 +229,17 @@ class Compositor:
         out: NDArray[np.float32] = alpha[np.arange(len(alpha))[:, None], at[..., 1], at[..., 0]]
         return out
 
-    def _second_person(self, image: Tensor, other: NDArray[np.bool_], in_front: NDArray[np.bool_]) -> Tensor:
-        """Another person beside the subject of the crops `other`: behind, drawn into `image` in place, or in front,
-        returned as a layer (B, 4, S, S) for when the subject is drawn."""
+    def _second_person(
+        self, image: Tensor, other: NDArray[np.bool_], close: NDArray[np.bool_], in_front: NDArray[np.bool_]
+    ) -> Tensor:
+        """Another person beside the subject of the crops `other`, or, of these, with the subject in a hold if `close`:
+        behind, drawn into `image` in place, or in front, returned as a layer (B, 4, S, S) for when the subject is
+        drawn."""
         chosen = np.nonzero(other)[0]
         index = self.rng.choice(self.whole, len(chosen))
-        matrix, flip = self._placement(self.renders.box_px[index], 0.3)
+        # Before the subject not in the middle: nobody could tell whose crop that is.
+        held = np.where(in_front[chosen, None], (0.12, 0.3), (0.0, 0.3))
+        matrix, flip = self._placement(self.renders.box_px[index], np.where(close[chosen, None], held, (0.3, 0.75)))
         layer, _, _ = self._warp(index, matrix, flip)
         front = torch.zeros(len(image), 4, self.size, self.size)
         for k, i in enumerate(chosen):

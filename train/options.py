@@ -183,6 +183,7 @@ class Evaluation:
         seed: of the crops.
         faults: with what a camera does to a picture: blur, noise, compression and the rest.
         occlusion: with things and people in front, faces made unrecognisable, borders, clutter and people who tumble.
+        embrace: with somebody right behind or before everyone, as in a hold; without, others stand beside a few.
         plate: with the difference to the background plate, as good as a static camera's plate is.
         flip: every crop also mirrored.
         turn: crops of which the network is unsure also turned by quarters and, with `flip`, tilted to both sides.
@@ -195,6 +196,7 @@ class Evaluation:
     seed: int = 10_000
     faults: bool = True
     occlusion: bool = True
+    embrace: bool = False
     plate: bool = True
     flip: bool = True
     turn: bool = True

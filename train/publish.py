@@ -103,10 +103,10 @@ def calibration(once: HeldOut, mirrored: HeldOut) -> dict[str, Any]:
     """What a keypoint network's file says of its variances, and of its markers where there are any in the crops, which
     were looked at once and mirrored too."""
     body = len(BODY23)
-    variance, coverage = calibrated(once, mirrored, slice(body))
+    variance, coverage = calibrated(once, mirrored, slice(body), BODY23.mirror)
     metadata: dict[str, Any] = {"variance": variance, "sigma_coverage": coverage}
     if once.inside[:, body:].any():
-        variance, coverage = calibrated(once, mirrored, slice(body, None))
+        variance, coverage = calibrated(once, mirrored, slice(body, None), SURFACE.mirror)
         metadata |= {"marker_variance": variance, "marker_sigma_coverage": coverage}
         metadata["marker_scores"] = marker_scores(once.select((slice(None), slice(body, None))))
     return metadata

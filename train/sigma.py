@@ -1,6 +1,6 @@
 """How far a keypoint network's landmarks are off, and the variance that says so: fitted on held-out crops."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -19,6 +19,8 @@ from muybridge.train.augment import Batch
 LEAST_FLOOR_PX2 = 0.01
 # Shares of a Gaussian's values within one and two sigma, and the most knots of the map that is to give them.
 WITHIN_ONE, WITHIN_TWO, KNOTS = 0.6827, 0.9545, 16
+# Landmarks of a pair of twins that say how much their variance differs from the others'; fewer say nothing.
+LEAST_OF_A_LANDMARK = 200
 # What is tried for the ratio of the variance of what looks hidden, times what the errors' slope says.
 _HIDDEN = np.geomspace(0.65, 2.0, 12)
 # What is tried for the ratio of the variance of crops looked at mirrored too to that of crops looked at once.
@@ -163,26 +165,61 @@ def within(error_px: NDArray[np.float64], variance_px2: NDArray[np.float64]) -> 
     return float((np.abs(error_px) < sigma).mean()), float((np.abs(error_px) < 2 * sigma).mean())
 
 
-def calibrated(once: HeldOut, mirrored: HeldOut, landmarks: slice) -> tuple[dict[str, Any], dict[str, float]]:
+def landmark_ratios(found: HeldOut, mirror: Sequence[int]) -> NDArray[np.float64]:
+    """(J,) by what each landmark's variance differs from the others' of the same spread, their product being one: the
+    geometric mean of what its 68.3 and its 95.4 % quantile say, equal for twins, whose errors are each other's. One for
+    landmarks that are hardly ever there.
+
+    Args:
+        found: (N, J) landmarks.
+        mirror: (J,) each landmark's twin, itself where it has none.
+    """
+    alike = found.select(found.inside)
+    spread = fit_spread(alike.error_px, alike.spread_px2, alike.visible, alike.seen)
+    away = np.abs(found.error_px) / np.sqrt(variances(spread, found))[..., None]
+    logarithms: dict[int, float] = {}
+    for landmark, twin in enumerate(mirror):
+        pair = [landmark, twin]
+        errors = away[:, pair][found.inside[:, pair]]
+        if len(errors) >= LEAST_OF_A_LANDMARK:
+            one, two = np.quantile(errors, [WITHIN_ONE, WITHIN_TWO])
+            logarithms[landmark] = np.log(one * two / 2)
+    ratios = np.ones(len(mirror))
+    ratios[list(logarithms)] = np.exp(np.array(list(logarithms.values())) - np.mean(list(logarithms.values()) or [0.0]))
+    return ratios
+
+
+def calibrated(
+    once: HeldOut, mirrored: HeldOut, landmarks: slice, mirror: Sequence[int]
+) -> tuple[dict[str, Any], dict[str, float]]:
     """The variance's calibration from one half of the crops and its coverage on the other, as metadata.
 
     Args:
         once, mirrored: the same crops, looked at once and mirrored too.
         landmarks: which of them.
+        mirror: of each of those its twin, itself where it has none.
     """
+    once, mirrored = (found.select((slice(None), landmarks)) for found in (once, mirrored))
     half = len(once.inside) // 2
-    fit, test = (slice(half), landmarks), (slice(half, None), landmarks)
-    first, both = (found.select(fit).select(found.inside[fit]) for found in (once, mirrored))
+    ratios = landmark_ratios(once.select(slice(half)), mirror)
+    # Errors over the root of the ratios are as large as any landmark's: what follows need not know whose they are.
+    once, mirrored = (found._replace(error_px=found.error_px / np.sqrt(ratios)[:, None]) for found in (once, mirrored))
+    first, both = (found.select(slice(half)).select(found.inside[:half]) for found in (once, mirrored))
     spread = fit_mirrored(fit_spread(first.error_px, first.spread_px2, first.visible, first.seen), both)
     shares: dict[str, float] = {}
-    for look, found in (("", once.select(test)), ("_mirrored", mirrored.select(test))):
+    for look, found in (("", once.select(slice(half, None))), ("_mirrored", mirrored.select(slice(half, None)))):
         groups = ("", found.inside), ("_visible", found.visible), ("_hidden", found.inside & ~found.visible)
         for name, group in groups:
             chosen = found.select(group)
             one, two = within(chosen.error_px, variances(spread, chosen, bool(look)))
             shares |= {f"one{name}{look}": round(one, 3), f"two{name}{look}": round(two, 3)}
     metadata = {"scale": spread.scale, "floor_px2": spread.floor_px2, "knots": spread.knots}
-    return metadata | {"hidden": spread.hidden, "mirrored": spread.mirrored}, shares
+    metadata |= {
+        "hidden": spread.hidden,
+        "mirrored": spread.mirrored,
+        "landmarks": [round(float(r), 4) for r in ratios],
+    }
+    return metadata, shares
 
 
 def _hidden(error_px: NDArray[np.float64], seen: NDArray[np.float64], parts: list[NDArray[np.intp]]) -> float:
