@@ -17,7 +17,7 @@ from muybridge.infer.cli import extra_of
 from muybridge.infer.detect import DetectOptions, open_models
 from muybridge.infer.footage import collect
 from muybridge.infer.outputs import open_output
-from muybridge.infer.pipeline import RunOptions, follow
+from muybridge.infer.pipeline import ADAPTED, RunOptions, follow
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import SessionOptions, open_session
 from muybridge.infer.solve import SolveOptions
@@ -25,8 +25,7 @@ from muybridge.infer.stages import StageStore
 from muybridge.models.footage import save_footage
 from muybridge.models.registry import keypoint_card
 
-DEFAULT_OUT = "adapted"
-RESULTS = ("keypoints.onnx", "keypoints-int8.onnx", "adapt.json")
+RESULTS = ("keypoints.onnx", ADAPTED.name, "adapt.json")
 _NEEDED = ("torch", "kornia", "onnx")
 _Flat = tyro.conf.arg(name="")
 
@@ -83,7 +82,7 @@ def adapt(
     with Progress(quiet=quiet) as progress:
         opened, models = open_session(path, session), open_models(base)
         inputs = [opened.calibration, *(v.path for v in opened.videos)]
-        output = open_output(path / DEFAULT_OUT if out is None else out, RESULTS, inputs, overwrite)
+        output = open_output(path / ADAPTED.parent if out is None else out, RESULTS, inputs, overwrite)
         followed = follow(opened, models, StageStore(output.work), run, progress)
         footage = output.work / "footage.npz"
         card = keypoint_card(models.metadata["keypoints"], models.keypoints)

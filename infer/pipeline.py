@@ -36,6 +36,8 @@ from muybridge.infer.upward import stood_up
 
 RUN_FORMAT = 1
 DEFAULT_OUT = "muybridge"
+# Where `muybridge adapt` leaves a session's own network.
+ADAPTED = Path("adapted") / "keypoints-int8.onnx"
 _PACKAGES = (
     "numpy",
     "scipy",
@@ -137,6 +139,8 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     progress.say(f"{session.name}: {len(session.cameras)} cameras, {session.frames} frames at {session.fps:.4g} fps")
     for notice in session.notices:
         progress.notice(notice)
+    if options.detect.keypoint_model is None and (path / ADAPTED).is_file():
+        progress.notice(f"{path / ADAPTED} was adapted to this session and is not used; --keypoint-model names it")
     followed = follow(session, models, store, options, progress)
     session, solution, calibration = followed.session, followed.solution, followed.calibration
     if solution.motion is None:
