@@ -12,17 +12,15 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from muybridge.errors import ModelError, SessionError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks import BODY23
-from muybridge.models.export import export_onnx
 from muybridge.models.footage import Footage, load_footage
-from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart, SeparateHeads
-from muybridge.models.quantize import int8_path, quantize
-from muybridge.models.registry import BODY_OUTPUTS, MARKER_OUTPUTS, KeypointModelCard, shipped_model
+from muybridge.models.keypoint_net import PLATE, KeypointNet
+from muybridge.models.registry import KeypointModelCard, shipped_model
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
 from muybridge.train.adaptation import Agreement, View, adapted, agreement
 from muybridge.train.evaluation import load_model
 from muybridge.train.memory import keep_memory
 from muybridge.train.options import Adaptation
-from muybridge.train.publish import CALIBRATION_IMAGES
+from muybridge.train.publish import CALIBRATION_IMAGES, write_keypoints
 
 _BEYOND_BELIEF = 0.04  # of the crop
 # What it has to come nearer for it to have learned anything: unfolding its normalisation alone changes it by rounding.
@@ -92,18 +90,13 @@ def _change(before: Agreement, after: Agreement) -> str:
 def _write(
     net: KeypointNet, view: View, card: KeypointModelCard, options: Adaptation, facts: dict[str, object]
 ) -> None:
-    size, marked, footage = view.size, card.markers is not None, view.footage
     metadata = {k: v for k, v in card.metadata.items() if k not in _OUTDATED} | {
         "version": f"{card.version}, adapted", "adapted": json.dumps(facts),
         "plate_input": PLATE,
         "licence": f"{card.metadata.get('licence', '')}; then adapted to footage of the user's, without labels",
     }  # fmt: skip
-    outputs = BODY_OUTPUTS + MARKER_OUTPUTS if marked else BODY_OUTPUTS
-    exported = SeparateHeads(net, len(BODY23)).eval() if marked else net
-    options.out.mkdir(parents=True, exist_ok=True)
-    path = options.out / "keypoints.onnx"
-    export_onnx(PlateApart(exported), path, (2, 3, size, size), outputs, metadata, PLATE)
-    some = np.linspace(0, len(footage.crops) - 1, min(CALIBRATION_IMAGES, len(footage.crops))).astype(int)
-    quantize(path, int8_path(path), view.plain(some)[0])
+    crops = len(view.footage.crops)
+    some = np.linspace(0, crops - 1, min(CALIBRATION_IMAGES, crops)).astype(int)
+    write_keypoints(net, options.out / "keypoints.onnx", metadata, view.plain(some)[0])
     with replacing(options.out / "adapt.json") as temporary:
         temporary.write_text(json.dumps(facts, indent=1), encoding="utf-8")

@@ -2,11 +2,12 @@
 
 import datetime
 import pathlib
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
+from numpy.typing import NDArray
 
 import muybridge
 from muybridge.errors import ModelError
@@ -86,17 +87,24 @@ def publish_keypoints(
         "normalisation": NORMALISATION, "box_padding": str(BOX_PADDING),
         "plate_input": PLATE,
     } | measured  # fmt: skip
-    outputs: tuple[str, ...] = BODY_OUTPUTS
-    exported: nn.Module = net
     if "marker_variance" in measured:
         metadata["marker_names"] = list(SURFACE.names)
-        outputs += MARKER_OUTPUTS
-        exported = SeparateHeads(net, len(BODY23)).eval()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    export_onnx(PlateApart(exported), path, (2, 3, size, size), outputs, metadata, PLATE)
     images = np.concatenate([batch.pixels.numpy() for batch in batches])
-    quantize(path, int8_path(path), images[:CALIBRATION_IMAGES])
+    write_keypoints(net, path, metadata, images[:CALIBRATION_IMAGES])
     return metadata
+
+
+def write_keypoints(
+    net: KeypointNet, path: pathlib.Path, metadata: Mapping[str, Any], images: NDArray[np.uint8]
+) -> None:
+    """The network's file and its 8-bit version beside it, body and markers apart where `metadata` names markers; the
+    ranges of the 8 bits are measured on `images` (N, 4, S, S), of the size that the file is for."""
+    marked = "marker_names" in metadata
+    exported = SeparateHeads(net, len(BODY23)).eval() if marked else net
+    path.parent.mkdir(parents=True, exist_ok=True)
+    outputs = BODY_OUTPUTS + MARKER_OUTPUTS if marked else BODY_OUTPUTS
+    export_onnx(PlateApart(exported), path, (2, 3, *images.shape[2:]), outputs, metadata, PLATE)
+    quantize(path, int8_path(path), images)
 
 
 def calibration(once: HeldOut, mirrored: HeldOut) -> dict[str, Any]:
