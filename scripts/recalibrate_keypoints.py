@@ -5,29 +5,32 @@ usage: python scripts/recalibrate_keypoints.py NETWORK.onnx RENDERS [--crops 204
 
 As `muybridge train keypoints` does at its end: variances are fitted on one half of the held-out crops of RENDERS, a
 part of them with the background plate, and their coverage is measured on the other, the 8-bit version beside
-NETWORK.onnx is made again, and scores are taken.
+NETWORK.onnx is made again, and scores are taken. Beyond that, what crops looked at mirrored are surer of is fitted with
+all that `muybridge run` does with those it is unsure of (smaller, turned and tilted), which needs a network's file.
 """
 
 import argparse
 import json
 import pathlib
+from typing import Any
 
 import numpy as np
 import onnx
 from numpy.typing import NDArray
+from rich.progress import track
 
 from muybridge.files import replacing
 from muybridge.models.quantize import int8_path, quantize
 from muybridge.models.registry import BODY_OUTPUTS, MARKER_OUTPUTS
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
-from muybridge.train.augment import AugmentOptions, Compositor
+from muybridge.train.augment import AugmentOptions, Batch, Compositor
 from muybridge.train.backgrounds import make_backgrounds
-from muybridge.train.evaluation import load_model
+from muybridge.train.evaluation import load_model, read_crops
 from muybridge.train.keypoints import evaluate
 from muybridge.train.loop import HELD_OUT
 from muybridge.train.publish import CALIBRATION_IMAGES, calibration, version
 from muybridge.train.renders import SIZE, load_renders
-from muybridge.train.sigma import Look, held_out
+from muybridge.train.sigma import Look, fitted_ratio, held_out, within
 
 # Of the crops and of their backgrounds: no training's and no evaluation's.
 SEED = 20_000
@@ -45,6 +48,37 @@ def look_of(path: pathlib.Path) -> Look:
     return look
 
 
+def as_read(path: pathlib.Path, batches: list[Batch]) -> tuple[float, dict[str, float]]:
+    """By what the variances of a file's network have to be multiplied where crops are read as `muybridge run` does, and
+    the shares then, as of `sigma_coverage`: fitted on one half of the crops, measured on the other."""
+    session, card = load_model(path)
+    parts = []
+    for batch in track(batches, "reading as `run` does", transient=True):
+        crops = batch.pixels.numpy().astype(np.float32) / np.float32(255)
+        found, at = read_crops(session, card, crops, flip=True, turn=True), batch.landmarks_px.numpy()
+        inside = ((at >= 0) & (at < crops.shape[-1])).all(-1)
+        parts.append((found.points_crop_px - at, found.variance_crop_px2, inside, batch.visible.numpy() & inside))
+    error, variance, inside, visible = (np.concatenate(values) for values in zip(*parts, strict=True))
+    half = np.arange(len(error)) < len(error) // 2
+    fit, test = inside & half[:, None], inside & ~half[:, None]
+    ratio = fitted_ratio(error[fit], variance[fit], visible[fit])
+    shares: dict[str, float] = {}
+    for name, group in (("", test), ("_visible", test & visible), ("_hidden", test & ~visible)):
+        one, two = within(error[group], ratio * variance[group])
+        shares |= {f"one{name}_mirrored": round(one, 3), f"two{name}_mirrored": round(two, 3)}
+    return ratio, shares
+
+
+def write(path: pathlib.Path, new: dict[str, Any]) -> None:
+    """Replaces what a file says of itself."""
+    model = onnx.load(str(path))
+    metadata = {entry.key: entry.value for entry in model.metadata_props}
+    metadata |= {key: value if isinstance(value, str) else json.dumps(value) for key, value in new.items()}
+    onnx.helper.set_model_props(model, metadata)
+    with replacing(path) as temporary:
+        onnx.save(model, str(temporary))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("network", type=pathlib.Path)
@@ -60,12 +94,11 @@ def main() -> None:
     scores = evaluate(keypoint_net_from_onnx(path), batches[:8])
     new = {"input_size": str(size), "version": version()} | calibration(*held_out(look_of(path), batches))
     new["scores"] = {key: round(value, 4) for key, value in scores.items()}
-    model = onnx.load(str(path))
-    metadata = {entry.key: entry.value for entry in model.metadata_props}
-    metadata |= {key: value if isinstance(value, str) else json.dumps(value) for key, value in new.items()}
-    onnx.helper.set_model_props(model, metadata)
-    with replacing(path) as temporary:
-        onnx.save(model, str(temporary))
+    write(path, new)
+    ratio, shares = as_read(path, batches)
+    new["variance"]["mirrored"] *= ratio
+    new["sigma_coverage"] |= shares
+    write(path, new)
     images = np.concatenate([batch.pixels.numpy() for batch in batches[:2]])
     quantize(path, int8_path(path), images[:CALIBRATION_IMAGES])
     print(json.dumps({key: value for key, value in new.items() if key[-8:] != "variance"}, indent=1))

@@ -149,9 +149,14 @@ def _fit_hidden(
 def fit_mirrored(spread: SpreadCalibration, found: HeldOut) -> SpreadCalibration:
     """The calibration with the ratio by which variances are smaller where crops are looked at mirrored too, which
     `found`, a selection of K landmarks, were."""
-    variance, groups = variances(spread, found), _groups(found.visible)
-    off = [_farthest_off(found.error_px, variance * ratio, groups) for ratio in _MIRRORED]
-    return replace(spread, mirrored=float(_MIRRORED[int(np.argmin(off))]))
+    return replace(spread, mirrored=fitted_ratio(found.error_px, variances(spread, found), found.visible))
+
+
+def fitted_ratio(error_px: NDArray[np.float64], variance_px2: NDArray[np.float64], visible: NDArray[np.bool_]) -> float:
+    """By what variances (K,) of coordinates (K, 2) have to be multiplied for no share within one or two sigma to be
+    farther off than need be, neither of all nor of the `visible` (K,) nor of the hidden."""
+    off = [_farthest_off(error_px, variance_px2 * ratio, _groups(visible)) for ratio in _MIRRORED]
+    return float(_MIRRORED[int(np.argmin(off))])
 
 
 def variances(spread: SpreadCalibration, found: HeldOut, mirrored: bool = False) -> NDArray[np.float64]:
