@@ -89,7 +89,7 @@ def main() -> None:
     path: pathlib.Path = options.network
     size = options.size or load_model(path)[1].input_size
     people, backgrounds = load_renders(options.renders, HELD_OUT), make_backgrounds(256, SIZE, SEED)
-    compositor = Compositor(people, backgrounds, size, SEED, AugmentOptions(close_up=0, embrace=0, small=0))
+    compositor = Compositor(people, backgrounds, size, SEED, AugmentOptions(close_up=0))
     batches = [compositor.batch(64) for _ in range(-(-options.crops // 64))]
     scores = evaluate(keypoint_net_from_onnx(path), batches[:8])
     new = {"input_size": str(size), "version": version()} | calibration(*held_out(look_of(path), batches))

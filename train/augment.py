@@ -30,14 +30,13 @@ class AugmentOptions:
     Attributes:
         padding: crop side over the longer side of the person's box.
         scale_sd: spread of the log of the person's size in the crop.
-        small: share of crops with a smaller person, down to half as large: in use crops are read at less than the size
-            trained at, too, and a network that never sees small people forgets them.
         shift_sd: spread of the person's place, as a share of the crop.
         rotation_sd_deg: spread of the roll that gravity alignment leaves.
         tumble: share of crops rolled by any angle up to 60 degrees.
         second_person: share of crops with another person beside the subject.
         embrace: share of crops with another person right behind or before the subject, as in a hold: of whom limbs show
-            where the subject's own are hidden.
+            where the subject's own are hidden. Trained at one size a network then tells whose crop it is by how far the
+            crop's edges are, and reads crops of other sizes no more.
         occluder: share of crops with things in front of the person.
         mosaic: share of crops with a pixelated face.
         truncate: share of crops that reach over the image's border (black there).
@@ -49,12 +48,11 @@ class AugmentOptions:
 
     padding: float = 1.25
     scale_sd: float = 0.12
-    small: float = 0.25
     shift_sd: float = 0.045
     rotation_sd_deg: float = 7.0
     tumble: float = 0.06
     second_person: float = 0.22
-    embrace: float = 0.12
+    embrace: float = 0.0
     occluder: float = 0.35
     mosaic: float = 0.08
     truncate: float = 0.12
@@ -179,8 +177,6 @@ class Compositor:
             shift[:, 0] += rng.choice([-1, 1], n) * rng.uniform(*aside.T) * size
             shift[:, 1] += rng.normal(0, 0.12, n) * size
             scale *= np.exp(rng.normal(0, 0.25, n))
-        elif opt.small:
-            scale *= np.where(rng.random(n) < opt.small, np.exp(rng.uniform(np.log(0.5), 0, n)), 1.0)
         angle = np.radians(rng.normal(0, opt.rotation_sd_deg, n))
         tumble = rng.random(n) < opt.tumble
         angle = np.where(tumble, np.radians(rng.uniform(-60, 60, n)), angle)

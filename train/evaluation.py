@@ -62,7 +62,7 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
         raise SessionError(f"{options.renders}: no held-out renders; make some with `muybridge synth`")
     # Backgrounds of another seed than any training's pool.
     backgrounds = make_backgrounds(256, SIZE, options.seed)
-    augment = AugmentOptions(close_up=0, plate=float(options.plate), faults=options.faults, embrace=0, small=0)
+    augment = AugmentOptions(close_up=0, plate=float(options.plate), faults=options.faults)
     if not options.occlusion:
         augment = replace(augment, second_person=0, occluder=0, mosaic=0, truncate=0, tumble=0, clutter=0)
     if options.embrace:

@@ -146,7 +146,7 @@ def held_out_batches(renders: pathlib.Path, pool: pathlib.Path, size: int, count
     `muybridge eval` draws others)."""
     store = load_renders(renders, loop.HELD_OUT)
     backgrounds = np.load(pool, mmap_mode="r")
-    whole = AugmentOptions(close_up=0, embrace=0, small=0)
+    whole = AugmentOptions(close_up=0)
     return [Compositor(store, backgrounds, size, 10_000 + i, whole).batch(64) for i in range(count)]
 
 
