@@ -1,6 +1,7 @@
 """Adaptation: the shipped network used to a take's own footage, without a label."""
 
 import json
+import shutil
 import subprocess
 import sys
 
@@ -13,6 +14,8 @@ from muybridge.errors import FormatError, MissingExtraError, ModelError, Session
 from muybridge.geometry.clocks import Clock, own_frames
 from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.infer import adapt as command
+from muybridge.infer import pipeline
+from muybridge.infer.cli import run_command
 from muybridge.infer.demo import demo_folder, true_points
 from muybridge.infer.detect import DetectOptions, open_models
 from muybridge.infer.footage import FootageOptions, _held_out, collect
@@ -220,6 +223,22 @@ def test_the_command_from_a_session_to_a_network(short_demo, worse_network, tmp_
     (out / "keypoints.onnx").write_text("mine")
     again = subprocess.run(run, capture_output=True, text=True, check=False)
     assert again.returncode == 2 and "--overwrite" in again.stderr and (out / "keypoints.onnx").read_text() == "mine"
+
+
+def test_run_says_that_an_adapted_network_lies_unused(short_demo, tmp_path, monkeypatch, capsys):
+    def follow(*_: object) -> None:
+        raise SessionError("far enough")
+
+    take = tmp_path / "take"
+    shutil.copytree(short_demo, take)
+    (take / pipeline.ADAPTED).parent.mkdir()
+    (take / pipeline.ADAPTED).touch()
+    monkeypatch.setattr(pipeline, "follow", follow)
+    notice = f"{take / pipeline.ADAPTED} was adapted to this session and is not used; --keypoint-model names it"
+    for given in ([], ["--keypoint-model", str(shipped_model("keypoints"))]):
+        assert run_command(["run", str(take), *given]) == 2
+        said = capsys.readouterr().err
+        assert "far enough" in said and (notice in said) == (not given)
 
 
 def test_a_missing_extra_is_said_before_the_work(monkeypatch, tmp_path):
