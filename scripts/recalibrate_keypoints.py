@@ -16,29 +16,29 @@ from typing import Any
 
 import numpy as np
 import onnx
+import onnxruntime
 from numpy.typing import NDArray
 from rich.progress import track
 
 from muybridge.files import replacing
 from muybridge.models.quantize import int8_path, quantize
-from muybridge.models.registry import BODY_OUTPUTS, MARKER_OUTPUTS
+from muybridge.models.registry import BODY_OUTPUTS, MARKER_OUTPUTS, KeypointModelCard, keypoint_card
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
 from muybridge.train.augment import AugmentOptions, Batch, Compositor
 from muybridge.train.backgrounds import make_backgrounds
-from muybridge.train.evaluation import load_model, read_crops
+from muybridge.train.evaluation import load_model, read_batch
 from muybridge.train.keypoints import evaluate
 from muybridge.train.loop import HELD_OUT
 from muybridge.train.publish import CALIBRATION_IMAGES, calibration, version
 from muybridge.train.renders import SIZE, load_renders
-from muybridge.train.sigma import Look, fitted_ratio, held_out, within
+from muybridge.train.sigma import Look, fitted_ratio, held_out, shares_of
 
 # Of the crops and of their backgrounds: no training's and no evaluation's.
 SEED = 20_000
 
 
-def look_of(path: pathlib.Path) -> Look:
-    """A network's file as a function: body first, then markers."""
-    session, card = load_model(path)
+def look_of(session: onnxruntime.InferenceSession, card: KeypointModelCard) -> Look:
+    """A network's session as a function: body first, then markers."""
     outputs = BODY_OUTPUTS if card.markers is None else BODY_OUTPUTS + MARKER_OUTPUTS
 
     def look(crops: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -48,35 +48,25 @@ def look_of(path: pathlib.Path) -> Look:
     return look
 
 
-def as_read(path: pathlib.Path, batches: list[Batch]) -> tuple[float, dict[str, float]]:
-    """By what the variances of a file's network have to be multiplied where crops are read as `muybridge run` does, and
-    the shares then, as of `sigma_coverage`: fitted on one half of the crops, measured on the other."""
-    session, card = load_model(path)
+def as_read(
+    session: onnxruntime.InferenceSession, card: KeypointModelCard, batches: list[Batch]
+) -> tuple[float, dict[str, float]]:
+    """By what the variances of a network have to be multiplied where crops are read as `muybridge run` does, and the
+    shares then, as of `sigma_coverage`: fitted on one half of the crops, measured on the other."""
     parts = []
     for batch in track(batches, "reading as `run` does", transient=True):
-        crops = batch.pixels.numpy().astype(np.float32) / np.float32(255)
-        found, at = read_crops(session, card, crops, flip=True, turn=True), batch.landmarks_px.numpy()
-        inside = ((at >= 0) & (at < crops.shape[-1])).all(-1)
-        parts.append((found.points_crop_px - at, found.variance_crop_px2, inside, batch.visible.numpy() & inside))
+        found, error, inside = read_batch(session, card, batch, flip=True, turn=True)
+        parts.append((error, found.variance_crop_px2, inside, batch.visible.numpy()))
     error, variance, inside, visible = (np.concatenate(values) for values in zip(*parts, strict=True))
-    half = np.arange(len(error)) < len(error) // 2
-    fit, test = inside & half[:, None], inside & ~half[:, None]
-    ratio = fitted_ratio(error[fit], variance[fit], visible[fit])
-    shares: dict[str, float] = {}
-    for name, group in (("", test), ("_visible", test & visible), ("_hidden", test & ~visible)):
-        one, two = within(error[group], ratio * variance[group])
-        shares |= {f"one{name}_mirrored": round(one, 3), f"two{name}_mirrored": round(two, 3)}
-    return ratio, shares
+    half = len(error) // 2
+    fit = inside[:half]
+    ratio = fitted_ratio(error[:half][fit], variance[:half][fit], visible[:half][fit])
+    return ratio, shares_of(error[half:], ratio * variance[half:], inside[half:], visible[half:], "_mirrored")
 
 
-def write(path: pathlib.Path, new: dict[str, Any]) -> None:
-    """Replaces what a file says of itself."""
-    model = onnx.load(str(path))
-    metadata = {entry.key: entry.value for entry in model.metadata_props}
-    metadata |= {key: value if isinstance(value, str) else json.dumps(value) for key, value in new.items()}
-    onnx.helper.set_model_props(model, metadata)
-    with replacing(path) as temporary:
-        onnx.save(model, str(temporary))
+def text(new: dict[str, Any]) -> dict[str, str]:
+    """As a file's metadata says it."""
+    return {key: value if isinstance(value, str) else json.dumps(value) for key, value in new.items()}
 
 
 def main() -> None:
@@ -87,18 +77,23 @@ def main() -> None:
     parser.add_argument("--size", type=int)
     options = parser.parse_args()
     path: pathlib.Path = options.network
-    size = options.size or load_model(path)[1].input_size
+    session, card = load_model(path)
+    size = options.size or card.input_size
     people, backgrounds = load_renders(options.renders, HELD_OUT), make_backgrounds(256, SIZE, SEED)
     compositor = Compositor(people, backgrounds, size, SEED, AugmentOptions(close_up=0))
     batches = [compositor.batch(64) for _ in range(-(-options.crops // 64))]
     scores = evaluate(keypoint_net_from_onnx(path), batches[:8])
-    new = {"input_size": str(size), "version": version()} | calibration(*held_out(look_of(path), batches))
+    measured = calibration(*held_out(look_of(session, card), batches))
+    new = {"input_size": str(size), "version": version(), **measured}
     new["scores"] = {key: round(value, 4) for key, value in scores.items()}
-    write(path, new)
-    ratio, shares = as_read(path, batches)
+    model = onnx.load(str(path))
+    metadata = {entry.key: entry.value for entry in model.metadata_props} | text(new)
+    ratio, shares = as_read(session, keypoint_card(metadata, path), batches)
     new["variance"]["mirrored"] *= ratio
     new["sigma_coverage"] |= shares
-    write(path, new)
+    onnx.helper.set_model_props(model, metadata | text(new))
+    with replacing(path) as temporary:
+        onnx.save(model, str(temporary))
     images = np.concatenate([batch.pixels.numpy() for batch in batches[:2]])
     quantize(path, int8_path(path), images[:CALIBRATION_IMAGES])
     print(json.dumps({key: value for key, value in new.items() if key[-8:] != "variance"}, indent=1))

@@ -35,8 +35,8 @@ class AugmentOptions:
         tumble: share of crops rolled by any angle up to 60 degrees.
         second_person: share of crops with another person beside the subject.
         embrace: share of crops with another person right behind or before the subject, as in a hold: of whom limbs show
-            where the subject's own are hidden. Trained at one size a network then tells whose crop it is by how far the
-            crop's edges are, and reads crops of other sizes no more.
+            where the subject's own are hidden. A network that was trained with it, at one size, read crops of other
+            sizes no more: see docs/training-log.md.
         occluder: share of crops with things in front of the person.
         mosaic: share of crops with a pixelated face.
         truncate: share of crops that reach over the image's border (black there).

@@ -14,7 +14,7 @@ from muybridge.models.decode import DecodedHeatmaps
 from muybridge.models.mirroring import mean_of_mirrored
 from muybridge.models.registry import BODY_OUTPUTS, KeypointModelCard, keypoint_card, shipped_model
 from muybridge.models.turning import turn_where_unsure
-from muybridge.train.augment import AugmentOptions, Compositor
+from muybridge.train.augment import AugmentOptions, Batch, Compositor
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.loop import HELD_OUT
 from muybridge.train.options import Evaluation
@@ -53,6 +53,16 @@ def read_crops(
     return card.weighed(found, maps[1], flip)
 
 
+def read_batch(
+    session: onnxruntime.InferenceSession, card: KeypointModelCard, batch: Batch, flip: bool, turn: bool
+) -> tuple[DecodedHeatmaps, NDArray[np.float64], NDArray[np.bool_]]:
+    """The body's landmarks in a batch's crops, read as of `read_crops`, their errors (N, J, 2) px, and which of them
+    (N, J) lie inside of the crop."""
+    crops, truth = batch.pixels.numpy().astype(np.float32) / np.float32(255), batch.landmarks_px.numpy()
+    found = read_crops(session, card, crops, flip, turn)
+    return found, found.points_crop_px - truth, ((truth >= 0) & (truth < crops.shape[-1])).all(axis=-1)
+
+
 def evaluate_onnx(options: Evaluation) -> dict[str, float]:
     """Figures of merit on visible landmarks, sigma also on all inside the crop; pixels are the network's."""
     path = options.model or shipped_model("keypoints")
@@ -72,15 +82,12 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
     distances, twins, inside_sigma, visibles, insides = [], [], [], [], []
     for _ in track(range(-(-options.crops // 64)), "scoring", transient=True):
         batch = compositor.batch(64)
-        image = batch.pixels.numpy().astype(np.float32) / np.float32(255)
-        decoded = read_crops(session, card, image, options.flip, options.turn)
-        truth = batch.landmarks_px.numpy()
-        error = decoded.points_crop_px - truth
+        decoded, error, inside = read_batch(session, card, batch, options.flip, options.turn)
         distances.append(np.linalg.norm(error, axis=-1))
-        twins.append(np.linalg.norm(decoded.points_crop_px - truth[:, MIRROR], axis=-1))
+        twins.append(np.linalg.norm(decoded.points_crop_px - batch.landmarks_px.numpy()[:, MIRROR], axis=-1))
         inside_sigma.append(np.abs(error) / np.sqrt(decoded.variance_crop_px2)[..., None])
         visibles.append(batch.visible.numpy())
-        insides.append(((truth >= 0) & (truth < card.input_size)).all(axis=-1))
+        insides.append(inside)
     return _figures(
         np.concatenate(distances), np.concatenate(twins), np.concatenate(inside_sigma), np.concatenate(visibles),
         np.concatenate(insides), card.input_size,

@@ -155,7 +155,8 @@ def fit_mirrored(spread: SpreadCalibration, found: HeldOut) -> SpreadCalibration
 def fitted_ratio(error_px: NDArray[np.float64], variance_px2: NDArray[np.float64], visible: NDArray[np.bool_]) -> float:
     """By what variances (K,) of coordinates (K, 2) have to be multiplied for no share within one or two sigma to be
     farther off than need be, neither of all nor of the `visible` (K,) nor of the hidden."""
-    off = [_farthest_off(error_px, variance_px2 * ratio, _groups(visible)) for ratio in _MIRRORED]
+    groups = _groups(visible)
+    off = [_farthest_off(error_px, variance_px2 * ratio, groups) for ratio in _MIRRORED]
     return float(_MIRRORED[int(np.argmin(off))])
 
 
@@ -213,11 +214,8 @@ def calibrated(
     spread = fit_mirrored(fit_spread(first.error_px, first.spread_px2, first.visible, first.seen), both)
     shares: dict[str, float] = {}
     for look, found in (("", once.select(slice(half, None))), ("_mirrored", mirrored.select(slice(half, None)))):
-        groups = ("", found.inside), ("_visible", found.visible), ("_hidden", found.inside & ~found.visible)
-        for name, group in groups:
-            chosen = found.select(group)
-            one, two = within(chosen.error_px, variances(spread, chosen, bool(look)))
-            shares |= {f"one{name}{look}": round(one, 3), f"two{name}{look}": round(two, 3)}
+        variance = variances(spread, found, bool(look))
+        shares |= shares_of(found.error_px, variance, found.inside, found.visible, look)
     metadata = {"scale": spread.scale, "floor_px2": spread.floor_px2, "knots": spread.knots}
     metadata |= {
         "hidden": spread.hidden,
@@ -225,6 +223,26 @@ def calibrated(
         "landmarks": [round(float(r), 4) for r in ratios],
     }
     return metadata, shares
+
+
+def shares_of(
+    error_px: NDArray[np.float64], variance_px2: NDArray[np.float64], inside: NDArray[np.bool_],
+    visible: NDArray[np.bool_], look: str,
+) -> dict[str, float]:  # fmt: skip
+    """Shares within one and two sigma, as a file's metadata has them: of all landmarks that are `inside` (N, J), of the
+    `visible` (N, J) and of the hidden.
+
+    Args:
+        error_px: (N, J, 2).
+        variance_px2: (N, J) of each coordinate.
+        inside, visible: as of `HeldOut`.
+        look: how they were looked at, the end of the shares' names.
+    """
+    shares: dict[str, float] = {}
+    for name, group in (("", inside), ("_visible", visible), ("_hidden", inside & ~visible)):
+        one, two = within(error_px[group], variance_px2[group])
+        shares |= {f"one{name}{look}": round(one, 3), f"two{name}{look}": round(two, 3)}
+    return shares
 
 
 def _hidden(error_px: NDArray[np.float64], seen: NDArray[np.float64], parts: list[NDArray[np.intp]]) -> float:
