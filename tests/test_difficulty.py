@@ -51,7 +51,7 @@ def test_crops_of_hard_renders_come_more_often(store: pathlib.Path, tmp_path: pa
     loss = np.ones(SHARD, np.float32)
     loss[[7, 100]] = 4
     np.save(path, loss)
-    crops = keypoints._Crops(pool, 64, 64, path, options.hard)
+    crops = keypoints._Crops(pool, 64, 0.0, 64, path, options.hard)
     following = crops(load_renders(store, loop.TRAINED_ON), seed=1)
     drawn = np.concatenate([following()[3].numpy() for _ in range(4)])
     share = np.isin(drawn, [7, 100]).mean()
@@ -62,6 +62,8 @@ def test_crops_of_hard_renders_come_more_often(store: pathlib.Path, tmp_path: pa
 def test_a_share_that_is_none_is_refused(tmp_path: pathlib.Path) -> None:
     with pytest.raises(ModelError, match=r"--hard 1\.5: .* 0 to 1"):
         keypoints.train(KeypointTraining(renders=tmp_path, out=tmp_path / "run", hard=1.5))
+    with pytest.raises(ModelError, match=r"--smaller -1: .* 0 to 1"):
+        keypoints.train(KeypointTraining(renders=tmp_path, out=tmp_path / "run", smaller=-1))
 
 
 def test_training_notes_which_renders_are_hard(

@@ -23,9 +23,9 @@ def small_net():
     return KeypointNet(95, (16, 16, 16, 24), (0, 1, 0, 1)).to(memory_format=torch.channels_last).train()
 
 
-def some_batch(seed):
+def some_batch(seed, side=64):
     torch.manual_seed(seed)
-    image = torch.randint(0, 255, (8, 4, 64, 64), dtype=torch.uint8).contiguous(memory_format=torch.channels_last)
+    image = torch.randint(0, 255, (8, 4, side, side), dtype=torch.uint8).contiguous(memory_format=torch.channels_last)
     return image, torch.rand(8, 95, 2) * 80 - 8, torch.rand(8, 95) > 0.3, torch.arange(8)
 
 
@@ -54,8 +54,8 @@ def test_gradients_of_both_processes_add_up_to_those_of_one(monkeypatch):
     monkeypatch.setattr(precision, "_measured", lambda: False)
     net, before = small_net(), second._processors()
     with Second(net, losses_of, 0.0) as other:
-        for seed, theirs in enumerate((0, 1, 3, 2)):
-            batch = some_batch(seed)
+        for seed, (theirs, side) in enumerate(((0, 96), (1, 96), (3, 64), (2, 96))):
+            batch = some_batch(seed, side)
             expected = of_one_process(net, batch)
             with monkeypatch.context() as patch:
                 if theirs:
@@ -70,7 +70,7 @@ def test_gradients_of_both_processes_add_up_to_those_of_one(monkeypatch):
                 torch.testing.assert_close(p.grad, wanted, rtol=1e-4, atol=1e-4 * float(wanted.abs().max()) + 1e-6)
             with torch.no_grad():  # as a step would: the other process has to hear of it
                 for p in net.parameters():
-                    p.add_(0.05 * torch.randn_like(p))
+                    p.add_(0.01 * torch.randn_like(p))
             if theirs:
                 other._second_seconds = 0.0
                 other._hand_over(batch, 1)  # so that there is an answer to wait for again
@@ -89,10 +89,14 @@ def test_what_fails_there_is_told_here():
             other.gradients(net, some_batch(1), loss_of)
 
 
-def test_a_second_process_that_was_killed_is_missed():
+@pytest.mark.parametrize("answered", [False, True])
+def test_a_second_process_that_was_killed_is_missed(answered):
     net = small_net()
     with Second(net, losses_of, 0.0) as other:
         other.gradients(net, some_batch(0), loss_of)
+        if answered:  # then it is missed when the next batch is handed over
+            wait_until_ready(other)
+            assert other._count() == 1
         other._process.kill()
         other._process.join()
         with pytest.raises(RuntimeError, match="second process ended"):

@@ -153,6 +153,50 @@ def test_spread_calibration_covers_errors():
     assert two == pytest.approx(0.954, abs=0.02)
 
 
+def test_a_share_of_the_batches_is_of_smaller_crops(store, tmp_path):
+    options = KeypointTraining(renders=store, out=tmp_path / "run", backgrounds=8, workers=0)
+    crops = keypoints._Crops(loop.background_pool(options), 128, 0.5, 4, tmp_path / "difficulty.npy", 0.0)
+    following = crops(load_renders(store, loop.TRAINED_ON), seed=2)
+    batches = [following() for _ in range(24)]
+    sides = [batch[0].shape[-1] for batch in batches]
+    assert sides[0] == 128  # the largest first: the second process makes room for it
+    assert 6 <= sum(side < 128 for side in sides) <= 18
+    assert {64, 96, 128} == set(sides)
+    for image, landmarks, visible, _ in batches:  # the same people, as large in the crop
+        assert image.shape == (4, 4, *(image.shape[-1:] * 2))
+        at = landmarks[visible]
+        assert (at >= 0).all() and (at < image.shape[-1]).all() and at.max() > 0.6 * image.shape[-1]
+
+
+def test_crops_are_scored_smaller_too():
+    seen = {}
+
+    class Found(torch.nn.Module):
+        """Finds every landmark in the middle, where it is, and in smaller crops a cell right of it."""
+
+        def __init__(self):
+            super().__init__()
+            self.weight = torch.nn.Parameter(torch.zeros(1))
+
+        def forward(self, image):
+            side = image.shape[-1]
+            seen[side] = seen.get(side, 0) + 1
+            maps = torch.full((len(image), 23, side // 4, side // 4), -9.0)
+            middle, right = side // 8, int(side < 64)
+            maps[:, :, middle - 1 : middle + 1, middle - 1 + right : middle + 1 + right] = 9.0
+            return maps, None
+
+    at = torch.full((2, 23, 2), 31.5)
+    batch = Batch(
+        torch.zeros(2, 3, 64, 64, dtype=torch.uint8), torch.zeros(2, 1, 64, 64, dtype=torch.uint8), at,
+        torch.ones(2, 23, dtype=torch.bool), torch.zeros(2, 0, 2), torch.ones(2, 0, dtype=torch.bool),
+    )  # fmt: skip
+    scores = keypoints.evaluate(Found(), [batch])
+    assert seen == {64: 1, 32: 1}
+    assert scores["median_px"] == pytest.approx(0, abs=1e-3)
+    assert scores["pck05"] == 1 and scores["pck05_smaller"] == 0
+
+
 def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
     options = KeypointTraining(
         renders=store, out=tmp_path / "run", minutes=0.25, size=64, batch=16, backgrounds=8, threads=1, workers=0

@@ -12,11 +12,11 @@ _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
 def compiled(function: _Function, minutes: float) -> _Function:
-    """`function` compiled at its first call, or as it is: in a run of a few `minutes`, which it would only delay, on a
-    GPU, and where torch cannot compile, for want of a C++ compiler or Python's headers."""
+    """`function` compiled at its first call with arguments of a shape, or as it is: in a run of a few `minutes`, which
+    it would only delay, on a GPU, and where torch cannot compile, for want of a C++ compiler or Python's headers."""
     if minutes < PAYS_AFTER_MINUTES or torch.cuda.is_available() or not _works():
         return function
-    out: _Function = torch.compile(function)  # type: ignore[assignment]
+    out: _Function = torch.compile(function, dynamic=False)  # type: ignore[assignment]
     return out
 
 

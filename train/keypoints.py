@@ -18,6 +18,7 @@ from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps
 from muybridge.models.keypoint_net import STRIDE, KeypointNet
+from muybridge.models.registry import crop_side
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, measure_normalisation
 from muybridge.train import loop
 from muybridge.train.augment import AugmentOptions, Batch, Compositor
@@ -32,6 +33,8 @@ from muybridge.train.second import Second, pays
 
 # Of the virtual markers' loss beside the body landmarks'.
 SURFACE_WEIGHT = 0.5
+# Sides of the crops that `muybridge run` reads at first, and of people seen in part, as shares of the whole.
+SMALLER = (0.75, 0.625)
 # Batches after which those who make crops look up which renders are hard.
 _LOOKED_UP = 100
 
@@ -42,22 +45,28 @@ class _Crops:
 
     pool: pathlib.Path
     size: int
+    smaller: float
     count: int
     difficulty: pathlib.Path
     hard: float
 
     def __call__(self, renders: RenderSet, seed: int) -> Callable[[], loop.Batch]:
-        compositor = Compositor(renders, np.load(self.pool, mmap_mode="r"), self.size, seed)
+        backgrounds = np.load(self.pool, mmap_mode="r")
+        sides = (self.size, *(crop_side(share * self.size) for share in SMALLER))
+        compositors = [Compositor(renders, backgrounds, side, seed) for side in sides]
         rng = np.random.default_rng([seed, 2])
         made = itertools.count()
         probability = np.empty(0)
 
         def following() -> loop.Batch:
             nonlocal probability
-            if next(made) % _LOOKED_UP == 0:
+            number = next(made)
+            if number % _LOOKED_UP == 0:
                 probability = drawing_probability(read_difficulty(self.difficulty), len(renders), self.hard)
             index = rng.choice(len(renders), self.count, p=probability)
-            batch = compositor.batch(self.count, index)
+            # Not the first, whose size says how much memory the second process needs.
+            smaller = number and rng.random() < self.smaller
+            batch = compositors[rng.integers(1, len(sides)) if smaller else 0].batch(self.count, index)
             landmarks = torch.cat([batch.landmarks_px, batch.markers_px], 1)
             visible = torch.cat([batch.visible, batch.markers_visible], 1)
             pixels = batch.pixels.contiguous(memory_format=torch.channels_last)  # here, where there is time
@@ -118,13 +127,15 @@ def evaluate(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
     Returns:
         median and mean error in crop pixels, PCK at 5 % of the crop, the share of the limbs' landmarks that lie
         nearer to their mirror twin (left-right swaps), and the mean cross-entropy, which tells versions apart that
-        the others do not: it counts how sure the network is of each landmark and not only the few that tip over.
+        the others do not: it counts how sure the network is of each landmark and not only the few that tip over; and
+        PCK of the same crops made smaller, as those of people seen in part are.
     """
     where = next(net.parameters()).device
-    errors, swaps, losses = [], [], []
+    errors, swaps, losses, smaller = [], [], [], []
     side = batches[0].image.shape[-1]
     for batch in batches:
         maps = body_maps(net, batch.pixels.to(where))
+        smaller.append(_errors_smaller(net, batch)[batch.visible])
         at = torch.from_numpy(decode_heatmaps(maps.numpy(), STRIDE, SpreadCalibration(), MIRROR).points_crop_px).float()
         distance = (at - batch.landmarks_px).norm(dim=-1)
         twin = batch.landmarks_px[:, MIRROR]
@@ -133,12 +144,24 @@ def evaluate(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
         errors.append(distance[batch.visible])
         swaps.append((to_twin < distance)[batch.visible & torch.from_numpy(LIMB) & apart])
         losses.append(cross_entropy(maps, targets(batch.landmarks_px, *maps.shape[-2:]))[batch.visible])
-    error, swap = torch.cat(errors), torch.cat(swaps).float()
+    error, swap, small = torch.cat(errors), torch.cat(swaps).float(), torch.cat(smaller)
     return {
         "median_px": float(error.median()), "mean_px": float(error.mean()),
         "pck05": float((error < 0.05 * side).float().mean()), "swaps": float(swap.mean()),
-        "held_out_loss": float(torch.cat(losses).mean()),
+        "held_out_loss": float(torch.cat(losses).mean()), "pck05_smaller": float((small < 0.05 * side).float().mean()),
     }  # fmt: skip
+
+
+def _errors_smaller(net: nn.Module, batch: Batch) -> Tensor:
+    """(B, 23) errors of landmarks, in pixels of the crops as they are, read in crops of the last of `SMALLER`."""
+    side = batch.image.shape[-1]
+    small = crop_side(SMALLER[-1] * side)
+    pixels = torch.nn.functional.interpolate(batch.pixels.float(), (small, small), mode="bilinear", antialias=True)
+    maps = body_maps(net, pixels.to(next(net.parameters()).device))
+    found = decode_heatmaps(maps.numpy(), STRIDE, SpreadCalibration(), MIRROR).points_crop_px
+    at = (torch.from_numpy(found).float() + 0.5) * (side / small) - 0.5
+    away: Tensor = torch.linalg.vector_norm(at - batch.landmarks_px, dim=-1)
+    return away
 
 
 def held_out_batches(renders: pathlib.Path, pool: pathlib.Path, size: int, count: int = 8) -> list[Batch]:
@@ -166,8 +189,9 @@ def _second(net: KeypointNet, options: KeypointTraining) -> AbstractContextManag
 
 def train(options: KeypointTraining) -> pathlib.Path:
     """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
-    if not 0 <= options.hard <= 1:
-        raise ModelError(f"--hard {options.hard:g}: it is a share of the crops, 0 to 1")
+    for name, share, what in (("hard", options.hard, "crops"), ("smaller", options.smaller, "batches")):
+        if not 0 <= share <= 1:
+            raise ModelError(f"--{name} {share:g}: it is a share of the {what}, 0 to 1")
     model = None if loop.resumes(options) else options.model
     given = None if model is None else _network_of(model)  # before all that takes minutes
     with loop.prepared(options) as pool:
@@ -178,7 +202,7 @@ def train(options: KeypointTraining) -> pathlib.Path:
         seen = loop.Seen() if model is None else loop.Seen.of(model)
         fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
         difficulty = Difficulty(options.out / "difficulty.npy")
-        crops = _Crops(pool, options.size, options.batch, difficulty.path, options.hard)
+        crops = _Crops(pool, options.size, options.smaller, options.batch, difficulty.path, options.hard)
         loss = Loss(difficulty, compiled(losses_of, options.minutes))
         with _second(net, options) as other:
             fit.run(loop.batches(options, crops, fit.state["step"]), loss, other)

@@ -104,6 +104,8 @@ class KeypointTraining(Training):
     Attributes:
         size: side of the crops in pixels, a multiple of 32.
         model: fp32 network of ours to begin with, such as a shipped one, where `out` has no run yet.
+        smaller: share of the batches whose crops are smaller than `size`, as those of the first look at people and of
+            people seen in part are. A network that saw one size for long reads no other.
         hard: share of the crops that are drawn by how wrong the network was on their people before.
         second: what the network's threads and the making of crops leave idle of the processors, a second process uses
             for a part of every batch, in runs of five minutes and more.
@@ -111,6 +113,7 @@ class KeypointTraining(Training):
 
     size: int = 128
     model: pathlib.Path | None = None
+    smaller: float = 0.25
     hard: float = 0.0
     second: bool = True
 

@@ -7,6 +7,7 @@ or all three processes, the crops' too, would be moved to and fro between both.
 """
 
 import contextlib
+import math
 import os
 import time
 from collections.abc import Callable
@@ -28,6 +29,7 @@ Losses = Callable[..., tuple[Tensor, ...]]
 CHUNKS = 4
 # After so many steps without it, the second process is tried again: what kept its processor busy may be over.
 _TRIED_AGAIN = 50
+_ENDED = "the training's second process ended; --no-second does without it"
 # What the newest step says of the time that a chunk takes.
 _NEWEST = 0.2
 
@@ -38,7 +40,7 @@ class _Shared:
 
     weights: Tensor  # all of them, one after the other
     gradients: Tensor
-    batch: tuple[Tensor, ...]  # the chunks that the second process takes lie in front
+    batch: tuple[Tensor, ...]  # the chunks that the second process takes, of a part one value after the other
 
 
 class Second:
@@ -80,7 +82,8 @@ class Second:
 
         Args:
             net: the network, its gradients none.
-            batch: images and whatever the loss needs, of a multiple of `CHUNKS` images.
+            batch: images and whatever the loss needs, of a multiple of `CHUNKS` images; no later one's
+                images are larger than those of the first.
             loss_of: of (network, batch): the loss, and a figure for the log.
 
         Returns:
@@ -111,7 +114,7 @@ class Second:
         count = sum(p.numel() for p in self._parameters)
         self._shared = _Shared(
             _memory(torch.empty(count)), _memory(torch.empty(count)),
-            tuple(_memory(torch.empty_like(part)) for part in batch),
+            tuple(_memory(torch.empty(part.numel(), dtype=part.dtype)) for part in batch),
         )  # fmt: skip
         self._weights, self._gradients = (
             _views(flat, self._parameters) for flat in (self._shared.weights, self._shared.gradients)
@@ -145,19 +148,23 @@ class Second:
     def _hand_over(self, batch: tuple[Tensor, ...], chunks: int) -> None:
         assert self._shared is not None
         count = chunks * len(batch[0]) // CHUNKS
+        shapes = [(count, *part.shape[1:]) for part in batch]
         with torch.no_grad():
             for view, p in zip(self._weights, self._parameters, strict=True):
                 view.copy_(p)
-        for there, part in zip(self._shared.batch, batch, strict=True):
-            there[:count] = part[:count]
-        self._pipe.send(chunks)
+        for there, part in zip(_shaped(self._shared.batch, shapes), batch, strict=True):
+            there.copy_(part[:count])
+        try:
+            self._pipe.send((chunks, shapes))
+        except OSError as error:
+            raise RuntimeError(_ENDED) from error
 
     def _answer(self) -> float:
         """Seconds that the second process took."""
         try:
             said = self._pipe.recv()
         except (EOFError, OSError) as error:
-            raise RuntimeError("the training's second process ended; --no-second does without it") from error
+            raise RuntimeError(_ENDED) from error
         if isinstance(said, str):
             raise RuntimeError(f"the training's second process failed; --no-second does without it: {said}")
         return float(said)
@@ -183,9 +190,18 @@ def _memory(tensor: Tensor) -> Tensor:
     return shared
 
 
-def _chunk(batch: tuple[Tensor, ...], k: int) -> tuple[Tensor, ...]:
+def _shaped(memory: tuple[Tensor, ...], shapes: list[tuple[int, ...]]) -> tuple[Tensor, ...]:
+    """The beginning of each part's memory in the shape of that part; images in the order of memory that is fastest."""
+    parts = [flat[: math.prod(shape)].view(shape) for flat, shape in zip(memory, shapes, strict=True)]
+    return tuple(
+        part.view(len(part), *part.shape[2:], part.shape[1]).movedim(-1, 1) if part.ndim == 4 else part
+        for part in parts
+    )
+
+
+def _chunk(batch: tuple[Tensor, ...], k: int, chunks: int = CHUNKS) -> tuple[Tensor, ...]:
     """The k-th of a batch's chunks."""
-    size = len(batch[0]) // CHUNKS
+    size = len(batch[0]) // chunks
     return tuple(part[k * size : (k + 1) * size] for part in batch)
 
 
@@ -232,11 +248,11 @@ def _answer_all(
         p.data = view
     gradients, fused = _views(shared.gradients, parameters), compiled(losses, minutes)
     while True:
-        chunks = pipe.recv()
-        began = time.perf_counter()
+        chunks, shapes = pipe.recv()
+        began, batch = time.perf_counter(), _shaped(shared.batch, shapes)
         net.zero_grad(set_to_none=True)
         for k in range(chunks):
-            loss, *_ = fused(net, _chunk(shared.batch, k))
+            loss, *_ = fused(net, _chunk(batch, k, chunks))
             (loss / CHUNKS).backward()  # type: ignore[no-untyped-call]
         for p, gradient in zip(parameters, gradients, strict=True):
             gradient.zero_() if p.grad is None else gradient.copy_(p.grad)
