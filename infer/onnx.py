@@ -176,7 +176,7 @@ class KeypointNetwork:
             return Located(_known(alone, nothing), visibility, marked)
         sd_px = expected.sd * crops.shape[1]
         heatmaps = with_expectation(heatmaps, card.stride, expected.points_px, sd_px, expected.most)
-        found = card.weighed(card.decoded(heatmaps), visibility, self._flip)
+        found = card.weighed(card.decoded(heatmaps), visibility, self._flip, alone.score)
         # A map that says nothing would otherwise say what was expected.
         return Located(_known(found, nothing), visibility, marked, _known(alone, nothing))
 

@@ -49,6 +49,7 @@ class SpreadCalibration:
             in that of the spread, below the first it is constant, above the last proportional to the spread.
         hidden: the variance of a landmark that is surely hidden over that of one that is surely not, spreads being one.
         mirrored: the variance where a crop was looked at mirrored too over that where it was looked at once.
+        part: the variance in crops that show a part of a person (`in_part`) over that in others, spreads being one.
         landmarks: of each landmark the variance over that of the others, spreads being one; empty where all are alike.
     """
 
@@ -57,6 +58,7 @@ class SpreadCalibration:
     knots: tuple[tuple[float, float], ...] = ()
     hidden: float = 1.0
     mirrored: float = 1.0
+    part: float = 1.0
     landmarks: tuple[float, ...] = ()
 
     def variance(self, spread_px2: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -70,10 +72,14 @@ class SpreadCalibration:
         inner = np.exp(np.interp(np.log(inside), np.log(at), np.log(value)))
         return np.asarray(inner * np.maximum(spread_px2 / at[-1], 1.0) * each, dtype=np.float64)
 
-    def ratio(self, seen: NDArray[np.float64], mirrored: bool) -> NDArray[np.float64]:
-        """What variances are to be multiplied by, where landmarks are visible with a probability of `seen`, and the
-        crops were looked at mirrored too or were not."""
-        return np.asarray(self.hidden ** (1 - seen) * (self.mirrored if mirrored else 1.0), dtype=np.float64)
+    def ratio(
+        self, seen: NDArray[np.float64], mirrored: bool, partly: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.float64]:
+        """What variances are to be multiplied by, where landmarks are visible with a probability of `seen`, the crops
+        were looked at mirrored too or were not, and those that are `partly`, which broadcasts with `seen`, show a part
+        of a person."""
+        part = 1.0 if partly is None else np.where(partly, self.part, 1.0)
+        return np.asarray(self.hidden ** (1 - seen) * (self.mirrored if mirrored else 1.0) * part, dtype=np.float64)
 
 
 class DecodedHeatmaps(NamedTuple):

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import BODY23, SURFACE, LandmarkSet
-from muybridge.models.decode import DecodedHeatmaps, SpreadCalibration, decode_heatmaps, sigmoid
+from muybridge.models.decode import DecodedHeatmaps, SpreadCalibration, decode_heatmaps, in_part, sigmoid
 
 ModelKind = Literal["keypoints", "people", "labels", "solver"]
 Precision = Literal["int8", "fp32"]
@@ -72,10 +72,14 @@ class KeypointModelCard:
         """The landmarks that heatmaps (N, J, h, w) of this network say, twins told apart."""
         return decode_heatmaps(heatmaps, self.stride, self.spread, self._twins)
 
-    def weighed(self, found: DecodedHeatmaps, visibility: NDArray[np.float32], mirrored: bool) -> DecodedHeatmaps:
-        """The landmarks with variances that know what looks hidden, by the logits `visibility` (N, J), and whether the
-        crops were looked at mirrored too."""
-        return _weighed(found, self.spread, visibility, mirrored)
+    def weighed(
+        self, found: DecodedHeatmaps, visibility: NDArray[np.float32], mirrored: bool,
+        score: NDArray[np.float64] | None = None,
+    ) -> DecodedHeatmaps:  # fmt: skip
+        """The landmarks with variances that know what looks hidden, by the logits `visibility` (N, J), whether crops
+        were looked at mirrored too, and which of them show a part of a person: by the landmarks' scores, or `score`
+        (N, J) where theirs are of what was expected too."""
+        return _weighed(found, self.spread, visibility, mirrored, found.score if score is None else score)
 
     def decoded_markers(
         self, heatmaps: NDArray[np.float32], visibility: NDArray[np.float32], mirrored: bool
@@ -85,7 +89,7 @@ class KeypointModelCard:
         if self.marker_spread is None:
             raise ValueError("this network finds no virtual markers")
         found = decode_heatmaps(heatmaps, self.stride, self.marker_spread)
-        return _weighed(found, self.marker_spread, visibility, mirrored)
+        return _weighed(found, self.marker_spread, visibility, mirrored, found.score)
 
     def inputs(self, crops: NDArray[_Value]) -> dict[str, NDArray[_Value]]:
         """The parts of crops (N, 3 or 4, S, S), RGB and the plate's difference, that each of the network's inputs takes
@@ -95,9 +99,10 @@ class KeypointModelCard:
 
 
 def _weighed(
-    found: DecodedHeatmaps, spread: SpreadCalibration, visibility: NDArray[np.float32], mirrored: bool
-) -> DecodedHeatmaps:
-    ratio = spread.ratio(sigmoid(visibility), mirrored)
+    found: DecodedHeatmaps, spread: SpreadCalibration, visibility: NDArray[np.float32], mirrored: bool,
+    score: NDArray[np.float64],
+) -> DecodedHeatmaps:  # fmt: skip
+    ratio = spread.ratio(sigmoid(visibility), mirrored, in_part(score)[:, None])
     return found._replace(variance_crop_px2=found.variance_crop_px2 * ratio)
 
 
@@ -276,8 +281,9 @@ class _Reader:
             scale=self.positive(spread.get("scale"), f"{key}.scale"),
             floor_px2=self.positive(spread.get("floor_px2"), f"{key}.floor_px2"),
             knots=self.knots(spread.get("knots", []), f"{key}.knots"),
-            hidden=self.positive(spread.get("hidden", 1.0), f"{key}.hidden"),  # older files know neither
+            hidden=self.positive(spread.get("hidden", 1.0), f"{key}.hidden"),  # older files know none of these
             mirrored=self.positive(spread.get("mirrored", 1.0), f"{key}.mirrored"),
+            part=self.positive(spread.get("part", 1.0), f"{key}.part"),
             landmarks=self.ratios(spread.get("landmarks", []), f"{key}.landmarks", landmarks),
         )
 

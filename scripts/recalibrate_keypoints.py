@@ -6,7 +6,8 @@ usage: python scripts/recalibrate_keypoints.py NETWORK.onnx RENDERS [--crops 204
 As `muybridge train keypoints` does at its end: variances are fitted on one half of the held-out crops of RENDERS, a
 part of them with the background plate, and their coverage is measured on the other, the 8-bit version beside
 NETWORK.onnx is made again, and scores are taken. Beyond that, what crops looked at mirrored are surer of is fitted with
-all that `muybridge run` does with those it is unsure of (smaller, turned and tilted), which needs a network's file.
+all that `muybridge run` does with those it is unsure of (smaller, turned and tilted), which needs a network's file, and
+then, of a third as many crops of parts of people, what such are surer of.
 """
 
 import argparse
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from rich.progress import track
 
 from muybridge.files import replacing
+from muybridge.models.decode import in_part
 from muybridge.models.quantize import int8_path, quantize
 from muybridge.models.registry import BODY_OUTPUTS, MARKER_OUTPUTS, KeypointModelCard, keypoint_card
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
@@ -31,7 +33,7 @@ from muybridge.train.keypoints import evaluate
 from muybridge.train.loop import HELD_OUT
 from muybridge.train.publish import CALIBRATION_IMAGES, calibration, version
 from muybridge.train.renders import SIZE, load_renders
-from muybridge.train.sigma import Look, fitted_ratio, held_out, shares_of
+from muybridge.train.sigma import LEAST_OF_A_LANDMARK, Look, fitted_ratio, held_out, shares_of
 
 # Of the crops and of their backgrounds: no training's and no evaluation's.
 SEED = 20_000
@@ -49,19 +51,31 @@ def look_of(session: onnxruntime.InferenceSession, card: KeypointModelCard) -> L
 
 
 def as_read(
-    session: onnxruntime.InferenceSession, card: KeypointModelCard, batches: list[Batch]
+    session: onnxruntime.InferenceSession, card: KeypointModelCard, batches: list[Batch], partly: bool, look: str
 ) -> tuple[float, dict[str, float]]:
     """By what the variances of a network have to be multiplied where crops are read as `muybridge run` does, and the
-    shares then, as of `sigma_coverage`: fitted on one half of the crops, measured on the other."""
+    shares then, as of `sigma_coverage`: fitted on one half of the crops, measured on the other. One, and no shares,
+    where there are too few to tell.
+
+    Args:
+        session, card: the network.
+        batches: of crops.
+        partly: of the crops those count that the network takes for parts of people; else all.
+        look: end of the shares' names.
+    """
     parts = []
     for batch in track(batches, "reading as `run` does", transient=True):
         found, error, inside = read_batch(session, card, batch, flip=True, turn=True)
-        parts.append((error, found.variance_crop_px2, inside, batch.visible.numpy()))
+        counts = in_part(found.score) if partly else np.ones(len(error), dtype=bool)
+        values = (error, found.variance_crop_px2, inside, batch.visible.numpy())
+        parts.append([each[counts] for each in values])
     error, variance, inside, visible = (np.concatenate(values) for values in zip(*parts, strict=True))
     half = len(error) // 2
     fit = inside[:half]
+    if fit.sum() < LEAST_OF_A_LANDMARK:
+        return 1.0, {}
     ratio = fitted_ratio(error[:half][fit], variance[:half][fit], visible[:half][fit])
-    return ratio, shares_of(error[half:], ratio * variance[half:], inside[half:], visible[half:], "_mirrored")
+    return ratio, shares_of(error[half:], ratio * variance[half:], inside[half:], visible[half:], look)
 
 
 def text(new: dict[str, Any]) -> dict[str, str]:
@@ -80,17 +94,20 @@ def main() -> None:
     session, card = load_model(path)
     size = options.size or card.input_size
     people, backgrounds = load_renders(options.renders, HELD_OUT), make_backgrounds(256, SIZE, SEED)
-    compositor = Compositor(people, backgrounds, size, SEED, AugmentOptions(close_up=0))
+    compositor, near = (Compositor(people, backgrounds, size, SEED, AugmentOptions(close_up=c)) for c in (0.0, 1.0))
     batches = [compositor.batch(64) for _ in range(-(-options.crops // 64))]
+    close_ups = [near.batch(64) for _ in range(-(-options.crops // 192))]
     scores = evaluate(keypoint_net_from_onnx(path), batches[:8])
     measured = calibration(*held_out(look_of(session, card), batches))
     new = {"input_size": str(size), "version": version(), **measured}
     new["scores"] = {key: round(value, 4) for key, value in scores.items()}
     model = onnx.load(str(path))
     metadata = {entry.key: entry.value for entry in model.metadata_props} | text(new)
-    ratio, shares = as_read(session, keypoint_card(metadata, path), batches)
-    new["variance"]["mirrored"] *= ratio
-    new["sigma_coverage"] |= shares
+    for key, crops in (("mirrored", batches), ("part", close_ups)):
+        card = keypoint_card(metadata | text(new), path)
+        ratio, shares = as_read(session, card, crops, key == "part", f"_{key}")
+        new["variance"][key] = ratio * new["variance"].get(key, 1.0)
+        new["sigma_coverage"] |= shares
     onnx.helper.set_model_props(model, metadata | text(new))
     with replacing(path) as temporary:
         onnx.save(model, str(temporary))

@@ -283,6 +283,33 @@ def test_knots_are_read_and_old_files_still_are() -> None:
         keypoint_card(base | {"variance": json.dumps(new | {"hidden": 0.0})}, where)
 
 
+def test_what_crops_show_of_a_part_of_a_person_may_be_surer() -> None:
+    base = {
+        "muybridge_kind": "keypoints", "version": "1", "landmark_set": "body23", "names": json.dumps(BODY23.names),
+        "input_size": "192", "stride": "4", "box_padding": "1.25",
+    }  # fmt: skip
+    plain, parts = (
+        keypoint_card(base | {"variance": json.dumps({"scale": 2.0, "floor_px2": 0.5} | own)}, pathlib.Path("x.onnx"))
+        for own in ({}, {"part": 0.5})
+    )
+    maps = np.zeros((3, 23, 24, 24), dtype=np.float32)  # of which nothing is known: nowhere more than anywhere
+    for crop, there in enumerate((23, 12, 4)):  # all of a person, a part of one, too little to say so
+        maps[crop, :there, 12, 12] = 12.0
+    seen = np.zeros((3, 23), dtype=np.float32)
+    found = plain.decoded(maps)
+    ratio = parts.weighed(found, seen, False).variance_crop_px2 / plain.weighed(found, seen, False).variance_crop_px2
+    np.testing.assert_allclose(ratio, np.broadcast_to([[1.0], [0.5], [1.0]], ratio.shape))
+    # Where something was expected every landmark is somewhere: what counts is what was found without.
+    expected = found._replace(score=np.ones_like(found.score))
+    np.testing.assert_array_equal(
+        parts.weighed(expected, seen, False, found.score).variance_crop_px2,
+        parts.weighed(found, seen, False).variance_crop_px2,
+    )
+    assert (parts.weighed(expected, seen, False).variance_crop_px2 == found.variance_crop_px2).all()
+    with pytest.raises(ModelError, match="part"):
+        keypoint_card(base | {"variance": json.dumps({"scale": 2.0, "floor_px2": 0.5, "part": -1})}, pathlib.Path("x"))
+
+
 def test_a_landmarks_variance_may_differ_from_the_others() -> None:
     base = {
         "muybridge_kind": "keypoints", "version": "1", "landmark_set": "body23", "names": json.dumps(BODY23.names),
