@@ -103,6 +103,22 @@ def test_a_second_process_that_was_killed_is_missed(answered):
             other.gradients(net, some_batch(1), loss_of)
 
 
+@pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="not on this system")
+@pytest.mark.parametrize(("before", "idle"), [(0, False), (15, True)])
+def test_it_gives_way_in_a_training_that_gives_way_itself(monkeypatch, before, idle):
+    nice, scheduled = [before], []
+
+    def change(by):
+        nice[0] = min(nice[0] + by, 19)
+        return nice[0]
+
+    monkeypatch.setattr(os, "nice", change)
+    monkeypatch.setattr(os, "sched_setscheduler", lambda pid, policy, _: scheduled.append((pid, policy)))
+    second._give_way()
+    assert scheduled == ([(0, os.SCHED_IDLE)] if idle else [])
+    assert nice == [min(before + 10, 19)]
+
+
 @pytest.mark.parametrize(
     ("own", "theirs", "chunks"), [(0.16, 0.5, 1), (0.6, 0.65, 2), (0.6, 0.1, 3), (0.16, 3.0, 0), (0.16, 0.0, 1)]
 )

@@ -30,6 +30,8 @@ CHUNKS = 4
 # After so many steps without it, the second process is tried again: what kept its processor busy may be over.
 _TRIED_AGAIN = 50
 _ENDED = "the training's second process ended; --no-second does without it"
+# By how much less the second process is in a hurry than the training.
+_NICER = 10
 # What the newest step says of the time that a chunk takes.
 _NEWEST = 0.2
 
@@ -232,12 +234,21 @@ def _work(
             pipe.send(f"{type(error).__name__}: {error}")
 
 
+def _give_way() -> None:
+    """Whoever makes crops, or renders, comes first."""
+    if not hasattr(os, "nice"):
+        return
+    before = os.nice(0)
+    # A training that is at the lowest priority itself can't have a part of it at a lower one, but for this.
+    if os.nice(_NICER) < before + _NICER and hasattr(os, "SCHED_IDLE"):
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+
+
 def _answer_all(
     pipe: Connection, shared: _Shared, design: tuple[type[nn.Module], dict[str, Any]], losses: Losses, minutes: float,
     rough: bool,
 ) -> None:  # fmt: skip
-    if hasattr(os, "nice"):
-        os.nice(10)  # whoever makes crops, or renders, comes first
+    _give_way()
     torch.set_num_threads(1)
     keep_memory()
     precision.settle(rough)
