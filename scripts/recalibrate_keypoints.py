@@ -13,6 +13,7 @@ then, of a third as many crops of parts of people, what such are surer of.
 import argparse
 import json
 import pathlib
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from muybridge.models.decode import in_part
 from muybridge.models.quantize import int8_path, quantize
 from muybridge.models.registry import BODY_OUTPUTS, MARKER_OUTPUTS, KeypointModelCard, keypoint_card
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
-from muybridge.train.augment import AugmentOptions, Batch, Compositor
+from muybridge.train.augment import WHOLE, Batch, Compositor
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.evaluation import load_model, read_batch
 from muybridge.train.keypoints import evaluate
@@ -94,7 +95,7 @@ def main() -> None:
     session, card = load_model(path)
     size = options.size or card.input_size
     people, backgrounds = load_renders(options.renders, HELD_OUT), make_backgrounds(256, SIZE, SEED)
-    compositor, near = (Compositor(people, backgrounds, size, SEED, AugmentOptions(close_up=c)) for c in (0.0, 1.0))
+    compositor, near = (Compositor(people, backgrounds, size, SEED, replace(WHOLE, close_up=c)) for c in (0.0, 1.0))
     batches = [compositor.batch(64) for _ in range(-(-options.crops // 64))]
     close_ups = [near.batch(64) for _ in range(-(-options.crops // 192))]
     scores = evaluate(keypoint_net_from_onnx(path), batches[:8])

@@ -115,8 +115,9 @@ def test_visible_landmarks_lie_on_the_person(renders):
 
 
 PLAIN = AugmentOptions(
-    scale_sd=0, shift_sd=0, rotation_sd_deg=0, tumble=0, second_person=0, occluder=0, mosaic=0, truncate=0, close_up=0
-)
+    scale_sd=0, shift_sd=0, rotation_sd_deg=0, tumble=0, second_person=0, embrace=0, occluder=0, mosaic=0, truncate=0,
+    close_up=0,
+)  # fmt: skip
 
 
 def test_crops_have_the_padding_they_promise(renders):
@@ -145,7 +146,7 @@ def test_mirrored_crops_swap_left_and_right(renders):
 
 def test_labels_follow_pixels_through_the_augmentation(renders):
     """The person's silhouette in the crop covers the visible landmarks after rotation, scale and mirroring."""
-    options = AugmentOptions(second_person=0, occluder=0, truncate=0, mosaic=0)
+    options = AugmentOptions(second_person=0, embrace=0, occluder=0, truncate=0, mosaic=0)
     compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 2, options)
     index = np.arange(len(renders))
     matrix, flip = compositor._placement(renders.box_px[index])

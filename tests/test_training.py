@@ -433,7 +433,9 @@ def test_evaluation_with_and_without_what_makes_it_hard(store, tmp_path, monkeyp
 
 def test_crops_without_faults_are_sharp(store):
     renders, backgrounds = load_renders(store), np.full((4, 3, SIZE, SIZE), 90, np.uint8)
-    nothing = AugmentOptions(1.25, 0, 0, 0, 0, second_person=0, occluder=0, mosaic=0, truncate=0, close_up=0, clutter=0)
+    nothing = AugmentOptions(
+        1.25, 0, 0, 0, 0, second_person=0, embrace=0, occluder=0, mosaic=0, truncate=0, close_up=0, clutter=0
+    )
     edges = []
     for faults in (False, True):
         image = Compositor(renders, backgrounds, 192, 0, replace(nothing, faults=faults)).batch(64).image.float()

@@ -35,8 +35,8 @@ class AugmentOptions:
         tumble: share of crops rolled by any angle up to 60 degrees.
         second_person: share of crops with another person beside the subject.
         embrace: share of crops with another person right behind or before the subject, as in a hold: of whom limbs show
-            where the subject's own are hidden. A network that was trained with it, at one size, read crops of other
-            sizes no more: see docs/training-log.md.
+            where the subject's own are hidden. A network that is trained with it on crops of one size reads others no
+            more (docs/training-log.md).
         occluder: share of crops with things in front of the person.
         mosaic: share of crops with a pixelated face.
         truncate: share of crops that reach over the image's border (black there).
@@ -52,7 +52,7 @@ class AugmentOptions:
     rotation_sd_deg: float = 7.0
     tumble: float = 0.06
     second_person: float = 0.22
-    embrace: float = 0.0
+    embrace: float = 0.12
     occluder: float = 0.35
     mosaic: float = 0.08
     truncate: float = 0.12
@@ -60,6 +60,11 @@ class AugmentOptions:
     clutter: float = 0.5
     plate: float = 0.5
     faults: bool = True
+
+
+# What networks are scored with and their variances fitted on: whole people, of whom the rarest of what is hard for a
+# network has to be asked for.
+WHOLE = AugmentOptions(close_up=0, embrace=0)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from muybridge.models.decode import DecodedHeatmaps
 from muybridge.models.mirroring import mean_of_mirrored
 from muybridge.models.registry import BODY_OUTPUTS, KeypointModelCard, keypoint_card, shipped_model
 from muybridge.models.turning import turn_where_unsure
-from muybridge.train.augment import AugmentOptions, Batch, Compositor
+from muybridge.train.augment import WHOLE, Batch, Compositor
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.loop import HELD_OUT
 from muybridge.train.options import Evaluation
@@ -72,7 +72,7 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
         raise SessionError(f"{options.renders}: no held-out renders; make some with `muybridge synth`")
     # Backgrounds of another seed than any training's pool.
     backgrounds = make_backgrounds(256, SIZE, options.seed)
-    augment = AugmentOptions(close_up=0, plate=float(options.plate), faults=options.faults)
+    augment = replace(WHOLE, plate=float(options.plate), faults=options.faults)
     if not options.occlusion:
         augment = replace(augment, second_person=0, occluder=0, mosaic=0, truncate=0, tumble=0, clutter=0)
     if options.embrace:

@@ -21,7 +21,7 @@ from muybridge.models.keypoint_net import STRIDE, KeypointNet
 from muybridge.models.registry import crop_side
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, measure_normalisation
 from muybridge.train import loop
-from muybridge.train.augment import AugmentOptions, Batch, Compositor
+from muybridge.train.augment import WHOLE, Batch, Compositor
 from muybridge.train.compiled import compiled
 from muybridge.train.difficulty import Difficulty, drawing_probability, read_difficulty
 from muybridge.train.evaluation import LIMB, MIRROR
@@ -169,8 +169,7 @@ def held_out_batches(renders: pathlib.Path, pool: pathlib.Path, size: int, count
     `muybridge eval` draws others)."""
     store = load_renders(renders, loop.HELD_OUT)
     backgrounds = np.load(pool, mmap_mode="r")
-    whole = AugmentOptions(close_up=0)
-    return [Compositor(store, backgrounds, size, 10_000 + i, whole).batch(64) for i in range(count)]
+    return [Compositor(store, backgrounds, size, 10_000 + i, WHOLE).batch(64) for i in range(count)]
 
 
 def _network_of(model: pathlib.Path) -> KeypointNet:

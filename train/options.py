@@ -113,7 +113,7 @@ class KeypointTraining(Training):
 
     size: int = 128
     model: pathlib.Path | None = None
-    smaller: float = 0.25
+    smaller: float = 0.35
     hard: float = 0.0
     second: bool = True
 
