@@ -245,7 +245,7 @@ def test_of_a_landmark_that_is_hardly_ever_there_no_ratio_is_taken() -> None:
 def test_the_shipped_network_weighs_what_looks_hidden_and_what_was_mirrored() -> None:
     session = onnxruntime.InferenceSession(shipped_model("keypoints"), providers=["CPUExecutionProvider"])
     card = keypoint_card(session.get_modelmeta().custom_metadata_map, shipped_model("keypoints"))
-    assert card.spread.hidden > 1.2 and 0.6 < card.spread.mirrored < 1.0
+    assert card.spread.hidden > 1.2 and 0.6 < card.spread.mirrored < 1.0 and 0.5 < card.spread.part < 1.0
     maps = np.zeros((1, 23, 56, 56), dtype=np.float32)
     maps[:, :, 20, 30] = 12.0
     found = card.decoded(maps)
@@ -256,9 +256,11 @@ def test_the_shipped_network_weighs_what_looks_hidden_and_what_was_mirrored() ->
         found.variance_crop_px2 * card.spread.hidden * card.spread.mirrored, rtol=1e-6,
     )  # fmt: skip
     shares = json.loads(card.metadata["sigma_coverage"])
-    assert len(shares) == 12
+    assert len(shares) == 18
     for name, share in shares.items():
-        assert share == pytest.approx(0.683 if name.startswith("one") else 0.954, abs=0.05), name
+        # Of parts of people it is not as good: more of their errors are far off.
+        off = 0.07 if name.endswith("part") else 0.05
+        assert share == pytest.approx(0.683 if name.startswith("one") else 0.954, abs=off), name
 
 
 def test_knots_are_read_and_old_files_still_are() -> None:
