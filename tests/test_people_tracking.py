@@ -191,6 +191,11 @@ def test_shadows_on_the_floor_are_nobody_but_who_lies_there_is_somebody(bench) -
     shadow[..., 0] += 0.9 * person[..., 2]
     shadow[..., 2] = rng.normal(0, 0.01, person.shape[:2])
     assert len(track_people(cameras, seen_exactly(cameras, [person, shadow]))) == 1
+    # The feet that throw it are taken for its own.
+    feet = [k for k, name in enumerate(BODY23.names) if name.endswith(("ankle", "heel", "toe"))]
+    with_feet = shadow.copy()
+    with_feet[:, feet[:6], 2] += 0.12
+    assert len(track_people(cameras, seen_exactly(cameras, [person, with_feet]))) == 1
     # Nobody stands there to tell where the floor is: then nobody is taken away.
     assert len(track_people(cameras, seen_exactly(cameras, [shadow]))) == 1
     # Who lies on their back, 1 m away: half a trunk above the floor.
