@@ -27,6 +27,7 @@ from muybridge.infer.stages import StageResult, StageStore, code_digest, digest,
 from muybridge.infer.upright import Letterbox, Upright, upright_for
 from muybridge.infer.video import VideoWriter, fit_inside, read_chunks
 from muybridge.models.model_card import find_card
+from muybridge.models.parts import FIRST_LOOK
 from muybridge.models.registry import Precision, shipped_model
 
 _T = TypeVar("_T")
@@ -34,8 +35,6 @@ MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
 PROXY_LONG_SIDE_PX = 960
 # Of a stage's arrays and facts.
 _PLATE, _HUNG = "plate", "frames_width_height_angle_and_long_side"
-# The side of the crops of a first look over that of a second one.
-_FIRST_SIZE = 0.75
 # The code between a crop and its landmarks.
 READING_CODE = (
     "muybridge.models.decode",
@@ -215,7 +214,7 @@ def first_look(options: DetectOptions) -> DetectOptions:
     keypoints, onnx = options.keypoints, options.keypoints.onnx
     if onnx.flip is None:
         onnx = replace(onnx, flip=False)
-    onnx = replace(onnx, size=max(_FIRST_SIZE * onnx.size, SIZES[0]))
+    onnx = replace(onnx, size=max(FIRST_LOOK * onnx.size, SIZES[0]))
     return replace(options, keypoints=replace(keypoints, onnx=onnx))
 
 

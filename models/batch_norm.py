@@ -5,7 +5,6 @@ for every cell. Here what belongs to a channel is worked out once, and a cell co
 """
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -14,15 +13,14 @@ from torch import Tensor, nn
 _PLANE = (0, 2, 3)
 
 
-def worked_out(x: Tensor, shape: Sequence[int] | None = None) -> Tensor:
-    """`x`, contiguous, in a place in memory of its own, in another shape if wanted.
+def worked_out(x: Tensor) -> Tensor:
+    """`x`, contiguous, in a place in memory of its own.
 
     The compiler works out anew whatever takes few operations, wherever it is used, and looks through views; not
     through this one, for which there has to be a place that it is a view of.
     """
-    shape = x.shape if shape is None else shape
-    stride = [math.prod(shape[i + 1 :]) for i in range(len(shape))]
-    return x.contiguous().as_strided(shape, stride)
+    stride = [math.prod(x.shape[i + 1 :]) for i in range(x.ndim)]
+    return x.contiguous().as_strided(x.shape, stride)
 
 
 class BatchNorm(nn.BatchNorm2d):

@@ -12,12 +12,9 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor, nn
 
-from muybridge.models.batch_norm import BatchNorm, worked_out
+from muybridge.models.batch_norm import BatchNorm
 
-# Of RGB and of the difference to the background plate, which is mostly near zero: it is only stretched.
-MEAN = (0.45, 0.43, 0.41, 0.0)
-STD = (0.26, 0.26, 0.26, 0.2)
-CHANNELS = len(MEAN)
+CHANNELS = 4  # RGB and the difference to the background plate
 PLATE = "difference"  # the input of the fourth channel, in exported files
 STRIDE = 4
 BODY = 23  # landmarks of the body
@@ -35,14 +32,17 @@ class ConvUnit(nn.Sequential):
 
 
 class Block(nn.Module):
-    """Residual block of two 3x3 convolutions."""
+    """Residual block of two 3x3 convolutions.
 
-    def __init__(self, channels: int) -> None:
+    Args:
+        channels: coming in and going out.
+        hidden: between the two, if not as many.
+    """
+
+    def __init__(self, channels: int, hidden: int | None = None) -> None:
         super().__init__()
-        self.first = ConvUnit(channels, channels)
-        self.second = nn.Sequential(
-            nn.Conv2d(channels, channels, 3, 1, 1, bias=False), BatchNorm(channels)
-        )
+        self.first = ConvUnit(channels, hidden or channels)
+        self.second = nn.Sequential(nn.Conv2d(hidden or channels, channels, 3, 1, 1, bias=False), BatchNorm(channels))
 
     def forward(self, x: Tensor) -> Tensor:
         """(N, channels, h, w) -> the same shape."""
@@ -84,12 +84,13 @@ class Upsample(torch.autograd.Function):
 
 
 class Lateral(nn.Module):
-    """Brings coarse features up to a finer level: 1x1 convolution, bilinear upsampling, sum."""
+    """Brings coarse features up to a finer level: 1x1 convolution, bilinear upsampling, sum, a residual block of
+    `hidden` channels."""
 
-    def __init__(self, coarse: int, fine: int) -> None:
+    def __init__(self, coarse: int, fine: int, hidden: int | None = None) -> None:
         super().__init__()
         self.reduce = nn.Conv2d(coarse, fine, 1)
-        self.block = Block(fine)
+        self.block = Block(fine, hidden)
 
     def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
         """(N, coarse, h, w), (N, fine, 2h, 2w) -> (N, fine, 2h, 2w)."""
@@ -144,32 +145,26 @@ class KeypointNet(nn.Module):
         landmarks: number of landmarks J: those of the body first, then those of its surface (virtual markers).
         widths: channels at 1/4, 1/8, 1/16 and 1/32 of the input's resolution.
         depths: residual blocks on the way down at each of these.
-
-    Attributes:
-        normalises: takes images in 0..1; else they come with the mean taken off, and the first filters divide by the
-            deviation (`PlateApart`).
+        hidden: channels within the residual blocks at each of these, on the way down and up; None for as many as
+            outside.
     """
-
-    mean: Tensor
-    std: Tensor
 
     def __init__(
         self,
         landmarks: int = 23,
         widths: tuple[int, int, int, int] = (32, 64, 128, 160),
-        depths: tuple[int, int, int, int] = (0, 2, 2, 3),
+        depths: tuple[int, int, int, int] = (0, 2, 2, 2),
+        hidden: tuple[int, int, int, int] | None = (32, 64, 96, 160),
     ) -> None:
         super().__init__()
-        self.config: dict[str, Any] = {"landmarks": landmarks, "widths": widths, "depths": depths}
-        self.register_buffer("mean", torch.tensor(MEAN).view(1, CHANNELS, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor(STD).view(1, CHANNELS, 1, 1), persistent=False)
-        self.normalises = True
+        hidden = hidden or widths
+        self.config: dict[str, Any] = {"landmarks": landmarks, "widths": widths, "depths": depths, "hidden": hidden}
         self.stem = nn.Sequential(ConvUnit(CHANNELS, widths[0] // 2, 2), ConvUnit(widths[0] // 2, widths[0], 2))
         self.levels = nn.ModuleList()
         for i, (width, depth) in enumerate(zip(widths, depths, strict=True)):
             down = [ConvUnit(widths[i - 1], width, 2)] if i else []
-            self.levels.append(nn.Sequential(*down, *(Block(width) for _ in range(depth))))
-        self.laterals = nn.ModuleList(Lateral(widths[i + 1], widths[i]) for i in (2, 1, 0))
+            self.levels.append(nn.Sequential(*down, *(Block(width, hidden[i]) for _ in range(depth))))
+        self.laterals = nn.ModuleList(Lateral(widths[i + 1], widths[i], hidden[i]) for i in (2, 1, 0))
         self.head = Head(landmarks, widths[:3], min(landmarks, BODY))
         self.visibility = nn.Linear(widths[3], landmarks)
 
@@ -185,7 +180,7 @@ class KeypointNet(nn.Module):
 
     def features(self, image: Tensor) -> tuple[list[Tensor], Tensor]:
         """(N, 4, S, S) -> those of which heatmaps are made, as `Head` takes them, and (N, widths[3]) of the whole."""
-        x = self.stem(self._normalised(image) if self.normalises else image)
+        x = self.stem(image)
         features = []
         for level in self.levels:
             x = level(x)
@@ -195,19 +190,6 @@ class KeypointNet(nn.Module):
             x = lateral(x, fine)
             merged.append(x)
         return merged, whole
-
-
-    def _normalised(self, image: Tensor) -> Tensor:
-        """(N, 4, S, S) -> the same shape, of about unit spread."""
-        if not torch.compiler.is_compiling() or torch.compiler.is_exporting():
-            return (image - self.mean) / self.std
-        # Of four channels that lie side by side the compiler fills a quarter of a register: of 16 cells at once, all.
-        cells = image.permute(0, 2, 3, 1)
-        scale, mean = (worked_out(part.flatten().repeat(16)) for part in (1 / self.std, self.mean))
-        rows = (cells.reshape(-1, 16 * CHANNELS) - mean) * scale
-        kind = image.device.type
-        rows = rows.to(torch.get_autocast_dtype(kind)) if torch.is_autocast_enabled(kind) else rows
-        return worked_out(rows, cells.shape).permute(0, 3, 1, 2)
 
 
 class SeparateHeads(nn.Module):
@@ -239,29 +221,20 @@ class SeparateHeads(nn.Module):
 
 
 class PlateApart(nn.Module):
-    """A network of four channels as one of two inputs, for whoever has no plate: see `models.export`. The first filters
-    divide by the images' deviation, which saves a pass over all pixels; the mean is taken off before, since filters
-    that reach beyond the border find zeros there.
+    """A network of four channels as one of two inputs, for whoever has no plate: see `models.export`.
 
     Args:
         net: a `KeypointNet` or its `SeparateHeads`, which are left as they are.
     """
 
-    mean: Tensor
-
     def __init__(self, net: nn.Module) -> None:
         super().__init__()
         self.net = copy.deepcopy(net)
-        inner = next(module for module in self.net.modules() if isinstance(module, KeypointNet))
-        self.register_buffer("mean", inner.mean[:, :3], persistent=False)
-        inner.normalises = False
-        first = next(module for module in inner.stem.modules() if isinstance(module, nn.Conv2d))
-        first.weight = nn.Parameter(first.weight.detach() / inner.std)
 
     def forward(self, image: Tensor, difference: Tensor) -> tuple[Tensor, ...]:
         """(N, 3, S, S) RGB, (N, 1, S, S) or (1, 1, 1, 1) difference -> as the network."""
         spread = difference.expand(image.shape[0], 1, *image.shape[2:])
-        out: tuple[Tensor, ...] = self.net(torch.cat([image - self.mean, spread], 1))
+        out: tuple[Tensor, ...] = self.net(torch.cat([image, spread], 1))
         return out
 
 

@@ -15,9 +15,11 @@ Maps = list[NDArray[np.float32]]
 Value = TypeVar("Value", np.uint8, np.float32)
 Look = Callable[[NDArray[Value]], Maps]
 
+# Sides of crops over that at which the network is best: of those of a first look, and of people of whom least is seen.
+FIRST_LOOK, LEAST = 3 / 4, 5 / 8
 # Of whom at most this share of the landmarks is found is shown at this share of a crop's side; measured on held-out
 # close-ups and people cut off.
-_SIDES = ((0.5, 5 / 8), (0.85, 3 / 4), (0.99, 7 / 8))
+_SIDES = ((0.5, LEAST), (0.85, 3 / 4), (0.99, 7 / 8))
 
 
 def reading_sides(score: NDArray[np.float64], side: int, best: int) -> NDArray[np.int64]:

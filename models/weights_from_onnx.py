@@ -14,9 +14,10 @@ from torch import Tensor, nn
 
 from muybridge.errors import ModelError
 from muybridge.models.keypoint_net import CHANNELS, PLATE, KeypointNet
-from muybridge.models.people_net import PeopleNet
+from muybridge.models.people_net import MEAN, STD, PeopleNet
 
 _HEADS = ("head", "visibility")
+
 
 def keypoint_net_from_onnx(path: Path) -> KeypointNet:
     """The network of a file that `muybridge train keypoints` exported in fp32.
@@ -39,17 +40,13 @@ def keypoint_net_from_onnx(path: Path) -> KeypointNet:
                 parts = [there.pop(f"{part}_{name}.{kind}") for part in ("body", "marker")]
                 there[f"net.{name}.{kind}"] = torch.cat(parts)
         here = {name.removeprefix("net.").removeprefix("body_") if marked else name: v for name, v in there.items()}
-        net = KeypointNet(len(here["visibility.bias"]))
+        net = KeypointNet(len(here["visibility.bias"]), **_design(here))
+        if "Sub" in operators:
+            _take_normalisation_in(here, "Div" in operators)
         # Networks of earlier versions did not know the plate: they begin by not heeding it.
         stem = here["stem.0.0.weight"]
-        # Those of today have filters that divide by the images' deviation themselves.
-        stem = stem if "Div" in operators else stem * net.std
-        missing = CHANNELS - stem.shape[1]
-        here["stem.0.0.weight"] = nn.functional.pad(stem, (0, 0, 0, 0, 0, missing)) if missing > 0 else stem
-        # They also had a block less at the coarsest level.
-        if "levels.3.3.first.0.weight" not in here:
-            here |= _idle_block("levels.3.3", net.config["widths"][3])
-        # And heatmaps of the finest features alone.
+        here["stem.0.0.weight"] = nn.functional.pad(stem, (0, 0, 0, 0, 0, CHANNELS - stem.shape[1]))
+        # And had heatmaps of the finest features alone.
         if "head.weight" in here:
             here |= {f"head.fine.{kind}": here.pop(f"head.{kind}") for kind in ("weight", "bias")}
         coarser = {k: torch.zeros_like(v) for k, v in net.head.state_dict(prefix="head.").items() if ".fine." not in k}
@@ -107,8 +104,7 @@ def trained_for(path: Path) -> dict[str, Any]:
 @torch.no_grad()
 def measure_normalisation(net: nn.Module, images: Sequence[Tensor]) -> None:
     """Unfolds normalisation: filters whose outputs have unit variance on `images`, followed by normalisations with that
-    variance and mean, so that a network from a file can be trained on as any other. Filters of nothing but zeros are
-    drawn at random, and their normalisation lets nothing through until it has learned to.
+    variance and mean, so that a network from a file can be trained on as any other.
 
     Folded filters are as large as the network's last touch made them, fifty times larger in one layer than in
     another, and a step of one learning rate would be too large for some and nothing for others.
@@ -120,10 +116,6 @@ def measure_normalisation(net: nn.Module, images: Sequence[Tensor]) -> None:
     units = [list(m) for m in net.modules() if isinstance(m, nn.Sequential) and len(m) > 1]
     pairs = [(unit[0], unit[1]) for unit in units
              if isinstance(unit[0], nn.Conv2d) and isinstance(unit[1], nn.BatchNorm2d)]  # fmt: skip
-    for convolution, normalisation in pairs:
-        if not torch.any(convolution.weight):
-            nn.init.kaiming_normal_(convolution.weight)
-            normalisation.weight.zero_()
     moments: dict[nn.Module, list[Tensor]] = {normalisation: [] for _, normalisation in pairs}
 
     def measure(module: nn.Module, inputs: tuple[Tensor, ...]) -> None:
@@ -150,15 +142,32 @@ def measure_normalisation(net: nn.Module, images: Sequence[Tensor]) -> None:
         normalisation.running_var.fill_(1.0)
 
 
-def _idle_block(name: str, channels: int) -> dict[str, Tensor]:
-    """Weights of a residual block that adds nothing, in the form of a file's. Its first filters are always the same, so
-    that networks which began with them can be averaged."""
-    shape = (channels, channels, 3, 3)
-    drawn = nn.init.kaiming_normal_(torch.empty(shape), generator=torch.Generator().manual_seed(0))
-    filters = {"first": drawn, "second": torch.zeros(shape)}
-    return {f"{name}.{k}.0.weight": v for k, v in filters.items()} | {
-        f"{name}.{k}.0.weight_bias": torch.zeros(channels) for k in filters
-    }
+def _design(weights: dict[str, Tensor]) -> dict[str, Any]:
+    """Depths and numbers of channels of a network with these weights, as `KeypointNet` takes them."""
+    levels = range(4)
+    blocks = [[n for n in weights if n.startswith(f"levels.{i}.") and n.endswith("first.0.weight")] for i in levels]
+    widths = [len(weights["stem.1.0.weight"]), *(len(weights[f"levels.{i}.0.0.weight"]) for i in levels[1:])]
+    # The finest level may have no blocks on the way down, the coarsest has none on the way up.
+    hidden = [len(weights[f"laterals.{2 - i}.block.first.0.weight"]) for i in levels[:3]]
+    hidden.append(len(weights[blocks[3][0]]) if blocks[3] else widths[3])
+    return {"widths": tuple(widths), "depths": tuple(map(len, blocks)), "hidden": tuple(hidden)}
+
+
+def _take_normalisation_in(weights: dict[str, Tensor], divides: bool) -> None:
+    """Earlier networks took the images' mean off, and those which `divides` is true of divided by their deviation,
+    before the first filters: these do it themselves since. Nothing changes but that what is beyond the border was the
+    mean and is black.
+
+    Args:
+        weights: by name as in a file of ours; changed.
+    """
+    mean, deviation = (torch.tensor(values).view(1, -1, 1, 1) for values in (MEAN, STD))
+    filters = weights["stem.0.0.weight"]
+    channels = filters.shape[1]
+    if divides:
+        filters = filters / deviation[:, :channels]
+    weights["stem.0.0.weight"] = filters
+    weights["stem.0.0.weight_bias"] = weights["stem.0.0.weight_bias"] - (filters * mean[:, :channels]).sum((1, 2, 3))
 
 
 def _unfolded(net: nn.Module, weights: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -48,7 +48,7 @@ class Separable(nn.Sequential):
 
 def depthwise() -> nn.Module:
     """The U-shaped net with every 3x3 convolution but the first made separable."""
-    net = KeypointNet(J, widths=(64, 128, 288, 448))
+    net = KeypointNet(J, widths=(64, 128, 288, 448), hidden=None)
 
     def convert(module: nn.Module) -> None:
         for name, child in module.named_children():
@@ -76,7 +76,7 @@ class Simcc(nn.Module):
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """(N, 3, S, S) -> logits (N, J, 2 S) along x and along y."""
-        x = self.body.stem((image - self.body.mean) / self.body.std)
+        x = self.body.stem(image)
         for level in self.body.levels:
             x = level(x)
         flat = self.reduce(x).reshape(len(x), J, -1)
@@ -88,14 +88,14 @@ class Coarse(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.net = KeypointNet(J, widths=(32, 72, 136, 160), depths=(1, 2, 3, 2))
+        self.net = KeypointNet(J, widths=(32, 72, 136, 160), depths=(1, 2, 3, 2), hidden=None)
         del self.net.laterals[2]
         self.net.head = nn.Conv2d(72, J, 1)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """(N, 3, S, S) -> logits (N, J, S / 8, S / 8), visibility."""
         net = self.net
-        x = net.stem((image - net.mean) / net.std)
+        x = net.stem(image)
         features = []
         for level in net.levels:
             x = level(x)

@@ -13,14 +13,13 @@ pytest.importorskip("torch")
 import torch  # noqa: E402
 
 from muybridge.errors import ModelError  # noqa: E402
-from muybridge.models.keypoint_net import STD as DEVIATION  # noqa: E402
-from muybridge.models.registry import shipped_model  # noqa: E402
+from muybridge.models.export import export_onnx  # noqa: E402
+from muybridge.models.keypoint_net import PLATE, PlateApart, SeparateHeads  # noqa: E402
+from muybridge.models.registry import BODY_OUTPUTS, MARKER_OUTPUTS, shipped_model  # noqa: E402
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, trained_for  # noqa: E402
 from muybridge.train.averaging import average_keypoints  # noqa: E402
+from muybridge.train.narrowing import narrowed  # noqa: E402
 from muybridge.train.publish import keypoint_net  # noqa: E402
-
-# In a file the first filters divide by the images' deviation.
-STD = torch.tensor(DEVIATION).view(1, -1, 1, 1)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +32,8 @@ def changed(change_weights):
     """The network with one convolution's weights all larger by `by`."""
 
     def change(path: Path, to: Path, by: float) -> Path:
-        return change_weights(path, to, lambda i: len(i.dims) == 4 and i.dims[2] == 3, lambda w: w + np.float32(by))
+        layer = "levels.2.1.first.0.weight"
+        return change_weights(path, to, lambda i: i.name.endswith(layer), lambda w: w + np.float32(by))
 
     return change
 
@@ -53,27 +53,16 @@ def test_weights_lie_in_the_middle(shipped, changed, tmp_path):
     before = keypoint_net_from_onnx(shipped).state_dict()
     moved = {k: (saved["average"][k] - v).float() for k, v in before.items()}
     far = [k for k, d in moved.items() if d.abs().max() > 1e-6]
-    assert len(far) == 1 and torch.allclose(moved[far[0]], (STD * 0.125).expand_as(moved[far[0]]), atol=1e-6)
+    assert far == ["levels.2.1.first.0.weight"]
+    assert torch.allclose(moved[far[0]], torch.full_like(moved[far[0]], 0.125), atol=1e-6)
 
 
-def without_last_block(path: Path, to: Path) -> Path:
-    """The network as one of an earlier version, which had a block less at the coarsest level."""
-    model = onnx.load(str(path))
-    kept = [i for i in model.graph.initializer if not i.name.startswith("net.net.levels.3.3.")]
-    assert len(kept) == len(model.graph.initializer) - 4
-    del model.graph.initializer[:]
-    model.graph.initializer.extend(kept)
-    onnx.save(model, str(to))
-    return to
-
-
-def test_a_block_that_a_file_lacks_is_the_others(shipped, changed, tmp_path):
-    earlier = without_last_block(changed(shipped, tmp_path / "other.onnx", 0.3), tmp_path / "earlier.onnx")
-    before, mean = keypoint_net_from_onnx(shipped).state_dict(), average_keypoints([shipped, shipped, earlier])
-    moved = {k: (mean["average"][k] - v).float() for k, v in before.items()}
-    far = [k for k, d in moved.items() if d.abs().max() > 1e-6]
-    assert len(far) == 1 and torch.allclose(moved[far[0]], (STD * 0.1).expand_as(moved[far[0]]), atol=1e-6)
-    assert before["levels.3.3.second.0.weight"].any()
+def test_networks_of_other_designs_are_not_averaged(shipped, tmp_path):
+    net, path = keypoint_net_from_onnx(shipped), tmp_path / "other.onnx"
+    other = narrowed(net, net.config["depths"], (32, 64, 80, 160), [torch.rand(2, 4, 64, 64)])
+    export_onnx(PlateApart(SeparateHeads(other, 23)), path, (2, 3, 64, 64), BODY_OUTPUTS + MARKER_OUTPUTS, {}, PLATE)
+    with pytest.raises(ModelError, match=r"other\.onnx: of another design than .*keypoints\.onnx"):
+        average_keypoints([shipped, path])
 
 
 def test_what_each_saw_since_they_parted_counts(shipped, tmp_path):

@@ -11,7 +11,6 @@ from typing import Any
 import torch
 
 from muybridge.errors import ModelError
-from muybridge.models.keypoint_net import Block, KeypointNet
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, trained_for
 from muybridge.train.loop import Seen
 
@@ -21,7 +20,7 @@ def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
 
     Args:
         paths: ONNX files; normalisation is folded into their convolutions, so that no statistics have to be measured
-            anew. One that is named twice counts twice. A block that a file lacks is the mean of the others'.
+            anew. One that is named twice counts twice.
 
     Raises:
         ModelError: fewer than two files, or one that is none of ours, or of another design than the first.
@@ -33,20 +32,11 @@ def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
     for path, state in zip(paths, states, strict=True):
         if {k: v.shape for k, v in state.items()} != {k: v.shape for k, v in states[0].items()}:
             raise ModelError(f"{path}: of another design than {paths[0]}; average networks of one training run")
-    mean, idle = {}, [_idle_blocks(net) for net in nets]
-    for k, v in states[0].items():
-        those = [s[k].float() for s, blocks in zip(states, idle, strict=True) if not k.startswith(blocks)]
-        mean[k] = torch.stack(those or [s[k].float() for s in states]).mean(0).to(v.dtype)
+    mean = {k: torch.stack([s[k].float() for s in states]).mean(0).to(v.dtype) for k, v in states[0].items()}
     return {
         "average": mean, "config": nets[0].config, "state": _seen(dict.fromkeys(paths))._asdict(), "scores": {},
         "options": {"seed": trained_for(paths[0])["seed"]},
     }  # fmt: skip
-
-
-def _idle_blocks(net: KeypointNet) -> tuple[str, ...]:
-    """What the names of the weights of blocks begin with that add nothing, as those that a file lacks."""
-    blocks = ((name, block) for name, block in net.named_modules() if isinstance(block, Block))
-    return tuple(f"{name}." for name, block in blocks if not any(p.any() for p in block.second[0].parameters()))
 
 
 def _seen(paths: Iterable[pathlib.Path]) -> Seen:

