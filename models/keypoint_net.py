@@ -145,8 +145,8 @@ class KeypointNet(nn.Module):
         landmarks: number of landmarks J: those of the body first, then those of its surface (virtual markers).
         widths: channels at 1/4, 1/8, 1/16 and 1/32 of the input's resolution.
         depths: residual blocks on the way down at each of these.
-        hidden: channels within the residual blocks at each of these, on the way down and up; None for as many as
-            outside.
+        hidden: channels within the residual blocks at each of these, on the way down and up; as
+            many as outside if not given.
     """
 
     def __init__(
@@ -154,7 +154,7 @@ class KeypointNet(nn.Module):
         landmarks: int = 23,
         widths: tuple[int, int, int, int] = (32, 64, 128, 160),
         depths: tuple[int, int, int, int] = (0, 2, 2, 2),
-        hidden: tuple[int, int, int, int] | None = (32, 64, 96, 160),
+        hidden: tuple[int, int, int, int] | None = None,
     ) -> None:
         super().__init__()
         hidden = hidden or widths

@@ -48,7 +48,7 @@ class Separable(nn.Sequential):
 
 def depthwise() -> nn.Module:
     """The U-shaped net with every 3x3 convolution but the first made separable."""
-    net = KeypointNet(J, widths=(64, 128, 288, 448), hidden=None)
+    net = KeypointNet(J, widths=(64, 128, 288, 448))
 
     def convert(module: nn.Module) -> None:
         for name, child in module.named_children():
@@ -88,7 +88,7 @@ class Coarse(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.net = KeypointNet(J, widths=(32, 72, 136, 160), depths=(1, 2, 3, 2), hidden=None)
+        self.net = KeypointNet(J, widths=(32, 72, 136, 160), depths=(1, 2, 3, 2))
         del self.net.laterals[2]
         self.net.head = nn.Conv2d(72, J, 1)
 

@@ -33,8 +33,8 @@ def main() -> None:
     parser.add_argument("network", type=pathlib.Path)
     parser.add_argument("out", type=pathlib.Path)
     parser.add_argument("renders", type=pathlib.Path)
-    parser.add_argument("--depths", type=int, nargs=4, default=(0, 2, 2, 2))
-    parser.add_argument("--hidden", type=int, nargs=4, default=(32, 64, 96, 160))
+    parser.add_argument("--depths", type=int, nargs=4, help="residual blocks a resolution; as they are")
+    parser.add_argument("--hidden", type=int, nargs=4, help="channels within them; as they are")
     options = parser.parse_args()
     if options.out.exists():
         raise ModelError(f"{options.out} is there already; name another file")
@@ -42,7 +42,8 @@ def main() -> None:
     people, backgrounds = load_renders(options.renders, HELD_OUT), make_backgrounds(256, SIZE, SEED)
     compositor = Compositor(people, backgrounds, card.input_size, SEED, WHOLE)
     seen, held_out = ([compositor.batch(64) for _ in range(count)] for count in (2, 4))
-    less = narrowed(net, options.depths, options.hidden, [batch.pixels.float().div(255) for batch in seen])
+    depths, hidden = options.depths or net.config["depths"], options.hidden or net.config["hidden"]
+    less = narrowed(net, depths, hidden, [batch.pixels.float().div(255) for batch in seen])
     metadata = {entry.key: entry.value for entry in onnx.load(str(options.network)).metadata_props}
     images = np.concatenate([batch.pixels.numpy() for batch in seen])[:CALIBRATION_IMAGES]
     write_keypoints(less, options.out, metadata, images)

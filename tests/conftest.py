@@ -3,6 +3,7 @@
 import importlib.util
 import os
 import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -163,8 +164,26 @@ def short_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def staged_people() -> ModuleType:
     """The module `staged_people.py`."""
-    path = REPOSITORY / "tests" / "staged_people.py"
-    spec = importlib.util.spec_from_file_location("staged_people", path)
+    return _module(REPOSITORY / "tests" / "staged_people.py")
+
+
+@pytest.fixture(scope="session")
+def script() -> Callable[[str], ModuleType]:
+    """One of `scripts/` as a module, by name; it may import others there."""
+
+    def load(name: str) -> ModuleType:
+        folder = REPOSITORY / "scripts"
+        sys.path.insert(0, str(folder))
+        try:
+            return _module(folder / f"{name}.py")
+        finally:
+            sys.path.remove(str(folder))
+
+    return load
+
+
+def _module(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -22,7 +22,7 @@ def test_gradients_are_no_further_from_the_precise_ones_than_those_of_the_loss_a
     if fused is losses_of:
         pytest.skip("torch.compile does not work here")
     torch.manual_seed(1)  # of 0 a unit lies so near ReLU's edge that weights a millionth apart pass it on and do not
-    net = KeypointNet(95, (16, 16, 16, 24), (0, 1, 0, 1), None).train()
+    net = KeypointNet(95, (16, 16, 16, 24), (0, 1, 0, 1)).train()
     image, seen = torch.randint(0, 255, (8, 4, 64, 64), dtype=torch.uint8), torch.rand(8, 95) > 0.3
     batch = image, torch.rand(8, 95, 2) * 80 - 8, seen  # some lie outside
 

@@ -1,9 +1,7 @@
 """Networks of other designs: narrower ones made from trained ones, and those of earlier versions."""
 
-import importlib.util
 import shutil
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -26,7 +24,7 @@ WIDTHS, DEPTHS = (16, 16, 24, 24), (0, 1, 2, 1)
 @pytest.fixture
 def net() -> KeypointNet:
     torch.manual_seed(0)
-    net = KeypointNet(23, WIDTHS, DEPTHS, None).eval()
+    net = KeypointNet(23, WIDTHS, DEPTHS).eval()
     with torch.no_grad():
         for module in net.modules():
             if isinstance(module, torch.nn.BatchNorm2d):
@@ -111,7 +109,7 @@ def test_files_that_normalised_images_are_read(net, images, divides, tmp_path):
     with torch.no_grad():  # beyond the border was the mean, and is black: no filter looks there
         net.stem[0][0].weight[:, :, 0] = 0
         net.stem[0][0].weight[:, :, :, 0] = 0
-    earlier, path = _Normalised(23, WIDTHS, DEPTHS, None).eval(), tmp_path / "earlier.onnx"
+    earlier, path = _Normalised(23, WIDTHS, DEPTHS).eval(), tmp_path / "earlier.onnx"
     earlier.load_state_dict(net.state_dict())
     earlier.divides = divides
     export_onnx(PlateApart(earlier), path, (2, 3, 64, 64), ("heatmaps", "visibility"), {}, PLATE)
@@ -120,18 +118,14 @@ def test_files_that_normalised_images_are_read(net, images, divides, tmp_path):
     torch.testing.assert_close(says(keypoint_net_from_onnx(path), images[0]), expected, rtol=1e-3, atol=1e-3)
 
 
-def test_the_script_writes_a_network_to_train_on_from(store, repository, tmp_path, monkeypatch, capsys) -> None:
-    spec = importlib.util.spec_from_file_location("narrow", repository / "scripts" / "narrow_keypoints.py")
-    assert spec is not None and spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
+def test_the_script_writes_a_network_to_train_on_from(store, script, tmp_path, monkeypatch, capsys):
+    main = script("narrow_keypoints").main
     path, out = tmp_path / "keypoints.onnx", tmp_path / "less.onnx"
     shutil.copy(shipped_model("keypoints"), path)
     command = ["narrow", str(path), str(out), str(store), "--depths", "0", "2", "2", "1", "--hidden", "32", "64", "64"]
     monkeypatch.setattr(sys, "argv", [*command, "160"])
-    script.main()
+    main()
     assert keypoint_net_from_onnx(out).config["hidden"] == (32, 64, 64, 160) and int8_path(out).is_file()
     assert "after: " in capsys.readouterr().out
     with pytest.raises(ModelError, match="less.onnx is there already"):
-        script.main()
-    assert Path(path).is_file()
+        main()

@@ -1,8 +1,7 @@
 """People followed in 3D: crossings, absence and return, accidents of two rays; the primitives below it."""
 
-import importlib.util
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -18,12 +17,9 @@ from muybridge.geometry.triangulation import triangulate
 
 
 @pytest.fixture(scope="module")
-def bench(repository: Path) -> ModuleType:
+def bench(script: Callable[[str], ModuleType]) -> ModuleType:
     """The benchmark's model of people, cameras and detections."""
-    spec = importlib.util.spec_from_file_location("bench_people", repository / "scripts" / "bench_people.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("bench_people")
 
 
 @pytest.mark.parametrize("fps", [10.0, 30.0, 60.0])

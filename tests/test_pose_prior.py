@@ -1,7 +1,6 @@
 """What the rest of the body and of the take say about a point: against triangulation, with the truth known."""
 
-import importlib.util
-from pathlib import Path
+from collections.abc import Callable
 from types import ModuleType
 
 import numpy as np
@@ -19,12 +18,9 @@ PX = 4.0
 
 
 @pytest.fixture(scope="module")
-def bench(repository: Path) -> ModuleType:
+def bench(script: Callable[[str], ModuleType]) -> ModuleType:
     """The benchmark's model of people and cameras."""
-    spec = importlib.util.spec_from_file_location("bench_people", repository / "scripts" / "bench_people.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("bench_people")
 
 
 @pytest.fixture(scope="module")

@@ -1,10 +1,11 @@
 """Variances of a network that is there already, fitted anew."""
 
-import importlib.util
 import json
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -20,16 +21,12 @@ from muybridge.models.registry import keypoint_card, shipped_model  # noqa: E402
 
 
 def test_a_network_is_calibrated_anew_and_keeps_its_weights(
-    store: Path, repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    store: Path, script: Callable[[str], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    spec = importlib.util.spec_from_file_location("recalibrate", repository / "scripts" / "recalibrate_keypoints.py")
-    assert spec is not None and spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
     path = tmp_path / "keypoints.onnx"
     shutil.copy(shipped_model("keypoints"), path)
     monkeypatch.setattr(sys, "argv", ["recalibrate", str(path), str(store), "--crops", "128", "--size", "64"])
-    script.main()
+    script("recalibrate_keypoints").main()
     before, after = (onnx.load(str(p)) for p in (shipped_model("keypoints"), path))
     assert before.graph == after.graph  # what is said of them is new, the weights are not
     for file in (path, int8_path(path)):

@@ -20,7 +20,7 @@ from muybridge.train.second import CHUNKS, Second, pays  # noqa: E402
 
 def small_net():
     torch.manual_seed(0)
-    return KeypointNet(95, (16, 16, 16, 24), (0, 1, 0, 1), None).to(memory_format=torch.channels_last).train()
+    return KeypointNet(95, (16, 16, 16, 24), (0, 1, 0, 1)).to(memory_format=torch.channels_last).train()
 
 
 def some_batch(seed, side=64):

@@ -315,11 +315,13 @@ def test_a_run_of_another_design_is_refused_by_name(store, tmp_path):
         renders=store, out=tmp_path / "run", minutes=0.02, size=64, batch=4, backgrounds=8, workers=0
     )
     saved = load_checkpoint(keypoints.train(options))
-    saved["net"] = KeypointNet(95, depths=(0, 2, 2, 3), hidden=None).state_dict()
-    del saved["config"]["hidden"]  # as runs of networks that normalised their images have it
-    saved["config"]["depths"] = (0, 2, 2, 3)
-    loop.save_atomically(options.out / loop.CHECKPOINT, saved)
+    other = saved | {"net": KeypointNet(95, depths=(0, 2, 2, 3)).state_dict()}
+    loop.save_atomically(options.out / loop.CHECKPOINT, other)
     with pytest.raises(SessionError, match=r"run.checkpoint\.pt: of another design"):
+        keypoints.train(options)
+    del saved["config"]["hidden"]  # as of networks that normalised their images
+    loop.save_atomically(options.out / loop.CHECKPOINT, saved)
+    with pytest.raises(ModelError, match=r"run.checkpoint\.pt: of an earlier version's network"):
         keypoints.train(options)
 
 

@@ -1,7 +1,6 @@
 """What a network's eye does to a landmark, learned from a take: against made habits, and on a real take."""
 
-import importlib.util
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -25,22 +24,10 @@ FPS = 30.0
 PX = 2.0
 
 
-def script(repository: Path, name: str) -> ModuleType:
-    """A benchmark as a module."""
-    sys.path.insert(0, str(repository / "scripts"))
-    try:
-        spec = importlib.util.spec_from_file_location(name, repository / "scripts" / f"{name}.py")
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    finally:
-        sys.path.pop(0)
-    return module
-
-
 @pytest.fixture(scope="module")
-def walk(repository: Path) -> tuple[CameraGroup, Floats]:
+def walk(script: Callable[[str], ModuleType]) -> tuple[CameraGroup, Floats]:
     """Four cameras, and one person (240, 23, 3) who walks to and fro."""
-    bench, rng = script(repository, "bench_people"), np.random.default_rng(5)
+    bench, rng = script("bench_people"), np.random.default_rng(5)
     return bench.room(4, rng), bench.walkers(1, 240, rng)[0]
 
 
@@ -116,9 +103,9 @@ def test_a_long_take_is_sampled_evenly(walk) -> None:
     assert np.abs(some.by_view - every.by_view).mean() < 0.25 * np.abs(every.by_view).mean()
 
 
-def test_unseen_frames_of_a_real_take(real_data: Path, repository: Path) -> None:
+def test_unseen_frames_of_a_real_take(real_data: Path, script: Callable[[str], ModuleType]) -> None:
     """Refined cameras and habits of one half, the other half's left-out cameras."""
-    bench = script(repository, "bench_left_out")
+    bench = script("bench_left_out")
     medians = bench.medians(real_data, {"refined"})
     whole = next(name for _, name, _ in medians if name.startswith("whole"))
     assert max(medians["refined", whole, "known"]) < 12.5

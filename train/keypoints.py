@@ -178,8 +178,7 @@ def held_out_batches(renders: pathlib.Path, pool: pathlib.Path, size: int, count
 
 
 def _network(options: KeypointTraining) -> KeypointNet:
-    """An untrained network, as that of the run that goes on if there is one. A run of an earlier version, which said
-    less of its network than makes one today, has one of another shape, by which it is refused."""
+    """An untrained network, as that of the run that goes on if there is one."""
     if loop.resumes(options):
         return KeypointNet(**load_checkpoint(options.out / loop.CHECKPOINT)["config"])
     return KeypointNet(len(BODY23) + len(SURFACE))

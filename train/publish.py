@@ -38,6 +38,11 @@ def load_checkpoint(path: pathlib.Path) -> dict[str, Any]:
         raise ModelError(f"{path}: no such checkpoint; train first with `muybridge train`") from error
     except Exception as error:
         raise ModelError(f"{path}: not a training checkpoint of muybridge ({error}); train anew") from error
+    if "landmarks" in saved["config"] and "hidden" not in saved["config"]:
+        raise ModelError(
+            f"{path}: of an earlier version's network, which normalised its images; train on from its ONNX file, with "
+            "--model FILE.onnx and another --out"
+        )
     return saved
 
 
