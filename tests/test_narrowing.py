@@ -83,6 +83,8 @@ def test_more_than_there_is_cannot_be_left(net, images):
         narrowed(net, (0, 1, 3, 1), WIDTHS, images)
     with pytest.raises(ModelError, match=r"hidden \(16, 16, 25, 24\)"):
         narrowed(net, DEPTHS, (16, 16, 25, 24), images)
+    with pytest.raises(ModelError, match=r"hidden \(16, 16, 0, 24\): each may be from 1 "):
+        narrowed(net, DEPTHS, (16, 16, 0, 24), images)
 
 
 def test_a_file_says_its_design(net, images, tmp_path):

@@ -177,11 +177,11 @@ def held_out_batches(renders: pathlib.Path, pool: pathlib.Path, size: int, count
     return [Compositor(store, backgrounds, size, 10_000 + i, WHOLE).batch(64) for i in range(count)]
 
 
-def _network(options: KeypointTraining) -> KeypointNet:
-    """An untrained network, as that of the run that goes on if there is one."""
+def _given(options: KeypointTraining) -> KeypointNet | None:
+    """A network as that of the run that goes on, else that of the file that training begins with, if there is one."""
     if loop.resumes(options):
         return KeypointNet(**load_checkpoint(options.out / loop.CHECKPOINT)["config"])
-    return KeypointNet(len(BODY23) + len(SURFACE))
+    return None if options.model is None else _network_of(options.model)
 
 
 def _network_of(model: pathlib.Path) -> KeypointNet:
@@ -204,11 +204,11 @@ def train(options: KeypointTraining) -> pathlib.Path:
         if not 0 <= share <= 1:
             raise ModelError(f"--{name} {share:g}: it is a share of the {what}, 0 to 1")
     model = None if loop.resumes(options) else options.model
-    given = None if model is None else _network_of(model)  # before all that takes minutes
+    given = _given(options)  # before all that takes minutes
     with loop.prepared(options) as pool:
         validation = held_out_batches(options.renders, pool, options.size)
-        net = given or _network(options)
-        if given is not None:
+        net = given or KeypointNet(len(BODY23) + len(SURFACE))
+        if model is not None:
             measure_normalisation(net, [validation[0].pixels.float().div(255)])
         seen = loop.Seen() if model is None else loop.Seen.of(model)
         fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)

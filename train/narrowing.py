@@ -39,20 +39,20 @@ def narrowed(
         images: batches (N, 4, S, S) in 0..1, of the kind that it is used on.
 
     Raises:
-        ModelError: more blocks or channels than there are.
+        ModelError: more blocks or channels than there are, or no channels.
     """
     have = net.config
-    for name, wanted in (("depths", depths), ("hidden", hidden)):
-        if len(wanted) != len(have[name]) or any(not 0 <= w <= h for w, h in zip(wanted, have[name], strict=True)):
-            raise ModelError(f"{name} {tuple(wanted)}: each may be as many as there are at most, {have[name]}")
+    for name, wanted, least in (("depths", depths, 0), ("hidden", hidden, 1)):
+        if len(wanted) != len(have[name]) or any(not least <= w <= h for w, h in zip(wanted, have[name], strict=True)):
+            raise ModelError(f"{name} {tuple(wanted)}: each may be from {least} to as many as there are, {have[name]}")
     out = copy.deepcopy(net).eval()
     for i, depth in enumerate(depths):
         level = list(out.levels[i].children())
         out.levels[i] = nn.Sequential(*level[: len(level) - have["depths"][i] + depth])
-    for name, block in [(n, m) for n, m in out.named_modules() if isinstance(m, Block)]:
-        # Laterals begin at the third resolution.
-        part, index = name.split(".")[:2]
-        _narrow(block, hidden[int(index) if part == "levels" else 2 - int(index)], out, images)
+    # Laterals begin at the third resolution.
+    for i, part in (*enumerate(out.levels), *zip((2, 1, 0), out.laterals, strict=True)):
+        for block in [module for module in part.modules() if isinstance(module, Block)]:
+            _narrow(block, hidden[i], out, images)
     like = KeypointNet(have["landmarks"], have["widths"], tuple(depths), tuple(hidden))  # type: ignore[arg-type]
     like.load_state_dict(out.state_dict())
     return like.eval()
