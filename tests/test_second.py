@@ -10,7 +10,7 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
-from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
+from muybridge.models.keypoint_net import Block, ConvUnit, KeypointNet  # noqa: E402
 from muybridge.train import keypoints, precision, second  # noqa: E402
 from muybridge.train.keypoints import losses_of  # noqa: E402
 from muybridge.train.options import KeypointTraining  # noqa: E402
@@ -18,9 +18,27 @@ from muybridge.train.publish import load_checkpoint  # noqa: E402
 from muybridge.train.second import CHUNKS, Second, pays  # noqa: E402
 
 
-def small_net():
+class SmoothBlock(Block):
+    def forward(self, x):
+        return torch.nn.functional.softplus(x + self.second(self.first(x)))
+
+
+class SmoothNet(KeypointNet):
+    """Without ReLU, whose kink turns the rounding of a sum into a different gradient: of 30 batches two differed by
+    0.2 and 2 % when the weights were changed by their last digit, and without it none by 0.001 %."""
+
+    def __init__(self, *arguments, **named):
+        super().__init__(*arguments, **named)
+        for module in list(self.modules()):
+            if isinstance(module, Block):
+                module.__class__ = SmoothBlock
+            elif isinstance(module, ConvUnit):
+                module[2] = torch.nn.Softplus()
+
+
+def small_net(kind=KeypointNet):
     torch.manual_seed(0)
-    return KeypointNet(95, (16, 16, 16, 24), (0, 1, 0, 1)).to(memory_format=torch.channels_last).train()
+    return kind(95, (16, 16, 16, 24), (0, 1, 0, 1)).to(memory_format=torch.channels_last).train()
 
 
 def some_batch(seed, side=64):
@@ -52,7 +70,7 @@ def wait_until_ready(other):
 def test_gradients_of_both_processes_add_up_to_those_of_one(monkeypatch):
     # Both in float32: in bfloat16 sums taken in another order differ by more than what is looked for.
     monkeypatch.setattr(precision, "_measured", lambda: False)
-    net, before = small_net(), second._processors()
+    net, before = small_net(SmoothNet), second._processors()
     with Second(net, losses_of, 0.0) as other:
         for seed, (theirs, side) in enumerate(((0, 96), (1, 96), (3, 64), (2, 96))):
             batch = some_batch(seed, side)
