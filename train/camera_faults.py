@@ -21,17 +21,21 @@ class CameraFaults:
         # Drawing fresh noise for every pixel would cost as much as all the rest together.
         self._noise = torch.from_numpy(rng.standard_normal(_NOISE, np.float32))
 
+    def grain(self, size: int) -> Tensor:
+        """(size,) Gaussian noise of unit variance: a random part of a store of it, to be left as it is."""
+        while len(self._noise) < 2 * size:
+            self._noise = torch.cat([self._noise, self._noise.flip(0)])
+        start = self.rng.integers(0, len(self._noise) - size)
+        return self._noise[start : start + size]
+
     def _add_noise(self, image: Tensor) -> None:
         """Adds Gaussian noise to (B, 3, H, W), in place; every image's from its own place in a store of it."""
-        count, size = len(image), image[0].numel()
+        count = len(image)
         noise = self.rng.gamma(1.2, 0.014, count).clip(0, 0.08)
         # Photon noise grows with the root of the light; the rest is the sensor's own.
         photon = self.rng.random(count) < 0.5
-        while len(self._noise) < 2 * size:
-            self._noise = torch.cat([self._noise, self._noise.flip(0)])
-        starts = self.rng.integers(0, len(self._noise) - size, count)
-        for one, start, level, grows in zip(image, starts, noise, photon, strict=True):
-            grain = self._noise[start : start + size].view(one.shape)
+        for one, level, grows in zip(image, noise, photon, strict=True):
+            grain = self.grain(one.numel()).view(one.shape)
             if grows:
                 one.addcmul_(grain, one.clamp(0, 1).sqrt_(), value=1.5 * level)
             else:

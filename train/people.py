@@ -1,6 +1,8 @@
 """Training of the person detector: centres by the focal loss of CenterNet (Zhou et al. 2019), boxes by the
 generalised IoU (Rezatofighi et al. 2019) at the cells round each centre."""
 
+import itertools
+import math
 import pathlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,10 +16,12 @@ from muybridge.models.decode import box_overlap, decode_people
 from muybridge.models.people_net import STRIDE, PeopleNet
 from muybridge.models.weights_from_onnx import measure_normalisation, people_net_from_onnx
 from muybridge.train import loop
+from muybridge.train.compiled import compiled
 from muybridge.train.options import PeopleTraining
 from muybridge.train.precision import autocast
 from muybridge.train.renders import RenderSet, load_renders
 from muybridge.train.scenes import SHAPES, SceneBatch, SceneCompositor
+from muybridge.train.second import second_of
 
 
 @dataclass(frozen=True)
@@ -64,13 +68,16 @@ class _Scenes:
 
     def __call__(self, renders: RenderSet, seed: int) -> Callable[[], loop.Batch]:
         compositor = SceneCompositor(renders, np.load(self.pool, mmap_mode="r"), seed)
-        return lambda: as_tensors(compositor.batch(self.count))
+        # No later batch is larger than the first, whose size says how much memory the second process needs.
+        shapes = itertools.chain([max(SHAPES, key=math.prod)], itertools.repeat(None))
+        return lambda: as_tensors(compositor.batch(self.count, next(shapes)))
 
 
 def as_tensors(batch: SceneBatch) -> tuple[Tensor, ...]:
     """Images and targets for `loss_of`."""
     t = make_targets(batch)
-    return (batch.image, *(torch.from_numpy(a) for a in (t.heat, t.weight, t.box, t.has_box)))
+    image = batch.image.contiguous(memory_format=torch.channels_last)
+    return (image, *(torch.from_numpy(a) for a in (t.heat, t.weight, t.box, t.has_box)))
 
 
 def generalised_iou(a: Tensor, b: Tensor) -> Tensor:
@@ -147,5 +154,7 @@ def train(options: PeopleTraining) -> pathlib.Path:
             measure_normalisation(net, [validation[0].image.float().div(255)])
         seen = loop.Seen() if model is None else loop.Seen.of(model)
         fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
-        fit.run(loop.batches(options, _Scenes(pool, options.batch), fit.state["step"]), loss_of)
+        scenes = _Scenes(pool, options.batch)
+        with second_of(net, loss_of, options) as other:
+            fit.run(loop.batches(options, scenes, fit.state["step"]), compiled(loss_of, options.minutes), other)
     return fit.checkpoint

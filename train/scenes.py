@@ -48,17 +48,23 @@ class SceneCompositor:
         """`count` scenes of one shape (height, width)."""
         height, width = shape or SHAPES[self.rng.integers(len(SHAPES))]
         scenes = [self._scene(height, width) for _ in range(count)]
-        frame = torch.from_numpy(np.stack([s[0] for s in scenes])).permute(0, 3, 1, 2).float() / 255
-        plate = torch.from_numpy(np.stack([s[1] for s in scenes])).permute(0, 3, 1, 2).float() / 255
-        gain = torch.from_numpy(np.exp(self.rng.normal(0, 0.3, count)).astype(np.float32)).view(-1, 1, 1, 1)
-        known = torch.from_numpy(self.rng.random(count) < 0.5).view(-1, 1, 1, 1)
-        noise = torch.from_numpy(np.abs(self.rng.standard_normal((count, 1, height, width), np.float32)))
-        difference = (frame - plate).abs().mean(1, keepdim=True) * gain
-        difference = (difference + 0.01 * gain * noise) * known
-        image = torch.cat([self.faults.apply(frame), difference], 1)
-        pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8)
-        pixels[:, :3] = self.faults.compress(pixels[:, :3].contiguous())
-        return SceneBatch(pixels, [s[2] for s in scenes], [s[3] for s in scenes])
+        frames, plates = (np.stack([s[k] for s in scenes]) for k in range(2))
+        image = self.faults.apply(torch.from_numpy(frames.transpose(0, 3, 1, 2).astype(np.float32)).div_(255))
+        pixels = np.empty((count, 4, height, width), np.uint8)
+        pixels[:, :3] = (image.clamp_(0, 1) * 255).add_(0.5).to(torch.uint8).numpy()
+        for i in range(count):
+            pixels[i, 3] = self._difference(frames[i], plates[i])
+        pixels[:, :3] = self.faults.compress(torch.from_numpy(pixels[:, :3])).numpy()
+        return SceneBatch(torch.from_numpy(pixels), [s[2] for s in scenes], [s[3] for s in scenes])
+
+    def _difference(self, frame: NDArray[np.uint8], plate: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(H, W) to the background plate, as strong and as noisy as chance has it; in half of the scenes nothing."""
+        gain = float(np.exp(self.rng.normal(0, 0.3)))
+        if self.rng.random() < 0.5:
+            return np.zeros(frame.shape[:2], np.uint8)
+        between = cv2.transform(cv2.absdiff(frame, plate), np.full((1, 3), 1 / 3, np.float32))
+        noise = np.abs(self.faults.grain(between.size).numpy()).reshape(between.shape)
+        return np.asarray((gain * (between + 2.55 * noise) + 0.5).clip(0, 255), np.uint8)
 
     def _scene(
         self, height: int, width: int
