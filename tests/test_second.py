@@ -11,9 +11,9 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
 from muybridge.models.keypoint_net import Block, ConvUnit, KeypointNet  # noqa: E402
-from muybridge.train import keypoints, people, precision, second  # noqa: E402
+from muybridge.train import keypoints, precision, second  # noqa: E402
 from muybridge.train.keypoints import losses_of  # noqa: E402
-from muybridge.train.options import KeypointTraining, PeopleTraining  # noqa: E402
+from muybridge.train.options import KeypointTraining  # noqa: E402
 from muybridge.train.publish import load_checkpoint  # noqa: E402
 from muybridge.train.second import CHUNKS, Second, pays  # noqa: E402
 
@@ -158,8 +158,7 @@ def test_it_pays_where_a_processor_is_to_spare(monkeypatch):
 
 
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one processor")
-@pytest.mark.parametrize("kind", ["keypoints", "people"])
-def test_training_with_a_second_process_goes_on_and_resumes(store, tmp_path, monkeypatch, kind):
+def test_training_with_a_second_process_goes_on_and_resumes(store, tmp_path, monkeypatch):
     monkeypatch.setattr(second, "PAYS_AFTER_MINUTES", 0.0)
     taken = []
     hand_over = Second._hand_over
@@ -173,13 +172,12 @@ def test_training_with_a_second_process_goes_on_and_resumes(store, tmp_path, mon
         return 1
 
     monkeypatch.setattr(Second, "_count", one_as_soon_as_it_is_ready)
-    given = {"renders": store, "out": tmp_path / "run", "minutes": 0.1, "batch": 16, "backgrounds": 8}
-    module, options = {
-        "keypoints": (keypoints, KeypointTraining(**given, size=64)), "people": (people, PeopleTraining(**given))
-    }[kind]  # fmt: skip
-    first = load_checkpoint(module.train(options))
+    options = KeypointTraining(
+        renders=store, out=tmp_path / "run", minutes=0.1, size=64, batch=16, backgrounds=8, workers=1
+    )
+    first = load_checkpoint(keypoints.train(options))
     assert first["state"]["images"] == 16 * first["state"]["step"] > 0
     assert taken == [1] * (first["state"]["step"] + 1)  # the first, whose gradients nobody wants, sets it up
-    again = load_checkpoint(module.train(replace(options, minutes=0.05, second=False)))
+    again = load_checkpoint(keypoints.train(replace(options, minutes=0.05, second=False)))
     assert again["state"]["step"] > first["state"]["step"]
     assert all(torch.isfinite(value).all() for value in again["net"].values())

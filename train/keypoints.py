@@ -7,6 +7,7 @@ The loss is the cross-entropy between the softmax over a landmark's cells and a 
 import itertools
 import pathlib
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +32,7 @@ from muybridge.train.options import KeypointTraining
 from muybridge.train.precision import autocast
 from muybridge.train.publish import load_checkpoint
 from muybridge.train.renders import RenderSet, load_renders
-from muybridge.train.second import second_of
+from muybridge.train.second import Second, pays
 
 # Of the virtual markers' loss beside the body landmarks'.
 SURFACE_WEIGHT = 0.5
@@ -190,6 +191,13 @@ def _network_of(model: pathlib.Path) -> KeypointNet:
     return net
 
 
+def _second(net: KeypointNet, options: KeypointTraining) -> AbstractContextManager[Second | None]:
+    """The second process, if it is wished for and pays."""
+    if options.second and pays(options.batch, options.threads, options.minutes):
+        return Second(net, losses_of, options.minutes, options.threads)
+    return nullcontext()
+
+
 def train(options: KeypointTraining) -> pathlib.Path:
     """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
     for name, share, what in (("hard", options.hard, "crops"), ("smaller", options.smaller, "batches")):
@@ -207,6 +215,6 @@ def train(options: KeypointTraining) -> pathlib.Path:
         difficulty = Difficulty(options.out / "difficulty.npy")
         crops = _Crops(pool, options.size, options.smaller, options.batch, difficulty.path, options.hard)
         loss = Loss(difficulty, compiled(losses_of, options.minutes))
-        with second_of(net, losses_of, options) as other:
+        with _second(net, options) as other:
             fit.run(loop.batches(options, crops, fit.state["step"]), loss, other)
     return fit.checkpoint

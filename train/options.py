@@ -98,42 +98,40 @@ class Training:
 
 
 @dataclass(frozen=True)
-class ImageTraining(Training):
-    """How a network is trained on images of synthetic people.
-
-    Attributes:
-        model: fp32 network of ours to begin with, such as the shipped one, where `out` has no run yet.
-        second: what the network's threads and the making of images leave idle of the processors, a second process uses
-            for a part of every batch, in runs of five minutes and more.
-    """
-
-    model: pathlib.Path | None = None
-    second: bool = True
-
-
-@dataclass(frozen=True)
-class KeypointTraining(ImageTraining):
+class KeypointTraining(Training):
     """Train the keypoint network on crops of synthetic people.
 
     Attributes:
         size: side of the crops in pixels, a multiple of 32.
+        model: fp32 network of ours to begin with, such as a shipped one, where `out` has no run yet.
         smaller: share of the batches whose crops are smaller than `size`, as those of the first look at people and of
             people seen in part are. A network that saw one size for long reads no other.
         hard: share of the crops that are drawn by how wrong the network was on their people before.
+        second: what the network's threads and the making of crops leave idle of the processors, a second process uses
+            for a part of every batch, in runs of five minutes and more.
     """
 
     size: int = 128
+    model: pathlib.Path | None = None
     smaller: float = 0.35
     hard: float = 0.0
+    second: bool = True
 
 
 @dataclass(frozen=True)
-class PeopleTraining(ImageTraining):
-    """Train the person detector on scenes of synthetic people."""
+class PeopleTraining(Training):
+    """Train the person detector on scenes of synthetic people.
+
+    Attributes:
+        workers: processes that make the images: a scene takes twice as long as what the network does with it.
+        model: detector of ours to begin with, such as the shipped one, where `out` has no run yet.
+    """
 
     out: pathlib.Path = pathlib.Path("runs/people")
     minutes: float = 30.0
     batch: int = 32
+    workers: int = 2
+    model: pathlib.Path | None = None
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,6 @@
 """Training of the person detector: centres by the focal loss of CenterNet (Zhou et al. 2019), boxes by the
 generalised IoU (Rezatofighi et al. 2019) at the cells round each centre."""
 
-import itertools
-import math
 import pathlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +19,6 @@ from muybridge.train.options import PeopleTraining
 from muybridge.train.precision import autocast
 from muybridge.train.renders import RenderSet, load_renders
 from muybridge.train.scenes import SHAPES, SceneBatch, SceneCompositor
-from muybridge.train.second import second_of
 
 
 @dataclass(frozen=True)
@@ -68,9 +65,7 @@ class _Scenes:
 
     def __call__(self, renders: RenderSet, seed: int) -> Callable[[], loop.Batch]:
         compositor = SceneCompositor(renders, np.load(self.pool, mmap_mode="r"), seed)
-        # No later batch is larger than the first, whose size says how much memory the second process needs.
-        shapes = itertools.chain([max(SHAPES, key=math.prod)], itertools.repeat(None))
-        return lambda: as_tensors(compositor.batch(self.count, next(shapes)))
+        return lambda: as_tensors(compositor.batch(self.count))
 
 
 def as_tensors(batch: SceneBatch) -> tuple[Tensor, ...]:
@@ -154,7 +149,6 @@ def train(options: PeopleTraining) -> pathlib.Path:
             measure_normalisation(net, [validation[0].image.float().div(255)])
         seen = loop.Seen() if model is None else loop.Seen.of(model)
         fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
-        scenes = _Scenes(pool, options.batch)
-        with second_of(net, loss_of, options) as other:
-            fit.run(loop.batches(options, scenes, fit.state["step"]), compiled(loss_of, options.minutes), other)
+        scenes = loop.batches(options, _Scenes(pool, options.batch), fit.state["step"])
+        fit.run(scenes, compiled(loss_of, options.minutes))
     return fit.checkpoint

@@ -11,7 +11,6 @@ import math
 import os
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
@@ -23,7 +22,6 @@ from torch import Tensor, nn
 from muybridge.train import precision
 from muybridge.train.compiled import PAYS_AFTER_MINUTES, compiled
 from muybridge.train.memory import keep_memory
-from muybridge.train.options import ImageTraining
 
 Losses = Callable[..., tuple[Tensor, ...]]
 
@@ -172,13 +170,6 @@ class Second:
         if isinstance(said, str):
             raise RuntimeError(f"the training's second process failed; --no-second does without it: {said}")
         return float(said)
-
-
-def second_of(net: nn.Module, losses: Losses, options: ImageTraining) -> AbstractContextManager[Second | None]:
-    """The second process of a training, if it is wished for and pays."""
-    if options.second and pays(options.batch, options.threads, options.minutes):
-        return Second(net, losses, options.minutes, options.threads)
-    return contextlib.nullcontext()
 
 
 def pays(batch: int, threads: int, minutes: float) -> bool:
