@@ -150,7 +150,8 @@ class SceneCompositor:
                 mine &= (x - (left + right) / 2) * normal[0] + (y - (top + bottom) / 2) * normal[1] > edge
             plate[mine] = frame[mine]
         elif kind < STILL + PARTLY + GHOST:
-            away = np.exp(rng.uniform(np.log(1), np.log(max(2, len(rgba))))) * rng.choice([-1, 1], 2) * rng.random(2)
+            far = max(2, 1.4 * max(rgba.shape[:2]))
+            away = np.exp(rng.uniform(np.log(1), np.log(far))) * rng.choice([-1, 1], 2) * rng.random(2)
             nobody = np.empty_like(owners)
             self._paste(plate, nobody, rgba, np.zeros(4), number, np.round(shift + away).astype(int))
 
@@ -185,25 +186,30 @@ class SceneCompositor:
 
     def _person(self, side: float, roll: float) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
         """A render with its box's longer side `side` pixels: (h, w, 5) and the box in it."""
-        small, _ = self._scaled(int(self.rng.choice(self.whole)), side, roll)
+        small, *_ = self._scaled(int(self.rng.choice(self.whole)), side, roll)
         if self.rng.random() < 0.5:
             small = small[:, ::-1]
         opaque = small[..., 3] > 127
         return small, _extent(opaque if opaque.any() else np.ones_like(opaque))  # a person of a few pixels
 
-    def _scaled(self, index: int, side: float, roll: float) -> tuple[NDArray[np.uint8], float]:
-        """A render (h, w, 5) with its box's longer side `side` pixels, and how much that is of its own."""
+    def _scaled(
+        self, index: int, side: float, roll: float
+    ) -> tuple[NDArray[np.uint8], float, NDArray[np.float64]]:
+        """The part of a render that has something in it (h, w, 5), the person's box with its longer side `side`
+        pixels, how much that is of its own, and where (x, y) in the render made so large the part began."""
         planes, extent = self.renders.pixels_of(index), self.renders.box_px[index]
+        x, y, width, height = cv2.boundingRect(np.maximum(planes[3], planes[4]))
         scale = side / float((extent[2:] - extent[:2]).max())
-        out = max(8, round(planes.shape[-1] * scale))
+        w, h = (max(8, round(n * scale)) for n in (width, height))
         interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-        middle = (out - 1) / 2
-        turn = cv2.getRotationMatrix2D((middle, middle), float(np.degrees(roll)), 1.0)
-        small = np.empty((out, out, 5), np.uint8)
-        for c, plane in enumerate(planes):
-            resized = cv2.resize(plane, (out, out), interpolation=interpolation)
-            small[..., c] = cv2.warpAffine(resized, turn, (out, out), flags=cv2.INTER_LINEAR) if roll else resized
-        return small, scale
+        turn = cv2.getRotationMatrix2D(((w - 1) / 2, (h - 1) / 2), float(np.degrees(roll)), 1.0)
+        across, down = (np.abs(turn[:, :2]) @ [w, h]).round().astype(int).tolist()
+        turn[:, 2] += (across - w) / 2, (down - h) / 2
+        small = np.empty((down, across, 5), np.uint8)
+        for c, plane in enumerate(planes[:, y : y + max(height, 1), x : x + max(width, 1)]):
+            resized = cv2.resize(plane, (w, h), interpolation=interpolation)
+            small[..., c] = cv2.warpAffine(resized, turn, (across, down), flags=cv2.INTER_LINEAR) if roll else resized
+        return small, scale, scale * np.array([x, y], float)
 
     def _near(
         self, frame: NDArray[np.uint8], owners: NDArray[np.int16], number: int
@@ -212,14 +218,15 @@ class SceneCompositor:
         rng = self.rng
         height, width = owners.shape
         index = int(rng.choice(self.near))
-        small, scale = self._scaled(index, float(np.exp(rng.uniform(np.log(90), np.log(330)))), 0.0)
+        small, scale, origin = self._scaled(index, float(np.exp(rng.uniform(np.log(90), np.log(330)))), 0.0)
         nx, ny, edge = (float(v) for v in self.renders.cut_px[index])
-        normal, edge = np.array([nx, ny]), edge * scale
-        rows, columns = np.mgrid[: len(small), : len(small)]
+        normal = np.array([nx, ny])
+        edge = float(np.floor(edge * scale - normal @ origin))  # the last pixel, which the border shall be next to
+        rows, columns = np.mgrid[: len(small), : small.shape[1]]
         small[columns * normal[0] + rows * normal[1] > edge] = 0
         if rng.random() < 0.5:
             small = small[:, ::-1]
-            edge, normal = edge - float(normal[0]) * (len(small) - 1), normal * [-1, 1]
+            edge, normal = edge - float(normal[0]) * (small.shape[1] - 1), normal * [-1, 1]
         opaque = small[..., 3] > 127
         if not opaque.any():
             return np.zeros(4), 0
@@ -252,7 +259,7 @@ class SceneCompositor:
     ) -> tuple[NDArray[np.float64], int]:  # fmt: skip
         """Draws the person into `frame`, moved by `shift`; returns the box there and the silhouette's area."""
         height, width = owners.shape
-        size = person.shape[0]
+        size = np.array(person.shape[1::-1])
         x0, y0 = np.maximum(shift, 0)
         x1, y1 = np.minimum(shift + size, [width, height])
         area = int((person[..., 3] > 127).sum())
