@@ -71,8 +71,7 @@ class _Scenes:
 def as_tensors(batch: SceneBatch) -> tuple[Tensor, ...]:
     """Images and targets for `loss_of`."""
     t = make_targets(batch)
-    image = batch.image.contiguous(memory_format=torch.channels_last)
-    return (image, *(torch.from_numpy(a) for a in (t.heat, t.weight, t.box, t.has_box)))
+    return (batch.image, *(torch.from_numpy(a) for a in (t.heat, t.weight, t.box, t.has_box)))
 
 
 def generalised_iou(a: Tensor, b: Tensor) -> Tensor:

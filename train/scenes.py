@@ -48,14 +48,14 @@ class SceneCompositor:
         """`count` scenes of one shape (height, width)."""
         height, width = shape or SHAPES[self.rng.integers(len(SHAPES))]
         scenes = [self._scene(height, width) for _ in range(count)]
-        frames, plates = (np.stack([s[k] for s in scenes]) for k in range(2))
+        frames = np.stack([s[0] for s in scenes])
         image = self.faults.apply(torch.from_numpy(frames.transpose(0, 3, 1, 2).astype(np.float32)).div_(255))
-        pixels = np.empty((count, 4, height, width), np.uint8)
-        pixels[:, :3] = (image.clamp_(0, 1) * 255).add_(0.5).to(torch.uint8).numpy()
-        for i in range(count):
-            pixels[i, 3] = self._difference(frames[i], plates[i])
-        pixels[:, :3] = self.faults.compress(torch.from_numpy(pixels[:, :3])).numpy()
-        return SceneBatch(torch.from_numpy(pixels), [s[2] for s in scenes], [s[3] for s in scenes])
+        pixels = torch.empty(count, 4, height, width, dtype=torch.uint8).to(memory_format=torch.channels_last)
+        pixels[:, :3] = (image.clamp_(0, 1) * 255).add_(0.5)
+        for one, (frame, plate, *_) in zip(pixels, scenes, strict=True):
+            one[3] = torch.from_numpy(self._difference(frame, plate))
+        self.faults.compress(pixels[:, :3])
+        return SceneBatch(pixels, [s[2] for s in scenes], [s[3] for s in scenes])
 
     def _difference(self, frame: NDArray[np.uint8], plate: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """(H, W) to the background plate, as strong and as noisy as chance has it; in half of the scenes nothing."""
@@ -198,15 +198,16 @@ class SceneCompositor:
         """The part of a render that has something in it (h, w, 5), the person's box with its longer side `side`
         pixels, how much that is of its own, and where (x, y) in the render made so large the part began."""
         planes, extent = self.renders.pixels_of(index), self.renders.box_px[index]
-        x, y, width, height = cv2.boundingRect(np.maximum(planes[3], planes[4]))
+        x, y, *sides = cv2.boundingRect(np.maximum(planes[3], planes[4]))
+        width, height = (max(1, n) for n in sides)  # none where there is nothing
         scale = side / float((extent[2:] - extent[:2]).max())
-        w, h = (max(8, round(n * scale)) for n in (width, height))
+        w, h = (max(1, round(n * scale)) for n in (width, height))
         interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
         turn = cv2.getRotationMatrix2D(((w - 1) / 2, (h - 1) / 2), float(np.degrees(roll)), 1.0)
         across, down = (np.abs(turn[:, :2]) @ [w, h]).round().astype(int).tolist()
         turn[:, 2] += (across - w) / 2, (down - h) / 2
         small = np.empty((down, across, 5), np.uint8)
-        for c, plane in enumerate(planes[:, y : y + max(height, 1), x : x + max(width, 1)]):
+        for c, plane in enumerate(planes[:, y : y + height, x : x + width]):
             resized = cv2.resize(plane, (w, h), interpolation=interpolation)
             small[..., c] = cv2.warpAffine(resized, turn, (across, down), flags=cv2.INTER_LINEAR) if roll else resized
         return small, scale, scale * np.array([x, y], float)
