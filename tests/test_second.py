@@ -70,7 +70,7 @@ def wait_until_ready(other):
 def test_gradients_of_both_processes_add_up_to_those_of_one(monkeypatch):
     # Both in float32: in bfloat16 sums taken in another order differ by more than what is looked for.
     monkeypatch.setattr(precision, "_measured", lambda: False)
-    net, before = small_net(SmoothNet), second._processors()
+    net, before = small_net(SmoothNet), second.processors()
     with Second(net, losses_of, 0.0) as other:
         for seed, (theirs, side) in enumerate(((0, 96), (1, 96), (3, 64), (2, 96))):
             batch = some_batch(seed, side)
@@ -95,7 +95,7 @@ def test_gradients_of_both_processes_add_up_to_those_of_one(monkeypatch):
                 other._ready = False
         process = other._process
     assert not process.is_alive() and process.exitcode == 0
-    assert second._processors() == before
+    assert second.processors() == before
 
 
 def test_what_fails_there_is_told_here():
@@ -150,7 +150,7 @@ def test_each_takes_what_it_manages(own, theirs, chunks):
 
 def test_it_pays_where_a_processor_is_to_spare(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    monkeypatch.setattr(second, "_processors", lambda: [0, 1])
+    monkeypatch.setattr(second, "processors", lambda: [0, 1])
     assert pays(64, 1, 60.0)
     assert not pays(64, 2, 60.0) and not pays(30, 1, 60.0) and not pays(64, 1, 1.0)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)

@@ -32,9 +32,11 @@ def _command_line() -> str:
 
 def synth(options: Annotated[Synthesis, tyro.conf.arg(name="")]) -> None:
     """Make synthetic people to train on: a store of seeded renders and a contact sheet."""
+    from muybridge.train.processors import processors
     from muybridge.train.renders import make_renders
 
-    make_renders(options.out, range(options.shards), options.seed, options.kinds, options.close_ups)
+    processes = len(processors()) if options.processes is None else options.processes
+    make_renders(options.out, range(options.shards), options.seed, options.kinds, options.close_ups, processes)
     if options.sheet:
         from muybridge.train.sheet import write_sheet
 

@@ -27,6 +27,7 @@ from muybridge.train.curves import write_curves
 from muybridge.train.memory import keep_memory
 from muybridge.train.optimiser import Optimisers
 from muybridge.train.options import Training
+from muybridge.train.processors import processors
 from muybridge.train.render import Renderer
 from muybridge.train.renders import SIZE, RenderSet, load_renders, shard_numbers, shard_path
 from muybridge.train.rooms import make_room_pictures
@@ -140,17 +141,28 @@ def _check_renders(options: Training) -> None:
         raise SessionError(f"{options.renders}: none of {first} to {last}, to score with; `muybridge synth` makes them")
 
 
-def batches(options: Training, make: Callable[[RenderSet, int], Callable[[], Batch]], start: int) -> Iterator[Batch]:
-    """Endless training batches from `options.workers` processes.
+def workers(options: Training, on_cpu: int = 1) -> int:
+    """How many processes make the images: those of the options, or `on_cpu` beside a network on the CPU. A GPU waits
+    for them, however many they are."""
+    if options.workers is not None:
+        return options.workers
+    return max(1, len(processors()) - 1) if device().type == "cuda" else on_cpu
+
+
+def batches(
+    options: Training, make: Callable[[RenderSet, int], Callable[[], Batch]], start: int, on_cpu: int = 1
+) -> Iterator[Batch]:
+    """Endless training batches from processes of their own.
 
     Args:
         options: the training's options.
         make: from renders and a seed to a function that gives the next batch; it has to pickle.
         start: step of the run, so that a resumed run sees other images than it saw before.
+        on_cpu: as of `workers`.
     """
-    stream = _Stream(options, make, start)
-    ahead = 4 if options.workers else None
-    return iter(DataLoader(stream, batch_size=None, num_workers=options.workers, prefetch_factor=ahead))
+    stream, count = _Stream(options, make, start), workers(options, on_cpu)
+    ahead = 4 if count else None
+    return iter(DataLoader(stream, batch_size=None, num_workers=count, prefetch_factor=ahead))
 
 
 class _Stream(IterableDataset[Batch]):

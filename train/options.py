@@ -43,6 +43,7 @@ class Synthesis:
         kinds: people in these kinds of generated motion alone (stand, walk, sit, ...), of new shards; else in all, and
             in poses that are wider than motion's.
         close_ups: new shards are of parts of people, seen near, as cameras on a desk see them.
+        processes: that render; as many as there are processors if not given.
         sheet: also composites a contact sheet of training images, `sheet.png`, into the folder.
     """
 
@@ -51,6 +52,7 @@ class Synthesis:
     seed: int = 0
     kinds: tuple[str, ...] = ()
     close_ups: bool = False
+    processes: int | None = None
     sheet: bool = True
 
 
@@ -73,7 +75,7 @@ class Training:
         average: share of the run's steps, up to the last, over which weights are averaged where that is more than 2,000
             steps: 1, the mean of all, suits a network that has long been trained and goes on.
         threads: torch threads of the network; further processes make the images.
-        workers: processes that make the images.
+        workers: processes that make the images; if not given one, where a GPU trains one for every processor but one.
         backgrounds: how many backgrounds the pool holds; half are painted, half are views of rendered rooms.
         seed: of everything.
     """
@@ -88,7 +90,7 @@ class Training:
     decay: float = 0.2
     average: float = 0.0
     threads: int = 1
-    workers: int = 1
+    workers: int | None = None
     backgrounds: int = 5000
     seed: int = 0
 
@@ -123,14 +125,14 @@ class PeopleTraining(Training):
     """Train the person detector on scenes of synthetic people.
 
     Attributes:
-        workers: processes that make the images: a scene takes twice as long as what the network does with it.
+        workers: processes that make the images; if not given two, since a scene takes twice as long as what the
+            network does with it, where a GPU trains one for every processor but one.
         model: detector of ours to begin with, such as the shipped one, where `out` has no run yet.
     """
 
     out: pathlib.Path = pathlib.Path("runs/people")
     minutes: float = 30.0
     batch: int = 32
-    workers: int = 2
     model: pathlib.Path | None = None
 
 

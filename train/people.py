@@ -148,6 +148,6 @@ def train(options: PeopleTraining) -> pathlib.Path:
             measure_normalisation(net, [validation[0].image.float().div(255)])
         seen = loop.Seen() if model is None else loop.Seen.of(model)
         fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
-        scenes = loop.batches(options, _Scenes(pool, options.batch), fit.state["step"])
+        scenes = loop.batches(options, _Scenes(pool, options.batch), fit.state["step"], on_cpu=2)
         fit.run(scenes, compiled(loss_of, options.minutes))
     return fit.checkpoint

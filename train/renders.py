@@ -6,13 +6,20 @@ labels in `markers-<number>.npz`; without, they are NaN and hidden. Shard k of a
 (s, k) alone, on the kinds of motion that were asked for, and on whether they are close-ups.
 """
 
+import functools
+import multiprocessing
+import os
 import pathlib
-from collections.abc import Sequence
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.progress import track
+from rich.progress import Progress
 
 from muybridge.errors import SessionError
 from muybridge.files import replacing
@@ -20,6 +27,7 @@ from muybridge.geometry.landmarks import SURFACE
 from muybridge.train.bodies import BODY_VERTICES, BodyModel
 from muybridge.train.close_ups import sample_close_up
 from muybridge.train.motions import MOTIONS
+from muybridge.train.processors import processors
 from muybridge.train.render import Render, Renderer, View, direction_from_angles, look_at, target_of_pixel
 from muybridge.train.wardrobe import sample_outfit
 
@@ -118,42 +126,113 @@ def shard_numbers(folder: pathlib.Path) -> list[int]:
     return sorted(int(path.stem[-5:]) for path in folder.glob("renders-?????.npz"))
 
 
+@dataclass
+class _Studio:
+    """Where shards are made: a body and what renders it, which begin with the first shard.
+
+    Attributes:
+        folder, seed, kinds, close_ups: as of `make_renders`.
+    """
+
+    folder: pathlib.Path
+    seed: int
+    kinds: tuple[str, ...]
+    close_ups: bool
+
+    @functools.cached_property
+    def _equipment(self) -> tuple[BodyModel, Renderer]:
+        body = BodyModel(self.seed)
+        body.kinds = self.kinds
+        return body, Renderer(body)
+
+    def make(self, number: int) -> str:
+        """Writes a shard; returns the name of what rendered it."""
+        body, renderer = self._equipment
+        body.rng = np.random.default_rng([self.seed, number])
+        body.poses.rng = body.rng
+        renders = render_shard(body, renderer, self.close_ups)
+        path = shard_path(self.folder, number)
+        pixels = np.stack([np.concatenate([r.rgba.transpose(2, 0, 1), r.shadow[None]]) for r in renders])
+        labels = ("landmarks_px", "visible", "box_px", "markers_px", "markers_visible", "cut_px")
+        with replacing(path.with_suffix(".npy")) as temporary:
+            np.save(temporary, pixels)
+        with replacing(path) as temporary:
+            np.savez(temporary, **{k: np.stack([getattr(r, k) for r in renders]) for k in labels})  # type: ignore[arg-type]
+        return renderer.device
+
+
+_studio: _Studio | None = None  # of a process that `make_renders` started
+
+
+def _begin(studio: _Studio, threads: int) -> None:
+    """Sets up a process of `make_renders`, which ends with its parent, however that ends."""
+    global _studio
+    _studio = studio
+    os.environ.setdefault("LP_NUM_THREADS", str(threads))  # llvmpipe's, which takes all processors otherwise
+    signal.signal(signal.SIGINT, _stop)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+def _stop(*_: object) -> None:
+    """What is half written is removed, and no other shard begun."""
+    global _studio
+    _studio = None
+    raise KeyboardInterrupt
+
+
+def _make(number: int) -> str:
+    if _studio is None:
+        raise KeyboardInterrupt
+    return _studio.make(number)
+
+
 def make_renders(
-    folder: pathlib.Path, numbers: range, seed: int, kinds: Sequence[str] = (), close_ups: bool = False
-) -> None:
+    folder: pathlib.Path, numbers: range, seed: int, kinds: Sequence[str] = (), close_ups: bool = False,
+    processes: int = 1,
+) -> None:  # fmt: skip
     """Writes the shards `numbers` that are not there yet, of people in these `kinds` of motion alone if there are any,
-    and of parts of them if they are `close_ups`.
+    and of parts of them if they are `close_ups`; the same in one process or several.
 
     Raises:
         SessionError: there is no such kind.
     """
     if unknown := sorted(set(kinds) - set(MOTIONS)):
         raise SessionError(f"no kind of motion is called {', '.join(unknown)}: there are {', '.join(MOTIONS)}")
+    if processes < 1:
+        raise SessionError(f"{processes} processes: it takes at least one to render")
     folder.mkdir(parents=True, exist_ok=True)
     missing = [n for n in numbers if not shard_path(folder, n).exists()]
     if not missing:
         return
-    body = BodyModel(seed)
-    body.kinds = tuple(kinds)
-    renderer = Renderer(body)
-    for number in track(missing, f"rendering on {renderer.device}"):
-        path = shard_path(folder, number)
-        body.rng = np.random.default_rng([seed, number])
-        body.poses.rng = body.rng
-        renders = render_shard(body, renderer, close_ups)
-        pixels = np.stack([np.concatenate([r.rgba.transpose(2, 0, 1), r.shadow[None]]) for r in renders])
-        with replacing(path.with_suffix(".npy")) as temporary:
-            np.save(temporary, pixels)
-        with replacing(path) as temporary:
-            np.savez(
-                temporary,
-                landmarks_px=np.stack([r.landmarks_px for r in renders]),
-                visible=np.stack([r.visible for r in renders]),
-                box_px=np.stack([r.box_px for r in renders]),
-                markers_px=np.stack([r.markers_px for r in renders]),
-                markers_visible=np.stack([r.markers_visible for r in renders]),
-                cut_px=np.stack([r.cut_px for r in renders]),
-            )
+    studio, processes = _Studio(folder, seed, tuple(kinds), close_ups), min(processes, len(missing))
+    with Progress() as progress:
+        bar = progress.add_task("rendering", total=len(missing))
+        made = map(studio.make, missing) if processes == 1 else _made_by_several(studio, missing, processes)
+        for device in made:
+            progress.update(bar, advance=1, description=f"rendering on {device}")
+
+
+def _made_by_several(studio: _Studio, numbers: Sequence[int], processes: int) -> Iterator[str]:
+    """Has shards made by processes of their own; gives, as each is there, the name of what rendered it."""
+    context, threads = multiprocessing.get_context("spawn"), max(1, len(processors()) // processes)
+    pool = ProcessPoolExecutor(processes, context, _begin, (studio, threads))
+    try:
+        for done in as_completed([pool.submit(_make, number) for number in numbers]):
+            yield done.result()
+    except BrokenProcessPool as error:
+        raise SessionError(
+            f"{studio.folder}: a process that rendered was ended, perhaps for want of memory: --processes "
+            f"{max(1, processes // 2)} needs less; the shards that are whole stay"
+        ) from error
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def load_renders(folder: pathlib.Path, numbers: range | None = None) -> RenderSet:

@@ -22,6 +22,7 @@ from torch import Tensor, nn
 from muybridge.train import precision
 from muybridge.train.compiled import PAYS_AFTER_MINUTES, compiled
 from muybridge.train.memory import keep_memory
+from muybridge.train.processors import processors
 
 Losses = Callable[..., tuple[Tensor, ...]]
 
@@ -58,7 +59,7 @@ class Second:
 
     def __init__(self, net: nn.Module, losses: Losses, minutes: float, threads: int = 1) -> None:
         self._losses, self._minutes = losses, minutes
-        self._processors = _processors()
+        self._processors = processors()
         self._tight = threads == 1 and len(self._processors) == 2 and hasattr(os, "sched_setaffinity")
         self._parameters = list(net.parameters())
         self._shared: _Shared | None = None
@@ -175,15 +176,8 @@ class Second:
 def pays(batch: int, threads: int, minutes: float) -> bool:
     """Whether a training has a second process: on a CPU with a processor more than the network's threads, in a run
     that is long enough to compile twice, with batches that can be divided."""
-    spare = len(_processors()) > threads
+    spare = len(processors()) > threads
     return not torch.cuda.is_available() and spare and minutes >= PAYS_AFTER_MINUTES and batch % CHUNKS == 0
-
-
-def _processors() -> list[int]:
-    """Those that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return sorted(os.sched_getaffinity(0))
-    return list(range(os.cpu_count() or 1))
 
 
 def _memory(tensor: Tensor) -> Tensor:

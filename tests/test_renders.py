@@ -1,0 +1,125 @@
+import importlib
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from muybridge.errors import SessionError
+from muybridge.train import loop, renders
+from muybridge.train.options import KeypointTraining, PeopleTraining
+from muybridge.train.renders import make_renders
+
+# Where the processes find it too.
+STUDIOS = """
+import os, signal, time
+from dataclasses import dataclass
+from pathlib import Path
+from muybridge.errors import SessionError
+
+@dataclass
+class Quick:
+    folder: Path
+
+    def make(self, number):
+        time.sleep(0.2)
+        (self.folder / str(number)).write_text(str(os.getpid()))
+        return "nothing"
+
+class Failing(Quick):
+    def make(self, number):
+        if number == 2:
+            raise SessionError("shard 2 fails")
+        return super().make(number)
+
+class Dying(Quick):
+    def make(self, number):
+        if number == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().make(number)
+"""
+
+
+@pytest.fixture
+def studios(tmp_path, monkeypatch):
+    (tmp_path / "render_studios.py").write_text(STUDIOS)
+    monkeypatch.syspath_prepend(tmp_path)
+    return importlib.import_module("render_studios")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "store").mkdir()
+    return tmp_path / "store"
+
+
+def test_several_processes_make_every_shard_once(studios, folder):
+    assert list(renders._made_by_several(studios.Quick(folder), range(8), 2)) == ["nothing"] * 8
+
+    makers = {path.read_text() for path in folder.iterdir()}
+    assert sorted(int(path.name) for path in folder.iterdir()) == list(range(8))
+    assert len(makers) == 2 and str(os.getpid()) not in makers
+
+
+def test_what_goes_wrong_in_a_process_is_told(studios, folder):
+    with pytest.raises(SessionError, match="shard 2 fails"):
+        list(renders._made_by_several(studios.Failing(folder), range(4), 2))
+    with pytest.raises(SessionError, match="--processes 1"):
+        list(renders._made_by_several(studios.Dying(folder), range(4), 2))
+    with pytest.raises(SessionError, match="at least one"):
+        make_renders(folder, range(4), 0, processes=0)
+
+
+WAITING = """
+import pathlib, sys, time
+from muybridge.train import renders
+
+class Slow:
+    folder = pathlib.Path(sys.argv[1])
+    def make(self, number):
+        import os
+        (self.folder / str(number)).write_text(str(os.getpid()))
+        time.sleep(60)
+        return "nothing"
+
+if __name__ == "__main__":
+    list(renders._made_by_several(Slow(), range(4), 2))
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_processes_end_with_their_parent(tmp_path, folder, how):
+    script = tmp_path / "waiting.py"
+    script.write_text(WAITING)
+    with subprocess.Popen(
+        [sys.executable, str(script), str(folder)], start_new_session=True, stderr=subprocess.DEVNULL
+    ) as parent:
+        deadline = time.monotonic() + 60
+        while len(list(folder.iterdir())) < 2:
+            assert time.monotonic() < deadline and parent.poll() is None
+            time.sleep(0.05)
+        # A terminal's interrupt goes to all, a kill to one.
+        (os.killpg if how == signal.SIGINT else os.kill)(parent.pid, how)
+        parent.wait(20)
+    makers = [int(path.read_text()) for path in folder.iterdir()]
+    while any(alive(pid) for pid in makers):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    assert len(makers) == 2  # no other shard was begun
+
+
+def alive(pid):
+    try:
+        return pathlib.Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_a_gpu_has_all_processors_but_one_make_its_images(monkeypatch):
+    monkeypatch.setattr(loop, "processors", lambda: list(range(16)))
+    assert loop.workers(KeypointTraining()) == 1 and loop.workers(PeopleTraining(), on_cpu=2) == 2
+    monkeypatch.setattr(loop.torch.cuda, "is_available", lambda: True)
+    assert loop.workers(KeypointTraining()) == 15 and loop.workers(KeypointTraining(workers=3)) == 3
