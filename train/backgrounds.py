@@ -160,10 +160,10 @@ def sample_background(rng: np.random.Generator, size: int) -> NDArray[np.uint8]:
     return np.asarray(np.clip(image * exposure, 0, 1) * 255, np.uint8)
 
 
-def make_backgrounds(count: int, size: int, seed: int) -> NDArray[np.uint8]:
-    """(count, 3, size, size) uint8."""
+def make_backgrounds(count: int, size: int, seed: int, first: int = 0) -> NDArray[np.uint8]:
+    """(count, 3, size, size) uint8: those of the seed from the `first`."""
     cv2.setNumThreads(1)
     out = np.empty((count, 3, size, size), np.uint8)
     for i in range(count):
-        out[i] = sample_background(np.random.default_rng([seed, i]), size).transpose(2, 0, 1)
+        out[i] = sample_background(np.random.default_rng([seed, first + i]), size).transpose(2, 0, 1)
     return out

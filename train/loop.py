@@ -20,17 +20,14 @@ from muybridge.errors import SessionError
 from muybridge.files import replacing
 from muybridge.models.weights_from_onnx import trained_for
 from muybridge.train import precision
-from muybridge.train.backgrounds import make_backgrounds
+from muybridge.train.background_pool import make_background_pool
 from muybridge.train.beside import Beside
-from muybridge.train.bodies import BodyModel
 from muybridge.train.curves import write_curves
 from muybridge.train.memory import keep_memory
 from muybridge.train.optimiser import Optimisers
 from muybridge.train.options import Training
 from muybridge.train.processors import processors
-from muybridge.train.render import Renderer
-from muybridge.train.renders import SIZE, RenderSet, load_renders, shard_numbers, shard_path
-from muybridge.train.rooms import make_room_pictures
+from muybridge.train.renders import RenderSet, load_renders, shard_numbers, shard_path
 from muybridge.train.second import Second
 
 # The first shards of a store are never trained on.
@@ -194,12 +191,7 @@ def background_pool(options: Training) -> pathlib.Path:
     views of rendered rooms."""
     path = options.out.parent / f"pool-{options.backgrounds}-{options.seed}.npy"
     if not path.exists():
-        rooms = options.backgrounds // 2
-        renderer = Renderer(BodyModel(options.seed))
-        pictures = [make_backgrounds(options.backgrounds - rooms, SIZE, options.seed),
-                    make_room_pictures(renderer, rooms, SIZE, options.seed)]  # fmt: skip
-        with replacing(path) as temporary:
-            np.save(temporary, np.concatenate(pictures))
+        make_background_pool(path, options.backgrounds, options.seed)
     return path
 
 

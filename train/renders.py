@@ -7,14 +7,8 @@ labels in `markers-<number>.npz`; without, they are NaN and hidden. Shard k of a
 """
 
 import functools
-import multiprocessing
-import os
 import pathlib
-import signal
-import threading
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,7 +21,7 @@ from muybridge.geometry.landmarks import SURFACE
 from muybridge.train.bodies import BODY_VERTICES, BodyModel
 from muybridge.train.close_ups import sample_close_up
 from muybridge.train.motions import MOTIONS
-from muybridge.train.processors import processors
+from muybridge.train.processes import shared_out
 from muybridge.train.render import Render, Renderer, View, direction_from_angles, look_at, target_of_pixel
 from muybridge.train.wardrobe import sample_outfit
 
@@ -161,38 +155,6 @@ class _Studio:
         return renderer.device
 
 
-_studio: _Studio | None = None  # of a process that `make_renders` started
-
-
-def _begin(studio: _Studio, threads: int) -> None:
-    """Sets up a process of `make_renders`, which ends with its parent, however that ends."""
-    global _studio
-    _studio = studio
-    os.environ.setdefault("LP_NUM_THREADS", str(threads))  # llvmpipe's, which takes all processors otherwise
-    signal.signal(signal.SIGINT, _stop)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
-
-
-def _stop(*_: object) -> None:
-    """What is half written is removed, and no other shard begun."""
-    global _studio
-    _studio = None
-    raise KeyboardInterrupt
-
-
-def _make(number: int) -> str:
-    if _studio is None:
-        raise KeyboardInterrupt
-    return _studio.make(number)
-
-
 def make_renders(
     folder: pathlib.Path, numbers: range, seed: int, kinds: Sequence[str] = (), close_ups: bool = False,
     processes: int = 1,
@@ -211,28 +173,11 @@ def make_renders(
     missing = [n for n in numbers if not shard_path(folder, n).exists()]
     if not missing:
         return
-    studio, processes = _Studio(folder, seed, tuple(kinds), close_ups), min(processes, len(missing))
+    studio = _Studio(folder, seed, tuple(kinds), close_ups)
     with Progress() as progress:
         bar = progress.add_task("rendering", total=len(missing))
-        made = map(studio.make, missing) if processes == 1 else _made_by_several(studio, missing, processes)
-        for device in made:
+        for device in shared_out(studio.make, missing, processes):
             progress.update(bar, advance=1, description=f"rendering on {device}")
-
-
-def _made_by_several(studio: _Studio, numbers: Sequence[int], processes: int) -> Iterator[str]:
-    """Has shards made by processes of their own; gives, as each is there, the name of what rendered it."""
-    context, threads = multiprocessing.get_context("spawn"), max(1, len(processors()) // processes)
-    pool = ProcessPoolExecutor(processes, context, _begin, (studio, threads))
-    try:
-        for done in as_completed([pool.submit(_make, number) for number in numbers]):
-            yield done.result()
-    except BrokenProcessPool as error:
-        raise SessionError(
-            f"{studio.folder}: a process that rendered was ended, perhaps for want of memory: --processes "
-            f"{max(1, processes // 2)} needs less; the shards that are whole stay"
-        ) from error
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def load_renders(folder: pathlib.Path, numbers: range | None = None) -> RenderSet:

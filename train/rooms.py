@@ -10,7 +10,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from rich.progress import track
 
 from muybridge.train.render import SHADERS, Renderer, View, look_at
 
@@ -309,12 +308,13 @@ def room_view(rng: np.random.Generator, builder: RoomBuilder, size: int) -> View
     return View(pose, size * distance / span, (middle, middle), size, size)
 
 
-def make_room_pictures(renderer: Renderer, count: int, size: int, seed: int) -> NDArray[np.uint8]:
-    """(count, 3, size, size) uint8: `VIEWS_EACH` views of each of as many rooms as it takes."""
+def make_room_pictures(renderer: Renderer, count: int, size: int, seed: int, first: int = 0) -> NDArray[np.uint8]:
+    """(count, 3, size, size) uint8: `VIEWS_EACH` views of each of as many rooms as it takes, those of the seed from the
+    `first`, which a room has to begin with."""
     painter = RoomPainter(renderer)
     out = np.empty((count, 3, size, size), np.uint8)
-    for start in track(range(0, count, VIEWS_EACH), "rendering rooms", transient=True):
-        rng = np.random.default_rng([seed, start])
+    for start in range(0, count, VIEWS_EACH):
+        rng = np.random.default_rng([seed, first + start])
         array, builder = painter.build(rng)
         for i in range(start, min(start + VIEWS_EACH, count)):
             picture = painter.picture(array, room_view(rng, builder, size)).astype(np.float32)

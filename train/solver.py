@@ -1,12 +1,12 @@
 """Training of the solver's network: what the classical fit is off on synthetic people, from what it left over."""
 
-import multiprocessing
+import functools
 import pathlib
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import torch
+from rich.progress import track
 from torch import Tensor, nn
 
 from muybridge.errors import SessionError
@@ -15,6 +15,7 @@ from muybridge.geometry.solver_features import ANGLE, LENGTH, carriers, mirrored
 from muybridge.models.solver_net import SolverNet
 from muybridge.train import loop
 from muybridge.train.options import SolverTraining
+from muybridge.train.processes import shared_out
 from muybridge.train.solver_fits import load_fits, make_fits
 from muybridge.train.solver_linear import solve_linear
 
@@ -74,23 +75,18 @@ def _stream(options: SolverTraining, start: int) -> Iterator[loop.Batch]:
         yield batch
 
 
-def _make_shard(options: SolverTraining, shard: int, followed: bool) -> None:
+def _make_shard(options: SolverTraining, followed: bool, shard: int) -> None:
     make_fits(options.clips, options.out / "fits", range(shard, shard + 1), options.seed, followed)
 
 
 def _make_all(options: SolverTraining) -> None:
     """Fits of all shards and of those who follow them, in `options.workers` processes."""
-    every = range(options.shards)
-    if options.workers:
-        with ProcessPoolExecutor(options.workers, multiprocessing.get_context("spawn")) as pool:
-            # Those who follow need the clips of the others.
-            for followed in (False, True):
-                fits = options.out / "fits" / ("followed" if followed else "")
-                missing = [k for k in every if not (fits / f"{k:05}.npz").exists()]
-                list(pool.map(_make_shard, [options] * len(missing), missing, [followed] * len(missing)))
-    else:
-        for followed in (False, True):
-            make_fits(options.clips, options.out / "fits", every, options.seed, followed)
+    for followed in (False, True):  # who need the clips of the others
+        fits = options.out / "fits" / ("followed" if followed else "")
+        missing = [k for k in range(options.shards) if not (fits / f"{k:05}.npz").exists()]
+        made = shared_out(functools.partial(_make_shard, options, followed), missing, options.workers)
+        for _ in track(made, "fits", total=len(missing), transient=True):
+            pass
 
 
 def train(options: SolverTraining) -> pathlib.Path:

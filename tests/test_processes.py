@@ -9,8 +9,9 @@ import time
 import pytest
 
 from muybridge.errors import SessionError
-from muybridge.train import loop, renders
+from muybridge.train import loop
 from muybridge.train.options import KeypointTraining, PeopleTraining
+from muybridge.train.processes import shared_out
 from muybridge.train.renders import make_renders
 
 # Where the processes find it too.
@@ -35,6 +36,11 @@ class Failing(Quick):
             raise SessionError("shard 2 fails")
         return super().make(number)
 
+class Slow(Quick):
+    def make(self, number):
+        super().make(number)
+        time.sleep(60)
+
 class Dying(Quick):
     def make(self, number):
         if number == 2:
@@ -57,7 +63,7 @@ def folder(tmp_path):
 
 
 def test_several_processes_make_every_shard_once(studios, folder):
-    assert list(renders._made_by_several(studios.Quick(folder), range(8), 2)) == ["nothing"] * 8
+    assert list(shared_out(studios.Quick(folder).make, range(8), 2)) == ["nothing"] * 8
 
     makers = {path.read_text() for path in folder.iterdir()}
     assert sorted(int(path.name) for path in folder.iterdir()) == list(range(8))
@@ -66,32 +72,24 @@ def test_several_processes_make_every_shard_once(studios, folder):
 
 def test_what_goes_wrong_in_a_process_is_told(studios, folder):
     with pytest.raises(SessionError, match="shard 2 fails"):
-        list(renders._made_by_several(studios.Failing(folder), range(4), 2))
-    with pytest.raises(SessionError, match="--processes 1"):
-        list(renders._made_by_several(studios.Dying(folder), range(4), 2))
+        list(shared_out(studios.Failing(folder).make, range(4), 2))
+    with pytest.raises(SessionError, match="one of 2 processes"):
+        list(shared_out(studios.Dying(folder).make, range(4), 2))
     with pytest.raises(SessionError, match="at least one"):
         make_renders(folder, range(4), 0, processes=0)
 
 
+# No `if __name__ == "__main__"`, as in a user's script.
 WAITING = """
-import pathlib, sys, time
-from muybridge.train import renders
-
-class Slow:
-    folder = pathlib.Path(sys.argv[1])
-    def make(self, number):
-        import os
-        (self.folder / str(number)).write_text(str(os.getpid()))
-        time.sleep(60)
-        return "nothing"
-
-if __name__ == "__main__":
-    list(renders._made_by_several(Slow(), range(4), 2))
+import pathlib, sys
+from render_studios import Slow
+from muybridge.train.processes import shared_out
+list(shared_out(Slow(pathlib.Path(sys.argv[1])).make, range(4), 2))
 """
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_processes_end_with_their_parent(tmp_path, folder, how):
+def test_processes_end_with_their_parent(tmp_path, studios, folder, how):
     script = tmp_path / "waiting.py"
     script.write_text(WAITING)
     with subprocess.Popen(

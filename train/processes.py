@@ -1,0 +1,92 @@
+"""Work that is shared out among processes of their own."""
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from muybridge.errors import SessionError
+from muybridge.train.processors import processors
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+
+def shared_out(work: Callable[[_Item], _Result], items: Sequence[_Item], processes: int) -> Iterator[_Result]:
+    """What `work` makes of each item, in the order in which it is done. They end with this process, however that ends.
+
+    Args:
+        work: has to pickle; each process has one copy of it for all its items. In this process where one is enough.
+        items: have to pickle, and so do the results.
+        processes: how many at most.
+
+    Raises:
+        SessionError: a process was ended from outside.
+    """
+    processes = min(processes, len(items))
+    if processes <= 1:
+        yield from map(work, items)
+        return
+    context, threads = multiprocessing.get_context("spawn"), max(1, len(processors()) // processes)
+    pool = ProcessPoolExecutor(processes, context, _begin, (work, threads))
+    try:
+        with _without_main():
+            waiting = [pool.submit(_do, item) for item in items]
+        for done in as_completed(waiting):
+            yield done.result()
+    except BrokenProcessPool as error:
+        raise SessionError(
+            f"one of {processes} processes was ended, perhaps for want of memory; fewer need less. What was whole stays"
+        ) from error
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _without_main() -> Iterator[None]:
+    """Processes that are started within do not run the program's own file again, which may not expect it (no `if
+    __name__ == "__main__"`) or be no file."""
+    main = sys.modules["__main__"]
+    file = {name: main.__dict__.pop(name) for name in ("__file__", "__spec__") if name in main.__dict__}
+    main.__spec__ = None
+    try:
+        yield
+    finally:
+        main.__dict__.update(**file)
+
+
+_work: Callable[[Any], Any] | None = None  # of a process that `shared_out` started
+
+
+def _begin(work: Callable[[Any], Any], threads: int) -> None:
+    global _work
+    _work = work
+    os.environ.setdefault("LP_NUM_THREADS", str(threads))  # llvmpipe's, which takes all processors otherwise
+    signal.signal(signal.SIGINT, _stop)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+def _stop(*_: object) -> None:
+    """What is half written is removed, and nothing else begun."""
+    global _work
+    _work = None
+    raise KeyboardInterrupt
+
+
+def _do(item: Any) -> Any:
+    if _work is None:
+        raise KeyboardInterrupt
+    return _work(item)
