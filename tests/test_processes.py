@@ -20,6 +20,7 @@ import os, signal, time
 from dataclasses import dataclass
 from pathlib import Path
 from muybridge.errors import SessionError
+from muybridge.train.processes import one_at_a_time
 
 @dataclass
 class Quick:
@@ -40,6 +41,13 @@ class Slow(Quick):
     def make(self, number):
         super().make(number)
         time.sleep(60)
+
+class Alone(Quick):
+    def make(self, number):
+        with one_at_a_time("test"):
+            with open(self.folder / "busy", "x"):  # nobody else's
+                super().make(number)
+            (self.folder / "busy").unlink()
 
 class Dying(Quick):
     def make(self, number):
@@ -68,6 +76,10 @@ def test_several_processes_make_every_shard_once(studios, folder):
     makers = {path.read_text() for path in folder.iterdir()}
     assert sorted(int(path.name) for path in folder.iterdir()) == list(range(8))
     assert len(makers) == 2 and str(os.getpid()) not in makers
+
+
+def test_one_at_a_time(studios, folder):
+    assert list(shared_out(studios.Alone(folder).make, range(6), 2)) == [None] * 6
 
 
 def test_what_goes_wrong_in_a_process_is_told(studios, folder):

@@ -16,6 +16,7 @@ from muybridge.train.motions import MOTIONS, MotionSampler
 from muybridge.train.penetration import penetrates
 from muybridge.train.poses import KINDS as STATIC
 from muybridge.train.poses import Poses, PoseSampler
+from muybridge.train.processes import one_at_a_time
 
 F32 = NDArray[np.float32]
 
@@ -72,7 +73,9 @@ class BodyModel:
         self._torch = torch
         self.rng = np.random.default_rng(seed)
         torch.set_num_threads(1)
-        self.model = anny.Anny(topology="anny-full", phenotypes="all", skinning_method="lbs")
+        # The first on a machine works for minutes on files that the others read.
+        with one_at_a_time("anny"):
+            self.model = anny.Anny(topology="anny-full", phenotypes="all", skinning_method="lbs")
         self.model = self.model.to(dtype=torch.float32).eval()
         self.regressor = anny.KeypointsRegressor.coco(self.model)
         self.bones: list[str] = list(self.model.bone_labels)

@@ -2,8 +2,10 @@
 
 import multiprocessing
 import os
+import pathlib
 import signal
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -59,6 +61,20 @@ def _without_main() -> Iterator[None]:
         yield
     finally:
         main.__dict__.update(**file)
+
+
+@contextmanager
+def one_at_a_time(what: str) -> Iterator[None]:
+    """Of a user's processes that have a name in common, one is in the block at a time; on systems without such locks
+    all of them."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with (pathlib.Path(tempfile.gettempdir()) / f"muybridge-{os.getuid()}-{what}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # until it is closed
+        yield
 
 
 _work: Callable[[Any], Any] | None = None  # of a process that `shared_out` started
