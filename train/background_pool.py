@@ -11,8 +11,7 @@ from rich.progress import Progress
 from muybridge.files import replacing
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.bodies import BodyModel
-from muybridge.train.processes import shared_out
-from muybridge.train.processors import processors
+from muybridge.train.processes import processors, shared_out
 from muybridge.train.render import Renderer
 from muybridge.train.renders import SIZE
 from muybridge.train.rooms import VIEWS_EACH, make_room_pictures

@@ -32,7 +32,7 @@ def _command_line() -> str:
 
 def synth(options: Annotated[Synthesis, tyro.conf.arg(name="")]) -> None:
     """Make synthetic people to train on: a store of seeded renders and a contact sheet."""
-    from muybridge.train.processors import processors
+    from muybridge.train.processes import processors
     from muybridge.train.renders import make_renders
 
     processes = len(processors()) if options.processes is None else options.processes

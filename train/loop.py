@@ -26,7 +26,7 @@ from muybridge.train.curves import write_curves
 from muybridge.train.memory import keep_memory
 from muybridge.train.optimiser import Optimisers
 from muybridge.train.options import Training
-from muybridge.train.processors import processors
+from muybridge.train.processes import processors
 from muybridge.train.renders import RenderSet, load_renders, shard_numbers, shard_path
 from muybridge.train.second import Second
 

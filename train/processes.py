@@ -1,4 +1,4 @@
-"""Work that is shared out among processes of their own."""
+"""Processors, and work that is shared out among processes of their own."""
 
 import multiprocessing
 import os
@@ -14,10 +14,16 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from muybridge.errors import SessionError
-from muybridge.train.processors import processors
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
+
+
+def processors() -> list[int]:
+    """The numbers of those that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
 
 
 def shared_out(work: Callable[[_Item], _Result], items: Sequence[_Item], processes: int) -> Iterator[_Result]:

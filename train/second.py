@@ -22,7 +22,7 @@ from torch import Tensor, nn
 from muybridge.train import precision
 from muybridge.train.compiled import PAYS_AFTER_MINUTES, compiled
 from muybridge.train.memory import keep_memory
-from muybridge.train.processors import processors
+from muybridge.train.processes import processors
 
 Losses = Callable[..., tuple[Tensor, ...]]
 
