@@ -25,7 +25,7 @@ import pathlib, shutil, sys, time
 from muybridge.files import replacing
 from muybridge.train import beside
 
-def copies(folder, numbers, seed):
+def copies(folder, numbers, seed, processes):
     for number in numbers:
         if (folder / f"renders-{number:05d}.npz").exists():
             continue

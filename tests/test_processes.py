@@ -9,7 +9,7 @@ import time
 import pytest
 
 from muybridge.errors import SessionError
-from muybridge.train import loop
+from muybridge.train import loop, processes
 from muybridge.train.options import KeypointTraining, PeopleTraining
 from muybridge.train.processes import shared_out
 from muybridge.train.renders import make_renders
@@ -100,8 +100,10 @@ list(shared_out(Slow(pathlib.Path(sys.argv[1])).make, range(4), 2))
 """
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_processes_end_with_their_parent(tmp_path, studios, folder, how):
+@pytest.mark.parametrize(
+    ("how", "to"), [(signal.SIGKILL, os.kill), (signal.SIGINT, os.kill), (signal.SIGINT, os.killpg)]
+)
+def test_processes_end_with_their_parent(tmp_path, studios, folder, how, to):
     script = tmp_path / "waiting.py"
     script.write_text(WAITING)
     with subprocess.Popen(
@@ -111,8 +113,7 @@ def test_processes_end_with_their_parent(tmp_path, studios, folder, how):
         while len(list(folder.iterdir())) < 2:
             assert time.monotonic() < deadline and parent.poll() is None
             time.sleep(0.05)
-        # A terminal's interrupt goes to all, a kill to one.
-        (os.killpg if how == signal.SIGINT else os.kill)(parent.pid, how)
+        to(parent.pid, how)  # a terminal's interrupt goes to the whole group
         parent.wait(20)
     makers = [int(path.read_text()) for path in folder.iterdir()]
     while any(alive(pid) for pid in makers):
@@ -126,6 +127,12 @@ def alive(pid):
         return pathlib.Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except FileNotFoundError:
         return False
+
+
+def test_processes_take_half_of_the_memory_at_most(monkeypatch):
+    monkeypatch.setattr(processes, "processors", lambda: list(range(16)))
+    monkeypatch.setattr(processes.os, "sysconf", lambda name: {"SC_PHYS_PAGES": 4_000_000, "SC_PAGE_SIZE": 4096}[name])
+    assert processes.affordable(1e9) == 8 and processes.affordable(1e8) == 16 and processes.affordable(1e11) == 1
 
 
 def test_a_gpu_has_all_processors_but_one_make_its_images(monkeypatch):

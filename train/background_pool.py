@@ -11,9 +11,9 @@ from rich.progress import Progress
 from muybridge.files import replacing
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.bodies import BodyModel
-from muybridge.train.processes import processors, shared_out
+from muybridge.train.processes import affordable, shared_out
 from muybridge.train.render import Renderer
-from muybridge.train.renders import SIZE
+from muybridge.train.renders import MEMORY, SIZE
 from muybridge.train.rooms import VIEWS_EACH, make_room_pictures
 
 # Pictures that are made at once: whole rooms.
@@ -49,7 +49,7 @@ def make_background_pool(path: pathlib.Path, count: int, seed: int) -> None:
         for first in range(0, total, _PART)
     ]
     pictures = np.empty((count, 3, SIZE, SIZE), np.uint8)
-    processes = min(len(processors()), max(1, count // _PAYS))
+    processes = min(affordable(MEMORY), max(1, count // _PAYS))
     with Progress(transient=True) as progress:
         bar = progress.add_task("backgrounds", total=count)
         for kind, first, made in shared_out(_Backdrops(seed).part, parts, processes):

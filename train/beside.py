@@ -1,4 +1,4 @@
-"""Renders that are made while a network is trained on them, by a process of its own."""
+"""Renders that are made while a network is trained on them, by processes of their own."""
 
 import _thread
 import contextlib
@@ -15,7 +15,8 @@ from rich.console import Console
 
 from muybridge.errors import SessionError
 from muybridge.files import replacing
-from muybridge.train.renders import make_renders, shard_numbers
+from muybridge.train.processes import affordable
+from muybridge.train.renders import MEMORY, make_renders, shard_numbers
 
 # Lies in a store as long as such a process has work left, so that a killed training's successor takes it up. Stores
 # that `muybridge synth` made are left as they are.
@@ -109,7 +110,10 @@ def main(folder: pathlib.Path, shards: int, seed: int) -> None:
 
     def wait_for_end() -> None:
         sys.stdin.buffer.read()
-        _thread.interrupt_main()
+        if hasattr(signal, "pthread_kill"):  # which wakes a thread that waits for processes, too
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+        else:
+            _thread.interrupt_main()
 
     # A shell's background jobs, and all that they start, ignore the interrupt, and Python's own then does nothing.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -117,7 +121,7 @@ def main(folder: pathlib.Path, shards: int, seed: int) -> None:
     if hasattr(os, "nice"):
         os.nice(5)
     with contextlib.suppress(KeyboardInterrupt):  # what is half written is removed
-        make_renders(folder, range(shards), seed)
+        make_renders(folder, range(shards), seed, processes=affordable(MEMORY))
         (folder / PLAN).unlink(missing_ok=True)
 
 

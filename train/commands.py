@@ -32,10 +32,10 @@ def _command_line() -> str:
 
 def synth(options: Annotated[Synthesis, tyro.conf.arg(name="")]) -> None:
     """Make synthetic people to train on: a store of seeded renders and a contact sheet."""
-    from muybridge.train.processes import processors
-    from muybridge.train.renders import make_renders
+    from muybridge.train.processes import affordable
+    from muybridge.train.renders import MEMORY, make_renders
 
-    processes = len(processors()) if options.processes is None else options.processes
+    processes = affordable(MEMORY) if options.processes is None else options.processes
     make_renders(options.out, range(options.shards), options.seed, options.kinds, options.close_ups, processes)
     if options.sheet:
         from muybridge.train.sheet import write_sheet

@@ -43,7 +43,7 @@ class Synthesis:
         kinds: people in these kinds of generated motion alone (stand, walk, sit, ...), of new shards; else in all, and
             in poses that are wider than motion's.
         close_ups: new shards are of parts of people, seen near, as cameras on a desk see them.
-        processes: that render; as many as there are processors if not given.
+        processes: that render, of 0.9 GB each; as many as there are processors if not given, in half of the memory.
         sheet: also composites a contact sheet of training images, `sheet.png`, into the folder.
     """
 

@@ -26,6 +26,19 @@ def processors() -> list[int]:
     return list(range(os.cpu_count() or 1))
 
 
+def affordable(memory: float) -> int:
+    """As many processes as there are processors, but no more than half of the machine's memory is enough for.
+
+    Args:
+        memory: bytes that one takes.
+    """
+    try:
+        there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):  # a system that does not tell
+        return len(processors())
+    return max(1, min(len(processors()), int(there / 2 / memory)))
+
+
 def shared_out(work: Callable[[_Item], _Result], items: Sequence[_Item], processes: int) -> Iterator[_Result]:
     """What `work` makes of each item, in the order in which it is done. They end with this process, however that ends.
 
@@ -42,16 +55,23 @@ def shared_out(work: Callable[[_Item], _Result], items: Sequence[_Item], process
         yield from map(work, items)
         return
     context, threads = multiprocessing.get_context("spawn"), max(1, len(processors()) // processes)
+    others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(processes, context, _begin, (work, threads))
     try:
         with _without_main():
             waiting = [pool.submit(_do, item) for item in items]
         for done in as_completed(waiting):
             yield done.result()
-    except BrokenProcessPool as error:
-        raise SessionError(
-            f"one of {processes} processes was ended, perhaps for want of memory; fewer need less. What was whole stays"
-        ) from error
+    except BaseException as error:  # nobody waits for the rest
+        for process in set(multiprocessing.active_children()) - others:
+            if process.pid is not None:
+                os.kill(process.pid, signal.SIGINT)
+        if isinstance(error, BrokenProcessPool):
+            raise SessionError(
+                f"one of {processes} processes was ended, perhaps for want of memory; fewer need less. What was whole "
+                "stays"
+            ) from error
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
 

@@ -27,6 +27,8 @@ from muybridge.train.wardrobe import sample_outfit
 
 SHARD = 256  # renders
 SIZE = 256  # pixels
+# Bytes of memory that a process takes which renders.
+MEMORY = 0.9e9
 # The crop spans the person's box times the network's padding (1.25) and a little more for the shadow.
 SPAN = 1.25 * 1.1
 
