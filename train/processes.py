@@ -59,8 +59,8 @@ def shared_out(work: Callable[[_Item], _Result], items: Sequence[_Item], process
     pool = ProcessPoolExecutor(processes, context, _begin, (work, threads))
     try:
         with _without_main():
-            waiting = [pool.submit(_do, item) for item in items]
-        for done in as_completed(waiting):
+            results = as_completed([pool.submit(_do, item) for item in items])  # whose list it lets go of
+        for done in results:
             yield done.result()
     except BaseException as error:  # nobody waits for the rest
         for process in set(multiprocessing.active_children()) - others:
