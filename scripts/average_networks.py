@@ -1,35 +1,44 @@
 #!/usr/bin/env python3
-"""Averages fp32 keypoint networks of one training run and writes the mean as `muybridge train keypoints` would.
+"""Averages fp32 networks of one training run, for keypoints or people, and writes the mean as `muybridge train` would.
 
 usage: python scripts/average_networks.py OUT RENDERS POOL NETWORK.onnx NETWORK.onnx ...
 
-OUT is the new file, its 8-bit version goes beside it; RENDERS and POOL (`pool-*.npy`) give the held-out crops that
-the score, the variance and the 8-bit ranges are taken from, as large as the first network's.
+OUT is the new file; RENDERS and POOL (`pool-*.npy`) give the held-out images that the score is taken from. For
+keypoints these are crops as large as the first network's, on which the variance is fitted too and the ranges of the
+8-bit version, which goes beside.
 """
 
 import pathlib
 import sys
 
+import onnx
 import torch
 
-from muybridge.train.averaging import average_keypoints
+from muybridge.train import keypoints, people
+from muybridge.train.averaging import average_keypoints, average_people
 from muybridge.train.evaluation import load_model
-from muybridge.train.keypoints import evaluate, held_out_batches
-from muybridge.train.publish import keypoint_net, publish_keypoints
+from muybridge.train.publish import keypoint_net, people_net, publish_keypoints, publish_people
 
 
 def main() -> None:
     if len(sys.argv) < 6:
         raise SystemExit(__doc__)
     out, renders, pool, *networks = map(pathlib.Path, sys.argv[1:])
-    saved = average_keypoints(networks)
-    batches = held_out_batches(renders, pool, load_model(networks[0])[1].input_size, 24)
-    saved["scores"] = evaluate(keypoint_net(saved), batches[:8])
+    kind = {entry.key: entry.value for entry in onnx.load(str(networks[0])).metadata_props}.get("muybridge_kind")
+    command = f"python scripts/average_networks.py of {', '.join(n.name for n in networks)}"
     checkpoint = out.with_suffix(".pt")
     checkpoint.parent.mkdir(parents=True, exist_ok=True)
-    torch.save(saved, checkpoint)
-    command = f"python scripts/average_networks.py of {', '.join(n.name for n in networks)}"
-    print(publish_keypoints(checkpoint, out, batches, command)["scores"])
+    if kind == "people":
+        saved = average_people(networks)
+        saved["scores"] = people.evaluate(people_net(saved), people.held_out_scenes(renders, pool))
+        torch.save(saved, checkpoint)
+        print(publish_people(checkpoint, out, command)["scores"])
+    else:
+        saved = average_keypoints(networks)
+        batches = keypoints.held_out_batches(renders, pool, load_model(networks[0])[1].input_size, 24)
+        saved["scores"] = keypoints.evaluate(keypoint_net(saved), batches[:8])
+        torch.save(saved, checkpoint)
+        print(publish_keypoints(checkpoint, out, batches, command)["scores"])
 
 
 if __name__ == "__main__":

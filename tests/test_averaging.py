@@ -16,10 +16,14 @@ from muybridge.errors import ModelError  # noqa: E402
 from muybridge.models.export import export_onnx  # noqa: E402
 from muybridge.models.keypoint_net import PLATE, PlateApart, SeparateHeads  # noqa: E402
 from muybridge.models.registry import BODY_OUTPUTS, MARKER_OUTPUTS, shipped_model  # noqa: E402
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, trained_for  # noqa: E402
-from muybridge.train.averaging import average_keypoints  # noqa: E402
+from muybridge.models.weights_from_onnx import (  # noqa: E402
+    keypoint_net_from_onnx,
+    people_net_from_onnx,
+    trained_for,
+)
+from muybridge.train.averaging import average_keypoints, average_people  # noqa: E402
 from muybridge.train.narrowing import narrowed  # noqa: E402
-from muybridge.train.publish import keypoint_net  # noqa: E402
+from muybridge.train.publish import keypoint_net, people_net  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +59,17 @@ def test_weights_lie_in_the_middle(shipped, changed, tmp_path):
     far = [k for k, d in moved.items() if d.abs().max() > 1e-6]
     assert far == ["levels.2.1.first.0.weight"]
     assert torch.allclose(moved[far[0]], torch.full_like(moved[far[0]], 0.125), atol=1e-6)
+
+
+def test_detectors_are_averaged_too(tmp_path):
+    path = shipped_model("people")
+    saved = average_people([path, Path(shutil.copy(path, tmp_path / "twin.onnx"))])
+    image = torch.rand(1, 4, 192, 320, generator=torch.Generator().manual_seed(0))
+    with torch.inference_mode():
+        ours, theirs = people_net(saved)(image)[0], people_net_from_onnx(path)(image)[0]
+    assert torch.allclose(ours, theirs, atol=1e-5)
+    with pytest.raises(ModelError, match="keypoints"):
+        average_people([path, shipped_model("keypoints")])
 
 
 def test_networks_of_other_designs_are_not_averaged(shipped, tmp_path):

@@ -5,13 +5,15 @@ Networks between whose ends training went on at a constant rate lie in one valle
 """
 
 import pathlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import torch
 
 from muybridge.errors import ModelError
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, trained_for
+from muybridge.models.keypoint_net import KeypointNet
+from muybridge.models.people_net import PeopleNet
+from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, people_net_from_onnx, trained_for
 from muybridge.train.loop import Seen
 
 
@@ -25,9 +27,20 @@ def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
     Raises:
         ModelError: fewer than two files, or one that is none of ours, or of another design than the first.
     """
+    return _average(paths, keypoint_net_from_onnx)
+
+
+def average_people(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
+    """The same of person detectors, for `publish.publish_people`."""
+    return _average(paths, people_net_from_onnx)
+
+
+def _average(
+    paths: Sequence[pathlib.Path], read: Callable[[pathlib.Path], KeypointNet | PeopleNet]
+) -> dict[str, Any]:
     if len(paths) < 2:
         raise ModelError("an average takes two networks or more")
-    nets = [keypoint_net_from_onnx(path) for path in paths]
+    nets = [read(path) for path in paths]
     states = [net.state_dict() for net in nets]
     for path, state in zip(paths, states, strict=True):
         if {k: v.shape for k, v in state.items()} != {k: v.shape for k, v in states[0].items()}:

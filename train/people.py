@@ -136,13 +136,18 @@ def evaluate(net: nn.Module, batches: list[SceneBatch], threshold: float = 0.3) 
     }  # fmt: skip
 
 
+def held_out_scenes(renders: pathlib.Path, pool: pathlib.Path) -> list[SceneBatch]:
+    """The same scenes for every call, of people who are never trained on, a batch of each shape."""
+    held_out = SceneCompositor(load_renders(renders, loop.HELD_OUT), np.load(pool, mmap_mode="r"), 10_000)
+    return [held_out.batch(32, shape) for shape in SHAPES]
+
+
 def train(options: PeopleTraining) -> pathlib.Path:
     """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
     model = None if loop.resumes(options) else options.model
     given = None if model is None else people_net_from_onnx(model)  # before all that takes minutes
     with loop.prepared(options) as pool:
-        held_out = SceneCompositor(load_renders(options.renders, loop.HELD_OUT), np.load(pool, mmap_mode="r"), 10_000)
-        validation = [held_out.batch(32, shape) for shape in SHAPES]
+        validation = held_out_scenes(options.renders, pool)
         net = given or PeopleNet()
         if given is not None:
             measure_normalisation(net, [validation[0].image.float().div(255)])
