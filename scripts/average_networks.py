@@ -24,11 +24,12 @@ def main() -> None:
     if len(sys.argv) < 6:
         raise SystemExit(__doc__)
     out, renders, pool, *networks = map(pathlib.Path, sys.argv[1:])
-    kind = {entry.key: entry.value for entry in onnx.load(str(networks[0])).metadata_props}.get("muybridge_kind")
-    command = f"python scripts/average_networks.py of {', '.join(n.name for n in networks)}"
+    told = {entry.key: entry.value for entry in onnx.load(str(networks[-1])).metadata_props}
+    trained, names = told.get("training_command", "a training"), ", ".join(n.name for n in networks)
+    command = f"{trained}; python scripts/average_networks.py of {names}"
     checkpoint = out.with_suffix(".pt")
     checkpoint.parent.mkdir(parents=True, exist_ok=True)
-    if kind == "people":
+    if told.get("muybridge_kind") == "people":
         saved = average_people(networks)
         saved["scores"] = people.evaluate(people_net(saved), people.held_out_scenes(renders, pool))
         torch.save(saved, checkpoint)
