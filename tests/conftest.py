@@ -217,6 +217,19 @@ def staged(
 
 
 @pytest.fixture(scope="session")
+def gone() -> Callable[[int], bool]:
+    """Whether the process of a number has ended."""
+
+    def ended(pid: int) -> bool:
+        try:
+            return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+        except OSError:
+            return True
+
+    return ended
+
+
+@pytest.fixture(scope="session")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A render store of bright sticks: a vertical bar whose ends and middle are the landmarks; training reads it."""
     from muybridge.train.renders import SHARD, SIZE, shard_path

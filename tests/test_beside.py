@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 
 import pytest
 
@@ -44,13 +45,6 @@ def copier(store: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Shards come from `store`, one in 0.4 s."""
     monkeypatch.setattr(beside, "_command", lambda *what: [
         sys.executable, "-c", _COPIER, str(store), "0.2", *map(str, what)])  # fmt: skip
-
-
-def _gone(pid: int) -> bool:
-    try:
-        return pathlib.Path(f"/proc/{pid}/stat").read_text().split()[2] == "Z"
-    except OSError:
-        return True
 
 
 @pytest.mark.usefixtures("copier")
@@ -112,7 +106,9 @@ def test_a_plan_that_says_nothing_is_named(tmp_path: pathlib.Path) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="kills a process group's leader")
 @pytest.mark.parametrize("background", [False, True])
-def test_rendering_ends_with_a_killed_training(store: pathlib.Path, tmp_path: pathlib.Path, background: bool) -> None:
+def test_rendering_ends_with_a_killed_training(
+    store: pathlib.Path, tmp_path: pathlib.Path, gone: Callable[[int], bool], background: bool
+) -> None:
     program = (
         # as a shell starts a background job
         f"import signal\nsignal.signal(signal.SIGINT, signal.{'SIG_IGN' if background else 'default_int_handler'})\n"
@@ -128,9 +124,9 @@ def test_rendering_ends_with_a_killed_training(store: pathlib.Path, tmp_path: pa
     os.kill(training.pid, signal.SIGKILL)
     training.wait()
     deadline = time.monotonic() + 20
-    while not _gone(pid) and time.monotonic() < deadline:
+    while not gone(pid) and time.monotonic() < deadline:
         time.sleep(0.1)
-    assert _gone(pid) and not list(tmp_path.glob(".*.tmp*"))
+    assert gone(pid) and not list(tmp_path.glob(".*.tmp*"))
     assert json.loads((tmp_path / PLAN).read_text()) == {"shards": 60, "seed": 3}
     assert 2 <= len(shard_numbers(tmp_path)) < 60
 

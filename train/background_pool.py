@@ -24,37 +24,42 @@ _PAYS = 500
 
 @dataclass
 class _Backdrops:
-    """Makes parts of a pool; what renders rooms begins with the first of them."""
+    """Makes parts of a pool; what renders rooms begins with the first of them.
+
+    Attributes:
+        seed: of the pool.
+        painted: how many of its pictures, the first, are painted; the others are views of rooms.
+    """
 
     seed: int
+    painted: int
 
     @functools.cached_property
     def _renderer(self) -> Renderer:
         return Renderer(BodyModel(self.seed))
 
-    def part(self, what: tuple[bool, int, int]) -> tuple[bool, int, NDArray[np.uint8]]:
-        """(count, 3, SIZE, SIZE) of (whether of rooms, the first, count), and the first two again."""
-        rooms, first, count = what
-        if rooms:
-            return rooms, first, make_room_pictures(self._renderer, count, SIZE, self.seed, first)
-        return rooms, first, make_backgrounds(count, SIZE, self.seed, first)
+    def part(self, numbers: range) -> tuple[range, NDArray[np.uint8]]:
+        """(len(numbers), 3, SIZE, SIZE) of these pictures, all of one kind, and which they are."""
+        if numbers.start < self.painted:
+            return numbers, make_backgrounds(len(numbers), SIZE, self.seed, numbers.start)
+        first = numbers.start - self.painted
+        return numbers, make_room_pictures(self._renderer, len(numbers), SIZE, self.seed, first)
 
 
 def make_background_pool(path: pathlib.Path, count: int, seed: int) -> None:
     """Writes (count, 3, SIZE, SIZE) uint8, painted ones first (`.npy`); the same in one process or several."""
-    rooms = count // 2
+    painted = count - count // 2
     parts = [
-        (kind, first, min(_PART, total - first))
-        for kind, total in ((False, count - rooms), (True, rooms))
-        for first in range(0, total, _PART)
+        range(start, min(start + _PART, end))
+        for begin, end in ((0, painted), (painted, count))
+        for start in range(begin, end, _PART)
     ]
     pictures = np.empty((count, 3, SIZE, SIZE), np.uint8)
     processes = min(affordable(MEMORY), max(1, count // _PAYS))
     with Progress(transient=True) as progress:
         bar = progress.add_task("backgrounds", total=count)
-        for kind, first, made in shared_out(_Backdrops(seed).part, parts, processes):
-            start = first + (count - rooms) * kind
-            pictures[start : start + len(made)] = made
-            progress.update(bar, advance=len(made))
+        for numbers, made in shared_out(_Backdrops(seed, painted).part, parts, processes):
+            pictures[numbers.start : numbers.stop] = made
+            progress.update(bar, advance=len(numbers))
     with replacing(path) as temporary:
         np.save(temporary, pictures)

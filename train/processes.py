@@ -1,5 +1,6 @@
 """Processors, and work that is shared out among processes of their own."""
 
+import contextlib
 import multiprocessing
 import os
 import pathlib
@@ -10,7 +11,6 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from muybridge.errors import SessionError
@@ -64,8 +64,9 @@ def shared_out(work: Callable[[_Item], _Result], items: Sequence[_Item], process
             yield done.result()
     except BaseException as error:  # nobody waits for the rest
         for process in set(multiprocessing.active_children()) - others:
-            if process.pid is not None:
-                os.kill(process.pid, signal.SIGINT)
+            with contextlib.suppress(ProcessLookupError):  # it ended by itself
+                if process.pid is not None:
+                    os.kill(process.pid, signal.SIGINT)
         if isinstance(error, BrokenProcessPool):
             raise SessionError(
                 f"one of {processes} processes was ended, perhaps for want of memory; fewer need less. What was whole "
@@ -76,7 +77,7 @@ def shared_out(work: Callable[[_Item], _Result], items: Sequence[_Item], process
         pool.shutdown(cancel_futures=True)
 
 
-@contextmanager
+@contextlib.contextmanager
 def _without_main() -> Iterator[None]:
     """Processes that are started within do not run the program's own file again, which may not expect it (no `if
     __name__ == "__main__"`) or be no file."""
@@ -89,7 +90,7 @@ def _without_main() -> Iterator[None]:
         main.__dict__.update(**file)
 
 
-@contextmanager
+@contextlib.contextmanager
 def one_at_a_time(what: str) -> Iterator[None]:
     """Of a user's processes that have a name in common, one is in the block at a time; on systems without such locks
     all of them."""
