@@ -272,7 +272,7 @@ def test_who_stands_still_is_in_the_plate_of_a_scene(renders, monkeypatch):
         elsewhere, as a share of the former: no two shares have the same scenes."""
         for name, share in (("STILL", still), ("PARTLY", partly), ("GHOST", ghost)):
             monkeypatch.setattr(f"muybridge.train.scenes.{name}", share)
-        for name in ("NEAR_SHARE", "CAST_SHARE"):
+        for name in ("NEAR_SHARE", "CAST_SHARE", "MOVED_SHARE", "HELD_SHARE", "LIT_SHARE"):
             monkeypatch.setattr(f"muybridge.train.scenes.{name}", 0)
         batch = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 3).batch(48, (192, 320))
         within, beside, room = 0, 0, 0
@@ -300,7 +300,7 @@ def test_people_cast_shadows_from_their_feet_and_keep_their_boxes(renders, monke
     assert abs(dark[-1] - [45, 24]).max() <= 1 and abs(dark[0] - [40, 34]).max() <= 1  # foot and top of a pole of 10 px
     assert abs((dark[:, 1] - 24) - 2 * (45 - dark[:, 0])).max() <= 2
     boxes = []
-    for name in ("GHOST", "STILL", "PARTLY", "NEAR_SHARE"):
+    for name in ("GHOST", "STILL", "PARTLY", "NEAR_SHARE", "MOVED_SHARE", "HELD_SHARE", "LIT_SHARE"):
         monkeypatch.setattr(f"muybridge.train.scenes.{name}", 0)
     for share in (0, 1):
         monkeypatch.setattr("muybridge.train.scenes.CAST_SHARE", share)
@@ -311,8 +311,8 @@ def test_people_cast_shadows_from_their_feet_and_keep_their_boxes(renders, monke
 
 
 def test_scene_boxes_hold_their_people(renders, monkeypatch):
-    monkeypatch.setattr("muybridge.train.scenes.GHOST", 0)
-    monkeypatch.setattr("muybridge.train.scenes.CAST_SHARE", 0)
+    for name in ("GHOST", "CAST_SHARE", "MOVED_SHARE", "LIT_SHARE"):
+        monkeypatch.setattr(f"muybridge.train.scenes.{name}", 0)
     compositor = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 0)
     batch = compositor.batch(12, (192, 320))
     assert tuple(batch.image.shape) == (12, 4, 192, 320)

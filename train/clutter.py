@@ -27,17 +27,23 @@ def add_clutter(plate: Picture, most: int, texture: Callable[[], Picture], rng: 
     with a `texture` of the same size."""
     height, width = plate.shape[:2]
     for _ in range(int(rng.integers(0, most + 1))):
-        inside = _shape(height, width, rng)
+        inside = shape(height, width, rng)
         if rng.random() < 0.6:
             cv2.copyTo(texture(), inside, plate)
         else:
-            left, right = rng.uniform(0.6, 1.2, 2).tolist()
-            fall = np.linspace(left, right, width)
-            colour = (rng.uniform(10, 240, 3) * fall[:, None]).clip(0, 255).astype(np.uint8)
-            cv2.copyTo(np.ascontiguousarray(np.broadcast_to(colour, plate.shape)), inside, plate)
+            cv2.copyTo(np.ascontiguousarray(plain(height, width, rng)), inside, plate)
 
 
-def _shape(height: int, width: int, rng: np.random.Generator) -> Picture:
+def plain(height: int, width: int, rng: np.random.Generator) -> Picture:
+    """(H, W, 3) of one colour, which changes from one side to the other; read only."""
+    left, right = rng.uniform(0.6, 1.2, 2).tolist()
+    fall = np.linspace(left, right, width)
+    row = (rng.uniform(10, 240, 3) * fall[:, None]).clip(0, 255).astype(np.uint8)
+    return np.broadcast_to(row, (height, width, 3))
+
+
+def shape(height: int, width: int, rng: np.random.Generator) -> Picture:
+    """(H, W) one within a blob, bar or corner as large as people or their limbs, zero elsewhere."""
     mask = np.zeros((height, width), np.uint8)
     at = rng.uniform(0, 1, 2) * [width, height]
     reach = float(np.exp(rng.uniform(np.log(0.03), np.log(0.4)))) * max(width, height)

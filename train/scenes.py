@@ -12,6 +12,7 @@ from muybridge.train.camera_faults import CameraFaults, outside_of_video
 from muybridge.train.clutter import add_clutter, mirrored_on
 from muybridge.train.plates import GHOST, PARTLY, STILL
 from muybridge.train.renders import RenderSet
+from muybridge.train.things import HELD_SHARE, LIT_SHARE, MOVED_SHARE, hold, light_up, move_things
 
 # Share of scenes with a person larger than the image, seen from the head down.
 CLOSE_SHARE = 0.12
@@ -74,6 +75,8 @@ class SceneCompositor:
         if rng.random() < 0.6:
             add_clutter(plate, 8, lambda: self._plate(height, width), rng)
         frame = plate.copy()
+        if rng.random() < MOVED_SHARE:
+            move_things(frame, plate, lambda: self._plate(height, width), rng)
         count = int(rng.choice(6, p=[0.06, 0.4, 0.26, 0.14, 0.09, 0.05]))
         size = np.exp(rng.uniform(np.log(28), np.log(300), count)) if count else np.zeros(0)
         if count and rng.random() < CLOSE_SHARE:  # someone at a desk, or who walks past the camera
@@ -91,6 +94,11 @@ class SceneCompositor:
                 self._desk(frame, plate, owners)
         if rng.random() < 0.35:
             self._occluder(frame, plate, owners)
+        for number in np.nonzero(rng.random(count + near) < HELD_SHARE)[0]:
+            if (owners == number).any():
+                owners[hold(frame, owners == number, lambda: self._plate(height, width), rng)] = -1
+        if rng.random() < LIT_SHARE:
+            light_up(frame, rng)
         if rng.random() < 0.2:
             beyond, _ = outside_of_video(rng, height, width)
             frame[beyond] = plate[beyond] = 0
