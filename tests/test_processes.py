@@ -51,9 +51,21 @@ class Alone(Quick):
             (self.folder / "busy").unlink()
 
 class Dying(Quick):
+    how = signal.SIGKILL
+
     def make(self, number):
         if number == 2:
-            os.kill(os.getpid(), signal.SIGKILL)
+            os.kill(os.getpid(), self.how)
+        return super().make(number)
+
+class Crashing(Dying):
+    how = signal.SIGSEGV
+
+    def make(self, number):
+        if (self.folder / "crashed").exists():
+            return Quick.make(self, number)
+        if number == 2:
+            (self.folder / "crashed").touch()
         return super().make(number)
 """
 
@@ -86,10 +98,18 @@ def test_one_at_a_time(studios, folder):
 def test_what_goes_wrong_in_a_process_is_told(studios, folder):
     with pytest.raises(SessionError, match="shard 2 fails"):
         list(shared_out(studios.Failing(folder).make, range(4), 2))
-    with pytest.raises(SessionError, match="one of 2 processes"):
-        list(shared_out(studios.Dying(folder).make, range(4), 2))
+    made = shared_out(studios.Dying(folder).make, range(6), 2)
+    with pytest.raises(SessionError, match="one of 1 processes was ended, perhaps for want of memory.*whole stays"):
+        list(made)
+    assert {int(path.name) for path in folder.iterdir()} >= {0, 1}
     with pytest.raises(SessionError, match="at least one"):
         make_renders(folder, range(4), 0, processes=0)
+
+
+def test_where_a_process_crashes_the_others_go_on(studios, folder, capsys):
+    assert list(shared_out(studios.Crashing(folder).make, range(6), 2)) == ["nothing"] * 6
+    assert "one of 2 processes was ended (Segmentation fault); going on with 1" in capsys.readouterr().err
+    assert {path.name for path in folder.iterdir()} == {"crashed", *map(str, range(6))}
 
 
 # No `if __name__ == "__main__"`, as in a user's script.

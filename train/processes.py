@@ -8,15 +8,18 @@ import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
 from muybridge.errors import SessionError
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
+
+_AT_MOST_S = 5.0  # that an ended process is waited for
 
 
 def processors() -> list[int]:
@@ -41,40 +44,74 @@ def affordable(memory: float) -> int:
 
 def shared_out(work: Callable[[_Item], _Result], items: Sequence[_Item], processes: int) -> Iterator[_Result]:
     """What `work` makes of each item, in the order in which it is done. They end with this process, however that ends.
+    Where one of them is ended or crashes, which is said, one less goes on with what is not done.
 
     Args:
         work: has to pickle; each process has one copy of it for all its items. In this process where one is enough.
-        items: have to pickle, and so do the results.
+        items: have to pickle, and so do the results. One that was begun may be begun anew.
         processes: how many at most.
 
     Raises:
-        SessionError: a process was ended from outside.
+        SessionError: processes were ended until one alone was, before it had done anything.
     """
     processes = min(processes, len(items))
     if processes <= 1:
         yield from map(work, items)
         return
+    left = dict(enumerate(items))
+    while left:
+        before = len(left)
+        try:
+            for number, result in _in_pool(work, left, processes):
+                del left[number]
+                yield result
+        except _Ended as ended:
+            if processes == 1 and len(left) == before:
+                raise SessionError(f"{ended}. What was whole stays") from ended
+            processes = max(1, processes - 1)
+            print(f"note: {ended}; going on with {processes}", file=sys.stderr)
+
+
+class _Ended(Exception):
+    """A process was ended, or ended itself."""
+
+
+def _in_pool(
+    work: Callable[[_Item], _Result], items: Mapping[int, _Item], processes: int
+) -> Iterator[tuple[int, _Result]]:
     context, threads = multiprocessing.get_context("spawn"), max(1, len(processors()) // processes)
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(processes, context, _begin, (work, threads))
+    mine: set[BaseProcess] = set()
     try:
         with _without_main():
-            results = as_completed([pool.submit(_do, item) for item in items])  # whose list it lets go of
-        for done in results:
-            yield done.result()
+            numbers = {pool.submit(_do, item): number for number, item in items.items()}
+        mine = set(multiprocessing.active_children()) - others
+        for done in as_completed(list(numbers)):
+            yield numbers.pop(done), done.result()
     except BaseException as error:  # nobody waits for the rest
-        for process in set(multiprocessing.active_children()) - others:
+        for process in mine:
             with contextlib.suppress(ProcessLookupError):  # it ended by itself
                 if process.pid is not None:
                     os.kill(process.pid, signal.SIGINT)
         if isinstance(error, BrokenProcessPool):
-            raise SessionError(
-                f"one of {processes} processes was ended, perhaps for want of memory; fewer need less. What was whole "
-                "stays"
-            ) from error
+            raise _Ended(f"one of {processes} processes was ended{_by(mine)}") from error
         raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _by(processes: Iterable[BaseProcess]) -> str:
+    """What ended them, in words, where that is known."""
+    for process in processes:
+        process.join(_AT_MOST_S)
+        # The pool ends those that are left when one has ended.
+        if process.exitcode == -signal.SIGKILL:
+            return ", perhaps for want of memory: fewer need less"
+        if process.exitcode not in (None, 0, 1, -signal.SIGTERM, -signal.SIGINT):
+            why = signal.strsignal(-process.exitcode) if process.exitcode < 0 else f"exit status {process.exitcode}"
+            return f" ({why})"
+    return ""
 
 
 @contextlib.contextmanager
