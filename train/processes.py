@@ -19,8 +19,6 @@ from muybridge.errors import SessionError
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
-_AT_MOST_S = 5.0  # that an ended process is waited for
-
 
 def processors() -> list[int]:
     """The numbers of those that this process may use."""
@@ -83,6 +81,7 @@ def _in_pool(
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(processes, context, _begin, (work, threads))
     mine: set[BaseProcess] = set()
+    broken: BrokenProcessPool | None = None
     try:
         with _without_main():
             numbers = {pool.submit(_do, item): number for number, item in items.items()}
@@ -94,17 +93,18 @@ def _in_pool(
             with contextlib.suppress(ProcessLookupError):  # it ended by itself
                 if process.pid is not None:
                     os.kill(process.pid, signal.SIGINT)
-        if isinstance(error, BrokenProcessPool):
-            raise _Ended(f"one of {processes} processes was ended{_by(mine)}") from error
-        raise
+        if not isinstance(error, BrokenProcessPool):
+            raise
+        broken = error
     finally:
         pool.shutdown(cancel_futures=True)
+    if broken is not None:  # by now the pool has asked all of them how they ended: two at once would not be told
+        raise _Ended(f"one of {processes} processes was ended{_by(mine)}") from broken
 
 
 def _by(processes: Iterable[BaseProcess]) -> str:
     """What ended them, in words, where that is known."""
     for process in processes:
-        process.join(_AT_MOST_S)
         # The pool ends those that are left when one has ended.
         if process.exitcode == -signal.SIGKILL:
             return ", perhaps for want of memory: fewer need less"
