@@ -30,6 +30,8 @@ _Ints = NDArray[np.int64]
 # Landmarks that a comparison needs, and the share of them, the nearest, that it is made with.
 _LEAST_LANDMARKS = 4
 _SHARE = 0.7
+# A detection so many times as large as a body's view, in logarithms, or as small, is not of it.
+_AS_LARGE = np.log(2.0)
 # Frames worked on between two calls to the cameras' models.
 _CHUNK = 128
 # What it is worth, in body sizes, that a camera's own tracker stayed with a detection.
@@ -170,9 +172,11 @@ class PeopleTracker:
         view = self._cameras.project(points)[:, :, None]
         size = extent(view)
         px = self._px[:, k][:, None]
+        # Of what both have: a body right before a camera is seen so large that everything lies near it.
+        larger = extent(np.where(np.isfinite(px), view, np.nan)) / extent(px)
         with np.errstate(invalid="ignore"):
             both = np.stack([_near_mean(np.linalg.norm(p - view, axis=-1)) for p in (px, px[..., self._mirror, :])])
-            both = np.nan_to_num(both / size, nan=np.inf)
+            both = np.where(np.abs(np.log(larger)) < _AS_LARGE, np.nan_to_num(both / size, nan=np.inf), np.inf)
         # Sides are exchanged only where that is clearly better.
         mirrored = both[1] < 0.7 * both[0] - 0.01
         return np.where(mirrored, both[1], both[0]), mirrored

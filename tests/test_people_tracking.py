@@ -153,6 +153,23 @@ def test_a_near_view_that_goes_wrong_by_and_by_does_not_make_two_people_of_one(b
     assert (found[0][near, :40] == 0).all() and (found[0][near, 50:] == -1).all()
 
 
+def test_who_stands_beside_a_camera_does_not_get_what_it_sees(bench) -> None:
+    """Far outside of the picture a lens' polynomial makes people of them as large as the world."""
+    rng = np.random.default_rng(3)
+    cameras, people = bench.room(4, rng), bench.walkers(1, 90, rng)
+    tripod = cameras.cameras[3]
+    tripod = replace(tripod, model="OPENCV", params=(*tripod.params, -0.08, 0.08, 0.0, 0.0))
+    cameras = CameraGroup((*cameras.cameras[:3], tripod))
+    beside = tripod.center_world + 0.7 * tripod.rotation[2] + 1.2 * tripod.rotation[0]
+    other = people[0] - people[0].mean(1, keepdims=True) + beside
+    keypoints = seen_exactly(cameras, [people[0], other])
+    keypoints.points_px[2:, :, 1] = np.nan  # only those across the room see them
+    keypoints.points_px[:] += rng.normal(0, 6, keypoints.points_px.shape)
+    found = track_people(cameras, keypoints)
+    assert [(slots[2:] >= 0).any() for slots in found] in ([True, False], [False, True])
+    assert any((slots == 0).all() for slots in found)
+
+
 @pytest.mark.parametrize("fps", [30.0, 60.0])
 def test_who_is_there_for_a_moment_is_nobody(bench, fps: float) -> None:
     """A shadow that four cameras take for a person for 0.4 s; somebody is there for 0.4 s twice."""
