@@ -65,6 +65,20 @@ def _principal_at(model: str) -> int:
     return 1 if model in _SINGLE_FOCAL else 2
 
 
+# What lies so many times as far from the axis as the picture's corners do is beside the picture still.
+_BESIDE = 1.5
+
+
+@lru_cache(maxsize=512)
+def _steepest(model: str, width: int, height: int, params: tuple[float, ...]) -> float:
+    """Tangent of the largest angle to the axis at which the picture's border looks; inf where no ray reaches it."""
+    x, y = np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 9)
+    sides = [np.stack(np.broadcast_arrays(a, b), -1) for a, b in ((x, 0), (x, height - 1), (0, y), (width - 1, y))]
+    slopes = _colmap_camera(model, width, height, params).cam_from_img(np.concatenate(sides) + _HALF_PIXEL)
+    tangent = np.hypot(*slopes.T)
+    return float(tangent[np.isfinite(tangent)].max(initial=0.0)) or np.inf
+
+
 @lru_cache(maxsize=512)
 def _colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]) -> Any:
     """The pycolmap camera that does the arithmetic, its principal point moved to the corner convention.
@@ -164,6 +178,16 @@ class Camera:
         transposed = np.ascontiguousarray(self.rotation.T)
         points_cam = np.ascontiguousarray(world.reshape(-1, 3) @ transposed + self.translation)
         return self._colmap_px(points_cam).reshape(*world.shape[:-1], 2)
+
+    def project_seen(self, points_world: ArrayLike) -> NDArray[np.float64]:
+        """As `project`, but NaN for points that lie far outside of the picture: a lens' polynomial tells nothing there,
+        and may lead back into it, or as far off as one likes."""
+        world = np.asarray(points_world, dtype=np.float64)
+        px = self.project(world)
+        points_cam = world @ self.rotation.T + self.translation
+        steepest = _BESIDE * _steepest(self.model, self.width, self.height, self.params)
+        px[~(np.hypot(points_cam[..., 0], points_cam[..., 1]) <= steepest * points_cam[..., 2])] = np.nan
+        return px
 
     def unproject(self, points_px: ArrayLike) -> NDArray[np.float64]:
         """Undistorted normalised image coordinates (x/z, y/z) of pixels.
@@ -397,6 +421,11 @@ class CameraGroup:
         """(..., 3) world points to (C, ..., 2) px, as `Camera.project`."""
         world = np.asarray(points_world, dtype=np.float64)
         return np.stack([camera.project(world) for camera in self.cameras])
+
+    def project_seen(self, points_world: ArrayLike) -> NDArray[np.float64]:
+        """(..., 3) world points to (C, ..., 2) px, as `Camera.project_seen`."""
+        world = np.asarray(points_world, dtype=np.float64)
+        return np.stack([camera.project_seen(world) for camera in self.cameras])
 
     def unproject(self, points_px: ArrayLike) -> NDArray[np.float64]:
         """(C, ..., 2) px to (C, ..., 2) normalised coordinates, as `Camera.unproject`.

@@ -30,8 +30,6 @@ _Ints = NDArray[np.int64]
 # Landmarks that a comparison needs, and the share of them, the nearest, that it is made with.
 _LEAST_LANDMARKS = 4
 _SHARE = 0.7
-# A detection so many times as large as a body's view, in logarithms, or as small, is not of it.
-_AS_LARGE = np.log(2.0)
 # Frames worked on between two calls to the cameras' models.
 _CHUNK = 128
 # What it is worth, in body sizes, that a camera's own tracker stayed with a detection.
@@ -169,14 +167,12 @@ class PeopleTracker:
     def _distances(self, points: _Floats, k: int) -> tuple[_Floats, NDArray[np.bool_]]:
         """(C, N, P) distance of detections from the views of bodies (N, J, 3), in body sizes, and whether a
         detection fits with its sides exchanged."""
-        view = self._cameras.project(points)[:, :, None]
+        view = self._cameras.project_seen(points)[:, :, None]
         size = extent(view)
         px = self._px[:, k][:, None]
-        # Of what both have: a body right before a camera is seen so large that everything lies near it.
-        larger = extent(np.where(np.isfinite(px), view, np.nan)) / extent(px)
         with np.errstate(invalid="ignore"):
             both = np.stack([_near_mean(np.linalg.norm(p - view, axis=-1)) for p in (px, px[..., self._mirror, :])])
-            both = np.where(np.abs(np.log(larger)) < _AS_LARGE, np.nan_to_num(both / size, nan=np.inf), np.inf)
+            both = np.nan_to_num(both / size, nan=np.inf)
         # Sides are exchanged only where that is clearly better.
         mirrored = both[1] < 0.7 * both[0] - 0.01
         return np.where(mirrored, both[1], both[0]), mirrored
@@ -332,7 +328,7 @@ class PeopleTracker:
         known = np.isfinite(points[0]).all(-1)
         if known.sum() < _LEAST_LANDMARKS and known.sum() < points.shape[1]:
             return None
-        view = self._cameras.project(points[0])
+        view = self._cameras.project_seen(points[0])
         inside = ((view >= 0) & (view < self._size_px[:, None])).all(-1).mean(1) > 0.5
         filled = np.where(known[:, None], points[0], np.nanmedian(points[0], axis=0))
         return filled, rest[:, 0], int(inside.sum())

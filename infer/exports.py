@@ -141,8 +141,8 @@ def _write_overlay(
     task: Task,
 ) -> StageResult:
     name, camera = overlay_name(camera_file), session.cameras[index]
-    projected = camera.project(solution.points.points_world)
-    others = [camera.project(o.points.points_world) for o in written_people(solution)[1:]]
+    projected = camera.project_seen(solution.points.points_world)
+    others = [camera.project_seen(o.points.points_world) for o in written_people(solution)[1:]]
     residual, inlier = solution.measured.residual_px[index], solution.measured.inlier[index]
     key = digest(
         code_digest(*_OVERLAY_CODE), detected.stage.key, camera, options, solution.points_px[index],

@@ -135,7 +135,7 @@ class _View(NamedTuple):
 def _views(followed: Followed, c: int, person: _Person, shape: _Shape, options: FootageOptions) -> _View:
     """Frames in which the camera should see the person whole enough, with labels where they are sure enough."""
     camera = followed.session.cameras[c]
-    px = camera.project(person.points)
+    px = camera.project_seen(person.points)
     body = len(person.body.landmarks)
     upright = upright_for(followed.session.level_cameras[c], camera.width, camera.height)
     boxes = upright.centered_in_frame(body_boxes(upright.to_upright(px[:, :body]), person.body.landmarks))

@@ -90,7 +90,7 @@ def seeing_views(session: Session, points: Points3D, options: SecondLookOptions)
     known = np.isfinite(points.points_world).all(-1)
     result = np.zeros((len(session.cameras), points.points_world.shape[0]), dtype=np.bool_)
     for c, camera in enumerate(session.cameras):
-        px = camera.project(points.points_world)
+        px = camera.project_seen(points.points_world)
         inside = ((px >= 0) & (px <= [camera.width - 1, camera.height - 1])).all(-1) & known
         result[c] = inside.mean(1) >= options.min_known
     return result
@@ -228,7 +228,7 @@ class SecondLook:
         backdrop = self.detected[c].backdrop()
         hung = self.session.level_cameras[c]
         reader = PoseReader(network, hung, upright_for(hung, hung.width, hung.height), backdrop, self.session.fps)
-        predicted = camera.project(world[wanted])
+        predicted = camera.project_seen(world[wanted])
         # What is beyond the picture's border can't be seen: the crop shows what can.
         within = np.clip(predicted, 0, [camera.width - 1, camera.height - 1])
         boxes = body_boxes(reader.upright.to_upright(within), network.landmarks)

@@ -142,6 +142,20 @@ def test_missing_and_invisible_points_are_nan() -> None:
     assert np.isnan(camera.rays([np.nan, 3.0])).all()
 
 
+def test_what_a_lens_leads_back_into_the_picture_is_not_seen() -> None:
+    camera = Camera("c", "OPENCV", 1920, 1080, (1000, 1000, 960, 540, -0.1, 0, 0, 0), np.eye(3, 4))
+    angle = np.radians([0, 20, 40, 45, 72, 95])
+    points = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=-1)
+    px = camera.project(points)
+    assert 0 < px[4, 0] < 1920 and np.isnan(px[5]).all()
+    seen = camera.project_seen(points)
+    np.testing.assert_array_equal(seen[:4], px[:4])  # those beside the picture too
+    assert np.isnan(seen[4:]).all()
+    np.testing.assert_array_equal(CameraGroup((camera,)).project_seen(points)[0], seen)
+    fisheye = Camera("c", "OPENCV_FISHEYE", 1920, 1080, (600, 600, 960, 540, 0, 0, 0, 0), np.eye(3, 4))
+    assert np.isfinite(fisheye.project_seen(points)[:5]).all()
+
+
 def test_shapes_of_any_rank_including_empty() -> None:
     group = CameraGroup((make_camera("OPENCV", "a"), make_camera("PINHOLE", "b", 2.0)))
     for shape in [(), (4,), (0,), (2, 3), (2, 0, 3)]:

@@ -147,7 +147,7 @@ def plan_of(cameras: CameraGroup, points_world: Floats, views: Ints) -> Plan:
     height = float(np.median(points[:, 2])) if len(points) else float(np.median(cameras.centers_world[:, 2])) / 2
     x, y = low[0] + (np.arange(columns) + 0.5) * cell, low[1] + (np.arange(rows) + 0.5) * cell
     grid = np.stack([*np.meshgrid(x, y), np.full((rows, columns), height)], axis=-1)
-    px = cameras.project(grid)
+    px = cameras.project_seen(grid)
     size = np.array([(c.width, c.height) for c in cameras])[:, None, None]
     with np.errstate(invalid="ignore"):
         inside = ((px >= -0.5) & (px <= size - 0.5)).all(-1)
