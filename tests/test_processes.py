@@ -114,8 +114,9 @@ def test_where_a_process_crashes_the_others_go_on(studios, folder, capsys):
 
 # No `if __name__ == "__main__"`, as in a user's script.
 WAITING = """
-import pathlib, sys
+import pathlib, signal, sys
 from render_studios import Slow
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell's background jobs ignore
 from muybridge.train.processes import shared_out
 list(shared_out(Slow(pathlib.Path(sys.argv[1])).make, range(4), 2))
 """
