@@ -17,14 +17,13 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-from bench_mediapipe import JOINTS, figures
+from bench_mediapipe import JOINTS, figures, reference
 from numpy.typing import NDArray
 
 from muybridge.infer.video import VideoWriter, probe_video, read_chunks
 from muybridge.motion.formats.trc import read_trc
 
 Frame = NDArray[np.uint8]
-FOLDERS = ("videos", "calibration")
 
 
 def times(gain: Callable[[int], float | list[float]]) -> Callable[[Frame, int], Frame]:
@@ -89,16 +88,15 @@ WORSE: dict[str, tuple[str, Callable[[Frame, int], Frame]]] = {
 
 
 def make(source: pathlib.Path, session: pathlib.Path, worse: Callable[[Frame, int], Frame]) -> None:
-    """Writes a session with worse videos."""
-    for name in FOLDERS:
-        (session / name).mkdir(parents=True, exist_ok=True)
-    shutil.copytree(source / "calibration", session / "calibration", dirs_exist_ok=True)
+    """Writes a session with worse videos; its calibration last, which tells that it is whole."""
+    (session / "videos").mkdir(parents=True, exist_ok=True)
     for video in sorted((source / "videos").iterdir()):
         info = probe_video(video)
         frames = (frame for chunk in read_chunks(info) for frame in chunk)
         with VideoWriter(session / "videos" / f"{video.stem}.mp4", info.width, info.height, info.fps) as writer:
             for index, frame in enumerate(frames):
                 writer.write(worse(frame, index))
+    shutil.copytree(source / "calibration", session / "calibration")
 
 
 def main() -> None:
@@ -107,16 +105,13 @@ def main() -> None:
     parser.add_argument("out", type=pathlib.Path)
     parser.add_argument("--only", nargs="*", default=[], choices=WORSE)
     options, rest = parser.parse_known_args()
-    source = options.data / "balancing"
-    with np.load(source / "reference" / "openpose_body25b.npz") as stored:
-        names = [str(n) for n in stored["names"]]
-        truth = stored["points3d_world"][:, [names.index(joint) for joint in JOINTS]]
+    source, truth = options.data / "balancing", reference(options.data)
     print("| the take | MPJPE, aligned, offset-free mm | found | s |\n| --- | --- | --- | --- |")
     for name, (words, worse) in WORSE.items():
         if options.only and name not in options.only:
             continue
         session = options.out / name
-        if not session.exists():
+        if not (session / "calibration").exists():
             make(source, session, worse)
         began = time.monotonic()
         command = ["run", str(session), "--overwrite", "--quiet", *rest]

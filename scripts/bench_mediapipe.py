@@ -75,8 +75,7 @@ def score(data: Path, found: Path, run: Path) -> None:
     from muybridge.geometry.triangulation import leave_one_out_error, triangulate
 
     (cameras, reference_px, reference_variance), names = balancing(data)
-    stored = np.load(data / "balancing/reference/openpose_body25b.npz")
-    truth = stored["points3d_world"][:, [names.index(j) for j in JOINTS]]
+    truth = reference(data)
     theirs = np.load(found)["points"]
     with np.load(run / "work" / "person, second look.npz") as ours:
         px, variance = ours["array_points_px"], ours["array_variance_px2"]
@@ -99,6 +98,14 @@ def score(data: Path, found: Path, run: Path) -> None:
             left_out = np.nanmedian(leave_one_out_error(group, mended, weights))
             cells = [figures(p[:, [BODY23.index(j) for j in JOINTS]], truth) for p in (result.points_world, smooth)]
             print(f"| {name} | {label} | {cells[0]} | {cells[1]} | {left_out:.1f} |", flush=True)
+
+
+def reference(data: Path) -> np.ndarray:
+    """(T, 12, 3) metres of the balancing take's own reference."""
+    with np.load(data / "balancing/reference/openpose_body25b.npz") as stored:
+        names = stored["names"].tolist()
+        points: np.ndarray = stored["points3d_world"][:, [names.index(j) for j in JOINTS]]
+    return points
 
 
 def figures(points: np.ndarray, truth: np.ndarray) -> str:
