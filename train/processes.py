@@ -58,52 +58,45 @@ def shared_out(work: Callable[[_Item], _Result], items: Sequence[_Item], process
         return
     left = dict(enumerate(items))
     while left:
-        before = len(left)
+        before, mine = len(left), set[BaseProcess]()
         try:
-            for number, result in _in_pool(work, left, processes):
+            for number, result in _in_pool(work, left, processes, mine):
                 del left[number]
                 yield result
-        except _Ended as ended:
+        except BrokenProcessPool as error:
+            ended = f"one of {processes} processes was ended{_by(mine)}"
             if processes == 1 and len(left) == before:
-                raise SessionError(f"{ended}. What was whole stays") from ended
+                raise SessionError(f"{ended}. What was whole stays") from error
             processes = max(1, processes - 1)
             print(f"note: {ended}; going on with {processes}", file=sys.stderr)
 
 
-class _Ended(Exception):
-    """A process was ended, or ended itself."""
-
-
 def _in_pool(
-    work: Callable[[_Item], _Result], items: Mapping[int, _Item], processes: int
+    work: Callable[[_Item], _Result], items: Mapping[int, _Item], processes: int, mine: set[BaseProcess]
 ) -> Iterator[tuple[int, _Result]]:
+    """The items' numbers and what became of them; notes its processes in `mine`, which have all ended when it ends."""
     context, threads = multiprocessing.get_context("spawn"), max(1, len(processors()) // processes)
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(processes, context, _begin, (work, threads))
-    mine: set[BaseProcess] = set()
-    broken: BrokenProcessPool | None = None
     try:
         with _without_main():
             numbers = {pool.submit(_do, item): number for number, item in items.items()}
-        mine = set(multiprocessing.active_children()) - others
+        mine |= set(multiprocessing.active_children()) - others
         for done in as_completed(list(numbers)):
             yield numbers.pop(done), done.result()
-    except BaseException as error:  # nobody waits for the rest
-        for process in mine:
+    except BaseException:  # nobody waits for the rest
+        for process in mine | set(multiprocessing.active_children()) - others:
             with contextlib.suppress(ProcessLookupError):  # it ended by itself
                 if process.pid is not None:
                     os.kill(process.pid, signal.SIGINT)
-        if not isinstance(error, BrokenProcessPool):
-            raise
-        broken = error
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
-    if broken is not None:  # by now the pool has asked all of them how they ended: two at once would not be told
-        raise _Ended(f"one of {processes} processes was ended{_by(mine)}") from broken
 
 
 def _by(processes: Iterable[BaseProcess]) -> str:
-    """What ended them, in words, where that is known."""
+    """What ended them, in words, where that is known; of a pool that is shut down, which asks them itself: of two who
+    ask at once one is not told."""
     for process in processes:
         # The pool ends those that are left when one has ended.
         if process.exitcode == -signal.SIGKILL:

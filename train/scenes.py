@@ -1,6 +1,7 @@
 """Scenes for the person detector: several people of any size before one background, with its plate."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -70,13 +71,13 @@ class SceneCompositor:
     def _scene(
         self, height: int, width: int
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
-        rng = self.rng
-        plate = self._plate(height, width)
+        rng, texture = self.rng, partial(self._plate, height, width)
+        plate = texture()
         if rng.random() < 0.6:
-            add_clutter(plate, 8, lambda: self._plate(height, width), rng)
+            add_clutter(plate, 8, texture, rng)
         frame = plate.copy()
         if rng.random() < MOVED_SHARE:
-            move_things(frame, plate, lambda: self._plate(height, width), rng)
+            move_things(frame, plate, texture, rng)
         count = int(rng.choice(6, p=[0.06, 0.4, 0.26, 0.14, 0.09, 0.05]))
         size = np.exp(rng.uniform(np.log(28), np.log(300), count)) if count else np.zeros(0)
         if count and rng.random() < CLOSE_SHARE:  # someone at a desk, or who walks past the camera
@@ -95,8 +96,9 @@ class SceneCompositor:
         if rng.random() < 0.35:
             self._occluder(frame, plate, owners)
         for number in np.nonzero(rng.random(count + near) < HELD_SHARE)[0]:
-            if (owners == number).any():
-                owners[hold(frame, owners == number, lambda: self._plate(height, width), rng)] = -1
+            mine = owners == number
+            if mine.any():
+                owners[hold(frame, mine, texture, rng)] = -1
         if rng.random() < LIT_SHARE:
             light_up(frame, rng)
         if rng.random() < 0.2:

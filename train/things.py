@@ -79,8 +79,8 @@ def _board(
     height: int, width: int, middle: NDArray[np.float64], reach: float, texture: Callable[[], Picture],
     rng: np.random.Generator,
 ) -> tuple[Picture, Picture]:  # fmt: skip
-    """A flat, square-cornered thing turned anyhow, half as long as `reach` or as long from its middle to its corners:
-    the picture (H, W, 3) and where it is (H, W)."""
+    """A flat, square-cornered thing turned anyhow, whose longer side is twice `reach`: the picture (H, W, 3) and where
+    it is (H, W)."""
     flat = _face(texture, rng)
     aspect = float(rng.uniform(0.55, 1.0))
     corners = np.array([[-1, -aspect], [1, -aspect], [1, aspect], [-1, aspect]])
