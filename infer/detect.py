@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks import LandmarkSet
+from muybridge.infer.exposure import stretch
 from muybridge.infer.keypoints import CameraTracks, KeypointOptions, PoseEstimator
 from muybridge.infer.onnx import SIZES, PeopleNetwork
 from muybridge.infer.other_models import open_keypoints
@@ -55,6 +56,7 @@ _CODE = (
     "muybridge.geometry.crops",
     "muybridge.infer.crops",
     "muybridge.infer.detect",
+    "muybridge.infer.exposure",
     "muybridge.infer.keypoints",
     "muybridge.infer.other_models",
     "muybridge.infer.people",
@@ -318,9 +320,10 @@ class _CameraWork:
             for frames in read_chunks(video, self.session.frame_indices[self.index]):
                 if self.stop.is_set():
                     raise Stopped
-                estimator.process(frames)
                 for frame in frames:
                     writer.write(frame)
+                    stretch(frame)
+                estimator.process(frames)
                 self.task.advance(len(frames))
         tracks = estimator.finish()
         return tracks, estimator.background(tracks)

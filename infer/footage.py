@@ -17,6 +17,7 @@ from muybridge.errors import SessionError
 from muybridge.geometry.cameras import Camera
 from muybridge.geometry.clocks import own_frames
 from muybridge.geometry.crops import crops_for_boxes
+from muybridge.infer.exposure import well_exposed
 from muybridge.infer.pipeline import Followed
 from muybridge.infer.poses import Pictures, body_boxes, crop_pixels
 from muybridge.infer.progress import Progress
@@ -173,7 +174,8 @@ def _cut(
     frames, order = np.unique(own, return_inverse=True)
     backdrop = followed.detected[c].backdrop()
     begin = 0
-    for chunk in read_chunks(session.videos[c], session.frame_indices[c][frames]) if len(frames) else ():
+    chunks = read_chunks(session.videos[c], session.frame_indices[c][frames]) if len(frames) else ()
+    for chunk in well_exposed(chunks):
         here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))
         pictures = Pictures(chunk, backdrop(chunk))
         pixels = crop_pixels(pictures, backdrop, order[here] - begin, crops.select(here), 4)

@@ -20,6 +20,7 @@ from muybridge.geometry.clocks import Clock, own_frames
 from muybridge.geometry.landmarks import Keypoints2D, Points3D
 from muybridge.geometry.robust import row_median
 from muybridge.infer.detect import READING_CODE, CameraResult, DetectOptions, Models, Stopped, in_threads
+from muybridge.infer.exposure import well_exposed
 from muybridge.infer.keypoints import CameraTracks, merge_markers, merge_tracks
 from muybridge.infer.onnx import Expectation
 from muybridge.infer.other_models import open_keypoints
@@ -33,7 +34,7 @@ from muybridge.infer.video import read_chunks
 _Floats = NDArray[np.float64]
 _CODE = (
     *READING_CODE, "muybridge.infer.second_look", "muybridge.infer.poses", "muybridge.infer.crops",
-    "muybridge.infer.plates",
+    "muybridge.infer.exposure", "muybridge.infer.plates",
 )  # fmt: skip
 
 
@@ -234,7 +235,7 @@ class SecondLook:
         boxes = body_boxes(reader.upright.to_upright(within), network.landmarks)
         frames, order = np.unique(own, return_inverse=True)
         parts, begin = [], 0
-        for chunk in read_chunks(self.session.videos[c], self.session.frame_indices[c][frames]):
+        for chunk in well_exposed(read_chunks(self.session.videos[c], self.session.frame_indices[c][frames])):
             if stop.is_set():
                 raise Stopped
             here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))

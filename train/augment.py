@@ -43,6 +43,7 @@ class AugmentOptions:
         close_up: share of crops that frame a part of a person, see `close_ups`.
         clutter: share of crops with things that are nobody behind the person, see `clutter`.
         plate: share of crops with the difference to the background plate, see `plates`.
+        dark: share of crops underexposed, down to a tenth of the light.
         faults: with what a camera does to an image, see `camera_faults`.
     """
 
@@ -59,12 +60,13 @@ class AugmentOptions:
     close_up: float = 0.1
     clutter: float = 0.5
     plate: float = 0.5
+    dark: float = 0.05
     faults: bool = True
 
 
 # What networks are scored with and their variances fitted on: whole people, of whom the rarest of what is hard for a
 # network has to be asked for.
-WHOLE = AugmentOptions(close_up=0, embrace=0)
+WHOLE = AugmentOptions(close_up=0, embrace=0, dark=0)
 
 
 @dataclass(frozen=True)
@@ -140,8 +142,9 @@ class Compositor:
             mask = torch.from_numpy(cuts.mask(i, self.size))
             image[i, :, mask] = self._background(1)[0, :, mask]
             before[i, :, mask] = 1
-        difference = self._difference(image, plate, person, before)
-        image = self.faults.apply(image) if opt.faults else image
+        light = self._light(count)
+        difference = self._difference(image, plate, person, before, light)
+        image = self.faults.apply(image, light) if opt.faults else image
         visible, outside = self._truncate(visible, landmarks)
         for i, beyond in [*outside, *((int(i), cuts.mask(i, self.size)) for i in cuts.chosen(BORDER))]:
             for layer in (image, difference):
@@ -153,16 +156,26 @@ class Compositor:
         body = len(BODY23)
         return pixels, difference, at[:, :body], seen[:, :body], at[:, body:], seen[:, body:]
 
-    def _difference(self, image: Tensor, plate: Tensor, person: Tensor, before: Tensor) -> Tensor:
+    def _light(self, count: int) -> NDArray[np.float32]:
+        """(B,) what cameras have of the light that they expose for: all of it, or too little."""
+        light = np.ones(count, np.float32)
+        if self.options.dark and self.options.faults:
+            dark = self.rng.random(count) < self.options.dark
+            light[dark] = np.exp(self.rng.uniform(np.log(0.1), np.log(0.6), int(dark.sum())))
+        return light
+
+    def _difference(
+        self, image: Tensor, plate: Tensor, person: Tensor, before: Tensor, light: NDArray[np.float32]
+    ) -> Tensor:
         """(B, 1, S, S) uint8 to the background plate, of a share of the crops; `before` (B, 1, S, S) is what stands
-        before the person: a part of the room, or held or carried."""
+        before the person: a part of the room, or held or carried. `light` is that of `_light`."""
         known = torch.from_numpy(np.nonzero(self.plates.rng.random(len(image)) < self.options.plate)[0])
         difference = torch.zeros(before.shape, dtype=torch.uint8)
         if len(known):
             static = before[known] * self._column(self.plates.rng.random(len(known)) < 0.6)
             empty = plate[known]
             self.plates.seen_before(empty, person[known], static)
-            difference[known] = self.plates.difference(image[known], empty, static)
+            difference[known] = self.plates.difference(image[known], empty, static, light[known])
         return difference
 
     def _column(self, values: NDArray[np.generic]) -> Tensor:

@@ -13,7 +13,7 @@ BORDER, SOMETHING, PERSON = range(3)
 _BEYOND = (0.65, 0.2, 0.15)
 # Which side is cut off: bottom, left, right, top.
 _NORMALS = np.array([[0.0, 1.0], [-1.0, 0.0], [1.0, 0.0], [0.0, -1.0]])
-_SIDES = (0.7, 0.11, 0.11, 0.08)
+_SIDES = (0.6, 0.11, 0.11, 0.18)
 _KEPT = (0.3, 0.85)  # of the box
 _KEPT_NEAR = (0.22, 0.75)  # where renders are made of it
 _NEAREST = 0.15  # metres before the camera: what is nearer is not part of a person's box

@@ -1,0 +1,38 @@
+"""Dark and flat pictures, brought to what the networks know: they learned from cameras that expose for what they see."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+# What a picture's values span, where they span less, and how far they are drawn apart at most.
+_SPAN, _MOST = 150.0, 6.0
+# Share of the values that may lie beyond: less than there is of anybody who could be read.
+_BEYOND = 0.001
+# A picture is judged by about so many rows and columns.
+_ENOUGH = 160
+
+
+def well_exposed(chunks: Iterable[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:
+    """Chunks of (n, H, W, 3) frames, of which those that are too dark or too flat are stretched; each by itself, in
+    place."""
+    for frames in chunks:
+        for frame in frames:
+            stretch(frame)
+        yield frames
+
+
+def stretch(frame: NDArray[np.uint8]) -> None:
+    """Draws the values of a frame (H, W, 3) apart, in place, where they span too little: all channels alike, and from
+    the brightest down, or up from black where that leaves no room."""
+    few = frame[:: max(1, frame.shape[0] // _ENOUGH), :: max(1, frame.shape[1] // _ENOUGH)]
+    share = np.bincount(few.reshape(-1), minlength=256).cumsum() / few.size
+    low, high = (int(value) for value in np.searchsorted(share, [_BEYOND, 1 - _BEYOND]))
+    if high - low >= _SPAN:
+        return
+    gain = min(_SPAN / max(high - low, 1), _MOST)
+    values = (np.arange(256) - low) * gain + max(high - (high - low) * gain, 0.0)
+    cv2.LUT(frame, values.round().clip(0, 255).astype(np.uint8), dst=frame)
