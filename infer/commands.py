@@ -48,6 +48,7 @@ def run(
     pose_prior: PosePriorOptions = PosePriorOptions(),  # noqa: B008
     smooth: SmoothOptions = SmoothOptions(),  # noqa: B008
     fit: FitOptions = FitOptions(),  # noqa: B008
+    least_sure: float = SolveOptions.least_sure,
     fill_share: float = SolveOptions.fill_share,
     everyone: bool = False,
     refine_cameras: bool = False,
@@ -74,6 +75,8 @@ def run(
         pose_prior: what the rest of the body and of the take say about a point.
         smooth: points over time.
         fit: skeleton and joint angles.
+        least_sure: a landmark of which no camera is as sure as this, in 0..1, is not taken for measured: people of
+            whom all cameras have a part alone are not made whole. 0 to take every guess.
         fill_share: a landmark that the cameras do not agree on is taken from the fitted body in frames where at
             least this share of the landmarks was measured; above 1, never.
         refine_cameras: first make the calibration's poses better by the person; the report says what it gained.
@@ -91,7 +94,9 @@ def run(
             with Progress(quiet=quiet) as progress:
                 print(run_marker_session(path, place, session, marker_video, overwrite, progress), flush=True)
         return 0
-    solve = SolveOptions(person, swaps, triangulate, view_offsets, pose_prior, smooth, fit, fill_share, everyone)
+    solve = SolveOptions(
+        person, swaps, triangulate, view_offsets, pose_prior, smooth, fit, least_sure, fill_share, everyone
+    )
     options = RunOptions(session, detect, solve, second_look, overlay, refine_cameras, world, overwrite)
     jobs = plan(sessions, out)
     if len(jobs) == 1:

@@ -1,4 +1,4 @@
-"""Dark and flat pictures, brought to what the networks know: they learned from cameras that expose for what they see."""
+"""Dark and flat pictures, brought to what the networks know, who learned from cameras that expose for what they see."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from muybridge.infer.keypoints import first_frames, merge_markers, merge_tracks
 from muybridge.infer.outputs import WORK, OutputFolder, open_output
 from muybridge.infer.overlay import OverlayOptions
 from muybridge.infer.progress import Progress
-from muybridge.infer.quality import Quality, assess
+from muybridge.infer.quality import Quality, assess, unsure_landmarks
 from muybridge.infer.second_look import SecondLook, SecondLookOptions
 from muybridge.infer.session import Session, SessionOptions, open_session, with_frames
 from muybridge.infer.solve import Solution, SolveOptions, solve
@@ -197,8 +197,13 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
     again = SecondLook(
         session, detected, files, models, store, options.detect, options.second_look, progress, clocks, in_step
     )
-    solution = solve(session.cameras, keypoints, session.fps, key, store, options.solve, progress, markers, again)
+    # What scores of other people's networks are worth nobody knows.
+    how = options.solve if "card" not in models.metadata["keypoints"] else replace(options.solve, least_sure=0.0)
+    solution = solve(session.cameras, keypoints, session.fps, key, store, how, progress, markers, again)
     progress.say(solution.person)
+    for notice in unsure_landmarks(solution):
+        progress.notice(notice)
+        session = replace(session, notices=(*session.notices, notice))
     solution.stages.update(before)
     return Followed(session, detected, clocks, solution, calibration)
 

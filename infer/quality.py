@@ -9,7 +9,11 @@ from numpy.typing import NDArray
 
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.triangulation import leave_one_out_summary, usable_points
+from muybridge.infer.report_figures import listed, readable
 from muybridge.infer.solve import Solution
+
+# Landmarks that no camera is sure of in this share of the frames are worth a word.
+_OFTEN_UNSURE = 0.25
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,21 @@ def assess(cameras: CameraGroup, solution: Solution) -> Quality:
         cameras=by_camera,
         landmarks=by_landmark,
     )
+
+
+def unsure_landmarks(solution: Solution) -> list[str]:
+    """What to say of landmarks that no camera is sure of in a large part of the take, a sentence for each person."""
+    said = []
+    for number, person in enumerate((solution, *solution.others), start=1):
+        often = np.flatnonzero(person.unsure.mean(axis=0) > _OFTEN_UNSURE)
+        if len(often):
+            names = listed([readable(person.points.landmarks.names[j]) for j in often])
+            said.append(
+                f"{f'person {number}: ' if solution.others else ''}no camera is sure of {names}, in "
+                f"{person.unsure[:, often].mean():.0%} of the frames: outside of all pictures or always hidden, they "
+                "are left out there (--least-sure 0 keeps what is guessed)"
+            )
+    return said
 
 
 def plain(value: Any) -> Any:

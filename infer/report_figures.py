@@ -5,6 +5,7 @@ came from. Shapes: `C` cameras, `T` frames, `J` landmarks.
 """
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,6 +141,11 @@ def _finite(vectors: Floats) -> Mask:
 def readable(name: str) -> str:
     """``left_big_toe`` as ``left big toe``."""
     return name.replace("_", " ")
+
+
+def listed(items: Sequence[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return items[0] if len(items) == 1 else ", ".join(items[:-1]) + " and " + items[-1]
 
 
 def coverage(points: Points3D) -> float:

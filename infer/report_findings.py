@@ -13,6 +13,7 @@ from muybridge.infer.report_figures import (
     coverage,
     gaps,
     jumps,
+    listed,
     nanmedian,
     readable,
 )
@@ -136,7 +137,7 @@ def _sign_findings(cameras: Sequence[CameraFigures], culprits_known: bool) -> li
     found = []
     shifted = [c for c in cameras if _is_shifted(c) and not culprits_known]
     if shifted:
-        each = _listed([f"{c.name} by {np.linalg.norm(c.bias_px):.0f} px ({_direction(c)})" for c in shifted])
+        each = listed([f"{c.name} by {np.linalg.norm(c.bias_px):.0f} px ({_direction(c)})" for c in shifted])
         most_mm = max(float(np.linalg.norm(c.bias_px)) * c.mm_per_px for c in shifted)
         found.append(
             Finding(
@@ -181,11 +182,6 @@ def _direction(camera: CameraFigures) -> str:
     if abs(y) > 0.4 * abs(x):
         parts.append("down" if y > 0 else "up")
     return " and ".join(parts)
-
-
-def _listed(items: Sequence[str]) -> str:
-    """``a``, ``a and b``, ``a, b and c``."""
-    return items[0] if len(items) == 1 else ", ".join(items[:-1]) + " and " + items[-1]
 
 
 def _gap_findings(points: Points3D, most: int = 5) -> list[Finding]:

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +23,15 @@ from muybridge.geometry.triangulation import TriangulateOptions, leave_one_out_e
 from muybridge.geometry.view_offsets import ViewOffsetOptions, learn_view_offsets, without_view_offsets
 from muybridge.infer.markers import triangulate_markers
 from muybridge.infer.progress import Progress
-from muybridge.infer.second_look import SecondLook
+from muybridge.infer.second_look import Again, SecondLook
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
 
 # Appended to the names of stages that follow a second look.
 _AGAIN = ", second look"
 # Landmarks measured in at least this share of the frames may be taken from the fitted body where they are not.
 _NOW_AND_THEN = 0.2
+# Unless no camera is sure of them in more than this share.
+_HARDLY_EVER_SEEN = 0.5
 
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]
@@ -47,6 +49,8 @@ class SolveOptions:
         pose_prior: what the rest of the body and of the take say about a point.
         smooth: points over time.
         fit: the skeleton and its joint angles.
+        least_sure: a landmark of which no camera is as sure as this, in 0..1, is not taken for measured: people of
+            whom all cameras have a part alone are not made whole. 0 to take every guess.
         fill_share: a landmark that the cameras do not agree on is taken from the fitted body in frames where at
             least this share of the landmarks was measured; above 1, never.
         everyone: follow the other people too.
@@ -59,6 +63,7 @@ class SolveOptions:
     pose_prior: PosePriorOptions = field(default_factory=PosePriorOptions)
     smooth: SmoothOptions = field(default_factory=SmoothOptions)
     fit: FitOptions = field(default_factory=FitOptions)
+    least_sure: float = 0.5
     fill_share: float = 0.5
     everyone: bool = False
 
@@ -72,6 +77,7 @@ class Solution:
         points_px: (C, T, J, 2) the person's 2D landmarks, left and right put back; NaN where missing.
         variance_px2: (C, T, J).
         measured: the triangulated points.
+        unsure: (T, J) where cameras have a landmark and none is sure of it; there it is not measured.
         points: the same, smoothed, with gaps filled.
         swapped: (C, T, J) where left and right were put back.
         leave_one_out_px: (C, T, J) see `geometry.triangulation.leave_one_out_error`.
@@ -87,6 +93,7 @@ class Solution:
     points_px: Floats
     variance_px2: Floats
     measured: Points3D
+    unsure: NDArray[np.bool_]
     points: Points3D
     swapped: NDArray[np.bool_]
     leave_one_out_px: Floats
@@ -149,26 +156,45 @@ class _Take:
     options: SolveOptions
 
 
+class _Read(NamedTuple):
+    """What the cameras have of one person: the take, with a second look's landmarks where there was one, and the stages
+    of the person's landmarks, of their sides and of the triangulated points."""
+
+    take: _Take
+    person: StageResult
+    sides: StageResult
+    cloud: StageResult
+    again: Again | None = None
+
+
+def _read(take: _Take, number: str, person: StageResult, look_again: SecondLook | None) -> _Read:
+    """One person's 2D landmarks, looked for again where the first 3D points are, and triangulated."""
+    sides, cloud = _to_points(take, number, person)
+    if look_again is None:
+        return _Read(take, person, sides, cloud)
+    measured = _as_points(take.keypoints.landmarks, cloud.arrays, cloud.arrays, take.fps)
+    # Not as the result is smoothed: another cut-off for that needs no other look.
+    expected = smooth_points(measured, SmoothOptions())
+    again = look_again(person.arrays["slots"], measured, expected, number.replace(" ", "-"))
+    if again is None:
+        return _Read(take, person, sides, cloud)
+    take.stage.done |= again.stages
+    take, reason = replace(take, keypoints=again.keypoints, markers=again.markers), str(person.facts["reason"])
+    person = take.stage(
+        f"person{number}{_AGAIN}", [person.key, [s.key for s in again.stages.values()]],
+        lambda: (_taken(again.keypoints, again.slots), {"reason": reason}),
+    )  # fmt: skip
+    return _Read(take, person, *_to_points(take, number + _AGAIN, person), again)
+
+
 def _followed(take: _Take, number: str, person: StageResult, look_again: SecondLook | None) -> Solution:
     """One person from 2D landmarks to motion; `number` is appended to the names of the stages."""
+    take, person, sides, cloud, again = _read(take, number, person, look_again)
     stage, cameras, keypoints, markers, fps, options = (getattr(take, f.name) for f in fields(take))
-    sides, cloud = _to_points(stage, number, cameras, keypoints, person, fps, options)
+    sure = _sure(person.arrays["score"], sides.arrays["swapped"], keypoints.landmarks, options.least_sure)
     measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
-    again = None
-    if look_again is not None:
-        # Not as the result is smoothed: another cut-off for that needs no other look.
-        expected = smooth_points(measured, SmoothOptions())
-        again = look_again(person.arrays["slots"], measured, expected, number.replace(" ", "-"))
-    if again is not None:
-        stage.done |= again.stages
-        keypoints, markers, facts = again.keypoints, again.markers, person.facts
-        looked = [person.key, [s.key for s in again.stages.values()]]
-        person = stage(
-            f"person{number}{_AGAIN}", looked,
-            lambda: (_taken(keypoints, again.slots), {"reason": str(facts["reason"])}),
-        )  # fmt: skip
-        sides, cloud = _to_points(stage, number + _AGAIN, cameras, keypoints, person, fps, options)
-        measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
+    unsure = ~sure & np.isfinite(measured.points_world).all(-1)
+    measured = _only(measured, sure)
 
     def alone() -> Arrays:
         # Views that were told what the others see agree with them: each has to be asked on its own.
@@ -181,13 +207,14 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
         lambda: _left_out(cameras, alone(), options.triangulate),
     )  # fmt: skip
     px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
-    smooth = stage(f"smooth{number}", [cloud.key, options.smooth], lambda: _smooth(measured, options.smooth))
-    points = _as_points(keypoints.landmarks, smooth.arrays, cloud.arrays, fps)
+    given = [cloud.key, options.least_sure]
+    smooth = stage(f"smooth{number}", [*given, options.smooth], lambda: _smooth(measured, options.smooth))
+    points = replace(measured, **smooth.arrays)
     motion, no_motion = None, ""
     try:
-        fitted = stage(f"motion{number}", [cloud.key, options.fit], lambda: _fit(measured, options.fit))
+        fitted = stage(f"motion{number}", [*given, options.fit], lambda: _fit(measured, options.fit))
         motion = _unpack(fitted)
-        points = _filled(points, measured, fitted.arrays, options.fill_share)
+        points = _filled(points, measured, sure, fitted.arrays, options.fill_share)
     except MuybridgeError as error:
         # The points and the pictures show what is wrong: they are worth having without a motion.
         no_motion = str(error)
@@ -204,6 +231,7 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
         points_px=px,
         variance_px2=variance,
         measured=measured,
+        unsure=unsure,
         points=points,
         swapped=sides.arrays["swapped"],
         leave_one_out_px=left_out.arrays["leave_one_out_px"],
@@ -238,19 +266,17 @@ class _Stages:
         return result
 
 
-def _to_points(
-    stage: _Stages, suffix: str, cameras: CameraGroup, keypoints: Keypoints2D, person: StageResult, fps: float,
-    options: SolveOptions,
-) -> tuple[StageResult, StageResult]:  # fmt: skip
+def _to_points(take: _Take, suffix: str, person: StageResult) -> tuple[StageResult, StageResult]:
     """The person's landmarks with the sides put back, and triangulated."""
+    stage, cameras, options, landmarks = take.stage, take.cameras, take.options, take.keypoints.landmarks
     sides = stage(
         f"sides{suffix}", [person.key, options.swaps],
-        lambda: _sides(cameras, keypoints, person.arrays, options.swaps),
+        lambda: _sides(cameras, take.keypoints, person.arrays, options.swaps),
     )  # fmt: skip
     px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
     cloud = stage(
         f"points{suffix}", [sides.key, options.triangulate, options.view_offsets, options.pose_prior],
-        lambda: _points(cameras, px, variance, keypoints.landmarks, fps, options),
+        lambda: _points(cameras, px, variance, landmarks, take.fps, options),
     )  # fmt: skip
     return sides, cloud
 
@@ -329,6 +355,25 @@ def _points(
     return arrays, facts
 
 
+def _only(points: Points3D, there: NDArray[np.bool_]) -> Points3D:
+    """The points that are `there` (T, J)."""
+    return replace(
+        points,
+        points_world=np.where(there[..., None], points.points_world, np.nan),
+        covariance_world=np.where(there[..., None, None], points.covariance_world, np.nan),
+        residual_px=np.where(there, points.residual_px, np.nan),
+        inlier=points.inlier & there,
+    )
+
+
+def _sure(
+    score: Floats, swapped: NDArray[np.bool_], landmarks: LandmarkSet, least: float
+) -> NDArray[np.bool_]:
+    """(T, J) whether a camera is sure of a landmark, by scores (C, T, J) as they were before sides were put back."""
+    own = np.where(swapped, score[..., list(landmarks.mirror)], score)
+    return np.asarray(own.max(axis=0) >= least)
+
+
 def _left_out(cameras: CameraGroup, sides: Arrays, options: TriangulateOptions) -> tuple[Arrays, Mapping[str, Any]]:
     error = leave_one_out_error(cameras, sides["points_px"], sides["variance_px2"], options)
     return {"leave_one_out_px": error}, {}
@@ -360,15 +405,18 @@ def _fit(points: Points3D, options: FitOptions) -> tuple[Arrays, Mapping[str, An
     return {**arrays, **on_body}, facts
 
 
-def _filled(points: Points3D, measured: Points3D, body: Arrays, share: float) -> Points3D:
+def _filled(
+    points: Points3D, measured: Points3D, sure: NDArray[np.bool_], body: Arrays, share: float
+) -> Points3D:
     """`points` with what is missing taken from the fitted body, in frames where the body is well known: landmarks that
-    are measured now and then, or sit on one bone with what is measured. Legs under a desk are not made up."""
+    are measured now and then, or sit on one bone with what is measured. Legs under a desk are not made up: what no
+    camera is `sure` (T, J) of, most of the time, stays unknown."""
     there = np.asarray(np.isfinite(measured.points_world).all(-1))
     known = there.mean(1) >= share
     often = there[known].mean(0) >= _NOW_AND_THEN if known.any() else np.zeros(there.shape[1], dtype=np.bool_)
     tied = there @ _on_one_bone(points.landmarks.names)
     gap = known[:, None] & np.isnan(points.points_world).any(-1) & np.isfinite(body["landmarks_world"]).all(-1)
-    gap &= often | tied
+    gap &= (often & (sure.mean(0) >= 1 - _HARDLY_EVER_SEEN)) | tied
     variance = np.broadcast_to(body["landmark_sigma"] ** 2, gap.shape)
     position, covariance = points.points_world.copy(), points.covariance_world.copy()
     position[gap] = body["landmarks_world"][gap]
