@@ -471,29 +471,3 @@ def test_the_real_take_with_the_references_landmarks(real_data, tmp_path, staged
     assert np.nanmedian(error) < 0.035
     quality = json.loads((tmp_path / "out" / "run.json").read_text())["quality"]
     assert quality["leave_one_out_px"] < 30  # the notes say 22.7 for these landmarks and this calibration
-
-
-def test_gaps_are_filled_from_the_body_only_where_it_is_known():
-    from muybridge.geometry.landmarks import BODY23, Points3D
-    from muybridge.infer.solve import _filled
-
-    frames = 4
-    truth = np.random.default_rng(0).normal(size=(frames, 23, 3))
-    seen = truth.copy()
-    seen[1, 9] = np.nan  # one wrist in an else well known frame
-    seen[2, 4:] = np.nan  # hardly anything is known
-    covariance = np.broadcast_to(np.eye(3) * 1e-4, (frames, 23, 3, 3))
-    none = np.zeros((2, frames, 23))
-    points = Points3D(BODY23, seen, covariance, none, none.astype(bool), 25.0)
-    body = {"landmarks_world": truth + 0.01, "landmark_sigma": np.full(23, 0.03)}
-    filled = _filled(points, points, body, 0.5)
-    np.testing.assert_array_equal(filled.points_world[1, 9], truth[1, 9] + 0.01)
-    np.testing.assert_allclose(filled.covariance_world[1, 9], np.eye(3) * 9e-4)
-    assert np.isnan(filled.points_world[2, 4:]).all()
-    np.testing.assert_array_equal(filled.points_world[[0, 3]], truth[[0, 3]])
-    assert np.isnan(_filled(points, points, body, 1.1).points_world[1, 9]).all()
-    # Knees that are never seen are not made up; a heel that is not is where its toes say.
-    knee, heel = BODY23.index("left_knee"), BODY23.index("left_heel")
-    seen[:, [knee, heel]] = np.nan
-    filled = _filled(points, points, body, 0.5)
-    assert np.isnan(filled.points_world[:, knee]).all() and np.isfinite(filled.points_world[[0, 1, 3], heel]).all()
