@@ -1,6 +1,7 @@
 """Virtual markers of the person who is followed: from every camera's view of the skin to a laboratory's C3D."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ def triangulate_markers(
     markers: tuple[_Floats, _Floats],
     swaps: SwapOptions,
     options: TriangulateOptions,
-) -> dict[str, NDArray[np.generic]]:
+) -> dict[str, NDArray[Any]]:
     """Markers in 3D, left and right put back with the evidence of markers and body landmarks together.
 
     Args:
@@ -35,20 +36,22 @@ def triangulate_markers(
         options: of the triangulation.
 
     Returns:
-        `points_world`, `covariance_world`, `residual_px` and `inlier` as in `Points3D`.
+        `points_world`, `covariance_world`, `residual_px` and `inlier` as in `Points3D`, and `swapped` (C, T, M), where
+        left and right were put back.
     """
     known = len(body[2])
     # Heels are of both sets: the skin's get a name of their own.
     names = tuple(f"{name}_skin" for name in SURFACE.names)
     both = LandmarkSet("body and skin", (*body[2].names, *names), ())
     px, variance = (np.concatenate(pair, axis=2) for pair in zip(body[:2], markers, strict=True))
-    px, variance, _ = repair_swaps(cameras, px, variance, both, _with_markers(swaps, names))
+    px, variance, swapped = repair_swaps(cameras, px, variance, both, _with_markers(swaps, names))
     found = triangulate(cameras, px[:, :, known:], variance[:, :, known:], options)
     return {
         "points_world": found.points_world,
         "covariance_world": found.covariance_world,
         "residual_px": found.residual_px,
         "inlier": found.inlier,
+        "swapped": swapped[:, :, known:],
     }
 
 

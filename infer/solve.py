@@ -192,9 +192,9 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
     take, person, sides, cloud, again = _read(take, number, person, look_again)
     stage, cameras, keypoints, markers, fps, options = (getattr(take, f.name) for f in fields(take))
     sure = _sure(person.arrays["score"], sides.arrays["swapped"], keypoints.landmarks, options.least_sure)
-    measured = _as_points(keypoints.landmarks, cloud.arrays, cloud.arrays, fps)
-    unsure = ~sure & np.isfinite(measured.points_world).all(-1)
-    measured = _only(measured, sure)
+    unsure = ~sure & np.isfinite(cloud.arrays["points_world"]).all(-1)
+    arrays = _only(cloud.arrays, sure)
+    measured = _as_points(keypoints.landmarks, arrays, arrays, fps)
 
     def alone() -> Arrays:
         # Views that were told what the others see agree with them: each has to be asked on its own.
@@ -222,7 +222,7 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
     if markers is not None:
         skin = stage(
             f"markers{number}",
-            [person.key, options.swaps, options.triangulate],
+            [person.key, options.swaps, options.triangulate, options.least_sure],
             lambda: _markers(cameras, person.arrays, keypoints.landmarks, markers, options),
         )
         marked = smooth_points(_as_points(markers.landmarks, skin.arrays, skin.arrays, fps), options.smooth)
@@ -337,12 +337,6 @@ def _points(
     )
     wrong = stretched_limbs(found.points_world, landmarks)
     wrong |= vague_points(found.points_world, found.covariance_world, landmarks)
-    found = replace(
-        found,
-        points_world=np.where(wrong[..., None], np.nan, found.points_world),
-        covariance_world=np.where(wrong[..., None, None], np.nan, found.covariance_world),
-        inlier=found.inlier & ~wrong,
-    )
     # Reports are about what was seen, not about what was made of it.
     residual = np.linalg.norm(cameras.project(found.points_world) - points_px, axis=-1)
     arrays = {
@@ -352,18 +346,17 @@ def _points(
         "inlier": found.inlier,
     }
     facts = {"noise_px": found.noise_px, "view_offset_size_m": 0.0 if offsets is None else offsets.size_m}
-    return arrays, facts
+    return _only(arrays, ~wrong), facts
 
 
-def _only(points: Points3D, there: NDArray[np.bool_]) -> Points3D:
-    """The points that are `there` (T, J)."""
-    return replace(
-        points,
-        points_world=np.where(there[..., None], points.points_world, np.nan),
-        covariance_world=np.where(there[..., None, None], points.covariance_world, np.nan),
-        residual_px=np.where(there, points.residual_px, np.nan),
-        inlier=points.inlier & there,
-    )
+def _only(measured: Arrays, there: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
+    """The arrays of triangulated points, of those that are `there` (T, J)."""
+    return {
+        "points_world": np.where(there[..., None], measured["points_world"], np.nan),
+        "covariance_world": np.where(there[..., None, None], measured["covariance_world"], np.nan),
+        "residual_px": np.where(there, measured["residual_px"], np.nan),
+        "inlier": measured["inlier"] & there,
+    }
 
 
 def _sure(
@@ -382,9 +375,11 @@ def _left_out(cameras: CameraGroup, sides: Arrays, options: TriangulateOptions) 
 def _markers(
     cameras: CameraGroup, person: Arrays, landmarks: LandmarkSet, markers: Keypoints2D, options: SolveOptions
 ) -> tuple[Arrays, Mapping[str, Any]]:
-    points_px, variance_px2, _ = take_slots(markers, person["slots"])
+    points_px, variance_px2, score = take_slots(markers, person["slots"])
     body = person["points_px"], person["variance_px2"], landmarks
-    return triangulate_markers(cameras, body, (points_px, variance_px2), options.swaps, options.triangulate), {}
+    found = triangulate_markers(cameras, body, (points_px, variance_px2), options.swaps, options.triangulate)
+    sure = _sure(score, found["swapped"], markers.landmarks, options.least_sure)
+    return _only(found, sure), {}
 
 
 def _smooth(points: Points3D, options: SmoothOptions) -> tuple[Arrays, Mapping[str, Any]]:

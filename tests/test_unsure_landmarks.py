@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.landmarks import BODY23, Keypoints2D, Points3D
+from muybridge.geometry.landmarks import BODY23, SURFACE, Keypoints2D, Points3D
 from muybridge.infer.demo import demo_folder, true_points
 from muybridge.infer.progress import Progress
 from muybridge.infer.quality import assess, unsure_landmarks
@@ -105,3 +105,19 @@ def test_gaps_are_filled_from_the_body_only_where_it_is_known():
     # What no camera is sure of, most of the time, is not.
     sure[:3, 9] = False
     assert np.isnan(_filled(points, points, sure, body, 0.5).points_world[1, 9]).all()
+
+
+def test_markers_that_no_camera_is_sure_of_are_left_out(walk, tmp_path):
+    cameras, world, px = walk
+    marks = np.repeat(px[..., :1, :], len(SURFACE), axis=-2) + 0.1 * np.arange(len(SURFACE))[:, None]
+    score = np.ones(marks.shape[:-1])
+    crown = SURFACE.index("crown")
+    score[:, 5:, 0, crown] = 0.2
+    known = np.isfinite(px).all(-1)
+    body = Keypoints2D(BODY23, px, np.where(known, 1.0, np.nan), known.astype(float))
+    markers = Keypoints2D(SURFACE, marks, np.ones(score.shape), score)
+    with Progress(quiet=True) as progress:
+        solution = solve(cameras, body, 25.0, "", StageStore(tmp_path), SolveOptions(), progress, markers)
+    there = np.isfinite(solution.markers.points_world).all(-1)
+    assert not there[5:, crown].any() and there[:5, crown].all()
+    assert np.delete(there, crown, axis=1).all()
