@@ -116,7 +116,7 @@ def figures(points: np.ndarray, truth: np.ndarray) -> str:
     fit = SimilarityTransform.from_estimate(points[known], truth[known])
     aligned = points.copy()
     aligned[known] = fit(points[known])
-    offset = np.array([(aligned - truth)[known[:, j], j].mean(0) for j in range(points.shape[1])])
+    offset = np.array([(aligned - truth)[k, j].mean(0) if k.any() else np.zeros(3) for j, k in enumerate(known.T)])
     away = [np.linalg.norm(p - truth, axis=-1)[known].mean() for p in (points, aligned, aligned - offset)]
     return ", ".join(f"{1000 * a:.1f}" for a in away)
 
