@@ -28,7 +28,7 @@ from muybridge.train.renders import SIZE, load_renders
 CASES, COLUMNS, TILE = 60, 10, 192
 LEFT, RIGHT, MIDDLE = (255, 140, 0), (0, 150, 255), (120, 255, 120)
 HARD = AugmentOptions(
-    rotation_sd_deg=10, tumble=0.2, second_person=0.4, embrace=0, occluder=0.5, mosaic=0.1, truncate=0.2
+    rotation_sd_deg=10, tumble=0.2, second_person=0.4, embrace=0, occluder=0.5, mosaic=0.1, truncate=0.2, dark=0
 )
 SEED = 60
 
