@@ -1,15 +1,13 @@
 #!/usr/bin/env python3
 """Calibrates a published keypoint network anew, for crops of another size if need be; its weights stay as they are.
 
-usage: python scripts/recalibrate_keypoints.py NETWORK.onnx RENDERS [--crops 2048] [--size PX] [--close-ups RENDERS]
+usage: python scripts/recalibrate_keypoints.py NETWORK.onnx RENDERS [--crops 2048] [--size PX]
 
 As `muybridge train keypoints` does at its end: variances are fitted on one half of the held-out crops of RENDERS, a
 part of them with the background plate, and their coverage is measured on the other, the 8-bit version beside
 NETWORK.onnx is made again, and scores are taken. Beyond that, what crops looked at mirrored are surer of is fitted with
 all that `muybridge run` does with those it is unsure of (smaller, turned and tilted), which needs a network's file, and
-then, of a third as many crops of parts of people, what such are surer of. Half of these are made from the held-out
-renders as training makes them; the others are those of --close-ups, renders of near cameras that no training saw
-(`muybridge synth --close-ups`), without which all are cut.
+then, of a third as many crops of parts of people, what such are surer of.
 """
 
 import argparse
@@ -63,22 +61,22 @@ def as_read(
     Args:
         session, card: the network.
         batches: of crops.
-        partly: the ratio is of those alone that the network takes for parts of people; shares are those of all crops.
+        partly: of the crops those count that the network takes for parts of people; else all.
         look: end of the shares' names.
     """
     parts = []
     for batch in track(batches, "reading as `run` does", transient=True):
         found, error, inside = read_batch(session, card, batch, flip=True, turn=True)
-        known = np.broadcast_to(in_part(found.score)[:, None] if partly else True, inside.shape)
-        parts.append((error, found.variance_crop_px2, inside, batch.visible.numpy(), known))
-    error, variance, inside, visible, known = (np.concatenate(values) for values in zip(*parts, strict=True))
-    fitted, rest = slice(0, None, 2), slice(1, None, 2)
-    fit = inside[fitted]
-    if (fit & known[fitted]).sum() < LEAST_OF_A_LANDMARK:
+        counts = in_part(found.score) if partly else np.ones(len(error), dtype=bool)
+        values = (error, found.variance_crop_px2, inside, batch.visible.numpy())
+        parts.append([each[counts] for each in values])
+    error, variance, inside, visible = (np.concatenate(values) for values in zip(*parts, strict=True))
+    half = len(error) // 2
+    fit = inside[:half]
+    if fit.sum() < LEAST_OF_A_LANDMARK:
         return 1.0, {}
-    ratio = fitted_ratio(*(values[fitted][fit] for values in (error, variance, visible, known)))
-    factor = np.where(known[rest], ratio, 1.0)
-    return ratio, shares_of(error[rest], factor * variance[rest], inside[rest], visible[rest], look)
+    ratio = fitted_ratio(error[:half][fit], variance[:half][fit], visible[:half][fit])
+    return ratio, shares_of(error[half:], ratio * variance[half:], inside[half:], visible[half:], look)
 
 
 def text(new: dict[str, Any]) -> dict[str, str]:
@@ -92,7 +90,6 @@ def main() -> None:
     parser.add_argument("renders", type=pathlib.Path)
     parser.add_argument("--crops", type=int, default=2048)
     parser.add_argument("--size", type=int)
-    parser.add_argument("--close-ups", type=pathlib.Path)
     options = parser.parse_args()
     path: pathlib.Path = options.network
     session, card = load_model(path)
@@ -100,10 +97,7 @@ def main() -> None:
     people, backgrounds = load_renders(options.renders, HELD_OUT), make_backgrounds(256, SIZE, SEED)
     compositor, near = (Compositor(people, backgrounds, size, SEED, replace(WHOLE, close_up=c)) for c in (0.0, 1.0))
     batches = [compositor.batch(64) for _ in range(-(-options.crops // 64))]
-    parts = [near]
-    if options.close_ups:
-        parts.append(Compositor(load_renders(options.close_ups, None), backgrounds, size, SEED, WHOLE))
-    close_ups = [each.batch(64) for each in parts for _ in range(-(-options.crops // 192 // len(parts)))]
+    close_ups = [near.batch(64) for _ in range(-(-options.crops // 192))]
     scores = evaluate(keypoint_net_from_onnx(path), batches[:8])
     measured = calibration(*held_out(look_of(session, card), batches))
     new = {"input_size": str(size), "version": version(), **measured}

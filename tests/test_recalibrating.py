@@ -25,8 +25,7 @@ def test_a_network_is_calibrated_anew_and_keeps_its_weights(
 ) -> None:
     path = tmp_path / "keypoints.onnx"
     shutil.copy(shipped_model("keypoints"), path)
-    options = ["--crops", "128", "--size", "64", "--close-ups", str(store)]
-    monkeypatch.setattr(sys, "argv", ["recalibrate", str(path), str(store), *options])
+    monkeypatch.setattr(sys, "argv", ["recalibrate", str(path), str(store), "--crops", "128", "--size", "64"])
     script("recalibrate_keypoints").main()
     before, after = (onnx.load(str(p)) for p in (shipped_model("keypoints"), path))
     assert before.graph == after.graph  # what is said of them is new, the weights are not

@@ -34,7 +34,7 @@ from muybridge.train.options import (  # noqa: E402
 from muybridge.train.publish import load_checkpoint, publish_keypoints  # noqa: E402
 from muybridge.train.renders import SIZE, load_renders  # noqa: E402
 from muybridge.train.scenes import SceneBatch  # noqa: E402
-from muybridge.train.sigma import fit_spread, fitted_ratio, within  # noqa: E402
+from muybridge.train.sigma import fit_spread, within  # noqa: E402
 
 
 def test_heatmap_loss_is_least_at_the_truth():
@@ -151,19 +151,6 @@ def test_spread_calibration_covers_errors():
     one, two = within(error[4000:], fitted.variance(spread[4000:]))
     assert one == pytest.approx(0.683, abs=0.03)
     assert two == pytest.approx(0.954, abs=0.02)
-
-
-def test_a_ratio_of_some_makes_the_shares_of_all_right():
-    rng = np.random.default_rng(0)
-    some, visible = rng.random(20_000) < 0.4, rng.random(20_000) < 0.7
-    error = rng.normal(size=(20_000, 2)) * np.where(some, 0.8, 1.0)[:, None]
-    variance = np.ones(20_000)
-    assert fitted_ratio(error[some], variance[some], visible[some]) == pytest.approx(0.64, rel=0.05)
-    ratio = fitted_ratio(error, variance, visible, some)
-    one, two = within(error, variance * np.where(some, ratio, 1.0))
-    assert abs(one - 0.683) < 0.01 and abs(two - 0.954) < 0.01
-    # The others are too sure of themselves, which those that can be changed have to make up for.
-    assert fitted_ratio(error * np.where(some, 1.0, 1.2)[:, None], variance, visible, some) > 1.3 * ratio
 
 
 def test_a_share_of_the_batches_is_of_smaller_crops(store, tmp_path):

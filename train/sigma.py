@@ -152,15 +152,11 @@ def fit_mirrored(spread: SpreadCalibration, found: HeldOut) -> SpreadCalibration
     return replace(spread, mirrored=fitted_ratio(found.error_px, variances(spread, found), found.visible))
 
 
-def fitted_ratio(
-    error_px: NDArray[np.float64], variance_px2: NDArray[np.float64], visible: NDArray[np.bool_],
-    known: NDArray[np.bool_] | None = None,
-) -> float:  # fmt: skip
+def fitted_ratio(error_px: NDArray[np.float64], variance_px2: NDArray[np.float64], visible: NDArray[np.bool_]) -> float:
     """By what variances (K,) of coordinates (K, 2) have to be multiplied for no share within one or two sigma to be
-    farther off than need be, neither of all nor of the `visible` (K,) nor of the hidden. Where only those that are
-    `known` (K,) to be of a kind can be multiplied, the shares are still those of all."""
-    groups, known = _groups(visible), np.ones(len(visible), dtype=bool) if known is None else known
-    off = [_farthest_off(error_px, variance_px2 * np.where(known, ratio, 1.0), groups) for ratio in _MIRRORED]
+    farther off than need be, neither of all nor of the `visible` (K,) nor of the hidden."""
+    groups = _groups(visible)
+    off = [_farthest_off(error_px, variance_px2 * ratio, groups) for ratio in _MIRRORED]
     return float(_MIRRORED[int(np.argmin(off))])
 
 
