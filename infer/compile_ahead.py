@@ -75,7 +75,7 @@ def compile_now() -> None:
     cameras = load_calibration(Path(str(demo_folder().joinpath("calibration.toml"))))
     truth, names = true_points(demo_folder())
     world = truth[:_FRAMES, [names.index(name) for name in BODY23.names]]
-    px = np.stack([camera.project(world) for camera in cameras])[:, :, None]
+    px = cameras.project(world)[:, :, None]
     known = np.isfinite(px).all(axis=-1)
     keypoints = Keypoints2D(BODY23, px, np.where(known, 1.0, np.nan), np.where(known, 1.0, 0.0))
     with tempfile.TemporaryDirectory() as folder, Progress(quiet=True) as progress:

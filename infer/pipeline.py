@@ -28,7 +28,7 @@ from muybridge.infer.overlay import OverlayOptions
 from muybridge.infer.progress import Progress
 from muybridge.infer.quality import Quality, assess, unsure_landmarks
 from muybridge.infer.second_look import SecondLook, SecondLookOptions
-from muybridge.infer.session import Session, SessionOptions, open_session, with_frames
+from muybridge.infer.session import Session, SessionOptions, open_session, with_frames, with_notice
 from muybridge.infer.solve import Solution, SolveOptions, solve
 from muybridge.infer.stages import StageResult, StageStore, digest
 from muybridge.infer.sync import SYNC_FILE, session_clocks, synchronised
@@ -188,9 +188,7 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
 
     keypoints, markers = in_step(keypoints), None if markers is None else in_step(markers)
     if clocks is not None:
-        notice = f"the cameras' 2D landmarks were put in step by {SYNC_FILE}"
-        progress.notice(notice)
-        session = replace(session, notices=(*session.notices, notice))
+        session = with_notice(session, f"the cameras' 2D landmarks were put in step by {SYNC_FILE}", progress)
     key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras, clocks)
     session, calibration, before = _calibrated(session, keypoints, key, store, options, progress)
     key = digest(key, session.cameras.cameras)
@@ -202,8 +200,7 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
     solution = solve(session.cameras, keypoints, session.fps, key, store, how, progress, markers, again)
     progress.say(solution.person)
     for notice in unsure_landmarks(solution):
-        progress.notice(notice)
-        session = replace(session, notices=(*session.notices, notice))
+        session = with_notice(session, notice, progress)
     solution.stages.update(before)
     return Followed(session, detected, clocks, solution, calibration)
 
@@ -302,8 +299,7 @@ def _common(
     if frames < session.frames:
         shortest = session.videos[counts.index(frames)].path.name
         notice = f"{shortest} has {frames} frames, fewer than its header suggests: the first {frames} are used"
-        progress.notice(notice)
-        session = replace(with_frames(session, frames), notices=(*session.notices, notice))
+        session = with_notice(with_frames(session, frames), notice, progress)
     tracks = [first_frames(d.tracks, frames) for d in detected]
     return session, merge_tracks(tracks), merge_markers(tracks)
 

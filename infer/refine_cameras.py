@@ -14,7 +14,7 @@ from muybridge.geometry.people_tracking import AssociateOptions
 from muybridge.geometry.swaps import repair_swaps
 from muybridge.geometry.triangulation import leave_one_out_error
 from muybridge.infer.progress import Progress
-from muybridge.infer.session import Session
+from muybridge.infer.session import Session, with_notice
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
 
 STAGE = "refine"
@@ -49,9 +49,7 @@ def refined(
         try:
             poses, before, after = _poses(session.cameras, keypoints, session.fps)
         except MuybridgeError as error:
-            notice = f"the cameras were not refined: {error}"
-            progress.notice(notice)
-            return replace(session, notices=(*session.notices, notice)), None
+            return with_notice(session, f"the cameras were not refined: {error}", progress), None
         facts = {"before_px": before, "after_px": after}
         stage = store.save(STAGE, key, {"cam_from_world": poses}, facts, time.perf_counter() - start)
         progress.say(f"{STAGE}: {stage.seconds:.1f} s")
@@ -59,10 +57,8 @@ def refined(
     found = CameraGroup(
         tuple(c.posed(p) for c, p in zip(session.cameras, stage.arrays["cam_from_world"], strict=True))
     )
-    notice = _notice(session.cameras, found, before, after)
-    progress.notice(notice)
-    cameras = found if _better(before, after) else session.cameras
-    return replace(session, cameras=cameras, notices=(*session.notices, notice)), stage
+    session = with_notice(session, _notice(session.cameras, found, before, after), progress)
+    return replace(session, cameras=found if _better(before, after) else session.cameras), stage
 
 
 def person_of(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> PersonSelection:

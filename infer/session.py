@@ -20,6 +20,7 @@ from muybridge.errors import SessionError
 from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, read_calibration
 from muybridge.geometry.calibration.level import levelled
 from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.infer.progress import Progress
 from muybridge.infer.time_table import TIMESTAMPS, nearest, paired_by_time, time_table_in
 from muybridge.infer.video import VideoInfo, is_video, probe_video, read_chunks
 
@@ -391,3 +392,9 @@ def _oddities(videos: Sequence[VideoInfo]) -> list[str]:
 def with_frames(session: Session, frames: int) -> Session:
     """The session's first `frames` frames."""
     return replace(session, frame_indices=session.frame_indices[:, :frames])
+
+
+def with_notice(session: Session, notice: str, progress: Progress) -> Session:
+    """The session with one more notice, which is said at once, too."""
+    progress.notice(notice)
+    return replace(session, notices=(*session.notices, notice))

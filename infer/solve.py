@@ -30,8 +30,8 @@ from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
 _AGAIN = ", second look"
 # Landmarks measured in at least this share of the frames may be taken from the fitted body where they are not.
 _NOW_AND_THEN = 0.2
-# Unless no camera is sure of them in more than this share.
-_HARDLY_EVER_SEEN = 0.5
+# And of these a camera has to be sure in this share.
+_MOSTLY_SURE = 0.5
 
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]
@@ -172,7 +172,7 @@ def _read(take: _Take, number: str, person: StageResult, look_again: SecondLook 
     sides, cloud = _to_points(take, number, person)
     if look_again is None:
         return _Read(take, person, sides, cloud)
-    measured = _as_points(take.keypoints.landmarks, cloud.arrays, cloud.arrays, take.fps)
+    measured = _as_points(take.keypoints.landmarks, cloud.arrays, take.fps)
     # Not as the result is smoothed: another cut-off for that needs no other look.
     expected = smooth_points(measured, SmoothOptions())
     again = look_again(person.arrays["slots"], measured, expected, number.replace(" ", "-"))
@@ -193,8 +193,7 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
     stage, cameras, keypoints, markers, fps, options = (getattr(take, f.name) for f in fields(take))
     sure = _sure(person.arrays["score"], sides.arrays["swapped"], keypoints.landmarks, options.least_sure)
     unsure = ~sure & np.isfinite(cloud.arrays["points_world"]).all(-1)
-    arrays = _only(cloud.arrays, sure)
-    measured = _as_points(keypoints.landmarks, arrays, arrays, fps)
+    measured = _as_points(keypoints.landmarks, _only(cloud.arrays, sure), fps)
 
     def alone() -> Arrays:
         # Views that were told what the others see agree with them: each has to be asked on its own.
@@ -225,7 +224,7 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
             [person.key, options.swaps, options.triangulate, options.least_sure],
             lambda: _markers(cameras, person.arrays, keypoints.landmarks, markers, options),
         )
-        marked = smooth_points(_as_points(markers.landmarks, skin.arrays, skin.arrays, fps), options.smooth)
+        marked = smooth_points(_as_points(markers.landmarks, skin.arrays, fps), options.smooth)
     return Solution(
         person=str(person.facts["reason"]),
         points_px=px,
@@ -291,13 +290,13 @@ def _further(keypoints: Keypoints2D, slots: NDArray[np.int64]) -> tuple[Arrays, 
     return _taken(keypoints, slots), {"reason": ""}
 
 
-def _as_points(landmarks: LandmarkSet, positions: Arrays, measurement: Arrays, fps: float) -> Points3D:
+def _as_points(landmarks: LandmarkSet, measured: Arrays, fps: float) -> Points3D:
     return Points3D(
         landmarks=landmarks,
-        points_world=positions["points_world"],
-        covariance_world=positions["covariance_world"],
-        residual_px=measurement["residual_px"],
-        inlier=measurement["inlier"],
+        points_world=measured["points_world"],
+        covariance_world=measured["covariance_world"],
+        residual_px=measured["residual_px"],
+        inlier=measured["inlier"],
         fps=fps,
     )
 
@@ -411,7 +410,7 @@ def _filled(
     often = there[known].mean(0) >= _NOW_AND_THEN if known.any() else np.zeros(there.shape[1], dtype=np.bool_)
     tied = there @ _on_one_bone(points.landmarks.names)
     gap = known[:, None] & np.isnan(points.points_world).any(-1) & np.isfinite(body["landmarks_world"]).all(-1)
-    gap &= (often & (sure.mean(0) >= 1 - _HARDLY_EVER_SEEN)) | tied
+    gap &= (often & (sure.mean(0) >= _MOSTLY_SURE)) | tied
     variance = np.broadcast_to(body["landmark_sigma"] ** 2, gap.shape)
     position, covariance = points.points_world.copy(), points.covariance_world.copy()
     position[gap] = body["landmarks_world"][gap]

@@ -20,7 +20,7 @@ from muybridge.geometry.triangulation import triangulate
 from muybridge.infer.detect import DetectOptions, Models, detect
 from muybridge.infer.keypoints import first_frames, merge_tracks
 from muybridge.infer.progress import Progress
-from muybridge.infer.session import Session
+from muybridge.infer.session import Session, with_notice
 from muybridge.infer.stages import StageStore, code_digest, digest
 
 STAGE = "up"
@@ -69,8 +69,7 @@ def stood_up(
     elif turn:
         notice = "the world was turned upright: results and the calibration beside them have Z up"
     if notice:
-        progress.notice(notice)
-        session = replace(session, notices=(*session.notices, notice))
+        session = with_notice(session, notice, progress)
     return replace(session, cameras=upright if turn else session.cameras, upright=upright)
 
 

@@ -34,7 +34,7 @@ def demo(repository: Path, tmp_path: Path):
     frames, cameras = len(world), len(session.cameras)
     slots = np.zeros((cameras, frames), np.int64)
     slots[1, LOST] = -1
-    pixels = np.stack([camera.project(world) for camera in session.cameras])
+    pixels = session.cameras.project(world)
     residual = np.where(slots[..., None] < 0, np.nan, np.zeros(pixels.shape[:-1]))
     covariance = np.broadcast_to(1e-4 * np.eye(3), (*world.shape, 3))
     points = Points3D(BODY23, world, covariance, residual, slots[..., None] + np.zeros(23) >= 0, session.fps)

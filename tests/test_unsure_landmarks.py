@@ -22,7 +22,7 @@ def walk():
     cameras = load_calibration(folder / "calibration.toml")
     truth, names = true_points(folder)
     world = truth[:FRAMES, [names.index(name) for name in BODY23.names]]
-    return cameras, world, np.stack([camera.project(world) for camera in cameras])[:, :, None]
+    return cameras, world, cameras.project(world)[:, :, None]
 
 
 def solved(walk, score, folder, **options):
