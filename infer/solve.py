@@ -407,10 +407,12 @@ def _filled(
     camera is `sure` (T, J) of, most of the time, stays unknown."""
     there = np.asarray(np.isfinite(measured.points_world).all(-1))
     known = there.mean(1) >= share
-    often = there[known].mean(0) >= _NOW_AND_THEN if known.any() else np.zeros(there.shape[1], dtype=np.bool_)
+    if not known.any():
+        return points
+    often = (there[known].mean(0) >= _NOW_AND_THEN) & (sure[known].mean(0) >= _MOSTLY_SURE)
     tied = there @ _on_one_bone(points.landmarks.names)
     gap = known[:, None] & np.isnan(points.points_world).any(-1) & np.isfinite(body["landmarks_world"]).all(-1)
-    gap &= (often & (sure.mean(0) >= _MOSTLY_SURE)) | tied
+    gap &= often | tied
     variance = np.broadcast_to(body["landmark_sigma"] ** 2, gap.shape)
     position, covariance = points.points_world.copy(), points.covariance_world.copy()
     position[gap] = body["landmarks_world"][gap]

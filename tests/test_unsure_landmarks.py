@@ -107,6 +107,20 @@ def test_gaps_are_filled_from_the_body_only_where_it_is_known():
     assert np.isnan(_filled(points, points, sure, body, 0.5).points_world[1, 9]).all()
 
 
+def test_frames_without_anybody_say_nothing_of_who_is_sure():
+    truth = np.random.default_rng(0).normal(size=(30, 23, 3))
+    sure = np.zeros((30, 23), bool)
+    sure[:10] = True  # then the person leaves
+    sure[4, 9] = False
+    seen = np.where(sure[..., None], truth, np.nan)
+    none = np.zeros((2, 30, 23))
+    points = Points3D(BODY23, seen, np.full((30, 23, 3, 3), np.nan), none, none.astype(bool), 25.0)
+    body = {"landmarks_world": truth, "landmark_sigma": np.full(23, 0.03)}
+    filled = _filled(points, points, sure, body, 0.5).points_world
+    np.testing.assert_array_equal(filled[:10], truth[:10])
+    assert np.isnan(filled[10:]).all()
+
+
 def test_markers_that_no_camera_is_sure_of_are_left_out(walk, tmp_path):
     cameras, world, px = walk
     marks = np.repeat(px[..., :1, :], len(SURFACE), axis=-2) + 0.1 * np.arange(len(SURFACE))[:, None]
