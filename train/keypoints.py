@@ -6,8 +6,8 @@ The loss is the cross-entropy between the softmax over a landmark's cells and a 
 
 import itertools
 import pathlib
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +26,7 @@ from muybridge.train import loop
 from muybridge.train.augment import WHOLE, Batch, Compositor
 from muybridge.train.compiled import compiled
 from muybridge.train.difficulty import Difficulty, drawing_probability, read_difficulty
+from muybridge.train.echo import Echo
 from muybridge.train.evaluation import LIMB, MIRROR
 from muybridge.train.heatmap_loss import cross_entropy, targets
 from muybridge.train.options import KeypointTraining
@@ -198,6 +199,13 @@ def _second(net: KeypointNet, options: KeypointTraining) -> AbstractContextManag
     return nullcontext()
 
 
+def _echoed(stream: Iterator[loop.Batch], options: KeypointTraining) -> AbstractContextManager[Iterator[loop.Batch]]:
+    """The batches, and old ones among them where a GPU would wait for new ones."""
+    if loop.device().type == "cuda" and options.echo > 1:
+        return closing(Echo(stream, loop.device(), options.echo, options.seed))
+    return nullcontext(stream)
+
+
 def train(options: KeypointTraining) -> pathlib.Path:
     """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
     for name, share, what in (("hard", options.hard, "crops"), ("smaller", options.smaller, "batches")):
@@ -215,6 +223,9 @@ def train(options: KeypointTraining) -> pathlib.Path:
         difficulty = Difficulty(options.out / "difficulty.npy")
         crops = _Crops(pool, options.size, options.smaller, options.batch, difficulty.path, options.hard)
         loss = Loss(difficulty, compiled(losses_of, options.minutes))
-        with _second(net, options) as other:
-            fit.run(loop.batches(options, crops, fit.state["step"]), loss, other)
+        with (
+            _second(net, options) as other,
+            _echoed(loop.batches(options, crops, fit.state["step"]), options) as stream,
+        ):
+            fit.run(stream, loss, other)
     return fit.checkpoint

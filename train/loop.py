@@ -71,11 +71,11 @@ class AveragedWeights:
         """Moves the average towards the network; faster in the first steps."""
         decay = min(self.decay, (1 + step) / (10 + step))
         decay = max(decay, 1 - 1 / (1 + self.share * step))
-        for key, value in net.state_dict().items():
-            if value.dtype.is_floating_point:
-                self.state[key].lerp_(value.to(self.state[key].dtype), 1 - decay)
-            else:
-                self.state[key].copy_(value)
+        now = net.state_dict()
+        moved = [key for key, value in now.items() if value.dtype.is_floating_point]
+        torch._foreach_lerp_([self.state[key] for key in moved], [now[key] for key in moved], 1 - decay)
+        for key in now.keys() - set(moved):
+            self.state[key].copy_(now[key])
 
 
 def save_atomically(path: pathlib.Path, content: Mapping[str, Any]) -> None:

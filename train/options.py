@@ -111,6 +111,8 @@ class KeypointTraining(Training):
         hard: share of the crops that are drawn by how wrong the network was on their people before.
         second: what the network's threads and the making of crops leave idle of the processors, a second process uses
             for a part of every batch, in runs of five minutes and more.
+        echo: how often a GPU sees a crop at most, in the mean, each time turned, mirrored and lit anew: while the next
+            are being made it would wait. 1: once, as a CPU does.
     """
 
     size: int = 128
@@ -118,6 +120,7 @@ class KeypointTraining(Training):
     smaller: float = 0.35
     hard: float = 0.0
     second: bool = True
+    echo: int = 8
 
 
 @dataclass(frozen=True)
