@@ -22,9 +22,10 @@ from muybridge.geometry.triangulation import leave_one_out_error
 from muybridge.infer.detect import DetectOptions, detect, file_names, first_look, is_finished, open_models
 from muybridge.infer.keypoints import merge_tracks
 from muybridge.infer.outputs import open_output
+from muybridge.infer.own_times import in_time
 from muybridge.infer.progress import Progress
 from muybridge.infer.refine_cameras import person_of
-from muybridge.infer.session import Session, SessionOptions, open_session, with_frames
+from muybridge.infer.session import Session, SessionOptions, open_session
 from muybridge.infer.stages import StageStore
 from muybridge.infer.upward import stood_up
 
@@ -53,12 +54,11 @@ def session_keypoints(
     options = first if is_finished(session, names, models, store, first) else options
     found = detect(session, names, models, store, options, progress)
     frames = min(len(d.tracks.points_px) for d in found)
-    keypoints = merge_tracks([d.tracks for d in found]) if frames == session.frames else None
-    if keypoints is None:
+    if frames < session.frames:
         raise MuybridgeError(
             f"{session.path}: a video has fewer frames than its header suggests; run `muybridge run` to see which"
         )
-    return with_frames(session, frames), keypoints
+    return session, merge_tracks([in_time(session, c, d.tracks, d.repeats) for c, d in enumerate(found)])
 
 
 def people(

@@ -21,6 +21,7 @@ from muybridge.infer.exposure import stretch
 from muybridge.infer.keypoints import CameraTracks, KeypointOptions, PoseEstimator
 from muybridge.infer.onnx import SIZES, PeopleNetwork
 from muybridge.infer.other_models import open_keypoints
+from muybridge.infer.own_times import Repeats
 from muybridge.infer.plates import Backdrop
 from muybridge.infer.progress import Progress, Task
 from muybridge.infer.session import Session
@@ -35,7 +36,7 @@ _T = TypeVar("_T")
 MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
 PROXY_LONG_SIDE_PX = 960
 # Of a stage's arrays and facts.
-_PLATE, _HUNG = "plate", "frames_width_height_angle_and_long_side"
+_PLATE, _REPEATS, _HUNG = "plate", "repeats", "frames_width_height_angle_and_long_side"
 # The code between a crop and its landmarks.
 READING_CODE = (
     "muybridge.models.decode",
@@ -59,6 +60,7 @@ _CODE = (
     "muybridge.infer.exposure",
     "muybridge.infer.keypoints",
     "muybridge.infer.other_models",
+    "muybridge.infer.own_times",
     "muybridge.infer.people",
     "muybridge.infer.plates",
     "muybridge.infer.poses",
@@ -121,7 +123,7 @@ class CameraResult:
     """A camera's finished 2D stage.
 
     Attributes:
-        tracks: its landmarks.
+        tracks: its landmarks, as its pictures show them.
         proxy: the small copy of its video.
         stage: key and timing.
     """
@@ -134,6 +136,11 @@ class CameraResult:
     def plate(self) -> NDArray[np.uint8] | None:
         """(h, w, 3) the background of the whole video, at the detector's resolution; None where there is none."""
         return self.stage.arrays.get(_PLATE)
+
+    @property
+    def repeats(self) -> NDArray[np.bool_]:
+        """(T,) which frames of the video are the one before once more."""
+        return self.stage.arrays[_REPEATS]
 
     def backdrop(self) -> Backdrop:
         """The background of the whole video, for looking at it again: hung as it was then, since the camera's pose may
@@ -293,13 +300,13 @@ class _CameraWork:
             self.task.advance(self.session.frames)
             return CameraResult(_tracks(stored, self.models.landmarks), self.proxy, stored)
         start = time.perf_counter()
-        tracks, plate = self._compute()
+        tracks, plate, repeats = self._compute()
         arrays: dict[str, NDArray[Any]] = {
             f.name: values if f.name == "ids" else values.astype(np.float32)
             for f in fields(tracks)
             if f.name != "landmarks" and (values := getattr(tracks, f.name)) is not None
         }
-        arrays |= {} if plate is None else {_PLATE: plate}
+        arrays |= {_REPEATS: repeats} | ({} if plate is None else {_PLATE: plate})
         camera = self.session.level_cameras[self.index]
         long_side = int(self.models.metadata["people"]["input_long_side"])
         upright = upright_for(camera, camera.width, camera.height)
@@ -307,7 +314,7 @@ class _CameraWork:
         result = self.store.save(stage, key, arrays, facts, time.perf_counter() - start)
         return CameraResult(_tracks(result, self.models.landmarks), self.proxy, result)
 
-    def _compute(self) -> tuple[CameraTracks, NDArray[np.uint8] | None]:
+    def _compute(self) -> tuple[CameraTracks, NDArray[np.uint8] | None, NDArray[np.bool_]]:
         video, camera = self.session.videos[self.index], self.session.level_cameras[self.index]
         models = self.models
         estimator = PoseEstimator(
@@ -315,6 +322,7 @@ class _CameraWork:
             self.options.markers != "none", self.session.fps,
         )  # fmt: skip
         size = fit_inside(video.width, video.height, PROXY_LONG_SIDE_PX)
+        repeats = Repeats()
         # Nobody keeps it: fast is better than small.
         with VideoWriter(self.proxy, *size, fps=self.session.fps, preset="ultrafast") as writer:
             for frames in read_chunks(video, self.session.frame_indices[self.index]):
@@ -322,16 +330,17 @@ class _CameraWork:
                     raise Stopped
                 for frame in frames:
                     writer.write(frame)
+                    repeats.see(frame)
                     stretch(frame)
                 estimator.process(frames)
                 self.task.advance(len(frames))
         tracks = estimator.finish()
-        return tracks, estimator.background(tracks)
+        return tracks, estimator.background(tracks), repeats.confirmed(tracks)
 
 
 def _tracks(stage: StageResult, landmarks: LandmarkSet) -> CameraTracks:
     """Tracks from a stored or just computed stage: the same to the bit in both cases."""
-    arrays = {name: values for name, values in stage.arrays.items() if name != _PLATE}
+    arrays = {name: values for name, values in stage.arrays.items() if name not in (_PLATE, _REPEATS)}
     values: dict[str, Any] = {n: a if n == "ids" else a.astype(np.float64) for n, a in arrays.items()}
     return CameraTracks(landmarks=landmarks, **values)
 

@@ -18,6 +18,7 @@ from muybridge.geometry.cameras import Camera
 from muybridge.geometry.clocks import own_frames
 from muybridge.geometry.crops import crops_for_boxes
 from muybridge.infer.exposure import well_exposed
+from muybridge.infer.own_times import on_time
 from muybridge.infer.pipeline import Followed
 from muybridge.infer.poses import Pictures, body_boxes, crop_pixels
 from muybridge.infer.progress import Progress
@@ -146,6 +147,8 @@ def _views(followed: Followed, c: int, person: _Person, shape: _Shape, options: 
     labelled = np.isfinite(px).all(axis=-1) & (unsure <= options.most_unsure) & inside
     px = np.where(labelled[..., None], px, np.nan)
     frames = np.flatnonzero(labelled[:, :body].mean(axis=1) >= options.least_known)
+    shown = on_time(followed.session, c, followed.detected[c].repeats)
+    frames = frames[shown[own_frames(followed.clocks, c, frames, followed.session.fps, len(shown))]]
     return _View(c, frames, boxes[frames], px[frames], person.agreed[c, frames])
 
 

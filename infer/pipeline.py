@@ -25,6 +25,7 @@ from muybridge.infer.detect import CameraResult, DetectOptions, Models, detect, 
 from muybridge.infer.keypoints import first_frames, merge_markers, merge_tracks
 from muybridge.infer.outputs import WORK, OutputFolder, open_output
 from muybridge.infer.overlay import OverlayOptions
+from muybridge.infer.own_times import in_time, repeats_notice
 from muybridge.infer.progress import Progress
 from muybridge.infer.quality import Quality, assess, unsure_landmarks
 from muybridge.infer.second_look import SecondLook, SecondLookOptions
@@ -300,7 +301,10 @@ def _common(
         shortest = session.videos[counts.index(frames)].path.name
         notice = f"{shortest} has {frames} frames, fewer than its header suggests: the first {frames} are used"
         session = with_notice(with_frames(session, frames), notice, progress)
-    tracks = [first_frames(d.tracks, frames) for d in detected]
+    for c, found in enumerate(detected):
+        if (repeats := repeats_notice(session, c, found.tracks, found.repeats)) is not None:
+            session = with_notice(session, repeats, progress)
+    tracks = [in_time(session, c, first_frames(d.tracks, frames), d.repeats) for c, d in enumerate(detected)]
     return session, merge_tracks(tracks), merge_markers(tracks)
 
 

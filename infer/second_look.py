@@ -21,9 +21,10 @@ from muybridge.geometry.landmarks import Keypoints2D, Points3D
 from muybridge.geometry.robust import row_median
 from muybridge.infer.detect import READING_CODE, CameraResult, DetectOptions, Models, Stopped, in_threads
 from muybridge.infer.exposure import well_exposed
-from muybridge.infer.keypoints import CameraTracks, merge_markers, merge_tracks
+from muybridge.infer.keypoints import CameraTracks, first_frames, merge_markers, merge_tracks
 from muybridge.infer.onnx import Expectation
 from muybridge.infer.other_models import open_keypoints
+from muybridge.infer.own_times import in_time
 from muybridge.infer.poses import Pictures, PoseReader, Poses, body_boxes
 from muybridge.infer.progress import Progress, Task
 from muybridge.infer.session import Session
@@ -196,8 +197,10 @@ class SecondLook:
                 )
         if not any(stage.arrays["found"].any() for stage in looks.values()):
             return None
-        tracks, alone = ([_with(t, {k: a[: slots.shape[1]] for k, a in _arrays(t).items()}) for t in those]
-                         for those in (tracks, alone))  # fmt: skip
+        tracks, alone = (
+            [in_time(self.session, c, first_frames(t, slots.shape[1]), self.detected[c].repeats)
+             for c, t in enumerate(those)] for those in (tracks, alone)
+        )  # fmt: skip
         markers = merge_markers(tracks)
         return Again(
             self.in_step(merge_tracks(tracks)), self.in_step(merge_tracks(alone)),

@@ -66,6 +66,8 @@ class Session:
         frame_indices: (C, T) which frame of each video is frame t of the take.
         fps: frames a second of the take.
         notices: plain sentences about what was assumed or mended.
+        late: (C, T) seconds from a moment of the take to the time of the camera's frame; None where frames are paired
+            by number.
         upright: the cameras in a world with Z up, where the calibration's has not and people have told.
     """
 
@@ -76,6 +78,7 @@ class Session:
     frame_indices: NDArray[np.int64]
     fps: float
     notices: tuple[str, ...]
+    late: NDArray[np.float64] | None = None
     upright: CameraGroup | None = None
 
     @property
@@ -123,7 +126,7 @@ def open_session(path: Path, options: SessionOptions = SessionOptions()) -> Sess
         if assumed:
             notices.append(assumed)
     table = time_table_in(path) or time_table_in(_video_folder(path))
-    fps, indices, said = _common_time(videos) if table is None else paired_by_time(table, videos)
+    fps, indices, late, said = _common_time(videos) if table is None else paired_by_time(table, videos)
     notices += said + _oddities(videos)
     return Session(
         path=path,
@@ -133,6 +136,7 @@ def open_session(path: Path, options: SessionOptions = SessionOptions()) -> Sess
         frame_indices=indices,
         fps=fps,
         notices=tuple(notices),
+        late=late,
     )
 
 
@@ -329,8 +333,11 @@ def _fitted(camera: Camera, video: VideoInfo, how: VideoFit) -> tuple[Camera, st
     return fit_to_video(camera, *size, how, image)
 
 
-def _common_time(videos: Sequence[VideoInfo]) -> tuple[float, NDArray[np.int64], list[str]]:
-    """The take's frame rate, which frames of each video make it up, and what had to be assumed."""
+def _common_time(
+    videos: Sequence[VideoInfo],
+) -> tuple[float, NDArray[np.int64], NDArray[np.float64] | None, list[str]]:
+    """The take's frame rate, which frames of each video make it up, how late they were taken, and what had to be
+    assumed."""
     rates = np.array([v.fps for v in videos])
     same_rate = rates.max() / rates.min() - 1 < _SAME_RATE
     listed = ", ".join(f"{v.path.name} {v.fps:.4g}" for v in videos)
@@ -345,13 +352,13 @@ def _common_time(videos: Sequence[VideoInfo]) -> tuple[float, NDArray[np.int64],
         fps = float(rates.min())
         notices.append(
             f"frame rates differ ({listed} fps): the take runs at the lowest, {fps:.4g} fps, with each "
-            "camera's frame that is nearest in time, all videos taken to start together"
+            "camera's landmarks put between its frames, all videos taken to start together"
         )
     wander = [v.path.name for v in videos if v.variable_rate]
     if wander:
         notices.append(
             f"the frame rate of {', '.join(wander)} varies (frames were dropped or the camera adapts it): "
-            f"frames are taken at even steps of {fps:.4g} fps, the nearest in time"
+            f"the take runs in even steps of {fps:.4g} fps, and landmarks are put between frames"
         )
     by_time = not same_rate or bool(wander)
     if by_time:
@@ -362,12 +369,12 @@ def _common_time(videos: Sequence[VideoInfo]) -> tuple[float, NDArray[np.int64],
     if len(set(counts)) > 1:
         lengths = ", ".join(f"{v.path.name} {n}" for v, n in zip(videos, counts, strict=True))
         notices.append(f"the videos differ in length ({lengths} frames): the first {frames} frames are used")
-    if by_time:
-        grid = np.arange(frames) / fps
-        indices = np.stack([nearest(v.times, grid) for v in videos])
-    else:
-        indices = np.tile(np.arange(frames), (len(videos), 1))
-    return fps, indices, notices
+    if not by_time:
+        return fps, np.tile(np.arange(frames), (len(videos), 1)), None, notices
+    grid = np.arange(frames) / fps
+    indices = [nearest(v.times, grid) for v in videos]
+    late = np.stack([v.times[at] - grid for v, at in zip(videos, indices, strict=True)])
+    return fps, np.stack(indices), late, notices
 
 
 def _commonest(rates: NDArray[np.float64]) -> float:
@@ -391,7 +398,8 @@ def _oddities(videos: Sequence[VideoInfo]) -> list[str]:
 
 def with_frames(session: Session, frames: int) -> Session:
     """The session's first `frames` frames."""
-    return replace(session, frame_indices=session.frame_indices[:, :frames])
+    late = None if session.late is None else session.late[:, :frames]
+    return replace(session, frame_indices=session.frame_indices[:, :frames], late=late)
 
 
 def with_notice(session: Session, notice: str, progress: Progress) -> Session:

@@ -67,8 +67,11 @@ def time_table_in(folder: Path) -> Path | None:
     return next((folder / name for name in TIMESTAMPS if (folder / name).is_file()), None)
 
 
-def paired_by_time(path: Path, films: Sequence[VideoInfo]) -> tuple[float, NDArray[np.int64], list[str]]:
-    """Frames a second of the take, the frame (C, T) of every film at each of its moments, and what was done.
+def paired_by_time(
+    path: Path, films: Sequence[VideoInfo]
+) -> tuple[float, NDArray[np.int64], NDArray[np.float64], list[str]]:
+    """Frames a second of the take, the frame (C, T) of every film at each of its moments, how many seconds (C, T) after
+    the moment it was taken, and what was done.
 
     The take runs from the first to the last moment that all films know, in even steps of the slowest film's usual one.
 
@@ -84,12 +87,12 @@ def paired_by_time(path: Path, films: Sequence[VideoInfo]) -> tuple[float, NDArr
         raise SessionError(f"{path}: the films were not taken at the same time; is it another take's table?")
     grid = begin + step * np.arange(int((end - begin) / step + 0.5) + 1)
     at = [nearest(t, grid) for t in times]
-    off = max(float(np.abs(t[k] - grid).max()) for t, k in zip(times, at, strict=True))
+    late = np.stack([t[k] - grid for t, k in zip(times, at, strict=True)])
     said = (
         f"frames are paired by {path.name}: {len(grid)} moments at {1 / step:.4g} fps, a frame is off its moment by "
-        f"{1000 * off:.0f} ms at most"
+        f"{1000 * np.abs(late).max():.0f} ms at most, and its landmarks are put there"
     )
-    return 1 / step, np.stack(at), [said]
+    return 1 / step, np.stack(at), late, [said]
 
 
 def nearest(times: NDArray[np.float64], grid: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -70,6 +70,20 @@ def only(first: float, last: float) -> Callable[[Frame, int], Frame]:
     return kept
 
 
+class Repeating:
+    """Of all pictures this share is the one before once more, of every camera other ones; or each of them `times`."""
+
+    def __init__(self, share: float = 0.0, times: int = 1) -> None:
+        self.share, self.times, self.random = share, times, np.random.default_rng(0)
+        self.last: Frame | None = None
+
+    def __call__(self, frame: Frame, index: int) -> Frame:
+        again = index % self.times > 0 or self.random.random() < self.share
+        if index == 0 or self.last is None or not again:
+            self.last = frame.copy()
+        return self.last
+
+
 WORSE: dict[str, tuple[str, Callable[[Frame, int], Frame]]] = {
     "as-it-is": ("as it is, encoded once more", lambda frame, _: frame),
     "grey": ("grey", grey),
@@ -82,6 +96,8 @@ WORSE: dict[str, tuple[str, Callable[[Frame, int], Frame]]] = {
     "drawn": ("drawn over 15 px by motion", drawn),
     "small": ("an eighth of the resolution", small),
     "flicker": ("flickering by a third", times(lambda i: 1 + 0.35 * np.sin(1.3 * i))),
+    "repeating": ("a third of the pictures repeat the one before", Repeating(1 / 3)),
+    "thrice": ("each picture thrice", Repeating(times=3)),
     "no-legs": ("the upper 55 % of the picture", only(0, 0.55)),
     "legs": ("the lower half of the picture", only(0.5, 1)),
 }  # fmt: skip

@@ -7,7 +7,7 @@ As `muybridge train keypoints` does at its end: variances are fitted on one half
 part of them with the background plate, and their coverage is measured on the other, the 8-bit version beside
 NETWORK.onnx is made again, and scores are taken. Beyond that, what crops looked at mirrored are surer of is fitted with
 all that `muybridge run` does with those it is unsure of (smaller, turned and tilted), which needs a network's file, and
-then, of a third as many crops of parts of people, what such are surer of.
+then, of as many crops of parts of people, what such are surer of: on either half, and measured on the other.
 """
 
 import argparse
@@ -55,8 +55,8 @@ def as_read(
     session: onnxruntime.InferenceSession, card: KeypointModelCard, batches: list[Batch], partly: bool, look: str
 ) -> tuple[float, dict[str, float]]:
     """By what the variances of a network have to be multiplied where crops are read as `muybridge run` does, and the
-    shares then, as of `sigma_coverage`: fitted on one half of the crops, measured on the other. One, and no shares,
-    where there are too few to tell.
+    shares then, as of `sigma_coverage`: fitted on either half of the crops and measured on the other, and the mean of
+    both, since few people who tumble weigh much in a half. One, and no shares, where there are too few to tell.
 
     Args:
         session, card: the network.
@@ -70,13 +70,18 @@ def as_read(
         counts = in_part(found.score) if partly else np.ones(len(error), dtype=bool)
         values = (error, found.variance_crop_px2, inside, batch.visible.numpy())
         parts.append([each[counts] for each in values])
-    error, variance, inside, visible = (np.concatenate(values) for values in zip(*parts, strict=True))
-    half = len(error) // 2
-    fit = inside[:half]
-    if fit.sum() < LEAST_OF_A_LANDMARK:
+    whole = [np.concatenate(values) for values in zip(*parts, strict=True)]
+    half = len(whole[0]) // 2
+    halves = [[values[part] for values in whole] for part in (slice(half), slice(half, None))]
+    if min(inside.sum() for _, _, inside, _ in halves) < LEAST_OF_A_LANDMARK:
         return 1.0, {}
-    ratio = fitted_ratio(error[:half][fit], variance[:half][fit], visible[:half][fit])
-    return ratio, shares_of(error[half:], ratio * variance[half:], inside[half:], visible[half:], look)
+    ratios = [fitted_ratio(error[at], variance[at], visible[at]) for error, variance, at, visible in halves]
+    measured = [
+        shares_of(error, ratio * variance, inside, visible, look)
+        for ratio, (error, variance, inside, visible) in zip(ratios[::-1], halves, strict=True)
+    ]
+    shares = {name: round(float(np.mean([each[name] for each in measured])), 3) for name in measured[0]}
+    return float(np.sqrt(np.prod(ratios))), shares
 
 
 def text(new: dict[str, Any]) -> dict[str, str]:
@@ -97,7 +102,7 @@ def main() -> None:
     people, backgrounds = load_renders(options.renders, HELD_OUT), make_backgrounds(256, SIZE, SEED)
     compositor, near = (Compositor(people, backgrounds, size, SEED, replace(WHOLE, close_up=c)) for c in (0.0, 1.0))
     batches = [compositor.batch(64) for _ in range(-(-options.crops // 64))]
-    close_ups = [near.batch(64) for _ in range(-(-options.crops // 192))]
+    close_ups = [near.batch(64) for _ in batches]
     scores = evaluate(keypoint_net_from_onnx(path), batches[:8])
     measured = calibration(*held_out(look_of(session, card), batches))
     new = {"input_size": str(size), "version": version(), **measured}

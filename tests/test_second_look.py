@@ -55,7 +55,7 @@ def look(demo, folder: Path, hung: float | None = None, **options: float) -> Sec
         )  # fmt: skip
         upright = Upright(session.cameras[c].width, session.cameras[c].height, hung or 0.0)
         facts = {"frames_width_height_angle_and_long_side": [upright.width, upright.height, upright.angle, 320]}
-        arrays = {}
+        arrays = {"repeats": np.zeros(len(tracks.points_px), dtype=bool)}
         if hung is not None:
             frames = next(iter(read_chunks(session.videos[c])))
             arrays["plate"] = Letterbox(upright, 320).apply(frames[-1])

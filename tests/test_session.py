@@ -119,7 +119,7 @@ def test_rates_that_nearly_agree_are_paired_by_number(make_session, make_video):
     make_video(folder / "videos" / "cam3.mp4", frames=20, fps=29.97)
     session = open_session(folder)
     assert (session.fps, session.frames) == (30, 20)
-    assert session.frame_indices[2].tolist() == list(range(20))
+    assert session.frame_indices[2].tolist() == list(range(20)) and session.late is None
     assert any("differ slightly" in text for text in session.notices)
 
 
@@ -132,6 +132,7 @@ def test_dropped_frames_are_made_up_by_time(make_session, make_video):
     assert (session.fps, session.frames) == (25, 20)
     # In the gap the nearest frame stands in; after it the frames are those of the same moment.
     assert session.frame_indices[1].tolist() == [0, 1, 2, 3, 4, 5, 5, 5, 6, 6, *range(6, 16)]
+    assert session.late == pytest.approx(0.04 * np.array([[0] * 20, [*[0] * 6, -1, -2, 2, 1, *[0] * 10], [0] * 20]))
 
 
 def test_sizes_that_differ_are_said(make_session, make_video):
@@ -245,6 +246,7 @@ def test_frames_are_paired_by_a_table_of_times(make_session, where):
     assert session.frame_indices[0].tolist() == list(range(3, 12))
     assert session.frame_indices[1].tolist() == list(range(9))
     assert session.frame_indices[2].tolist() == [3, 3, 4, 5, 6, 6, 7, 8, 9]
+    assert 30 * session.late == pytest.approx(np.array([[0] * 9, [0] * 9, [0, -1, 0, 0, 0, -1, 0, 0, 0]]), abs=1e-6)
     (said,) = session.notices
     assert f"paired by {Path(where).name}" in said and "33 ms" in said
 

@@ -1,0 +1,162 @@
+"""2D landmarks at the take's moments, where a camera's pictures were taken at others.
+
+A take runs in even steps. Where cameras have other rates, a varying one or a table of times, each moment has the
+picture that is nearest in time, up to half a step off. And films of a varying rate that were converted to an even one,
+as phones and recorders of webcams do, repeat pictures: they show where somebody was. At 5 m/s a thirtieth of a second
+is 17 cm. So a camera's landmarks are put between those of its own pictures before cameras are compared.
+"""
+
+from dataclasses import fields, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.infer.keypoints import CameraTracks
+from muybridge.infer.session import Session
+
+# Pictures are compared by the means of squares of so many pixels: alike if none differs by more, of 255. An arm that
+# moves by a pixel changes as much.
+_BLOCK_PX, _ALIKE = 8, 12
+# In sides of a box: landmarks that went so far between new pictures tell whether they moved in those between, too.
+_FAR = 0.02
+# Pictures so far apart, in seconds and in steps of the take, have landmarks between them: 18 mm off at 10 m/s^2.
+_MOST_S, _MOST_STEPS = 0.12, 1.5
+# What lies between pictures farther apart is missing where somebody moved by more, in sides of their box.
+_STILL = 0.01
+# A picture is as good as the moment's own, in steps, and near enough to learn from.
+_EXACT, _ON_TIME = 0.02, 0.25
+# From so many frames on, and such a share of them, it is said that a film repeats pictures.
+_TOLD, _TOLD_SHARE = 5, 0.04
+
+
+class Repeats:
+    """Tells which of a film's frames, given in order, show the picture before once more.
+
+    A repeated picture is not the same to the bit once a film is encoded. So they are compared coarsely, and with the
+    last new one, that what moves slowly is new at some time.
+    """
+
+    def __init__(self) -> None:
+        self._last: NDArray[np.uint8] | None = None
+        self._told: list[bool] = []
+
+    def see(self, frame: NDArray[np.uint8]) -> None:
+        """Looks at the next frame, (H, W, 3)."""
+        height, width = (max(1, side // _BLOCK_PX) for side in frame.shape[:2])
+        coarse = np.asarray(cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+        same = self._last is not None and int(cv2.absdiff(coarse, self._last).max()) <= _ALIKE
+        self._told.append(same)
+        self._last = self._last if same else coarse
+
+    def confirmed(self, tracks: CameraTracks) -> NDArray[np.bool_]:
+        """(T,) which of the frames seen so far are repeated. None are if people moved in them: then the pictures are
+        only alike, dark or flat as they are.
+
+        Args:
+            tracks: what was found in the T frames.
+        """
+        told = np.array(self._told, dtype=np.bool_)
+        low, high = _pictures_around(~told)
+        there = told & (high > low)
+        frame, slot = np.nonzero(there[:, None] & (tracks.ids == tracks.ids[low]) & (tracks.ids == tracks.ids[high]))
+        before, now, after = (tracks.points_px[t, slot] for t in (low[frame], frame, high[frame]))
+        box, way = tracks.boxes_px[frame, slot], after - before
+        far = np.linalg.norm(way, axis=-1) > _FAR * (box[:, 2:] - box[:, :2]).max(-1, keepdims=True)
+        share = (frame - low[frame]) / (high[frame] - low[frame])
+        gone = ((now - before) * way).sum(-1) / (share[:, None] * np.maximum((way * way).sum(-1), 1e-9))
+        gone = gone[far & np.isfinite(gone)]  # of what hardly moves it is noise
+        return told if len(gone) and np.median(gone) < 0.5 else np.zeros_like(told)
+
+
+def _pictures_around(new: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(T,) the last new picture up to each frame, and the first after that; the last of all again where none is."""
+    pictures = np.flatnonzero(new)
+    if not len(pictures):
+        return np.zeros(len(new), dtype=np.intp), np.zeros(len(new), dtype=np.intp)
+    last = np.cumsum(new) - 1
+    return pictures[np.maximum(last, 0)], pictures[np.minimum(last + 1, len(pictures) - 1)]
+
+
+def on_time(session: Session, c: int, repeats: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(T,) in which of a camera's frames, those of `repeats` (T,), people are where they are at that moment."""
+    late = 0.0 if session.late is None else session.late[c, : len(repeats)] * session.fps
+    return np.asarray(~repeats & (np.abs(late) <= _ON_TIME))
+
+
+def in_time(session: Session, c: int, tracks: CameraTracks, repeats: NDArray[np.bool_]) -> CameraTracks:
+    """A camera's tracks at the take's moments.
+
+    Args:
+        session: says which frames they are of, and how late these were taken.
+        c: the camera.
+        tracks: of the session's first T frames, as the pictures show them.
+        repeats: (T,) or more, which frames are the one before once more.
+
+    Returns:
+        the same, linearly between two pictures that show the same person, as they are before the first and after the
+        last picture, and else those of a picture within half a step. Nobody is where there is no such picture, or where
+        two are far apart and they moved.
+    """
+    count = len(tracks.points_px)
+    steps = np.arange(count)
+    at = steps + (session.late[c, :count] * session.fps if session.late is not None else 0.0)
+    index = session.frame_indices[c, :count]
+    new = np.append(True, index[1:] != index[:-1])[:count] & ~(repeats[:count] & (steps > 0))
+    if new.all() and np.abs(at - steps).max(initial=0.0) < _EXACT:
+        return tracks
+    pictures = np.flatnonzero(new)
+    last = np.searchsorted(at[pictures], steps + _EXACT, side="right") - 1
+    low, high = (pictures[np.clip(last + k, 0, len(pictures) - 1)] for k in (0, 1))
+    apart = at[high] - at[low]
+    share = np.clip((steps - at[low]) / np.where(apart > 0, apart, 1.0), 0.0, 1.0)
+    share[(apart <= 0) | (np.abs(steps - at[low]) < _EXACT)] = 0.0
+    nearer = np.where(share > 0.5, high, low)
+    outside = (last < 0) | (last == len(pictures) - 1)
+    near = (np.abs(steps - at[nearer]) <= 0.5 + _EXACT) | outside
+    between = (tracks.ids[low] == tracks.ids[high]) & (apart > 0)[:, None] & (share > 0)[:, None]
+    far = apart > max(_MOST_S * session.fps, _MOST_STEPS)
+    between &= ~(far[:, None] & (_moved(tracks, low, high) > _STILL))
+    nobody = ~between & ~near[:, None]
+    values: dict[str, Any] = {}
+    for name in (f.name for f in fields(tracks) if f.name != "landmarks"):
+        array = getattr(tracks, name)
+        if array is None:
+            continue
+        shape = (count, -1, *[1] * (array.ndim - 2))
+        if name == "ids":
+            values[name] = np.where(nobody, -1, array[nearer])
+            continue
+        weight = share.reshape(count, 1, *shape[2:])
+        mixed = (1 - weight) * array[low] + weight * array[high]
+        out = np.where(between.reshape(shape), mixed, array[nearer])
+        values[name] = np.where(nobody.reshape(shape), 0.0 if name.endswith(("score", "visibility")) else np.nan, out)
+    return replace(tracks, **values)
+
+
+def _moved(tracks: CameraTracks, low: NDArray[np.intp], high: NDArray[np.intp]) -> NDArray[np.float64]:
+    """(n, P) how far people moved from frames `low` (n,) to `high` (n,), in sides of their box: the mean of what moved
+    and what did not; infinite where they are not in both."""
+    away = np.linalg.norm(tracks.points_px[high] - tracks.points_px[low], axis=-1)
+    side = (tracks.boxes_px[low, :, 2:] - tracks.boxes_px[low, :, :2]).max(-1)
+    there = np.isfinite(away)
+    mean = np.where(there, away, 0.0).sum(-1) / np.maximum(there.sum(-1), 1)
+    return np.where(there.any(-1) & (side > 0), mean / np.where(side > 0, side, 1.0), np.inf)
+
+
+def repeats_notice(session: Session, c: int, tracks: CameraTracks, repeats: NDArray[np.bool_]) -> str | None:
+    """What is said of a film that repeats pictures while somebody moves; None of others."""
+    before, after = tracks.points_px, in_time(session, c, tracks, repeats).points_px
+    side = (tracks.boxes_px[..., 2:] - tracks.boxes_px[..., :2]).max(-1)[..., None]
+    shown = np.isfinite(before).all(-1)
+    with np.errstate(invalid="ignore"):
+        elsewhere = ~(np.linalg.norm(after - before, axis=-1) <= _STILL * side) & shown
+    stale = repeats[: len(before)] & elsewhere.any((1, 2))
+    if stale.sum() < max(_TOLD, _TOLD_SHARE * len(before)):
+        return None
+    return (
+        f"{session.videos[c].path.name} shows the picture before once more in {int(stale.sum())} of {len(before)} "
+        "frames while somebody moves (a varying rate that was converted to an even one, or a camera that hung): "
+        f"landmarks are put between those of its own pictures, and left out where these are over {_MOST_S:g} s apart"
+    )
