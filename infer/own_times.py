@@ -13,14 +13,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.geometry.robust import row_median
 from muybridge.infer.keypoints import CameraTracks
 from muybridge.infer.session import Session
 
 # Pictures are compared by the means of squares of so many pixels: alike if none differs by more, of 255. An arm that
 # moves by a pixel changes as much.
 _BLOCK_PX, _ALIKE = 8, 12
-# In sides of a box: landmarks that went so far between new pictures tell whether they moved in those between, too.
-_FAR = 0.02
+# Who moves between two new pictures and has gone less of the way in those that look alike stood still there. What is
+# taken for people and is not jumps about, and tells nothing.
+_STOOD = 0.3
 # Pictures so far apart, in seconds and in steps of the take, have landmarks between them: 18 mm off at 10 m/s^2.
 _MOST_S, _MOST_STEPS = 0.12, 1.5
 # What lies between pictures farther apart is missing where somebody moved by more, in sides of their box.
@@ -51,23 +53,27 @@ class Repeats:
         self._last = self._last if same else coarse
 
     def confirmed(self, tracks: CameraTracks) -> NDArray[np.bool_]:
-        """(T,) which of the frames seen so far are repeated. None are if people moved in them: then the pictures are
-        only alike, dark or flat as they are.
+        """(T,) which of the frames seen so far are repeated while somebody moves. None are if people moved in them:
+        then the pictures are only alike, dark or flat as they are. Nor are any if nobody tells.
 
         Args:
             tracks: what was found in the T frames.
         """
         told = np.array(self._told, dtype=np.bool_)
         low, high = _pictures_around(~told)
-        there = told & (high > low)
-        frame, slot = np.nonzero(there[:, None] & (tracks.ids == tracks.ids[low]) & (tracks.ids == tracks.ids[high]))
-        before, now, after = (tracks.points_px[t, slot] for t in (low[frame], frame, high[frame]))
-        box, way = tracks.boxes_px[frame, slot], after - before
-        far = np.linalg.norm(way, axis=-1) > _FAR * (box[:, 2:] - box[:, :2]).max(-1, keepdims=True)
-        share = (frame - low[frame]) / (high[frame] - low[frame])
-        gone = ((now - before) * way).sum(-1) / (share[:, None] * np.maximum((way * way).sum(-1), 1e-9))
-        gone = gone[far & np.isfinite(gone)]  # of what hardly moves it is noise
-        return told if len(gone) and np.median(gone) < 0.5 else np.zeros_like(told)
+        same = (tracks.ids == tracks.ids[low]) & (tracks.ids == tracks.ids[high])
+        way, gone = tracks.points_px[high] - tracks.points_px[low], tracks.points_px - tracks.points_px[low]
+        # Of most landmarks: one that jumps is no movement.
+        moved = row_median(np.linalg.norm(way, axis=-1)) / _side(tracks, low)
+        telling = same & told[:, None] & (moved > _STILL)
+        known = np.isfinite(way + gone)
+        along, whole = (np.where(known, each * way, 0.0).sum((2, 3)) for each in (gone, way))
+        share = (np.arange(len(told)) - low) / np.maximum(high - low, 1)
+        ratio = along / np.maximum(share[:, None] * whole, 1e-9)
+        slots = [slot for slot in range(same.shape[1]) if telling[:, slot].sum() >= _TOLD]
+        if not any(np.median(ratio[telling[:, slot], slot]) < _STOOD for slot in slots):
+            return np.zeros_like(told)
+        return np.asarray(told & (same & (_moved(tracks, low, high) > _STILL)).any(1))
 
 
 def _pictures_around(new: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -139,24 +145,24 @@ def _moved(tracks: CameraTracks, low: NDArray[np.intp], high: NDArray[np.intp]) 
     """(n, P) how far people moved from frames `low` (n,) to `high` (n,), in sides of their box: the mean of what moved
     and what did not; infinite where they are not in both."""
     away = np.linalg.norm(tracks.points_px[high] - tracks.points_px[low], axis=-1)
-    side = (tracks.boxes_px[low, :, 2:] - tracks.boxes_px[low, :, :2]).max(-1)
     there = np.isfinite(away)
-    mean = np.where(there, away, 0.0).sum(-1) / np.maximum(there.sum(-1), 1)
-    return np.where(there.any(-1) & (side > 0), mean / np.where(side > 0, side, 1.0), np.inf)
+    mean = np.where(there, away, 0.0).sum(-1) / np.maximum(there.sum(-1), 1) / _side(tracks, low)
+    return np.where(there.any(-1) & np.isfinite(mean), mean, np.inf)
 
 
-def repeats_notice(session: Session, c: int, tracks: CameraTracks, repeats: NDArray[np.bool_]) -> str | None:
-    """What is said of a film that repeats pictures while somebody moves; None of others."""
-    before, after = tracks.points_px, in_time(session, c, tracks, repeats).points_px
-    side = (tracks.boxes_px[..., 2:] - tracks.boxes_px[..., :2]).max(-1)[..., None]
-    shown = np.isfinite(before).all(-1)
-    with np.errstate(invalid="ignore"):
-        elsewhere = ~(np.linalg.norm(after - before, axis=-1) <= _STILL * side) & shown
-    stale = repeats[: len(before)] & elsewhere.any((1, 2))
-    if stale.sum() < max(_TOLD, _TOLD_SHARE * len(before)):
+def _side(tracks: CameraTracks, frames: NDArray[np.intp]) -> NDArray[np.float64]:
+    """(n, P) the longer side of people's boxes in these frames, px; NaN where nobody is."""
+    boxes = tracks.boxes_px[frames]
+    return np.asarray((boxes[..., 2:] - boxes[..., :2]).max(-1))
+
+
+def repeats_notice(session: Session, c: int, repeats: NDArray[np.bool_]) -> str | None:
+    """What is said of a film some of whose pictures, `repeats` (T,), are shown once more; None of others."""
+    count = int(repeats.sum())
+    if count < max(_TOLD, _TOLD_SHARE * len(repeats)):
         return None
     return (
-        f"{session.videos[c].path.name} shows the picture before once more in {int(stale.sum())} of {len(before)} "
+        f"{session.videos[c].path.name} shows the picture before once more in {count} of {len(repeats)} "
         "frames while somebody moves (a varying rate that was converted to an even one, or a camera that hung): "
         f"landmarks are put between those of its own pictures, and left out where these are over {_MOST_S:g} s apart"
     )

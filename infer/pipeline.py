@@ -302,7 +302,7 @@ def _common(
         notice = f"{shortest} has {frames} frames, fewer than its header suggests: the first {frames} are used"
         session = with_notice(with_frames(session, frames), notice, progress)
     for c, found in enumerate(detected):
-        if (repeats := repeats_notice(session, c, found.tracks, found.repeats)) is not None:
+        if (repeats := repeats_notice(session, c, found.repeats)) is not None:
             session = with_notice(session, repeats, progress)
     tracks = [in_time(session, c, first_frames(d.tracks, frames), d.repeats) for c, d in enumerate(detected)]
     return session, merge_tracks(tracks), merge_markers(tracks)

@@ -106,7 +106,8 @@ def test_repeated_pictures_are_seen_in_an_encoded_film(tmp_path):
     for chunk in read_chunks(film(tmp_path / "film.mp4", 20 + 4 * source)):
         for frame in chunk:
             repeats.see(frame)
-    assert (repeats.confirmed(tracks(4.0 * source)) == (np.arange(40) % 2 == 1)).all()
+    assert np.flatnonzero(repeats.confirmed(tracks(4.0 * source))).tolist() == list(range(1, 39, 2))
+    assert not repeats.confirmed(tracks(0.01 * source)).any(), "of somebody who stands still it does not matter"
 
 
 def test_pictures_that_are_only_alike_are_no_repeats(tmp_path):
@@ -120,12 +121,10 @@ def test_pictures_that_are_only_alike_are_no_repeats(tmp_path):
     assert not repeats.confirmed(tracks(x)).any()
 
 
-def test_a_film_that_repeats_pictures_is_named_where_it_matters():
-    source = np.arange(40) // 2 * 2
-    repeats = np.arange(40) % 2 == 1
-    said = repeats_notice(session(40), 0, tracks(5.0 * source), repeats)
-    assert said is not None and said.startswith("cam1.mp4 shows the picture before once more in 19 of 40 frames")
-    assert repeats_notice(session(40), 0, tracks(0.0 * source), repeats) is None
+def test_a_film_that_repeats_pictures_is_named():
+    said = repeats_notice(session(40), 0, np.arange(40) % 2 == 1)
+    assert said is not None and said.startswith("cam1.mp4 shows the picture before once more in 20 of 40 frames")
+    assert repeats_notice(session(40), 0, np.arange(40) < 2) is None
 
 
 def test_pictures_of_another_moment_are_not_learned_from():
