@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 _SPAN, _MOST = 150.0, 6.0
 # Share of the values that may lie beyond: less than there is of anybody who could be read.
 _BEYOND = 0.001
+# Who stands in the dark before a window is in a picture that spans all there is. Their crop is dim where all but a
+# share of what is neither glaring nor beyond the border, which is black, is below a value; it is lit up to another.
+_DIM, _LIT, _BUT, _GLARING = 50.0, 120.0, 0.1, 250
 # A picture is judged by about so many rows and columns.
 _ENOUGH = 160
 
@@ -36,3 +39,15 @@ def stretch(frame: NDArray[np.uint8]) -> None:
     gain = min(_SPAN / max(high - low, 1), _MOST)
     values = (np.arange(256) - low) * gain + max(high - (high - low) * gain, 0.0)
     cv2.LUT(frame, values.round().clip(0, 255).astype(np.uint8), dst=frame)
+
+
+def light_up(crops: NDArray[np.uint8]) -> None:
+    """Draws the values of dim crops (K, S, S, 3 or 4) apart, in place: from black up, all channels alike, also the
+    fourth, which is a difference of values."""
+    for crop in crops:
+        brightest = crop[::4, ::4, :3].max(-1)
+        shown = brightest[(brightest > 0) & (brightest < _GLARING)]
+        high = float(np.quantile(shown, 1 - _BUT)) if len(shown) else _DIM
+        if high < _DIM:
+            gain = min(_LIT / high, _MOST)
+            cv2.LUT(crop, (np.arange(256) * gain).round().clip(0, 255).astype(np.uint8), dst=crop)

@@ -13,6 +13,7 @@ from muybridge.geometry.crops import Crops, crops_for_boxes
 from muybridge.geometry.landmarks import LandmarkSet
 from muybridge.geometry.robust import row_median
 from muybridge.infer.crops import extract_crops
+from muybridge.infer.exposure import light_up
 from muybridge.infer.onnx import Expectation, KeypointNetwork, Located
 from muybridge.infer.other_models import OtherNetwork
 from muybridge.infer.plates import Backdrop, SmallFrames
@@ -241,6 +242,7 @@ def crop_pixels(
         pixels[here, ..., :3] = extract_crops(pictures.frames[index], crops.select(here))
         if channels > 3 and pictures.small is not None:
             pixels[here, ..., 3] = backdrop.difference_in(crops.select(here), pictures.small, int(index))
+    light_up(pixels)
     return pixels
 
 

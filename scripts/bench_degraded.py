@@ -41,6 +41,13 @@ def dark(frame: Frame, _: int) -> Frame:
     return (frame * 0.2 + noise).clip(0, 255).astype(np.uint8)
 
 
+def dark_but_for_a_window(frame: Frame, index: int) -> Frame:
+    """As a camera exposes that has something glaring in its picture, which lies before nobody: the lowest eighth."""
+    low = dark(frame, index)
+    low[-len(low) // 8 :] = 255
+    return low
+
+
 def grey(frame: Frame, _: int) -> Frame:
     return np.repeat(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)[..., None], 3, 2)
 
@@ -89,6 +96,7 @@ WORSE: dict[str, tuple[str, Callable[[Frame, int], Frame]]] = {
     "grey": ("grey", grey),
     "blocks": ("JPEG at a quality of 8", blocks),
     "dark": ("a fifth as bright, noise of 4 in 255", dark),
+    "window": ("the same, but the lowest eighth glares", dark_but_for_a_window),
     "bright": ("2.2 times as bright", times(lambda _: 2.2)),
     "flat": ("a fifth of the contrast", lambda frame, _: (115 + 0.2 * frame).astype(np.uint8)),
     "blue": ("blue times 1.5, red times 0.55", times(lambda _: [0.55, 0.9, 1.5])),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from muybridge.infer.exposure import stretch, well_exposed
+from muybridge.infer.exposure import light_up, stretch, well_exposed
 
 
 @pytest.fixture
@@ -47,3 +47,27 @@ def test_light_that_fades_changes_little_from_frame_to_frame(picture):
 def test_a_picture_of_one_colour_stays_as_it_is(value):
     frame = np.full((40, 60, 3), value, np.uint8)
     assert np.array_equal(stretched(frame), frame)
+
+
+def test_who_stands_in_the_dark_before_a_window_is_lit_up(picture):
+    dim = (0.18 * picture[:128, :128]).astype(np.uint8)
+    dim[:40, :60] = 255  # the window
+    dim[-10:] = 0  # beyond the picture
+    crop = np.concatenate([dim, np.full((128, 128, 1), 7, np.uint8)], -1)
+    crops = np.stack([crop, crop])
+    crops[1, ..., :3] = picture[:128, :128]
+    bright = crops[1].copy()
+    light_up(crops)
+    assert (crops[1] == bright).all()
+    gain = crops[0, 60, 60, 0] / max(dim[60, 60, 0], 1)
+    assert 2 < gain <= 6 and crops[0, 0, 0, 3] == pytest.approx(7 * gain, abs=1)
+    assert (crops[0, -10:, :, :3] == 0).all() and (crops[0, :40, :60, :3] == 255).all()
+    shown = crops[0, 41:118, :, :3].max(-1)
+    assert 100 < np.quantile(shown, 0.9) < 140
+
+
+def test_crops_without_anything_to_see_are_left_alone():
+    for value in (0, 255):
+        crops = np.full((1, 32, 32, 3), value, np.uint8)
+        light_up(crops)
+        assert (crops == value).all()
