@@ -77,12 +77,11 @@ class Repeats:
 
 
 def _pictures_around(new: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(T,) the last new picture up to each frame, and the first after that; the last of all again where none is."""
+    """(T,) the last new picture up to each frame, the first of which is new, and the first after that; the last of all
+    again where none is."""
     pictures = np.flatnonzero(new)
-    if not len(pictures):
-        return np.zeros(len(new), dtype=np.intp), np.zeros(len(new), dtype=np.intp)
     last = np.cumsum(new) - 1
-    return pictures[np.maximum(last, 0)], pictures[np.minimum(last + 1, len(pictures) - 1)]
+    return pictures[last], pictures[np.minimum(last + 1, len(pictures) - 1)]
 
 
 def on_time(session: Session, c: int, repeats: NDArray[np.bool_]) -> NDArray[np.bool_]:
