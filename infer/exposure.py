@@ -14,7 +14,8 @@ _SPAN, _MOST = 150.0, 6.0
 _BEYOND = 0.001
 # Who stands in the dark before a window is in a picture that spans all there is. Their crop is dim where all but a
 # share of what is neither glaring nor beyond the border, which is black, is below a value; it is lit up to another.
-_DIM, _LIT, _BUT, _GLARING = 50.0, 120.0, 0.1, 250
+# That share is less than there is of anybody, who may be all that is lit.
+_DIM, _LIT, _BUT, _GLARING = 75.0, 150.0, 0.01, 250
 # A picture is judged by about so many rows and columns.
 _ENOUGH = 160
 

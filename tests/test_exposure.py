@@ -63,7 +63,15 @@ def test_who_stands_in_the_dark_before_a_window_is_lit_up(picture):
     assert 2 < gain <= 6 and crops[0, 0, 0, 3] == pytest.approx(7 * gain, abs=1)
     assert (crops[0, -10:, :, :3] == 0).all() and (crops[0, :40, :60, :3] == 255).all()
     shown = crops[0, 41:118, :, :3].max(-1)
-    assert 100 < np.quantile(shown, 0.9) < 140
+    assert 140 < np.quantile(shown, 0.99) < 160
+
+
+def test_somebody_who_alone_is_lit_is_left_alone(picture):
+    crops = (0.18 * picture[None, :128, :128]).astype(np.uint8)
+    crops[0, 40:90, 60:70] = 170  # three in a hundred of the crop
+    before = crops.copy()
+    light_up(crops)
+    assert (crops == before).all()
 
 
 def test_crops_without_anything_to_see_are_left_alone():
