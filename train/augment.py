@@ -88,6 +88,16 @@ class Batch:
         return torch.cat([self.image, self.difference], 1)
 
 
+def turned(
+    angle: NDArray[np.float64], scale: NDArray[np.float64], flip: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """(n, 2, 2) maps that mirror x where `flip` (n,), then turn by `angle` (n,), radians, and scale by `scale` (n,)."""
+    cos, sin = np.cos(angle) * scale, np.sin(angle) * scale
+    linear = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
+    linear[:, :, 0] *= np.where(flip, -1, 1)[:, None]
+    return linear
+
+
 # Images that are made together: what they need in between stays in the processor's cache.
 _AT_ONCE = 8
 
@@ -199,9 +209,7 @@ class Compositor:
         tumble = rng.random(n) < opt.tumble
         angle = np.where(tumble, np.radians(rng.uniform(-60, 60, n)), angle)
         flip = rng.random(n) < 0.5
-        cos, sin = np.cos(angle) * scale, np.sin(angle) * scale
-        linear = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
-        linear[:, :, 0] *= np.where(flip, -1, 1)[:, None]
+        linear = turned(angle, scale, flip)
         middle = (size - 1) / 2 + shift
         matrix = np.concatenate([linear, (middle - np.einsum("nij,nj->ni", linear, center))[..., None]], -1)
         return matrix.astype(np.float32), flip

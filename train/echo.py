@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from muybridge.train.augment import MIRROR
+from muybridge.train.augment import MIRROR, turned
 
 Batch = tuple[Tensor, ...]
 
@@ -122,10 +122,7 @@ def altered(
     moved = rng.random(count) < _MOVED
     angle = np.radians(rng.normal(0, _ROTATION_SD_DEG, count)) * moved
     scale = np.exp(rng.normal(0, _SCALE_SD, count) * moved)
-    linear = scale[:, None, None] * np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], -1).reshape(
-        count, 2, 2
-    )
-    linear[:, :, 0] *= np.where(flip, -1, 1)[:, None]
+    linear = turned(angle, scale, flip)
     shift = rng.normal(0, _SHIFT_SD, (count, 2)) * moved[:, None]  # of the crop's side
     # From the new crop to the old one, in units of half of the side from the middle.
     back = np.linalg.inv(linear)
