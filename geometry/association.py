@@ -230,8 +230,10 @@ def _agreement(cameras: CameraGroup, keypoints: Keypoints2D, slots: NDArray[np.i
     return float(np.clip(1 - 12 * np.nanmedian(off), 0.0, 1.0)) if np.isfinite(off).any() else 0.0
 
 
-def _person(slots: NDArray[np.int64]) -> Person:
-    return Person(slots, (), 0.0, 0.0, 0.0, 0.0, 0.0)
+def _frames(keypoints: Keypoints2D, which: NDArray[np.bool_]) -> Keypoints2D:
+    """The keypoints of some frames (T,) alone."""
+    points, variance, score = (v[:, which] for v in (keypoints.points_px, keypoints.variance_px2, keypoints.score))
+    return replace(keypoints, points_px=points, variance_px2=variance, score=score)
 
 
 def _described(
@@ -241,10 +243,11 @@ def _described(
     agreement: float,
 ) -> Person:
     """A person with everything that decides whether it is of interest."""
-    person = _person(slots)
-    points, _, _ = take_person(keypoints, person)
     seen = slots >= 0
     names = tuple(name for name, s in zip(cameras.names, seen, strict=True) if s.any())
+    # Of the many whom one camera takes for somebody most are there for moments of a long take.
+    there = seen.sum(axis=0) > 0
+    points, _, _ = take_slots(_frames(keypoints, there), slots[:, there])
     size_px = extent(points)
     motions = [_wander(p, s) for p, s in zip(points, size_px, strict=True) if np.isfinite(s).any()]
     motion = float(np.median(motions)) if motions else 0.0
@@ -254,15 +257,7 @@ def _described(
     support = float(np.maximum(views - 1, 0).mean())
     longer = max(max(camera.width, camera.height) for camera in cameras)
     rank = support * (median_size / longer) * (0.02 + motion) * (0.1 + agreement)
-    return replace(
-        person,
-        cameras=names,
-        seen_share=float((views >= 2).mean()),
-        size_px=median_size,
-        motion=motion,
-        agreement=agreement,
-        rank=rank,
-    )
+    return Person(slots, names, float((views >= 2).mean()), median_size, motion, agreement, rank)
 
 
 def _wander(points: NDArray[np.float64], size_px: NDArray[np.float64]) -> float:

@@ -205,7 +205,10 @@ class Camera:
             raise ValueError(f"points_px must be (..., 2), not {px.shape}")
         camera = _colmap_camera(self.model, self.width, self.height, self.params)
         flat = np.ascontiguousarray(px.reshape(-1, 2)) + _HALF_PIXEL
-        slopes: NDArray[np.float64] = camera.cam_from_img(flat)
+        # Steps that look for the ray of a pixel that is not there never arrive, and cost most.
+        there = np.isfinite(flat).all(axis=1)
+        slopes = np.full_like(flat, np.nan)
+        slopes[there] = camera.cam_from_img(flat[there])
         return slopes.reshape(px.shape)
 
     def rays(self, points_px: ArrayLike) -> NDArray[np.float64]:
