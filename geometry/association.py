@@ -6,7 +6,7 @@ say. What is left of these are people seen by one camera alone, of whom nothing 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,16 +144,17 @@ def take_slots(
     keypoints: Keypoints2D, slots: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """As `take_person`, by the slot (C, T) that the person has in every camera and frame, -1 where none."""
-    at = np.maximum(slots, 0)[:, :, None, None]
-    gone = (slots < 0)[:, :, None]
-    points = np.take_along_axis(keypoints.points_px, at[..., None], axis=2)[:, :, 0]
-    variance = np.take_along_axis(keypoints.variance_px2, at, axis=2)[:, :, 0]
-    score = np.take_along_axis(keypoints.score, at, axis=2)[:, :, 0]
     return (
-        np.where(gone[..., None], np.nan, points),
-        np.where(gone, np.nan, variance),
-        np.where(gone, 0.0, score),
+        _taken(keypoints.points_px, slots, np.nan),
+        _taken(keypoints.variance_px2, slots, np.nan),
+        _taken(keypoints.score, slots, 0.0),
     )
+
+
+def _taken(values: NDArray[np.float64], slots: NDArray[np.int64], missing: float) -> NDArray[np.float64]:
+    """(C, T, ...) of the values (C, T, P, ...) those in the slots (C, T), `missing` where a slot is -1."""
+    slots = slots.reshape(*slots.shape, *(1,) * (values.ndim - 2))
+    return np.where(slots[:, :, 0] < 0, missing, np.take_along_axis(values, np.maximum(slots, 0), axis=2)[:, :, 0])
 
 
 def _reason(best: Person, others: tuple[Person, ...], cameras: int, frames: int) -> str:
@@ -230,12 +231,6 @@ def _agreement(cameras: CameraGroup, keypoints: Keypoints2D, slots: NDArray[np.i
     return float(np.clip(1 - 12 * np.nanmedian(off), 0.0, 1.0)) if np.isfinite(off).any() else 0.0
 
 
-def _frames(keypoints: Keypoints2D, which: NDArray[np.bool_]) -> Keypoints2D:
-    """The keypoints of some frames (T,) alone."""
-    points, variance, score = (v[:, which] for v in (keypoints.points_px, keypoints.variance_px2, keypoints.score))
-    return replace(keypoints, points_px=points, variance_px2=variance, score=score)
-
-
 def _described(
     cameras: CameraGroup,
     keypoints: Keypoints2D,
@@ -245,14 +240,14 @@ def _described(
     """A person with everything that decides whether it is of interest."""
     seen = slots >= 0
     names = tuple(name for name, s in zip(cameras.names, seen, strict=True) if s.any())
+    views = seen.sum(axis=0)
     # Of the many whom one camera takes for somebody most are there for moments of a long take.
-    there = seen.sum(axis=0) > 0
-    points, _, _ = take_slots(_frames(keypoints, there), slots[:, there])
+    there = views > 0
+    points = _taken(keypoints.points_px[:, there], slots[:, there], np.nan)
     size_px = extent(points)
     motions = [_wander(p, s) for p, s in zip(points, size_px, strict=True) if np.isfinite(s).any()]
     motion = float(np.median(motions)) if motions else 0.0
     median_size = float(np.nanmedian(size_px)) if np.isfinite(size_px).any() else 0.0
-    views = seen.sum(axis=0)
     # Views beyond the first, because one view gives no 3D.
     support = float(np.maximum(views - 1, 0).mean())
     longer = max(max(camera.width, camera.height) for camera in cameras)
