@@ -11,6 +11,7 @@ the overlays of a finished `muybridge run`: every camera at ten instants.
 
 import argparse
 import pathlib
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from muybridge.geometry.landmarks import BODY23
 from muybridge.models.decode import NO_IDEA
 from muybridge.models.registry import shipped_model
-from muybridge.train.augment import AugmentOptions, Batch, Compositor
+from muybridge.train.augment import WHOLE, Batch, Compositor
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.evaluation import load_model, read_crops
 from muybridge.train.loop import HELD_OUT
@@ -27,8 +28,8 @@ from muybridge.train.renders import SIZE, load_renders
 
 CASES, COLUMNS, TILE = 60, 10, 192
 LEFT, RIGHT, MIDDLE = (255, 140, 0), (0, 150, 255), (120, 255, 120)
-HARD = AugmentOptions(
-    rotation_sd_deg=10, tumble=0.2, second_person=0.4, embrace=0, occluder=0.5, mosaic=0.1, truncate=0.2, dark=0
+HARD = replace(
+    WHOLE, rotation_sd_deg=10, tumble=0.2, second_person=0.4, occluder=0.5, mosaic=0.1, truncate=0.2, close_up=0.1
 )
 SEED = 60
 

@@ -11,7 +11,7 @@ pytest.importorskip("anny")
 from muybridge.errors import MissingExtraError  # noqa: E402
 from muybridge.geometry.landmarks import BODY23  # noqa: E402
 from muybridge.train import render, scenes  # noqa: E402
-from muybridge.train.augment import AugmentOptions, Compositor  # noqa: E402
+from muybridge.train.augment import WHOLE, AugmentOptions, Compositor  # noqa: E402
 from muybridge.train.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.bodies import BODY_VERTICES, BodyModel  # noqa: E402
 from muybridge.train.close_ups import cut_boxes, sample_close_up, to_crop  # noqa: E402
@@ -114,10 +114,9 @@ def test_visible_landmarks_lie_on_the_person(renders):
     assert np.mean(on) > 0.97
 
 
-PLAIN = AugmentOptions(
-    scale_sd=0, shift_sd=0, rotation_sd_deg=0, tumble=0, second_person=0, embrace=0, occluder=0, mosaic=0, truncate=0,
-    close_up=0,
-)  # fmt: skip
+PLAIN = replace(
+    WHOLE, scale_sd=0, shift_sd=0, rotation_sd_deg=0, tumble=0, second_person=0, occluder=0, mosaic=0, truncate=0
+)
 
 
 def test_crops_have_the_padding_they_promise(renders):
@@ -233,6 +232,27 @@ def test_what_a_border_cuts_off_is_black_and_hidden(renders):
     gone = ((at >= 0) & (at < 128)).all(-1) & ~batch.visible.numpy()
     dark = [batch.image[i, :, at[i, j, 1], at[i, j, 0]].max() == 0 for i, j in zip(*np.nonzero(gone), strict=True)]
     assert 0.1 < np.mean(dark) < 0.95
+
+
+def test_backdrops_are_bare_lights_are_coloured_and_some_cameras_see_no_colours(renders):
+    pool = np.random.default_rng(0).integers(0, 255, (4, 3, SIZE, SIZE), np.uint8)
+    index = np.flatnonzero(np.isnan(renders.cut_px[:, 0]))[:16]
+
+    def pictures(**options: float) -> np.ndarray:
+        made = Compositor(renders, pool, 128, 3, replace(PLAIN, clutter=0, plate=0, **options)).batch(len(index), index)
+        return made.image.numpy().astype(float)
+
+    def rough(picture: np.ndarray) -> float:  # of a strip above everybody
+        return float(np.abs(np.diff(picture[:, :, :6])).mean())
+
+    assert rough(pictures(faults=False, backdrop=1)) < 0.2 * rough(pictures(faults=False))
+
+    def imbalance(picture: np.ndarray) -> float:
+        return float(np.abs(np.log(picture.mean((2, 3)) / picture.mean((1, 2, 3))[:, None])).mean())
+
+    assert imbalance(pictures(tinted=1)) > 2 * imbalance(pictures())
+    assert np.ptp(pictures(monochrome=1), axis=1).max() == 0
+    assert (np.ptp(pictures(), axis=1).max((1, 2)) > 40).mean() > 0.7
 
 
 def test_batches_are_seeded(renders):

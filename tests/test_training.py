@@ -20,7 +20,7 @@ from muybridge.models.people_net import PeopleNet  # noqa: E402
 from muybridge.models.registry import keypoint_card, people_card, shipped_model  # noqa: E402
 from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, measure_normalisation  # noqa: E402
 from muybridge.train import keypoints, loop, people  # noqa: E402
-from muybridge.train.augment import AugmentOptions, Batch, Compositor  # noqa: E402
+from muybridge.train.augment import WHOLE, Batch, Compositor  # noqa: E402
 from muybridge.train.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.evaluation import MIRROR, _figures, evaluate_onnx  # noqa: E402
 from muybridge.train.heatmap_loss import OUTSIDE, heatmap_loss  # noqa: E402
@@ -410,6 +410,7 @@ def test_evaluation_with_and_without_what_makes_it_hard(store, tmp_path, monkeyp
     assert plain != found
     assert evaluate_onnx(replace(options, flip=False)) != found
     assert evaluate_onnx(replace(options, plate=False)) != found
+    assert evaluate_onnx(replace(options, backdrop=True, tinted=True, monochrome=True)) != found
     assert evaluate_onnx(replace(options, all_shards=True)) != found  # of other people too
     assert evaluate_onnx(replace(options, turn=False)) != found
     with pytest.raises(SessionError, match="muybridge synth"):
@@ -418,9 +419,10 @@ def test_evaluation_with_and_without_what_makes_it_hard(store, tmp_path, monkeyp
 
 def test_crops_without_faults_are_sharp(store):
     renders, backgrounds = load_renders(store), np.full((4, 3, SIZE, SIZE), 90, np.uint8)
-    nothing = AugmentOptions(
-        1.25, 0, 0, 0, 0, second_person=0, embrace=0, occluder=0, mosaic=0, truncate=0, close_up=0, clutter=0
-    )
+    nothing = replace(
+        WHOLE, scale_sd=0, shift_sd=0, rotation_sd_deg=0, tumble=0, second_person=0, occluder=0, mosaic=0, truncate=0,
+        clutter=0,
+    )  # fmt: skip
     edges = []
     for faults in (False, True):
         image = Compositor(renders, backgrounds, 192, 0, replace(nothing, faults=faults)).batch(64).image.float()

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from muybridge.geometry.landmarks import BODY23, SURFACE
+from muybridge.train.backgrounds import sample_backdrop
 from muybridge.train.camera_faults import CameraFaults, outside_of_video
 from muybridge.train.close_ups import BORDER, SOMETHING, cut_boxes, to_crop
 from muybridge.train.clutter import add_clutter, mirrored_on
@@ -43,7 +44,10 @@ class AugmentOptions:
         close_up: share of crops that frame a part of a person, see `close_ups`.
         clutter: share of crops with things that are nobody behind the person, see `clutter`.
         plate: share of crops with the difference to the background plate, see `plates`.
+        backdrop: share of crops before a curtain, a screen or a bare wall, see `backgrounds`.
         dark: share of crops underexposed, down to a tenth of the light.
+        tinted: share of crops in coloured light that no camera's white balance took out.
+        monochrome: share of crops of a camera without colours.
         faults: with what a camera does to an image, see `camera_faults`.
     """
 
@@ -60,13 +64,16 @@ class AugmentOptions:
     close_up: float = 0.1
     clutter: float = 0.5
     plate: float = 0.5
+    backdrop: float = 0.08
     dark: float = 0.05
+    tinted: float = 0.08
+    monochrome: float = 0.08
     faults: bool = True
 
 
 # What networks are scored with and their variances fitted on: whole people, of whom the rarest of what is hard for a
 # network has to be asked for.
-WHOLE = AugmentOptions(close_up=0, embrace=0, dark=0)
+WHOLE = AugmentOptions(close_up=0, embrace=0, backdrop=0, dark=0, tinted=0, monochrome=0)
 
 
 @dataclass(frozen=True)
@@ -135,6 +142,7 @@ class Compositor:
         cuts = to_crop(rng, lines, matrix, np.isfinite(made[:, 0]))
         person, landmarks, visible = self._warp(index, matrix, flip)
         plate = self._background(count, opt.clutter)
+        lit = self._backdrops(plate)
         shade = person[:, 4:] * self._column(rng.uniform(0, 0.6, count))
         image = torch.addcmul(plate, plate, shade, value=-1)
         chance = rng.random(count) if len(self.whole) else np.ones(count)
@@ -154,7 +162,7 @@ class Compositor:
             before[i, :, mask] = 1
         light = self._light(count)
         difference = self._difference(image, plate, person, before, light)
-        image = self.faults.apply(image, light) if opt.faults else image
+        image = self.faults.apply(image, light, lit) if opt.faults else image
         visible, outside = self._truncate(visible, landmarks)
         for i, beyond in [*outside, *((int(i), cuts.mask(i, self.size)) for i in cuts.chosen(BORDER))]:
             for layer in (image, difference):
@@ -162,17 +170,41 @@ class Compositor:
         inside = ((landmarks >= 0) & (landmarks <= self.size - 1)).all(-1)
         pixels = image.clamp_(0, 1).mul_(255).round_().to(torch.uint8)
         pixels = self.faults.compress(pixels) if opt.faults else pixels
+        self._monochrome(pixels)
         at, seen = torch.from_numpy(landmarks), torch.from_numpy(visible & inside)
         body = len(BODY23)
         return pixels, difference, at[:, :body], seen[:, :body], at[:, body:], seen[:, body:]
 
     def _light(self, count: int) -> NDArray[np.float32]:
-        """(B,) what cameras have of the light that they expose for: all of it, or too little."""
-        light = np.ones(count, np.float32)
-        if self.options.dark and self.options.faults:
-            dark = self.rng.random(count) < self.options.dark
-            light[dark] = np.exp(self.rng.uniform(np.log(0.1), np.log(0.6), int(dark.sum())))
+        """(B, 3) what cameras have of the red, green and blue light that they expose for: all of it, too little, or
+        another mixture."""
+        opt, light = self.options, np.ones((count, 3), np.float32)
+        if opt.dark and opt.faults:
+            dark = self.rng.random(count) < opt.dark
+            light[dark] = np.exp(self.rng.uniform(np.log(0.1), np.log(0.6), (int(dark.sum()), 1)))
+        if opt.tinted and opt.faults:
+            tinted = self.rng.random(count) < opt.tinted
+            colour = np.exp(self.rng.normal(0, 0.35, (int(tinted.sum()), 3)))
+            light[tinted] *= colour / colour.mean(1, keepdims=True)
         return light
+
+    def _backdrops(self, plate: Tensor) -> NDArray[np.bool_]:
+        """Exchanges the backgrounds (B, 3, S, S) of a share of the crops for backdrops, in place. Returns (B,) where
+        lamps and camera are set for the person, not for what is behind."""
+        chosen = np.zeros(len(plate), bool)
+        if self.options.backdrop:
+            chosen = self.rng.random(len(plate)) < self.options.backdrop
+            for i in np.nonzero(chosen)[0]:
+                plate[i] = torch.from_numpy(sample_backdrop(self.rng, self.size).transpose(2, 0, 1))
+            chosen &= self.rng.random(len(plate)) < 0.7
+        return chosen
+
+    def _monochrome(self, pixels: Tensor) -> None:
+        """Takes the colours off a share of (B, 3, S, S) uint8, in place: sensors differ in what they see of each."""
+        if self.options.monochrome:
+            for i in np.nonzero(self.rng.random(len(pixels)) < self.options.monochrome)[0]:
+                seen = torch.from_numpy(self.rng.dirichlet((2, 2, 2)).astype(np.float32))
+                pixels[i] = torch.einsum("chw,c->hw", pixels[i].float(), seen).round_()
 
     def _difference(
         self, image: Tensor, plate: Tensor, person: Tensor, before: Tensor, light: NDArray[np.float32]
@@ -185,7 +217,7 @@ class Compositor:
             static = before[known] * self._column(self.plates.rng.random(len(known)) < 0.6)
             empty = plate[known]
             self.plates.seen_before(empty, person[known], static)
-            difference[known] = self.plates.difference(image[known], empty, static, light[known])
+            difference[known] = self.plates.difference(image[known], empty, static, light[known.numpy()])
         return difference
 
     def _column(self, values: NDArray[np.generic]) -> Tensor:

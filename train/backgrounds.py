@@ -1,4 +1,4 @@
-"""Backgrounds without photographs: rooms, dead leaves, fractal noise, outdoors. RGB uint8, seeded."""
+"""Backgrounds without photographs: rooms, dead leaves, fractal noise, outdoors, backdrops. Seeded."""
 
 import colorsys
 
@@ -146,6 +146,31 @@ def _natural(rng: np.random.Generator, size: int) -> F32:
         image[:line] = sky + noise[:line] * 0.15
     _furniture(image, rng, int(rng.integers(0, 4)))
     return np.asarray(image)
+
+
+def sample_backdrop(rng: np.random.Generator, size: int) -> F32:
+    """(size, size, 3) in 0..1: a black or coloured curtain, a screen to be keyed out, a bare wall; perhaps with a floor
+    of the same or another colour, and lit from somewhere."""
+    kind = rng.random()
+    if kind < 0.5:
+        colour: Colour = _muted(rng, 0.0, 0.08)
+    elif kind < 0.65:  # green and blue screens
+        hue = rng.normal(0.36 if rng.random() < 0.7 else 0.61, 0.02)
+        colour = colorsys.hsv_to_rgb(hue, rng.uniform(0.5, 0.95), rng.uniform(0.3, 0.8))
+    else:
+        colour = _muted(rng, 0.1, 1.0)
+    image = np.empty((size, size, 3), np.float32)
+    image[:] = colour
+    x = np.linspace(0, 1, size, dtype=np.float32)
+    if rng.random() < 0.3:  # folds
+        phase = 2 * np.pi * rng.uniform(4, 25) * x + rng.uniform(0, 4) * np.sin(2 * np.pi * rng.uniform(0.5, 3) * x)
+        image *= (1 + rng.uniform(0.05, 0.4) * np.sin(phase))[None, :, None]
+    if rng.random() < 0.5:
+        bottom = int(rng.uniform(0.4, 1.0) * size)
+        image[bottom:] = np.array(colour) * rng.uniform(0.5, 1.5) if rng.random() < 0.5 else _muted(rng, 0.02, 0.7)
+    y = x[:, None]
+    distance = np.hypot(x - rng.uniform(-0.3, 1.3), y - rng.uniform(-0.3, 1.3))
+    return np.asarray(image * np.exp(-rng.uniform(0, 1.5) * distance**2)[..., None], np.float32).clip(0, 1)
 
 
 def sample_background(rng: np.random.Generator, size: int) -> NDArray[np.uint8]:

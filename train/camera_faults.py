@@ -50,20 +50,26 @@ class CameraFaults:
     def _uniform(self, low: float, high: float, count: int) -> Tensor:
         return torch.from_numpy(self.rng.uniform(low, high, count).astype(np.float32))
 
-    def apply(self, image: Tensor, light: NDArray[np.float32] | None = None) -> Tensor:
-        """(B, 3, H, W) in 0..1 -> the same shape, not clamped. `light` (B,): below one, pictures darker than a camera
-        would expose them, with as much noise as the others."""
+    def apply(
+        self, image: Tensor, light: NDArray[np.float32] | None = None, lit: NDArray[np.bool_] | None = None
+    ) -> Tensor:
+        """(B, 3, H, W) in 0..1 -> the same shape, not clamped. `light` (B, 3) of red, green and blue: below one,
+        pictures darker than a camera would expose them, with as much noise as the others. `lit` (B,): whose exposure is
+        right as it is."""
         rng, count = self.rng, len(image)
         # Cameras expose for what they see: hardly any picture is dark all over.
         level = image.mean((1, 2, 3), keepdim=True)
         wanted = self._column(rng.uniform(0.12, 0.3, count))
-        image = image * (wanted / level.clamp(min=1e-3)).clamp(1.0, 5.0)
+        gain = (wanted / level.clamp(min=1e-3)).clamp(1.0, 5.0)
+        if lit is not None:
+            gain[torch.from_numpy(lit)] = 1.0
+        image = image * gain
         self._blur(image)
         for i in np.nonzero(rng.random(count) < 0.35)[0]:
             image[i] = other_hue(image[i], rng.uniform(-0.25, 0.25))
         image = self._colour(image).clamp_(1e-4, 1).pow_(self._column(np.exp(rng.normal(0, 0.25, count))))
         if light is not None:
-            image *= self._column(light)
+            image *= torch.from_numpy(light)[:, :, None, None]
         self._lens_and_shutter(image)
         self._add_noise(image)
         some = self._some(0.2, image)

@@ -72,7 +72,8 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
         raise SessionError(f"{options.renders}: no held-out renders; make some with `muybridge synth`")
     # Backgrounds of another seed than any training's pool.
     backgrounds = make_backgrounds(256, SIZE, options.seed)
-    augment = replace(WHOLE, plate=float(options.plate), faults=options.faults)
+    asked = {name: float(getattr(options, name)) for name in ("plate", "backdrop", "tinted", "monochrome")}
+    augment = replace(WHOLE, **asked, faults=options.faults)
     if not options.occlusion:
         augment = replace(augment, second_person=0, occluder=0, mosaic=0, truncate=0, tumble=0, clutter=0)
     if options.embrace:

@@ -194,6 +194,9 @@ class Evaluation:
         faults: with what a camera does to a picture: blur, noise, compression and the rest.
         occlusion: with things and people in front, faces made unrecognisable, borders, clutter and people who tumble.
         embrace: with somebody right behind or before everyone, as in a hold; without, others stand beside a few.
+        backdrop: everyone before a curtain, a screen or a bare wall.
+        tinted: in coloured light.
+        monochrome: by a camera without colours.
         plate: with the difference to the background plate, as good as a static camera's plate is.
         flip: every crop also mirrored.
         turn: crops of which the network is unsure also turned by quarters and, with `flip`, tilted to both sides.
@@ -207,6 +210,9 @@ class Evaluation:
     faults: bool = True
     occlusion: bool = True
     embrace: bool = False
+    backdrop: bool = False
+    tinted: bool = False
+    monochrome: bool = False
     plate: bool = True
     flip: bool = True
     turn: bool = True

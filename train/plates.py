@@ -56,7 +56,7 @@ class Plates:
         Args:
             image, plate: (B, 3, S, S) in 0..1 before a camera's faults.
             static: (B, 1, S, S) as above.
-            light: (B,) share of the light that they are exposed for which the camera has.
+            light: (B, 3) share of the red, green and blue light that they are exposed for which the camera has.
         """
         rng, count, size = self.rng, len(image), image.shape[-1]
         flicker = np.exp(rng.normal(0, 0.02, count)) * (rng.random(count) < 0.5)
@@ -65,7 +65,7 @@ class Plates:
         raw = ((apart[:, 0] + apart[:, 1] + apart[:, 2]).div_(3) * (1 - static[:, 0])).numpy()
         # Cameras expose for what they see, before anything is compared.
         level = image.mean((1, 2, 3)).numpy().clip(1e-3)
-        gain = np.exp(rng.normal(0, 0.4, count)) * (0.2 / level).clip(1.0, 5.0) * light
+        gain = np.exp(rng.normal(0, 0.4, count)) * (0.2 / level).clip(1.0, 5.0) * light.mean(1)
         coarseness = np.exp(rng.uniform(*_LOG_COARSENESS, count))
         noise = rng.gamma(1.2, 0.008, count).clip(0, 0.05)
         out = np.empty((count, 1, size, size), np.uint8)
