@@ -20,7 +20,7 @@ from muybridge.infer.outputs import OutputFolder
 from muybridge.infer.overlay import OverlayOptions, write_overlay
 from muybridge.infer.progress import Progress, Task
 from muybridge.infer.quality import Quality, plain
-from muybridge.infer.report import ReportData, Thumbnail, pick_thumbnail_frames, write_report
+from muybridge.infer.report import ReportData, Thumbnail, pick_thumbnail_frames, problems, write_report
 from muybridge.infer.report_sections import PersonPage
 from muybridge.infer.session import Session
 from muybridge.infer.solve import Solution
@@ -197,12 +197,13 @@ def write_report_pages(
     options: Mapping[str, Any],
     versions: Mapping[str, str],
     files: Sequence[str],
-) -> list[str]:
+) -> tuple[list[str], tuple[str, ...]]:
     """Write `report.html`, and one more for each further person; `qualities` are everybody's.
 
     Returns:
-        The pages' names.
+        The pages' names, and what the first says that spoils the result.
     """
+    grave: tuple[str, ...] = ()
     people = written_people(solution)
     names = [of_person(REPORT, n) for n in range(1, len(people) + 1)]
     pages = tuple(
@@ -218,7 +219,8 @@ def write_report_pages(
         others = tuple(p.points.points_world for p in people if p is not person)
         data = _report_data(session.name, n + 1, person, others, quality, shared | own)
         output.write(names[n], partial(write_report, data=data))
-    return names
+        grave = problems(data) if n == 0 else grave
+    return names, grave
 
 
 def _report_data(

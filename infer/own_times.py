@@ -157,7 +157,9 @@ def _side(tracks: CameraTracks, frames: NDArray[np.intp]) -> NDArray[np.float64]
 
 def repeats_notice(session: Session, c: int, repeats: NDArray[np.bool_]) -> str | None:
     """What is said of a film some of whose pictures, `repeats` (T,), are shown once more; None of others."""
-    count = int(repeats.sum())
+    index = session.frame_indices[c, : len(repeats)]
+    # Those that the session repeats have been said.
+    count = int((repeats & np.append(True, index[1:] != index[:-1])).sum())
     if count < max(_TOLD, _TOLD_SHARE * len(repeats)):
         return None
     return (

@@ -87,6 +87,7 @@ class RunResult:
         quality: how good it is.
         seconds: how long this run took.
         others: how good the other people are who were written, by number from 2.
+        problems: what spoils the result, a sentence each, as the report has them.
     """
 
     out: Path
@@ -95,6 +96,7 @@ class RunResult:
     quality: Quality
     seconds: float
     others: tuple[Quality, ...] = ()
+    problems: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -147,18 +149,19 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     if solution.motion is None:
         session = replace(session, notices=(*session.notices, f"there is no motion: {solution.no_motion}"))
     qualities = [assess(session.cameras, person) for person in exports.written_people(solution)]
-    written, stages = _write(
+    written, stages, problems = _write(
         output, store, session, files, followed.detected, solution, qualities, calibration, options, progress
     )
     seconds = time.perf_counter() - start
     facts = _facts(began, seconds, session, written, qualities, calibration, solution, stages, options, models.metadata)
+    facts["problems"] = problems
     exports.write_run(output, facts)
     if solution.motion is None:
         raise SessionError(
             f"{path}: {solution.no_motion}; {output.path / exports.REPORT} and the overlays beside it show "
             "what was found: if the marks are on the person, the calibration does not belong to these videos"
         )
-    return RunResult(output.path, session, solution, qualities[0], seconds, tuple(qualities[1:]))
+    return RunResult(output.path, session, solution, qualities[0], seconds, tuple(qualities[1:]), problems)
 
 
 def follow(session: Session, models: Models, store: StageStore, options: RunOptions, progress: Progress) -> Followed:
@@ -270,8 +273,8 @@ def _write(
     calibration: CalibrationQuality | None,
     options: RunOptions,
     progress: Progress,
-) -> tuple[list[str], dict[str, StageResult]]:
-    """Write every result but `run.json`; returns their names and all stages by name."""
+) -> tuple[list[str], dict[str, StageResult], tuple[str, ...]]:
+    """Write every result but `run.json`; returns their names, all stages by name, and what spoils the result."""
     stages = {f"2D {files[c]}": d.stage for c, d in enumerate(detected)} | solution.stages
     written = exports.write_motion(output, session, solution, options.detect.markers)
     drawn, thumbnails = exports.write_overlays(
@@ -280,12 +283,13 @@ def _write(
     stages |= drawn
     written += [exports.overlay_name(name) for name in files]
     timings = {name: stage.seconds for name, stage in stages.items()}
-    written += exports.write_report_pages(
+    pages, problems = exports.write_report_pages(
         output, session, solution, qualities, calibration, thumbnails, timings, asdict(options), versions(), written
     )
+    written += pages
     kept = {*written, exports.RUN}
     output.retire(name for name in exports.result_names(files) if name not in kept)
-    return written, stages
+    return written, stages, problems
 
 
 def _common(
@@ -404,6 +408,7 @@ def summary(result: RunResult) -> str:
         rows.append(
             f"  person {number}: 3D points for {other.coverage:.1%}, {_left_out(other.leave_one_out_px)}"
         )
+    rows += [f"  problem: {text}" for text in result.problems]
     rows.append(f"  results: {result.out} ({exports.REPORT} shows them; {WORK}/ may be deleted)")
     return "\n".join(rows)
 

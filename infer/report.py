@@ -21,8 +21,15 @@ from muybridge.geometry.landmarks import Points3D
 from muybridge.infer.calibration_report import calibration_findings, calibration_in_report
 from muybridge.infer.overlay import side_of
 from muybridge.infer.report_data import fill_page, packed_positions, packed_shares, read_asset, rounded, script_json
-from muybridge.infer.report_figures import bone_figures, camera_figures, headline, timeline
-from muybridge.infer.report_findings import findings
+from muybridge.infer.report_figures import (
+    BoneFigures,
+    CameraFigures,
+    bone_figures,
+    camera_figures,
+    headline,
+    timeline,
+)
+from muybridge.infer.report_findings import Finding, findings
 from muybridge.infer.report_sections import (
     PersonPage,
     bones_section,
@@ -134,14 +141,8 @@ def render_report(data: ReportData) -> str:
     """The page as text."""
     _check(data)
     points = data.points
-    cameras = camera_figures(data.cameras, points, data.keypoints_px, data.leave_one_out_px)
+    cameras, bones, said = _looked_at(data)
     summary = headline(data.cameras, points, data.delivered or points, data.leave_one_out_px)
-    bones = bone_figures(points)
-    report = None if data.calibration is None else data.calibration.culprits
-    judged = report is not None and bool(np.isfinite(report.noise_px))
-    said = findings(points, cameras, bones, data.warnings, judged)
-    order = {"bad": 0, "look": 1, "note": 2}
-    said = tuple(sorted((*calibration_findings(data.calibration), *said), key=lambda finding: order[finding.severity]))
     pictures = [(t.camera, t.frame, base64.b64encode(t.jpeg).decode("ascii")) for t in data.thumbnails]
     parts = {
         "title": html.escape(data.title),
@@ -159,6 +160,24 @@ def render_report(data: ReportData) -> str:
         "js": read_asset("report_view.js") + "\n" + read_asset("report.js"),
     }
     return fill_page("report.html", parts)
+
+
+def problems(data: ReportData) -> tuple[str, ...]:
+    """What spoils the result, a sentence each: what the page shows as problems."""
+    return tuple(finding.text for finding in _looked_at(data)[2] if finding.severity == "bad")
+
+
+def _looked_at(
+    data: ReportData,
+) -> tuple[tuple[CameraFigures, ...], tuple[BoneFigures, ...], tuple[Finding, ...]]:
+    """Figures of cameras and bones, and what is to be said, the worst first."""
+    cameras = camera_figures(data.cameras, data.points, data.keypoints_px, data.leave_one_out_px)
+    bones = bone_figures(data.points)
+    report = None if data.calibration is None else data.calibration.culprits
+    judged = report is not None and bool(np.isfinite(report.noise_px))
+    said = (*calibration_findings(data.calibration), *findings(data.points, cameras, bones, data.warnings, judged))
+    order = {"bad": 0, "look": 1, "note": 2}
+    return cameras, bones, tuple(sorted(said, key=lambda finding: order[finding.severity]))
 
 
 def _check(data: ReportData) -> None:

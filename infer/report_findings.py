@@ -21,6 +21,10 @@ from muybridge.infer.report_figures import (
 # Agreement of the cameras at the person (what the others say, in this camera's image), millimetres.
 GOOD_MM, FAIR_MM = 20.0, 45.0
 GOOD_COVERAGE, FAIR_COVERAGE = 0.98, 0.9
+# Shares of the stature: Winter, "Biomechanics and Motor Control of Human Movement", 2009, fig. 4.1.
+_OF_STATURE = {"hip to knee": 0.245, "knee to ankle": 0.246, "shoulder to elbow": 0.186, "elbow to wrist": 0.146}
+# From toddlers to the tallest, as far as bones tell.
+_STATURE_M = (0.55, 2.6)
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,7 @@ def findings(
             *(Finding("look", text) for text in warnings),
         )
     found = [Finding("look", text) for text in warnings]
+    found += _size_findings(bones)
     found += _camera_findings(cameras)
     found += _sign_findings(cameras, culprits_known)
     found += _gap_findings(points)
@@ -91,6 +96,23 @@ def verdict(figures: Headline) -> tuple[str, str]:
         f"{100 * covered:.1f} % of all landmarks and frames have a 3D position."
     )
     return levels[max(by_error, by_coverage)], sentence
+
+
+def _size_findings(bones: Sequence[BoneFigures]) -> list[Finding]:
+    """A person of a size that nobody has: the calibration's lengths are no metres."""
+    sides = ("left ", "right ")
+    shares = {side + name: share for name, share in _OF_STATURE.items() for side in sides}
+    stature = float(nanmedian(np.array([b.median_m / shares[b.name] for b in bones if b.name in shares] or [np.nan])))
+    if not np.isfinite(stature) or _STATURE_M[0] <= stature <= _STATURE_M[1]:
+        return []
+    return [
+        Finding(
+            "bad",
+            f"By the lengths of arms and legs the person is {stature:.2g} m tall: the calibration's lengths are not "
+            f"what they were taken for. State their unit (docs/calibration-files.md), or calibrate with the true size "
+            f"of the board's squares.",
+        )
+    ]
 
 
 def _error_mm(camera: CameraFigures) -> float:

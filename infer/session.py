@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
-from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, read_calibration
+from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, read_calibration, sized_like
 from muybridge.geometry.calibration.level import levelled
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.infer.progress import Progress
@@ -114,20 +114,22 @@ def open_session(path: Path, options: SessionOptions = SessionOptions()) -> Sess
         group, files = _chosen(group, files, options.cameras, calibration)
     if len(files) < 2 or len(group) < 2:
         raise SessionError(_too_few(path, files, calibration, group))
-    order, said = match_cameras([f.stem for f in files], group.names, path, calibration)
+    order, said = match_cameras([f.stem for f in files], group.names, path, calibration, read.no_pose)
     notices += said
     videos = [probe_video(files[k]) for k in order]
     cameras: list[Camera] = []
     for k, camera in enumerate(group):
         videos[k], said = _turn(videos[k], camera, options.video_rotation)
         notices += said
+        if camera.name in read.guessed_sizes:
+            camera = sized_like(camera, videos[k].width, videos[k].height)
         fitted, assumed = _fitted(camera, videos[k], options.video_size)
         cameras.append(fitted)
         if assumed:
             notices.append(assumed)
     table = time_table_in(path) or time_table_in(_video_folder(path))
     fps, indices, late, said = _common_time(videos) if table is None else paired_by_time(table, videos)
-    notices += said + _oddities(videos)
+    notices += said + _oddities(videos, group)
     return Session(
         path=path,
         calibration=calibration,
@@ -264,7 +266,7 @@ def _within(part: tuple[str, ...], whole: tuple[str, ...]) -> bool:
 
 
 def match_cameras(
-    stems: Sequence[str], names: Sequence[str], session: Path, calibration: Path
+    stems: Sequence[str], names: Sequence[str], session: Path, calibration: Path, no_pose: Sequence[str] = ()
 ) -> tuple[list[int], list[str]]:
     """Which video belongs to which camera.
 
@@ -273,6 +275,7 @@ def match_cameras(
         names: the calibration's camera names.
         session: for messages.
         calibration: for messages.
+        no_pose: names of cameras that the calibration has without a pose, for messages.
 
     Returns:
         For each camera the index of its video, and a notice unless the names are plainly the same.
@@ -300,6 +303,8 @@ def match_cameras(
         problems.append(f"{calibration} has no video for camera {', '.join(lonely_cameras)}")
     if lonely_videos:
         problems.append(f"{session / 'videos'} has no camera for video {', '.join(lonely_videos)}")
+    if unposed := [n for n in no_pose if _pair_by_name(lonely_videos, [n])]:
+        problems.append(f"{calibration} does not say where {', '.join(unposed)} is")
     remedy = "name each video after its camera"
     if len(paired) >= 2:
         remedy += f", or choose the cameras with --cameras {' '.join(n for n in names if n in paired)}"
@@ -327,10 +332,25 @@ def _turn(video: VideoInfo, camera: Camera, how: str) -> tuple[VideoInfo, list[s
 def _fitted(camera: Camera, video: VideoInfo, how: VideoFit) -> tuple[Camera, str | None]:
     """The camera at its video's size, and what was assumed."""
     size = (video.width, video.height)
+    if how == "auto" and _squeezed(camera, video):
+        return fit_to_video(camera, *size, "scale")[0], (
+            f"camera {camera.name}: calibrated at {camera.width}x{camera.height}, video is {size[0]}x{size[1]} with "
+            f"pixels {video.pixel_aspect:.3f} times as wide as high: taken as the same picture (scale)"
+        )
     image = None
     if how == "auto" and size != (camera.width, camera.height):
         image = next(read_chunks(video, np.zeros(1, np.int64)))[0]
     return fit_to_video(camera, *size, how, image)
+
+
+def _squeezed(camera: Camera, video: VideoInfo) -> bool:
+    """Whether a video's pixels are not square, and the picture that players show has the calibrated shape."""
+    shown = video.width * video.pixel_aspect / video.height / (camera.width / camera.height)
+    return _odd_pixels(video) and (video.width, video.height) != (camera.width, camera.height) and abs(shown - 1) < 0.02
+
+
+def _odd_pixels(video: VideoInfo) -> bool:
+    return abs(video.pixel_aspect - 1) > 0.01
 
 
 def _common_time(
@@ -339,15 +359,18 @@ def _common_time(
     """The take's frame rate, which frames of each video make it up, how late they were taken, and what had to be
     assumed."""
     rates = np.array([v.fps for v in videos])
-    same_rate = rates.max() / rates.min() - 1 < _SAME_RATE
+    near = rates.max() / rates.min() - 1 < _SAME_RATE
     listed = ", ".join(f"{v.path.name} {v.fps:.4g}" for v in videos)
     notices: list[str] = []
-    if same_rate:
+    by_number, apart = _by_number(videos)
+    if near:
         fps = _commonest(rates)
         if len(set(np.round(rates, 2))) > 1:
-            notices.append(
-                f"frame rates differ slightly ({listed} fps): frames are paired by number at {fps:.4g} fps"
+            how = (
+                "frames are paired by number" if by_number else "the films end together, so frames are paired by time"
             )
+            much = f"; by these rates the last ones are {apart:.2g} s apart" if by_number and apart * fps > 0.5 else ""
+            notices.append(f"frame rates differ slightly ({listed} fps): {how} at {fps:.4g} fps{much}")
     else:
         fps = float(rates.min())
         notices.append(
@@ -360,7 +383,7 @@ def _common_time(
             f"the frame rate of {', '.join(wander)} varies (frames were dropped or the camera adapts it): "
             f"the take runs in even steps of {fps:.4g} fps, and landmarks are put between frames"
         )
-    by_time = not same_rate or bool(wander)
+    by_time = not near or not by_number or bool(wander)
     if by_time:
         counts = [int(np.floor(v.times[-1] * fps + 0.5)) + 1 for v in videos]
     else:
@@ -377,18 +400,28 @@ def _common_time(
     return fps, np.stack(indices), late, notices
 
 
+def _by_number(videos: Sequence[VideoInfo]) -> tuple[bool, float]:
+    """Whether frames of one number belong together, of films of nearly one rate, and how far the last common ones are
+    apart by their times, seconds. Cameras that are triggered together write as many frames, whatever rate their files
+    say; cameras with clocks of their own that are stopped together last equally long."""
+    frames = np.array([v.frames for v in videos])
+    last = np.array([v.times[-1] for v in videos])
+    apart = float(np.ptp([v.times[frames.min() - 1] for v in videos]))
+    return bool(np.ptp(frames) <= 1 + np.ptp(last) * max(v.fps for v in videos)), apart
+
+
 def _commonest(rates: NDArray[np.float64]) -> float:
     return float(Counter(float(r) for r in rates).most_common(1)[0][0])
 
 
-def _oddities(videos: Sequence[VideoInfo]) -> list[str]:
+def _oddities(videos: Sequence[VideoInfo], calibrated: CameraGroup) -> list[str]:
     """Differences that are harmless but worth knowing."""
     notices = []
     if len({(v.width, v.height) for v in videos}) > 1:
         sizes = ", ".join(f"{v.path.name} {v.width}x{v.height}" for v in videos)
         notices.append(f"frame sizes differ ({sizes} px)")
-    for video in videos:
-        if abs(video.pixel_aspect - 1) > 0.01:
+    for camera, video in zip(calibrated, videos, strict=True):
+        if _odd_pixels(video) and not _squeezed(camera, video):
             notices.append(
                 f"{video.path.name} says that its pixels are not square (aspect {video.pixel_aspect:.3f}): "
                 "taken as square, as calibrations are made on stored pixels"

@@ -112,13 +112,15 @@ def probe_video(path: Path) -> VideoInfo:
         declared, rate = int(stream.frames), stream.average_rate
         guessed = stream.guessed_rate or rate
         declared_end = _declared_end(container, stream)
-        codec = stream.codec_context.name
+        codec, in_order = stream.codec_context.name, stream.codec_context.codec.intra_only
         name = container.format.name
     counted = bool(formats & _COUNTED) and declared > 0
     _refuse_truncated(path, packets, declared if counted else 0, declared_end, guessed)
     width, height, rotation, aspect = _first_frame(path)
-    # AVI counts frames and keeps no time stamps: what a demuxer reports there is a guess.
-    times = np.arange(len(packets.times)) / float(guessed) if name == "avi" and guessed else packets.times
+    # AVI counts frames, those that were dropped too if the program leaves them empty, and keeps no time stamps: what a
+    # demuxer reports of pictures that are not stored in their order is a guess.
+    told = name != "avi" or (in_order and bool((np.diff(packets.times) > 0).all()))
+    times = packets.times if told or not guessed else np.arange(len(packets.times)) / float(guessed)
     times = times - times[0]
     fps, variable = _rate(times, guessed)
     if rotation % 180:

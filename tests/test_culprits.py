@@ -181,6 +181,17 @@ def test_who_fills_the_picture_may_be_misread_by_more_pixels() -> None:
     assert not [f for f in report.faults if f.kind == "unrelated"], report.sentence
 
 
+@pytest.mark.parametrize("order", [(1, 2, 0, 3), (3, 2, 1, 0), (2, 0, 3, 1)])
+def test_files_that_went_round_are_all_named(order: tuple[int, ...]) -> None:
+    rig = _rig(4)
+    px, variance = _seen(rig, 9)
+    report = find_culprits(rig, px[list(order)], variance[list(order)])
+    assert [f.kind for f in report.faults] == ["swapped"], report.sentence
+    assert tuple(order[k] for k in report.files) == (0, 1, 2, 3)
+    assert report.faults[0].cameras == tuple(n for k, n in enumerate(rig.names) if order[k] != k)
+    assert f"cam1 has that of {rig.names[order.index(0)]}" in report.sentence
+
+
 @pytest.mark.slow
 def test_two_faults_are_found_one_after_the_other() -> None:
     rig = _rig(6)

@@ -18,6 +18,7 @@ from muybridge.infer.report import (
     ReportData,
     Thumbnail,
     pick_thumbnail_frames,
+    problems,
     render_report,
     write_report,
 )
@@ -118,6 +119,14 @@ def test_good_take_has_nothing_to_say() -> None:
     assert figures.leave_one_out_px == pytest.approx(1.3 * 1.177, rel=0.03)
     assert verdict(figures)[0] == "good"
     assert _texts(rig, px, points) == ""
+
+
+@pytest.mark.parametrize(("scale", "said"), [(0.1, "0.1"), (39.37, "m tall"), (0.6, ""), (1.2, "")])
+def test_a_person_of_a_size_that_nobody_has(scale: float, said: str) -> None:
+    rig, px, points = _take()
+    points = replace(points, points_world=scale * points.points_world)
+    data = ReportData(title="walk", cameras=rig, points=points, keypoints_px=px)
+    assert any("m tall" in text and said in text for text in problems(data)) == bool(said)
 
 
 def test_millimetres_at_the_person() -> None:

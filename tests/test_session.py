@@ -2,13 +2,17 @@
 
 import shutil
 import struct
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
 from muybridge.errors import CalibrationError, MuybridgeError, SessionError, VideoError
-from muybridge.geometry.calibration import load_calibration
+from muybridge.geometry.calibration import export_calibration, load_calibration
+from muybridge.geometry.cameras import CameraGroup
 from muybridge.infer.session import SessionOptions, find_videos, match_cameras, natural_key, open_session
 
 HERE, FILE = Path("session"), Path("session/calibration.toml")
@@ -123,6 +127,18 @@ def test_rates_that_nearly_agree_are_paired_by_number(make_session, make_video):
     assert any("differ slightly" in text for text in session.notices)
 
 
+def test_rates_that_nearly_agree_are_paired_by_time_where_films_end_together(make_session, make_video):
+    folder = make_session(frames=1000, fps=30)
+    make_video(folder / "videos" / "cam3.mp4", frames=996, fps=29.88)
+    session = open_session(folder)
+    assert session.fps == 30 and session.frames >= 999
+    assert session.frame_indices[2, 990] == round(990 * 29.88 / 30) and abs(session.late).max() < 0.02
+    assert any("the films end together" in text for text in session.notices)
+    make_video(folder / "videos" / "cam3.mp4", frames=1000, fps=29.88)
+    session = open_session(folder)
+    assert session.late is None and any("0.13 s apart" in text for text in session.notices)
+
+
 def test_dropped_frames_are_made_up_by_time(make_session, make_video):
     folder = make_session(frames=20, fps=25)
     kept = [0, 1, 2, 3, 4, 5, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19]
@@ -143,6 +159,58 @@ def test_sizes_that_differ_are_said(make_session, make_video):
     assert (camera.width, camera.height) == (128, 96)
     assert any("cam2" in text and "64x48" in text and "--video-size" in text for text in session.notices)
     assert any("frame sizes differ" in text for text in session.notices)
+
+
+def test_pixels_that_are_not_square_are_those_of_the_calibrated_picture(make_session):
+    folder = make_session(width=64, height=48)
+    _resize(folder, 48, 48, Fraction(4, 3))
+    was = load_calibration(folder / "calibration.toml")
+    session = open_session(folder)
+    assert sum("(scale)" in text for text in session.notices) == 3 and not any("square" in t for t in session.notices)
+    x, y = np.moveaxis(was.project(np.array([[0.1, 0.2, 1.0]])), -1, 0)
+    found = session.cameras.project(np.array([[0.1, 0.2, 1.0]]))
+    np.testing.assert_allclose(found, np.stack([(x + 0.5) * 0.75 - 0.5, y], -1), atol=1e-6)
+
+
+def test_a_size_that_was_guessed_is_the_videos(make_session):
+    folder = make_session(width=64, height=48)
+    was = load_calibration(folder / "calibration.toml")
+    moved = [replace(c, params=(*c.params[:2], c.params[2] + 3, c.params[3] - 2, *c.params[4:])) for c in was]
+    export_calibration(CameraGroup(tuple(moved)), folder / "calibration", "easymocap")
+    (folder / "calibration.toml").unlink()
+    for file in (folder / "calibration").iterdir():
+        file.write_text("".join(r for r in file.read_text().splitlines(True) if not r.startswith(("H_", "W_"))))
+    for scale in (1.0, 0.5):
+        if scale < 1:
+            _resize(folder, 32, 24)
+        for camera, expected in zip(open_session(folder).cameras, moved, strict=True):
+            assert camera.params[0] == pytest.approx(scale * expected.params[0])
+            assert camera.params[2] == pytest.approx(scale * (expected.params[2] + 0.5) - 0.5)
+            assert (camera.width, camera.height) == (64 * scale, 48 * scale)
+
+
+def _resize(session: Path, width: int, height: int, aspect: Fraction = Fraction(1)) -> None:
+    """Writes a session's videos anew in another size, with pixels of this aspect."""
+    for path in sorted((session / "videos").iterdir()):
+        with av.open(str(path)) as source, av.open(str(path.with_suffix(".mkv")), "w") as out:
+            stream = out.add_stream("libx264", rate=30)
+            stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+            stream.codec_context.sample_aspect_ratio = aspect
+            for frame in source.decode(video=0):
+                out.mux(stream.encode(frame.reformat(width, height)))
+            out.mux(stream.encode(None))
+        path.unlink()
+
+
+def test_a_video_of_a_camera_without_pose_is_an_error(make_session):
+    folder = make_session()
+    export_calibration(load_calibration(folder / "calibration.toml"), folder / "calibration.yml", "opencv")
+    (folder / "calibration.toml").unlink()
+    text = (folder / "calibration.yml").read_text()
+    (folder / "calibration.yml").write_text(text.replace("translation_vector:", "nothing:", 1))
+    with pytest.raises(SessionError, match="does not say where cam1 is"):
+        open_session(folder)
+    assert len(open_session(folder, SessionOptions(cameras=("cam2", "cam3"))).cameras) == 2
 
 
 def _flag_rotation(path: Path) -> None:

@@ -3,6 +3,7 @@
 import struct
 import tracemalloc
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -52,6 +53,21 @@ def test_all_frames_come_in_order_from_any_container(tmp_path, make_video, name,
     assert info.fps == pytest.approx(25)
     assert not info.variable_rate
     assert numbers(path) == list(range(40))
+
+
+def test_frames_that_an_avi_leaves_empty_were_dropped(tmp_path):
+    kept = [0, 1, 2, 5, 6, 7, 11, 12, 13, 14]
+    with av.open(str(tmp_path / "a.avi"), "w") as out:
+        stream = out.add_stream("mjpeg", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p"
+        for k in kept:
+            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 10 * k, np.uint8), format="rgb24")
+            frame.pts, frame.time_base = k, Fraction(1, 30)
+            out.mux(stream.encode(frame))
+        out.mux(stream.encode(None))
+    info = probe_video(tmp_path / "a.avi")
+    assert info.variable_rate and 30 * info.times == pytest.approx(kept)
+    assert [round(i.mean() / 10) for chunk in read_chunks(info) for i in chunk] == kept
 
 
 def test_chunks_are_bounded_and_the_callers_to_keep(tmp_path, make_video, frame_number):

@@ -9,7 +9,7 @@ from muybridge.geometry.calibration.files import (
     read_calibration,
     save_calibration,
 )
-from muybridge.geometry.calibration.video_size import VideoFit, fit_to_video
+from muybridge.geometry.calibration.video_size import VideoFit, fit_to_video, sized_like
 
 __all__ = [
     "EXPORT_FORMATS",
@@ -23,4 +23,5 @@ __all__ = [
     "load_calibration",
     "read_calibration",
     "save_calibration",
+    "sized_like",
 ]

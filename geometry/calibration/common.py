@@ -25,11 +25,21 @@ class Calibration:
         cameras: the cameras, in the file's order.
         format: the name of the file's format, e.g. ``"Qualisys"``.
         notes: sentences that a user should read: what was assumed, what was left out.
+        no_pose: names of cameras that are left out, for the file does not say where they are.
+        guessed_sizes: names of the cameras whose images' size is not in the file and was guessed from the principal
+            point, which lies up to a tenth of the picture beside its middle.
     """
 
     cameras: CameraGroup
     format: str
     notes: tuple[str, ...] = ()
+    no_pose: tuple[str, ...] = ()
+    guessed_sizes: frozenset[str] = frozenset()
+
+
+def left_out_note(no_pose: Sequence[str]) -> tuple[str, ...]:
+    """What is said of cameras without a pose."""
+    return (f"left out, as they have no pose: {', '.join(no_pose)}",) if no_pose else ()
 
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}

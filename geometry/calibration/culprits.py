@@ -1,6 +1,6 @@
 """Which camera of a rig is the culprit: turned or moved, out of step, of a wrong focal length, or of a wrong file.
 
-Each explanation is one change to one camera (or an exchange of two cameras' files). The change is fitted to what
+Each explanation is one change to one camera (or an exchange of cameras' files). The change is fitted to what
 the other cameras know (leave-one-out points) in one part of the frames; then the whole rig is triangulated again
 with it in the other part. An explanation is worth the gain in the take's robust likelihood over those held-out
 frames, less a penalty for its parameters (Schwarz, "Estimating the dimension of a model", 1978), counted in
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, permutations
 from typing import Literal
 
 import numpy as np
@@ -35,8 +35,8 @@ from muybridge.geometry.calibration.culprits_take import (
     take_of,
     weighed,
     with_correction,
+    with_files,
     with_shift,
-    with_swap,
 )
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.robust import extent
@@ -46,6 +46,8 @@ Kind = Literal["turned", "moved", "focal", "shifted", "swapped", "unrelated"]
 KINDS: tuple[Kind, ...] = ("turned", "moved", "focal", "shifted", "swapped")
 
 _PARAMETERS = {"turned": 3, "moved": 6, "focal": 1, "shifted": 1, "swapped": 1}
+# Of so many cameras all orders of their files are tried.
+_ALL_ORDERS = 4
 _TOO_MANY = (
     "The rest fits no better than that: with half of the cameras wrong, the others cannot be told from them. "
     "Calibrate all again, or run with --refine-cameras."
@@ -104,7 +106,7 @@ class Fault:
 
     Attributes:
         kind: what.
-        cameras: the camera's name, or both names of exchanged files.
+        cameras: the camera's name, or the names of all whose files are exchanged.
         amount: degrees, metres, frames (positive: the video is late), or share; 0 where it has none.
         turn_deg: of a camera that was turned or moved, degrees.
         effect_px: median displacement of the camera's 2D points by it.
@@ -277,9 +279,19 @@ def _trials(take: Take, setup: Setup, options: CulpritOptions) -> Iterator[tuple
             effect = _displacement(setup.cameras[c].project(points), both.camera.project(points))
             yield _Trial(kind, (c,), with_correction(setup, c, both), 0.0, effect, both), errors
         yield from _shift_trials(take, setup, c, points, options)
-    for pair in combinations(range(len(setup.cameras)), 2):
-        swapped = with_swap(setup, *pair)
-        yield _Trial("swapped", pair, swapped, 0.0, np.inf), [rig_errors(take, swapped)]
+    for order in _rearranged(len(setup.cameras)):
+        swapped = with_files(setup, order)
+        moved = tuple(c for c, k in enumerate(order) if c != k)
+        yield _Trial("swapped", moved, swapped, 0.0, np.inf), [rig_errors(take, swapped)]
+
+
+def _rearranged(count: int) -> Iterator[tuple[int, ...]]:
+    """Orders of the cameras' files but for the one that they have: all of a few cameras', else exchanges of two."""
+    if count <= _ALL_ORDERS:
+        yield from (order for order in permutations(range(count)) if order != tuple(range(count)))
+        return
+    for a, b in combinations(range(count), 2):
+        yield tuple({a: b, b: a}.get(c, c) for c in range(count))
 
 
 def _shift_trials(
@@ -395,7 +407,11 @@ def _sentence(trial: _Trial, names: tuple[str, ...], also: tuple[Kind, ...]) -> 
     turn, move, focal = _sizes(trial)
     name, effect = names[0], f"{trial.effect_px:.0f} px in its image"
     if trial.kind == "swapped":
-        return f"The video files of {name} and {names[1]} are exchanged: with the other's file each fits the rig."
+        if len(names) == 2:
+            return f"The video files of {name} and {names[1]} are exchanged: with the other's file each fits the rig."
+        whose = [trial.setup.cameras.names[trial.setup.files[c]] for c in trial.cameras]
+        taken = ", ".join(f"{n} has that of {w}" for n, w in zip(names, whose, strict=True))
+        return f"The video files of {', '.join(names)} are exchanged: the rig fits where {taken}."
     if trial.kind == "shifted":
         late = "late" if trial.shift > 0 else "early"
         return (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -151,10 +152,10 @@ def with_shift(setup: Setup, c: int, shift: float) -> Setup:
     return replace(setup, shifts=tuple(shifts))
 
 
-def with_swap(setup: Setup, a: int, b: int) -> Setup:
-    files, shifts = list(setup.files), list(setup.shifts)
-    files[a], files[b] = files[b], files[a]
-    shifts[a], shifts[b] = shifts[b], shifts[a]
-    return replace(setup, files=tuple(files), shifts=tuple(shifts))
+def with_files(setup: Setup, order: Sequence[int]) -> Setup:
+    """Each camera with the file that camera `order[c]` has."""
+    return replace(
+        setup, files=tuple(setup.files[k] for k in order), shifts=tuple(setup.shifts[k] for k in order)
+    )
 
 

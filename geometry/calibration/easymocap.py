@@ -1,7 +1,7 @@
 """EasyMocap's calibration: `intri.yml` (K_NAME, dist_NAME) and `extri.yml` (R_NAME or Rot_NAME, T_NAME) side by side.
 
 Both hold the sequence `names`. R is a rotation vector, Rot a matrix; they take world to camera, in metres. Newer files
-say the image's size (`H_NAME`, `W_NAME`); without it, it is taken as twice the principal point, which is noted.
+say the image's size (`H_NAME`, `W_NAME`); without it, it is guessed as twice the principal point, which is noted.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from muybridge.geometry.calibration.common import (
     rotation_from,
 )
 from muybridge.geometry.calibration.opencv_yaml import array_of, parse_yaml
+from muybridge.geometry.cameras import Camera
 
 Floats = NDArray[np.float64]
 
@@ -60,14 +61,15 @@ def read_easymocap(text: str, path: Path) -> Calibration:
     if lacks:
         missing = _PAIR[0] if lacks[0] == "K_" else _PAIR[1]
         raise Malformed(f"{missing}.yml is missing beside it: of EasyMocap, intri.yml and extri.yml are needed")
-    cameras, guessed = [], []
+    cameras: list[Camera] = []
+    guessed: dict[str, str] = {}
     for name in (_name(n) for n in names):
         try:
             lens = opencv_lens(_matrix(data, f"K_{name}", (9,)), _distortion(data, name), fisheye=False)
             size = _size(data, name)
             if size is None:
                 size = (max(1, round(2 * lens[1][2] + 1)), max(1, round(2 * lens[1][3] + 1)))
-                guessed.append(f"{name} {size[0]}x{size[1]}")
+                guessed[name] = f"{name} {size[0]}x{size[1]}"
             turn = f"Rot_{name}" if f"Rot_{name}" in data else f"R_{name}"
             rotation = rotation_from(_matrix(data, turn, (3, 9)), turn)
             pose = pose_from(rotation, _matrix(data, f"T_{name}", (3,)))
@@ -76,8 +78,9 @@ def read_easymocap(text: str, path: Path) -> Calibration:
             raise Malformed(f"camera {name}: {error}") from None
     group, notes = in_metres(make_group(cameras), None, "convert it, EasyMocap is in metres")
     if guessed:
-        notes = (*notes, f"image sizes are not in it and were taken from the principal points: {', '.join(guessed)}")
-    return Calibration(group, "EasyMocap", notes)
+        sizes = ", ".join(guessed.values())
+        notes = (*notes, f"image sizes are not in it: by the principal points they are about {sizes}")
+    return Calibration(group, "EasyMocap", notes, guessed_sizes=frozenset(guessed))
 
 
 def _name(value: Any) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from muybridge.geometry.calibration.common import Calibration, Malformed
 from muybridge.geometry.calibration.easymocap import easymocap_sibling, read_easymocap
 from muybridge.geometry.calibration.level import lean_note
 from muybridge.geometry.calibration.native import native_text, read_native
-from muybridge.geometry.calibration.opencv_yaml import MATRIX_KEYS, read_opencv_yaml
+from muybridge.geometry.calibration.opencv_yaml import MATRIX_KEYS, is_one_camera, read_opencv_files, read_opencv_yaml
 from muybridge.geometry.calibration.optitrack import read_optitrack_csv, read_optitrack_xml
 from muybridge.geometry.calibration.qualisys import read_qualisys
 from muybridge.geometry.calibration.rig_toml import read_rig_toml
@@ -93,7 +93,8 @@ def read_calibration(path: Path) -> Calibration:
     """Read a calibration file of any known format, recognised by its content.
 
     Args:
-        path: a file; or, for a COLMAP model, its folder or one of its files.
+        path: a file; or, for a COLMAP model, its folder or one of its files; or a folder of OpenCV's YAML, one file a
+            camera.
 
     Returns:
         The cameras (metres, world to camera), the format's name and notes on what was assumed.
@@ -114,12 +115,18 @@ def _read(path: Path) -> Calibration:
     if not path.exists():
         raise CalibrationError(f"{path}: there is no such calibration file; {_KNOWN}")
     model = colmap_files(path if path.is_dir() else path.parent)
-    if path.is_dir() or (model and is_colmap_file(path)):
-        if model is None:
+    if path.is_dir() and model is None:
+        files = _one_camera_each(_candidates(path)[0])
+        if not files:
             raise CalibrationError(
-                f"{path}: the folder holds no COLMAP model (cameras and images, .bin or .txt); name a file; "
-                f"{_KNOWN}"
+                f"{path}: the folder holds no COLMAP model (cameras and images, .bin or .txt), nor OpenCV YAML of one "
+                f"camera each; name a file; {_KNOWN}"
             )
+        try:
+            return read_opencv_files(files)
+        except Malformed as error:
+            raise CalibrationError(f"{path}: damaged or incomplete OpenCV YAML calibration: {error}") from None
+    if model and (path.is_dir() or is_colmap_file(path)):
         try:
             return read_colmap(*model)
         except Malformed as error:
@@ -165,8 +172,8 @@ def find_calibration(session_dir: Path) -> Path:
     """The calibration of a session folder.
 
     That is `calibration.toml` in it; else the one file of a known format directly in its folder
-    `calibration` (a COLMAP model, which is several files, counts as one and is returned as that folder); else the
-    one directly in the session, where other programs put theirs.
+    `calibration` (a COLMAP model, which is several files, counts as one and is returned as that folder, and so do
+    OpenCV's YAML files of one camera each); else the one directly in the session, where other programs put theirs.
 
     Raises:
         CalibrationError: none, or several (they are named).
@@ -186,6 +193,8 @@ def find_calibration(session_dir: Path) -> Path:
             found, others = _candidates(folder)
         except OSError as error:
             raise CalibrationError(f"{folder}: cannot be read: {error.strerror or error}; {expected}") from None
+        if len(found) > 1 and _one_camera_each(found):
+            return folder
         if len(found) > 1:
             names = ", ".join(p.name if p != folder else "a COLMAP model" for p in found)
             raise CalibrationError(
@@ -218,6 +227,18 @@ def _candidates(folder: Path) -> tuple[list[Path], list[str]]:
         else:
             others.append(path.name)
     return found, others
+
+
+def _one_camera_each(found: Sequence[Path]) -> dict[str, str]:
+    """The texts, by their files' stems, if all that was found is OpenCV's YAML of one camera a file."""
+    texts: dict[str, str] = {}
+    for path in found:
+        text = _text(path) if path.is_file() else None
+        known = _recognise(text)
+        if text is None or known is None or known[0] != "OpenCV YAML" or not is_one_camera(text):
+            return {}
+        texts[path.stem] = text
+    return texts
 
 
 def save_calibration(cameras: CameraGroup, path: Path) -> None:

@@ -15,11 +15,13 @@ OpenCV prescribes no keys. A camera is a map with these, of which any one spelli
 | unit of the translation | unit: m, cm, mm, in (at the top of the file) |
 
 Rotation and translation take world to camera, as `solvePnP` and `calibrateCamera` return them. A file holds
-one camera at its top level; or a map a camera, under the cameras' names; or a sequence `cameras` of maps.
+one camera at its top level; or a map a camera, under the cameras' names; or a sequence `cameras` of maps. Several files
+of one camera each make a rig.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import cv2
@@ -30,6 +32,7 @@ from muybridge.geometry.calibration.common import (
     Calibration,
     Malformed,
     in_metres,
+    left_out_note,
     make_camera,
     make_group,
     number,
@@ -65,6 +68,38 @@ def read_opencv_yaml(text: str, file_stem: str) -> Calibration:
         Malformed: what is wrong, with line or camera and field.
     """
     data = parse_yaml(text)
+    return _calibration(_cameras_in(data, file_stem), data.get("unit"))
+
+
+def read_opencv_files(texts: Mapping[str, str]) -> Calibration:
+    """Cameras of several OpenCV YAML files, by the files' stems.
+
+    Raises:
+        Malformed: as `read_opencv_yaml`, with the file's stem; files whose units differ.
+    """
+    found, units = [], {}
+    for stem, text in texts.items():
+        try:
+            data = parse_yaml(text)
+            found += _cameras_in(data, stem)
+        except Malformed as error:
+            raise Malformed(f"{stem}: {error}") from None
+        units[data.get("unit")] = stem
+    if len(units) > 1:
+        raise Malformed(f"the units of {' and '.join(units.values())} differ: state the same in all files")
+    return _calibration(found, next(iter(units)))
+
+
+def is_one_camera(text: str) -> bool:
+    """Whether a file is of one camera, at its top level."""
+    try:
+        return _is_camera(parse_yaml(text))
+    except Malformed:
+        return False
+
+
+def _cameras_in(data: dict[str, Any], file_stem: str) -> list[tuple[str, dict[str, Any]]]:
+    """The cameras of a file by their names, as they stand there."""
     found: list[tuple[str, dict[str, Any]]] = []
     if _is_camera(data):
         found = [(_label(data, file_stem), data)]
@@ -80,21 +115,25 @@ def read_opencv_yaml(text: str, file_stem: str) -> Calibration:
         raise Malformed(
             f"no camera in it: none of the keys {', '.join(_MATRIX)} at its top or one level below"
         )
-    no_pose = [name for name, item in found if not _has_pose(item)]
-    if no_pose:
+    return found
+
+
+def _calibration(found: Sequence[tuple[str, dict[str, Any]]], unit: str | None) -> Calibration:
+    no_pose = tuple(name for name, item in found if not _has_pose(item))
+    posed = [(name, item) for name, item in found if name not in no_pose]
+    if no_pose and len(posed) < 2:
         raise Malformed(
             f"no pose for {', '.join(no_pose)}: each camera needs a rotation ({', '.join(_ROTATION)}) and a "
             f"translation ({', '.join(_TRANSLATION)})"
         )
     cameras: list[Camera] = []
-    for name, item in found:
+    for name, item in posed:
         try:
             cameras.append(_camera(name, item))
         except Malformed as error:
             raise Malformed(f"camera {name}: {error}") from None
-    unit = data.get("unit")
     group, notes = in_metres(make_group(cameras), unit, "unit: cm, at the top level of the file")
-    return Calibration(group, "OpenCV YAML", notes)
+    return Calibration(group, "OpenCV YAML", (*notes, *left_out_note(no_pose)), no_pose)
 
 
 def _camera(name: str, item: dict[str, Any]) -> Camera:
@@ -127,7 +166,10 @@ def _size(item: dict[str, Any]) -> tuple[int, int]:
     key = _key(item, _SIZE)
     if key is None:
         raise Malformed("the image size is missing: image_width and image_height, or image_size")
-    width, height = numbers(item[key], key, (2,)).tolist()
+    size = array_of(item, _SIZE)
+    if size.size != 2:
+        raise Malformed(f"{key} has {size.size} numbers, not 2")
+    width, height = size.tolist()
     return pixel_count(width, f"the width in {key}"), pixel_count(height, f"the height in {key}")
 
 
@@ -168,6 +210,8 @@ def array_of(item: dict[str, Any], spellings: tuple[str, ...]) -> NDArray[np.flo
     value = item[key]
     if isinstance(value, dict):
         data = numbers(value.get("data", []), f"data of {key}")
+        if "sizes" in value:  # an array of other than two dimensions
+            return data
         rows, cols = (
             number(value.get("rows", -1), f"rows of {key}"),
             number(value.get("cols", -1), f"cols of {key}"),

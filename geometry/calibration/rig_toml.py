@@ -18,6 +18,7 @@ from muybridge.geometry.calibration.common import (
     Calibration,
     Malformed,
     in_metres,
+    left_out_note,
     make_camera,
     make_group,
     numbers,
@@ -45,7 +46,8 @@ def read_rig_toml(text: str) -> Calibration:
     """Cameras of a Pose2Sim, Anipose or Caliscope TOML.
 
     The unit of the translations is that of `unit` in the table `metadata`, if there is one (m, cm, mm, in);
-    else see `in_metres`. Cameras that Caliscope ignores are left out, and a note says so.
+    else see `in_metres`. Cameras that Caliscope ignores are left out, and those without a pose if two others have one;
+    notes say so.
 
     Raises:
         Malformed: what is wrong, with line or camera and field.
@@ -69,10 +71,10 @@ def read_rig_toml(text: str) -> Calibration:
                 cameras.append(_camera(name, table))
             except Malformed as error:
                 raise Malformed(f"camera {name}: {error}") from None
-    if no_pose:
+    if no_pose and len(cameras) < 2:
         raise Malformed(
             f"no pose (rotation and translation) for {', '.join(no_pose)}: finish the calibration of the "
-            "extrinsics, or take these cameras out of the file and their videos out of the session"
+            "extrinsics"
         )
     if not cameras:
         raise Malformed("it holds no camera table (with size, matrix, distortions, rotation, translation)")
@@ -81,7 +83,8 @@ def read_rig_toml(text: str) -> Calibration:
     group, notes = in_metres(make_group(cameras), unit, 'unit = "cm" in [metadata]')
     if left_out:
         notes = (*notes, f"left out, marked to be ignored: {', '.join(left_out)}")
-    return Calibration(group, "Caliscope TOML" if caliscope else "Pose2Sim/Anipose TOML", notes)
+    name = "Caliscope TOML" if caliscope else "Pose2Sim/Anipose TOML"
+    return Calibration(group, name, (*notes, *left_out_note(no_pose)), tuple(no_pose))
 
 
 def _name(key: str, table: dict[str, Any], caliscope: bool) -> str:

@@ -23,6 +23,7 @@ Whatever was assumed is said in one line, with how to override it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -48,8 +49,20 @@ VideoFit = Literal["auto", "scale", "letterbox", "fill", "crop", "crop-corner", 
 _ROUNDING_PX = 2.0
 _SIMILAR_SHAPE = 0.02
 _CODEC_BLOCK_PX = 16
+# What videos are made smaller or larger by.
+_RESIZED = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 1.0, 3 / 2, 2.0, 3.0, 4.0)
 # Video black is 16, and compression rings a little into thin bars.
 _BLACK = 32
+
+
+def sized_like(camera: Camera, width: int, height: int) -> Camera:
+    """The camera with another size of the calibrated picture, and no other change: where its own is a guess from the
+    principal point, which of what a video of `width` x `height` px may have been made from is nearest to that."""
+    if _is_turned(camera, width, height):
+        return camera
+    guess = np.sqrt(camera.width / width * (camera.height / height))
+    factor = min(_RESIZED, key=lambda f: abs(np.log(guess / f)))
+    return replace(camera, width=round(factor * width), height=round(factor * height))
 
 
 def fit_to_video(
