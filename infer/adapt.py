@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import shlex
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -81,11 +82,13 @@ def adapt(
     run = RunOptions(session, base, SolveOptions(everyone=everyone), refine_cameras=True)
     with Progress(quiet=quiet) as progress:
         opened, models = open_session(path, session), open_models(base)
+        card = keypoint_card(models.metadata["keypoints"], models.keypoints)
+        if card.metadata.get("precision") == "int8":
+            raise ModelError(f"{models.keypoints}: of 8 bits, which cannot be trained on; name the fp32 file beside it")
         inputs = [opened.calibration, *(v.path for v in opened.videos)]
         output = open_output(path / ADAPTED.parent if out is None else out, RESULTS, inputs, overwrite)
         followed = follow(opened, models, StageStore(output.work), run, progress)
         footage = output.work / "footage.npz"
-        card = keypoint_card(models.metadata["keypoints"], models.keypoints)
         save_footage(footage, collect(followed, card, progress))
     made = output.work / "trained"
     code = _train(footage, made, models.keypoints, options)
@@ -95,7 +98,7 @@ def adapt(
         output.write(name, (made / name).replace)
     footage.unlink()
     print(_summary(json.loads((output.path / RESULTS[2]).read_text(encoding="utf-8"))))
-    print(f"use it: muybridge run {path} --keypoint-model {output.path / RESULTS[1]}")
+    print("use it: " + shlex.join(["muybridge", "run", str(path), "--keypoint-model", str(output.path / RESULTS[1])]))
     return 0
 
 

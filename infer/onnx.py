@@ -285,14 +285,18 @@ def open_session(path: Path, options: OnnxOptions, unwanted: Sequence[str] = ())
     settings.inter_op_num_threads = 1
     settings.log_severity_level = _ONLY_ERRORS
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            data = file.read() if unwanted else b""
     except OSError as error:
         raise ModelError(f"{path}: the model file cannot be read ({error.strerror}); {_REMEDY}") from error
     try:
-        wanted = without_outputs(data, unwanted) if unwanted else data
+        # By its path where it is taken as it is: weights may lie in a file beside it.
+        wanted = without_outputs(data, unwanted) if unwanted else str(path)
         return onnxruntime.InferenceSession(wanted, settings, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's exceptions share no base but Exception
-        raise ModelError(f"{path}: not an ONNX model, or a damaged one; {_REMEDY}") from error
+        raise ModelError(
+            f"{path}: not an ONNX model, or a damaged one ({str(error).splitlines()[0]}); {_REMEDY}"
+        ) from error
 
 
 def _metadata(session: onnxruntime.InferenceSession) -> dict[str, str]:

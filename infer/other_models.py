@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import onnxruntime
 from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
@@ -65,10 +66,25 @@ class OtherNetwork:
                 raise ModelError(
                     f"{path}: output {name!r} has {count} landmarks, its card {len(card.names)}; correct the card"
                 )
+        self._check_input(inputs[self._input])
         self._fixed_batch = isinstance(inputs[self._input].shape[0], int) and inputs[self._input].shape[0]
         self.metadata = {"name": card.name, "landmarks": ", ".join(card.names), "decode": card.decode}
         known = [(j, card.names.index(name)) for j, name in enumerate(BODY23.names) if name in card.names]
         self._ours, self._theirs = (np.array(index) for index in zip(*known, strict=True))
+
+    def _check_input(self, node: onnxruntime.NodeArg) -> None:
+        """ModelError unless the model takes float32 (N, 3, height, width) of the card's size."""
+        wanted = (None, 3, self.card.height, self.card.width)
+        fits = len(node.shape) == 4 and all(
+            not isinstance(found, int) or size in (None, found) for found, size in zip(node.shape, wanted, strict=True)
+        )
+        if node.type == "tensor(float)" and fits:
+            return
+        raise ModelError(
+            f"{self.path}: its input is {node.type} {list(node.shape)}, its card says float (N, 3, {wanted[2]}, "
+            f"{wanted[3]}); correct width and height in the card, or export the model with float32 images in the order "
+            "N, channels, height, width"
+        )
 
     @property
     def landmarks(self) -> LandmarkSet:

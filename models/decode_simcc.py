@@ -93,11 +93,13 @@ def decode_value_heatmaps(
         logits: which of the two they are.
 
     Returns:
-        points in input pixels, (N, K, 2). The score of values is their peak, cut to 0..1.
+        points in input pixels, (N, K, 2); NaN where a map is not finite. The score of values is their peak, cut to
+        0..1.
     """
     if values.ndim != 4:
         raise ValueError(f"heatmaps must be (N, K, h, w), not {values.shape}")
-    maps = np.asarray(values, dtype=np.float32)
+    finite = np.asarray(np.isfinite(values).all(axis=(2, 3)))
+    maps = np.where(finite[..., None, None], values, 0).astype(np.float32)
     if not logits:
         peak = maps.max(axis=(2, 3), keepdims=True)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -111,4 +113,5 @@ def decode_value_heatmaps(
     score = cells.score
     if not logits:
         score = np.where(np.isfinite(points[..., 0]), np.clip(peak[..., 0, 0], 0.0, 1.0), 0.0).astype(np.float64)
-    return DecodedHeatmaps(points, variance, score)
+    points[~finite], variance[~finite] = np.nan, np.nan
+    return DecodedHeatmaps(points, variance, np.where(finite, score, 0.0))

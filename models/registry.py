@@ -224,7 +224,7 @@ class _Reader:
         if found is None:
             raise ModelError(
                 f"{self._path}: an ONNX file, but not one of muybridge's (no muybridge_kind in its "
-                f"metadata); {_REMEDY}"
+                f"metadata); for a keypoint network of others name its card with --model-card; {_REMEDY}"
             )
         if found != expected:
             raise ModelError(

@@ -83,5 +83,6 @@ def test_training_notes_which_renders_are_hard(
         renders=store, out=tmp_path / "run", minutes=0.1, size=64, batch=16, backgrounds=8, workers=0, hard=0.5
     ))  # fmt: skip
     assert noted[0] == 0 and noted[-1] > 0.05
-    known = read_difficulty(tmp_path / "run" / "difficulty.npy")
+    (noted_in,) = (tmp_path / "run").glob("difficulty-*.npy")
+    known = read_difficulty(noted_in)
     assert (known[np.isfinite(known)] > 0).all()

@@ -177,6 +177,50 @@ def test_fixed_batches_are_filled_up(tmp_path: Path) -> None:
     np.testing.assert_allclose(fixed.found.points_crop_px, free.found.points_crop_px, atol=1e-6)
 
 
+def test_weights_may_lie_beside_the_model(tmp_path: Path) -> None:
+    path = _bright_spot_model(tmp_path / "model.onnx", 17)
+    crops = np.zeros((1, HEIGHT, HEIGHT, 3), np.uint8)
+    crops[:, 100:110, 120:130] = 255
+    one = open_keypoints(path, "rtmpose-coco17", OnnxOptions()).locate(crops)[0]
+    beside = {"save_as_external_data": True, "location": "model.onnx.data", "size_threshold": 50}
+    onnx.save(onnx.load(str(path)), str(path), **beside)
+    assert (tmp_path / "model.onnx.data").exists()
+    two = open_keypoints(path, "rtmpose-coco17", OnnxOptions()).locate(crops)[0]
+    np.testing.assert_array_equal(one.points_crop_px, two.points_crop_px)
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape"), [(10, (3, 256, 192)), (2, (3, 256, 192)), (1, (256, 192, 3)), (1, (3, 384, 288))]
+)
+def test_an_input_that_is_not_the_cards_is_refused_at_once(tmp_path: Path, kind: int, shape: tuple[int, ...]) -> None:
+    model = onnx.load(str(_bright_spot_model(tmp_path / "model.onnx", 17)))
+    model.graph.input[0].CopyFrom(onnx.helper.make_tensor_value_info("input", kind, ["n", *shape]))
+    cast = onnx.helper.make_node("Cast", ["input"], ["as_float"], to=1)
+    crop = onnx.helper.make_node("Expand", ["any", "any_shape"], ["image"])
+    model.graph.initializer.extend([
+        onnx.numpy_helper.from_array(np.zeros((1, 1, 1, 1), np.float32), "any"),
+        onnx.numpy_helper.from_array(np.array([1, 3, HEIGHT, WIDTH]), "any_shape"),
+    ])  # fmt: skip
+    next(node for node in model.graph.node if node.op_type == "Conv").input[0] = "image"
+    for node in (cast, crop):
+        model.graph.node.insert(0, node)
+    onnx.save(model, str(tmp_path / "other.onnx"))
+    with pytest.raises(ModelError, match=r"its card says float \(N, 3, 256, 192\); correct width and height"):
+        open_keypoints(tmp_path / "other.onnx", "rtmpose-coco17", OnnxOptions())
+
+
+@pytest.mark.parametrize("logits", [True, False])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_a_map_that_is_not_finite_is_a_missing_landmark(logits: bool, wrong: float) -> None:
+    maps = np.zeros((1, 2, 64, 48), np.float32)
+    maps[0, :, 20, 30] = 5 if logits else 1
+    maps[0, 1, 3, 3] = wrong
+    found = decode_value_heatmaps(maps, 4, 1.5, SpreadCalibration(), logits)
+    assert found.points_crop_px[0, 0] == pytest.approx([121.5, 81.5], abs=0.5) and found.score[0, 0] > 0
+    assert np.isnan(found.points_crop_px[0, 1]).all() and np.isnan(found.variance_crop_px2[0, 1])
+    assert found.score[0, 1] == 0
+
+
 def test_shipped_cards_are_whole() -> None:
     cards = shipped_cards()
     assert {"rtmpose-coco17", "rtmpose-halpe26", "rtmpose-coco133", "heatmap-coco17"} <= set(cards)

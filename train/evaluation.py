@@ -8,7 +8,7 @@ import onnxruntime
 from numpy.typing import NDArray
 from rich.progress import track
 
-from muybridge.errors import SessionError
+from muybridge.errors import ModelError, SessionError
 from muybridge.geometry.landmarks import BODY23
 from muybridge.models.decode import DecodedHeatmaps
 from muybridge.models.mirroring import mean_of_mirrored
@@ -29,7 +29,12 @@ def load_model(path: pathlib.Path) -> tuple[onnxruntime.InferenceSession, Keypoi
     """A keypoint network and its card; ModelError where the file is none of ours."""
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 3  # that an input may be left out is meant
-    session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    if not path.is_file():
+        raise ModelError(f"{path}: no such model file")
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's exceptions share no base but Exception
+        raise ModelError(f"{path}: not an ONNX model, or a damaged one ({str(error).splitlines()[0]})") from error
     return session, keypoint_card(session.get_modelmeta().custom_metadata_map, path)
 
 

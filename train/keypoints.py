@@ -6,6 +6,7 @@ The loss is the cross-entropy between the softmax over a landmark's cells and a 
 
 import itertools
 import pathlib
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
@@ -181,7 +182,10 @@ def held_out_batches(renders: pathlib.Path, pool: pathlib.Path, size: int, count
 def _given(options: KeypointTraining) -> KeypointNet | None:
     """A network as that of the run that goes on, else that of the file that training begins with, if there is one."""
     if loop.resumes(options):
-        return KeypointNet(**load_checkpoint(options.out / loop.CHECKPOINT)["config"])
+        config = load_checkpoint(options.out / loop.CHECKPOINT)["config"]
+        if "landmarks" not in config:
+            raise ModelError(f"{options.out}: a run of another network goes on there; name another folder with --out")
+        return KeypointNet(**config)
     return None if options.model is None else _network_of(options.model)
 
 
@@ -220,7 +224,9 @@ def train(options: KeypointTraining) -> pathlib.Path:
             measure_normalisation(net, [validation[0].pixels.float().div(255)])
         seen = loop.Seen() if model is None else loop.Seen.of(model)
         fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
-        difficulty = Difficulty(options.out / "difficulty.npy")
+        # Losses are of the renders of one store.
+        store = zlib.crc32(str(options.renders.resolve()).encode())
+        difficulty = Difficulty(options.out / f"difficulty-{store:08x}.npy")
         crops = _Crops(pool, options.size, options.smaller, options.batch, difficulty.path, options.hard)
         loss = Loss(difficulty, compiled(losses_of, options.minutes))
         with (

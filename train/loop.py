@@ -116,6 +116,10 @@ class Throughput:
 def prepared(options: Training) -> Iterator[pathlib.Path]:
     """Seeds torch, makes the background pool, whose path it gives, and waits for the first renders where there are
     none; the others are made while the block runs. SessionError where there are none to train on, or to score with."""
+    if 0 < options.shards <= HELD_OUT.stop and not shard_numbers(options.renders):
+        raise SessionError(
+            f"--shards {options.shards}: the first {HELD_OUT.stop} are held out from training; make more, such as 60"
+        )
     torch.manual_seed(options.seed)
     torch.set_num_threads(options.threads)
     keep_memory()
@@ -128,7 +132,13 @@ def prepared(options: Training) -> Iterator[pathlib.Path]:
 
 
 def _check_renders(options: Training) -> None:
-    if not len(load_renders(options.renders, TRAINED_ON)):
+    trained_on = load_renders(options.renders, TRAINED_ON)
+    if options.whole and len(trained_on) and not len(trained_on.whole):
+        raise SessionError(
+            f"{options.renders}: renders of parts of people alone, of which no scenes can be made; name a store of "
+            "whole people (`muybridge synth` without --close-ups)"
+        )
+    if not len(trained_on):
         raise SessionError(
             f"{options.renders}: no renders to train on (the first {HELD_OUT.stop} shards are held out); "
             "make some with `muybridge synth`"
@@ -192,6 +202,10 @@ def background_pool(options: Training) -> pathlib.Path:
     path = options.out.parent / f"pool-{options.backgrounds}-{options.seed}.npy"
     if not path.exists():
         make_background_pool(path, options.backgrounds, options.seed)
+    try:
+        np.load(path, mmap_mode="r")
+    except (OSError, ValueError, EOFError) as error:
+        raise SessionError(f"{path}: backgrounds that cannot be read ({error}); remove it, it is made anew") from error
     return path
 
 
@@ -239,7 +253,14 @@ class Fit:
         self.average = AveragedWeights(self.net, share=options.average)
         self.state: dict[str, Any] = {"step": 0} | (seen or Seen())._asdict()
         if resumes(options):
-            saved = torch.load(self.checkpoint, map_location=device(), weights_only=False)
+            try:
+                saved = torch.load(self.checkpoint, map_location=device(), weights_only=False)
+                saved["net"], saved["optimiser"], saved["average"], saved["state"]
+            except Exception as error:  # of pickle, zip files, torch: no base but this
+                raise SessionError(
+                    f"{self.checkpoint}: not a training checkpoint of muybridge, or a damaged one; remove it, or start "
+                    "a new run with another --out"
+                ) from error
             try:
                 self.net.load_state_dict(saved["net"])
             except RuntimeError as error:
@@ -265,18 +286,23 @@ class Fit:
         columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
         with Progress(*columns, transient=True) as progress:
             bar = progress.add_task("training", total=budget)
-            while (elapsed := time.monotonic() - began) < budget:
-                step = self.state["step"] - first
-                self.optimiser.set_rate(learning_rate(self.options.rate, step, elapsed, budget, self.options.decay))
-                batch = tuple(t.to(device(), non_blocking=True) for t in next(stream))
-                losses.append(self._step(batch, loss_of, second))
-                self.state["images"] += len(batch[0])
-                self.state["seconds"] = before + elapsed
-                done = f"{self.state['images']:,} images, loss {losses[-1]:.2f}"
-                progress.update(bar, completed=elapsed, description=done)
-                if time.monotonic() - saved_at > 180:
-                    self._save(losses, rate)
-                    losses, saved_at = [], time.monotonic()
+            try:
+                while (elapsed := time.monotonic() - began) < budget:
+                    step = self.state["step"] - first
+                    self.optimiser.set_rate(learning_rate(self.options.rate, step, elapsed, budget, self.options.decay))
+                    batch = tuple(t.to(device(), non_blocking=True) for t in next(stream))
+                    losses.append(self._step(batch, loss_of, second))
+                    self.state["images"] += len(batch[0])
+                    self.state["seconds"] = before + elapsed
+                    done = f"{self.state['images']:,} images, loss {losses[-1]:.2f}"
+                    progress.update(bar, completed=elapsed, description=done)
+                    if time.monotonic() - saved_at > 180:
+                        self._save(losses, rate)
+                        losses, saved_at = [], time.monotonic()
+            except KeyboardInterrupt:
+                print("stopped; what was learned is being saved", flush=True)
+                self._save(losses, rate)
+                raise
         self._save(losses, rate)
 
     def _step(
@@ -289,11 +315,21 @@ class Fit:
         else:
             loss, shown = loss_of(self.net, batch)
             loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
+        norm = torch.nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
+        said = float(shown)
+        self._refuse(not np.isfinite(said + float(norm)))
         self.optimiser.step()
         self.average.update(self.net, self.state["step"])
         self.state["step"] += 1
-        return float(shown)
+        return said
+
+    def _refuse(self, diverged: bool) -> None:
+        """SessionError, before anything is overwritten, if the training has `diverged`."""
+        if diverged:
+            raise SessionError(
+                f"the training diverged after {self.state['images']:,} images (its loss or weights are no numbers any "
+                f"more); {self.checkpoint} is as it was last saved: go on with less than --rate {self.options.rate:g}"
+            )
 
     def averaged(self) -> nn.Module:
         """The network with averaged weights, in evaluation mode."""
@@ -303,6 +339,7 @@ class Fit:
 
     def _save(self, losses: list[float], rate: "Throughput") -> None:
         speed = rate(self.state["images"])
+        self._refuse(not all(bool(w.isfinite().all()) for w in self.net.parameters()))
         scores = self.score(self.averaged())
         save_atomically(self.checkpoint, {
             "net": self.net.state_dict(), "optimiser": self.optimiser.state_dict(), "average": self.average.state,

@@ -2,9 +2,16 @@
 
 import pathlib
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from muybridge.errors import SessionError
+
+
+def _refuse_file(out: pathlib.Path) -> None:
+    """SessionError where a folder cannot be made."""
+    for path in (out, *out.parents):
+        if path.exists() and not path.is_dir():
+            raise SessionError(f"--out {out}: {path} is a file; name a folder")
 
 
 @dataclass(frozen=True)
@@ -55,6 +62,11 @@ class Synthesis:
     processes: int | None = None
     sheet: bool = True
 
+    def __post_init__(self) -> None:
+        if self.shards < 1:
+            raise SessionError(f"--shards {self.shards}: 1 at least")
+        _refuse_file(self.out)
+
 
 @dataclass(frozen=True)
 class Training:
@@ -94,9 +106,19 @@ class Training:
     backgrounds: int = 5000
     seed: int = 0
 
+    # Whether parts of people alone are of no use.
+    whole: ClassVar[bool] = False
+
     def __post_init__(self) -> None:
         if not 0 <= self.average <= 1:
             raise SessionError(f"--average {self.average:g}: it is a share of the steps, 0 to 1")
+        for name in ("minutes", "rate"):
+            if not getattr(self, name) > 0:
+                raise SessionError(f"--{name} {getattr(self, name):g}: it has to be above 0")
+        for name, least in (("batch", 1), ("threads", 1), ("workers", 0), ("backgrounds", 1), ("shards", 0)):
+            if (value := getattr(self, name)) is not None and value < least:
+                raise SessionError(f"--{name} {value}: {least} at least")
+        _refuse_file(self.out)
 
 
 @dataclass(frozen=True)
@@ -122,6 +144,11 @@ class KeypointTraining(Training):
     second: bool = True
     echo: int = 8
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.size % 32 or self.size < 64:
+            raise SessionError(f"--size {self.size}: a multiple of 32, from 64 on")
+
 
 @dataclass(frozen=True)
 class PeopleTraining(Training):
@@ -133,6 +160,7 @@ class PeopleTraining(Training):
         model: detector of ours to begin with, such as the shipped one, where `out` has no run yet.
     """
 
+    whole: ClassVar[bool] = True
     out: pathlib.Path = pathlib.Path("runs/people")
     minutes: float = 30.0
     batch: int = 32
@@ -216,3 +244,7 @@ class Evaluation:
     plate: bool = True
     flip: bool = True
     turn: bool = True
+
+    def __post_init__(self) -> None:
+        if self.crops < 1:
+            raise SessionError(f"--crops {self.crops}: 1 at least")

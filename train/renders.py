@@ -8,8 +8,10 @@ labels in `markers-<number>.npz`; without, they are NaN and hidden. Shard k of a
 
 import functools
 import pathlib
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,7 +121,7 @@ def shard_path(folder: pathlib.Path, number: int) -> pathlib.Path:
 
 def shard_numbers(folder: pathlib.Path) -> list[int]:
     """Which shards a store has."""
-    return sorted(int(path.stem[-5:]) for path in folder.glob("renders-?????.npz"))
+    return sorted(int(path.stem[-5:]) for path in folder.glob("renders-[0-9][0-9][0-9][0-9][0-9].npz"))
 
 
 @dataclass
@@ -183,16 +185,33 @@ def make_renders(
 
 
 def load_renders(folder: pathlib.Path, numbers: range | None = None) -> RenderSet:
-    """All whole shards of `folder`, or those of `numbers`; pixels stay on disk until used."""
+    """All whole shards of `folder`, or those of `numbers`; pixels stay on disk until used.
+
+    Raises:
+        SessionError: a shard that is damaged, or has no pixels.
+    """
     paths = [shard_path(folder, n) for n in shard_numbers(folder) if numbers is None or n in numbers]
-    labels = [np.load(p) for p in paths]
-    if not labels:
+    shards = [_shard(path) for path in paths]
+    if not shards:
         return RenderSet([], np.zeros((0, 23, 2), "f4"), np.zeros((0, 23), bool), np.zeros((0, 4), "f4"))
-    markers, seen = (np.concatenate(part) for part in zip(*map(_markers, paths), strict=True))
-    body = {k: np.concatenate([f[k] for f in labels]) for k in ("landmarks_px", "visible", "box_px")}
-    pixels = [np.load(p.with_suffix(".npy"), mmap_mode="r") for p in paths]
-    cuts = [f["cut_px"] if "cut_px" in f else np.full((SHARD, 3), np.nan, np.float32) for f in labels]
-    return RenderSet(pixels, **body, markers_px=markers, markers_visible=seen, cut_px=np.concatenate(cuts))
+    labels = {key: np.concatenate([shard[key] for _, shard in shards]) for key in shards[0][1]}
+    return RenderSet([pixels for pixels, _ in shards], **labels)
+
+
+def _shard(path: pathlib.Path) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+    """The pixels of a shard and its labels by their names in `RenderSet`."""
+    try:
+        with np.load(path) as file:
+            labels = {key: file[key] for key in ("landmarks_px", "visible", "box_px")}
+            cuts = file["cut_px"] if "cut_px" in file else np.full((SHARD, 3), np.nan, np.float32)
+        markers, seen = _markers(path)
+        pixels = np.load(path.with_suffix(".npy"), mmap_mode="r")
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise SessionError(
+            f"{path}: a damaged shard, or one without the pixels beside it ({error}); remove it and its .npy, and "
+            "`muybridge synth` makes it anew"
+        ) from error
+    return pixels, labels | {"markers_px": markers, "markers_visible": seen, "cut_px": cuts}
 
 
 def _markers(path: pathlib.Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.files import replacing
 from muybridge.geometry.landmarks import BODY23
 from muybridge.train.augment import Batch, Compositor
 from muybridge.train.backgrounds import make_backgrounds
@@ -43,5 +44,7 @@ def write_sheet(renders: pathlib.Path, count: int = 60, size: int = SIZE, seed: 
     """Composites `count` training crops of a store into `sheet.png` beside its shards."""
     batch = Compositor(load_renders(renders), make_backgrounds(64, SIZE, seed), size, seed).batch(count)
     path = renders / "sheet.png"
-    cv2.imwrite(str(path), draw_crops(batch))
+    _, code = cv2.imencode(".png", draw_crops(batch))
+    with replacing(path) as temporary:
+        temporary.write_bytes(code.tobytes())
     return path
