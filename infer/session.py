@@ -28,6 +28,8 @@ from muybridge.infer.video import VideoInfo, is_video, probe_video, read_chunks
 VIDEO_SUFFIXES = frozenset(
     ".mp4 .m4v .mov .avi .mkv .webm .mpg .mpeg .mts .m2ts .ts .mxf .wmv .flv .3gp .h264 .hevc".split()
 )
+# Small copies that action cameras and drones write beside their films.
+PROXY_SUFFIXES = frozenset((".lrv", ".lrf", ".thm"))
 # Where a session's videos are: in the first of these folders that is there (other programs have their own names for
 # it), else in the session itself.
 VIDEO_FOLDERS = ("videos", "synchronized_videos", "videos-raw")
@@ -160,12 +162,13 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
     for entry in sorted(folder.iterdir(), key=lambda p: natural_key(p.name)):
         if entry.name.startswith("."):
             continue
-        if entry.is_file() and (entry.suffix.lower() in VIDEO_SUFFIXES or is_video(entry)):
+        kind = entry.suffix.lower()
+        if entry.is_file() and (kind in VIDEO_SUFFIXES or (kind not in PROXY_SUFFIXES and is_video(entry))):
             found.append(entry)
         elif entry.name not in TIMESTAMPS:
             ignored.append(entry.name)
     if not found:
-        beside = f" (it has {', '.join(ignored[:5])}, which are no videos)" if ignored else ""
+        beside = f" (it has {', '.join(ignored[:5])}, which are no videos or small copies)" if ignored else ""
         raise SessionError(f"{folder} holds no videos{beside}: put one film a camera there")
     twice = [stem for stem, n in Counter(f.stem.lower() for f in found).items() if n > 1]
     if twice:
@@ -175,7 +178,7 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
         )
     if folder == path:  # beside the calibration and whatever else a session has
         return found, [f"{path} has no folder `videos`: the videos in it itself are used"]
-    return found, [f"{folder} also holds {', '.join(ignored)}: not videos, ignored"] if ignored else []
+    return found, [f"{folder} also holds {', '.join(ignored)}: not videos, or small copies; ignored"] if ignored else []
 
 
 def _video_folder(path: Path) -> Path:

@@ -95,9 +95,10 @@ def test_other_files_among_the_videos_are_said_and_left(make_session):
     (folder / "videos" / ".DS_Store").write_bytes(b"\0\1")
     (folder / "videos" / "notes.txt").write_text("take 2 was better")
     (folder / "videos" / "raw").mkdir()
+    shutil.copy(folder / "videos" / "cam1.mp4", folder / "videos" / "cam1.LRV")
     files, said = find_videos(folder)
     assert [f.name for f in files] == ["cam1.mp4", "cam2.mp4", "cam3.mp4"]
-    assert len(said) == 1 and "notes.txt, raw" in said[0] and "DS_Store" not in said[0]
+    assert len(said) == 1 and "cam1.LRV, notes.txt, raw" in said[0] and "DS_Store" not in said[0]
 
 
 def test_lengths_that_differ_leave_the_common_part(make_session, make_video):
