@@ -225,6 +225,13 @@ def test_the_command_from_a_session_to_a_network(short_demo, worse_network, tmp_
     assert again.returncode == 2 and "--overwrite" in again.stderr and (out / "keypoints.onnx").read_text() == "mine"
 
 
+def test_a_network_of_8_bits_is_refused_before_anybody_is_looked_for(short_demo, tmp_path, capsys):
+    model = str(shipped_model("keypoints", "int8"))
+    assert run_command(["adapt", str(short_demo), "--out", str(tmp_path / "out"), "--keypoint-model", model]) == 2
+    assert "of 8 bits, which cannot be trained on" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_run_says_that_an_adapted_network_lies_unused(short_demo, tmp_path, monkeypatch, capsys):
     def follow(*_: object) -> None:
         raise SessionError("far enough")

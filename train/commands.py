@@ -33,8 +33,10 @@ def _command_line() -> str:
 def synth(options: Annotated[Synthesis, tyro.conf.arg(name="")]) -> None:
     """Make synthetic people to train on: a store of seeded renders and a contact sheet."""
     from muybridge.train.processes import affordable
-    from muybridge.train.renders import MEMORY, make_renders
+    from muybridge.train.renders import MEMORY, make_renders, shard_numbers
 
+    if set(range(options.shards)) <= set(shard_numbers(options.out)):
+        print(f"{options.out} has these {options.shards} shards already, however they were made; --out makes others")
     processes = affordable(MEMORY) if options.processes is None else options.processes
     make_renders(options.out, range(options.shards), options.seed, options.kinds, options.close_ups, processes)
     if options.sheet:
