@@ -42,6 +42,7 @@ _MAX_BYTES = 16 * 2**20
 # that matches counts: our own TOML says what it is; XML and YAML have a first line; the rest is TOML.
 _Reader = Callable[[str, Path], Calibration]
 _XML = r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*"
+_OPENCV_KEY = r"\s*(?:-\s+)?(?:" + "|".join(MATRIX_KEYS) + r")\s*:"
 _MARKS: tuple[tuple[str, re.Pattern[str], _Reader], ...] = (
     ("Muybridge TOML", re.compile(r"^\s*muybridge_calibration\s*=", re.M), lambda text, _: read_native(text)),
     (
@@ -68,12 +69,14 @@ _MARKS: tuple[tuple[str, re.Pattern[str], _Reader], ...] = (
     ),
     (
         "EasyMocap",
-        re.compile(r"^(?:K|R|Rot|T|dist)_[^\s:]+\s*:\s*!!opencv-matrix", re.M),
+        re.compile(  # not beside a camera's own key: OpenCV's dist_coeffs begins as a camera named coeffs would
+            rf"\A(?![\s\S]*^{_OPENCV_KEY})[\s\S]*?^(?:K|R|Rot|T|dist)_[^\s:]+\s*:\s*!!opencv-matrix", re.M
+        ),
         lambda text, path: read_easymocap(text, path),
     ),
     (
         "OpenCV YAML",
-        re.compile(r"\A%YAML|!!opencv-matrix|^\s*(?:-\s+)?(?:" + "|".join(MATRIX_KEYS) + r")\s*:", re.M),
+        re.compile(rf"\A%YAML|!!opencv-matrix|^{_OPENCV_KEY}", re.M),
         lambda text, path: read_opencv_yaml(text, path.stem),
     ),
     (
