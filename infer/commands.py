@@ -48,7 +48,7 @@ def run(
     pose_prior: PosePriorOptions = PosePriorOptions(),  # noqa: B008
     smooth: SmoothOptions = SmoothOptions(),  # noqa: B008
     fit: FitOptions = FitOptions(),  # noqa: B008
-    least_sure: float = SolveOptions.least_sure,
+    least_sure: float | None = SolveOptions.least_sure,
     fill_share: float = SolveOptions.fill_share,
     everyone: bool = False,
     refine_cameras: bool = False,
@@ -76,7 +76,8 @@ def run(
         smooth: points over time.
         fit: skeleton and joint angles.
         least_sure: a landmark of which no camera is as sure as this, in 0..1, is not taken for measured: people of
-            whom all cameras have a part alone are not made whole. 0 to take every guess.
+            whom all cameras have a part alone are not made whole. 0 to take every guess. If not given: 0.5 with our
+            network, what its card says with another.
         fill_share: a landmark that the cameras do not agree on is taken from the fitted body in frames where at
             least this share of the landmarks was measured; above 1, never.
         refine_cameras: first make the calibration's poses better by the person; the report says what it gained.

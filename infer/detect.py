@@ -117,6 +117,12 @@ class Models:
     metadata: dict[str, dict[str, str]]
     model_card: str | None = None
 
+    @property
+    def least_sure(self) -> float | None:
+        """What the keypoint network's card says of its scores; None for networks of ours."""
+        told = self.metadata["keypoints"].get("least_sure")
+        return None if told is None else float(told)
+
 
 @dataclass(frozen=True)
 class CameraResult:

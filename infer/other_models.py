@@ -68,7 +68,10 @@ class OtherNetwork:
                 )
         self._check_input(inputs[self._input])
         self._fixed_batch = isinstance(inputs[self._input].shape[0], int) and inputs[self._input].shape[0]
-        self.metadata = {"name": card.name, "landmarks": ", ".join(card.names), "decode": card.decode}
+        self.metadata = {
+            "name": card.name, "landmarks": ", ".join(card.names), "decode": card.decode,
+            "least_sure": str(card.least_sure),
+        }  # fmt: skip
         known = [(j, card.names.index(name)) for j, name in enumerate(BODY23.names) if name in card.names]
         self._ours, self._theirs = (np.array(index) for index in zip(*known, strict=True))
 

@@ -199,8 +199,7 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
     again = SecondLook(
         session, detected, files, models, store, options.detect, options.second_look, progress, clocks, in_step
     )
-    # What scores of other people's networks are worth nobody knows.
-    how = options.solve if "card" not in models.metadata["keypoints"] else replace(options.solve, least_sure=0.0)
+    how = options.solve.with_card(models.least_sure)
     solution = solve(session.cameras, keypoints, session.fps, key, store, how, progress, markers, again)
     progress.say(solution.person)
     for notice in unsure_landmarks(solution):

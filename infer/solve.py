@@ -1,5 +1,7 @@
 """From the cameras' 2D landmarks to one person's motion: the stages that need no video."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -37,6 +39,10 @@ Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]
 
 
+# Of people seen whole our network's surest camera is nearly always over 0.8, of what no picture shows at 0.1 to 0.5.
+LEAST_SURE = 0.5
+
+
 @dataclass(frozen=True)
 class SolveOptions:
     """How 2D landmarks become motion.
@@ -50,7 +56,8 @@ class SolveOptions:
         smooth: points over time.
         fit: the skeleton and its joint angles.
         least_sure: a landmark of which no camera is as sure as this, in 0..1, is not taken for measured: people of
-            whom all cameras have a part alone are not made whole. 0 to take every guess.
+            whom all cameras have a part alone are not made whole. 0 to take every guess; None for what the network's
+            card says, which is `LEAST_SURE` for ours.
         fill_share: a landmark that the cameras do not agree on is taken from the fitted body in frames where at
             least this share of the landmarks was measured; above 1, never.
         everyone: follow the other people too.
@@ -63,9 +70,18 @@ class SolveOptions:
     pose_prior: PosePriorOptions = field(default_factory=PosePriorOptions)
     smooth: SmoothOptions = field(default_factory=SmoothOptions)
     fit: FitOptions = field(default_factory=FitOptions)
-    least_sure: float = 0.5
+    least_sure: float | None = None
     fill_share: float = 0.5
     everyone: bool = False
+
+    @property
+    def sure_from(self) -> float:
+        """The score from which a landmark counts as seen."""
+        return LEAST_SURE if self.least_sure is None else self.least_sure
+
+    def with_card(self, least_sure: float | None) -> SolveOptions:
+        """The same, with what the network's card says of its scores where nothing else was asked for."""
+        return self if self.least_sure is not None else replace(self, least_sure=least_sure)
 
 
 @dataclass(frozen=True)
@@ -102,7 +118,7 @@ class Solution:
     no_motion: str
     markers: Points3D | None
     stages: dict[str, StageResult]
-    others: "tuple[Solution, ...]" = ()
+    others: tuple[Solution, ...] = ()
 
 
 def solve(
@@ -148,7 +164,7 @@ def solve(
 class _Take:
     """What is the same for everyone in a take."""
 
-    stage: "_Stages"
+    stage: _Stages
     cameras: CameraGroup
     keypoints: Keypoints2D
     markers: Keypoints2D | None
@@ -191,7 +207,7 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
     """One person from 2D landmarks to motion; `number` is appended to the names of the stages."""
     take, person, sides, cloud, again = _read(take, number, person, look_again)
     stage, cameras, keypoints, markers, fps, options = (getattr(take, f.name) for f in fields(take))
-    sure = _sure(person.arrays["score"], sides.arrays["swapped"], keypoints.landmarks, options.least_sure)
+    sure = _sure(person.arrays["score"], sides.arrays["swapped"], keypoints.landmarks, options.sure_from)
     unsure = ~sure & np.isfinite(cloud.arrays["points_world"]).all(-1)
     measured = _as_points(keypoints.landmarks, _only(cloud.arrays, sure), fps)
 
@@ -206,7 +222,7 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
         lambda: _left_out(cameras, alone(), options.triangulate),
     )  # fmt: skip
     px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
-    given = [cloud.key, options.least_sure]
+    given = [cloud.key, options.sure_from]
     smooth = stage(f"smooth{number}", [*given, options.smooth], lambda: _smooth(measured, options.smooth))
     points = replace(measured, **smooth.arrays)
     motion, no_motion = None, ""
@@ -221,7 +237,7 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
     if markers is not None:
         skin = stage(
             f"markers{number}",
-            [person.key, options.swaps, options.triangulate, options.least_sure],
+            [person.key, options.swaps, options.triangulate, options.sure_from],
             lambda: _markers(cameras, person.arrays, keypoints.landmarks, markers, options),
         )
         marked = smooth_points(_as_points(markers.landmarks, skin.arrays, fps), options.smooth)
@@ -377,7 +393,7 @@ def _markers(
     points_px, variance_px2, score = take_slots(markers, person["slots"])
     body = person["points_px"], person["variance_px2"], landmarks
     found = triangulate_markers(cameras, body, (points_px, variance_px2), options.swaps, options.triangulate)
-    sure = _sure(score, found["swapped"], markers.landmarks, options.least_sure)
+    sure = _sure(score, found["swapped"], markers.landmarks, options.sure_from)
     return _only(found, sure), {}
 
 

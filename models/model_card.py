@@ -56,6 +56,7 @@ class ModelCard:
         split_ratio, softmax_scale: of SimCC, see `decode_simcc.decode_simcc`.
         stride, origin_px, logits: of heatmaps, see `decode_simcc.decode_value_heatmaps`.
         spread: calibration of the variance.
+        least_sure: score, in 0..1, of which a camera has to be surer for a landmark to count as seen.
     """
 
     name: str
@@ -76,6 +77,7 @@ class ModelCard:
     origin_px: float
     logits: bool
     spread: SpreadCalibration
+    least_sure: float
 
 
 def shipped_cards() -> dict[str, Path]:
@@ -119,7 +121,7 @@ def load_card(path: Path) -> ModelCard:
     width, height = image.whole("width"), image.whole("height")
     if (width - height) % 2:
         raise image.error("width and height differ by an odd number, which no crop can be cut to")
-    variance = read.section("variance", needed=False)
+    variance, score = read.section("variance", needed=False), read.section("score", needed=False)
     simcc = decode == "simcc"
     card = ModelCard(
         name=model.text("name", path.stem), input_name=image.text("name", ""), width=width, height=height,
@@ -136,10 +138,13 @@ def load_card(path: Path) -> ModelCard:
             variance.positive("scale", 1.0),
             variance.positive("floor_px2", (_DEFAULT_FLOOR * max(width, height)) ** 2),
         ),
+        least_sure=score.number("least_sure", 0.0),
     )  # fmt: skip
     if min(card.std) <= 0:
         raise image.error("std must be positive")
-    for section in (model, image, outputs, variance, read):
+    if not 0 <= card.least_sure <= 1:
+        raise score.error(f"least_sure is {card.least_sure}, not from 0 to 1")
+    for section in (model, image, outputs, variance, score, read):
         section.no_more()
     return card
 

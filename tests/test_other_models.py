@@ -15,8 +15,10 @@ from muybridge.geometry.landmarks import BODY23  # noqa: E402
 from muybridge.infer.cli import run_command  # noqa: E402
 from muybridge.infer.crops import extract_crops  # noqa: E402
 from muybridge.infer.demo import demo_folder, true_points  # noqa: E402
+from muybridge.infer.detect import DetectOptions, open_models  # noqa: E402
 from muybridge.infer.onnx import OnnxOptions  # noqa: E402
 from muybridge.infer.other_models import OtherNetwork, open_keypoints  # noqa: E402
+from muybridge.infer.solve import LEAST_SURE, SolveOptions  # noqa: E402
 from muybridge.models.decode import SpreadCalibration  # noqa: E402
 from muybridge.models.decode_simcc import decode_simcc, decode_value_heatmaps  # noqa: E402
 from muybridge.models.model_card import LAYOUTS, find_card, load_card, shipped_cards  # noqa: E402
@@ -251,6 +253,7 @@ def test_a_card_beside_the_model_is_found(tmp_path: Path) -> None:
         ({"white = 255.0": "whyte = 255.0"}, "unknown whyte"),
         ({"std = [58.395, 57.12, 57.375]": "std = [1, 0, 1]"}, "std must be positive"),
         ({"std = [58.395, 57.12, 57.375]": "std = 3"}, "not three numbers"),
+        ({"[simcc]": "[score]\nleast_sure = 50\n[simcc]"}, "least_sure is 50.0, not from 0 to 1"),
         ({"[input]": "[input"}, "not a readable model card"),
     ],
 )
@@ -275,6 +278,19 @@ def test_models_that_are_not_the_cards(tmp_path: Path, card: str | None, changes
     card = card or str(_card(tmp_path, **changes))
     with pytest.raises(ModelError, match=message):
         open_keypoints(path, card, OnnxOptions()).locate(np.zeros((1, HEIGHT, HEIGHT, 3), np.uint8))
+
+
+def test_a_card_says_from_which_score_on_a_landmark_is_seen(tmp_path: Path) -> None:
+    path = _bright_spot_model(tmp_path / "model.onnx", 17)
+
+    def used(asked: float | None, detect: DetectOptions) -> float:
+        return SolveOptions(least_sure=asked).with_card(open_models(detect).least_sure).sure_from
+
+    silent = DetectOptions(keypoint_model=path, model_card="rtmpose-coco17")
+    card = _card(tmp_path, **{"[simcc]": "[score]\nleast_sure = 0.3\n[simcc]"})
+    telling = DetectOptions(keypoint_model=path, model_card=str(card))
+    assert [used(None, how) for how in (DetectOptions(), silent, telling)] == [LEAST_SURE, 0.0, 0.3]
+    assert [used(0.4, how) for how in (DetectOptions(), silent, telling)] == [0.4, 0.4, 0.4]
 
 
 def test_a_card_in_words_is_toml() -> None:
