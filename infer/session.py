@@ -33,6 +33,9 @@ PROXY_SUFFIXES = frozenset((".lrv", ".lrf", ".thm"))
 # Where a session's videos are: in the first of these folders that is there (other programs have their own names for
 # it), else in the session itself.
 VIDEO_FOLDERS = ("videos", "synchronized_videos", "videos-raw")
+# Where other programs keep a folder of pictures a camera, which are no films.
+PICTURE_FOLDERS = ("images", "imgs", "frames")
+PICTURE_SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"))
 # Rates this close are one rate written down differently (29.97 and 30).
 _SAME_RATE = 0.005
 
@@ -156,7 +159,10 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
         raise SessionError(f"{path} {what}; {layout}")
     folder = _video_folder(path)
     if folder == path and not any(p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES for p in path.iterdir()):
-        raise SessionError(f"{path} has no folder `videos`: put the videos into {path / 'videos'}, one file a camera")
+        hint = _pictures_hint(next((f for f in (path / name for name in PICTURE_FOLDERS) if f.is_dir()), path))
+        raise SessionError(
+            f"{path} has no folder `videos`: put the videos into {path / 'videos'}, one file a camera{hint}"
+        )
     found: list[Path] = []
     ignored: list[str] = []
     for entry in sorted(folder.iterdir(), key=lambda p: natural_key(p.name)):
@@ -169,7 +175,7 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
             ignored.append(entry.name)
     if not found:
         beside = f" (it has {', '.join(ignored[:5])}, which are no videos or small copies)" if ignored else ""
-        raise SessionError(f"{folder} holds no videos{beside}: put one film a camera there")
+        raise SessionError(f"{folder} holds no videos{beside}: put one film a camera there{_pictures_hint(folder)}")
     twice = [stem for stem, n in Counter(f.stem.lower() for f in found).items() if n > 1]
     if twice:
         names = ", ".join(f.name for f in found if f.stem.lower() == twice[0])
@@ -179,6 +185,19 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
     if folder == path:  # beside the calibration and whatever else a session has
         return found, [f"{path} has no folder `videos`: the videos in it itself are used"]
     return found, [f"{folder} also holds {', '.join(ignored)}: not videos, or small copies; ignored"] if ignored else []
+
+
+def _pictures_hint(folder: Path) -> str:
+    """How films are made of what a folder has, where that is folders of pictures, one a camera."""
+    for camera in sorted((f for f in folder.iterdir() if f.is_dir()), key=lambda f: natural_key(f.name)):
+        kinds = Counter(f.suffix for f in camera.iterdir() if f.suffix.lower() in PICTURE_SUFFIXES)
+        kind, pictures = kinds.most_common(1)[0] if kinds else ("", 0)
+        if pictures > 1:
+            return (
+                f"; {folder} has folders of pictures: make a film of each at the cameras' rate, such as `ffmpeg "
+                f"-framerate 30 -pattern_type glob -i '{camera}/*{kind}' -c:v mjpeg -q:v 2 videos/{camera.name}.mkv`"
+            )
+    return ""
 
 
 def _video_folder(path: Path) -> Path:

@@ -237,12 +237,22 @@ def test_a_rotation_flag_is_applied_unless_the_calibration_was_made_without(make
     assert any("ignored as the calibration" in text for text in session.notices)
 
 
+def _as_pictures(session, folder):
+    shutil.rmtree(session / "videos")
+    for camera in ("cam1", "cam2"):
+        (folder / camera).mkdir(parents=True)
+        for name in ("000000.jpg", "000001.jpg", "notes.txt"):
+            (folder / camera / name).write_bytes(b"a picture")
+
+
 @pytest.mark.parametrize(
     ("spoil", "kind", "said"),
     [
         (lambda f: shutil.rmtree(f), SessionError, "does not exist"),
         (lambda f: shutil.rmtree(f / "videos"), SessionError, "no folder `videos`"),
         (lambda f: [v.unlink() for v in (f / "videos").iterdir()], SessionError, "holds no videos"),
+        (lambda f: _as_pictures(f, f / "videos"), SessionError, r"'.*/videos/cam1/\*\.jpg' .* videos/cam1\.mkv"),
+        (lambda f: _as_pictures(f, f / "images"), SessionError, r"no folder `videos`.*images/cam1/\*\.jpg"),
         (
             lambda f: [(f / "videos" / n).unlink() for n in ("cam1.mp4", "cam3.mp4")],
             SessionError,

@@ -1,11 +1,16 @@
 """Writing files so that a killed run leaves no half file behind."""
 
+import glob
 import os
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from muybridge.errors import OutputError
+
+# Seconds after which a temporary file that nobody wrote to is a killed run's.
+_ABANDONED = 86400.0
 
 
 @contextmanager
@@ -13,7 +18,8 @@ def replacing(path: Path) -> Iterator[Path]:
     """A temporary path beside `path` to write to; it takes `path`'s place when the block ends well.
 
     The suffix is kept, since some writers choose the format by it. If the block raises, the temporary file is
-    removed and what stood at `path` before stays as it was.
+    removed and what stood at `path` before stays as it was. What runs that were killed a day ago or earlier left of
+    `path` is removed.
 
     Raises:
         OutputError: the folder cannot be made or the file cannot be written there.
@@ -22,6 +28,7 @@ def replacing(path: Path) -> Iterator[Path]:
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        _tidy(path)
         yield temporary
         os.replace(temporary, path)
     except OSError as error:
@@ -30,3 +37,10 @@ def replacing(path: Path) -> Iterator[Path]:
         ) from error
     finally:
         temporary.unlink(missing_ok=True) if temporary.parent.is_dir() else None
+
+
+def _tidy(path: Path) -> None:
+    for left in path.parent.glob(f".{glob.escape(path.stem)}.*.tmp{glob.escape(path.suffix)}"):
+        with suppress(FileNotFoundError):  # another process tidies too
+            if time.time() - left.stat().st_mtime > _ABANDONED:
+                left.unlink()
