@@ -50,7 +50,7 @@ def check(
         detect: 2D landmarks.
         quiet: say only the result.
     """
-    from muybridge.infer.sync import session_clocks, synchronised
+    from muybridge.infer.sync import synchronised
 
     start = time.perf_counter()
     with Progress(quiet=quiet) as progress:
@@ -58,9 +58,8 @@ def check(
         for notice in opened.notices:
             progress.notice(notice)
         opened, keypoints = session_keypoints(opened, work, detect, progress)
-        clocks = session_clocks(opened)
-        if clocks is not None:
-            keypoints = synchronised(keypoints, clocks, opened.fps)
+        if opened.clocks is not None:
+            keypoints = synchronised(keypoints, opened.clocks, opened.fps)
         quality = check_keypoints(opened.cameras, keypoints, options, opened.fps)
     seconds = {"in all": time.perf_counter() - start}
     page = CalibrationPage(opened.name, quality, opened.notices, seconds)

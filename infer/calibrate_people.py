@@ -85,16 +85,15 @@ def people(
         detect: 2D landmarks.
         quiet: say only the result.
     """
-    from muybridge.infer.sync import session_clocks, synchronised
+    from muybridge.infer.sync import synchronised
 
     with Progress(quiet=quiet) as progress:
         opened = open_session(session, read)
         for notice in opened.notices:
             progress.notice(notice)
         opened, keypoints = session_keypoints(opened, work, detect, progress)
-        clocks = session_clocks(opened)
-        if clocks is not None:
-            keypoints = synchronised(keypoints, clocks, opened.fps)
+        if opened.clocks is not None:
+            keypoints = synchronised(keypoints, opened.clocks, opened.fps)
         result, errors = from_keypoints(opened.cameras, keypoints, opened.fps, refine, options)
     save_calibration(result.cameras, out)
     for line in told(opened.cameras, result, refine, errors):

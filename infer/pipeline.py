@@ -32,7 +32,8 @@ from muybridge.infer.second_look import SecondLook, SecondLookOptions
 from muybridge.infer.session import Session, SessionOptions, open_session, with_frames, with_notice
 from muybridge.infer.solve import Solution, SolveOptions, solve
 from muybridge.infer.stages import StageResult, StageStore, digest
-from muybridge.infer.sync import SYNC_FILE, session_clocks, synchronised
+from muybridge.infer.sync import synchronised
+from muybridge.infer.sync_file import SYNC_FILE
 from muybridge.infer.upward import stood_up
 
 RUN_FORMAT = 1
@@ -185,7 +186,7 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
         detected = detect(session, files, models, store, first, progress)
         ahead.wait(progress)
     session, keypoints, markers = _common(session, detected, progress)
-    clocks = session_clocks(session)
+    clocks = session.clocks
 
     def in_step(found: Keypoints2D) -> Keypoints2D:
         return found if clocks is None else synchronised(found, clocks, session.fps)

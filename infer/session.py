@@ -20,7 +20,9 @@ from muybridge.errors import SessionError
 from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, read_calibration, sized_like
 from muybridge.geometry.calibration.level import levelled
 from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.clocks import Clock
 from muybridge.infer.progress import Progress
+from muybridge.infer.sync_file import SYNC_FILE, clocks_in, first_frames_in_common
 from muybridge.infer.time_table import TIMESTAMPS, nearest, paired_by_time, time_table_in
 from muybridge.infer.video import VideoInfo, is_video, probe_video, read_chunks
 
@@ -73,6 +75,8 @@ class Session:
         notices: plain sentences about what was assumed or mended.
         late: (C, T) seconds from a moment of the take to the time of the camera's frame; None where frames are paired
             by number.
+        clocks: (C,) of the cameras, counted from their first frames of the take, where a `sync.toml` says that they run
+            apart: what is left are fractions of a frame, and drifts.
         upright: the cameras in a world with Z up, where the calibration's has not and people have told.
     """
 
@@ -84,6 +88,7 @@ class Session:
     fps: float
     notices: tuple[str, ...]
     late: NDArray[np.float64] | None = None
+    clocks: tuple[Clock, ...] | None = None
     upright: CameraGroup | None = None
 
     @property
@@ -102,8 +107,13 @@ class Session:
         return self.upright or levelled(self.cameras)
 
 
-def open_session(path: Path, options: SessionOptions = SessionOptions()) -> Session:
+def open_session(path: Path, options: SessionOptions = SessionOptions(), in_step: bool = True) -> Session:
     """Read a session folder, its calibration and what its videos hold; no frame is worked on yet.
+
+    Args:
+        path: the folder.
+        options: how it is read.
+        in_step: whether its `sync.toml` counts, if it has one.
 
     Raises:
         SessionError: no folder, no videos, fewer than two cameras, or cameras and videos that do not pair up.
@@ -133,7 +143,11 @@ def open_session(path: Path, options: SessionOptions = SessionOptions()) -> Sess
         if assumed:
             notices.append(assumed)
     table = time_table_in(path) or time_table_in(_video_folder(path))
-    fps, indices, late, said = _common_time(videos) if table is None else paired_by_time(table, videos)
+    clocks = clocks_in(path, group.names) if in_step else None
+    if table is None:
+        fps, indices, late, clocks, said = _common_time(videos, clocks)
+    else:
+        fps, indices, late, said = paired_by_time(table, videos)
     notices += said + _oddities(videos, group)
     return Session(
         path=path,
@@ -144,6 +158,7 @@ def open_session(path: Path, options: SessionOptions = SessionOptions()) -> Sess
         fps=fps,
         notices=tuple(notices),
         late=late,
+        clocks=clocks,
     )
 
 
@@ -376,10 +391,10 @@ def _odd_pixels(video: VideoInfo) -> bool:
 
 
 def _common_time(
-    videos: Sequence[VideoInfo],
-) -> tuple[float, NDArray[np.int64], NDArray[np.float64] | None, list[str]]:
-    """The take's frame rate, which frames of each video make it up, how late they were taken, and what had to be
-    assumed."""
+    videos: Sequence[VideoInfo], clocks: tuple[Clock, ...] | None
+) -> tuple[float, NDArray[np.int64], NDArray[np.float64] | None, tuple[Clock, ...] | None, list[str]]:
+    """The take's frame rate, which frames of each video make it up, how late they were taken, how the clocks stand from
+    there on, and what had to be assumed."""
     rates = np.array([v.fps for v in videos])
     near = rates.max() / rates.min() - 1 < _SAME_RATE
     listed = ", ".join(f"{v.path.name} {v.fps:.4g}" for v in videos)
@@ -410,16 +425,34 @@ def _common_time(
         counts = [int(np.floor(v.times[-1] * fps + 0.5)) + 1 for v in videos]
     else:
         counts = [v.frames for v in videos]
-    frames = min(counts)
-    if len(set(counts)) > 1:
-        lengths = ", ".join(f"{v.path.name} {n}" for v, n in zip(videos, counts, strict=True))
-        notices.append(f"the videos differ in length ({lengths} frames): the first {frames} frames are used")
+    first, clocks, said = _beginnings(videos, counts, clocks, fps)
+    own = first[:, None] + np.arange(int((np.array(counts) - first).min()))
+    notices += said
     if not by_time:
-        return fps, np.tile(np.arange(frames), (len(videos), 1)), None, notices
-    grid = np.arange(frames) / fps
-    indices = [nearest(v.times, grid) for v in videos]
-    late = np.stack([v.times[at] - grid for v, at in zip(videos, indices, strict=True)])
-    return fps, np.stack(indices), late, notices
+        return fps, own, None, clocks, notices
+    indices = np.stack([nearest(v.times, grid) for v, grid in zip(videos, own / fps, strict=True)])
+    late = np.stack([v.times[at] for v, at in zip(videos, indices, strict=True)]) - own / fps
+    return fps, indices, late, clocks, notices
+
+
+def _beginnings(
+    videos: Sequence[VideoInfo], counts: Sequence[int], clocks: tuple[Clock, ...] | None, fps: float
+) -> tuple[NDArray[np.int64], tuple[Clock, ...] | None, list[str]]:
+    """(C,) the frame of each video with which the take begins, the clocks from there on, and what is left out."""
+    names = [v.path.name for v in videos]
+    first = np.zeros(len(videos), dtype=np.int64)
+    if clocks is not None:
+        first, clocks = first_frames_in_common(clocks, names, counts, fps)
+    frames = int((np.array(counts) - first).min())
+    lengths = ", ".join(f"{name} {n}" for name, n in zip(names, counts, strict=True))
+    if first.any():
+        begins = ", ".join(f"{name} {n}" for name, n in zip(names, first, strict=True))
+        said = f"by {SYNC_FILE} the take begins with frames {begins}: {frames} frames of all videos ({lengths})"
+        return first, clocks, [said]
+    if len(set(counts)) > 1:
+        said = f"the videos differ in length ({lengths} frames): the first {frames} frames are used"
+        return first, clocks, [said]
+    return first, clocks, []
 
 
 def _by_number(videos: Sequence[VideoInfo]) -> tuple[bool, float]:

@@ -4,7 +4,6 @@
 """
 
 import json
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,11 +23,10 @@ from muybridge.infer.calibrate_people import session_keypoints
 from muybridge.infer.detect import DetectOptions
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import Session, SessionOptions, open_session
+from muybridge.infer.sync_file import SYNC_FILE, SYNC_VERSION
 
 Floats = NDArray[np.float64]
 
-SYNC_FILE = "sync.toml"
-_VERSION = 1
 _AUDIO_RATE = 16000
 _DRIFT_FROM = 60.0  # seconds of take from which pictures are asked for drift
 _DISAGREE_SIGMA = 4.0
@@ -158,7 +156,7 @@ def write_sync(path: Path, names: Sequence[str], result: SyncResult) -> None:
     """Write `sync.toml`."""
     rows = [
         "# Clocks of the cameras: a camera's own time is t + offset + drift t at the reference's time t.",
-        f"muybridge_sync = {_VERSION}",
+        f"muybridge_sync = {SYNC_VERSION}",
         f"reference = {json.dumps(names[0])}",
     ]
     for name, clock, method in zip(names, result.clocks, result.methods, strict=True):
@@ -175,38 +173,6 @@ def write_sync(path: Path, names: Sequence[str], result: SyncResult) -> None:
             rows.append(f"drift_sd_ppm = {clock.drift_sd * 1e6!r}")
     with replacing(path) as partial:
         partial.write_text("\n".join(rows) + "\n", encoding="utf-8")
-
-
-def read_sync(path: Path, names: Sequence[str]) -> tuple[Clock, ...]:
-    """The clocks of the named cameras from a `sync.toml`; a camera that it does not name has the reference's.
-
-    Raises:
-        SessionError: not such a file, or a value that is no number.
-    """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise SessionError(f"{path}: cannot be read ({error}); write it again with `muybridge sync`") from None
-    tables = data.get("cameras")
-    if data.get("muybridge_sync") != _VERSION or not isinstance(tables, dict):
-        raise SessionError(
-            f"{path}: needs `muybridge_sync = {_VERSION}` and [cameras.NAME] tables; "
-            "write it again with `muybridge sync`, or delete it"
-        )
-    unknown = [n for n in tables if n not in names]
-    if len(unknown) == len(tables):
-        raise SessionError(f"{path}: names {', '.join(unknown)}, none of the cameras {', '.join(names)}")
-    return tuple(_clock(path, name, tables.get(name, {})) for name in names)
-
-
-def _clock(path: Path, name: str, table: object) -> Clock:
-    if not isinstance(table, dict):
-        raise SessionError(f"{path}: camera {name} is not a table; write [cameras.{name}]")
-    values = {k: table.get(k, d) for k, d in (("offset", 0.0), ("drift_ppm", 0.0), ("offset_sd", 0.0))}
-    for key, value in values.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
-            raise SessionError(f"{path}: camera {name}: {key} is {value!r}; it must be a finite number")
-    return Clock(float(values["offset"]), values["drift_ppm"] * 1e-6, float(values["offset_sd"]), 0.0, 1.0)
 
 
 def synchronised(keypoints: Keypoints2D, clocks: Sequence[Clock], fps: float) -> Keypoints2D:
@@ -227,12 +193,6 @@ def synchronised(keypoints: Keypoints2D, clocks: Sequence[Clock], fps: float) ->
         _, moved = resample(keypoints.points_px[c], keypoints.score[c], fps, own)
         score[c] = np.where(np.isfinite(variance[c]), np.nan_to_num(moved), 0.0)
     return replace(keypoints, points_px=px, variance_px2=variance, score=score)
-
-
-def session_clocks(session: Session) -> tuple[Clock, ...] | None:
-    """The clocks that a session's `sync.toml` gives; None where it has none."""
-    path = session.path / SYNC_FILE
-    return read_sync(path, session.cameras.names) if path.is_file() else None
 
 
 def sync(
@@ -261,7 +221,7 @@ def sync(
     if not methods:
         raise MuybridgeError(f"name at least one of {', '.join(_METHODS)} after --methods")
     with Progress(quiet=quiet) as progress:
-        opened = open_session(session, read)
+        opened = open_session(session, read, in_step=False)
         keypoints = None
         if set(methods) - {"audio"}:
             opened, keypoints = session_keypoints(opened, work, detect, progress)

@@ -237,6 +237,21 @@ def test_a_rotation_flag_is_applied_unless_the_calibration_was_made_without(make
     assert any("ignored as the calibration" in text for text in session.notices)
 
 
+def test_films_that_were_begun_at_other_times_are_cut_to_what_all_show(make_session):
+    folder = make_session(frames=30, fps=25)
+    clocks = "[cameras.cam2]\noffset = -0.4\n[cameras.cam3]\noffset = 0.13\n"
+    (folder / "sync.toml").write_text("muybridge_sync = 1\n" + clocks)
+    session = open_session(folder)
+    assert session.frame_indices[:, [0, -1]].tolist() == [[10, 26], [0, 16], [13, 29]]
+    assert [clock.offset for clock in session.clocks] == pytest.approx([0.0, 0.0, 0.01])
+    assert session.notices == (
+        "by sync.toml the take begins with frames cam1.mp4 10, cam2.mp4 0, cam3.mp4 13: 17 frames of all videos "
+        "(cam1.mp4 30, cam2.mp4 30, cam3.mp4 30)",
+    )
+    apart = open_session(folder, in_step=False)
+    assert apart.frames == 30 and apart.clocks is None
+
+
 def _as_pictures(session, folder):
     shutil.rmtree(session / "videos")
     for camera in ("cam1", "cam2"):

@@ -20,7 +20,8 @@ from muybridge.geometry.synchronisation import (
     motion_clocks,
     resample,
 )
-from muybridge.infer.sync import SyncResult, disagreements, read_audio, read_sync, synchronised, write_sync
+from muybridge.infer.sync import SyncResult, disagreements, read_audio, synchronised, write_sync
+from muybridge.infer.sync_file import first_frames_in_common, read_sync
 
 FPS = 60.0
 
@@ -159,6 +160,25 @@ def test_sync_file_comes_back_and_bad_ones_are_refused(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(SessionError, match="sync.toml"):
             read_sync(path, ("x", "y"))
+
+
+def test_films_begin_with_the_first_moment_that_all_show() -> None:
+    def clock(offset: float, drift: float = 0.0) -> Clock:
+        return Clock(offset, drift, 0.0, 0.0, 1.0)
+
+    # The second film was begun 1.6 s after the first, the third 0.11 s before it, by a clock that gains.
+    clocks = (clock(0.0), clock(-1.6), clock(0.11, 5e-5))
+    first, left = first_frames_in_common(clocks, "abc", (100, 60, 90), 25.0)
+    np.testing.assert_array_equal(first, [40, 0, 43])
+    times = np.arange(40) / 25
+    for c, (before, after) in enumerate(zip(clocks, left, strict=True)):
+        np.testing.assert_allclose(first[c] / 25 + after.at(times), before.at(1.6 + times), atol=1e-8)
+    assert left[0].offset == left[1].offset == 0 and abs(left[2].offset) < 0.02
+    # What the first film's clock says is the take's time, whoever's the file's is.
+    first, left = first_frames_in_common((clock(0.51), clock(0.5)), "ab", (50, 50), 25.0)
+    assert first.tolist() == [0, 0] and left[0].offset == 0 and left[1].offset == pytest.approx(-0.01)
+    with pytest.raises(SessionError, match="by sync.toml b ends 0.44 s before a begins"):
+        first_frames_in_common((clock(0.0), clock(4.8)), "ab", (100, 110), 25.0)
 
 
 def test_landmarks_are_put_in_step() -> None:
