@@ -7,6 +7,8 @@ correlation. Good to a fraction of a millisecond; sound takes 2.9 ms for each me
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,10 @@ Floats = NDArray[np.float64]
 
 _ENVELOPE_RATE = 500.0
 _FINE_SEARCH = 0.02  # seconds about the envelopes' delay in which waveforms are compared
+# Where the envelopes agree nearly as well at other delays, as of a metronome's beats, waveforms have to choose: the
+# noise of the room does not repeat. Shares of the best delay's, and how many delays are tried.
+_RIVAL, _CLEAR, _MOST = 0.8, 0.7, 24
+_APART = 0.05  # seconds between rivals
 
 
 def audio_clock(
@@ -31,17 +37,15 @@ def audio_clock(
         window: seconds of the pieces that are compared finely; drift needs several.
 
     Returns:
-        `UNKNOWN` where one is silent or too short.
+        `UNKNOWN` where one is silent or too short. Where the sound repeats itself and nothing else is heard by both,
+        the standard deviation says how far off other delays are that fit as well.
     """
     if min(len(reference), len(other)) < rate * 0.5 or not reference.std() > 0 or not other.std() > 0:
         return UNKNOWN
-    coarse, _ = _coarse_delay(reference, other, rate, max_offset)
-    length = int(min(window * rate, len(reference), len(other)))
-    lowest = max(0, int(-coarse * rate))
-    highest = min(len(reference), int(len(other) - coarse * rate))
-    if highest - lowest < rate * 0.5:
+    coarse, doubt = _clearest(reference, other, rate, _coarse_delays(reference, other, rate, max_offset), window)
+    lowest, highest, length = _overlap(reference, other, rate, coarse, window)
+    if length < rate * 0.5:
         return UNKNOWN
-    length = min(length, highest - lowest)
     count = max(1, int(np.ceil((highest - lowest) / length)))
     starts = np.linspace(lowest, highest - length, count).round().astype(np.intp)
     # Drift moves the delay along the take: each window starts from where the one before ended.
@@ -51,7 +55,32 @@ def audio_clock(
         found.append((((start + length / 2) / rate), delay, sd, strength))
         if strength > 0.1:
             guess = delay
-    return clock_from_delays(Delays(*np.array(found, dtype=np.float64).T), with_drift=True)
+    clock = clock_from_delays(Delays(*np.array(found, dtype=np.float64).T), with_drift=True)
+    return replace(clock, offset_sd=float(np.hypot(clock.offset_sd, doubt)))
+
+
+def _overlap(reference: Floats, other: Floats, rate: float, delay: float, window: float) -> tuple[int, int, int]:
+    """First and last sample of the reference that the other has too, and how many a window of it has."""
+    lowest, highest = max(0, int(-delay * rate)), min(len(reference), int(len(other) - delay * rate))
+    return lowest, highest, min(int(min(window * rate, len(reference), len(other))), highest - lowest)
+
+
+def _clearest(
+    reference: Floats, other: Floats, rate: float, delays: list[float], window: float
+) -> tuple[float, float]:
+    """Of delays at which the envelopes agree, the one at which the waveforms do, seconds, and how far others are that
+    fit as well: 0 where none does."""
+    strengths = []
+    for delay in delays if len(delays) > 1 else ():
+        lowest, highest, length = _overlap(reference, other, rate, delay, window)
+        middle = (lowest + highest - length) // 2
+        enough = length >= rate * 0.5
+        strengths.append(_phat_delay(reference, other, rate, middle, length, delay)[2] if enough else 0.0)
+    if not any(strengths):
+        return delays[0], 0.0
+    best = int(np.argmax(strengths))
+    rivals = [d for d, s in zip(delays, strengths, strict=True) if s > _CLEAR * strengths[best]]
+    return delays[best], max(abs(d - delays[best]) for d in rivals)
 
 
 def _envelope(samples: Floats, rate: float) -> tuple[Floats, float]:
@@ -63,9 +92,9 @@ def _envelope(samples: Floats, rate: float) -> tuple[Floats, float]:
     return np.asarray(rise - rise.mean()), rate / step
 
 
-def _coarse_delay(reference: Floats, other: Floats, rate: float, max_offset: float | None) -> tuple[float, float]:
-    """Delay by the envelopes, seconds, and how clear it is."""
-    from scipy.signal import correlate, correlation_lags  # slow to load, and every command loads this module
+def _coarse_delays(reference: Floats, other: Floats, rate: float, max_offset: float | None) -> list[float]:
+    """Delays at which the envelopes agree best, or nearly so, seconds, the best first."""
+    from scipy.signal import correlate, correlation_lags, find_peaks  # slow to load, as every command loads this module
 
     a, step_rate = _envelope(reference, rate)
     b, _ = _envelope(other, rate)
@@ -76,7 +105,9 @@ def _coarse_delay(reference: Floats, other: Floats, rate: float, max_offset: flo
     if max_offset is not None:
         score = np.where(np.abs(lags) <= max_offset * step_rate, score, -np.inf)
     best = int(np.argmax(score))
-    return float(lags[best] / step_rate), float(score[best])
+    peaks, _ = find_peaks(score, height=_RIVAL * abs(score[best]), distance=max(1, int(_APART * step_rate)))
+    others = sorted((int(p) for p in peaks if abs(p - best) >= _APART * step_rate), key=lambda p: -score[p])
+    return [float(lags[p] / step_rate) for p in (best, *others[: _MOST - 1])]
 
 
 def _phat_delay(

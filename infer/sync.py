@@ -118,7 +118,8 @@ def _by_sound(sounds: Sequence[Floats | None], c: int, max_offset: float) -> Clo
         return Clock(0.0, 0.0, 0.0, 0.0, 1.0)
     if first is None or other is None:
         return Clock(0.0, 0.0, np.inf, np.inf, 0.0)
-    return audio_clock(first, other, _AUDIO_RATE, max_offset)
+    near = audio_clock(first, other, _AUDIO_RATE, max_offset)
+    return near if np.isfinite(near.offset_sd) else audio_clock(first, other, _AUDIO_RATE)
 
 
 def _by_pictures(
@@ -212,7 +213,7 @@ def sync(
         session: folder with `videos/` and a calibration.
         out: file to write (default: `sync.toml` in the session, where `muybridge run` reads it).
         methods: which are tried; where several know a camera, the surest is used.
-        max_offset: largest offset that is looked for, seconds.
+        max_offset: largest offset that is looked for, seconds; by sound, first, and then any.
         work: results folder whose finished 2D landmarks are used (default: `muybridge/` inside the session).
         read: how the session folder is read.
         detect: 2D landmarks.
@@ -220,6 +221,8 @@ def sync(
     """
     if not methods:
         raise MuybridgeError(f"name at least one of {', '.join(_METHODS)} after --methods")
+    if not max_offset > 0:
+        raise MuybridgeError(f"--max-offset is {max_offset:g}: name the largest offset in seconds, more than 0")
     with Progress(quiet=quiet) as progress:
         opened = open_session(session, read, in_step=False)
         keypoints = None
@@ -229,12 +232,16 @@ def sync(
     names = opened.cameras.names
     for name, clock, method in zip(names, result.clocks, result.methods, strict=True):
         print(f"{name}: {_told(clock, method)}")
+    for name, clock, method in zip(names, result.clocks, result.methods, strict=True):
+        if method == "audio" and clock.offset_sd > 1 / opened.fps:
+            print(f"{name}: its sound repeats itself, so that other offsets fit as well: check a fast movement")
     for line in result.disagreements:
         print(f"methods disagree: {line}")
     if all(m in ("reference", "none") for m in result.methods):
         raise SessionError(
             f"{session}: no way ({', '.join(methods)}) to find how the cameras' clocks stand; nothing was written. "
-            "Sound needs to be in all videos, pictures need a person who moves in two views or more"
+            "Sound needs to be in all videos, pictures need a person who moves in two views or more and offsets of at "
+            f"most {max_offset:g} s (--max-offset)"
         )
     write_sync(out or session / SYNC_FILE, names, result)
     return 0

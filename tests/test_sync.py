@@ -111,6 +111,24 @@ def test_sound_finds_offset_and_drift_over_ten_minutes() -> None:
     assert clock.offset_sd < 1e-3
 
 
+@pytest.mark.parametrize("late", [0.3, -0.8, 1.3])
+def test_beats_are_told_apart_by_what_else_is_heard(late: float) -> None:
+    rng, rate = np.random.default_rng(3), 8000
+    beat = np.zeros(30 * rate)
+    for start in range(0, len(beat) - 500, 6 * rate // 10):
+        beat[start : start + 500] += np.sin(np.arange(500) * 0.8) * np.exp(-np.arange(500) / 70)
+    room, begin = 0.02 * rng.normal(size=len(beat)), 5 * rate
+    other = begin - round(late * rate)
+
+    def heard(sound: np.ndarray, at: int) -> np.ndarray:
+        return sound[at : at + 20 * rate] + 0.01 * rng.normal(size=20 * rate)
+
+    told = audio_clock(heard(beat + room, begin), heard(beat + room, other), rate, 2.0)
+    assert abs(told.offset - late) < 1e-3 and told.offset_sd < 1e-3
+    # Beats alone say nothing of which is which.
+    assert audio_clock(heard(beat, begin), heard(beat, other), rate, 2.0).offset_sd > 0.5
+
+
 def test_silence_is_not_an_offset() -> None:
     assert not np.isfinite(audio_clock(np.zeros(80000), _sound(np.arange(80000) / 8000), 8000).offset_sd)
 
