@@ -36,7 +36,9 @@ _T = TypeVar("_T")
 MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
 PROXY_LONG_SIDE_PX = 960
 # Of a stage's arrays and facts.
-_PLATE, _REPEATS, _HUNG = "plate", "repeats", "frames_width_height_angle_and_long_side"
+# Of a camera's name within a file's, which may have 255.
+_NAME_BYTES = 150
+_PLATE, _REPEATS, _ALIKE_FROM, _HUNG = "plate", "repeats", "alike_from", "frames_width_height_angle_and_long_side"
 # The code between a crop and its landmarks.
 READING_CODE = (
     "muybridge.models.decode",
@@ -132,11 +134,13 @@ class CameraResult:
         tracks: its landmarks, as its pictures show them.
         proxy: the small copy of its video.
         stage: key and timing.
+        hangs_from: the frame from which its film hangs to its end, if it does.
     """
 
     tracks: CameraTracks
     proxy: Path
     stage: StageResult
+    hangs_from: int | None = None
 
     @property
     def plate(self) -> NDArray[np.uint8] | None:
@@ -146,7 +150,13 @@ class CameraResult:
     @property
     def repeats(self) -> NDArray[np.bool_]:
         """(T,) which frames of the video are the one before once more."""
-        return self.stage.arrays[_REPEATS]
+        repeats = self.stage.arrays[_REPEATS]
+        return repeats if self.hangs_from is None else repeats | (np.arange(len(repeats)) >= self.hangs_from)
+
+    @property
+    def alike_from(self) -> int:
+        """The frame from which all pictures up to the last are alike; how many there are if none is."""
+        return int(self.stage.arrays[_ALIKE_FROM])
 
     def backdrop(self) -> Backdrop:
         """The background of the whole video, for looking at it again: hung as it was then, since the camera's pose may
@@ -306,13 +316,13 @@ class _CameraWork:
             self.task.advance(self.session.frames)
             return CameraResult(_tracks(stored, self.models.landmarks), self.proxy, stored)
         start = time.perf_counter()
-        tracks, plate, repeats = self._compute()
+        tracks, plate, repeats, alike_from = self._compute()
         arrays: dict[str, NDArray[Any]] = {
             f.name: values if f.name == "ids" else values.astype(np.float32)
             for f in fields(tracks)
             if f.name != "landmarks" and (values := getattr(tracks, f.name)) is not None
         }
-        arrays |= {_REPEATS: repeats} | ({} if plate is None else {_PLATE: plate})
+        arrays |= {_REPEATS: repeats, _ALIKE_FROM: np.array(alike_from)} | ({} if plate is None else {_PLATE: plate})
         camera = self.session.level_cameras[self.index]
         long_side = int(self.models.metadata["people"]["input_long_side"])
         upright = upright_for(camera, camera.width, camera.height)
@@ -320,7 +330,7 @@ class _CameraWork:
         result = self.store.save(stage, key, arrays, facts, time.perf_counter() - start)
         return CameraResult(_tracks(result, self.models.landmarks), self.proxy, result)
 
-    def _compute(self) -> tuple[CameraTracks, NDArray[np.uint8] | None, NDArray[np.bool_]]:
+    def _compute(self) -> tuple[CameraTracks, NDArray[np.uint8] | None, NDArray[np.bool_], int]:
         video, camera = self.session.videos[self.index], self.session.level_cameras[self.index]
         models = self.models
         estimator = PoseEstimator(
@@ -341,12 +351,12 @@ class _CameraWork:
                 estimator.process(frames)
                 self.task.advance(len(frames))
         tracks = estimator.finish()
-        return tracks, estimator.background(tracks), repeats.confirmed(tracks)
+        return tracks, estimator.background(tracks), repeats.confirmed(tracks), repeats.alike_from
 
 
 def _tracks(stage: StageResult, landmarks: LandmarkSet) -> CameraTracks:
     """Tracks from a stored or just computed stage: the same to the bit in both cases."""
-    arrays = {name: values for name, values in stage.arrays.items() if name not in (_PLATE, _REPEATS)}
+    arrays = {name: values for name, values in stage.arrays.items() if name not in (_PLATE, _REPEATS, _ALIKE_FROM)}
     values: dict[str, Any] = {n: a if n == "ids" else a.astype(np.float64) for n, a in arrays.items()}
     return CameraTracks(landmarks=landmarks, **values)
 
@@ -356,6 +366,7 @@ def file_names(cameras: Sequence[str]) -> tuple[str, ...]:
     names: list[str] = []
     for camera in cameras:
         kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in camera).lstrip(".") or "camera"
+        kept = kept.encode()[:_NAME_BYTES].decode(errors="ignore")
         name, count = kept, 1
         while name.lower() in (n.lower() for n in names):
             count += 1

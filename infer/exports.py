@@ -59,6 +59,11 @@ def result_names(camera_files: Sequence[str]) -> tuple[str, ...]:
     return (*people, *overlays, RUN, CALIBRATION)
 
 
+def is_overlay(name: str) -> bool:
+    """Whether a result is a camera's overlay."""
+    return name.startswith(overlay_name("").split(".")[0])
+
+
 def of_person(name: str, number: int) -> str:
     """`points.trc` of the second person is `points_2.trc`."""
     path = Path(name)

@@ -188,7 +188,7 @@ def run_marker_session(path: Path, out: Path | None, session_options: SessionOpt
     plan = find_marker_set(options.markerset)
     session = open_session(path, session_options)
     place = path / "muybridge" if out is None else out
-    output = open_output(place, RESULTS, [session.calibration, *(v.path for v in session.videos)], overwrite)
+    output = open_output(place, RESULTS, [session.calibration, *(v.path for v in session.videos)], overwrite, path)
     for notice in session.notices:
         progress.notice(notice)
     seen, thresholds = _all_blobs(session, options, progress)

@@ -6,8 +6,10 @@ that was changed since, is someone else's and stays unless `--overwrite` is give
 
 import json
 import os
+import re
 import shutil
 import threading
+import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from muybridge.infer.stages import file_digest, partial_name, write_whole
 WORK = "work"
 MANIFEST = "manifest.json"
 _PARTIAL = ".partial"
+_LATELY = 3600.0  # seconds
 _REMEMBERED = 2  # digests a file: a run killed between manifest and rename leaves the earlier one in place
 
 
@@ -28,8 +31,13 @@ class OutputFolder:
         """Use `open_output`, which checks the folder first."""
         self.path = path
         self.work = path / WORK
-        self._written = _read_manifest(self.work / MANIFEST)
+        self._written, self.of = _read_manifest(self.work / MANIFEST)
         self._lock = threading.Lock()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Everything that was ever written here."""
+        return tuple(self._written)
 
     def owns(self, name: str) -> bool:
         """Whether the file of this name is as muybridge left it."""
@@ -50,7 +58,7 @@ class OutputFolder:
             digest = file_digest(partial)
             with self._lock:
                 self._written[name] = [digest, *self._written.get(name, [])][:_REMEMBERED]
-                text = json.dumps({"written_by": "muybridge", "files": self._written}, indent=1)
+                text = json.dumps({"written_by": "muybridge", "of": self.of, "files": self._written}, indent=1)
                 write_whole(self.work / MANIFEST, lambda p: _write_text(p, text))
             os.replace(partial, path)
         except OSError as error:
@@ -80,14 +88,17 @@ def is_ours(path: Path) -> bool:
     return (path / WORK / MANIFEST).is_file()
 
 
-def open_output(path: Path, names: Sequence[str], inputs: Iterable[Path], overwrite: bool = False) -> OutputFolder:
+def open_output(
+    path: Path, names: Sequence[str], inputs: Iterable[Path], overwrite: bool = False, session: Path | None = None
+) -> OutputFolder:
     """Check that results can go to a folder, and make it.
 
     Args:
         path: the results folder; made if missing.
         names: files that will be written there.
         inputs: files that the run reads; none of their folders may receive results.
-        overwrite: replace files of these names that muybridge did not write.
+        overwrite: replace files of these names that muybridge did not write, or wrote of another session.
+        session: whose results they are; those of another are not replaced. None where that does not matter.
 
     Raises:
         OutputError: the folder belongs to the input, cannot be written, or holds such files.
@@ -111,6 +122,11 @@ def open_output(path: Path, names: Sequence[str], inputs: Iterable[Path], overwr
             f"{path} already has {', '.join(directories or foreign)}, changed or made by something else: "
             f"move it, choose another --out{'' if directories else ', or give --overwrite'}"
         )
+    if session is not None and session.resolve() not in place.parents:  # a session may be moved with its results
+        of = str(session.resolve())
+        if output.of not in ("", of) and not overwrite and any(output.owns(name) for name in output.names):
+            raise OutputError(f"{path} has the results of {output.of}: choose another --out, or give --overwrite")
+        output.of = of
     _sweep(path / WORK)
     return output
 
@@ -145,17 +161,37 @@ def _make_writable(path: Path) -> None:
 
 
 def _sweep(work: Path) -> None:
-    """Remove what runs that were killed left half-written."""
+    """Remove what runs that were killed left half-written, and nothing of one that works there now."""
     for left in work.glob(f".*{_PARTIAL}*"):
+        if _is_written_now(left):
+            continue
         if left.is_dir():
             shutil.rmtree(left, ignore_errors=True)
         else:
             left.unlink(missing_ok=True)
 
 
-def _read_manifest(path: Path) -> dict[str, list[str]]:
+def _is_written_now(partial: Path) -> bool:
+    """Whether another process that is alive is writing a file."""
+    found = re.search(rf"\.(\d+){re.escape(_PARTIAL)}", partial.name)
+    if found is None or int(found[1]) == os.getpid():
+        return False
+    if os.name != "posix":  # where asking for a process would end it
+        return time.time() - partial.stat().st_mtime < _LATELY
     try:
-        files = json.loads(path.read_text(encoding="utf-8"))["files"]
-        return {str(name): [str(d) for d in digests] for name, digests in files.items()}
+        os.kill(int(found[1]), 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        pass  # somebody else's
+    return True
+
+
+def _read_manifest(path: Path) -> tuple[dict[str, list[str]], str]:
+    """The digests of every file, and whose results they are."""
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        files = {str(name): [str(d) for d in digests] for name, digests in manifest["files"].items()}
+        return files, str(manifest.get("of", ""))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return {}
+        return {}, ""

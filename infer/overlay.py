@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import av
 import cv2
@@ -38,6 +38,9 @@ DARK: Colour = (16, 16, 16)
 _SHIFT = 4
 
 
+Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
+
+
 @dataclass(frozen=True)
 class OverlayOptions:
     """How an overlay is drawn and encoded.
@@ -51,10 +54,14 @@ class OverlayOptions:
     """
 
     crf: int = 24
-    preset: str = "veryfast"
+    preset: Preset = "veryfast"
     legend: bool = True
     thumbnail_side_px: int = 480
     thumbnail_quality: int = 72
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.crf <= 51 and 1 <= self.thumbnail_quality <= 100 and self.thumbnail_side_px >= 16):
+            raise ValueError("overlays: crf is 0 to 51, thumbnail-quality 1 to 100, thumbnail-side-px 16 or more")
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ as phones and recorders of webcams do, repeat pictures: they show where somebody
 is 17 cm. So a camera's landmarks are put between those of its own pictures before cameras are compared.
 """
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any
 
@@ -29,6 +30,9 @@ _MOST_S, _MOST_STEPS = 0.12, 1.5
 _STILL = 0.01
 # A picture is as good as the moment's own, in steps, and near enough to learn from.
 _EXACT, _ON_TIME = 0.02, 0.25
+# A film hangs to its end where its last pictures are alike for so long, in seconds, and everybody whom the other
+# cameras have goes by so many sides of their box meanwhile.
+_HANGS_S, _GOES = 0.4, 0.15
 # From so many frames on, and such a share of them, it is said that a film repeats pictures.
 _TOLD, _TOLD_SHARE = 5, 0.04
 
@@ -51,6 +55,12 @@ class Repeats:
         same = self._last is not None and int(cv2.absdiff(coarse, self._last).max()) <= _ALIKE
         self._told.append(same)
         self._last = self._last if same else coarse
+
+    @property
+    def alike_from(self) -> int:
+        """The frame from which all are the one before once more, up to the last; how many there are if none is."""
+        told = np.array(self._told, dtype=np.bool_)
+        return int(len(told) - np.argmin(np.append(told[::-1], False)))
 
     def confirmed(self, tracks: CameraTracks) -> NDArray[np.bool_]:
         """(T,) which of the frames seen so far are repeated while somebody moves. None are if people moved in them:
@@ -84,10 +94,42 @@ def _pictures_around(new: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[
     return pictures[last], pictures[np.minimum(last + 1, len(pictures) - 1)]
 
 
+def hangs(found: Sequence[CameraTracks], alike_from: Sequence[int], fps: float) -> list[int | None]:
+    """The frame from which each film hangs to its end, None where it does not: pictures that are alike may be of
+    somebody who stands still, but not while everybody moves whom another camera has.
+
+    Args:
+        found: what each camera found.
+        alike_from: of each, `Repeats.alike_from`.
+        fps: frames a second.
+    """
+    ends = [len(tracks.points_px) for tracks in found]
+    hung: list[int | None] = []
+    for c, start in enumerate(alike_from):
+        others = [
+            _all_went(found[o], start, min(ends[c], alike_from[o]))
+            for o in range(len(found))
+            if o != c and min(ends[c], alike_from[o]) - start >= _HANGS_S * fps
+        ]
+        told = 0 < start < ends[c] and True in others and False not in others
+        hung.append(start if told else None)
+    return hung
+
+
+def _all_went(tracks: CameraTracks, start: int, end: int) -> bool | None:
+    """Whether everybody whom a camera has in a frame moves from there up to another; None if nobody is there."""
+    low = np.full(end - start, start)
+    moved = _moved(tracks, low, np.arange(start, end))
+    farthest = np.where(np.isfinite(moved), moved, 0.0).max(0)
+    there = tracks.ids[start] >= 0
+    return bool((farthest[there] > _GOES).all()) if there.any() else None
+
+
 def on_time(session: Session, c: int, repeats: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(T,) in which of a camera's frames, those of `repeats` (T,), people are where they are at that moment."""
+    """(T,) in which of the take's frames, of which `repeats` has all that the camera had, people are where they are at
+    that moment."""
     late = 0.0 if session.late is None else session.late[c, : len(repeats)] * session.fps
-    return np.asarray(~repeats & (np.abs(late) <= _ON_TIME))
+    return np.asarray(~repeats[: session.frame_indices.shape[1]] & (np.abs(late) <= _ON_TIME))
 
 
 def in_time(session: Session, c: int, tracks: CameraTracks, repeats: NDArray[np.bool_]) -> CameraTracks:
@@ -119,7 +161,8 @@ def in_time(session: Session, c: int, tracks: CameraTracks, repeats: NDArray[np.
     share[(apart <= 0) | (np.abs(steps - at[low]) < _EXACT)] = 0.0
     nearer = np.where(share > 0.5, high, low)
     outside = (last < 0) | (last == len(pictures) - 1)
-    near = (np.abs(steps - at[nearer]) <= 0.5 + _EXACT) | outside
+    # What is told to repeat the last picture hangs: it shows nothing of that moment.
+    near = (np.abs(steps - at[nearer]) <= 0.5 + _EXACT) | (outside & ~repeats[:count])
     between = (tracks.ids[low] == tracks.ids[high]) & (apart > 0)[:, None] & (share > 0)[:, None]
     far = apart > max(_MOST_S * session.fps, _MOST_STEPS)
     between &= ~(far[:, None] & (_moved(tracks, low, high) > _STILL))
@@ -156,8 +199,9 @@ def _side(tracks: CameraTracks, frames: NDArray[np.intp]) -> NDArray[np.float64]
 
 
 def repeats_notice(session: Session, c: int, repeats: NDArray[np.bool_]) -> str | None:
-    """What is said of a film some of whose pictures, `repeats` (T,), are shown once more; None of others."""
+    """What is said of a film some of whose pictures, `repeats` (T,) or more, are shown once more; None of others."""
     index = session.frame_indices[c, : len(repeats)]
+    repeats = repeats[: len(index)]
     # Those that the session repeats have been said.
     count = int((repeats & np.append(True, index[1:] != index[:-1])).sum())
     if count < max(_TOLD, _TOLD_SHARE * len(repeats)):

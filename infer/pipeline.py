@@ -25,7 +25,7 @@ from muybridge.infer.detect import CameraResult, DetectOptions, Models, detect, 
 from muybridge.infer.keypoints import first_frames, merge_markers, merge_tracks
 from muybridge.infer.outputs import WORK, OutputFolder, open_output
 from muybridge.infer.overlay import OverlayOptions
-from muybridge.infer.own_times import in_time, repeats_notice
+from muybridge.infer.own_times import hangs, in_time, repeats_notice
 from muybridge.infer.progress import Progress
 from muybridge.infer.quality import Quality, assess, unsure_landmarks
 from muybridge.infer.second_look import SecondLook, SecondLookOptions
@@ -138,7 +138,7 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     files = file_names(session.cameras.names)
     inputs = [session.calibration, *(v.path for v in session.videos)]
     place = path / DEFAULT_OUT if out is None else out
-    output = open_output(place, exports.result_names(files), inputs, options.overwrite)
+    output = open_output(place, exports.result_names(files), inputs, options.overwrite, path)
     store = StageStore(output.work)
     progress.say(f"{session.name}: {len(session.cameras)} cameras, {session.frames} frames at {session.fps:.4g} fps")
     for notice in session.notices:
@@ -185,7 +185,7 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
         session = stood_up(session, files, models, store, first, progress, turn=options.world == "upright")
         detected = detect(session, files, models, store, first, progress)
         ahead.wait(progress)
-    session, keypoints, markers = _common(session, detected, progress)
+    session, detected, keypoints, markers = _common(session, detected, progress)
     clocks = session.clocks
 
     def in_step(found: Keypoints2D) -> Keypoints2D:
@@ -194,7 +194,7 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
     keypoints, markers = in_step(keypoints), None if markers is None else in_step(markers)
     if clocks is not None:
         session = with_notice(session, f"the cameras' 2D landmarks were put in step by {SYNC_FILE}", progress)
-    key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras, clocks)
+    key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras, clocks, session.late)
     session, calibration, before = _calibrated(session, keypoints, key, store, options, progress)
     key = digest(key, session.cameras.cameras)
     again = SecondLook(
@@ -288,14 +288,17 @@ def _write(
     )
     written += pages
     kept = {*written, exports.RUN}
-    output.retire(name for name in exports.result_names(files) if name not in kept)
+    # Overlays of cameras that take no part now, or of another session.
+    earlier = (name for name in output.names if exports.is_overlay(name))
+    output.retire(name for name in {*exports.result_names(files), *earlier} if name not in kept)
     return written, stages, problems
 
 
 def _common(
     session: Session, detected: Sequence[CameraResult], progress: Progress
-) -> tuple[Session, Keypoints2D, Keypoints2D | None]:
-    """Everyone's 2D landmarks and markers over the frames that every camera really had."""
+) -> tuple[Session, list[CameraResult], Keypoints2D, Keypoints2D | None]:
+    """Everyone's 2D landmarks and markers over the frames that every camera really had, and what each found, with where
+    its film hangs."""
     counts = [len(d.tracks.points_px) for d in detected]
     frames = min(counts)
     if frames == 0:
@@ -308,8 +311,14 @@ def _common(
     for c, found in enumerate(detected):
         if (repeats := repeats_notice(session, c, found.repeats)) is not None:
             session = with_notice(session, repeats, progress)
+    hung = hangs([d.tracks for d in detected], [d.alike_from for d in detected], session.fps)
+    for c, start in enumerate(hung):
+        if start is not None:
+            notice = f"{session.videos[c].path.name} hangs from frame {start} to its end, while others see people move"
+            session = with_notice(session, f"{notice}: it is left out there", progress)
+    detected = [replace(d, hangs_from=start) for d, start in zip(detected, hung, strict=True)]
     tracks = [in_time(session, c, first_frames(d.tracks, frames), d.repeats) for c, d in enumerate(detected)]
-    return session, merge_tracks(tracks), merge_markers(tracks)
+    return session, detected, merge_tracks(tracks), merge_markers(tracks)
 
 
 def session_facts(session: Session) -> dict[str, Any]:

@@ -234,6 +234,9 @@ def _chosen(
         raise SessionError(
             f"{calibration} has no camera {', '.join(unknown)}; --cameras may name {', '.join(group.names)}"
         )
+    names = tuple(dict.fromkeys(names))
+    if len(names) < 2:
+        raise SessionError(f"--cameras names {names[0]} alone: motion needs at least two cameras that see the person")
     pairs = _pair_by_name([f.stem for f in files], group.names)
     kept = [files[pairs[n]] for n in names if n in pairs]
     return group.select(names), kept if kept else files

@@ -74,6 +74,10 @@ class SolveOptions:
     fill_share: float = 0.5
     everyone: bool = False
 
+    def __post_init__(self) -> None:
+        if self.least_sure is not None and not 0 <= self.least_sure <= 1:
+            raise ValueError(f"least-sure is {self.least_sure:g}: a score from 0 to 1")
+
     @property
     def sure_from(self) -> float:
         """The score from which a landmark counts as seen."""

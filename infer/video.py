@@ -386,19 +386,31 @@ class VideoWriter:
         """Add one (H, W, 3) RGB frame, scaled to the file's size where it differs."""
         if (image.shape[1], image.shape[0]) != self.size:
             image = cv2.resize(image, self.size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
-        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
-        for packet in self._stream.encode(frame):
-            self._container.mux(packet)
+        self._encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24"))
+
+    def _encode(self, frame: av.VideoFrame | None) -> None:
+        """A frame, or with None what the encoder still holds."""
+        try:
+            for packet in self._stream.encode(frame):
+                self._container.mux(packet)
+        except (av.error.FFmpegError, OSError) as error:
+            raise self._failure(error) from None
+
+    def _failure(self, error: Exception) -> OutputError:
+        return OutputError(f"{self.path} cannot be written ({_reason(error)}); free its disk or choose another --out")
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
             if kind is None:
-                for packet in self._stream.encode(None):
-                    self._container.mux(packet)
-            self._container.close()
-            if kind is None:
-                os.replace(self._partial, self.path)
+                self._encode(None)
+            try:
+                self._container.close()
+                if kind is None:
+                    os.replace(self._partial, self.path)
+            except (av.error.FFmpegError, OSError) as failed:
+                if kind is None:  # else there is an error already, and it is the one to be told
+                    raise self._failure(failed) from None
         finally:
             self._partial.unlink(missing_ok=True)

@@ -7,7 +7,7 @@ import pytest
 
 from muybridge.geometry.landmarks import BODY23
 from muybridge.infer.keypoints import CameraTracks
-from muybridge.infer.own_times import Repeats, in_time, on_time, repeats_notice
+from muybridge.infer.own_times import Repeats, hangs, in_time, on_time, repeats_notice
 from muybridge.infer.video import VideoWriter, probe_video, read_chunks
 
 FPS, COUNT = 30.0, len(BODY23)
@@ -78,7 +78,7 @@ def test_of_a_camera_that_hung_nothing_is_made_up_unless_they_stood_still():
     still = in_time(session(40), 0, tracks(0.01 * source), repeats)
     assert np.isfinite(at(still)).all() and at(still) == pytest.approx(0.01 * np.arange(40), abs=0.01)
     ended = in_time(session(40), 0, tracks(5.0 * np.minimum(np.arange(40), 30)), np.arange(40) > 30)
-    assert at(ended)[31:] == pytest.approx(150.0), "what never changes again is left as it is"
+    assert np.isnan(at(ended)[31:]).all(), "a film that hangs to its end, which `hangs` tells, shows nothing there"
 
 
 def test_nobody_is_put_between_two_people():
@@ -119,6 +119,33 @@ def test_pictures_that_are_only_alike_are_no_repeats(tmp_path):
             repeats.see(frame)
     assert np.mean(repeats._told) > 0.3
     assert not repeats.confirmed(tracks(x)).any()
+
+
+def test_a_film_that_hangs_to_its_end_is_told_by_the_others():
+    walks, stays = tracks(np.arange(40) * 5), tracks(np.zeros(40))
+    froze = tracks(np.minimum(np.arange(40), 19) * 5)
+    assert hangs([froze, walks], [20, 40], FPS) == [20, None]
+    # Not where the others see somebody stand still as well, for a moment alone, or where all films do.
+    assert hangs([froze, stays], [20, 40], FPS) == [None, None]
+    assert hangs([froze, walks], [36, 40], FPS) == [None, None]
+    assert hangs([froze, froze], [20, 20], FPS) == [None, None]
+    left = in_time(session(40), 0, froze, np.arange(40) >= 20)
+    assert (left.ids[:20] == 0).all() and (left.ids[20:] == -1).all() and np.isnan(left.points_px[20:]).all()
+
+
+def test_pictures_that_are_alike_to_the_end_are_counted():
+    pictures = np.random.default_rng(0).integers(0, 255, (6, 40, 40, 3)).astype(np.uint8)
+    for shown, expected in (([0, 1, 2, 2, 2], 3), ([0, 1, 1, 2], 4), ([0, 0, 0], 1)):
+        repeats = Repeats()
+        for k in shown:
+            repeats.see(pictures[k])
+        assert repeats.alike_from == expected
+
+
+def test_a_camera_may_have_more_frames_than_the_take():
+    repeats = np.arange(50) % 3 == 1
+    assert f"{repeats[:40].sum()} of 40 frames" in repeats_notice(session(40), 0, repeats)
+    assert on_time(session(40, np.zeros(40)), 0, repeats).shape == (40,)
 
 
 def test_a_film_that_repeats_pictures_is_named():

@@ -252,6 +252,13 @@ def test_films_that_were_begun_at_other_times_are_cut_to_what_all_show(make_sess
     assert apart.frames == 30 and apart.clocks is None
 
 
+def test_cameras_are_named_once_and_at_least_two(make_session):
+    folder = make_session()
+    assert open_session(folder, SessionOptions(cameras=("cam3", "cam1", "cam3"))).cameras.names == ("cam3", "cam1")
+    with pytest.raises(SessionError, match="--cameras names cam1 alone"):
+        open_session(folder, SessionOptions(cameras=("cam1", "cam1")))
+
+
 def _as_pictures(session, folder):
     shutil.rmtree(session / "videos")
     for camera in ("cam1", "cam2"):

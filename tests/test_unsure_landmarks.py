@@ -61,6 +61,11 @@ def test_guesses_are_kept_where_they_are_asked_for_or_one_camera_is_sure(walk, t
     assert np.isfinite(solved(walk, score, tmp_path / "one").points.points_world).all()
 
 
+def test_a_score_is_a_share():
+    with pytest.raises(ValueError, match="least-sure is 5"):
+        SolveOptions(least_sure=5)
+
+
 def test_a_short_doubt_is_bridged_by_the_body(walk, tmp_path):
     _, world, px = walk
     score = np.ones(px.shape[:2] + px.shape[3:4])

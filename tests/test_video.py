@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from muybridge.errors import VideoError
+from muybridge.errors import OutputError, VideoError
 from muybridge.infer.video import (
     VideoWriter,
     chunk_frames,
@@ -212,3 +212,19 @@ def test_a_writer_that_fails_leaves_nothing(tmp_path):
         writer.write(np.zeros((64, 64, 3), np.uint8))
         raise RuntimeError
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_said_in_one_line(tmp_path):
+    class Full:
+        def mux(self, packet):
+            raise OSError(28, "No space left on device")
+
+        def close(self):
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(OutputError, match="film.mp4 cannot be written .*; free its disk or choose another --out"):
+        with VideoWriter(tmp_path / "film.mp4", 64, 48, 25) as writer:
+            container, writer._container = writer._container, Full()
+            writer.write(np.zeros((48, 64, 3), np.uint8))
+    container.close()
+    assert not list(tmp_path.iterdir())
