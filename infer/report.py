@@ -147,7 +147,7 @@ def render_report(data: ReportData) -> str:
     parts = {
         "title": html.escape(data.title),
         "css": read_asset("report.css"),
-        "heading": heading_section(data.title, points, summary, len(cameras), data.timings_s, data.files)
+        "heading": heading_section(data.title, points, summary, bones, len(cameras), data.timings_s, data.files)
         + people_section(data.number, data.pages),
         "findings": findings_section(said, data.person),
         "cameras": cameras_section(cameras),

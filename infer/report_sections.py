@@ -58,12 +58,13 @@ def heading_section(
     title: str,
     points: Points3D,
     figures: Headline,
+    bones: Sequence[BoneFigures],
     camera_count: int,
     timings_s: Mapping[str, float],
     files: Sequence[str],
 ) -> str:
     """Title, verdict, the headline figures and links to the other results."""
-    rating, sentence = verdict(figures)
+    rating, sentence = verdict(figures, bones)
     frames = len(points.points_world)
     label = {"good": "Good take", "fair": "Usable, with care", "poor": "Needs attention"}[rating]
     filled = figures.coverage - figures.measured_coverage

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.association import find_people, take_person
-from muybridge.geometry.calibration.level import levelled, standing_axes
+from muybridge.geometry.calibration.level import lean_note, levelled, on_their_heads, standing_axes
 from muybridge.geometry.landmarks import Keypoints2D
 from muybridge.geometry.triangulation import triangulate
 from muybridge.infer.detect import DetectOptions, Models, detect
@@ -33,7 +33,7 @@ def stood_up(
     session: Session, file_names: Sequence[str], models: Models, store: StageStore, options: DetectOptions,
     progress: Progress, turn: bool = False,
 ) -> Session:  # fmt: skip
-    """The session with `upright` cameras, where its calibration's Z axis is not believed to be up.
+    """The session with `upright` cameras, where its calibration's Z axis is not believed to be up, or may point down.
 
     Args:
         session: C cameras and their videos.
@@ -44,7 +44,8 @@ def stood_up(
         progress: whom to tell.
         turn: into the upright world altogether, so that results stand in it.
     """
-    if session.level_cameras is session.cameras:
+    in_doubt = session.level_cameras is session.cameras
+    if in_doubt and not on_their_heads(session.cameras):
         return session
     videos = [[v.path.name, v.size_bytes, v.mtime_ns] for v in session.videos]
     key = digest(
@@ -57,18 +58,22 @@ def stood_up(
         frames, fps = _moments(session.frames, session.fps)
         part = replace(session, frame_indices=session.frame_indices[:, frames], fps=fps)
         (store.folder / STAGE).mkdir(exist_ok=True)
-        progress.say("the calibration's Z axis is not up: looking at a few moments for people who stand")
+        doubt = "may point down" if in_doubt else "is not up"
+        progress.say(f"the calibration's Z axis {doubt}: looking at a few moments for people who stand")
         found = detect(part, file_names, models, StageStore(store.folder / STAGE), options, progress)
         shared = min(len(result.tracks.points_px) for result in found)  # a film may end before its header says
         axes = _axes(part, merge_tracks([first_frames(result.tracks, shared) for result in found]))
         stage = store.save(STAGE, key, {"standing": axes}, {}, time.perf_counter() - start)
     upright = levelled(session.cameras, stage.arrays["standing"])
-    notice = ""
+    notices: list[str] = []
     if upright is session.cameras:
-        notice = "people who stand say otherwise: the calibration's Z axis is up, and cameras hang askew"
+        if not in_doubt:
+            notices = ["people who stand say otherwise: the calibration's Z axis is up, and cameras hang askew"]
     elif turn:
-        notice = "the world was turned upright: results and the calibration beside them have Z up"
-    if notice:
+        notices = ["the world was turned upright: results and the calibration beside them have Z up"]
+    elif in_doubt:
+        notices = list(lean_note(session.cameras, stage.arrays["standing"]))
+    for notice in notices:
         session = with_notice(session, notice, progress)
     return replace(session, cameras=upright if turn else session.cameras, upright=upright)
 

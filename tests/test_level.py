@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from muybridge.geometry.calibration.level import believed_up, lean_note, levelled, standing_axes
+from muybridge.geometry.calibration.level import believed_up, lean_note, levelled, on_their_heads, standing_axes
 from muybridge.geometry.calibration.world import moved
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.landmarks import LandmarkSet
@@ -95,6 +95,21 @@ def test_who_stands_tells_where_cameras_do_not_agree() -> None:
     # A world that is level stays so, whoever leans.
     np.testing.assert_array_equal(believed_up(cameras, axes), Z_UP)
     assert standing_axes(people[:, :4], LandmarkSet("four", names[:4], ())).shape == (0, 3)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 6])
+def test_who_stands_tells_a_world_upside_down_from_cameras_on_their_heads(count: int) -> None:
+    rng = np.random.default_rng(20 + count)
+    for _ in range(8):
+        rolls = rng.normal(0, 4, count)
+        assert not any(on_their_heads(rig(rng, count, rolls + turn)) for turn in (0, 90, -90))
+        hung = rig(rng, count, rolls + 180)
+        assert on_their_heads(hung)
+        standing = Rotation.from_rotvec(rng.normal(0, np.radians(5), (12, 3))).apply(Z_UP)
+        assert levelled(hung, standing) is hung and lean_note(hung, standing) == ()
+        assert believed_up(hung, -standing)[2] < -0.95
+        (note,) = lean_note(hung, -standing)
+        assert "who stands before them, up is about the calibration's -Z axis" in note
 
 
 def test_who_stands_on_a_level_floor_takes_doubts_away() -> None:

@@ -23,6 +23,7 @@ from muybridge.infer.report import (
     write_report,
 )
 from muybridge.infer.report_figures import (
+    BoneFigures,
     bone_figures,
     camera_figures,
     coverage,
@@ -117,7 +118,12 @@ def test_good_take_has_nothing_to_say() -> None:
     # Rayleigh: the median length of a 2D Gaussian of 1 px is 1.177 px.
     assert figures.residual_px == pytest.approx(1.177, rel=0.03)
     assert figures.leave_one_out_px == pytest.approx(1.3 * 1.177, rel=0.03)
-    assert verdict(figures)[0] == "good"
+    bones = bone_figures(points)
+    assert verdict(figures, bones)[0] == "good"
+    # Two cameras agree on any depth: what tells is a shoulder width that varies.
+    assert verdict(figures, [*bones, BoneFigures("left shoulder to right shoulder", 0.29, 0.07, 3, -1)])[0] == "fair"
+    rating, sentence = verdict(figures, [*bones, BoneFigures("left hip to right hip", 0.2, 0.08, 3, -1)])
+    assert rating == "poor" and "left hip to right hip changes its length by ±40 %" in sentence
     assert _texts(rig, px, points) == ""
 
 

@@ -115,17 +115,25 @@ def levelled(cameras: CameraGroup, standing: Floats | None = None) -> CameraGrou
     return moved(cameras, facing(cameras, up, np.zeros(3)))
 
 
-def lean_note(cameras: CameraGroup) -> tuple[str, ...]:
+def on_their_heads(cameras: CameraGroup) -> bool:
+    """Whether all cameras would hang upside down if Z were up: a ceiling's do, and so do those of a world whose Z
+    points down, as that of a board on the floor may. How cameras hang cannot tell; people who stand can."""
+    x, y = cameras.cam_from_world[:, 0, 2], cameras.cam_from_world[:, 1, 2]
+    return bool((np.hypot(x, y) > _STEEP).all() and (np.abs(np.arctan2(x, -y)) > math.pi - 4 * _ROLL_SD).all())
+
+
+def lean_note(cameras: CameraGroup, standing: Floats | None = None) -> tuple[str, ...]:
     """A note where up is not believed to be the world's Z axis."""
-    up = believed_up(cameras)
+    up = believed_up(cameras, standing)
     if up[2] == 1.0:
         return ()
     axis = int(np.argmax(np.abs(up)))
     where = f"about the calibration's {'-' if up[axis] < 0 else '+'}{'XYZ'[axis]} axis and not +Z"
     if axis == 2 and up[2] > 0:
         where = f"{math.degrees(math.acos(up[2])):.0f} degrees off the calibration's Z axis"
+    told = "seen from the cameras" if standing is None else "by the cameras and who stands before them"
     return (
-        f"seen from the cameras, up is {where}: people are looked for upright all the same, but results will lie as "
+        f"{told}, up is {where}: people are looked for upright all the same, but results will lie as "
         "the calibration does; `muybridge run --world upright` stands them up, `muybridge calibrate world` the "
         "calibration",
     )
