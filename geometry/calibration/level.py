@@ -27,8 +27,8 @@ _ALIKE, _ALIKE_SHARE = (math.pi / 2, -math.pi / 2, math.pi), 0.04
 _DOWN, _DOWN_SD, _STEEPLY = math.radians(10.0), math.radians(25.0), 0.1
 # Looking up or down more steeply than this (cosine), no side of the picture is up.
 _STEEP = 0.35
-# Share of calibrations whose Z axis is not up, and how much likelier than not it has to be.
-_LEANING, _ODDS = 0.15, 100.0
+# Shares of calibrations whose Z axis is not up, and points down, and how much likelier than not it has to be.
+_LEANING, _UPSIDE_DOWN, _ODDS = 0.15, 0.02, 100.0
 # A camera looks straight up if the cosine is above this.
 _STRAIGHT_UP = 1 - 1e-9
 # How people stand: upright to within so much, or anyhow; and what any number of moments of one take tell, in moments
@@ -45,9 +45,9 @@ _NEAR = math.radians(6.0)
 def believed_up(cameras: CameraGroup, standing: Floats | None = None) -> Floats:
     """(3,) the unit vector that is up: world Z, unless the cameras together say otherwise.
 
-    Two explanations are weighed (Bayes): that Z is up and every camera hangs as it does, or that up is any direction,
-    all being as likely, and cameras are hung level as they mostly are. Where a camera would look straight up the world
-    is that camera's own, as programs make it that know no other.
+    Three explanations are weighed (Bayes): that Z is up and every camera hangs as it does, that it is down, or that up
+    is any direction, all being as likely, and cameras are hung level as they mostly are. Where a camera would look
+    straight up the world is that camera's own, as programs make it that know no other.
 
     Args:
         cameras: at least one.
@@ -60,11 +60,13 @@ def believed_up(cameras: CameraGroup, standing: Floats | None = None) -> Floats:
     each = _log_likelihood(rotations, _sphere()) + _log_standing(standing, _sphere())
     most = float(each.max())
     leaning = most + math.log(np.exp(each - most).mean()) + math.log(_LEANING)
-    upright = _log_likelihood(rotations, z_up[None]) + _log_standing(standing, z_up[None])
+    ways = np.stack([z_up, -z_up])
+    upright, down = _log_likelihood(rotations, ways) + _log_standing(standing, ways)
+    upright, down = float(upright) + math.log(1 - _LEANING - _UPSIDE_DOWN), float(down) + math.log(_UPSIDE_DOWN)
     its_own = rotations[:, 2, 2].max() > _STRAIGHT_UP
-    if leaning - float(upright[0]) - math.log(1 - _LEANING) < math.log(_ODDS) and not its_own:
+    if max(leaning, down) - upright < math.log(_ODDS) and not its_own:
         return z_up
-    return _likeliest(each)
+    return -z_up if down > leaning and not its_own else _likeliest(each)
 
 
 def level(cameras: CameraGroup, points: Floats) -> Floats:
