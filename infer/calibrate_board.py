@@ -13,18 +13,21 @@ import tyro
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.board import Board, fitting_descriptions
-from muybridge.geometry.calibration.board_lens import FEWEST_CORNERS, FEWEST_VIEWS, View
+from muybridge.geometry.calibration.board_lens import FEWEST_CORNERS, FEWEST_VIEWS, View, usable
 from muybridge.geometry.calibration.level import level
 from muybridge.geometry.calibration.rig import BoardOptions, RigCalibration, calibrate_lenses, calibrate_rig
-from muybridge.geometry.calibration.solved import Solved, table
+from muybridge.geometry.calibration.solved import Solved, misfits, table
 from muybridge.geometry.calibration.world import moved, on_board
 from muybridge.geometry.cameras import CameraGroup
-from muybridge.infer.board_pictures import Pictures, find_pictures, look_for_board, some_pictures
+from muybridge.infer.board_pictures import Pictures, at_moment, find_pictures, look_for_board, some_pictures
+from muybridge.infer.calibrate_outputs import check_replaceable
 from muybridge.infer.calibration_report import write_solved_page
 from muybridge.infer.progress import Progress
 
 _LOOKED_FOR_OTHERS = 12
 _OUT_OF_STEP = 0.05
+# Metres; larger ones are millimetres or, where few, centimetres.
+_LARGEST_SQUARE, _SURELY_MM = 1.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -63,13 +66,21 @@ def chosen_board(choice: BoardChoice) -> Board:
     """
     try:
         if choice.board_file is not None:
-            return _board_of(choice.board_file)
-        return Board(
-            choice.board, choice.columns, choice.rows, choice.square, choice.marker_share, choice.dictionary,
-            choice.inverted, choice.legacy,
-        )  # fmt: skip
+            found = _board_of(choice.board_file)
+        else:
+            found = Board(
+                choice.board, choice.columns, choice.rows, choice.square, choice.marker_share, choice.dictionary,
+                choice.inverted, choice.legacy,
+            )  # fmt: skip
     except ValueError as error:
         raise CalibrationError(f"the board's description: {error}") from None
+    if found.square > _LARGEST_SQUARE:
+        meant = found.square / (100 if found.square < _SURELY_MM else 1000)
+        raise CalibrationError(
+            f"the board's description: squares of {found.square:g} m; their side is given in metres: did you mean "
+            f"{meant:g}?"
+        )
+    return found
 
 
 def _board_of(path: Path) -> Board:
@@ -99,6 +110,7 @@ def board(
     floor: int | None = None,
     timestamps: Path | None = None,
     every: int | None = None,
+    overwrite: bool = False,
     quiet: bool = False,
 ) -> int:
     """Lenses and poses of cameras from a board that is moved before them, seen in films or images.
@@ -114,13 +126,17 @@ def board(
             the world's floor. Without, up is guessed from how the cameras are held; see `muybridge calibrate world`.
         timestamps: CSV that says which frames belong together (default: `timestamps.csv` in the folder).
         every: look at every so many-th frame of films (default: six a second).
+        overwrite: replace files there that muybridge did not write.
         quiet: say only the result.
     """
     wanted = chosen_board(choice)
     if every is not None and every < 1:
         raise CalibrationError(f"--every must be at least 1, not {every}")
+    check_replaceable([out] if lenses_only else [out, out.with_suffix(".html")], overwrite)
     with Progress(quiet=quiet) as progress:
-        pictures = find_pictures(folder, timestamps, every)
+        pictures = find_pictures(folder, timestamps, every, floor)
+        if floor is not None:
+            _check_floor(wanted, pictures, floor, progress)
         views, sizes = look_for_board(pictures, wanted, progress)
         check_seen(wanted, pictures, views)
         known = _known(lenses, [p.name for p in pictures], sizes) if lenses is not None else None
@@ -131,7 +147,7 @@ def board(
                     save_calibration(result.cameras, out)
                     _say_lenses(result)
                     return 0
-                rig = calibrate_rig(wanted, views, sizes, options, known)
+                rig = calibrate_rig(wanted, views, sizes, options, known, floor)
             except CalibrationError as error:
                 raise CalibrationError(f"{error}{_others(wanted, pictures, views)}") from None
     cameras, said = _world(rig, floor)
@@ -140,6 +156,16 @@ def board(
     for line in [*table(rig.solved), *told(rig), said, f"written: {out}", shown]:
         print(line)
     return 0
+
+
+def _check_floor(wanted: Board, pictures: Sequence[Pictures], floor: int, progress: Progress) -> None:
+    """Raise where nobody sees the board at the moment at which it should lie on the floor: before the long work."""
+    views, _ = look_for_board(at_moment(pictures, floor, "--floor"), wanted, progress)
+    if not any(usable(wanted, list(mine.values())) for mine in views.values()):
+        raise CalibrationError(
+            f"--floor {floor}: the board ({wanted.describe()}) was not seen at that moment, or too little of it; name "
+            "one at which it lay on the floor in full view"
+        )
 
 
 def check_seen(wanted: Board, pictures: Sequence[Pictures], views: Mapping[str, Mapping[int, View]]) -> None:
@@ -188,12 +214,7 @@ def _world(rig: RigCalibration, floor: int | None) -> tuple[CameraGroup, str]:
             "world: up is guessed from how the cameras are held, the origin is amid the board's places; "
             "set it with --floor or `muybridge calibrate world`"
         )
-    at = np.nonzero(rig.times == floor)[0]
-    if not len(at):
-        raise CalibrationError(
-            f"--floor {floor}: the board was not seen at that moment; seen from {rig.times[0]} to {rig.times[-1]}"
-        )
-    change = on_board(rig.cameras, rig.world_from_boards[at[0]])
+    change = on_board(rig.cameras, rig.world_from_boards[int(np.searchsorted(rig.times, floor))])
     return moved(rig.cameras, change), f"world: the board's place at moment {floor} is the floor and the origin"
 
 
@@ -210,6 +231,7 @@ def told(rig: RigCalibration) -> list[str]:
             f"the cameras do not expose together; against {names[0]}, in frames of the table of moments: {means}, each "
             f"view +- {rig.delay_spread:.2f}; the errors above are those left once this is taken into account"
         )
+    lines += [m.sentence for m in misfits(rig.solved) if not m.grave]  # the grave ones are said with the page
     weak = [n for n, count in ((b, c) for _, b, c in rig.joined) if count < 5]
     if weak:
         lines.append(f"few shared views for {', '.join(weak)}: show the board longer where several cameras see it")

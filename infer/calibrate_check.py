@@ -14,6 +14,7 @@ from muybridge.geometry.calibration.culprits import CulpritOptions
 from muybridge.geometry.calibration.quality import CalibrationQuality, check_take
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import Keypoints2D
+from muybridge.infer.calibrate_outputs import check_replaceable
 from muybridge.infer.calibrate_people import DEFAULT_RESULTS, session_keypoints
 from muybridge.infer.calibration_figures import blamed
 from muybridge.infer.calibration_report import CalibrationPage, write_calibration_page
@@ -37,6 +38,7 @@ def check(
     work: Path | None = None,
     read: Annotated[SessionOptions, _FLAT] = SessionOptions(),  # noqa: B008
     detect: Annotated[DetectOptions, _FLAT] = DetectOptions(),  # noqa: B008
+    overwrite: bool = False,
     quiet: bool = False,
 ) -> int:
     """Is the calibration good, and if not, which camera is it: turned, out of step, wrong lens or file?
@@ -48,11 +50,13 @@ def check(
         work: results folder whose finished 2D landmarks are used (default: `muybridge/` inside the session).
         read: how the session folder is read.
         detect: 2D landmarks.
+        overwrite: replace --out where muybridge did not write it.
         quiet: say only the result.
     """
     from muybridge.infer.sync import synchronised
 
     start = time.perf_counter()
+    check_replaceable([] if out is None else [out], overwrite)
     with Progress(quiet=quiet) as progress:
         opened = open_session(session, read)
         for notice in opened.notices:

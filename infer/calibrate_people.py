@@ -19,6 +19,7 @@ from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.landmarks import Keypoints2D
 from muybridge.geometry.swaps import repair_swaps
 from muybridge.geometry.triangulation import leave_one_out_error
+from muybridge.infer.calibrate_outputs import check_replaceable
 from muybridge.infer.detect import DetectOptions, detect, file_names, first_look, is_finished, open_models
 from muybridge.infer.keypoints import merge_tracks
 from muybridge.infer.outputs import open_output
@@ -70,6 +71,7 @@ def people(
     work: Path | None = None,
     read: Annotated[SessionOptions, tyro.conf.arg(name="")] = SessionOptions(),  # noqa: B008
     detect: Annotated[DetectOptions, tyro.conf.arg(name="")] = DetectOptions(),  # noqa: B008
+    overwrite: bool = False,
     quiet: bool = False,
 ) -> int:
     """Cameras from the people who move before them: refine a calibration, or find the poses from nothing.
@@ -83,10 +85,12 @@ def people(
         work: results folder whose finished 2D landmarks are used (default: `muybridge/` inside the session).
         read: how the session folder is read.
         detect: 2D landmarks.
+        overwrite: replace files there that muybridge did not write.
         quiet: say only the result.
     """
     from muybridge.infer.sync import synchronised
 
+    check_replaceable([out], overwrite)
     with Progress(quiet=quiet) as progress:
         opened = open_session(session, read)
         for notice in opened.notices:

@@ -10,9 +10,11 @@ import tyro
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.board_lens import Lens
+from muybridge.geometry.calibration.common import far_apart_note
 from muybridge.geometry.calibration.points import KnownPoints, calibrate_points
 from muybridge.geometry.calibration.solved import table
 from muybridge.geometry.cameras import CameraGroup
+from muybridge.infer.calibrate_outputs import check_replaceable
 from muybridge.infer.calibration_report import write_solved_page
 from muybridge.infer.video import probe_video
 
@@ -22,6 +24,8 @@ COLUMNS = ("camera", "x", "y", "z", "u", "v")
 def read_points(path: Path) -> dict[str, KnownPoints]:
     """Known points of each camera from a CSV with the columns camera, x, y, z (metres), u, v (px).
 
+    Separated by commas, tabs, or semicolons, with which numbers may have decimal commas.
+
     Rows whose pixels are empty (a point that the camera does not see) are left out.
 
     Raises:
@@ -30,7 +34,10 @@ def read_points(path: Path) -> dict[str, KnownPoints]:
     rows: dict[str, list[list[float]]] = {}
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file, skipinitialspace=True)
+            first = file.readline()
+            file.seek(0)
+            between = max(",;\t", key=first.count)
+            reader = csv.DictReader(file, skipinitialspace=between != "\t", delimiter=between)
             names = [n.strip().lower() for n in reader.fieldnames or []]
             missing = [c for c in COLUMNS if c not in names]
             if missing:
@@ -42,6 +49,8 @@ def read_points(path: Path) -> dict[str, KnownPoints]:
                 values = {c: (row[c] or "").strip() for c in COLUMNS}
                 if not values["u"] and not values["v"]:
                     continue
+                if between == ";":
+                    values |= {c: values[c].replace(",", ".") for c in COLUMNS[1:]}
                 rows.setdefault(values["camera"], []).append([_number(path, line, c, values[c]) for c in COLUMNS[1:]])
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise CalibrationError(f"{path}: cannot be read ({error})") from None
@@ -70,6 +79,7 @@ def points(
     lenses: Path | None = None,
     lens: Lens = "pinhole",
     sigma_px: float = 1.0,
+    overwrite: bool = False,
 ) -> int:
     """Cameras from points whose place is known and their pixels, with their lenses or with lenses given.
 
@@ -82,7 +92,9 @@ def points(
         lenses: calibration file whose lenses are kept; 4 points are enough then, otherwise 6.
         lens: model, without --lenses.
         sigma_px: how well the pixels were measured.
+        overwrite: replace files there that muybridge did not write.
     """
+    check_replaceable([out, out.with_suffix(".html")], overwrite)
     known = read_points(table_of_points)
     if sigma_px <= 0:
         raise CalibrationError(f"--sigma-px must be positive, not {sigma_px:g}")
@@ -105,7 +117,8 @@ def points(
     save_calibration(result.solved.cameras, out)
     solved = result.solved
     shown = write_solved_page(out, out.stem, solved, f"{len(np.unique(solved.point))} known points", solved.cameras)
-    for line in [*table(result.solved), *result.notes, f"written: {out}", shown]:
+    notes = [*result.notes, *far_apart_note(solved.cameras, "the points' coordinates")]
+    for line in [*table(result.solved), *notes, f"written: {out}", shown]:
         print(line)
     return 0
 

@@ -19,6 +19,7 @@ from muybridge.geometry.calibration.scan import (
     ScanOptions,
     calibrate_scan,
 )
+from muybridge.infer.calibrate_outputs import check_replaceable
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import natural_key
 from muybridge.infer.video import is_video, probe_video, read_chunks
@@ -37,6 +38,7 @@ def scan(
     max_photos: int = 80,
     options: Annotated[ScanOptions, tyro.conf.arg(name="")] = ScanOptions(),  # noqa: B008 - frozen
     model: Path | None = None,
+    overwrite: bool = False,
     quiet: bool = False,
 ) -> int:
     """Cameras from a scan: photographs or a video that somebody took walking around the room.
@@ -50,8 +52,10 @@ def scan(
         max_photos: as many photographs, sharp and evenly spread, are taken of a video at most.
         options: how.
         model: folder to keep COLMAP's model in.
+        overwrite: replace files there that muybridge did not write.
         quiet: say only the result.
     """
+    check_replaceable([out] if model is None else [out, model], overwrite)
     known = None if lenses is None else load_calibration(lenses)
     with tempfile.TemporaryDirectory(prefix="muybridge-scan-") as temporary, Progress(quiet=quiet) as progress:
         images = Path(temporary) / "images"

@@ -15,12 +15,14 @@ from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.board import Board
 from muybridge.geometry.calibration.board_chain import symmetries
 from muybridge.geometry.calibration.board_lens import View, board_pose, usable
+from muybridge.geometry.calibration.common import far_apart_note
 from muybridge.geometry.calibration.people_world import world_from_people
-from muybridge.geometry.calibration.world import marked, moved, on_board, on_points
+from muybridge.geometry.calibration.world import check_shape, marked, moved, on_board, on_points
 from muybridge.geometry.cameras import CameraGroup
 from muybridge.geometry.triangulation import triangulate
-from muybridge.infer.board_pictures import find_pictures, look_for_board
+from muybridge.infer.board_pictures import at_moment, find_pictures, look_for_board
 from muybridge.infer.calibrate_board import BoardChoice, chosen_board
+from muybridge.infer.calibrate_outputs import check_replaceable
 from muybridge.infer.calibrate_people import session_keypoints
 from muybridge.infer.calibrate_points import read_points
 from muybridge.infer.detect import DetectOptions
@@ -47,6 +49,7 @@ def world(
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     read: Annotated[SessionOptions, tyro.conf.arg(name="")] = SessionOptions(),  # noqa: B008
     detect: Annotated[DetectOptions, tyro.conf.arg(name="")] = DetectOptions(),  # noqa: B008
+    overwrite: bool = False,
     quiet: bool = False,
 ) -> int:
     """Set a calibration's origin, floor, axes and size: from marked points, a board on the floor, or people.
@@ -68,8 +71,10 @@ def world(
         origin: then also move the origin to this place, metres, in the world so far.
         read: how the session folder is read.
         detect: 2D landmarks.
+        overwrite: replace files there that muybridge did not write.
         quiet: say only the result.
     """
+    check_replaceable([out], overwrite)
     cameras = load_calibration(calibration)
     by_hand = scale_by != 1 or turn_deg != 0 or any(origin)
     _one_source((("--points", points), ("--floor-board", floor_board), ("--people", people)), by_hand)
@@ -124,21 +129,25 @@ def by_points(cameras: CameraGroup, path: Path, keep_scale: bool) -> tuple[Camer
         for x, px in zip(mine.points, mine.pixels, strict=True):
             pixels[cameras.names.index(name), int(np.argmin(np.abs(places - x).sum(axis=1)))] = px
     placed = on_points(cameras, pixels, places, keep_scale)
+    try:
+        check_shape(placed.points, places)
+    except CalibrationError as error:
+        raise CalibrationError(f"{path}: {error}") from None
     off = [f"({x:g}, {y:g}, {z:g}) {1e3 * e:.0f} mm" for (x, y, z), e in zip(places, placed.errors, strict=True)]
     said = [f"points: {', '.join(off)} off", _size_said(placed.scale, keep_scale)]
-    return moved(cameras, placed.new_from_old, placed.scale), said
+    changed = moved(cameras, placed.new_from_old, placed.scale)
+    return changed, [*said, *far_apart_note(changed, "the points' coordinates")]
 
 
 def by_board(
     cameras: CameraGroup, board: Board, folder: Path, moment: int | None, keep_scale: bool, progress: Progress
 ) -> tuple[CameraGroup, list[str]]:
     """Cameras in the world of a board that lies on the floor, and what is worth saying."""
-    pictures = [p for p in find_pictures(folder) if p.name in cameras]
+    pictures = [p for p in find_pictures(folder, moment=moment) if p.name in cameras]
     if not pictures:
         raise CalibrationError(f"{folder}: no film or folder is named as a camera ({', '.join(cameras.names)})")
     if moment is not None:
-        pictures = [replace(p, looked_at=np.nonzero(p.moments == moment)[0][:1]) for p in pictures]
-        pictures = [p for p in pictures if len(p.looked_at)]
+        pictures = at_moment(pictures, moment, "--moment")
     views, sizes = look_for_board(pictures, board, progress)
     for name, size in sizes.items():
         if size != (cameras[name].width, cameras[name].height):
@@ -173,7 +182,7 @@ def _lying(cameras: CameraGroup, board: Board, views: Mapping[str, Mapping[int, 
     """(C, K, 2) px of the corners of a board that does not move, NaN where a camera does not see them."""
     out = np.full((len(cameras), len(board.corners), 2), np.nan)
     for name, mine in views.items():
-        good = usable(list(mine.values()))
+        good = usable(board, list(mine.values()))
         if not good:
             continue
         every = np.full((len(good), len(board.corners), 2), np.nan)
@@ -187,7 +196,8 @@ def _lying(cameras: CameraGroup, board: Board, views: Mapping[str, Mapping[int, 
                 f"camera {name}: the board moves by {spread:.0f} px from picture to picture; it must lie still on the "
                 "floor: name the picture in which it does with --moment"
             )
-        out[cameras.names.index(name), counted] = middle
+        if usable(board, [(np.nonzero(counted)[0], middle)]):
+            out[cameras.names.index(name), counted] = middle
     if board.kind == "checkerboard" and np.isfinite(out[..., 0]).any(axis=1).sum() > 1:
         out = _same_way_round(cameras, board, out)
     return out

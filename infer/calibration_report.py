@@ -20,6 +20,7 @@ from muybridge.infer.report_sections import findings_section, percent_text, run_
 _FOCAL_LOOK, _FOCAL_BAD = 0.01, 0.03
 _POSITION_LOOK = 0.03
 _COVERED_LOOK = 0.35
+_LOW_PX = 2.0
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ def calibration_findings(quality: CalibrationQuality | None) -> tuple[Finding, .
         found += [Finding("bad", fault.sentence) for fault in report.faults]
         if report.note:
             found.append(Finding("note", report.note))
+    found += [Finding("bad" if m.grave else "look", m.sentence) for m in quality.misfits]
     if quality.fitted:
         found += _known_findings(quality)
     order = {"bad": 0, "look": 1, "note": 2}
@@ -64,13 +66,16 @@ def _known_findings(quality: CalibrationQuality) -> list[Finding]:
     found = []
     for c, camera in enumerate(quality.cameras):
         focal, position = quality.focal_sd[c], quality.position_sd[c]
+        residual = f"{quality.residual_px[c]:.2f} px"
+        proof = f", though its residual is {residual}: a low residual is no proof here"
+        if not quality.residual_px[c] < _LOW_PX:
+            proof = f", and its residual is {residual}"
         if focal > _FOCAL_LOOK:
             found.append(
                 Finding(
                     "bad" if focal > _FOCAL_BAD else "look",
-                    f"The focal length of {camera.name} is only known to ±{100 * focal:.1f} %, though its residual is "
-                    f"{quality.residual_px[c]:.2f} px: a low residual is no proof here. Show the board at other "
-                    "distances and tilted, or take the lens from a calibration of its own.",
+                    f"The focal length of {camera.name} is only known to ±{100 * focal:.1f} %{proof}. Show the board "
+                    "at other distances and tilted, or take the lens from a calibration of its own.",
                 )
             )
         if position > _POSITION_LOOK:

@@ -9,12 +9,14 @@ from muybridge.errors import CalibrationError
 from muybridge.files import replacing
 from muybridge.geometry.calibration.board_pdf import PAPERS, board_pdf
 from muybridge.infer.calibrate_board import BoardChoice, chosen_board
+from muybridge.infer.calibrate_outputs import check_replaceable
 
 
 def print_board(
     out: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OUT.pdf")] = Path("board.pdf"),
     choice: Annotated[BoardChoice, tyro.conf.arg(name="")] = BoardChoice(),  # noqa: B008 - frozen
     paper: Literal["a4", "a3", "a2", "a1", "a0", "letter", "tabloid", "fit"] = "a4",
+    overwrite: bool = False,
 ) -> int:
     """A calibration board as a PDF of true size, with a ruler to check the printer by.
 
@@ -22,11 +24,13 @@ def print_board(
         out: file to write.
         choice: what board it is; the same options then describe it to `muybridge calibrate board`.
         paper: size of the page, turned as fits better; `fit` for one that is as large as the board needs.
+        overwrite: replace OUT.pdf where muybridge did not write it.
     """
     board = chosen_board(choice)
     text = board_pdf(board, None if paper == "fit" else PAPERS[paper])
     if out.suffix.lower() != ".pdf":
         raise CalibrationError(f"{out}: the board is written as a PDF; give a name that ends in .pdf")
+    check_replaceable([out], overwrite)
     with replacing(out) as temporary:
         temporary.write_bytes(text)
     print(f"{out}: {board.describe()}, squares of {board.square * 1e3:g} mm")

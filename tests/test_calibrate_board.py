@@ -91,12 +91,14 @@ def test_images_become_a_calibration_file(shown, tmp_path, capfd):
     for k, c in enumerate(found):
         assert c.params[0] == pytest.approx(camera(k).params[0], rel=0.02)
         assert c.center_world[2] > 0.3  # above the floor
-    assert "not seen at that moment" in failed(capfd, "board", shown, *FLAGS, "--floor", 99, "--out", out)
+    line = failed(capfd, "board", shown, *FLAGS, "--floor", 99, "--out", out)
+    assert "--floor 99: no camera has a picture of that number; they have numbers from 0 to 8" in line
     again = tmp_path / "again.toml"
     world = ["world", out, "--floor-board", shown, *FLAGS, "--out", again]
     assert run_command(["calibrate", *map(str, world), "--moment", "3"]) == 0
     np.testing.assert_allclose(load_calibration(again).centers_world, found.centers_world, atol=0.01)
     assert "it must lie still on the floor" in failed(capfd, *world)
+    assert "--moment 99: no camera has a picture of that number" in failed(capfd, *world, "--moment", 99)
     assert run_command(["calibrate", *map(str, world), "--moment", "4"]) == 0
     assert np.abs(load_calibration(again).centers_world - found.centers_world).max() > 0.05
 
@@ -140,12 +142,19 @@ def test_a_checkerboard_of_images(tmp_path):
             marks=pytest.mark.slow,
         ),
         (["--columns", "5", "--rows", "7", "--dictionary", "DICT_4X5"], "no marker dictionary 'DICT_4X5'"),
+        (["--columns", "5", "--rows", "7", "--dictionary", "ArucoDetector"], "no marker dictionary 'ArucoDetector'"),
         (["--columns", "1", "--rows", "7"], "at least 2 x 2"),
     ],
 )
 def test_a_wrong_description_is_told_the_right_one(shown, tmp_path, capfd, monkeypatch, flags, said):
     monkeypatch.setattr("muybridge.infer.calibrate_board._LOOKED_FOR_OTHERS", 6)
     assert said in failed(capfd, "board", shown, *flags, "--square", "0.05", "--out", tmp_path / "c.toml")
+
+
+@pytest.mark.parametrize(("square", "meant"), [("80", "0.08"), ("8", "0.08"), ("3.5", "0.035"), ("35", "0.035")])
+def test_squares_of_metres_are_refused(tmp_path, capfd, square, meant):
+    line = failed(capfd, "board", tmp_path, "--square", square)
+    assert f"squares of {square} m; their side is given in metres: did you mean {meant}?" in line
 
 
 def test_mirrored_pictures_and_no_board(tmp_path, capfd):

@@ -1,12 +1,14 @@
 """`muybridge calibrate points` and `world`: the linear solution, uncertainties that hold, layouts that are refused."""
 
+import re
+
 import numpy as np
 import pytest
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.points import KnownPoints, calibrate_points, layout, linear_camera
-from muybridge.geometry.calibration.world import moved, on_points
+from muybridge.geometry.calibration.world import check_shape, moved, on_points
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.rotations import exp_so3
 from muybridge.infer.calibrate_points import read_points
@@ -173,6 +175,60 @@ def test_points_from_a_table(tmp_path, capfd):
     assert "outside its 640 x 480 image" in failed(capfd, *base, "--size", 640, 480)
 
 
+@pytest.mark.parametrize("count", [7, 15])
+def test_points_that_are_mirrored_are_refused_with_what_would_fit(count):
+    rng = np.random.default_rng(11)
+    truth = rig(3)
+    known = {c.name: seen(c, rng, count) for c in truth}
+    below = {n: KnownPoints(k.points, [0, 719] + k.pixels * [1, -1]) for n, k in known.items()}
+    left = {n: KnownPoints(k.points * [1, -1, 1], k.pixels) for n, k in known.items()}
+    swapped = {n: KnownPoints(k.points[:, [0, 2, 1]], k.pixels) for n, k in known.items()}
+    for lenses in (None, truth):
+        for wrong, said in ((below, "v counted from the top"), (left, "sign of y changed"), (swapped, "y and z swap")):
+            with pytest.raises(CalibrationError, match=f"do not fit .* but they do .* with .*{said}"):
+                calibrate_points(wrong, sizes(truth), lenses)
+
+
+def test_points_that_fit_no_camera_are_refused_and_one_camera_is_named():
+    rng = np.random.default_rng(12)
+    truth = rig(3)
+    known = {c.name: seen(c, rng, 12) for c in truth}
+    mixed = {n: KnownPoints(k.points, rng.permutation(k.pixels)) for n, k in known.items()}
+    with pytest.raises(CalibrationError, match="the points fit no camera .* a point and its own pixel"):
+        calibrate_points(mixed, sizes(truth), truth)
+    notes = calibrate_points(known | {"c1": mixed["c1"]}, sizes(truth), truth).notes
+    assert [n for n in notes if "fit it at all" in n] == [n for n in notes if "camera c1" in n] != []
+
+
+def test_points_in_millimetres_are_told(tmp_path, capfd):
+    rng = np.random.default_rng(13)
+    truth = CameraGroup(tuple(
+        c.posed(np.column_stack([c.rotation, c.translation * 1000])) for c in rig(3)
+    ))  # fmt: skip
+    path = table(tmp_path / "p.csv", truth, rng.uniform(-500, 500, size=(15, 3)), rng)
+    run = ["calibrate", "points", str(path), "--out", str(tmp_path / "c.toml"), "--size", "1280", "720"]
+    assert run_command(run) == 0
+    assert "m apart: the points' coordinates must be in metres; are they in millimetres?" in capfd.readouterr().out
+    save_calibration(rig(3), tmp_path / "old.toml")
+    world = ["calibrate", "world", str(tmp_path / "old.toml"), "--points", str(path), "--out", str(tmp_path / "n.toml")]
+    assert run_command(world) == 0
+    assert "must be in metres" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("between", [",", ";", "\t"])
+def test_tables_with_other_separators(tmp_path, between):
+    path = tmp_path / "p.csv"
+    lines = ["camera,x,y,z,u,v", "c0,1.5,2,-3.25,4,5.5", "c0,1,2,3,,", "c 1,0.5,0,0,1,2"]
+    path.write_text("\n".join(lines).replace(",", between))
+    found = read_points(path)
+    assert list(found) == ["c0", "c 1"]
+    np.testing.assert_array_equal(found["c0"].points, [[1.5, 2, -3.25]])
+    np.testing.assert_array_equal(found["c0"].pixels, [[4, 5.5]])
+    if between == ";":
+        path.write_text(path.read_text().replace(".", ","))
+        np.testing.assert_array_equal(read_points(path)["c0"].points, [[1.5, 2, -3.25]])
+
+
 def test_tables_that_are_none(tmp_path):
     path = tmp_path / "p.csv"
     for text, said in (
@@ -219,6 +275,30 @@ def test_a_world_from_marked_points(tmp_path, capfd):
     assert "0 of the 4 points are seen by two cameras" in failed(capfd, "world", old, "--points", once, "--out", again)
     other = table(tmp_path / "other.csv", [truth[0].renamed("x")], points, rng)
     assert "no camera x in the calibration" in failed(capfd, "world", old, "--points", other, "--out", again)
+    left = table(tmp_path / "left.csv", truth, points, rng)
+    left.write_text(re.sub(r"^(c\d,[^,]*),", r"\1,-", left.read_text(), flags=re.M).replace("--", ""))
+    none = tmp_path / "none.toml"
+    assert "left.csv: the points are up to" in failed(capfd, "world", old, "--points", left, "--out", none)
+    assert not none.exists()
+
+
+@pytest.mark.parametrize("count", [4, 5, 9])
+def test_a_wrong_point_of_a_world_is_named_and_mirrored_ones_are_told(count):
+    rng = np.random.default_rng(14)
+    known = rng.uniform(-1, 1, size=(count, 3))
+    found = 0.5 * known @ exp_so3(np.array([0.4, -1.0, 0.3])).T + [1.0, 2, 3] + rng.normal(size=known.shape) * 1e-3
+    found = np.concatenate([found, np.full((1, 3), np.nan)])
+    known = np.concatenate([known, np.zeros((1, 3))])
+    check_shape(found, known)
+    x, y, z = known[1] = known[1] + [0.6, 0.2, 0.0]
+    with pytest.raises(CalibrationError, match=rf"without \({x:g}, {y:g}, {z:g}\) the others fit to [0-9] mm: check"):
+        check_shape(found, known)
+    known[1] -= [0.6, 0.2, 0.0]
+    for wrong in (known * [1, -1, 1], known[:, [0, 2, 1]]):
+        with pytest.raises(CalibrationError, match="sign of y changed: their axes are left-handed"):
+            check_shape(found, wrong)
+    with pytest.raises(CalibrationError, match="each row has a point and its own pixel"):
+        check_shape(found, np.roll(known[:count], 1, axis=0)[[*range(count), 0]])
 
 
 def test_points_tell_a_size_only_if_asked():

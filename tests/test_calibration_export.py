@@ -148,6 +148,14 @@ def test_easymocap_without_sizes_and_its_pair(tmp_path: Path) -> None:
         read_calibration(folder / "extri.yml")
 
 
+@pytest.mark.parametrize("how", [h for h in EXPORT_FORMATS if h != "easymocap"])
+def test_names_and_their_order_come_back(tmp_path: Path, how: str) -> None:
+    names = ("cam10", "Café", "cam2", "北", "a.left", "a.right", "c.1")
+    group = _rig("PINHOLE", len(names))
+    group = CameraGroup(tuple(c.renamed(n) for c, n in zip(group, names, strict=True)))
+    assert load_calibration(_written(group, tmp_path, how)).names == names
+
+
 def test_freemocap_is_in_millimetres(tmp_path: Path) -> None:
     group = _rig("OPENCV")
     text = _written(group, tmp_path, "freemocap").read_text()

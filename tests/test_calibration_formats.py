@@ -276,9 +276,9 @@ def test_colmap_reader_agrees_with_pycolmap(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("images", "names"),
     [
-        (["b/0.png", "a/0.png", "c/0.png"], ("a", "b", "c")),
+        (["b/0.png", "a/0.png", "c/0.png"], ("b", "a", "c")),
         (["x/a/0.png", "x/b/0.png", "y/a/0.png"], ("x_a_0", "x_b_0", "y_a_0")),
-        (["two words.png", "B.jpg", "c.d.png"], ("B", "c.d", "two words")),
+        (["two words.png", "B.jpg", "c.d.png"], ("two words", "B", "c.d")),
     ],
 )
 def test_colmap_names(tmp_path: Path, images: list[str], names: tuple[str, ...]) -> None:

@@ -1,6 +1,7 @@
 """The page of a calibration: the culprit by name, hopeless numbers behind low residuals, kept between runs."""
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from types import ModuleType
 from typing import Any
@@ -114,6 +115,9 @@ def test_a_low_residual_with_a_hopeless_focal_length_is_said() -> None:
     assert quality.residual_px[0] < 0.5 and quality.focal_sd[0] > 0.03
     grave = [f.text for f in calibration_findings(quality) if f.severity == "bad"]
     assert len(grave) == 1 and "focal length of cam<1>" in grave[0] and "no proof" in grave[0]
+    high = replace(quality, residual_px=np.array([90.0]))
+    (said,) = (f.text for f in calibration_findings(high) if f.severity == "bad")
+    assert "no proof" not in said and "its residual is 90.00 px" in said
     page = render_calibration(CalibrationPage("plate", quality))
     assert "Not to be trusted" in page and f"±{100 * quality.focal_sd[0]:.1f} %" in page
 

@@ -49,7 +49,8 @@ class Board:
             raise ValueError(f"board kind must be charuco or checkerboard, not {self.kind!r}")
         if min(self.columns, self.rows) < 2 or not self.square > 0 or not 0 < self.marker_share < 1:
             raise ValueError("a board has at least 2 x 2, squares of positive size (metres), smaller markers")
-        if self.kind == "charuco" and not hasattr(cv2.aruco, self.dictionary):
+        known = self.dictionary.startswith("DICT_") and isinstance(getattr(cv2.aruco, self.dictionary, None), int)
+        if self.kind == "charuco" and not known:
             raise ValueError(f"OpenCV has no marker dictionary {self.dictionary!r}; try DICT_4X4_50")
 
     @property

@@ -22,6 +22,11 @@ Floats = NDArray[np.float64]
 _MOST_SHARED = 60
 _AGREE_RAD, _AGREE_SHARE, _MIRRORED_RAD = 0.5, 0.5, 0.2
 _AMBIGUOUS = 0.7
+_MIRRORED = "its pictures are mirrored: they fit when flipped left to right; turn mirroring off in the camera"
+_UNPAIRED = (
+    "check that the pictures of all cameras belong to the same moments (timestamps.csv, numbers of the images), "
+    "and that no camera was moved"
+)
 
 
 @dataclass(frozen=True)
@@ -133,13 +138,15 @@ def _relative(
     if len(new) >= 3 and agree < _AGREE_SHARE:
         raise CalibrationError(
             f"camera {name}: where it stands comes out differently from view to view ({agree:.0%} of {len(new)} shared "
-            f"views agree); {_why(new, boards)}"
+            f"views agree); {_MIRRORED if _is_mirrored(new, boards) else _UNPAIRED}"
         )
     if len(turns) > 1:
         other = apart[best] > 0.5
         if other.any():
             second = float(cost[other].min())
             if len(new) < 2 or second * _AMBIGUOUS < cost[best]:
+                if len(new) >= 3 and _is_mirrored(new, boards):
+                    raise CalibrationError(f"camera {name}: {_MIRRORED}")
                 raise CalibrationError(
                     f"camera {name}: which way round the checkerboard is cannot be told, since it looks the same after "
                     f"half a turn and {len(new)} shared view(s) fit either way; turn and move the board more between "
@@ -148,18 +155,13 @@ def _relative(
     return np.asarray(flat[best])
 
 
-def _why(new: Sequence[Floats], boards: Sequence[Floats]) -> str:
-    """What explains a camera whose board moves otherwise than the others saw it: a mirrored picture, or no pairing."""
+def _is_mirrored(new: Sequence[Floats], boards: Sequence[Floats]) -> bool:
+    """Whether mirrored pictures explain a camera whose board moves otherwise than the others saw it."""
     flip = np.diag([-1.0, 1, 1])
     normals = np.stack([p[:3, 2] for p in new]), np.stack([p[:3, 2] for p in boards])
     plain = _mismatch(*normals)
     mirrored = _mismatch(normals[0] @ flip, normals[1])
-    if mirrored < 0.5 * plain and mirrored < _MIRRORED_RAD:
-        return "its pictures are mirrored: they fit when flipped left to right; turn mirroring off in the camera"
-    return (
-        "check that the pictures of all cameras belong to the same moments (timestamps.csv, numbers of the images), "
-        "and that no camera was moved"
-    )
+    return mirrored < 0.5 * plain and mirrored < _MIRRORED_RAD
 
 
 def _mismatch(a: Floats, b: Floats) -> float:

@@ -60,23 +60,41 @@ def lens_prior(camera: Camera) -> LensPrior:
     return LensPrior(mean, information)
 
 
-def usable(views: Sequence[View]) -> list[View]:
-    """Views with corners enough, not all on one line."""
-    return [v for v in views if len(v[0]) >= FEWEST_CORNERS and np.linalg.matrix_rank(v[1] - v[1].mean(axis=0), 1) > 1]
+def usable(board: Board, views: Sequence[View]) -> list[View]:
+    """Views with corners enough, four of which tell a pose: no three of these are on a line."""
+    return [
+        v
+        for v in views
+        if len(v[0]) >= FEWEST_CORNERS
+        and np.linalg.matrix_rank(v[1] - v[1].mean(axis=0), 1) > 1
+        and _off_lines(board.corners[v[0], :2])
+    ]
+
+
+def _off_lines(corners: Floats) -> bool:
+    """Whether no line holds all of the (n, 2) corners but one; it would hold two of the first three."""
+    shortest = 1e-6 * float(np.ptp(corners, axis=0).max()) ** 2
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        (x, y), away = corners[b] - corners[a], corners - corners[a]
+        if (np.abs(x * away[:, 1] - y * away[:, 0]) > shortest).sum() < 2:
+            return False
+    return True
 
 
 def board_pose(camera: Camera, board: Board, view: View) -> Floats:
-    """(4, 4) cam_from_board of a view."""
+    """(4, 4) cam_from_board of a view; a metre before the camera where the view tells none."""
     ids, px = view
     slopes = camera.unproject(px)
     seen = np.isfinite(slopes).all(axis=1)
     out = np.eye(4)
+    out[2, 3] = 1.0
     if seen.sum() < 4:
-        out[2, 3] = 1.0
         return out
-    _, turn, shift = cv2.solvePnP(
+    found, turn, shift = cv2.solvePnP(
         board.corners[ids][seen], slopes[seen], np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE
     )
+    if not found:
+        return out
     out[:3, :3], out[:3, 3] = cv2.Rodrigues(turn)[0], shift.ravel()
     return out
 
@@ -99,7 +117,7 @@ def calibrate_lens(
     Raises:
         CalibrationError: too few views, or all alike.
     """
-    times = [t for t, v in views.items() if usable([v])]
+    times = [t for t, v in views.items() if usable(board, [v])]
     good = [views[t] for t in times]
     if len(good) < FEWEST_VIEWS:
         raise CalibrationError(

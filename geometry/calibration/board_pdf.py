@@ -134,7 +134,7 @@ def _document(page: tuple[float, float], content: bytes) -> bytes:
         b"<< /Length %d >>\nstream\n%s\nendstream" % (len(content), content),
         b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
     ]
-    out = b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n"
+    out = b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n%muybridge\n"
     offsets = []
     for number, body in enumerate(objects, start=1):
         offsets.append(len(out))

@@ -15,7 +15,10 @@ _TILTS = 6
 
 
 def choose_times(
-    views: Mapping[str, Mapping[int, View]], sizes: Mapping[str, tuple[int, int]], most: int
+    views: Mapping[str, Mapping[int, View]],
+    sizes: Mapping[str, tuple[int, int]],
+    most: int,
+    kept: int | None = None,
 ) -> list[int]:
     """Moments that together show the board all over every image, at many tilts, and to every pair of cameras.
 
@@ -23,6 +26,7 @@ def choose_times(
         views: by camera and by time.
         sizes: (width, height) px by camera.
         most: how many at most.
+        kept: time that is among them in any case, if there are views of it.
 
     Returns:
         Times in order: greedily those that add most, where every field of an image, tilt of the board and pair of
@@ -37,6 +41,7 @@ def choose_times(
     left = set(times)
     while left and len(chosen) < most:
         best = max(sorted(left), key=lambda t: sum(w / (1 + had.get(k, 0)) for k, w in traits[t].items()))
+        best = kept if kept in left else best
         chosen.append(best)
         left.discard(best)
         for k in traits[best]:

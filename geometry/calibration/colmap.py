@@ -28,6 +28,7 @@ from muybridge.geometry.colmap_library import pycolmap
 
 _MODEL_OF_ID = {int(value): name for name, value in pycolmap.CameraModelId.__members__.items()}
 _FILES = ("cameras", "images", "points3D", "rigs", "frames")
+_IMAGE_SUFFIXES = frozenset(".jpg .jpeg .png .tif .tiff .bmp .gif .webp .ppm .pgm .exr".split())
 _ARBITRARY = (
     "COLMAP's scale and axes are arbitrary unless the model was aligned (colmap model_aligner): "
     "check that it is in metres with Z up"
@@ -36,6 +37,7 @@ _ARBITRARY = (
 
 @dataclass(frozen=True)
 class _Image:
+    image_id: int
     name: str
     camera_id: int
     cam_from_world: NDArray[np.float64]
@@ -58,8 +60,9 @@ def colmap_files(folder: Path) -> tuple[Path, Path] | None:
 def read_colmap(cameras_path: Path, images_path: Path) -> Calibration:
     """Cameras of a COLMAP model, in the order of the images' names.
 
-    A camera's name is its image's file name without ending; where those repeat (cam01/0.png, cam02/0.png),
-    the folder's name; where those repeat too, the whole path without ending, with _ for /.
+    Cameras are in the order of their images' numbers. A camera's name is its image's file name without the ending
+    of an image; where those repeat (cam01/0.png, cam02/0.png), the folder's name; where those repeat too, the whole
+    path without it, with _ for /.
 
     Raises:
         Malformed: what is wrong, with file and line or record.
@@ -72,7 +75,7 @@ def read_colmap(cameras_path: Path, images_path: Path) -> Calibration:
     except Malformed as error:
         raise Malformed(f"{cameras_path.name}: {error}") from None
     try:
-        images = sorted(read_images(images_path.read_bytes()), key=lambda image: image.name)
+        images = sorted(read_images(images_path.read_bytes()), key=lambda image: image.image_id)
         if not images:
             raise Malformed("it holds no registered image")
         cameras = [
@@ -95,10 +98,11 @@ def _camera(name: str, image: _Image, lenses: dict[int, Any]) -> Camera:
 
 def _camera_names(image_names: Sequence[str]) -> list[str]:
     paths = [PurePosixPath(name.replace("\\", "/")) for name in image_names]
-    for names in ([p.stem for p in paths], [p.parent.name for p in paths]):
+    stems = [p.stem if p.suffix.lower() in _IMAGE_SUFFIXES else p.name for p in paths]
+    for names in (stems, [p.parent.name for p in paths]):
         if len(set(names)) == len(names) and all(names):
             return names
-    return [str(p.parent / p.stem).replace("/", "_") for p in paths]
+    return [str(p.parent / stem).replace("/", "_") for p, stem in zip(paths, stems, strict=True)]
 
 
 def _lens(model: str, width: int, height: int, params: Sequence[float]) -> Any:
@@ -166,13 +170,13 @@ def _text_images(data: bytes) -> list[_Image]:
         if not words or words[0].startswith("#"):
             continue
         try:
-            int(words[0])
+            image_id = int(words[0])
             values = [float(word) for word in words[1:8]]
             camera_id, name = int(words[8]), words[9].strip()
         except (ValueError, IndexError):
             raise Malformed(f"line {number} is not IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME") from None
         try:
-            images.append(_Image(name, camera_id, _pose(values[:4], values[4:])))
+            images.append(_Image(image_id, name, camera_id, _pose(values[:4], values[4:])))
         except Malformed as error:
             raise Malformed(f"line {number}, image {name}: {error}") from None
         points_next = True
@@ -247,7 +251,7 @@ def _binary_images(data: bytes) -> list[_Image]:
             name = reader.text()
             (points,) = reader.take("Q")
             reader.skip(24 * points)  # x, y, point id
-            images.append(_Image(name, values[8], _pose(values[1:5], values[5:8])))
+            images.append(_Image(values[0], name, values[8], _pose(values[1:5], values[5:8])))
         except Malformed as error:
             raise Malformed(f"record {record}: {error}") from None
     reader.check_end()

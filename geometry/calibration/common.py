@@ -181,8 +181,7 @@ def in_metres(cameras: CameraGroup, unit: str | None, where: str) -> tuple[Camer
     if unit is not None and unit not in UNITS_M:
         raise Malformed(f"unit {_brief(unit)} is unknown; valid: {', '.join(UNITS_M)}")
     if unit is None:
-        centers = cameras.centers_world
-        span = float(np.linalg.norm(centers[:, None] - centers[None], axis=-1).max())
+        span = _span(cameras)
         unit = "m" if span <= _WIDEST_RIG_M else "mm"
         if unit == "mm":
             notes = (
@@ -194,6 +193,25 @@ def in_metres(cameras: CameraGroup, unit: str | None, where: str) -> tuple[Camer
         return cameras, notes
     poses = [pose_from(c.rotation, c.translation * scale) for c in cameras]
     return CameraGroup(tuple(c.posed(pose) for c, pose in zip(cameras, poses, strict=True))), notes
+
+
+def far_apart_note(cameras: CameraGroup, what: str) -> tuple[str, ...]:
+    """A note where cameras are more than 100 m apart, as they are where metres were not meant.
+
+    Args:
+        cameras: made from what the user gave, taken for metres.
+        what: that is to be in metres, for the note.
+    """
+    span = _span(cameras)
+    if span <= _WIDEST_RIG_M:
+        return ()
+    return (f"note: the cameras are up to {span:.0f} m apart: {what} must be in metres; are they in millimetres?",)
+
+
+def _span(cameras: CameraGroup) -> float:
+    """Largest distance between two cameras."""
+    centers = cameras.centers_world
+    return float(np.linalg.norm(centers[:, None] - centers[None], axis=-1).max())
 
 
 def _brief(value: Any) -> str:

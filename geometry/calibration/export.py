@@ -46,15 +46,7 @@ def export_calibration(cameras: CameraGroup, path: Path, how: ExportFormat) -> l
         OutputError: a file cannot be written.
     """
     path = Path(path)
-    try:
-        if how in _SEVERAL:
-            files = {path / name: text for name, text in _SEVERAL[how](cameras).items()}
-        else:
-            files = {path: _FILES[how](cameras)}
-    except ValueError as error:
-        raise CalibrationError(
-            f"{path}: {error}; write it as muybridge (which keeps everything), or calibrate with a simpler lens"
-        ) from None
+    files = exported(cameras, path, how)
     if how in _SEVERAL:
         try:
             path.mkdir(exist_ok=True)
@@ -66,6 +58,22 @@ def export_calibration(cameras: CameraGroup, path: Path, how: ExportFormat) -> l
         with replacing(file) as partial:
             partial.write_text(text, encoding="utf-8", newline="\n")
     return list(files)
+
+
+def exported(cameras: CameraGroup, path: Path, how: ExportFormat) -> dict[Path, str]:
+    """The files that `export_calibration` writes, and their texts.
+
+    Raises:
+        CalibrationError: a camera whose lens the format cannot carry (it is named).
+    """
+    try:
+        if how in _SEVERAL:
+            return {path / name: text for name, text in _SEVERAL[how](cameras).items()}
+        return {path: _FILES[how](cameras)}
+    except ValueError as error:
+        raise CalibrationError(
+            f"{path}: {error}; write it as muybridge (which keeps everything), or calibrate with a simpler lens"
+        ) from None
 
 
 def _terms(camera: Camera) -> Floats:
@@ -130,7 +138,7 @@ def _opencv(cameras: CameraGroup) -> str:
     rows = ["%YAML:1.0\n---\ncameras:\n"]
     for camera in cameras:
         fisheye = "FISHEYE" in camera.model
-        rows.append(f"   -\n      camera_name: {json.dumps(camera.name)}\n")
+        rows.append(f"   -\n      camera_name: {json.dumps(camera.name, ensure_ascii=False)}\n")
         rows.append(f"      image_width: {camera.width}\n      image_height: {camera.height}\n")
         rows.append(f"      fisheye: {int(fisheye)}\n")
         rows.append(_yaml_matrix("camera_matrix", _matrix_of(camera), "      "))

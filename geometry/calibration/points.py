@@ -42,6 +42,9 @@ _LINE, _PLANE = 1e-2, 1e-2
 _SUBSETS, _SUBSET = 300, 7
 _FITS_PX = 3.0
 _WRONG_SIGMAS = 6.0
+# Shares of the image's width. Nobody marks points so badly that half of the best camera's are off by the first; by the
+# second they may be, but not if they fit several times as well once they are read otherwise.
+_NONSENSE, _DOUBTFUL, _BETTER = 0.02, 0.005, 5.0
 # Points by hand do not tell all terms of a distortion: the higher ones stay near zero.
 _TERM_SIGMAS = (0.3, 0.1, 1e-3, 1e-3)
 
@@ -139,8 +142,79 @@ def calibrate_points(
         sigma_px: how well the pixels were measured.
 
     Raises:
-        CalibrationError: too few points, or points in a line or (without lenses) a plane.
+        CalibrationError: too few points, points in a line or (without lenses) a plane, or points that no camera fits:
+            mirrored ones, for example.
     """
+    answer = _solve(known, sizes, lenses, lens, sigma_px)
+    usual, least = _off_shares(answer), float(np.min(answer.median_px / _widths(answer)))
+    if usual.max() > _DOUBTFUL:
+        reading, better = _other_reading(known, sizes, lenses, lens, sigma_px)
+        if ((usual > _DOUBTFUL) & (better * _BETTER < usual)).any():
+            raise CalibrationError(
+                f"the points do not fit (error {100 * usual[0]:.1f} % of the image's width, RMS), but they do "
+                f"({100 * better[0]:.2f} %) with {reading}: write them so"
+            )
+    if least > _NONSENSE:
+        raise CalibrationError(
+            f"the points fit no camera (median error {100 * least:.1f} % of the image's width and more): check that "
+            "each row has a point and its own pixel, the order of the coordinates, and the lens"
+        )
+    return PointsCalibration(answer, tuple(_notes(answer)))
+
+
+def _off_shares(answer: Solved) -> Floats:
+    """(2,) RMS and median error as shares of the image's width, of the camera in the middle."""
+    each = np.stack([answer.rms_px, answer.median_px]) / _widths(answer)
+    return np.asarray(np.median(np.nan_to_num(each, nan=np.inf), axis=1))
+
+
+def _widths(answer: Solved) -> Floats:
+    return np.array([float(c.width) for c in answer.cameras])
+
+
+def _other_reading(
+    known: Mapping[str, KnownPoints],
+    sizes: Mapping[str, tuple[int, int]],
+    lenses: CameraGroup | None,
+    lens: Lens,
+    sigma_px: float,
+) -> tuple[str, Floats]:
+    """Another reading of the points that fits best, and its `_off_shares`.
+
+    Each is a reflection, so that where one fits all do nearly: of these, that by which the cameras are upright.
+    """
+    same, swapped, mirrored = np.eye(3), np.eye(3)[[0, 2, 1]], np.diag([1.0, -1.0, 1.0])
+    tried: list[tuple[Floats, float, str]] = []
+    for words, turn, from_below in (
+        ("the sign of y changed (a left-handed world; it must be right-handed)", mirrored, False),
+        ("y and z swapped (Z is up)", swapped, False),
+        ("v counted from the top of the image", same, True),
+    ):
+        other = {}
+        for n, k in known.items():
+            u, v = k.pixels.T
+            other[n] = KnownPoints(k.points @ turn, np.column_stack([u, sizes[n][1] - 1 - v if from_below else v]))
+        try:
+            answer = _solve(other, sizes, lenses, lens, sigma_px)
+        except CalibrationError:
+            continue
+        upright = float(np.mean([-c.rotation[1, 2] for c in answer.cameras]))
+        tried.append((_off_shares(answer), upright, words))
+    if not tried:
+        return "", np.full(2, np.inf)
+    best = min(t[0][0] for t in tried)
+    shares, _, words = max((t for t in tried if t[0][0] <= 2 * best), key=lambda t: t[1])
+    return words, shares
+
+
+def _solve(
+    known: Mapping[str, KnownPoints],
+    sizes: Mapping[str, tuple[int, int]],
+    lenses: CameraGroup | None,
+    lens: Lens,
+    sigma_px: float,
+) -> Solved:
+    """Cameras from known points, however well they fit; arguments as of `calibrate_points`."""
     names = list(known)
     cameras = [
         _start(n, known[n], sizes[n], lens) if lenses is None else _placed(lenses[n], known[n]) for n in names
@@ -156,8 +230,7 @@ def calibrate_points(
     )  # fmt: skip
     result = adjust(problem)
     own = replace(problem, point=np.concatenate([np.arange(n) for n in counts]))
-    answer = solved(own, result, np.zeros(sum(counts), np.int64), problem.points)
-    return PointsCalibration(answer, tuple(_notes(answer)))
+    return solved(own, result, np.zeros(sum(counts), np.int64), problem.points)
 
 
 def _prior(camera: Camera) -> LensPrior:
@@ -276,6 +349,12 @@ def _notes(answer: Solved) -> list[str]:
     names = answer.cameras.names
     for c, camera in enumerate(answer.cameras):
         mine = np.nonzero(answer.camera == c)[0]
+        if answer.median_px[c] > _NONSENSE * camera.width:
+            notes.append(
+                f"camera {names[c]}: its points do not fit it at all (median error {answer.median_px[c]:.0f} px), so "
+                "it is wrong: check that each of its rows has a point and its own pixel"
+            )
+            continue
         usual = max(float(np.median(answer.errors_px[mine])) / 1.1774, 0.1)
         wrong = [k for k in mine if not answer.errors_px[k] < max(_WRONG_SIGMAS * usual, 3.0)]
         for k in wrong[:5]:

@@ -16,7 +16,7 @@ from muybridge.geometry.calibration.adjust import AdjustProblem, FreeCamera, adj
 from muybridge.geometry.calibration.culprits import CulpritOptions, CulpritReport, find_culprits
 from muybridge.geometry.calibration.culprits_fit import alike
 from muybridge.geometry.calibration.lens import ADJUSTABLE_MODELS
-from muybridge.geometry.calibration.solved import Solved, image_cells
+from muybridge.geometry.calibration.solved import Misfit, Solved, image_cells, misfits
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.triangulation import leave_one_out_error, triangulate
 
@@ -83,6 +83,7 @@ class CalibrationQuality:
         plan: the room from above.
         fitted: whether the calibration was made from these very observations.
         culprits: which camera is wrong; None where it was not asked.
+        misfits: cameras with views that do not fit.
     """
 
     cameras: CameraGroup
@@ -97,6 +98,7 @@ class CalibrationQuality:
     plan: Plan
     fitted: bool = False
     culprits: CulpritReport | None = None
+    misfits: tuple[Misfit, ...] = ()
 
 
 def residual_picture(camera: Camera, points_px: Floats, error_px: Floats) -> ImagePicture:
@@ -233,6 +235,7 @@ def check_solved(result: Solved, source: str, cameras: CameraGroup | None = None
         pictures=pictures,
         plan=plan_of(cameras, world, views),
         fitted=True,
+        misfits=misfits(result),
     )
 
 

@@ -101,6 +101,7 @@ def calibrate_rig(
     sizes: Mapping[str, tuple[int, int]],
     options: BoardOptions = BoardOptions(),
     known: CameraGroup | None = None,
+    kept: int | None = None,
 ) -> RigCalibration:
     """Cameras that saw a moved board at the same times; the first camera is the world.
 
@@ -110,16 +111,20 @@ def calibrate_rig(
         sizes: (width, height) px by camera.
         options: how.
         known: cameras whose lenses are known and held; only poses are found then.
+        kept: time at which the board's place is wanted.
 
     Raises:
-        CalibrationError: too few views of a camera, or one that shares no view with the rest (named).
+        CalibrationError: too few views of a camera, or one that shares no view with the rest (named); no view of
+            the time `kept` that fits.
     """
     names = list(views)
     lenses, good, _ = _lenses(board, views, sizes, options, known)
+    if kept is not None and not any(kept in mine for mine in good.values()):
+        raise CalibrationError(f"moment {kept}: what was taken for the board does not fit the lenses; name another one")
     seen = [{t: board_pose(c, board, v) for t, v in good[c.name].items()} for c in lenses]
     found = chain(names, seen, board)
     rates = board_rates(_own_numbering(seen, found, board), board.corners.mean(axis=0))
-    times = choose_times(good, sizes, options.max_views)
+    times = choose_times(good, sizes, options.max_views, kept)
     problem = _problem(board, good, lenses, found, times, known is not None)
     problem, result, of_views, delays = _adjust_swaying(problem, rates, times, options.in_step)
     turned = np.einsum("nij,nj->ni", result.bodies[problem.body, :, :3], problem.points[problem.point])
@@ -142,7 +147,7 @@ def _lenses(
     good: dict[str, dict[int, View]] = {}
     made: list[LensCalibration] = []
     for name in views:
-        mine = {t: v for t, v in views[name].items() if usable([v])}
+        mine = {t: v for t, v in views[name].items() if usable(board, [v])}
         if known is None:
             few = choose_times({name: mine}, sizes, options.max_views)
             made.append(calibrate_lens(name, board, {t: mine[t] for t in few}, sizes[name], options.lens))

@@ -14,6 +14,10 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _CELLS = 12  # along the longer side of an image
+# A view does not fit if its median error is above this many px and times that of the usual view; a camera of which so
+# large a share does not is wrong.
+_MISFIT_PX, _MISFIT_TIMES, _GRAVE = 3.0, 5.0, 0.1
+_LISTED = 8
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,51 @@ def solved(problem: AdjustProblem, result: AdjustResult, time: Ints, points_worl
         residuals_px=result.residuals_px, weights=result.weights, covariances=result.covariances,
         noise_px=result.noise * float(np.median(problem.sigma_px)),
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Views of one camera that do not fit what the others saw.
+
+    Attributes:
+        sentence: which they are.
+        grave: whether they are so many that the camera is wrong.
+    """
+
+    sentence: str
+    grave: bool
+
+
+def misfits(result: Solved) -> tuple[Misfit, ...]:
+    """Cameras with views that do not fit, as where one was moved half-way through; nothing where all is one moment."""
+    times = np.unique(result.time)
+    if len(times) < 2:
+        return ()
+    medians = np.full((len(result.cameras), len(times)), np.nan)
+    errors = np.nan_to_num(result.errors_px, nan=np.inf)
+    view = result.camera * len(times) + np.searchsorted(times, result.time)
+    order = np.argsort(view, kind="stable")
+    which, first = np.unique(view[order], return_index=True)
+    medians.flat[which] = [np.median(e) for e in np.split(errors[order], first[1:])]
+    off = medians > max(_MISFIT_PX, _MISFIT_TIMES * float(np.nanmedian(medians)))
+    out = []
+    for camera, mine, wrong in zip(result.cameras, medians, off, strict=True):
+        if wrong.any():
+            views = int(np.isfinite(mine).sum() + np.isinf(mine).sum())
+            sentence = (
+                f"Views of camera {camera.name} that do not fit what the others saw: {wrong.sum()} of {views} (errors "
+                f"of {np.median(mine[wrong]):.0f} px; moments {_stretches(times, wrong)}). If it was moved, calibrate "
+                "from the moments before that or after it alone."
+            )
+            out.append(Misfit(sentence, bool(wrong.sum() >= _GRAVE * views)))
+    return tuple(out)
+
+
+def _stretches(times: Ints, wrong: NDArray[np.bool_]) -> str:
+    """Times in words, those that follow each other among all as "first to last"."""
+    runs = np.split(np.flatnonzero(wrong), np.flatnonzero(np.diff(np.flatnonzero(wrong)) > 1) + 1)
+    words = [f"{times[r[0]]}" if len(r) == 1 else f"{times[r[0]]} to {times[r[-1]]}" for r in runs]
+    return ", ".join(words[:_LISTED]) + (", ..." if len(words) > _LISTED else "")
 
 
 def image_cells(camera: Camera) -> tuple[int, int]:

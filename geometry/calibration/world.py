@@ -13,6 +13,8 @@ from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.rotations import kabsch
 
 Floats = NDArray[np.float64]
+# Points are wrong that are off by so large a share of how far they extend; one is if the rest fit so many times better.
+_WRONG, _BETTER = 0.05, 3.0
 
 
 def moved(cameras: CameraGroup, new_from_old: Floats, scale: float = 1.0) -> CameraGroup:
@@ -138,3 +140,45 @@ def on_points(cameras: CameraGroup, pixels: Floats, known: Floats, keep_scale: b
     points = scale * found @ rotation.T + shift
     errors = np.where(good, np.linalg.norm(points - known, axis=1), np.nan)
     return Placement(np.column_stack([rotation, shift]), scale, errors, points)
+
+
+def check_shape(found: Floats, known: Floats) -> None:
+    """Raise where points do not lie to each other as they should.
+
+    Args:
+        found: (N, 3) where they are seen, in any world of any size; NaN where unknown.
+        known: (N, 3) metres, where they should be.
+
+    Raises:
+        CalibrationError: some are off by more than a twentieth of their extent; the one that is wrong is named, or that
+            they are mirrored.
+    """
+    good = np.isfinite(found).all(axis=1)
+    a, b = found[good], known[good]
+    limit = _WRONG * float(np.linalg.norm(np.ptp(b, axis=0)))
+    worst = float(_unlike(a, b).max())
+    if worst <= limit:
+        return
+    off = f"the points are up to {1e3 * worst:.0f} mm off"
+    if _unlike(a, b * [1.0, -1.0, 1.0]).max() <= limit:
+        raise CalibrationError(
+            f"{off}; they fit with the sign of y changed: their axes are left-handed (or y and z swapped), they must "
+            "be right-handed with Z up"
+        )
+    without = [float(_unlike(np.delete(a, k, 0), np.delete(b, k, 0)).max()) for k in range(len(a))]
+    best, second = np.argsort(without)[:2]
+    if len(a) > 3 and without[best] <= limit and _BETTER * without[best] < min(worst, without[second]):
+        x, y, z = b[best]
+        raise CalibrationError(
+            f"{off}; without ({x:g}, {y:g}, {z:g}) the others fit to {1e3 * without[best]:.0f} mm: check that point "
+            "and its pixels, or leave it out"
+        )
+    raise CalibrationError(f"{off}; check their coordinates, and that each row has a point and its own pixel")
+
+
+def _unlike(a: Floats, b: Floats) -> Floats:
+    """(N,) how far points b are from points a, once those are turned, moved and made larger to fit best."""
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    turned = a @ kabsch(a, b, np.ones(len(a))).T
+    scale = (b * turned).sum() / max(float((a * a).sum()), 1e-300)
+    return np.asarray(np.linalg.norm(scale * turned - b, axis=1))
