@@ -8,7 +8,7 @@ and BODY_25B; Vicon, Plug-in Gait reference guide.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from muybridge.geometry.landmarks import BODY23, CMU, PLUG_IN_GAIT, SURFACE
 from muybridge.geometry.skeleton_profiles import roles_of
@@ -35,6 +35,12 @@ _OTHER_LABELS = {
     "RMANK": "right_malleolus_medial",
 }  # fmt: skip
 
+_MARKER_OF_LABEL = {
+    **{label.upper(): name for s in (PLUG_IN_GAIT, CMU) for label, name in zip(s.labels, s.names, strict=True)},
+    **_OTHER_LABELS,
+    **{name.upper(): name for name in SURFACE.names},
+}
+
 
 def body_landmark(name: str) -> str | None:
     """The landmark of BODY23 that a name means; None for any other."""
@@ -56,8 +62,13 @@ def body_landmark(name: str) -> str | None:
 def map_body(names: Sequence[str]) -> dict[str, int]:
     """Landmark of BODY23 -> index in `names`, by what the names mean; the first of several counts.
 
-    Names of a skeleton's joints are understood too, as a shoulder is where the upper arm begins.
+    Names of a skeleton's joints are understood too, as a shoulder is where the upper arm begins. Of several subjects
+    the one with most landmarks is taken.
     """
+    return of_one_subject(names, _map_body)
+
+
+def _map_body(names: Sequence[str]) -> dict[str, int]:
     out: dict[str, int] = {}
     for i, name in enumerate(names):
         landmark = body_landmark(name)
@@ -73,13 +84,60 @@ def map_body(names: Sequence[str]) -> dict[str, int]:
 
 
 def map_surface(names: Sequence[str]) -> dict[str, int]:
-    """Marker of SURFACE -> index in `names`, by the labels of known marker sets or SURFACE's own names."""
-    labels = {label.upper(): name for s in (PLUG_IN_GAIT, CMU) for label, name in zip(s.labels, s.names, strict=True)}
-    labels |= _OTHER_LABELS | {name.upper(): name for name in SURFACE.names}
+    """Marker of SURFACE -> index in `names`, by the labels of known marker sets or SURFACE's own names; of several
+    subjects of the one with most markers."""
+    return of_one_subject(names, _map_surface)
+
+
+def _map_surface(names: Sequence[str]) -> dict[str, int]:
     out: dict[str, int] = {}
     for i, name in enumerate(names):
-        plain = name.rsplit(":", 1)[-1].strip().upper()
-        plain = plain if plain in labels else plain.rsplit("_", 1)[-1]
-        if plain in labels:
-            out.setdefault(labels[plain], i)
+        label = _label(name)
+        if label in _MARKER_OF_LABEL:
+            out.setdefault(_MARKER_OF_LABEL[label], i)
+    return out
+
+
+def _label(name: str) -> str:
+    """A marker's label in capitals, without what stands before a colon or, where it is no label with it, an
+    underscore."""
+    plain = name.rsplit(":", 1)[-1].strip().upper()
+    return plain if plain in _MARKER_OF_LABEL else plain.rsplit("_", 1)[-1]
+
+
+def subject_of(name: str) -> str:
+    """Whom a label belongs to, by what stands before its colon or before a known marker's label; "" if nothing does."""
+    label, colon = _label(name), name.rfind(":") + 1
+    name = name.rstrip()
+    return (name[: -len(label)] if label in _MARKER_OF_LABEL else name[:colon]).strip().rstrip(":_")
+
+
+def of_one_subject(names: Sequence[str], find: Callable[[Sequence[str]], dict[str, int]]) -> dict[str, int]:
+    """What `find` finds among the names of one subject, as indices in `names`: of the one that it finds most of."""
+    best: dict[str, int] = {}
+    for columns in _columns_of_subjects(names).values():
+        found = {key: columns[i] for key, i in find([names[i] for i in columns]).items()}
+        best = max(best, found, key=len)
+    return best
+
+
+def one_of_several(names: Sequence[str], used: Sequence[int]) -> str:
+    """One sentence on whose labels were used where the names are those of several people; else empty."""
+    known = {
+        subject: max(len(_map_body(mine)), len(_map_surface(mine)))
+        for subject, columns in _columns_of_subjects(names).items()
+        if (mine := [names[i] for i in columns])
+    }
+    known = {subject: count for subject, count in known.items() if count}
+    taken = {subject_of(names[i]) for i in used}
+    if len(known) < 2 or len(taken) != 1:
+        return ""
+    people = ", ".join(f"{subject or 'without a name'} ({count})" for subject, count in known.items())
+    return f"its labels are of several subjects: {people}; taken are those of {taken.pop() or 'the one without a name'}"
+
+
+def _columns_of_subjects(names: Sequence[str]) -> dict[str, list[int]]:
+    out: dict[str, list[int]] = {}
+    for i, name in enumerate(names):
+        out.setdefault(subject_of(name), []).append(i)
     return out

@@ -73,6 +73,11 @@ class MarkerFitOptions:
     rounds: int = 3
     steps: int = 2
 
+    def __post_init__(self) -> None:
+        for name in ("calibration_frames", "shape_frames", "rounds"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, not {getattr(self, name)}")
+
 
 @dataclass(frozen=True, eq=False)
 class Person:

@@ -13,6 +13,7 @@ from muybridge.errors import FormatError, OutputError
 
 Floats = NDArray[np.float64]
 Align = Literal["none", "root", "rigid", "similarity"]
+Up = Literal["y", "z"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +26,7 @@ class Comparison:
         times: (T,) seconds.
         scale: of the second, 1 but for a similarity.
         how: one sentence on what was laid over what.
+        notices: what was left out, one sentence each.
     """
 
     names: tuple[str, ...]
@@ -32,6 +34,7 @@ class Comparison:
     times: Floats
     scale: float
     how: str
+    notices: tuple[str, ...] = ()
 
 
 def compare(
@@ -42,7 +45,7 @@ def compare(
     shift: float = 0.0,
     plot: Path | None = None,
     units: tuple[str, str] | None = None,
-    up: tuple[str, str] | None = None,
+    up: tuple[Up, Up] | None = None,
     fps: tuple[float, float] | None = None,
     overwrite: bool = False,
 ) -> int:
@@ -62,17 +65,29 @@ def compare(
         fps: frames a second of A and of B, where the files do not say.
         overwrite: replace the picture if it is there.
     """
-    from muybridge.motion.formats.registry import ReadOptions, read_file
+    from muybridge.motion.formats.registry import ReadOptions, can_use, read_file
 
     if plot is not None and (plot.suffix.lower() not in (".png", ".svg", ".pdf") or plot.exists() and not overwrite):
         raise OutputError(f"{plot} is there already, or is no .png, .svg or .pdf: choose another name")
     takes = []
-    for k, path in enumerate((first, second)):
-        options = ReadOptions(units[k] if units else None, up[k] if up else None, fps[k] if fps else None)
-        takes.append(read_file(path, options))
+    paths = (first, second)
+    for k, path in enumerate(paths):
+        said: dict[str, Any] = {}
+        for name, pair in (("units", units), ("up", up), ("fps", fps)):
+            # What only the other file leaves open has to be said of both.
+            if pair is not None and (can_use(path, name) or not can_use(paths[1 - k], name)):
+                said[name] = pair[k]
+        takes.append(read_file(path, ReadOptions(**said)))
         for notice in takes[-1].notices:
             print(f"note: {notice}", file=sys.stderr)
+    late = takes[1].start - takes[0].start
+    if shift == 0 and abs(late) > 0.5 / max(take.fps for take in takes):
+        print(f"note: {first.name} begins at {takes[0].start:.2f} s of its recording, {second.name} at "
+              f"{takes[1].start:.2f} s; compared from their first frames on. --shift {late:.3f} compares them by those "
+              "times", file=sys.stderr)  # fmt: skip
     found = compare_points(takes[0].positions, takes[1].positions, align, shift, (first.name, second.name))
+    for notice in found.notices:
+        print(f"note: {notice}", file=sys.stderr)
     print(_table(found))
     if plot is not None:
         _draw(plot, found, f"{second.name} against {first.name}")
@@ -108,20 +123,34 @@ def compare_points(
         b, scale = _moved(a, b, both, align == "similarity")
         how = "laid over each other by one rigid movement" + (f" and the scale {scale:.5g}" if align != "rigid" else "")
     distance = np.linalg.norm(a - b, axis=-1)
-    return Comparison(names, distance, times, scale, how)
+    return Comparison(names, distance, times, scale, how, _several(first, second, columns, called))
+
+
+def _several(first: Any, second: Any, columns: list[list[int]], called: tuple[str, str]) -> tuple[str, ...]:
+    """Whose landmarks were compared, where a file has several people's."""
+    from muybridge.geometry.landmark_names import one_of_several
+
+    said = (one_of_several(p.landmarks.names, used) for p, used in zip((first, second), columns, strict=True))
+    return tuple(f"{name}: {one}" for name, one in zip(called, said, strict=True) if one)
 
 
 def _match(first: Any, second: Any, called: tuple[str, str]) -> tuple[tuple[str, ...], list[list[int]]]:
     """Names that both have, by the same spelling or the same meaning; the columns of each."""
-    from muybridge.geometry.landmark_names import map_body, map_surface
+    from muybridge.geometry.landmark_names import map_body, map_surface, of_one_subject
     from muybridge.geometry.skeleton_profiles import roles_of
 
+    def exact(labels: tuple[str, ...]) -> dict[str, int]:
+        return {n.strip().lower(): i for i, n in reversed(list(enumerate(labels)))}
+
     def plain(labels: tuple[str, ...]) -> dict[str, int]:
-        return {n.rsplit(":", 1)[-1].strip().lower(): i for i, n in reversed(list(enumerate(labels)))}
+        return of_one_subject(labels, lambda mine: exact(tuple(n.rsplit(":", 1)[-1] for n in mine)))
+
+    def roles(labels: tuple[str, ...]) -> dict[str, int]:
+        return of_one_subject(labels, roles_of)
 
     best: tuple[tuple[str, ...], list[list[int]]] = ((), [[], []])
     # Landmarks that mean the same are at the same place; joints of the same role may have been put elsewhere.
-    for by, enough in ((plain, 0.5), (map_body, 0.2), (map_surface, 0.2), (roles_of, 0.0)):
+    for by, enough in ((exact, 0.5), (plain, 0.5), (map_body, 0.2), (map_surface, 0.2), (roles, 0.0)):
         one, other = by(first.landmarks.names), by(second.landmarks.names)
         shared = tuple(n for n in one if n in other)
         if len(shared) > len(best[0]):

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from muybridge.errors import MuybridgeError, OutputError
+from muybridge.errors import MuybridgeError
 
 Units = Literal["m", "cm", "mm", "in", "cmu"]
 Up = Literal["y", "z"]
@@ -30,29 +30,28 @@ def convert(
 ) -> int:
     """Points or motion from one file format into another, by their suffixes.
 
-    Points: .trc .c3d .csv .parquet .npz. Motion: .bvh .amc .glb .usda .mot; read also from .gltf. A motion is
-    written as points by the places of its joints. Points have no joints that turn: `muybridge solve` fits a body.
+    Points: .trc .c3d .csv .parquet .npz; read also from .tsv. Motion: .bvh .amc .glb .fbx; read also from .gltf,
+    written also as .usda and .mot. A motion is written as points by the places of its joints. Points have no joints
+    that turn: `muybridge solve` fits a body.
 
     Args:
         source: what to read.
         target: what to write.
         units: unit of lengths in FROM, where the file does not say or says it wrongly; cmu is 0.0254 / 0.45 m.
-        up: which axis is up in FROM, where the file does not say (points only).
+        up: which axis is up in FROM, where the file does not say (points only). An option that FROM's format has no
+            use for is refused.
         fps: frames a second of FROM, where the file does not say or says it wrongly.
         asf: the skeleton of an .amc file (default: the .asf beside it that has its name).
         to_units: unit of lengths in a BVH that is written; every other format has its own.
         fill_gaps: fill gaps of points that are at most so many seconds long.
         smooth: filter over time, of points, or of a motion's rotations; none by default.
         cutoff: Hz, of `--smooth butterworth` (default: found by residual analysis).
-        overwrite: replace TO if it is there.
+        overwrite: replace TO if it is there, and the .asf that goes with an .amc.
     """
     from muybridge.motion.formats.registry import ReadOptions, check_writable, read_file, write_file
 
     check_writable(target)
-    if target.exists() and (target.resolve() == source.resolve() or not overwrite):
-        same = target.resolve() == source.resolve()
-        raise OutputError(f"{target} is {'the file to be read' if same else 'there already'}: choose another name"
-                          f"{'' if same else ', or give --overwrite'}")  # fmt: skip
+    _check_free(source, asf, target, overwrite)
     take = read_file(source, ReadOptions(units, up, fps, asf))
     take, told = _smoothed(take, fill_gaps, smooth, cutoff)
     for notice in (*take.notices, *told):
@@ -62,6 +61,18 @@ def convert(
     count = f"{len(points.landmarks)} {'joints' if take.motion is not None else 'points'}"
     print(f"{target}: {len(points.points_world)} frames at {points.fps:.6g} fps, {count}")
     return 0
+
+
+def _check_free(source: Path, asf: Path | None, target: Path, overwrite: bool) -> None:
+    """OutputError where the target, or the skeleton that goes with it, would replace what is there."""
+    from muybridge.files import check_free
+    from muybridge.motion.formats.asf_amc import find_asf
+
+    read = [source]
+    if source.suffix.lower() == ".amc" and source.is_file():
+        read.append(asf or find_asf(source))
+    for path in (target, *([target.with_suffix(".asf")] if target.suffix.lower() == ".amc" else [])):
+        check_free(path, overwrite, read)
 
 
 def _smoothed(take: Any, fill: float, method: Filter | None, cutoff: float | None) -> tuple[Any, list[str]]:

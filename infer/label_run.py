@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,10 @@ from muybridge.infer.label_report import render_label_report
 from muybridge.infer.labelling import Labelled, LabelOptions, label_points, relabelled
 from muybridge.infer.outputs import open_output
 from muybridge.models.registry import shipped_model
-from muybridge.motion.formats.c3d import write_c3d
+from muybridge.motion.formats.c3d import C3DTake, take_of, write_c3d
 from muybridge.motion.formats.marker_cloud import MarkerCloud, read_marker_cloud
 from muybridge.motion.formats.marker_set import find_marker_set
+from muybridge.motion.formats.points3d import check_fps
 
 FILES = ("labelled.c3d", "label.json", "report.html")
 CORRECTIONS = "corrections.txt"
@@ -35,8 +37,11 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
               overwrite: bool, options: LabelOptions, clean: CleanOptions) -> str:  # fmt: skip
     """Labels `file` into the folder `out`; returns what to tell the user."""
     plan = find_marker_set(markerset)
-    cloud = read_marker_cloud(file)
-    rate = rate_of(file, cloud, fps)
+    check_fps(fps)
+    cloud = read_marker_cloud(file, fps)
+    if not (math.isfinite(cloud.fps) and cloud.fps > 0):
+        raise FormatError(f"{file}: does not say how many frames it has a second; give --fps")
+    rate = cloud.fps
     settled = corrections or (out / CORRECTIONS if (out / CORRECTIONS).is_file() else None)
     lines = read_corrections(settled) if settled else []
     network = LabelNetwork(model or shipped_model("labels"))
@@ -58,7 +63,7 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
     cleaned = clean_markers(labelled.points, rate, clean, by_hand)
     content = label_json(labelled, cleaned, cloud.names, rate, file.name, notes_of(cloud, labelled, plan), corrected,
                          _figures(labelled))  # fmt: skip
-    folder.write("labelled.c3d", lambda path: _write(path, labelled, cleaned, rate))
+    folder.write("labelled.c3d", lambda path: _write(path, cloud, labelled, cleaned, rate))
     folder.write_text("label.json", json.dumps(content, allow_nan=False))
     folder.write_text("report.html", render_label_report(labelled, cleaned, content))
     return summary(content, out)
@@ -81,6 +86,8 @@ def notes_of(cloud: MarkerCloud, labelled: Labelled, plan: MarkerPlan) -> list[s
     if usual < FEW * len(plan.markers) and len(lost) > 4:
         notes.append(f"frames have about {usual:.0f} points, the set {len(plan.markers)} markers: "
                      "if another set was worn, name it with --markerset")  # fmt: skip
+    if (up := up_of(labelled)) not in ("+Y", "+Z"):
+        notes.append(f"{up} is up in the file; labelled.c3d is turned, so that +Z is")
     if cloud.left_out:
         notes.append(f"left out, since they are no points: {', '.join(cloud.left_out[:8])}"
                      + (f" and {len(cloud.left_out) - 8} more" if len(cloud.left_out) > 8 else ""))  # fmt: skip
@@ -103,25 +110,20 @@ def summary(content: dict[str, Any], out: Path) -> str:
     return "\n".join([*lines, f"results: {out}"])
 
 
-def rate_of(file: Path, cloud: MarkerCloud, fps: float | None) -> float:
-    """Frames a second, as given or as the file says."""
-    rate = cloud.fps if fps is None else fps
-    if not (math.isfinite(rate) and rate > 0):
-        raise FormatError(f"{file}: does not say how many frames it has a second; give --fps")
-    return rate
+def _write(path: Path, cloud: MarkerCloud, labelled: Labelled, cleaned: Cleaned, fps: float) -> None:
+    """The markers, and what else the file has, in the file's axes; with Z up where C3D has no word for those."""
+    points = as_points(labelled, cleaned, fps)
+    up = up_of(labelled)
+    turn = np.eye(3) if up in ("+Y", "+Z") else labelled.turn
+    points = replace(points, points_world=points.points_world @ turn.T)
+    take = C3DTake(points) if cloud.c3d is None else take_of(cloud.c3d, points, cloud.metres * labelled.factor, turn)
+    write_c3d(path, take, "y" if up == "+Y" else "z")
 
 
-def _write(path: Path, labelled: Labelled, cleaned: Cleaned, fps: float) -> None:
-    """The markers in the axes of their file, which the C3D names."""
-    write_c3d(path, as_points(labelled, cleaned, fps))
-    up = next(("XYZ"[axis] for axis in range(3) if labelled.turn[2, axis] > 0.5), "")
-    if up == "Y":
-        import ezc3d  # type: ignore[import-untyped]
-
-        file: Any = ezc3d.c3d(str(path))
-        file["parameters"]["POINT"]["X_SCREEN"]["value"] = ["+X"]
-        file["parameters"]["POINT"]["Y_SCREEN"]["value"] = ["+Y"]
-        file.write(str(path))
+def up_of(labelled: Labelled) -> str:
+    """The axis of the file that points up, such as -Z."""
+    axis = int(np.argmax(np.abs(labelled.turn[2])))
+    return f"{'+' if labelled.turn[2, axis] > 0 else '-'}{'XYZ'[axis]}"
 
 
 def as_points(labelled: Labelled, cleaned: Cleaned, fps: float) -> Points3D:

@@ -16,6 +16,7 @@ def markerset(
     /,
     out: Path | None = None,
     model: Path | None = None,
+    overwrite: bool = False,
 ) -> int:
     """List marker sets, show one, or learn one from a trial that is labelled.
 
@@ -27,6 +28,7 @@ def markerset(
         name: a marker set, or a labelled trial.
         out: the file that `show` and `from` write; `show` prints without one.
         model: labelling network; the shipped one by default.
+        overwrite: replace the file if it is there.
     """
     from muybridge.errors import MuybridgeError
     from muybridge.geometry.landmarks import SURFACE
@@ -39,28 +41,32 @@ def markerset(
     elif not name:
         raise MuybridgeError(f"`markerset {what}` needs {'a set' if what == 'show' else 'a labelled trial'} after it")
     elif what == "show":
-        _show(name, out)
+        _show(name, out, overwrite)
     else:
-        _learn(Path(name), out, model)
+        _learn(Path(name), out, model, overwrite)
     return 0
 
 
-def _show(name: str, out: Path | None) -> None:
+def _show(name: str, out: Path | None, overwrite: bool) -> None:
+    from muybridge.files import check_free
     from muybridge.motion.formats.marker_set import find_marker_set, marker_set_text, write_marker_set
 
     plan = find_marker_set(name)
     if out is None:
         print(marker_set_text(plan, name))
     else:
+        check_free(out, overwrite)
         write_marker_set(out, plan, name)
         print(f"wrote {out}")
 
 
-def _learn(trial: Path, out: Path | None, model: Path | None) -> None:
+def _learn(trial: Path, out: Path | None, model: Path | None, overwrite: bool) -> None:
+    from muybridge.files import check_free
     from muybridge.infer.label_learn import learn_marker_set
     from muybridge.motion.formats.marker_set import write_marker_set
 
-    plan, notes = learn_marker_set(trial, model)
     path = out or Path(f"{trial.stem}.txt")
+    check_free(path, overwrite, [trial])
+    plan, notes = learn_marker_set(trial, model)
     write_marker_set(path, plan, f"learned from {trial.name}; check it before you use it")
     print("\n".join([f"{len(plan.markers)} markers", *notes, f"wrote {path}; use it with --markerset {path}"]))

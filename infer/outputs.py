@@ -104,7 +104,9 @@ def open_output(
         OutputError: the folder belongs to the input, cannot be written, or holds such files.
     """
     place = path.resolve()
-    default = "leave out --out to get the folder `muybridge` inside the session"
+    default = "name another folder with --out"
+    if session is not None:
+        default = "leave out --out to get the folder `muybridge` inside the session"
     if any((path / name).is_dir() for name in VIDEO_FOLDERS):
         raise OutputError(f"{path} is a session's own folder: results never go over the input; {default}")
     if any(_inside(place, folder) for folder in {i.resolve().parent for i in inputs}):

@@ -44,6 +44,7 @@ class Labelled:
         unused: the others.
         how: one sentence on how they were understood.
         columns: marker of SURFACE -> column of the file's points; empty where these are landmarks.
+        whose: one sentence on whose they are, where the file has several people's.
     """
 
     points: Any
@@ -51,6 +52,7 @@ class Labelled:
     unused: tuple[str, ...]
     how: str
     columns: dict[str, int] = field(default_factory=dict)
+    whose: str = ""
 
 
 def solve(
@@ -99,6 +101,7 @@ def solve(
     take = read_file(points, ReadOptions(units, up, fps))
     notices = list(take.notices)
     labelled = understand(points, take.positions)
+    notices += [labelled.whose] if labelled.whose else []
     stature = check_size(points, labelled, ReadOptions(units, up, fps))
     tilt = _tilt_deg(labelled.points.points_world)
     if tilt > 60:
@@ -165,12 +168,12 @@ def understand(path: Path, points: Any) -> Labelled:
     """
     from dataclasses import replace
 
-    from muybridge.geometry.landmark_names import map_body, map_surface
+    from muybridge.geometry.landmark_names import map_body, map_surface, one_of_several
     from muybridge.geometry.landmarks import BODY23
     from muybridge.geometry.marker_joints import landmarks_from_markers
 
     names = points.landmarks.names
-    body, surface = map_body(names), map_surface(names)
+    body, surface = ({n: i for n, i in known(names).items() if _ever(points, i)} for known in (map_body, map_surface))
     if len(body) < _FEWEST and len(surface) < _FEWEST:
         known = "nose, LShoulder, left_hip, RKnee, ...; LASI, RKNE, ..."
         raise FormatError(
@@ -192,8 +195,9 @@ def understand(path: Path, points: Any) -> Labelled:
         told = int(np.isfinite(mapped.points_world).any(axis=(0, 2)).sum())
         columns, how = set(surface.values()), f"{told} landmarks from {len(surface)} markers"
     used = tuple(n for i, n in enumerate(names) if i in columns)
-    skin = {} if len(body) >= len(surface) else {m: i for m, i in surface.items() if _ever(points, i)}
-    return Labelled(mapped, used, tuple(n for i, n in enumerate(names) if i not in columns), how, skin)
+    skin = {} if len(body) >= len(surface) else surface
+    unused = tuple(n for i, n in enumerate(names) if i not in columns)
+    return Labelled(mapped, used, unused, how, skin, one_of_several(names, sorted(columns)))
 
 
 def _ever(points: Any, column: int) -> bool:
@@ -229,13 +233,13 @@ def check_size(path: Path, labelled: Labelled, options: Any) -> float:
     """
     from dataclasses import replace
 
-    from muybridge.motion.formats.registry import read_file
+    from muybridge.motion.formats.registry import can_use, read_file
 
     stature = stature_of(labelled.points.points_world)
     if not np.isfinite(stature) or _STATURES[0] <= stature <= _STATURES[1]:
         return stature
     likely = []
-    for unit in ("m", "cm", "mm"):
+    for unit in ("m", "cm", "mm") if can_use(path, "units") else ():
         other = read_file(path, replace(options, units=unit)).positions
         if _STATURES[0] <= stature_of(understand(path, other).points.points_world) <= _STATURES[1]:
             likely.append(unit)

@@ -1,5 +1,6 @@
 """BVH: round trips, what an independent reader sees, malformed files, CMU's file."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -271,3 +272,18 @@ def test_more_frames_than_the_file_can_hold(tmp_path):
     (tmp_path / "x.bvh").write_text(GOOD.replace("Frames: 2", "Frames: 99999999999"))
     with pytest.raises(FormatError, match="announces 99999999999 frames"):
         read_bvh(tmp_path / "x.bvh")
+
+
+@pytest.mark.parametrize(
+    ("text", "fps"),
+    [
+        ("0.008333", 120), ("0.0083333", 120), ("0.016667", 60), ("0.016666", 60), ("0.004167", 240), ("0.0333", 30),
+        ("0.033", 30), ("0.041667", 24), ("0.01", 100), ("0.040000", 25), ("8.333e-03", 120), ("1", 1), ("2", 0.5),
+        ("0.016683", 1 / 0.016683), ("0.033367", 1 / 0.033367), ("0.0334", 1 / 0.0334), ("0.03", 1 / 0.03),
+    ],
+)  # fmt: skip
+def test_a_frame_time_is_read_as_the_rate_that_it_was_rounded_from(tmp_path, text, fps):
+    write_bvh(tmp_path / "a.bvh", make_motion(3))
+    whole = re.sub(r"Frame Time: \S+", f"Frame Time: {text}", (tmp_path / "a.bvh").read_text())
+    (tmp_path / "a.bvh").write_text(whole)
+    assert read_bvh(tmp_path / "a.bvh").fps == pytest.approx(fps, rel=1e-12)

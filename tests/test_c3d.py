@@ -10,7 +10,7 @@ import pytest
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks import LandmarkSet, Points3D
 from muybridge.motion.formats.c3d import Analog, C3DTake, Event, read_c3d, read_c3d_take, write_c3d
-from muybridge.motion.formats.c3d_read import read_raw_c3d
+from muybridge.motion.formats.c3d_read import _Reader, read_raw_c3d
 
 MARKERS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "markers"
 
@@ -184,3 +184,41 @@ def test_damaged(tmp_path, at, new, says):
     with pytest.raises(FormatError, match=says) as raised:
         read_c3d(tmp_path / "bad.c3d")
     assert "bad.c3d" in str(raised.value) and "\n" not in str(raised.value)
+
+
+def whole_points(frames: int) -> Points3D:
+    points = make_points(frames, ("LASI", "RASI"))
+    points.points_world[1:3, 1] = 1.0
+    return points
+
+
+@pytest.mark.parametrize(("frames", "first"), [(65_600, 1), (20, 65_530), (20, 200_000)])
+def test_frames_beyond_what_the_header_counts_come_back(tmp_path, frames, first):
+    points = whole_points(frames)
+    write_c3d(tmp_path / "a.c3d", C3DTake(points, first))
+    back = read_c3d_take(tmp_path / "a.c3d")
+    assert back.first_frame == first
+    np.testing.assert_allclose(back.points.points_world, points.points_world, atol=1e-6)
+
+
+def test_frames_are_counted_where_no_parameter_does(tmp_path):
+    """By LONG_FRAMES alone, or by the file's size where all say 65,535."""
+    points = whole_points(65_600)
+    write_c3d(tmp_path / "a.c3d", points)
+    data = (tmp_path / "a.c3d").read_bytes()
+    for name in (b"LONG_FRAMES", b"ACTUAL_START_FIELD", b"ACTUAL_END_FIELD"):
+        assert data.count(name) == 1
+        data = data.replace(name, b"X" * len(name))
+    (tmp_path / "b.c3d").write_bytes(data)
+    assert len(read_c3d(tmp_path / "b.c3d").points_world) == 65_600
+    long = data.replace(b"\x06\x01FRAMES", b"\x06\x01XRAMES").replace(b"X" * 11, b"LONG_FRAMES")
+    (tmp_path / "c.c3d").write_bytes(long)
+    assert len(read_c3d(tmp_path / "c.c3d").points_world) == 65_600
+
+
+def test_point_frames_may_be_a_real_number(tmp_path):
+    write_c3d(tmp_path / "a.c3d", make_points())
+    reader = _Reader(tmp_path / "a.c3d", (tmp_path / "a.c3d").read_bytes())
+    header = np.array([0, 1, 0, 1, 65_535])
+    stated = {"POINT": {"FRAMES": np.array(65_600.0)}}
+    assert reader.frames(header, stated, 512, 16) == (65_600, 1)

@@ -20,6 +20,13 @@ def test_a_file_takes_its_place_when_it_is_whole(tmp_path: Path) -> None:
     assert path.read_text() == "first" and os.listdir(path.parent) == ["points.npz"]
 
 
+def test_a_temporary_name_has_the_suffix_in_small_letters(tmp_path: Path) -> None:
+    with replacing(tmp_path / "X.C3D") as temporary:
+        temporary.write_text("whole")
+        assert temporary.suffix == ".c3d"
+    assert os.listdir(tmp_path) == ["X.C3D"]
+
+
 def test_what_killed_runs_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
     path = tmp_path / "take [1].npz"
     old = [f".{path.stem}.4711.tmp.npz", "take [1].npz.old", ".take 1.4711.tmp.npz", f".{path.stem}.4711.tmp.npy"]

@@ -1,10 +1,16 @@
 """`muybridge label` on files that hold nothing to label: one line says what is wrong, and no result is left."""
 
+import json
+
 import ezc3d
 import numpy as np
 import pytest
 
+from muybridge.geometry.landmarks import LandmarkSet, Points3D
 from muybridge.infer.cli import run_command
+from muybridge.infer.labelling import _up
+from muybridge.motion.formats.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
+from muybridge.motion.formats.c3d_read import read_raw_c3d
 
 FRAMES, MARKERS = 20, 12
 
@@ -77,3 +83,49 @@ def test_a_recording_that_is_cut_off_in_its_frames_is_refused(files, tmp_path, c
 def test_random_points_are_no_hindrance(files, tmp_path, capsys):
     assert run_command(["label", str(files / "good.c3d"), "--out", str(tmp_path / "out")]) == 0
     assert "of 39 markers" in capsys.readouterr().out
+
+
+@pytest.fixture(scope="module")
+def take():
+    """Points of a trial with events, a force plate and its channels, beginning at frame 41."""
+    points = np.random.default_rng(0).normal(0, 0.3, (FRAMES, MARKERS, 3)) + [0, 0, 1]
+    none = np.empty((0, FRAMES, MARKERS))
+    names = LandmarkSet("m", tuple(f"*{i}" for i in range(MARKERS)), ())
+    points = Points3D(names, points, np.full((*points.shape, 3), np.nan), none, none.astype(bool), 100.0)
+    analog = Analog(("Fz", "EMG"), ("N", "V"), 1000.0, np.arange(20.0 * FRAMES).reshape(-1, 2))
+    plates = {"USED": [1], "TYPE": [2], "CORNERS": np.arange(12.0).reshape(3, 4, 1), "ORIGIN": np.ones((3, 1)),
+              "CHANNEL": np.array([[1], [2]]), "ZERO": [0, 0]}  # fmt: skip
+    return C3DTake(points, 41, (Event("Foot Strike", 0.5, "Left"),), analog, plates)
+
+
+@pytest.mark.parametrize("axis", ["+Z", "+Y", "+X", "-Z"])
+def test_events_channels_and_plates_stay_and_the_axis_is_right(take, tmp_path, monkeypatch, axis):
+    turn = _up("XYZ".index(axis[1]), 1.0 if axis[0] == "+" else -1.0)
+    monkeypatch.setattr("muybridge.infer.labelling.upright", lambda *a: turn)
+    write_c3d(tmp_path / "a.c3d", take)
+    assert run_command(["label", str(tmp_path / "a.c3d"), "--clean.no-fill", "--out", str(tmp_path / "out")]) == 0
+    raw = read_raw_c3d(tmp_path / "out" / "labelled.c3d")
+    kept = axis in ("+Z", "+Y")
+    assert raw.texts("POINT", "Y_SCREEN") == ["+Y" if axis == "+Y" else "+Z"]
+    notes = json.loads((tmp_path / "out" / "label.json").read_text())["notes"]
+    assert any("is turned" in note for note in notes) == (not kept)
+    back = read_c3d_take(tmp_path / "out" / "labelled.c3d", up="z")
+    assert back.first_frame == 41 and back.events[0].time == pytest.approx(0.5) and back.analog is not None
+    np.testing.assert_array_equal(back.analog.values, take.analog.values)
+    turn = np.eye(3) if kept else turn
+    corners = np.tensordot(turn, take.force_platforms["CORNERS"], 1)
+    np.testing.assert_allclose(back.force_platforms["CORNERS"], corners, atol=1e-6)
+    measured = back.points.points_world[np.isfinite(back.points.points_world[..., 0])]
+    there = (take.points.points_world @ turn.T).reshape(-1, 3)
+    assert len(measured) and all(np.abs(there - p).max(1).min() < 1e-5 for p in measured)
+
+
+def test_another_frame_rate_moves_events_and_samples_with_the_frames(take, tmp_path):
+    write_c3d(tmp_path / "a.c3d", take)
+    source = str(tmp_path / "a.c3d")
+    for words in (["convert", source, str(tmp_path / "b.c3d")], ["label", source, "--out", str(tmp_path / "out")]):
+        assert run_command([*words, "--fps", "50"]) == 0
+    for name in ("b.c3d", "out/labelled.c3d"):
+        back = read_c3d_take(tmp_path / name)
+        assert back.points.fps == 50 and back.analog is not None and back.analog.rate == 500
+        assert back.events[0].time == pytest.approx(1.0)

@@ -147,6 +147,13 @@ def test_faults_of_a_set_are_named_with_their_line(tmp_path, text, what):
         read_marker_set(tmp_path / "our.txt")
 
 
+def test_the_example_of_the_docs_is_a_set(repository, tmp_path):
+    text = (repository / "docs" / "labelling.md").read_text()
+    (tmp_path / "our.txt").write_text("# Our lab's" + text.split("# Our lab's")[1].split("```")[0])
+    plan = find_marker_set(str(tmp_path / "our.txt"))
+    assert len(plan.markers) == 8 and plan.jitter_m[2] == 0.06 and plan.optional.sum() == 2
+
+
 def test_an_unknown_set_suggests_one():
     with pytest.raises(FormatError, match="did you mean pig39"):
         find_marker_set("pg39")

@@ -9,6 +9,7 @@ BVH says neither unit nor axes, so reading keeps lengths unless a scale is given
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from pathlib import Path
 from typing import Literal
 
@@ -27,6 +28,7 @@ Array = NDArray[np.float64]
 _SHORTEST_M = 0.01
 BVH_FROM_WORLD = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 _AXES = "xyz"
+_PRECISE = 0.02  # share of a frame's time that its text may be off by and still tell the rate
 
 
 def write_bvh(path: Path, motion: Motion, units: Literal["m", "cm"] = "m") -> None:
@@ -60,7 +62,7 @@ def write_bvh(path: Path, motion: Motion, units: Literal["m", "cm"] = "m") -> No
     lines += ["MOTION", f"Frames: {t_count}", f"Frame Time: {1 / motion.fps:.9f}"]
     lines += [" ".join(f"{v:.6f}" for v in row) for row in np.concatenate([root, degrees], axis=1)]
     with replacing(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="ascii", newline="\n")
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 
 def _long_tips(skeleton: Skeleton) -> Array:
@@ -139,7 +141,9 @@ class _Words:
         return found.lower()
 
     def number(self, wanted: str) -> float:
-        found = self.next(wanted)
+        return self.value(self.next(wanted), wanted)
+
+    def value(self, found: str, wanted: str) -> float:
         try:
             value = float(found)
         except ValueError:
@@ -182,7 +186,7 @@ def read_bvh(path: Path, metres_per_unit: float = 1.0) -> Motion:
     words.expect("ROOT")
     joints: list[_Joint] = []
     _read_joints(words, joints)
-    values, seconds = _read_values(words, sum(len(j.channels or ()) for j in joints))
+    values, fps = _read_values(words, sum(len(j.channels or ()) for j in joints))
     positions, quat_xyzw = _split_channels(path, joints, values)
     quat_xyzw[..., :3] = quat_xyzw[..., :3] @ BVH_FROM_WORLD
     offsets = np.array([j.offset for j in joints]) @ BVH_FROM_WORLD * metres_per_unit
@@ -199,9 +203,6 @@ def read_bvh(path: Path, metres_per_unit: float = 1.0) -> Motion:
         upper=free,
     )
     quat = continuous_quat(np.roll(quat_xyzw, 1, axis=-1))
-    fps = 1 / seconds
-    # Most write a 120th of a second as .0083333.
-    fps = float(round(fps)) if abs(fps - round(fps)) < 2e-5 * fps else fps
     return Motion(skeleton, fps, positions @ BVH_FROM_WORLD * metres_per_unit, quat)
 
 
@@ -262,13 +263,14 @@ def _read_end_site(words: _Words) -> Array:
 
 
 def _read_values(words: _Words, channels: int) -> tuple[Array, float]:
-    """(T, channels) and seconds a frame."""
+    """(T, channels) and frames a second."""
     words.expect("MOTION")
     words.expect("Frames:")
     frames = words.count("the number of frames")
     words.expect("Frame")
     words.expect("Time:")
-    seconds = words.number("the seconds of a frame")
+    text = words.next("the seconds of a frame")
+    seconds = words.value(text, "the seconds of a frame")
     if seconds <= 0:
         raise words.bad(f"{seconds:g}", "a frame time above zero")
     if frames * max(channels, 1) > words.size:
@@ -290,7 +292,17 @@ def _read_values(words: _Words, channels: int) -> tuple[Array, float]:
         raise FormatError(
             f"{words.path}: line {words.line}: more follows the {frames} frames that the file announces; mend Frames:"
         )
-    return values, seconds
+    return values, _rate(text, seconds)
+
+
+def _rate(text: str, seconds: float) -> float:
+    """Frames a second: a whole number where the text is what its reciprocal is rounded or cut to."""
+    fps = 1 / seconds
+    whole, last = float(max(round(fps), 1)), Decimal(text).as_tuple().exponent
+    decimals = -last if isinstance(last, int) else 0
+    ulp = 10.0**-decimals
+    rounded = ulp < 2 * _PRECISE * seconds and -ulp < seconds - 1 / whole <= 0.5 * ulp
+    return whole if rounded or abs(fps - whole) < 2e-5 * fps else fps
 
 
 def _split_channels(path: Path, joints: list[_Joint], values: Array) -> tuple[Array, Array]:

@@ -9,9 +9,9 @@ there is no mask to tell, and read the low one.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +20,14 @@ from muybridge import __version__
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks import Points3D
-from muybridge.motion.formats.c3d_read import RawC3D, read_raw_c3d
+from muybridge.motion.formats.c3d_read import LAST_COUNTED, RawC3D, read_raw_c3d
 from muybridge.motion.formats.points3d import METRES_OF_UNIT, UP_PERMUTATION, check_unit, check_up, points_of_file
 
 Array = NDArray[np.float64]
 
 # The axis parameters as the C3D manual has them: what points right and up on a screen that shows the subject
 # from its left.
-_X_SCREEN, _Y_SCREEN = "+Y", "+Z"
+_SCREEN = {"z": ("+Y", "+Z"), "y": ("+X", "+Y")}
 _UP_OF_SCREEN = {"+Z": "z", "+Y": "y"}
 # Results of gait models that are stored as points but are none; the names of the parameters that list them.
 _NOT_POINTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "ENERGIES", "REACTIONS", "MODEL_OUTPUTS")
@@ -78,7 +78,7 @@ class C3DTake:
         first_frame: number of the first frame in the recording, from 1.
         events: in order of time.
         analog: None where there are no channels.
-        force_platforms: parameters of the group FORCE_PLATFORM, in millimetres and Z up.
+        force_platforms: parameters of the group FORCE_PLATFORM, in millimetres and the points' axes.
     """
 
     points: Points3D
@@ -88,12 +88,13 @@ class C3DTake:
     force_platforms: Mapping[str, Any] = field(default_factory=dict)
 
 
-def write_c3d(path: Path, points: Points3D | C3DTake) -> None:
-    """Write points in millimetres, Z up, and what else a take has.
+def write_c3d(path: Path, points: Points3D | C3DTake, up: Literal["y", "z"] = "z") -> None:
+    """Write points in millimetres, and what else a take has.
 
     Args:
         path: the file to write; replaced only once it is complete.
         points: (T, J, 3) metres; NaN where unknown.
+        up: which of their axes is up; nothing is turned, the file says it.
 
     Raises:
         OutputError: the file cannot be written.
@@ -117,8 +118,8 @@ def write_c3d(path: Path, points: Points3D | C3DTake) -> None:
         suffix = str(k // 255 + 1) if k else ""
         c3d.add_parameter("POINT", f"LABELS{suffix}", list(names))
         c3d.add_parameter("POINT", f"DESCRIPTIONS{suffix}", [f"{points.landmarks.name} landmark"] * len(names))
-    c3d.add_parameter("POINT", "X_SCREEN", [_X_SCREEN])
-    c3d.add_parameter("POINT", "Y_SCREEN", [_Y_SCREEN])
+    for key, axis in zip(("X_SCREEN", "Y_SCREEN"), _SCREEN[up], strict=True):
+        c3d.add_parameter("POINT", key, [axis])
     c3d.add_parameter("MANUFACTURER", "COMPANY", ["muybridge"])
     c3d.add_parameter("MANUFACTURER", "SOFTWARE", ["muybridge"])
     c3d.add_parameter("MANUFACTURER", "VERSION_LABEL", [__version__])
@@ -130,11 +131,23 @@ def write_c3d(path: Path, points: Points3D | C3DTake) -> None:
     byte = np.maximum(residual.T, 0).astype(np.int64)
     c3d["data"]["meta_points"]["camera_masks"] = (byte[None] >> np.arange(7)[:, None, None] & 1).astype(np.bool_)
     _add_extras(c3d, take, frames)
+    _add_long(c3d, take.first_frame, frames)
     with replacing(path) as temporary:
         try:
             c3d.write(str(temporary))
         except RuntimeError as error:  # ezc3d has one exception for everything
             raise OSError(str(error)) from error
+
+
+def _add_long(c3d: Any, first: int, frames: int) -> None:
+    """What counts frames where the header cannot: their number, and both ends as low and high 16 bits."""
+    last = first + frames - 1
+    if last <= LAST_COUNTED:
+        return
+    c3d.add_parameter("POINT", "LONG_FRAMES", [float(frames)])
+    for key, number in (("ACTUAL_START_FIELD", first), ("ACTUAL_END_FIELD", last)):
+        high, low = divmod(number, 65536)
+        c3d.add_parameter("TRIAL", key, [low - 65536 if low > 32767 else low, high])
 
 
 def _add_extras(c3d: Any, take: C3DTake, frames: int) -> None:
@@ -182,8 +195,11 @@ def read_c3d(path: Path, unit: str | None = None, up: str | None = None) -> Poin
     return read_c3d_take(path, unit, up).points
 
 
-def read_c3d_take(path: Path, unit: str | None = None, up: str | None = None) -> C3DTake:
-    """Read points as `read_c3d` does, with events, analog channels, force plates and the first frame's number."""
+def read_c3d_take(
+    path: Path, unit: str | None = None, up: str | None = None, fps: float | None = None
+) -> C3DTake:
+    """Read points as `read_c3d` does, with events, analog channels, force plates and the first frame's number; `fps`
+    where the file says its frame rate wrongly."""
     path = Path(path)
     raw = read_raw_c3d(path)
     frames, count = raw.points.shape[:2]
@@ -193,7 +209,8 @@ def read_c3d_take(path: Path, unit: str | None = None, up: str | None = None) ->
     kept = [k for k, name in enumerate(names) if name not in not_points]
     if not kept or not frames:
         raise FormatError(f"{path}: holds no points (labels: {len(kept)}, frames: {frames}); export them")
-    if not 0 < raw.fps < 1e9:
+    fps = fps or raw.fps
+    if not 0 < fps < 1e9:
         raise FormatError(f"{path}: POINT:RATE is {raw.fps}; it must be above zero")
     metres = METRES_OF_UNIT[check_unit(path, unit or (raw.texts("POINT", "UNITS") or [""])[0] or "mm", "POINT:UNITS")]
     screen = (raw.texts("POINT", "Y_SCREEN") or [""])[0] or "+Z"
@@ -203,12 +220,26 @@ def read_c3d_take(path: Path, unit: str | None = None, up: str | None = None) ->
     xyz = raw.points[:, kept][..., turn] * metres
     residual = raw.residuals[:, kept]
     xyz[(residual < 0) | ~np.all(np.abs(xyz) < 1e12, axis=-1)] = np.nan
-    points = points_of_file(path, [names[k] or f"point_{k + 1}" for k in kept], xyz, raw.fps, "c3d")
+    points = points_of_file(path, [names[k] or f"point_{k + 1}" for k in kept], xyz, fps, "c3d")
     variance = np.where((residual > 0) & np.isfinite(xyz[..., 0]), (residual * metres) ** 2, np.nan)
     points.covariance_world[:] = np.where(
         np.isfinite(variance)[..., None, None], np.eye(3) * variance[..., None, None], np.nan
     )
-    return C3DTake(points, raw.first_frame, _events(raw), _analog(raw), _force_platforms(raw, metres, turn))
+    return take_of(raw, points, metres, np.eye(3)[turn])
+
+
+def take_of(raw: RawC3D, points: Points3D, metres: float, turn: Array) -> C3DTake:
+    """Points with what else the file has that they come from.
+
+    Args:
+        raw: the file.
+        points: of all its frames. Where their rate is another than the file's, events and samples stay at their frames.
+        metres: how long a unit of the file is.
+        turn: (3, 3) from the file's axes to the points'.
+    """
+    stretch = raw.fps / points.fps if raw.fps > 0 else 1.0
+    events = tuple(replace(e, time=e.time * stretch) for e in _events(raw))
+    return C3DTake(points, raw.first_frame, events, _analog(raw, points.fps), _force_platforms(raw, metres, turn))
 
 
 def _events(raw: RawC3D) -> tuple[Event, ...]:
@@ -228,17 +259,17 @@ def _events(raw: RawC3D) -> tuple[Event, ...]:
     return tuple(sorted(found, key=lambda e: e.time))
 
 
-def _analog(raw: RawC3D) -> Analog | None:
+def _analog(raw: RawC3D, fps: float) -> Analog | None:
     channels = raw.analog.shape[1]
     if not channels or not len(raw.analog):
         return None
     labels, units = raw.texts("ANALOG", "LABELS")[:channels], raw.texts("ANALOG", "UNITS")[:channels]
     labels += [f"channel_{k + 1}" for k in range(len(labels), channels)]
     units += [""] * (channels - len(units))
-    return Analog(tuple(labels), tuple(units), raw.fps * raw.analog_per_frame, raw.analog)
+    return Analog(tuple(labels), tuple(units), fps * raw.analog_per_frame, raw.analog)
 
 
-def _force_platforms(raw: RawC3D, metres: float, turn: list[int]) -> dict[str, Any]:
+def _force_platforms(raw: RawC3D, metres: float, turn: Array) -> dict[str, Any]:
     """The group's parameters; corners and origins follow the points' unit, corners their axes as well."""
     group = raw.parameters.get("FORCE_PLATFORM", {})
     if raw.analog.size == 0 or not raw.numbers("FORCE_PLATFORM", "USED").any():
@@ -247,7 +278,7 @@ def _force_platforms(raw: RawC3D, metres: float, turn: list[int]) -> dict[str, A
     for name, value in group.items():
         if isinstance(value, np.ndarray) and name in ("CORNERS", "ORIGIN"):
             value = value * metres * 1e3
-            value = value[turn] if name == "CORNERS" and len(value) == 3 else value
+            value = np.tensordot(turn, value, 1) if name == "CORNERS" and len(value) == 3 else value
         if isinstance(value, list) or value.size:
             whole = isinstance(value, np.ndarray) and name in ("USED", "TYPE", "ZERO", "CHANNEL")
             out[name] = value.astype(int) if whole else value

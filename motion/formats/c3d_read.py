@@ -22,6 +22,7 @@ Parameters = dict[str, dict[str, Any]]
 _BLOCK = 512
 _INTEL, _DEC, _MIPS = 84, 85, 86
 _EVENT_LABELS = 12345
+LAST_COUNTED = 65535  # the last frame that the header can name
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,12 +125,12 @@ class _Reader:
             raise self.error(f"{header[2]} analog values a frame are no multiple of {per_frame} samples a channel")
         if not (np.isfinite(scale) and scale != 0):
             raise self.error(f"its scale is {scale}")
-        frames, first = self.frames(header, parameters)
         kind = "f4" if scale < 0 else "i2"
         width = 4 * count + channels * per_frame
         start = (int(header[8]) - 1) * _BLOCK
         if start < self.section:
             raise self.error(f"its data are said to begin in block {header[8]}")
+        frames, first = self.frames(header, parameters, start, width * np.dtype(kind).itemsize)
         raw = self.words(start, frames * width, kind).reshape(frames, width)
         fourth = raw[:, : 4 * count].reshape(frames, count, 4)
         points = fourth[..., :3].astype(np.float64) * (1.0 if scale < 0 else scale)
@@ -156,8 +157,8 @@ class _Reader:
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray((samples.astype(np.float64) - offset) * scale * _first(analog, "GEN_SCALE", 1.0))
 
-    def frames(self, header: NDArray[Any], parameters: Parameters) -> tuple[int, int]:
-        """How many frames, and the number of the first; 65,535 is as far as the header counts."""
+    def frames(self, header: NDArray[Any], parameters: Parameters, start: int, size: int) -> tuple[int, int]:
+        """How many frames, of `size` bytes each, and the number of the first; 65,535 is as far as the header counts."""
         first, last = int(header[3]), int(header[4])
         trial, point = parameters.get("TRIAL", {}), parameters.get("POINT", {})
         ends = [trial.get(k) for k in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD")]
@@ -169,13 +170,23 @@ class _Reader:
         count = last - first + 1
         if count < 1 and not (first, last) == (1, 0) and not (first, last) == (0, 0):
             raise self.error(f"its frames go from {first} to {last}")
+        long = max(_first(point, key, 0) for key in ("LONG_FRAMES", "FRAMES"))
         stated = int(_first(point, "FRAMES", 0)) % 65536
-        long = _first(point, "LONG_FRAMES", 0)
-        if last == 65535 and long > count:
+        if last == LAST_COUNTED and long > LAST_COUNTED:
             count = int(long)
-        elif last != 65535 and stated not in (0, 65535, max(count, 0)):
+        elif last == LAST_COUNTED and stated in (0, LAST_COUNTED):
+            count = self.frames_there(count, start, size)
+        elif last != LAST_COUNTED and stated not in (0, LAST_COUNTED, max(count, 0)):
             raise self.error(f"its header has {count} frames, POINT:FRAMES {stated}")
         return max(count, 0), first
+
+    def frames_there(self, count: int, start: int, size: int) -> int:
+        """The file's frames where what counts them has come to its end; zeros behind `count` fill up the last block."""
+        if not size:
+            return count
+        rest = np.frombuffer(self.data, np.uint8, offset=min(start + count * size, len(self.data)))
+        rest = rest[: len(rest) // size * size].reshape(-1, size)
+        return count + int(np.nonzero(rest.any(axis=1))[0].max(initial=-1)) + 1
 
     def parameters(self) -> Parameters:
         """All groups; a group's name may follow its parameters."""

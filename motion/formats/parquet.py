@@ -45,6 +45,13 @@ def read_parquet(path: Path, fps: float | None = None, unit: str | None = None, 
         FormatError: the file is malformed or holds no points.
         ModuleNotFoundError: pyarrow, the extra `parquet`, is not installed.
     """
+    return read_parquet_from(path, fps, unit, up)[0]
+
+
+def read_parquet_from(
+    path: Path, fps: float | None = None, unit: str | None = None, up: str | None = None
+) -> tuple[Points3D, float]:
+    """The points as `read_parquet` has them, and the first frame's time in seconds, 0 where there are no times."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

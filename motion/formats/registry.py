@@ -19,19 +19,20 @@ from muybridge.motion.formats.asf_amc import CMU_FPS, read_amc, write_amc
 from muybridge.motion.formats.bone_mesh import rest_positions
 from muybridge.motion.formats.bvh import read_bvh, write_bvh
 from muybridge.motion.formats.c3d import C3DTake, read_c3d_take, write_c3d
-from muybridge.motion.formats.csv_points import read_csv, write_csv
+from muybridge.motion.formats.csv_points import read_csv_from, write_csv
 from muybridge.motion.formats.fbx import write_fbx
 from muybridge.motion.formats.fbx_read import read_fbx
 from muybridge.motion.formats.gltf import read_gltf, write_glb
 from muybridge.motion.formats.mot import write_mot
 from muybridge.motion.formats.npz import read_npz, write_npz
-from muybridge.motion.formats.parquet import read_parquet, write_parquet
-from muybridge.motion.formats.trc import read_trc, write_trc
+from muybridge.motion.formats.parquet import read_parquet_from, write_parquet
+from muybridge.motion.formats.points3d import METRES_OF_UNIT, check_fps
+from muybridge.motion.formats.trc import read_trc_from, write_trc
 from muybridge.motion.formats.usd import write_usda
 
 Array = NDArray[np.float64]
 
-METRES_OF_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "cmu": 0.0254 / 0.45}
+METRES_OF_LENGTH = METRES_OF_UNIT | {"cmu": 0.0254 / 0.45}
 # Units a figure is tall, and what a unit then is; between these nothing is guessed.
 _TALL = ((0.4, 3.0, "m"), (20.0, 40.0, "cmu"), (100.0, 300.0, "cm"), (1000.0, 3000.0, "mm"))
 
@@ -41,9 +42,9 @@ class ReadOptions:
     """What a file does not say, or says wrongly.
 
     Attributes:
-        units: of lengths: m, cm, mm; for BVH also in and cmu (0.0254 / 0.45 m).
+        units: of lengths: m, cm, mm, in; for BVH also cmu (0.0254 / 0.45 m).
         up: y or z, of points.
-        fps: frames a second.
+        fps: frames a second; MuybridgeError unless above zero.
         asf: the skeleton of an AMC.
     """
 
@@ -51,6 +52,9 @@ class ReadOptions:
     up: str | None = None
     fps: float | None = None
     asf: Path | None = None
+
+    def __post_init__(self) -> None:
+        check_fps(self.fps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +65,14 @@ class Take:
         points: None in a file of motion.
         motion: None in a file of points.
         c3d: what a C3D has besides points.
+        start: seconds of the recording at which the first frame is, where the file says it.
         notices: what was assumed in reading, one sentence each.
     """
 
     points: Points3D | None = None
     motion: Motion | None = None
     c3d: C3DTake | None = None
+    start: float = 0.0
     notices: tuple[str, ...] = field(default_factory=tuple)
 
     @property
@@ -100,11 +106,11 @@ def points_of_motion(motion: Motion) -> Points3D:
 
 
 _READ: dict[str, Callable[[Path, ReadOptions], Take]] = {
-    ".trc": lambda p, o: Take(points=_at(read_trc(p, o.units, o.up or "y"), o.fps)),
+    ".trc": lambda p, o: _timed(read_trc_from(p, o.units, o.up or "y", o.fps), o),
     ".c3d": lambda p, o: _read_c3d(p, o),
-    ".csv": lambda p, o: Take(points=read_csv(p, o.fps, o.units, o.up or "z")),
-    ".tsv": lambda p, o: Take(points=read_csv(p, o.fps, o.units, o.up or "z")),
-    ".parquet": lambda p, o: Take(points=read_parquet(p, o.fps, o.units, o.up)),
+    ".csv": lambda p, o: _timed(read_csv_from(p, o.fps, o.units, o.up or "z"), o),
+    ".tsv": lambda p, o: _timed(read_csv_from(p, o.fps, o.units, o.up or "z"), o),
+    ".parquet": lambda p, o: _timed(read_parquet_from(p, o.fps, o.units, o.up), o),
     ".npz": lambda p, o: Take(points=read_npz(p, o.fps, o.units, o.up or "z")),
     ".bvh": lambda p, o: _read_bvh(p, o),
     ".amc": lambda p, o: Take(motion=read_amc(p, o.asf, o.fps or CMU_FPS)),
@@ -112,6 +118,9 @@ _READ: dict[str, Callable[[Path, ReadOptions], Take]] = {
     ".gltf": lambda p, o: Take(motion=read_gltf(p)),
     ".fbx": lambda p, o: _read_fbx(p),
 }
+_OPTIONS_OF_POINTS = ("units", "up", "fps")
+_OPTIONS_OF_MOTION = {".bvh": ("units", "fps"), ".amc": ("asf", "fps")}
+_POINTS = (".trc", ".c3d", ".csv", ".tsv", ".parquet", ".npz")
 _WRITE_POINTS: dict[str, Callable[[Path, Points3D], object]] = {
     ".trc": write_trc,
     ".c3d": write_c3d,
@@ -139,6 +148,12 @@ def writable() -> tuple[str, ...]:
     return (*_WRITE_POINTS, *_WRITE_MOTION)
 
 
+def can_use(path: Path, option: str) -> bool:
+    """Whether an option of ReadOptions means anything for a file of this suffix."""
+    suffix = path.suffix.lower()
+    return option in (_OPTIONS_OF_POINTS if suffix in _POINTS else _OPTIONS_OF_MOTION.get(suffix, ("fps",)))
+
+
 def check_writable(path: Path) -> None:
     """FormatError where the suffix is of no format that can be written."""
     suffix = path.suffix.lower()
@@ -162,7 +177,12 @@ def read_file(path: Path, options: ReadOptions | None = None) -> Take:
         raise FormatError(f"{path}: cannot be read by its suffix {suffix!r}: known are {', '.join(_READ)}")
     if not path.is_file():
         raise FormatError(f"{path}: no such file; give an existing one")
+    for name, value in vars(options).items():
+        if value is not None and not can_use(path, name):
+            raise FormatError(f"{path}: --{name} {value} is nothing that {suffix} leaves open: leave it out")
     take = _READ[suffix](path, options)
+    if take.motion is not None and options.fps is not None:
+        take = replace(take, motion=replace(take.motion, fps=options.fps))
     if not np.isfinite(take.positions.points_world).any():
         raise FormatError(f"{path}: every point of it is missing; there is nothing to work with")
     return take
@@ -199,16 +219,14 @@ def write_file(path: Path, take: Take, bvh_units: Literal["m", "cm"] = "m") -> N
         _WRITE_MOTION[suffix](path, take.motion)
 
 
-def _at(points: Points3D, fps: float | None) -> Points3D:
-    return points if fps is None else replace(points, fps=fps)
-
-
 def _read_c3d(path: Path, options: ReadOptions) -> Take:
-    take = read_c3d_take(path, options.units, options.up)
-    points, analog = _at(take.points, options.fps), take.analog
-    if analog is not None:
-        analog = replace(analog, rate=analog.rate * points.fps / take.points.fps)
-    return Take(points=points, c3d=replace(take, points=points, analog=analog))
+    take = read_c3d_take(path, options.units, options.up, options.fps)
+    return Take(points=take.points, c3d=take, start=(take.first_frame - 1) / take.points.fps)
+
+
+def _timed(read: tuple[Points3D, float], options: ReadOptions) -> Take:
+    """Points and when they begin, which their file says wrongly where it says the frame rate wrongly."""
+    return Take(points=read[0], start=read[1] if options.fps is None else 0.0)
 
 
 def _read_fbx(path: Path) -> Take:

@@ -15,16 +15,27 @@ from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks import Points3D
-from muybridge.motion.formats.points3d import METRES_OF_UNIT, UP_PERMUTATION, check_unit, check_up, points_of_file
+from muybridge.motion.formats.points3d import (
+    METRES_OF_UNIT,
+    UNIT_WORDS,
+    UP_PERMUTATION,
+    check_unit,
+    check_up,
+    frames_of_rows,
+    in_frames,
+    points_of_file,
+)
 
 Array = NDArray[np.float64]
 
 _COLUMN = re.compile(
     r"^(?P<name>.+?)(?:[\s_.:\-/|(\[]+(?P<a>[xyzXYZ])|(?<=[a-z0-9])(?P<b>[XYZ]))[)\]]?"
-    r"(?:[\s_(\[]+(?P<unit>mm|cm|m)[)\]]?)?$"
+    rf"(?:[\s_(\[]+(?P<unit>(?i:{'|'.join(UNIT_WORDS)}))[)\]]?)?$"
 )
-_TIMES = ("time", "t", "time_s", "time (s)", "time [s]", "seconds", "timestamp")
-_FRAMES = ("frame", "frame#", "frames", "frame_index", "index", "sync_index")
+# Frames a second: what is slower has times in another unit.
+_SLOWEST = 0.9
+TIMES = ("time", "t", "time_s", "time(s)", "time[s]", "time (s)", "time [s]", "seconds", "timestamp")
+FRAMES = ("frame", "frame#", "frames", "frame_index", "index", "sync_index")
 _NAMES = ("name", "landmark", "marker", "label", "joint", "keypoint", "point", "point_name")
 
 
@@ -42,8 +53,8 @@ def columns_of(points: Points3D) -> dict[str, Array]:
 
 def points_of(
     path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]], fps: float | None, unit: str | None, up: str
-) -> Points3D:
-    """Points of a table.
+) -> tuple[Points3D, float]:
+    """Points of a table, and the first frame's time in seconds, 0 where there are no times.
 
     Args:
         path: for the message.
@@ -56,30 +67,52 @@ def points_of(
         FormatError: no landmark has three columns, the units differ, or there is no frame rate.
     """
     lower = {str(name).strip().lower(): name for name in columns}
-    times = next((_numbers(path, columns, lower[k]) for k in _TIMES if k in lower), None)
+    times = next((_numbers(path, columns, lower[k]) for k in TIMES if k in lower), None)
     if {"x", "y", "z"} <= set(lower):
-        names, xyz, times = _long(path, columns, lower, times)
+        names, xyz, times = _long(path, columns, lower, times, fps)
         units: set[str] = set()
     else:
         names, xyz, units = _wide(path, columns)
+        numbers = next((_numbers(path, columns, lower[k]) for k in FRAMES if k in lower), None)
+        xyz, times = placed(path, xyz, numbers, times, fps)
     if len(units) > 1:
         raise FormatError(f"{path}: its columns have several units ({', '.join(sorted(units))}); give them one")
     if not len(xyz):
         raise FormatError(f"{path}: has a header and no row of points below; is it cut off?")
     metres = METRES_OF_UNIT[check_unit(path, unit or next(iter(units), "m"), "the unit")]
     xyz[~np.all(np.abs(xyz) < 1e12, axis=-1)] = np.nan
-    return points_of_file(
-        path, names, xyz[..., UP_PERMUTATION[check_up(up)]] * metres, fps or _rate(path, times), "table"
+    points = points_of_file(
+        path, names, xyz[..., UP_PERMUTATION[check_up(up)]] * metres, fps or rate_of(path, times), "table"
     )
+    return points, 0.0 if times is None else float(np.nan_to_num(times[0]))
 
 
-def _rate(path: Path, times: Array | None) -> float:
-    steps = np.diff(times) if times is not None else np.zeros(0)
-    step = float(np.median(steps)) if len(steps) and np.isfinite(steps).all() else 0.0
-    if not 1e-6 < step < 1e6:
+def placed(
+    path: Path, xyz: Array, numbers: Array | None, times: Array | None, fps: float | None
+) -> tuple[Array, Array | None]:
+    """Rows of points (N, ...) and their times (N,) at their frames; see `frames_of_rows`."""
+    if numbers is None and times is None:
+        return xyz, None
+    row = frames_of_rows(path, numbers, times, fps)
+    return in_frames(xyz, row), None if times is None else in_frames(times, row)
+
+
+def rate_of(path: Path, times: Array | None) -> float:
+    """Frames a second by the times (T,) of frames, NaN where one has none.
+
+    Raises:
+        FormatError: they do not rise, or are no seconds.
+    """
+    known = np.nonzero(np.isfinite(times))[0] if times is not None else np.zeros(0, np.intp)
+    steps = np.diff(times[known]) / np.diff(known) if times is not None else np.zeros(0)
+    step = float(np.median(steps)) if len(steps) else 0.0
+    if not step > 1e-6:
         raise FormatError(f"{path}: has no column of rising times, so no frame rate; say it with --fps")
-    even = float(np.mean(steps))
+    even = float(np.sum(steps * np.diff(known)) / (known[-1] - known[0]))
     fps = 1.0 / (even if abs(even - step) < 0.01 * step else step)
+    if fps < _SLOWEST:
+        raise FormatError(f"{path}: its times give {fps:.3g} frames a second: are they milliseconds? Say the rate with "
+                          "--fps")  # fmt: skip
     return float(round(fps)) if abs(fps - round(fps)) < 1e-4 * fps else fps
 
 
@@ -109,7 +142,7 @@ def _wide(
             raise FormatError(f"{path}: {match['name']!r} has two columns for {axis}; rename one of them")
         found[match["name"]][axis] = column
         if match["unit"]:
-            units.add(match["unit"])
+            units.add(match["unit"].lower())
     names = [name for name, axes in found.items() if len(axes) == 3]
     if not names:
         raise FormatError(
@@ -121,11 +154,12 @@ def _wide(
 
 
 def _long(
-    path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]], lower: Mapping[str, str], times: Array | None
-) -> tuple[list[str], Array, Array | None]:
+    path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]], lower: Mapping[str, str], times: Array | None,
+    fps: float | None,
+) -> tuple[list[str], Array, Array | None]:  # fmt: skip
     """One row a landmark and frame."""
     label = next((lower[k] for k in _NAMES if k in lower), None)
-    frame = next((lower[k] for k in (*_FRAMES, *_TIMES) if k in lower), None)
+    frame = next((lower[k] for k in (*FRAMES, *TIMES) if k in lower), None)
     if label is None or frame is None:
         missing = "name" if label is None else "frame"
         raise FormatError(f"{path}: has columns x, y, z, but none called {missing}; add it")
@@ -133,19 +167,14 @@ def _long(
     keys = _numbers(path, columns, frame)
     if not np.isfinite(keys).all():
         raise FormatError(f"{path}: the column {frame!r} has an empty cell")
-    frames, row = np.unique(keys, return_inverse=True)
-    whole = frame.strip().lower() in _FRAMES and len(frames) and (frames == np.round(frames)).all()
-    if whole and np.ptp(frames) < 100 * len(keys) + 1000:  # frames without any row are gaps
-        row = np.asarray(keys - frames[0], dtype=np.intp)
-        frames = np.arange(frames[0], frames[-1] + 1)
+    frames, of_frame = np.unique(keys, return_inverse=True)
+    numbered = frame.strip().lower() in FRAMES
+    row = frames_of_rows(path, frames if numbered else None, None if numbered else frames, fps)[of_frame]
     names = list(dict.fromkeys(labels))
     column = np.array([names.index(n) for n in labels], dtype=np.intp)
     if len({*zip(row.tolist(), column.tolist(), strict=True)}) != len(row):
         raise FormatError(f"{path}: a landmark has two rows in one frame; keep one of them")
-    xyz = np.full((len(frames), len(names), 3), np.nan)
+    count = int(row.max(initial=-1)) + 1
+    xyz = np.full((count, len(names), 3), np.nan)
     xyz[row, column] = np.stack([_numbers(path, columns, lower[axis]) for axis in "xyz"], axis=1)
-    if times is not None:
-        of_frame = np.full(len(frames), np.nan)
-        of_frame[row] = times
-        times = of_frame[np.isfinite(of_frame)] if np.isfinite(of_frame).all() else None
-    return names, xyz, times
+    return names, xyz, None if times is None else in_frames(times, row)
