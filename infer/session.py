@@ -244,13 +244,9 @@ def _chosen(
 
 def _too_few(path: Path, files: Sequence[Path], calibration: Path, group: CameraGroup) -> str:
     if len(files) < 2:
-        what = (
-            f"{path / 'videos'} holds one video ({files[0].name})" if files else f"{path} has no usable video"
-        )
+        what = f"{path / 'videos'} holds one video ({files[0].name})" if files else f"{path} has no usable video"
         return f"{what}: motion needs at least two cameras that see the person; add another camera's video"
-    return (
-        f"{calibration} has one camera ({group.names[0]}): motion needs at least two; calibrate them together"
-    )
+    return f"{calibration} has one camera ({group.names[0]}): motion needs at least two; calibrate them together"
 
 
 def _tokens(name: str) -> tuple[str, ...]:
@@ -423,7 +419,10 @@ def _common_time(
             f"the frame rate of {', '.join(wander)} varies (frames were dropped or the camera adapts it): "
             f"the take runs in even steps of {fps:.4g} fps, and landmarks are put between frames"
         )
-    by_time = not near or not by_number or bool(wander)
+    late_to_show = [f"{v.times[0]:.2g} s of {v.path.name}" for v in videos if v.times[0] * fps > 0.5]
+    if late_to_show:
+        notices.append(f"the first {', '.join(late_to_show)} cannot be decoded, as where a recorder joined a stream")
+    by_time = not near or not by_number or bool(wander) or bool(late_to_show)
     if by_time:
         counts = [int(np.floor(v.times[-1] * fps + 0.5)) + 1 for v in videos]
     else:

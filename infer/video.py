@@ -44,7 +44,8 @@ class VideoInfo:
         fps: frames a second, measured from the time stamps; the usual rate where it varies.
         frames: how many frames are to be expected.
         declares_count: whether the container lists its frames, so that fewer would mean damage.
-        times: (frames,) seconds since the first frame; not the same as index / fps where `variable_rate`.
+        times: (frames,) seconds since the file's first picture; not the same as index / fps where `variable_rate`. A
+            recorder that joined a stream has pictures at its beginning that cannot be decoded: then the first is later.
         variable_rate: whether the frames' spacing wanders by more than a quarter of a frame.
         pixel_aspect: width of a pixel divided by its height.
         size_bytes, mtime_ns: identity of the file, for resuming.
@@ -116,12 +117,16 @@ def probe_video(path: Path) -> VideoInfo:
         name = container.format.name
     counted = bool(formats & _COUNTED) and declared > 0
     _refuse_truncated(path, packets, declared if counted else 0, declared_end, guessed)
-    width, height, rotation, aspect = _first_frame(path)
+    width, height, rotation, aspect, shown_from = _first_frame(path)
     # AVI counts frames, those that were dropped too if the program leaves them empty, and keeps no time stamps: what a
     # demuxer reports of pictures that are not stored in their order is a guess.
     told = name != "avi" or (in_order and bool((np.diff(packets.times) > 0).all()))
     times = packets.times if told or not guessed else np.arange(len(packets.times)) / float(guessed)
-    times = times - times[0]
+    begin = times[0]
+    if told and shown_from is not None and not counted:
+        usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        times = times[times > shown_from - 0.5 * usual] if shown_from > begin + 0.5 * usual else times
+    times = times - begin
     fps, variable = _rate(times, guessed)
     if rotation % 180:
         width, height = height, width
@@ -235,15 +240,16 @@ def _refuse_truncated(
             )
 
 
-def _first_frame(path: Path) -> tuple[int, int, int, float]:
-    """Coded width, height, counterclockwise rotation flag in degrees, and pixel aspect of the first frame."""
+def _first_frame(path: Path) -> tuple[int, int, int, float, float | None]:
+    """Coded width, height, counterclockwise rotation flag in degrees, pixel aspect and time, s, of the first frame that
+    can be decoded."""
     with _open(path) as container:
         stream = container.streams.best("video")
         try:
             for frame in container.decode(stream):
                 aspect = stream.sample_aspect_ratio
                 turn = int(round(frame.rotation / 90)) * 90 % 360
-                return frame.width, frame.height, turn, float(aspect) if aspect else 1.0
+                return frame.width, frame.height, turn, float(aspect) if aspect else 1.0, frame.time
         except (av.error.FFmpegError, OSError) as error:
             raise VideoError(
                 f"{path} cannot be decoded from its first frame on ({_reason(error)}); copy it again"

@@ -179,6 +179,27 @@ def test_a_wandering_frame_rate_is_noticed(tmp_path, make_video):
     assert info.times == pytest.approx(pts / 1000, abs=2e-3)
 
 
+def test_what_cannot_be_decoded_at_the_beginning_is_time_and_no_frame(tmp_path):
+    """A recorder that joins a stream between two whole pictures."""
+    path = tmp_path / "joined.ts"
+    noise = np.random.default_rng(0).integers(0, 255, (24, 48, 64, 3)).astype(np.uint8)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.options = {"g": "12", "keyint_min": "12", "bf": "0", "sc_threshold": "0"}
+        for image in noise:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode(None))
+    whole = probe_video(path)
+    assert whole.frames == 24 and whole.times[0] == 0
+    path.write_bytes(path.read_bytes()[188 * 40 :])
+    info = probe_video(path)
+    shown = np.concatenate(list(read_chunks(info)))
+    assert info.frames == len(shown) == 12
+    assert info.times[0] > 0.1 and np.diff(info.times) == pytest.approx(0.04) and info.fps == 25
+    assert np.abs(shown[0].astype(int) - noise[12]).mean() < 50
+
+
 def test_pictures_and_texts_are_no_videos(tmp_path, make_video):
     (tmp_path / "notes.txt").write_text("first take\n" * 40)
     (tmp_path / "empty").write_bytes(b"")
