@@ -8,11 +8,13 @@ started 0.5 s before the reference's has an offset of +0.5 s.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from muybridge.geometry.landmarks import Keypoints2D
 
 Floats = NDArray[np.float64]
 
@@ -148,3 +150,25 @@ def resample(
     variance = np.where(on, variance_px2[low], (1 - w) * variance_px2[low] + w * variance_px2[high])
     px[~inside], variance[~inside] = np.nan, np.nan
     return px, variance
+
+
+def synchronised(keypoints: Keypoints2D, clocks: Sequence[Clock] | None, fps: float) -> Keypoints2D:
+    """Landmarks at the take's frames, between each camera's own.
+
+    Args:
+        keypoints: each camera by its own frames.
+        clocks: (C,); None where all keep the take's time.
+        fps: frames a second.
+    """
+    if clocks is None:
+        return keypoints
+    times = np.arange(keypoints.points_px.shape[1]) / fps
+    px, variance, score = (a.copy() for a in (keypoints.points_px, keypoints.variance_px2, keypoints.score))
+    for c, clock in enumerate(clocks):
+        if clock.offset == 0 and clock.drift == 0:
+            continue
+        own = clock.at(times)
+        px[c], variance[c] = resample(keypoints.points_px[c], keypoints.variance_px2[c], fps, own)
+        _, moved = resample(keypoints.points_px[c], keypoints.score[c], fps, own)
+        score[c] = np.where(np.isfinite(variance[c]), np.nan_to_num(moved), 0.0)
+    return replace(keypoints, points_px=px, variance_px2=variance, score=score)

@@ -19,13 +19,12 @@ from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.board import Board, BoardDetector
 from muybridge.geometry.calibration.board_lens import View
 from muybridge.infer.progress import Progress
-from muybridge.infer.session import natural_key
+from muybridge.infer.session import PICTURE_SUFFIXES, natural_key
 from muybridge.infer.time_table import read_time_table, time_table_in
 from muybridge.infer.video import VideoInfo, is_video, probe_video, read_chunks
 
 Gray = NDArray[np.uint8]
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 _LOOKS_A_SECOND = 6.0
 _MOST_LOOKS = 600
 
@@ -68,7 +67,7 @@ def find_pictures(
     if not folder.is_dir():
         raise CalibrationError(f"{folder}: no such folder; name one with a film or a folder of images for each camera")
     entries = sorted((p for p in folder.iterdir() if not p.name.startswith(".")), key=lambda p: natural_key(p.name))
-    films = [p for p in entries if p.is_file() and p.suffix.lower() not in IMAGE_SUFFIXES and is_video(p)]
+    films = [p for p in entries if p.is_file() and p.suffix.lower() not in PICTURE_SUFFIXES and is_video(p)]
     folders = [(p, _images(p)) for p in entries if p.is_dir()]
     folders = [(p, images) for p, images in folders if images]
     if not films and not folders and (folder / "videos").is_dir():
@@ -91,7 +90,7 @@ def find_pictures(
 
 
 def _images(folder: Path) -> list[Path]:
-    found = [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith(".")]
+    found = [p for p in folder.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES and not p.name.startswith(".")]
     return sorted(found, key=lambda p: natural_key(p.name))
 
 

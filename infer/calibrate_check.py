@@ -53,8 +53,6 @@ def check(
         overwrite: replace --out where muybridge did not write it.
         quiet: say only the result.
     """
-    from muybridge.infer.sync import synchronised
-
     start = time.perf_counter()
     check_replaceable([] if out is None else [out], overwrite)
     with Progress(quiet=quiet) as progress:
@@ -62,8 +60,6 @@ def check(
         for notice in opened.notices:
             progress.notice(notice)
         opened, keypoints = session_keypoints(opened, work, detect, progress)
-        if opened.clocks is not None:
-            keypoints = synchronised(keypoints, opened.clocks, opened.fps)
         quality = check_keypoints(opened.cameras, keypoints, options, opened.fps)
     seconds = {"in all": time.perf_counter() - start}
     page = CalibrationPage(opened.name, quality, opened.notices, seconds)

@@ -16,6 +16,7 @@ from muybridge.geometry.calibration.people import (
     refine_people,
 )
 from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.clocks import synchronised
 from muybridge.geometry.landmarks import Keypoints2D
 from muybridge.geometry.swaps import repair_swaps
 from muybridge.geometry.triangulation import leave_one_out_error
@@ -36,7 +37,7 @@ DEFAULT_RESULTS = "muybridge"
 def session_keypoints(
     session: Session, results: Path | None, options: DetectOptions, progress: Progress
 ) -> tuple[Session, Keypoints2D]:
-    """Everyone's 2D landmarks in a session, from a results folder where they are there already.
+    """Everyone's 2D landmarks in a session, in step, from a results folder where they are there already.
 
     Args:
         session: what to look at.
@@ -59,7 +60,8 @@ def session_keypoints(
         raise MuybridgeError(
             f"{session.path}: a video has fewer frames than its header suggests; run `muybridge run` to see which"
         )
-    return session, merge_tracks([in_time(session, c, d.tracks, d.repeats) for c, d in enumerate(found)])
+    keypoints = merge_tracks([in_time(session, c, d.tracks, d.repeats) for c, d in enumerate(found)])
+    return session, synchronised(keypoints, session.clocks, session.fps)
 
 
 def people(
@@ -88,16 +90,12 @@ def people(
         overwrite: replace files there that muybridge did not write.
         quiet: say only the result.
     """
-    from muybridge.infer.sync import synchronised
-
     check_replaceable([out], overwrite)
     with Progress(quiet=quiet) as progress:
         opened = open_session(session, read)
         for notice in opened.notices:
             progress.notice(notice)
         opened, keypoints = session_keypoints(opened, work, detect, progress)
-        if opened.clocks is not None:
-            keypoints = synchronised(keypoints, opened.clocks, opened.fps)
         result, errors = from_keypoints(opened.cameras, keypoints, opened.fps, refine, options)
     save_calibration(result.cameras, out)
     for line in told(opened.cameras, result, refine, errors):

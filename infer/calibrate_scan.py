@@ -21,10 +21,9 @@ from muybridge.geometry.calibration.scan import (
 )
 from muybridge.infer.calibrate_outputs import check_replaceable
 from muybridge.infer.progress import Progress
-from muybridge.infer.session import natural_key
+from muybridge.infer.session import PICTURE_SUFFIXES, natural_key
 from muybridge.infer.video import is_video, probe_video, read_chunks
 
-_PICTURES = frozenset(".jpg .jpeg .png .tif .tiff .bmp .webp".split())
 _STILL_FRAMES = 9  # of a fixed camera's video, whose median has nobody walking through
 
 
@@ -92,12 +91,12 @@ def _scan_photos(source: Path, folder: Path, most: int) -> int:
     """Put the scan's photographs into a folder; returns how many."""
     folder.mkdir(parents=True)
     if source.is_dir():
-        pictures = (p for p in source.iterdir() if p.suffix.lower() in _PICTURES)
+        pictures = (p for p in source.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
         files = sorted(pictures, key=lambda p: natural_key(p.name))
         for k, file in enumerate(files):
             shutil.copy(file, folder / f"{k:05d}{file.suffix.lower()}")
         if not files:
-            raise CalibrationError(f"{source} holds no photographs ({', '.join(sorted(_PICTURES))})")
+            raise CalibrationError(f"{source} holds no photographs ({', '.join(sorted(PICTURE_SUFFIXES))})")
         return len(files)
     if not source.is_file() or not is_video(source):
         raise CalibrationError(f"{source} is neither a folder of photographs nor a video")
@@ -121,7 +120,7 @@ def _stills(source: Path, folder: Path) -> list[str]:
     for file in sorted(source.iterdir(), key=lambda p: natural_key(p.name)):
         if file.name.startswith(".") or not file.is_file():
             continue
-        if file.suffix.lower() in _PICTURES:
+        if file.suffix.lower() in PICTURE_SUFFIXES:
             shutil.copy(file, folder / f"{file.stem}{file.suffix.lower()}")
         elif is_video(file):
             video = probe_video(file)

@@ -10,6 +10,7 @@ import tyro
 from numpy.typing import NDArray
 
 from muybridge.errors import FormatError, OutputError
+from muybridge.files import check_free
 
 Floats = NDArray[np.float64]
 Align = Literal["none", "root", "rigid", "similarity"]
@@ -67,8 +68,10 @@ def compare(
     """
     from muybridge.motion.formats.registry import ReadOptions, can_use, read_file
 
-    if plot is not None and (plot.suffix.lower() not in (".png", ".svg", ".pdf") or plot.exists() and not overwrite):
-        raise OutputError(f"{plot} is there already, or is no .png, .svg or .pdf: choose another name")
+    if plot is not None:
+        if plot.suffix.lower() not in (".png", ".svg", ".pdf"):
+            raise OutputError(f"{plot} is no .png, .svg or .pdf: choose another name")
+        check_free(plot, overwrite)
     takes = []
     paths = (first, second)
     for k, path in enumerate(paths):

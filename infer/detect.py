@@ -21,7 +21,7 @@ from muybridge.infer.exposure import stretch
 from muybridge.infer.keypoints import CameraTracks, KeypointOptions, PoseEstimator
 from muybridge.infer.onnx import SIZES, PeopleNetwork
 from muybridge.infer.other_models import open_keypoints
-from muybridge.infer.own_times import Repeats
+from muybridge.infer.own_times import Repeats, hangs
 from muybridge.infer.plates import Backdrop
 from muybridge.infer.progress import Progress, Task
 from muybridge.infer.session import Session
@@ -35,9 +35,9 @@ from muybridge.models.registry import Precision, shipped_model
 _T = TypeVar("_T")
 MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
 PROXY_LONG_SIDE_PX = 960
-# Of a stage's arrays and facts.
 # Of a camera's name within a file's, which may have 255.
 _NAME_BYTES = 150
+# Of a stage's arrays and facts.
 _PLATE, _REPEATS, _ALIKE_FROM, _HUNG = "plate", "repeats", "alike_from", "frames_width_height_angle_and_long_side"
 # The code between a crop and its landmarks.
 READING_CODE = (
@@ -148,10 +148,15 @@ class CameraResult:
         return self.stage.arrays.get(_PLATE)
 
     @property
+    def own_repeats(self) -> NDArray[np.bool_]:
+        """(T,) which frames of the video are the one before once more, by what the camera itself has seen."""
+        return self.stage.arrays[_REPEATS]
+
+    @property
     def repeats(self) -> NDArray[np.bool_]:
-        """(T,) which frames of the video are the one before once more."""
-        repeats = self.stage.arrays[_REPEATS]
-        return repeats if self.hangs_from is None else repeats | (np.arange(len(repeats)) >= self.hangs_from)
+        """(T,) the same, and those in which it hangs to its end, which the other cameras tell."""
+        own = self.own_repeats
+        return own if self.hangs_from is None else own | (np.arange(len(own)) >= self.hangs_from)
 
     @property
     def alike_from(self) -> int:
@@ -221,7 +226,9 @@ def detect(
             _CameraWork(session, c, name, models, store, options, progress, task, stop)
             for c, name in enumerate(file_names)
         ]
-        return in_threads([w.run for w in work], options.workers, stop)
+        found = in_threads([w.run for w in work], options.workers, stop)
+    hung = hangs([d.tracks for d in found], [d.alike_from for d in found], session.fps)
+    return [replace(d, hangs_from=start) for d, start in zip(found, hung, strict=True)]
 
 
 def is_finished(

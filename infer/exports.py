@@ -39,12 +39,13 @@ CALIBRATION, REPORT, RUN = "calibration.toml", "report.html", "run.json"
 THUMBNAILS = 4
 # Of a run that follows everyone; whoever comes after these in interest is left out.
 MOST_PEOPLE = 12
+_OVERLAY = "overlay_"
 _OVERLAY_CODE = ("muybridge.infer.overlay", "muybridge.infer.video", "muybridge.geometry.cameras")
 
 
 def overlay_name(camera_file: str) -> str:
     """Name of a camera's overlay."""
-    return f"overlay_{camera_file}.mp4"
+    return f"{_OVERLAY}{camera_file}.mp4"
 
 
 def result_names(camera_files: Sequence[str]) -> tuple[str, ...]:
@@ -61,7 +62,7 @@ def result_names(camera_files: Sequence[str]) -> tuple[str, ...]:
 
 def is_overlay(name: str) -> bool:
     """Whether a result is a camera's overlay."""
-    return name.startswith(overlay_name("").split(".")[0])
+    return name.startswith(_OVERLAY)
 
 
 def of_person(name: str, number: int) -> str:

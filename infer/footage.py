@@ -148,7 +148,7 @@ def _views(followed: Followed, c: int, person: _Person, shape: _Shape, options: 
     px = np.where(labelled[..., None], px, np.nan)
     frames = np.flatnonzero(labelled[:, :body].mean(axis=1) >= options.least_known)
     shown = on_time(followed.session, c, followed.detected[c].repeats)
-    frames = frames[shown[own_frames(followed.clocks, c, frames, followed.session.fps, len(shown))]]
+    frames = frames[shown[own_frames(followed.session.clocks, c, frames, followed.session.fps, len(shown))]]
     return _View(c, frames, boxes[frames], px[frames], person.agreed[c, frames])
 
 
@@ -172,7 +172,7 @@ def _cut(
     """The first arrays of `Footage` of a view, chunk by chunk; the frames `apart` are held out."""
     session, c = followed.session, view.camera
     camera, count = session.level_cameras[c], len(followed.detected[c].tracks.points_px)
-    own = own_frames(followed.clocks, c, view.frames, session.fps, count)
+    own = own_frames(session.clocks, c, view.frames, session.fps, count)
     crops = crops_for_boxes(view.boxes_px, shape.size_px, camera, shape.padding)
     frames, order = np.unique(own, return_inverse=True)
     backdrop = followed.detected[c].backdrop()

@@ -17,7 +17,7 @@ import numpy as np
 from muybridge import __version__
 from muybridge.errors import SessionError
 from muybridge.geometry.calibration.quality import CalibrationQuality
-from muybridge.geometry.clocks import Clock
+from muybridge.geometry.clocks import synchronised
 from muybridge.geometry.landmarks import Keypoints2D
 from muybridge.infer import calibration_stage, exports, refine_cameras
 from muybridge.infer.compile_ahead import CompiledAhead
@@ -25,14 +25,13 @@ from muybridge.infer.detect import CameraResult, DetectOptions, Models, detect, 
 from muybridge.infer.keypoints import first_frames, merge_markers, merge_tracks
 from muybridge.infer.outputs import WORK, OutputFolder, open_output
 from muybridge.infer.overlay import OverlayOptions
-from muybridge.infer.own_times import hangs, in_time, repeats_notice
+from muybridge.infer.own_times import in_time, repeats_notice
 from muybridge.infer.progress import Progress
 from muybridge.infer.quality import Quality, assess, unsure_landmarks
 from muybridge.infer.second_look import SecondLook, SecondLookOptions
 from muybridge.infer.session import Session, SessionOptions, open_session, with_frames, with_notice
 from muybridge.infer.solve import Solution, SolveOptions, solve
 from muybridge.infer.stages import StageResult, StageStore, digest
-from muybridge.infer.sync import synchronised
 from muybridge.infer.sync_file import SYNC_FILE
 from muybridge.infer.upward import stood_up
 
@@ -107,14 +106,12 @@ class Followed:
     Attributes:
         session: with as many frames as every camera has, and the cameras that were used.
         detected: what each camera found, in its own frames.
-        clocks: (C,) of the cameras where they run apart.
         solution: the person's motion.
         calibration: how good the cameras are; None where that cannot be told.
     """
 
     session: Session
     detected: Sequence[CameraResult]
-    clocks: Sequence[Clock] | None
     solution: Solution
     calibration: CalibrationQuality | None
 
@@ -185,28 +182,20 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
         session = stood_up(session, files, models, store, first, progress, turn=options.world == "upright")
         detected = detect(session, files, models, store, first, progress)
         ahead.wait(progress)
-    session, detected, keypoints, markers = _common(session, detected, progress)
-    clocks = session.clocks
-
-    def in_step(found: Keypoints2D) -> Keypoints2D:
-        return found if clocks is None else synchronised(found, clocks, session.fps)
-
-    keypoints, markers = in_step(keypoints), None if markers is None else in_step(markers)
-    if clocks is not None:
+    session, keypoints, markers = _common(session, detected, progress)
+    if session.clocks is not None:
         session = with_notice(session, f"the cameras' 2D landmarks were put in step by {SYNC_FILE}", progress)
-    key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras, clocks, session.late)
+    key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras, session.clocks, session.late)
     session, calibration, before = _calibrated(session, keypoints, key, store, options, progress)
     key = digest(key, session.cameras.cameras)
-    again = SecondLook(
-        session, detected, files, models, store, options.detect, options.second_look, progress, clocks, in_step
-    )
+    again = SecondLook(session, detected, files, models, store, options.detect, options.second_look, progress)
     how = options.solve.with_card(models.least_sure)
     solution = solve(session.cameras, keypoints, session.fps, key, store, how, progress, markers, again)
     progress.say(solution.person)
     for notice in unsure_landmarks(solution):
         session = with_notice(session, notice, progress)
     solution.stages.update(before)
-    return Followed(session, detected, clocks, solution, calibration)
+    return Followed(session, detected, solution, calibration)
 
 
 def _facts(
@@ -296,9 +285,8 @@ def _write(
 
 def _common(
     session: Session, detected: Sequence[CameraResult], progress: Progress
-) -> tuple[Session, list[CameraResult], Keypoints2D, Keypoints2D | None]:
-    """Everyone's 2D landmarks and markers over the frames that every camera really had, and what each found, with where
-    its film hangs."""
+) -> tuple[Session, Keypoints2D, Keypoints2D | None]:
+    """Everyone's 2D landmarks and markers, in step, over the frames that every camera really had."""
     counts = [len(d.tracks.points_px) for d in detected]
     frames = min(counts)
     if frames == 0:
@@ -309,16 +297,17 @@ def _common(
         notice = f"{shortest} has {frames} frames, fewer than its header suggests: the first {frames} are used"
         session = with_notice(with_frames(session, frames), notice, progress)
     for c, found in enumerate(detected):
-        if (repeats := repeats_notice(session, c, found.repeats)) is not None:
+        if (repeats := repeats_notice(session, c, found.own_repeats)) is not None:
             session = with_notice(session, repeats, progress)
-    hung = hangs([d.tracks for d in detected], [d.alike_from for d in detected], session.fps)
-    for c, start in enumerate(hung):
-        if start is not None:
-            notice = f"{session.videos[c].path.name} hangs from frame {start} to its end, while others see people move"
+        if found.hangs_from is not None:
+            name = session.videos[c].path.name
+            notice = f"{name} hangs from frame {found.hangs_from} to its end, while others see people move"
             session = with_notice(session, f"{notice}: it is left out there", progress)
-    detected = [replace(d, hangs_from=start) for d, start in zip(detected, hung, strict=True)]
     tracks = [in_time(session, c, first_frames(d.tracks, frames), d.repeats) for c, d in enumerate(detected)]
-    return session, detected, merge_tracks(tracks), merge_markers(tracks)
+    markers = merge_markers(tracks)
+    if markers is not None:
+        markers = synchronised(markers, session.clocks, session.fps)
+    return session, synchronised(merge_tracks(tracks), session.clocks, session.fps), markers
 
 
 def session_facts(session: Session) -> dict[str, Any]:

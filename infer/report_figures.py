@@ -89,6 +89,11 @@ class BoneFigures:
     worst_frame: int
     twin: int
 
+    @property
+    def spread(self) -> float:
+        """`spread_m` as a share of the length; 0 where that is unknown."""
+        return self.spread_m / self.median_m if self.median_m > 0 else 0.0
+
 
 @dataclass(frozen=True)
 class Gap:

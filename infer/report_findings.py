@@ -98,16 +98,11 @@ def verdict(figures: Headline, bones: Sequence[BoneFigures]) -> tuple[str, str]:
         f"What one camera sees of a landmark is typically {error:.0f} mm {known}, and "
         f"{100 * covered:.1f} % of all landmarks and frames have a 3D position."
     )
-    spread, name = max(((_spread(b), b.name) for b in bones if b.median_m > _LONG_M), default=(0.0, ""))
+    spread, name = max(((b.spread, b.name) for b in bones if b.median_m > _LONG_M), default=(0.0, ""))
     by_bones = 0 if spread < _LOOSE else 1 if spread < _WILD else 2
     if by_bones:
         sentence += f" But the bone {name} changes its length by ±{100 * spread:.0f} %: points are misplaced in depth."
     return levels[max(by_error, by_coverage, by_bones)], sentence
-
-
-def _spread(bone: BoneFigures) -> float:
-    """By what share of itself a bone's length varies."""
-    return bone.spread_m / bone.median_m if bone.median_m > 0 else 0.0
 
 
 def _size_findings(bones: Sequence[BoneFigures]) -> list[Finding]:
@@ -305,13 +300,13 @@ def _bone_findings(bones: Sequence[BoneFigures], most: int = 3) -> list[Finding]
     """Bones that breathe, or differ between the sides."""
     found = []
     loose = sorted(
-        (b for b in bones if _spread(b) > 0.1 and b.spread_m > 0.015), key=lambda b: -_spread(b)
+        (b for b in bones if b.spread > 0.1 and b.spread_m > 0.015), key=lambda b: -b.spread
     )
     for bone in loose[:most]:
         found.append(
             Finding(
-                "bad" if _spread(bone) >= _LOOSE and bone.median_m > _LONG_M else "look",
-                f"The bone {bone.name} changes its length by ±{100 * _spread(bone):.0f} % "
+                "bad" if bone.spread >= _LOOSE and bone.median_m > _LONG_M else "look",
+                f"The bone {bone.name} changes its length by ±{100 * bone.spread:.0f} % "
                 f"(±{1000 * bone.spread_m:.0f} mm of {1000 * bone.median_m:.0f}), most in frame "
                 f"{bone.worst_frame}: one of its ends is misplaced at times. The fitted motion holds it "
                 f"fixed.",

@@ -259,9 +259,7 @@ def bones_section(bones: Sequence[BoneFigures]) -> str:
 
 
 def _bone_tint(bone: BoneFigures) -> float:
-    if not bone.median_m > 0:
-        return 0.0
-    return 100.0 * min(bone.spread_m / bone.median_m / 0.2, 1.0)
+    return 100.0 * min(bone.spread / 0.2, 1.0)
 
 
 def thumbnails_section(pictures: Sequence[tuple[str, int, str]]) -> str:

@@ -8,7 +8,7 @@ lies on that prediction.
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.clocks import Clock, own_frames
+from muybridge.geometry.clocks import own_frames, synchronised
 from muybridge.geometry.landmarks import Keypoints2D, Points3D
 from muybridge.geometry.robust import row_median
 from muybridge.infer.detect import READING_CODE, CameraResult, DetectOptions, Models, Stopped, in_threads
@@ -131,8 +131,6 @@ class SecondLook:
         detect: how 2D landmarks are found.
         options: when to look again.
         progress: whom to tell.
-        clocks: (C,) of the cameras where they run apart.
-        in_step: puts landmarks of cameras that run apart in step.
     """
 
     session: Session
@@ -143,8 +141,6 @@ class SecondLook:
     detect: DetectOptions
     options: SecondLookOptions
     progress: Progress
-    clocks: Sequence[Clock] | None
-    in_step: Callable[[Keypoints2D], Keypoints2D]
 
     def __call__(
         self, slots: NDArray[np.int64], points: Points3D, expected: Points3D | None = None, number: str = ""
@@ -203,14 +199,18 @@ class SecondLook:
         )  # fmt: skip
         markers = merge_markers(tracks)
         return Again(
-            self.in_step(merge_tracks(tracks)), self.in_step(merge_tracks(alone)),
-            None if markers is None else self.in_step(markers), slots,
+            self._in_step(merge_tracks(tracks)), self._in_step(merge_tracks(alone)),
+            None if markers is None else self._in_step(markers), slots,
             {f"2D {self.file_names[c]}{number}, second look": stage for c, stage in looks.items()},
         )  # fmt: skip
 
+    def _in_step(self, found: Keypoints2D) -> Keypoints2D:
+        """Landmarks of cameras that run apart, in step."""
+        return synchronised(found, self.session.clocks, self.session.fps)
+
     def _own(self, c: int, frames: NDArray[np.intp]) -> NDArray[np.intp]:
         """The camera's own frames at the session's."""
-        return own_frames(self.clocks, c, frames, self.session.fps, len(self.detected[c].tracks.points_px))
+        return own_frames(self.session.clocks, c, frames, self.session.fps, len(self.detected[c].tracks.points_px))
 
     def _look(
         self, c: int, wanted: NDArray[np.intp], expected: Points3D, number: str, task: Task, stop: threading.Event

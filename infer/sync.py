@@ -18,7 +18,7 @@ from muybridge.errors import MuybridgeError, SessionError
 from muybridge.files import replacing
 from muybridge.geometry.association import select_person, take_person
 from muybridge.geometry.landmarks import Keypoints2D
-from muybridge.geometry.synchronisation import Clock, audio_clock, epipolar_clocks, motion_clocks, resample
+from muybridge.geometry.synchronisation import Clock, audio_clock, epipolar_clocks, motion_clocks
 from muybridge.infer.calibrate_people import session_keypoints
 from muybridge.infer.detect import DetectOptions
 from muybridge.infer.progress import Progress
@@ -174,26 +174,6 @@ def write_sync(path: Path, names: Sequence[str], result: SyncResult) -> None:
             rows.append(f"drift_sd_ppm = {clock.drift_sd * 1e6!r}")
     with replacing(path) as partial:
         partial.write_text("\n".join(rows) + "\n", encoding="utf-8")
-
-
-def synchronised(keypoints: Keypoints2D, clocks: Sequence[Clock], fps: float) -> Keypoints2D:
-    """Landmarks at the reference's frames, between each camera's own.
-
-    Args:
-        keypoints: each camera by its own frames.
-        clocks: (C,).
-        fps: frames a second.
-    """
-    times = np.arange(keypoints.points_px.shape[1]) / fps
-    px, variance, score = (a.copy() for a in (keypoints.points_px, keypoints.variance_px2, keypoints.score))
-    for c, clock in enumerate(clocks):
-        if clock.offset == 0 and clock.drift == 0:
-            continue
-        own = clock.at(times)
-        px[c], variance[c] = resample(keypoints.points_px[c], keypoints.variance_px2[c], fps, own)
-        _, moved = resample(keypoints.points_px[c], keypoints.score[c], fps, own)
-        score[c] = np.where(np.isfinite(variance[c]), np.nan_to_num(moved), 0.0)
-    return replace(keypoints, points_px=px, variance_px2=variance, score=score)
 
 
 def sync(

@@ -124,8 +124,8 @@ def probe_video(path: Path) -> VideoInfo:
     times = packets.times if told or not guessed else np.arange(len(packets.times)) / float(guessed)
     begin = times[0]
     if told and shown_from is not None and not counted:
-        usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-        times = times[times > shown_from - 0.5 * usual] if shown_from > begin + 0.5 * usual else times
+        usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+        times = times[times >= shown_from - 0.5 * usual]
     times = times - begin
     fps, variable = _rate(times, guessed)
     if rotation % 180:

@@ -64,7 +64,7 @@ def look(demo, folder: Path, hung: float | None = None, **options: float) -> Sec
     folder.mkdir(exist_ok=True)
     return SecondLook(
         session, detected, session.cameras.names, open_models(DetectOptions()), StageStore(folder), DetectOptions(),
-        SecondLookOptions(**options), Progress(quiet=True), None, lambda found: found,
+        SecondLookOptions(**options), Progress(quiet=True),
     )  # fmt: skip
 
 

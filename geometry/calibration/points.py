@@ -22,8 +22,9 @@ Radial distortion and all else are then refined by reprojection.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -145,10 +146,11 @@ def calibrate_points(
         CalibrationError: too few points, points in a line or (without lenses) a plane, or points that no camera fits:
             mirrored ones, for example.
     """
-    answer = _solve(known, sizes, lenses, lens, sigma_px)
+    solve = partial(_solve, sizes=sizes, lenses=lenses, lens=lens, sigma_px=sigma_px)
+    answer = solve(known)
     usual, least = _off_shares(answer), float(np.min(answer.median_px / _widths(answer)))
     if usual.max() > _DOUBTFUL:
-        reading, better = _other_reading(known, sizes, lenses, lens, sigma_px)
+        reading, better = _other_reading(known, sizes, solve)
         if ((usual > _DOUBTFUL) & (better * _BETTER < usual)).any():
             raise CalibrationError(
                 f"the points do not fit (error {100 * usual[0]:.1f} % of the image's width, RMS), but they do "
@@ -175,9 +177,7 @@ def _widths(answer: Solved) -> Floats:
 def _other_reading(
     known: Mapping[str, KnownPoints],
     sizes: Mapping[str, tuple[int, int]],
-    lenses: CameraGroup | None,
-    lens: Lens,
-    sigma_px: float,
+    solve: Callable[[Mapping[str, KnownPoints]], Solved],
 ) -> tuple[str, Floats]:
     """Another reading of the points that fits best, and its `_off_shares`.
 
@@ -195,7 +195,7 @@ def _other_reading(
             u, v = k.pixels.T
             other[n] = KnownPoints(k.points @ turn, np.column_stack([u, sizes[n][1] - 1 - v if from_below else v]))
         try:
-            answer = _solve(other, sizes, lenses, lens, sigma_px)
+            answer = solve(other)
         except CalibrationError:
             continue
         upright = float(np.mean([-c.rotation[1, 2] for c in answer.cameras]))
