@@ -78,9 +78,7 @@ def find_people(
     """
     options = options or AssociateOptions()
     if keypoints.points_px.shape[0] != len(cameras):
-        raise ValueError(
-            f"keypoints have {keypoints.points_px.shape[0]} cameras, the calibration {len(cameras)}"
-        )
+        raise ValueError(f"keypoints have {keypoints.points_px.shape[0]} cameras, the calibration {len(cameras)}")
     followed = track_people(cameras, keypoints, options, fps)
     people = [_described(cameras, keypoints, slots, _agreement(cameras, keypoints, slots)) for slots in followed]
     people += [_described(cameras, keypoints, slots, 0.0) for slots in _left_over(keypoints, followed)]
@@ -186,9 +184,7 @@ def _one_from_each(people: tuple[Person, ...]) -> NDArray[np.int64]:
     for c in range(slots.shape[0]):
         conspicuous = [p for p in people if (p.slots[c] >= 0).any()]
         if conspicuous:
-            best = max(
-                conspicuous, key=lambda p: p.size_px * (0.05 + p.motion) * float((p.slots[c] >= 0).sum())
-            )
+            best = max(conspicuous, key=lambda p: p.size_px * (0.05 + p.motion) * float((p.slots[c] >= 0).sum()))
             slots[c] = best.slots[c]
     return slots
 

@@ -235,9 +235,7 @@ class Camera:
         """The same camera under another name."""
         return replace(self, name=name)
 
-    def resampled(
-        self, width: int, height: int, scale: tuple[float, float], offset_px: tuple[float, float]
-    ) -> Camera:
+    def resampled(self, width: int, height: int, scale: tuple[float, float], offset_px: tuple[float, float]) -> Camera:
         """The camera of an image that was scaled, then moved on its canvas.
 
         Args:
@@ -283,9 +281,7 @@ class Camera:
                 (the thin-prism ones).
         """
         if self.model not in _RADIAL_ONLY and self.model not in _TANGENTIAL_AT:
-            raise ValueError(
-                f"a camera of model {self.model} cannot be turned: its distortion is not symmetric"
-            )
+            raise ValueError(f"a camera of model {self.model} cannot be turned: its distortion is not symmetric")
         camera = self
         for _ in range(quarter_turns % 4):
             camera = camera._turned_once()
@@ -365,9 +361,7 @@ def camera_from_colmap(name: str, camera: Any, cam_from_world: ArrayLike) -> Cam
 def colmap_camera(camera: Camera) -> Any:
     """A new `pycolmap.Camera` of the same lens, in pycolmap's pixel convention (for its solvers)."""
     cached = _colmap_camera(camera.model, camera.width, camera.height, camera.params)
-    return pycolmap.Camera(
-        model=camera.model, width=camera.width, height=camera.height, params=cached.params.copy()
-    )
+    return pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=cached.params.copy())
 
 
 @dataclass(frozen=True)

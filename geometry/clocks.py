@@ -122,9 +122,7 @@ def parabola(values: Floats, at: int) -> float:
     return float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend < 0 else 0.0
 
 
-def resample(
-    points_px: Floats, variance_px2: Floats, fps: float, times: Floats
-) -> tuple[Floats, Floats]:
+def resample(points_px: Floats, variance_px2: Floats, fps: float, times: Floats) -> tuple[Floats, Floats]:
     """Landmarks between frames, linearly.
 
     Args:

@@ -70,9 +70,7 @@ class Crops:
         """(N, K, 2) crop pixels to (N, K, 2) original pixels; NaN stays NaN."""
         return apply_homographies(self.image_from_crop, points_crop_px)
 
-    def variance_to_image(
-        self, points_crop_px: ArrayLike, variance_crop_px2: ArrayLike
-    ) -> NDArray[np.float64]:
+    def variance_to_image(self, points_crop_px: ArrayLike, variance_crop_px2: ArrayLike) -> NDArray[np.float64]:
         """Variances in original pixels of points that were measured in the crop.
 
         Args:
@@ -175,9 +173,7 @@ def virtual_views(boxes_px: ArrayLike, camera: Camera, padding: float = BOX_PADD
     return VirtualViews(virtual_from_world, padding * extents.max(axis=1) / 2)
 
 
-def level_rotations(
-    directions_world: NDArray[np.float64], cam_rotation: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def level_rotations(directions_world: NDArray[np.float64], cam_rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotations of cameras that look along given directions with no roll.
 
     Args:
@@ -224,9 +220,7 @@ def _virtual_homographies(
     return crop_from_image
 
 
-def _homographies_from_corners(
-    corners: NDArray[np.float64], targets: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _homographies_from_corners(corners: NDArray[np.float64], targets: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, 3, 3) homographies, last entry 1, that take (4, 2) corners to (N, 4, 2) targets; NaN for NaN."""
     count = len(targets)
     system = np.zeros((count, 4, 2, 8))

@@ -394,6 +394,5 @@ def _functional(at: dict[str, Array], points: Array, index: dict[str, int], side
     return out
 
 
-
 def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9))

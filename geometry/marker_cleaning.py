@@ -99,7 +99,7 @@ def find_spikes(points: Float, partners: NDArray[np.intp], options: CleanOptions
     if len(points) < 7:
         return out
     for first, second in ((1, 1), (1, 2), (2, 1)):  # single samples; the first and the second of two
-        between = (points[: len(points) - first - second] * second + points[first + second :] * first)
+        between = points[: len(points) - first - second] * second + points[first + second :] * first
         off = np.full(points.shape[:2], np.nan)
         inner = slice(first, len(points) - second)
         off[inner] = np.linalg.norm(points[inner] - between / (first + second), axis=-1)

@@ -413,7 +413,6 @@ class PeopleTracker:
             self._taken[seen, t, body.slots[seen, t]] = True
             t -= 1
 
-
     def _bridge(self, bodies: list[Body]) -> None:
         """Gives a body the detections that it left out between two of the same camera track, where nobody has them:
         a bad frame is for the triangulation to judge."""

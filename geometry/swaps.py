@@ -148,9 +148,7 @@ def _view_evidence(
 
             def cost(i: int, k: int, a: int = a, b: int = b, essential: _Floats = essential) -> _Floats:
                 at_a, at_b = twins[:, i], twins[:, k]
-                u = _epipolar_u(
-                    essential, slopes[a][:, at_a], slopes[b][:, at_b], noise[a][:, at_a], noise[b][:, at_b]
-                )
+                u = _epipolar_u(essential, slopes[a][:, at_a], slopes[b][:, at_b], noise[a][:, at_a], noise[b][:, at_b])
                 return _bounded(u, options.bound_sigma)
 
             difference = cost(0, 1) + cost(1, 0) - cost(0, 0) - cost(1, 1)

@@ -294,9 +294,7 @@ def _clocks(
     return tuple(clocks)
 
 
-def _window_offsets(
-    cost: _PairCost, times: Floats, guess: Floats, search: float, fps: float
-) -> tuple[Floats, Floats]:
+def _window_offsets(cost: _PairCost, times: Floats, guess: Floats, search: float, fps: float) -> tuple[Floats, Floats]:
     """(C,) offsets and standard deviations in one window: pairwise delays, put together by least squares."""
     count = len(guess)
     rows, right, weight = [], [], []

@@ -65,9 +65,7 @@ def _overlap(reference: Floats, other: Floats, rate: float, delay: float, window
     return lowest, highest, min(int(min(window * rate, len(reference), len(other))), highest - lowest)
 
 
-def _clearest(
-    reference: Floats, other: Floats, rate: float, delays: list[float], window: float
-) -> tuple[float, float]:
+def _clearest(reference: Floats, other: Floats, rate: float, delays: list[float], window: float) -> tuple[float, float]:
     """Of delays at which the envelopes agree, the one at which the waveforms do, seconds, and how far others are that
     fit as well: 0 where none does."""
     strengths = []

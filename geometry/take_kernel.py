@@ -137,9 +137,7 @@ def likeliest_points(
             views, points[i], limits, path[i], path_info[i], other[i], other_info[i], freedom, normal, first
         )
         trial[:] = path[i]
-        cost = _likeliest(
-            views, trial, limits, path[i], path_info[i], other[i], other_info[i], freedom, normal, second
-        )
+        cost = _likeliest(views, trial, limits, path[i], path_info[i], other[i], other_info[i], freedom, normal, second)
         if cost < best - 1e-9:
             points[i, :] = trial
             covariances[i, :, :] = second

@@ -314,9 +314,7 @@ def _views(cameras: CameraGroup, px: NDArray[np.float64], variance: NDArray[np.f
     )
 
 
-def _local_scale(
-    camera: Camera, points_px: NDArray[np.float64], slopes: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _local_scale(camera: Camera, points_px: NDArray[np.float64], slopes: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N,) or (1,) area of an image patch in px^2 over its area in normalised units, at each point.
 
     It is the squared focal length in the middle of every image and, unless the lens is wide, everywhere.

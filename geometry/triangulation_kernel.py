@@ -316,9 +316,7 @@ def _two_best_points(views: Views, rig: Rig, limits: Limits, scratch: Scratch) -
 
 
 @_compiled
-def _solve_one(
-    views: Views, rig: Rig, limits: Limits, scratch: Scratch, covariance: Array, inlier: BoolArray
-) -> bool:
+def _solve_one(views: Views, rig: Rig, limits: Limits, scratch: Scratch, covariance: Array, inlier: BoolArray) -> bool:
     """One point, into `scratch.starts[0]`, with its covariance and inliers; False if there is none."""
     found, odds = _two_best_points(views, rig, limits, scratch)
     if found == 0:

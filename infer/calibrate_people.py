@@ -123,9 +123,7 @@ def from_keypoints(
     return result, (before, after)
 
 
-def told(
-    before: CameraGroup, result: PeopleCalibration, refine: bool, errors: tuple[float, float]
-) -> list[str]:
+def told(before: CameraGroup, result: PeopleCalibration, refine: bool, errors: tuple[float, float]) -> list[str]:
     """What was found, a line a camera."""
     lines = list(result.notes)
     for c, camera in enumerate(result.cameras):

@@ -123,9 +123,7 @@ def points(
     return 0
 
 
-def _size(
-    name: str, size: tuple[int, int] | None, videos: Path | None, given: CameraGroup | None
-) -> tuple[int, int]:
+def _size(name: str, size: tuple[int, int] | None, videos: Path | None, given: CameraGroup | None) -> tuple[int, int]:
     if given is not None:
         return given[name].width, given[name].height
     if size is not None:

@@ -107,9 +107,7 @@ def _one_source(sources: Sequence[tuple[str, Path | None]], by_hand: bool) -> No
         )
 
 
-def _by_hand(
-    cameras: CameraGroup, scale_by: float, turn_deg: float, origin: tuple[float, float, float]
-) -> CameraGroup:
+def _by_hand(cameras: CameraGroup, scale_by: float, turn_deg: float, origin: tuple[float, float, float]) -> CameraGroup:
     angle = np.radians(-turn_deg)  # the world's axes turn one way, what is in it the other
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     return moved(cameras, np.column_stack([turn, -turn @ (scale_by * np.array(origin))]), scale_by)

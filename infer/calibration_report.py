@@ -113,7 +113,7 @@ def calibration_section(quality: CalibrationQuality) -> str:
     ]
     if report is not None and np.isfinite(report.noise_px):
         parts.append(
-            "<h3>What would explain it</h3><p class=\"lead\">How much better the whole rig would fit frames that were "
+            '<h3>What would explain it</h3><p class="lead">How much better the whole rig would fit frames that were '
             "held out, if this one thing of this one camera were put right (log-likelihood; "
             f"0: not at all). A rig in order has small numbers everywhere.</p>{evidence_table(report)}"
         )

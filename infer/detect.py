@@ -187,7 +187,9 @@ def open_models(options: DetectOptions) -> Models:
     people_card = PeopleNetwork(people, options.keypoints.onnx).card
     metadata = {
         "keypoints": {
-            **network.metadata, "file": keypoints.name, "sha256": file_digest(keypoints),
+            **network.metadata,
+            "file": keypoints.name,
+            "sha256": file_digest(keypoints),
             **({} if card is None else {"card": card.name, "card_sha256": file_digest(card)}),
         },
         "people": {**people_card.metadata, "file": people.name, "sha256": file_digest(people)},
@@ -317,9 +319,7 @@ class _CameraWork:
         stage, key = _stage(self.name), _key(self.session, self.index, self.models, self.options)
         stored = self.store.load(stage, key)
         if stored is not None and self.proxy.is_file():
-            self.progress.say(
-                f"{self.name}: 2D landmarks resumed from {self.store.folder / (stage + '.npz')}"
-            )
+            self.progress.say(f"{self.name}: 2D landmarks resumed from {self.store.folder / (stage + '.npz')}")
             self.task.advance(self.session.frames)
             return CameraResult(_tracks(stored, self.models.landmarks), self.proxy, stored)
         start = time.perf_counter()

@@ -121,9 +121,7 @@ def write_overlays(
     frames = len(solution.points.points_world)
     with progress.task("overlays", len(detected) * frames) as task, ThreadPoolExecutor(workers) as pool:
         jobs = [
-            pool.submit(
-                _write_overlay, output, store, session, camera_files[c], result, c, solution, options, task
-            )
+            pool.submit(_write_overlay, output, store, session, camera_files[c], result, c, solution, options, task)
             for c, result in enumerate(detected)
         ]
         stages = [job.result() for job in jobs]
@@ -212,9 +210,7 @@ def write_report_pages(
     grave: tuple[str, ...] = ()
     people = written_people(solution)
     names = [of_person(REPORT, n) for n in range(1, len(people) + 1)]
-    pages = tuple(
-        PersonPage(name, q.coverage, q.leave_one_out_px) for name, q in zip(names, qualities, strict=True)
-    )
+    pages = tuple(PersonPage(name, q.coverage, q.leave_one_out_px) for name, q in zip(names, qualities, strict=True))
     shared = {
         "cameras": session.cameras, "warnings": session.notices, "timings_s": timings, "options": plain(options),
         "versions": versions, "pages": pages if len(pages) > 1 else (), "files": tuple(files),

@@ -166,9 +166,7 @@ def _held_out(count: int) -> NDArray[np.bool_]:
     return np.asarray(block % _HELD_OUT == min(_HELD_OUT // 2, block[-1]))
 
 
-def _cut(
-    followed: Followed, view: _View, apart: NDArray[np.intp], shape: _Shape
-) -> Iterator[tuple[NDArray[Any], ...]]:
+def _cut(followed: Followed, view: _View, apart: NDArray[np.intp], shape: _Shape) -> Iterator[tuple[NDArray[Any], ...]]:
     """The first arrays of `Footage` of a view, chunk by chunk; the frames `apart` are held out."""
     session, c = followed.session, view.camera
     camera, count = session.level_cameras[c], len(followed.detected[c].tracks.points_px)

@@ -73,7 +73,7 @@ def _markers(content: dict[str, Any]) -> str:
         origins = list(dict.fromkeys(name for _, _, name in m["from"]))
         shown = ", ".join(origins) if len(origins) <= _MOST_ORIGINS else f"pieces of {len(origins)}"
         rows.append(
-            f'<tr><td>{html.escape(label)}</td><td>{html.escape(m["body_point"].replace("_", " "))}</td>'
+            f"<tr><td>{html.escape(label)}</td><td>{html.escape(m['body_point'].replace('_', ' '))}</td>"
             f'<td class="num">{m["found"]:.1%}</td><td class="num">{filled}</td>'
             f'<td class="num">{m["mean_confidence"]:.0%}</td><td>{html.escape(shown) or "–"}</td></tr>'
         )

@@ -334,7 +334,6 @@ def run_session(
     except Exception as error:  # onnxruntime's exceptions share no base but Exception
         shapes = ", ".join(str(values.shape) for values in inputs.values())
         raise ModelError(
-            f"{path}: the network failed on an input of shape {shapes}: {str(error).splitlines()[0]}; "
-            f"{_REMEDY}"
+            f"{path}: the network failed on an input of shape {shapes}: {str(error).splitlines()[0]}; {_REMEDY}"
         ) from error
     return result

@@ -300,9 +300,7 @@ def _circle(image: Image, centre: Floats, radius: float, colour: Colour, width: 
         cv2.circle(image, at, round(radius * (1 << _SHIFT)), colour, thickness, cv2.LINE_AA, _SHIFT)
 
 
-def _draw_keypoints(
-    image: Image, points: Floats, projected: Floats, kept: NDArray[np.bool_], unit: float
-) -> None:
+def _draw_keypoints(image: Image, points: Floats, projected: Floats, kept: NDArray[np.bool_], unit: float) -> None:
     for point, target, is_kept in zip(points, projected, kept, strict=True):
         if is_kept:
             _line(image, point, target, DIM, unit)
@@ -316,9 +314,7 @@ def _draw_keypoints(
 
 
 def _draw_figure(image: Image, points: Floats, landmarks: LandmarkSet, unit: float, thickness: float = 1.0) -> None:
-    bones = [
-        (points[a], points[b], (landmarks.names[a], landmarks.names[b])) for a, b in landmarks.edge_indices
-    ]
+    bones = [(points[a], points[b], (landmarks.names[a], landmarks.names[b])) for a, b in landmarks.edge_indices]
     width = unit * thickness
     # Dark edges first, for all bones: they keep the figure legible on any background.
     for a, b, _ in bones:

@@ -35,9 +35,7 @@ class PeopleOptions:
 class PeopleDetector:
     """Finds people in one camera's frames, which it must see in order."""
 
-    def __init__(
-        self, network: PeopleNetwork, letterbox: Letterbox, options: PeopleOptions = PeopleOptions()
-    ) -> None:
+    def __init__(self, network: PeopleNetwork, letterbox: Letterbox, options: PeopleOptions = PeopleOptions()) -> None:
         """A detector for frames that `letterbox` made small."""
         self._network = network
         self._letterbox = letterbox

@@ -403,9 +403,7 @@ def summary(result: RunResult) -> str:
             + (f"   left out {away:6.1f} px" if np.isfinite(away := camera["leave_one_out_px"]) else "")
         )
     for number, other in enumerate(result.others, start=2):
-        rows.append(
-            f"  person {number}: 3D points for {other.coverage:.1%}, {_left_out(other.leave_one_out_px)}"
-        )
+        rows.append(f"  person {number}: 3D points for {other.coverage:.1%}, {_left_out(other.leave_one_out_px)}")
     rows += [f"  problem: {text}" for text in result.problems]
     rows.append(f"  results: {result.out} ({exports.REPORT} shows them; {WORK}/ may be deleted)")
     return "\n".join(rows)

@@ -171,9 +171,7 @@ def _gain(frame: NDArray[np.uint8], plate: NDArray[np.uint8]) -> NDArray[np.floa
     return np.asarray(gain if agree > 0.5 else np.ones(3), dtype=np.float64)
 
 
-def silhouettes(
-    points_px: NDArray[np.float64], landmarks: LandmarkSet, size: tuple[int, int]
-) -> NDArray[np.bool_]:
+def silhouettes(points_px: NDArray[np.float64], landmarks: LandmarkSet, size: tuple[int, int]) -> NDArray[np.bool_]:
     """Where people are, roughly and rather too wide.
 
     Args:

@@ -59,9 +59,7 @@ def assess(cameras: CameraGroup, solution: Solution) -> Quality:
     by_camera = {
         name: {
             "seen": float(usable[c].mean()),
-            "agrees": float(solution.measured.inlier[c][usable[c]].mean())
-            if usable[c].any()
-            else float("nan"),
+            "agrees": float(solution.measured.inlier[c][usable[c]].mean()) if usable[c].any() else float("nan"),
             "reprojection_px": median(residual[c]),
             "leave_one_out_px": float(left_out.camera_median_px[c]),
             "no_point_share": float(left_out.camera_no_point_share[c]),

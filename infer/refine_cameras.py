@@ -54,9 +54,7 @@ def refined(
         stage = store.save(STAGE, key, {"cam_from_world": poses}, facts, time.perf_counter() - start)
         progress.say(f"{STAGE}: {stage.seconds:.1f} s")
     before, after = float(stage.facts["before_px"]), float(stage.facts["after_px"])
-    found = CameraGroup(
-        tuple(c.posed(p) for c, p in zip(session.cameras, stage.arrays["cam_from_world"], strict=True))
-    )
+    found = CameraGroup(tuple(c.posed(p) for c, p in zip(session.cameras, stage.arrays["cam_from_world"], strict=True)))
     session = with_notice(session, _notice(session.cameras, found, before, after), progress)
     return replace(session, cameras=found if _better(before, after) else session.cameras), stage
 

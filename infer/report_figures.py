@@ -226,9 +226,7 @@ def camera_figures(
                 residual_px=float(nanmedian(residual)),
                 residual_p95_px=float(np.nanquantile(residual, 0.95)) if seen.any() else float("nan"),
                 leave_one_out_px=float(nanmedian(loo)),
-                unanswered=(
-                    _share(~np.isfinite(loo[has_2d])) if leave_one_out_px is not None else float("nan")
-                ),
+                unanswered=(_share(~np.isfinite(loo[has_2d])) if leave_one_out_px is not None else float("nan")),
                 mm_per_px=float(scale[c]),
                 bias_px=np.full(2, np.nan) if offset is None else nanmedian(offset[c], axis=(0, 1)),
                 lag_frames=float(lags[c]),

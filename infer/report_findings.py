@@ -146,9 +146,7 @@ def _camera_findings(cameras: Sequence[CameraFigures]) -> list[Finding]:
             found.append(Finding("bad", f"{camera.name} found the person in no frame."))
         elif camera.seen < 0.6:
             found.append(
-                Finding(
-                    "look", f"{camera.name} has 2D points for only {100 * camera.seen:.0f} % of the take."
-                )
+                Finding("look", f"{camera.name} has 2D points for only {100 * camera.seen:.0f} % of the take.")
             )
         if camera.rejected > 0.25:
             found.append(
@@ -247,9 +245,7 @@ def _gap_findings(points: Points3D, most: int = 5) -> list[Finding]:
     rest = len(single) - len(long[:most])
     if rest:
         also = "more, " if long else ""
-        found.append(
-            Finding("note", f"{rest} {also}shorter gap{'s' if rest > 1 else ''}; the timeline shows where.")
-        )
+        found.append(Finding("note", f"{rest} {also}shorter gap{'s' if rest > 1 else ''}; the timeline shows where."))
     return found
 
 
@@ -299,9 +295,7 @@ def _jump_findings(points: Points3D, most: int = 3) -> list[Finding]:
 def _bone_findings(bones: Sequence[BoneFigures], most: int = 3) -> list[Finding]:
     """Bones that breathe, or differ between the sides."""
     found = []
-    loose = sorted(
-        (b for b in bones if b.spread > 0.1 and b.spread_m > 0.015), key=lambda b: -b.spread
-    )
+    loose = sorted((b for b in bones if b.spread > 0.1 and b.spread_m > 0.015), key=lambda b: -b.spread)
     for bone in loose[:most]:
         found.append(
             Finding(

@@ -76,9 +76,7 @@ def heading_section(
         tile("Coverage", percent_text(figures.coverage, 1), covered),
         tile("Agreement", number_text(figures.agreement_mm, 0, " mm"), agreement),
         tile("Leave one out", number_text(figures.leave_one_out_px, 1, " px"), "the same, in the image"),
-        tile(
-            "Reprojection", number_text(figures.residual_px, 1, " px"), "of the 3D points, to their own 2D points"
-        ),
+        tile("Reprojection", number_text(figures.residual_px, 1, " px"), "of the 3D points, to their own 2D points"),
     ]
     total = sum(timings_s.values())
     if total > 0:
@@ -126,17 +124,13 @@ def people_section(number: int, pages: Sequence[PersonPage]) -> str:
 
 
 def tile(name: str, value: str, meaning: str) -> str:
-    return (
-        f'<div class="tile"><dt>{name}</dt><dd class="value">{value}</dd>'
-        f'<dd class="meaning">{meaning}</dd></div>'
-    )
+    return f'<div class="tile"><dt>{name}</dt><dd class="value">{value}</dd><dd class="meaning">{meaning}</dd></div>'
 
 
 def table_of(columns: Sequence[tuple[str, str]], rows: Sequence[str], kind: str = "figures") -> str:
     """A table that scrolls sideways where it is too wide; columns are (name, meaning)."""
     cells = "".join(
-        f'<th scope="col"{f" title={json.dumps(html.escape(meaning))}" if meaning else ""}>'
-        f"{html.escape(name)}</th>"
+        f'<th scope="col"{f" title={json.dumps(html.escape(meaning))}" if meaning else ""}>{html.escape(name)}</th>'
         for name, meaning in columns
     )
     return (
@@ -145,9 +139,7 @@ def table_of(columns: Sequence[tuple[str, str]], rows: Sequence[str], kind: str 
     )
 
 
-def findings_section(
-    said: Sequence[Finding], person: str, nothing: str = "Nothing stands out in this take."
-) -> str:
+def findings_section(said: Sequence[Finding], person: str, nothing: str = "Nothing stands out in this take.") -> str:
     """The sentences, each with its severity in words and a button that shows the frame."""
     names = {"bad": "Problem", "look": "Look", "note": "Note"}
     items = []
@@ -155,8 +147,7 @@ def findings_section(
         button = ""
         if finding.frame >= 0:
             button = (
-                f' <button type="button" class="jump" data-frame="{finding.frame}">'
-                f"show frame {finding.frame}</button>"
+                f' <button type="button" class="jump" data-frame="{finding.frame}">show frame {finding.frame}</button>'
             )
         items.append(
             f'<li class="{finding.severity}"><span class="mark">{names[finding.severity]}</span>'

@@ -194,9 +194,7 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
     twice = [stem for stem, n in Counter(f.stem.lower() for f in found).items() if n > 1]
     if twice:
         names = ", ".join(f.name for f in found if f.stem.lower() == twice[0])
-        raise SessionError(
-            f"{folder} has more than one video named {twice[0]} ({names}): keep one file a camera"
-        )
+        raise SessionError(f"{folder} has more than one video named {twice[0]} ({names}): keep one file a camera")
     if folder == path:  # beside the calibration and whatever else a session has
         return found, [f"{path} has no folder `videos`: the videos in it itself are used"]
     return found, [f"{folder} also holds {', '.join(ignored)}: not videos, or small copies; ignored"] if ignored else []
@@ -402,9 +400,7 @@ def _common_time(
     if near:
         fps = _commonest(rates)
         if len(set(np.round(rates, 2))) > 1:
-            how = (
-                "frames are paired by number" if by_number else "the films end together, so frames are paired by time"
-            )
+            how = "frames are paired by number" if by_number else "the films end together, so frames are paired by time"
             much = f"; by these rates the last ones are {apart:.2g} s apart" if by_number and apart * fps > 0.5 else ""
             notices.append(f"frame rates differ slightly ({listed} fps): {how} at {fps:.4g} fps{much}")
     else:

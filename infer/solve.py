@@ -378,9 +378,7 @@ def _only(measured: Arrays, there: NDArray[np.bool_]) -> dict[str, NDArray[Any]]
     }
 
 
-def _sure(
-    score: Floats, swapped: NDArray[np.bool_], landmarks: LandmarkSet, least: float
-) -> NDArray[np.bool_]:
+def _sure(score: Floats, swapped: NDArray[np.bool_], landmarks: LandmarkSet, least: float) -> NDArray[np.bool_]:
     """(T, J) whether a camera is sure of a landmark, by scores (C, T, J) as they were before sides were put back."""
     own = np.where(swapped, score[..., list(landmarks.mirror)], score)
     return np.asarray(own.max(axis=0) >= least)
@@ -419,9 +417,7 @@ def _fit(points: Points3D, options: FitOptions) -> tuple[Arrays, Mapping[str, An
     return {**arrays, **on_body}, facts
 
 
-def _filled(
-    points: Points3D, measured: Points3D, sure: NDArray[np.bool_], body: Arrays, share: float
-) -> Points3D:
+def _filled(points: Points3D, measured: Points3D, sure: NDArray[np.bool_], body: Arrays, share: float) -> Points3D:
     """`points` with what is missing taken from the fitted body, in frames where the body is well known: landmarks that
     are measured now and then, or sit on one bone with what is measured. Legs under a desk are not made up: what no
     camera is `sure` (T, J) of, most of the time, stays unknown."""

@@ -155,9 +155,7 @@ def _open(path: Path, **options: str) -> Any:
     except FileNotFoundError:
         raise VideoError(f"{path} does not exist") from None
     except PermissionError:
-        raise VideoError(
-            f"{path} cannot be read: permission denied; give yourself read access to it"
-        ) from None
+        raise VideoError(f"{path} cannot be read: permission denied; give yourself read access to it") from None
     except (av.error.FFmpegError, OSError, ValueError) as error:
         raise VideoError(
             f"{path} cannot be decoded ({_reason(error)}): it is truncated, still being written or not a "
@@ -227,17 +225,13 @@ def _refuse_truncated(
             with _open(path, ignore_editlist="1") as container:
                 whole = _walk(path, container, container.streams.best("video")).total
             if whole < declared:
-                raise VideoError(
-                    f"{path} is truncated: it declares {declared} frames and holds {whole}; {remedy}"
-                )
+                raise VideoError(f"{path} is truncated: it declares {declared} frames and holds {whole}; {remedy}")
         return
     if declared_end is not None and rate:
         missing = (declared_end - (packets.times[-1] + 1 / float(rate))) * float(rate)
         if missing > 1.5:
             count = held + round(missing)
-            raise VideoError(
-                f"{path} is truncated: it declares about {count} frames and holds {held}; {remedy}"
-            )
+            raise VideoError(f"{path} is truncated: it declares about {count} frames and holds {held}; {remedy}")
 
 
 def _first_frame(path: Path) -> tuple[int, int, int, float, float | None]:
@@ -365,17 +359,13 @@ class VideoWriter:
     Used as a context manager: an exception inside leaves no file behind.
     """
 
-    def __init__(
-        self, path: Path, width: int, height: int, fps: float, crf: int = 20, preset: str = "veryfast"
-    ):
+    def __init__(self, path: Path, width: int, height: int, fps: float, crf: int = 20, preset: str = "veryfast"):
         """Open `path` for frames of `width` x `height` (even numbers) px."""
         self.path = path
         self._partial = partial_name(path)
         self.size = (width, height)
         try:
-            self._container: Any = av.open(
-                str(self._partial), "w", format="mp4", options={"movflags": "+faststart"}
-            )
+            self._container: Any = av.open(str(self._partial), "w", format="mp4", options={"movflags": "+faststart"})
             rate = Fraction(fps).limit_denominator(1001)
             self._stream = self._container.add_stream("libx264", rate=rate)
         except (av.error.FFmpegError, OSError) as error:

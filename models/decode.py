@@ -265,9 +265,7 @@ def decode_people(
         rows, columns = np.nonzero(peaks[image])
         center = np.stack([columns, rows], axis=1) * stride + (stride - 1) / 2
         left, top, right, bottom = box[image][:, rows, columns].astype(np.float64)
-        boxes = np.stack(
-            [center[:, 0] - left, center[:, 1] - top, center[:, 0] + right, center[:, 1] + bottom], axis=1
-        )
+        boxes = np.stack([center[:, 0] - left, center[:, 1] - top, center[:, 0] + right, center[:, 1] + bottom], axis=1)
         usable = np.isfinite(boxes).all(axis=1) & (boxes[:, 2:] - boxes[:, :2] > 1.0).all(axis=1)
         boxes, score = boxes[usable], scores[image, rows, columns][usable]
         keep = suppress_overlaps(boxes, score, max_overlap)[:max_people]

@@ -43,9 +43,7 @@ def bones_of(names: list[str]) -> list[tuple[int, int]]:
     return [(names.index(a), names.index(b)) for a, b in both]
 
 
-def left_out(
-    cameras: CameraGroup, px: Array, variance: Array, solve: Solve, offsets: ViewOffsets | None
-) -> float:
+def left_out(cameras: CameraGroup, px: Array, variance: Array, solve: Solve, offsets: ViewOffsets | None) -> float:
     """Median distance in px of a camera's points to what `solve` makes of the other cameras'."""
     error = []
     for c, camera in enumerate(cameras):
@@ -69,9 +67,9 @@ def medians(data: Path, kinds: Collection[str] = ("delivered", "refined")) -> di
     landmarks, bones = LandmarkSet("reference", tuple(names), ()), bones_of(names)
     solvers: dict[str, Solve] = {
         "single frames": lambda group, seen, doubt: triangulate(group, seen, doubt).points_world,
-        f"whole take, {len(bones)} bones": lambda group, seen, doubt: triangulate_take(
-            group, seen, doubt, bones
-        ).points_world,
+        f"whole take, {len(bones)} bones": lambda group, seen, doubt: (
+            triangulate_take(group, seen, doubt, bones).points_world
+        ),
     }
     halves = np.split(np.arange(px.shape[1]), 2)
     rows: dict[tuple[str, str, str], list[float]] = {}

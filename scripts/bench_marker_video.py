@@ -24,9 +24,21 @@ from muybridge.train.motion_rig import forward, turn
 from muybridge.train.motions import MotionSampler
 
 FPS = 120.0
-LIMBS = (("hips", "chest", 0.13), ("chest", "neck", 0.13), ("neck", "head", 0.06), *(
-    (f"{s}_{a}", f"{s}_{b}", r) for s in ("left", "right") for a, b, r in (
-        ("upper_arm", "forearm", 0.045), ("forearm", "hand", 0.035), ("thigh", "shin", 0.07), ("shin", "foot", 0.045))))
+LIMBS = (
+    ("hips", "chest", 0.13),
+    ("chest", "neck", 0.13),
+    ("neck", "head", 0.06),
+    *(
+        (f"{s}_{a}", f"{s}_{b}", r)
+        for s in ("left", "right")
+        for a, b, r in (
+            ("upper_arm", "forearm", 0.045),
+            ("forearm", "hand", 0.035),
+            ("thigh", "shin", 0.07),
+            ("shin", "foot", 0.045),
+        )
+    ),
+)
 
 
 def make_take(frames: int, kind: str, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -182,9 +182,7 @@ def solved(cameras: CameraGroup, keypoints: Keypoints2D, fps: float = 30.0) -> l
         px, variance, _ = repair_swaps(cameras, px, variance, BODY23)
         cloud = triangulate(cameras, px, variance)
         cloud = with_pose_prior(cameras, px, variance, BODY23, fps, cloud)
-        points = Points3D(
-            BODY23, cloud.points_world, cloud.covariance_world, cloud.residual_px, cloud.inlier, fps
-        )
+        points = Points3D(BODY23, cloud.points_world, cloud.covariance_world, cloud.residual_px, cloud.inlier, fps)
         found.append(smooth_points(points, SmoothOptions()).points_world)
     return found
 
@@ -220,9 +218,7 @@ def matched_points(found: list[NDArray[np.float64]], which: NDArray[np.int64]) -
     return np.where((which >= 0)[..., None, None], points, np.nan)
 
 
-def compare(
-    truth: NDArray[np.float64], found: list[NDArray[np.float64]]
-) -> tuple[int, NDArray[np.float64]]:
+def compare(truth: NDArray[np.float64], found: list[NDArray[np.float64]]) -> tuple[int, NDArray[np.float64]]:
     """Identity switches, and the error (N, T, J) of the matched landmarks in mm, NaN where unmatched."""
     switches, which = match(truth, found)
     return switches, 1000 * np.linalg.norm(matched_points(found, which) - truth, axis=-1)
@@ -249,9 +245,7 @@ def main() -> None:
                   f"| {error.mean():.1f} | {alone.mean():.1f} | {total / seconds.sum():.0f} |", flush=True)  # fmt: skip
 
 
-def _measure(
-    count: int, cams: int, options: argparse.Namespace, seed: int
-) -> tuple[float, int, float, float, float]:
+def _measure(count: int, cams: int, options: argparse.Namespace, seed: int) -> tuple[float, int, float, float, float]:
     """Share of the true people's frames found, switches, error, error alone, seconds."""
     slots, rng = max(count + 1, TrackOptions().max_people), np.random.default_rng(seed)
     fps = options.fps

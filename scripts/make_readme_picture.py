@@ -30,9 +30,7 @@ def read_video(path: Path, wanted_fps: float) -> list[NDArray[np.uint8]]:
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         every = max(1, round(float(stream.average_rate) / wanted_fps))
-        return [
-            f.to_ndarray(format="rgb24") for i, f in enumerate(container.decode(stream)) if i % every == 0
-        ]
+        return [f.to_ndarray(format="rgb24") for i, f in enumerate(container.decode(stream)) if i % every == 0]
 
 
 def camera_sheet(views: list[NDArray[np.uint8]], height: int) -> NDArray[np.uint8]:
@@ -42,8 +40,7 @@ def camera_sheet(views: list[NDArray[np.uint8]], height: int) -> NDArray[np.uint
     strips = []
     for row in rows:
         small = [
-            cv2.resize(v, (round(v.shape[1] * each / v.shape[0]), each), interpolation=cv2.INTER_AREA)
-            for v in row
+            cv2.resize(v, (round(v.shape[1] * each / v.shape[0]), each), interpolation=cv2.INTER_AREA) for v in row
         ]
         strips.append(np.concatenate(small, axis=1))
     width = min(s.shape[1] for s in strips)

@@ -134,11 +134,13 @@ def test_a_checkerboard_of_images(tmp_path):
     [
         (["--columns", "7", "--rows", "5"], "would be found as: charuco 5 x 7, DICT_4X4_50"),
         pytest.param(
-            ["--columns", "5", "--rows", "7", "--inverted"], "would be found as: charuco 5 x 7, DICT_4X4_50",
+            ["--columns", "5", "--rows", "7", "--inverted"],
+            "would be found as: charuco 5 x 7, DICT_4X4_50",
             marks=pytest.mark.slow,
         ),
         pytest.param(
-            ["--columns", "5", "--rows", "7", "--dictionary", "DICT_6X6_250"], "charuco 5 x 7, DICT_4X4_50",
+            ["--columns", "5", "--rows", "7", "--dictionary", "DICT_6X6_250"],
+            "charuco 5 x 7, DICT_4X4_50",
             marks=pytest.mark.slow,
         ),
         (["--columns", "5", "--rows", "7", "--dictionary", "DICT_4X5"], "no marker dictionary 'DICT_4X5'"),

@@ -102,9 +102,7 @@ def test_projection_is_opencv_s(model: str) -> None:
         camera.camera_matrix,
         distortion,
     )
-    np.testing.assert_allclose(
-        camera.project(some_points()).reshape(-1, 2), expected.reshape(-1, 2), atol=1e-8
-    )
+    np.testing.assert_allclose(camera.project(some_points()).reshape(-1, 2), expected.reshape(-1, 2), atol=1e-8)
 
 
 @pytest.mark.parametrize("model", ["OPENCV_FISHEYE", "RADIAL_FISHEYE", "FISHEYE"])
@@ -120,9 +118,7 @@ def test_fisheye_projection_is_opencv_s(model: str) -> None:
         camera.camera_matrix,
         distortion,
     )
-    np.testing.assert_allclose(
-        camera.project(some_points()).reshape(-1, 2), expected.reshape(-1, 2), atol=1e-8
-    )
+    np.testing.assert_allclose(camera.project(some_points()).reshape(-1, 2), expected.reshape(-1, 2), atol=1e-8)
 
 
 def test_pixel_zero_is_the_centre_of_the_top_left_pixel() -> None:

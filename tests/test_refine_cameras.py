@@ -44,9 +44,7 @@ def test_right_cameras_stay(filmed: tuple[Session, Keypoints2D], tmp_path: Path)
 
 
 @pytest.mark.parametrize("degrees", [1.0, 2.0, 4.0])
-def test_a_turned_camera_is_turned_back(
-    filmed: tuple[Session, Keypoints2D], tmp_path: Path, degrees: float
-) -> None:
+def test_a_turned_camera_is_turned_back(filmed: tuple[Session, Keypoints2D], tmp_path: Path, degrees: float) -> None:
     session, keypoints = filmed
     wrong = replace(session, cameras=turned(session.cameras, degrees))
     found, _ = refine_cameras.refined(wrong, keypoints, "", StageStore(tmp_path), Progress(quiet=True))

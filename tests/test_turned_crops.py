@@ -71,9 +71,7 @@ def test_what_is_sure_is_not_turned(network: KeypointNetwork, looked: list[int])
     assert np.isnan(still.locate(spotted(network, [(30, 160)])).found.points_crop_px).all() and looked == [1]
 
 
-def test_of_a_series_only_samples_and_what_is_like_them_are_turned(
-    network: KeypointNetwork, looked: list[int]
-) -> None:
+def test_of_a_series_only_samples_and_what_is_like_them_are_turned(network: KeypointNetwork, looked: list[int]) -> None:
     # One hangs upside down in all frames, one is nobody; their frames take turns.
     places = [(60 + 5 * (k // 2), 170) if k % 2 == 0 else (96, 96) for k in range(18)]
     series = Series(np.arange(18) % 2, every=4)

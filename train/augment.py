@@ -95,9 +95,7 @@ class Batch:
         return torch.cat([self.image, self.difference], 1)
 
 
-def turned(
-    angle: NDArray[np.float64], scale: NDArray[np.float64], flip: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+def turned(angle: NDArray[np.float64], scale: NDArray[np.float64], flip: NDArray[np.bool_]) -> NDArray[np.float64]:
     """(n, 2, 2) maps that mirror x where `flip` (n,), then turn by `angle` (n,), radians, and scale by `scale` (n,)."""
     cos, sin = np.cos(angle) * scale, np.sin(angle) * scale
     linear = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)

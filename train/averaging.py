@@ -35,9 +35,7 @@ def average_people(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
     return _average(paths, people_net_from_onnx)
 
 
-def _average(
-    paths: Sequence[pathlib.Path], read: Callable[[pathlib.Path], KeypointNet | PeopleNet]
-) -> dict[str, Any]:
+def _average(paths: Sequence[pathlib.Path], read: Callable[[pathlib.Path], KeypointNet | PeopleNet]) -> dict[str, Any]:
     if len(paths) < 2:
         raise ModelError("an average takes two networks or more")
     nets = [read(path) for path in paths]

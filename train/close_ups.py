@@ -49,7 +49,10 @@ class Cuts:
 
 
 def cut_boxes(
-    rng: np.random.Generator, box_px: NDArray[np.float32], share: float, made: NDArray[np.float32] | None = None,
+    rng: np.random.Generator,
+    box_px: NDArray[np.float32],
+    share: float,
+    made: NDArray[np.float32] | None = None,
     left_over: tuple[float, float] = _KEPT,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Boxes (B, 4) of what is left of people of whom `share` are cut off, and lines (B, 3) as in `Cuts`, both in the

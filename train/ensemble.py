@@ -140,9 +140,7 @@ def film_company(
     return picture.clip(0, 255).astype(np.uint8)
 
 
-def _layer(
-    renderer: Renderer, view: View, actor: Actor, frame: int
-) -> tuple[tuple[int, int], F32, F32] | None:
+def _layer(renderer: Renderer, view: View, actor: Actor, frame: int) -> tuple[tuple[int, int], F32, F32] | None:
     """Corner (x, y) in the picture, colour (h, w, 4) and shadow (h, w) of one person, in a window round them; None out
     of sight."""
     body = actor.vertices[frame]

@@ -80,6 +80,7 @@ def rig_of(bones: tuple[str, ...], rest: Array) -> Rig:
     at = rest[origin]
     align = np.tile(np.eye(3), (len(NAMES), 1, 1))
     for side, sign in (("left", 1.0), ("right", -1.0)):
+
         def place(part: str, side: str = side) -> int:
             return NAMES.index(f"{side}_{part}")
 

@@ -27,9 +27,7 @@ _TAPS = 9  # of a 3x3 filter
 
 
 @torch.no_grad()
-def narrowed(
-    net: KeypointNet, depths: Sequence[int], hidden: Sequence[int], images: Sequence[Tensor]
-) -> KeypointNet:
+def narrowed(net: KeypointNet, depths: Sequence[int], hidden: Sequence[int], images: Sequence[Tensor]) -> KeypointNet:
     """A network like `net` with fewer blocks and channels.
 
     Args:

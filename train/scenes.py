@@ -202,9 +202,7 @@ class SceneCompositor:
         opaque = small[..., 3] > 127
         return small, _extent(opaque if opaque.any() else np.ones_like(opaque))  # a person of a few pixels
 
-    def _scaled(
-        self, index: int, side: float, roll: float
-    ) -> tuple[NDArray[np.uint8], float, NDArray[np.float64]]:
+    def _scaled(self, index: int, side: float, roll: float) -> tuple[NDArray[np.uint8], float, NDArray[np.float64]]:
         """The part of a render that has something in it (h, w, 5), the person's box with its longer side `side`
         pixels, how much that is of its own, and where (x, y) in the render made so large the part began."""
         planes, extent = self.renders.pixels_of(index), self.renders.box_px[index]

@@ -23,9 +23,7 @@ _BOARD, _BALL = 0.6, 0.2
 _SQUARES, _PICTURE = 0.4, 0.4
 
 
-def move_things(
-    frame: Picture, plate: Picture, texture: Callable[[], Picture], rng: np.random.Generator
-) -> None:
+def move_things(frame: Picture, plate: Picture, texture: Callable[[], Picture], rng: np.random.Generator) -> None:
     """Draws up to three things of the room into `frame` or into `plate` (H, W, 3) alone: they came, or went."""
     height, width = plate.shape[:2]
     for _ in range(int(rng.integers(1, 4))):

@@ -325,9 +325,7 @@ class _Solver:
         flat = hlc.reshape(6 * len(hll), size).T @ solved.reshape(6 * len(hll), size + 1)
         return hcc - flat[:, :-1], bc - flat[:, -1], solved
 
-    def stepped(
-        self, s: _State, normal: tuple[Floats, ...], back: list[_Swayed], damping: float
-    ) -> _State:
+    def stepped(self, s: _State, normal: tuple[Floats, ...], back: list[_Swayed], damping: float) -> _State:
         reduced, right, solved = self.reduce(normal, damping)
         full = np.zeros(self.offsets[-1])
         step = np.zeros(len(right))

@@ -207,9 +207,7 @@ def _fisheye_start(name: str, board: Board, views: Sequence[View], size: tuple[i
         if min(len(v[0]) for v in inside) < FEWEST_CORNERS:
             continue
         poses = [board_pose(camera, board, v) for v in inside]
-        errors = [
-            camera.posed(p[:3]).project(board.corners[v[0]]) - v[1] for p, v in zip(poses, inside, strict=True)
-        ]
+        errors = [camera.posed(p[:3]).project(board.corners[v[0]]) - v[1] for p, v in zip(poses, inside, strict=True)]
         cost = float(np.nanmedian(np.abs(np.concatenate(errors))))
         if np.isfinite(cost) and (best is None or cost < best[0]):
             best = cost, camera

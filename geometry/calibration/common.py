@@ -84,9 +84,7 @@ def numbers(value: Any, what: str, counts: Sequence[int] = ()) -> NDArray[np.flo
             flat.append(number(item, what))
     if not isinstance(value, list | tuple) or (counts and len(flat) not in counts):
         wanted = " or ".join(str(c) for c in counts)
-        raise Malformed(
-            f"{what} must be a list of {wanted + ' ' if wanted else ''}numbers, not {_brief(value)}"
-        )
+        raise Malformed(f"{what} must be a list of {wanted + ' ' if wanted else ''}numbers, not {_brief(value)}")
     return np.array(flat, dtype=np.float64)
 
 
@@ -141,9 +139,7 @@ def opencv_lens(
     if len(terms) not in (0, 1, 2, 4, 5, 8, 12, 14):
         raise Malformed(f"{len(terms)} distortion coefficients; valid: 0, 1, 2, 4, 5, 8, 12 or 14")
     if any(terms[8:]):
-        raise Malformed(
-            "thin-prism or tilted-sensor distortion is not supported: calibrate with 4, 5 or 8 terms"
-        )
+        raise Malformed("thin-prism or tilted-sensor distortion is not supported: calibrate with 4, 5 or 8 terms")
     k1, k2, p1, p2, k3, k4, k5, k6 = (terms + [0.0] * 8)[:8]
     if any((k3, k4, k5, k6)):
         return "FULL_OPENCV", (fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6)

@@ -60,9 +60,7 @@ class Take:
         return np.sqrt(np.maximum(variance / self.relative, 0.1))
 
 
-def take_of(
-    cameras: CameraGroup, points_px: Floats, variance_px2: Floats, max_frames: int
-) -> tuple[Take | None, str]:
+def take_of(cameras: CameraGroup, points_px: Floats, variance_px2: Floats, max_frames: int) -> tuple[Take | None, str]:
     """The take at chosen frames; None and why, where nothing can be told."""
     px, variance = np.array(points_px, dtype=np.float64), np.array(variance_px2, dtype=np.float64)
     if px.ndim != 4 or px.shape[0] != len(cameras) or px.shape[3] != 2 or variance.shape != px.shape[:3]:
@@ -154,8 +152,4 @@ def with_shift(setup: Setup, c: int, shift: float) -> Setup:
 
 def with_files(setup: Setup, order: Sequence[int]) -> Setup:
     """Each camera with the file that camera `order[c]` has."""
-    return replace(
-        setup, files=tuple(setup.files[k] for k in order), shifts=tuple(setup.shifts[k] for k in order)
-    )
-
-
+    return replace(setup, files=tuple(setup.files[k] for k in order), shifts=tuple(setup.shifts[k] for k in order))

@@ -47,9 +47,7 @@ _MARKS: tuple[tuple[str, re.Pattern[str], _Reader], ...] = (
     ("Muybridge TOML", re.compile(r"^\s*muybridge_calibration\s*=", re.M), lambda text, _: read_native(text)),
     (
         "Qualisys",
-        re.compile(
-            r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*<(?:QTM_Parameters[^>]*>\s*<)?calibration\b", re.S
-        ),
+        re.compile(r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*<(?:QTM_Parameters[^>]*>\s*<)?calibration\b", re.S),
         lambda text, _: read_qualisys(text),
     ),
     (

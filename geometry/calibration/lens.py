@@ -38,7 +38,7 @@ def term_map(model: str) -> Floats:
 
 
 def parameter_kinds(model: str) -> tuple[str, ...]:
-    """"focal", "principal" or "distortion" of each parameter of a model."""
+    """ "focal", "principal" or "distortion" of each parameter of a model."""
     names = ("focal", "focal", "principal", "principal")
     return tuple(names[p[0]] if p[0] < 4 else "distortion" for p in _PLACES[model])
 

@@ -112,9 +112,7 @@ def _cameras_in(data: dict[str, Any], file_stem: str) -> list[tuple[str, dict[st
         nested = data["cameras"] if isinstance(data.get("cameras"), dict) else data
         found = [(_label(v, k), v) for k, v in nested.items() if isinstance(v, dict) and _is_camera(v)]
     if not found:
-        raise Malformed(
-            f"no camera in it: none of the keys {', '.join(_MATRIX)} at its top or one level below"
-        )
+        raise Malformed(f"no camera in it: none of the keys {', '.join(_MATRIX)} at its top or one level below")
     return found
 
 
@@ -145,9 +143,7 @@ def _camera(name: str, item: dict[str, Any]) -> Camera:
     if _key(item, _EXTRINSIC):
         extrinsic = array_of(item, _EXTRINSIC)
         if extrinsic.size not in (12, 16):
-            raise Malformed(
-                f"{_key(item, _EXTRINSIC)} has {extrinsic.size} numbers, not 12 (3x4) or 16 (4x4)"
-            )
+            raise Malformed(f"{_key(item, _EXTRINSIC)} has {extrinsic.size} numbers, not 12 (3x4) or 16 (4x4)")
         rows = extrinsic[:12].reshape(3, 4)
         rotation, translation = rotation_from(rows[:, :3].ravel(), "the rotation"), rows[:, 3]
     else:
@@ -160,9 +156,7 @@ def _camera(name: str, item: dict[str, Any]) -> Camera:
 
 def _size(item: dict[str, Any]) -> tuple[int, int]:
     if "image_width" in item and "image_height" in item:
-        return pixel_count(item["image_width"], "image_width"), pixel_count(
-            item["image_height"], "image_height"
-        )
+        return pixel_count(item["image_width"], "image_width"), pixel_count(item["image_height"], "image_height")
     key = _key(item, _SIZE)
     if key is None:
         raise Malformed("the image size is missing: image_width and image_height, or image_size")

@@ -180,9 +180,7 @@ def calibrate_people(
     posed, points = start_from_nothing(cameras, px, variance)
     posed, points, notes = world_from_people(posed, points, names, options.height)
     bones, sigma = _all_bones(names, people, options)
-    adjusted, posed, noise = _adjusted(
-        posed, px, variance, _state(posed, points, bones), bones, sigma, None, options
-    )
+    adjusted, posed, noise = _adjusted(posed, px, variance, _state(posed, points, bones), bones, sigma, None, options)
     posed, points, notes = world_from_people(posed, adjusted.state.points, names, options.height)
     # Once more in metres: the bones' tolerance is in them. The lenses' prior stays where it was.
     lenses = CameraGroup(tuple(c.posed(p.cam_from_world) for c, p in zip(cameras, posed, strict=True)))
@@ -235,9 +233,7 @@ def _chosen_frames(
     return frames
 
 
-def _all_bones(
-    names: Sequence[str], people: int, options: PeopleCalibrationOptions
-) -> tuple[NDArray[np.intp], Floats]:
+def _all_bones(names: Sequence[str], people: int, options: PeopleCalibrationOptions) -> tuple[NDArray[np.intp], Floats]:
     pairs, sigma = bone_pairs(names)
     if not options.bones:
         pairs, sigma = pairs[:0], sigma[:0]

@@ -204,9 +204,7 @@ def _prior(problem: AdjustProblem, state: AdjustState, start: AdjustState) -> tu
         inverse[6] = 1 / problem.focal_sigma
     inverse *= np.sqrt(problem.prior_worth)
     turned = log_so3(state.rotations @ np.swapaxes(start.rotations, 1, 2))
-    off = np.concatenate(
-        [turned, state.centers - start.centers, state.log_focal[:, None]], axis=1
-    )
+    off = np.concatenate([turned, state.centers - start.centers, state.log_focal[:, None]], axis=1)
     return off * inverse, inverse
 
 

@@ -182,9 +182,7 @@ def _settled(posed: dict[int, Camera], px: Floats, variance: Floats) -> tuple[fl
         bones=np.zeros((0, 2), dtype=np.intp),
         bone_sigma=np.zeros(0),
     )
-    state = AdjustState(
-        group.cam_from_world[:, :, :3], group.centers_world, np.zeros(len(group)), points, np.zeros(0)
-    )
+    state = AdjustState(group.cam_from_world[:, :, :3], group.centers_world, np.zeros(len(group)), points, np.zeros(0))
     done = adjust(problem, state, _GROWTH_ITERATIONS)
     for c, rotation, center in zip(order, done.state.rotations, done.state.centers, strict=True):
         posed[c] = posed[c].posed(np.concatenate([rotation, -(rotation @ center)[:, None]], axis=1))

@@ -216,9 +216,7 @@ def _solve(
 ) -> Solved:
     """Cameras from known points, however well they fit; arguments as of `calibrate_points`."""
     names = list(known)
-    cameras = [
-        _start(n, known[n], sizes[n], lens) if lenses is None else _placed(lenses[n], known[n]) for n in names
-    ]
+    cameras = [_start(n, known[n], sizes[n], lens) if lenses is None else _placed(lenses[n], known[n]) for n in names]
     counts = [len(known[n].points) for n in names]
     free = lenses is None
     problem = AdjustProblem(

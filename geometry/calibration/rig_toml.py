@@ -73,8 +73,7 @@ def read_rig_toml(text: str) -> Calibration:
                 raise Malformed(f"camera {name}: {error}") from None
     if no_pose and len(cameras) < 2:
         raise Malformed(
-            f"no pose (rotation and translation) for {', '.join(no_pose)}: finish the calibration of the "
-            "extrinsics"
+            f"no pose (rotation and translation) for {', '.join(no_pose)}: finish the calibration of the extrinsics"
         )
     if not cameras:
         raise Malformed("it holds no camera table (with size, matrix, distortions, rotation, translation)")

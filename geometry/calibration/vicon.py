@@ -151,7 +151,7 @@ def vicon_text(cameras: CameraGroup) -> str:
         radial = " ".join(repr(float(v)) for v in [*center, *_vicon_radial(camera)])
         at = " ".join(repr(float(v)) for v in camera.center_world * 1000)
         rows += [
-            f"  <Camera DEVICEID={quoteattr(camera.name)} NAME={quoteattr(camera.name)} USERID=\"{k}\" "
+            f'  <Camera DEVICEID={quoteattr(camera.name)} NAME={quoteattr(camera.name)} USERID="{k}" '
             f'SENSOR_SIZE="{camera.width} {camera.height}" PIXEL_ASPECT_RATIO="{float(aspect)!r}" SKEW="0" '
             'TYPE="Video" DISPLAY_TYPE="Video">',
             f'    <KeyFrames><KeyFrame FRAME="0" FOCAL_LENGTH="{float(focal)!r}" PRINCIPAL_POINT="{float(center[0])!r} '

@@ -119,9 +119,7 @@ def _fit_turned(
     try:
         turned = camera.turned(1 if how == "rotate-cw" else -1)
     except ValueError as error:
-        raise CalibrationError(
-            f"camera {camera.name}: {error}; calibrate with the camera as it films"
-        ) from None
+        raise CalibrationError(f"camera {camera.name}: {error}; calibrate with the camera as it films") from None
     return fit_to_video(turned, width, height, "auto", image)
 
 

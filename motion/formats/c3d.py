@@ -195,9 +195,7 @@ def read_c3d(path: Path, unit: str | None = None, up: str | None = None) -> Poin
     return read_c3d_take(path, unit, up).points
 
 
-def read_c3d_take(
-    path: Path, unit: str | None = None, up: str | None = None, fps: float | None = None
-) -> C3DTake:
+def read_c3d_take(path: Path, unit: str | None = None, up: str | None = None, fps: float | None = None) -> C3DTake:
     """Read points as `read_c3d` does, with events, analog channels, force plates and the first frame's number; `fps`
     where the file says its frame rate wrongly."""
     path = Path(path)

@@ -121,9 +121,7 @@ def _model(number: int, name: str, kind: str, place: Array) -> Node:
     return Node("Model", (number, _name(name, "Model"), kind), children)
 
 
-def _limb(
-    objects: Node, links: Node, numbers: tuple[int, int, int], name: str, place: Array, length: float
-) -> None:
+def _limb(objects: Node, links: Node, numbers: tuple[int, int, int], name: str, place: Array, length: float) -> None:
     """A joint as a model and what makes it a limb; `numbers` are the model's, the attribute's and the parent's."""
     model, attribute, parent = numbers
     size = Table().number("Size", length).node

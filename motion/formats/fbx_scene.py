@@ -200,9 +200,7 @@ def _model(node: Node, defaults: Table, error: Complaint) -> Model:
     return Model(name, kind, 0, vectors, ORDERS[order])
 
 
-def _animate(
-    models: dict[int, Model], objects: Objects, links: Links, error: Complaint
-) -> None:
+def _animate(models: dict[int, Model], objects: Objects, links: Links, error: Complaint) -> None:
     """Gives the models the curves of the first animation."""
     of_kind = {kind: {n for n, o in objects.items() if o.name == kind}
                for kind in ("AnimationStack", "AnimationLayer", "AnimationCurveNode", "AnimationCurve")}  # fmt: skip
@@ -248,9 +246,7 @@ def _curve(node: Node, error: Complaint) -> Curve | None:
     return Curve(times, values, kinds, slopes)
 
 
-def _bound(
-    models: dict[int, Model], objects: Objects, links: Links
-) -> dict[int, Array]:
+def _bound(models: dict[int, Model], objects: Objects, links: Links) -> dict[int, Array]:
     """World from model where a skin was bound; where there is no skin, by the poses in the file."""
     out: dict[int, Array] = {}
     for node in objects.values():

@@ -22,9 +22,7 @@ Float = NDArray[np.float64]
 # Parameters of POINT that list what is stored as points and is none.
 _DERIVED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS")
 _NO_MARKER = re.compile(r"(angles?|forces?|moments?|powers?|centreofmass|centerofmass|grf|cop)$", re.IGNORECASE)
-_NAME = re.compile(
-    rf"^(.*?)[\s_.:\-]*\(?([xyz])\)?(?:\s*[\[(]?({'|'.join(UNIT_WORDS)})[\])]?)?$", re.IGNORECASE
-)
+_NAME = re.compile(rf"^(.*?)[\s_.:\-]*\(?([xyz])\)?(?:\s*[\[(]?({'|'.join(UNIT_WORDS)})[\])]?)?$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)

@@ -128,9 +128,7 @@ def _numbers(path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]], na
         raise FormatError(f"{path}: the column {name!r} holds what is no number; empty means missing") from None
 
 
-def _wide(
-    path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]]
-) -> tuple[list[str], Array, set[str]]:
+def _wide(path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]]) -> tuple[list[str], Array, set[str]]:
     found: dict[str, dict[str, str]] = {}
     units: set[str] = set()
     for column in columns:
