@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration.board import Board, BoardDetector
-from muybridge.geometry.calibration.board_lens import View
+from muybridge.geometry.calibration.board.board import Board, BoardDetector
+from muybridge.geometry.calibration.board.intrinsics import View
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import PICTURE_SUFFIXES, natural_key
 from muybridge.infer.time_table import read_time_table, time_table_in

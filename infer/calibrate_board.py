@@ -12,13 +12,18 @@ import tyro
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
-from muybridge.geometry.calibration.board import Board, fitting_descriptions
-from muybridge.geometry.calibration.board_lens import FEWEST_CORNERS, FEWEST_VIEWS, View, usable
-from muybridge.geometry.calibration.level import level
-from muybridge.geometry.calibration.rig import BoardOptions, RigCalibration, calibrate_lenses, calibrate_rig
-from muybridge.geometry.calibration.solved import Solved, misfits, table
+from muybridge.geometry.calibration.board.board import Board, fitting_descriptions
+from muybridge.geometry.calibration.board.intrinsics import FEWEST_CORNERS, FEWEST_VIEWS, View, usable
+from muybridge.geometry.calibration.gravity import level
+from muybridge.geometry.calibration.board.extrinsics import (
+    BoardOptions,
+    RigCalibration,
+    calibrate_lenses,
+    calibrate_rig,
+)
+from muybridge.geometry.calibration.bundle_adjustment.result import Solved, misfits, table
 from muybridge.geometry.calibration.world import moved, on_board
-from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.infer.board_pictures import Pictures, at_moment, find_pictures, look_for_board, some_pictures
 from muybridge.infer.calibrate_outputs import check_replaceable
 from muybridge.infer.calibration_report import write_solved_page

@@ -9,11 +9,11 @@ import tyro
 from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.association import select_person, take_person
-from muybridge.geometry.calibration.culprits import CulpritOptions
-from muybridge.geometry.calibration.quality import CalibrationQuality, check_take
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.landmarks import Keypoints2D
+from muybridge.geometry.association.select import select_person, take_person
+from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions
+from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, check_take
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.infer.calibrate_outputs import check_replaceable
 from muybridge.infer.calibrate_people import DEFAULT_RESULTS, session_keypoints
 from muybridge.infer.calibration_figures import blamed

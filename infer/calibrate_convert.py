@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 
 from muybridge.geometry.calibration import ExportFormat, export_calibration, read_calibration
-from muybridge.geometry.calibration.export import exported
+from muybridge.geometry.calibration.formats.export import exported
 from muybridge.infer.calibrate_outputs import check_replaceable
 
 

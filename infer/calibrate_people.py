@@ -7,19 +7,19 @@ import numpy as np
 import tyro
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.association import select_person, take_person
+from muybridge.geometry.association.select import select_person, take_person
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.calibration.people import (
+from muybridge.geometry.calibration.people.calibrate import (
     PeopleCalibration,
     PeopleCalibrationOptions,
     calibrate_people,
     refine_people,
 )
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.clocks import synchronised
-from muybridge.geometry.landmarks import Keypoints2D
-from muybridge.geometry.swaps import repair_swaps
-from muybridge.geometry.triangulation import leave_one_out_error
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.sync.clocks import synchronised
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.triangulation.left_right import repair_swaps
+from muybridge.geometry.triangulation.multiview import leave_one_out_error
 from muybridge.infer.calibrate_outputs import check_replaceable
 from muybridge.infer.detect import DetectOptions, detect, file_names, first_look, is_finished, open_models
 from muybridge.infer.keypoints import merge_tracks

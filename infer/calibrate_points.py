@@ -9,11 +9,11 @@ import tyro
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
-from muybridge.geometry.calibration.board_lens import Lens
-from muybridge.geometry.calibration.common import far_apart_note
-from muybridge.geometry.calibration.points import KnownPoints, calibrate_points
-from muybridge.geometry.calibration.solved import table
-from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.calibration.board.intrinsics import Lens
+from muybridge.geometry.calibration.formats.common import far_apart_note
+from muybridge.geometry.calibration.resection import KnownPoints, calibrate_points
+from muybridge.geometry.calibration.bundle_adjustment.result import table
+from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.infer.calibrate_outputs import check_replaceable
 from muybridge.infer.calibration_report import write_solved_page
 from muybridge.infer.video import probe_video

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
-from muybridge.geometry.calibration.scan import (
+from muybridge.geometry.calibration.structure_from_motion import (
     FIXED_FOLDER,
     SCAN_FOLDER,
     ScanCalibration,

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.calibration.culprits import KINDS, CulpritReport
-from muybridge.geometry.calibration.quality import CalibrationQuality, ImagePicture, Plan
-from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.calibration.diagnosis.faults import KINDS, CulpritReport
+from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, ImagePicture, Plan
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.infer.report_sections import number_text, percent_text, table_of
 
 Floats = NDArray[np.float64]

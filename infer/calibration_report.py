@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.files import replacing
-from muybridge.geometry.calibration.quality import CalibrationQuality, check_solved
-from muybridge.geometry.calibration.solved import Solved
-from muybridge.geometry.cameras import CameraGroup
+from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, check_solved
+from muybridge.geometry.calibration.bundle_adjustment.result import Solved
+from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.infer.calibration_figures import cameras_table, evidence_table, pictures_figure, pixels, plan_figure
 from muybridge.infer.report_data import fill_page, read_asset
 from muybridge.infer.report_findings import Finding

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.calibration.culprits import CulpritOptions, CulpritReport, Fault
-from muybridge.geometry.calibration.quality import CalibrationQuality, ImagePicture, Plan
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.landmarks import Keypoints2D
+from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions, CulpritReport, Fault
+from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, ImagePicture, Plan
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.infer.calibrate_check import check_keypoints
 from muybridge.infer.progress import Progress
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest

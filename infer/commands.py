@@ -11,13 +11,13 @@ from typing import Annotated, Literal
 import tyro
 
 from muybridge.errors import MuybridgeError, SessionError
-from muybridge.geometry.association import AssociateOptions
-from muybridge.geometry.ik import FitOptions
-from muybridge.geometry.pose_prior import PosePriorOptions
-from muybridge.geometry.smoothing import SmoothOptions
-from muybridge.geometry.swaps import SwapOptions
-from muybridge.geometry.triangulation import TriangulateOptions
-from muybridge.geometry.view_offsets import ViewOffsetOptions
+from muybridge.geometry.association.select import AssociateOptions
+from muybridge.geometry.fitting.body_fit import FitOptions
+from muybridge.geometry.triangulation.shape_prior import PosePriorOptions
+from muybridge.geometry.smoothing.kalman import SmoothOptions
+from muybridge.geometry.triangulation.left_right import SwapOptions
+from muybridge.geometry.triangulation.multiview import TriangulateOptions
+from muybridge.geometry.triangulation.view_bias import ViewOffsetOptions
 from muybridge.infer.cli import one_line
 from muybridge.infer.demo import run_demo
 from muybridge.infer.detect import DetectOptions

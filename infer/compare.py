@@ -131,7 +131,7 @@ def compare_points(
 
 def _several(first: Any, second: Any, columns: list[list[int]], called: tuple[str, str]) -> tuple[str, ...]:
     """Whose landmarks were compared, where a file has several people's."""
-    from muybridge.geometry.landmark_names import one_of_several
+    from muybridge.geometry.skeleton.aliases import one_of_several
 
     said = (one_of_several(p.landmarks.names, used) for p, used in zip((first, second), columns, strict=True))
     return tuple(f"{name}: {one}" for name, one in zip(called, said, strict=True) if one)
@@ -139,8 +139,8 @@ def _several(first: Any, second: Any, columns: list[list[int]], called: tuple[st
 
 def _match(first: Any, second: Any, called: tuple[str, str]) -> tuple[tuple[str, ...], list[list[int]]]:
     """Names that both have, by the same spelling or the same meaning; the columns of each."""
-    from muybridge.geometry.landmark_names import map_body, map_surface, of_one_subject
-    from muybridge.geometry.skeleton_profiles import roles_of
+    from muybridge.geometry.skeleton.aliases import map_body, map_surface, of_one_subject
+    from muybridge.geometry.skeleton.profiles import roles_of
 
     def exact(labels: tuple[str, ...]) -> dict[str, int]:
         return {n.strip().lower(): i for i, n in reversed(list(enumerate(labels)))}
@@ -201,7 +201,7 @@ def _by_root(a: Floats, b: Floats, names: tuple[str, ...], called: tuple[str, st
 
 def _moved(a: Floats, b: Floats, both: NDArray[np.bool_], with_scale: bool) -> tuple[Floats, float]:
     """`b` moved as a whole onto `a` by least squares (Kabsch; Umeyama with scale)."""
-    from muybridge.geometry.rotations import kabsch
+    from muybridge.geometry.numerics.rotations import kabsch
 
     p, q = a[both], b[both]
     middle_a, middle_b = p.mean(axis=0), q.mean(axis=0)

@@ -17,9 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from muybridge.geometry import ik_band, smoothing_kernel, triangulation_kernel
+from muybridge.geometry.fitting import _banded_kernel as ik_band
+from muybridge.geometry.smoothing import _kernel as smoothing_kernel
+from muybridge.geometry.triangulation import _kernel as triangulation_kernel
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.landmarks import BODY23, Keypoints2D
+from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D
 from muybridge.infer import calibration_stage
 from muybridge.infer.progress import Progress
 from muybridge.infer.solve import SolveOptions, solve

@@ -92,8 +92,8 @@ def _smoothed(take: Any, fill: float, method: Filter | None, cutoff: float | Non
         return take, []
     import numpy as np
 
-    from muybridge.geometry.filters import FilterOptions, residual_cutoff, smooth, smooth_rotations
-    from muybridge.geometry.gaps import GapOptions, fill_gaps
+    from muybridge.geometry.smoothing.filters import FilterOptions, residual_cutoff, smooth, smooth_rotations
+    from muybridge.geometry.smoothing.gaps import GapOptions, fill_gaps
 
     told = []
     values = take.points.points_world if take.points is not None else take.motion.root_positions_world

@@ -1,4 +1,4 @@
-"""The pixels of person crops; their geometry is in `muybridge.geometry.crops`."""
+"""The pixels of person crops; their geometry is in `muybridge.geometry.cameras.crops`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.crops import Crops
+from muybridge.geometry.cameras.crops import Crops
 
 # A crop that is this many times coarser than the frame is cut from a frame that was averaged down first.
 _COARSE = 4

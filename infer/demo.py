@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import OutputError, SessionError
-from muybridge.geometry.landmarks import Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.infer.outputs import is_ours
 from muybridge.infer.pipeline import RunOptions, RunResult, run_session
 from muybridge.infer.progress import Progress

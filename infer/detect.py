@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
-from muybridge.geometry.landmarks import LandmarkSet
+from muybridge.geometry.landmarks.arrays import LandmarkSet
 from muybridge.infer.exposure import stretch
 from muybridge.infer.keypoints import CameraTracks, KeypointOptions, PoseEstimator
 from muybridge.infer.onnx import SIZES, PeopleNetwork
@@ -55,8 +55,8 @@ _CODE = (
     "muybridge.models.decode_simcc",
     "muybridge.models.model_card",
     "muybridge.models.registry",
-    "muybridge.geometry.cameras",
-    "muybridge.geometry.crops",
+    "muybridge.geometry.cameras.camera",
+    "muybridge.geometry.cameras.crops",
     "muybridge.infer.crops",
     "muybridge.infer.detect",
     "muybridge.infer.exposure",

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.calibration.quality import CalibrationQuality
+from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.infer.detect import CameraResult, MarkerChoice
 from muybridge.infer.markers import marker_set
 from muybridge.infer.outputs import OutputFolder
@@ -40,7 +40,7 @@ THUMBNAILS = 4
 # Of a run that follows everyone; whoever comes after these in interest is left out.
 MOST_PEOPLE = 12
 _OVERLAY = "overlay_"
-_OVERLAY_CODE = ("muybridge.infer.overlay", "muybridge.infer.video", "muybridge.geometry.cameras")
+_OVERLAY_CODE = ("muybridge.infer.overlay", "muybridge.infer.video", "muybridge.geometry.cameras.camera")
 
 
 def overlay_name(camera_file: str) -> str:

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.clocks import own_frames
-from muybridge.geometry.crops import crops_for_boxes
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.sync.clocks import own_frames
+from muybridge.geometry.cameras.crops import crops_for_boxes
 from muybridge.infer.exposure import well_exposed
 from muybridge.infer.own_times import on_time
 from muybridge.infer.pipeline import Followed

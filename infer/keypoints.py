@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.landmarks import SURFACE, Keypoints2D, LandmarkSet
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.landmarks.arrays import SURFACE, Keypoints2D, LandmarkSet
 from muybridge.infer.onnx import OnnxOptions, PeopleNetwork
 from muybridge.infer.other_models import open_keypoints
 from muybridge.infer.people import PeopleDetector, PeopleOptions

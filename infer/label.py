@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from muybridge.geometry.marker_cleaning import CleanOptions
+from muybridge.geometry.markers.cleaning import CleanOptions
 from muybridge.infer.labelling import LabelOptions
 
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks import SURFACE, MarkerSet
-from muybridge.geometry.marker_sets import SETS, MarkerPlan, plan_of
-from muybridge.geometry.marker_tracking import Tracks
+from muybridge.geometry.landmarks.arrays import SURFACE, MarkerSet
+from muybridge.geometry.landmarks.marker_sets import SETS, MarkerPlan, plan_of
+from muybridge.geometry.markers.tracking import Tracks
 from muybridge.infer.label_network import LabelNetwork
 from muybridge.infer.labelling import metres_of, upright
 from muybridge.models.registry import shipped_model

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks import SURFACE
-from muybridge.geometry.marker_tracking import Tracks
+from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.markers.tracking import Tracks
 from muybridge.infer.onnx import OnnxOptions, open_session
 from muybridge.models.label_card import LabelModelCard, label_card
 

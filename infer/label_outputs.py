@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge import __version__
-from muybridge.geometry.marker_cleaning import Cleaned, Sample
+from muybridge.geometry.markers.cleaning import Cleaned, Sample
 from muybridge.infer.labelling import Labelled
 
 # A name this unsure for this long is worth a person's look.

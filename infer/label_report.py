@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.marker_cleaning import Cleaned, Sample
+from muybridge.geometry.markers.cleaning import Cleaned, Sample
 from muybridge.infer.label_outputs import DOUBTFUL
 from muybridge.infer.labelling import Labelled
 from muybridge.infer.report_data import fill_page, packed_positions, read_asset, script_json

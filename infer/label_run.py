@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks import LandmarkSet, Points3D
-from muybridge.geometry.marker_cleaning import Cleaned, CleanOptions, Sample, clean_markers
-from muybridge.geometry.marker_sets import MarkerPlan
+from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.markers.cleaning import Cleaned, CleanOptions, Sample, clean_markers
+from muybridge.geometry.landmarks.marker_sets import MarkerPlan
 from muybridge.infer.label_corrections import apply_corrections, read_corrections
 from muybridge.infer.label_network import LabelNetwork
 from muybridge.infer.label_outputs import label_json

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.landmarks import LandmarkSet, Points3D
-from muybridge.geometry.marker_cleaning import CleanOptions, Sample, clean_markers
-from muybridge.geometry.marker_fit import MarkerFit, MarkerFitOptions, fit_markers
-from muybridge.geometry.marker_matching import MatchOptions, follow_points, meet, without_ghosts
-from muybridge.geometry.marker_sets import MarkerPlan
-from muybridge.geometry.marker_tracking import TrackOptions, track_points
-from muybridge.geometry.rays import ray_directions
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.markers.cleaning import CleanOptions, Sample, clean_markers
+from muybridge.geometry.fitting.marker_fit import MarkerFit, MarkerFitOptions, fit_markers
+from muybridge.geometry.markers.matching import MatchOptions, follow_points, meet, without_ghosts
+from muybridge.geometry.landmarks.marker_sets import MarkerPlan
+from muybridge.geometry.markers.tracking import TrackOptions, track_points
+from muybridge.geometry.cameras.rays import ray_directions
 from muybridge.infer.blobs import BlobOptions, find_blobs, find_threshold
 from muybridge.infer.label_network import LabelNetwork
 from muybridge.infer.labelling import LabelOptions, label_points

@@ -6,10 +6,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.landmarks import CMU, PLUG_IN_GAIT, SURFACE, LandmarkSet, MarkerSet, Points3D, select_markers
-from muybridge.geometry.swaps import SwapOptions, repair_swaps
-from muybridge.geometry.triangulation import TriangulateOptions, triangulate
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import (
+    CMU,
+    PLUG_IN_GAIT,
+    SURFACE,
+    LandmarkSet,
+    MarkerSet,
+    Points3D,
+    select_markers,
+)
+from muybridge.geometry.triangulation.left_right import SwapOptions, repair_swaps
+from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
 from muybridge.infer.detect import MarkerChoice
 
 _Floats = NDArray[np.float64]

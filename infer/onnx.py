@@ -16,7 +16,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
-from muybridge.geometry.landmarks import LandmarkSet
+from muybridge.geometry.landmarks.arrays import LandmarkSet
 from muybridge.models.decode import NO_IDEA, DecodedHeatmaps, with_expectation
 from muybridge.models.mirroring import mean_of_mirrored
 from muybridge.models.registry import (

@@ -9,7 +9,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
-from muybridge.geometry.landmarks import BODY23, LandmarkSet
+from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet
 from muybridge.infer.onnx import (
     Expectation,
     KeypointNetwork,

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import OutputError, VideoError
-from muybridge.geometry.landmarks import LandmarkSet
+from muybridge.geometry.landmarks.arrays import LandmarkSet
 
 Colour = tuple[int, int, int]
 Image = NDArray[np.uint8]

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.robust import row_median
+from muybridge.geometry.numerics.robust import row_median
 from muybridge.infer.keypoints import CameraTracks
 from muybridge.infer.session import Session
 

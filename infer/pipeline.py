@@ -16,9 +16,9 @@ import numpy as np
 
 from muybridge import __version__
 from muybridge.errors import SessionError
-from muybridge.geometry.calibration.quality import CalibrationQuality
-from muybridge.geometry.clocks import synchronised
-from muybridge.geometry.landmarks import Keypoints2D
+from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
+from muybridge.geometry.sync.clocks import synchronised
+from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.infer import calibration_stage, exports, refine_cameras
 from muybridge.infer.compile_ahead import CompiledAhead
 from muybridge.infer.detect import CameraResult, DetectOptions, Models, detect, file_names, first_look, open_models

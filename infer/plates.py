@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.crops import Crops
-from muybridge.geometry.landmarks import LandmarkSet
+from muybridge.geometry.cameras.crops import Crops
+from muybridge.geometry.landmarks.arrays import LandmarkSet
 from muybridge.infer.crops import extract_crops
 from muybridge.infer.upright import Letterbox
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.crops import Crops, crops_for_boxes
-from muybridge.geometry.landmarks import LandmarkSet
-from muybridge.geometry.robust import row_median
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.crops import Crops, crops_for_boxes
+from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.numerics.robust import row_median
 from muybridge.infer.crops import extract_crops
 from muybridge.infer.exposure import light_up
 from muybridge.infer.onnx import Expectation, KeypointNetwork, Located

@@ -7,7 +7,7 @@ import tyro
 
 from muybridge.errors import CalibrationError
 from muybridge.files import replacing
-from muybridge.geometry.calibration.board_pdf import PAPERS, board_pdf
+from muybridge.geometry.calibration.board.pdf import PAPERS, board_pdf
 from muybridge.infer.calibrate_board import BoardChoice, chosen_board
 from muybridge.infer.calibrate_outputs import check_replaceable
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.triangulation import leave_one_out_summary, usable_points
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.triangulation.multiview import leave_one_out_summary, usable_points
 from muybridge.infer.report_figures import listed, readable
 from muybridge.infer.solve import Solution
 

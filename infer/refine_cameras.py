@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.association import PersonSelection, select_person, take_person
-from muybridge.geometry.calibration.people import PeopleCalibrationOptions, refine_people
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.landmarks import Keypoints2D
-from muybridge.geometry.people_tracking import AssociateOptions
-from muybridge.geometry.swaps import repair_swaps
-from muybridge.geometry.triangulation import leave_one_out_error
+from muybridge.geometry.association.select import PersonSelection, select_person, take_person
+from muybridge.geometry.calibration.people.calibrate import PeopleCalibrationOptions, refine_people
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.association.tracker import AssociateOptions
+from muybridge.geometry.triangulation.left_right import repair_swaps
+from muybridge.geometry.triangulation.multiview import leave_one_out_error
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import Session, with_notice
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest

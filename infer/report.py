@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import OutputError
-from muybridge.geometry.calibration.quality import CalibrationQuality
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.landmarks import Points3D
+from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.infer.calibration_report import calibration_findings, calibration_in_report
 from muybridge.infer.overlay import side_of
 from muybridge.infer.report_data import fill_page, packed_positions, packed_shares, read_asset, rounded, script_json

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.landmarks import LandmarkSet, Points3D
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

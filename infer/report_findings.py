@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from muybridge.geometry.landmarks import Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.infer.report_figures import (
     BoneFigures,
     CameraFigures,

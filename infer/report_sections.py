@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from muybridge.geometry.landmarks import Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.infer.report_figures import (
     BoneFigures,
     CameraFigures,

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.clocks import own_frames, synchronised
-from muybridge.geometry.landmarks import Keypoints2D, Points3D
-from muybridge.geometry.robust import row_median
+from muybridge.geometry.sync.clocks import own_frames, synchronised
+from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
+from muybridge.geometry.numerics.robust import row_median
 from muybridge.infer.detect import READING_CODE, CameraResult, DetectOptions, Models, Stopped, in_threads
 from muybridge.infer.exposure import well_exposed
 from muybridge.infer.keypoints import CameraTracks, first_frames, merge_markers, merge_tracks

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
 from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, read_calibration, sized_like
-from muybridge.geometry.calibration.level import levelled
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.clocks import Clock
+from muybridge.geometry.calibration.gravity import levelled
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.sync.clocks import Clock
 from muybridge.infer.progress import Progress
 from muybridge.infer.sync_file import SYNC_FILE, clocks_in, first_frames_in_common
 from muybridge.infer.time_table import TIMESTAMPS, nearest, paired_by_time, time_table_in

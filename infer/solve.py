@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.association import AssociateOptions, select_person, take_slots
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.ik import FitOptions, fit_body, landmarks_from_motion
-from muybridge.geometry.landmarks import Keypoints2D, LandmarkSet, Points3D
-from muybridge.geometry.limbs import stretched_limbs, vague_points
-from muybridge.geometry.pose_prior import PosePriorOptions, with_pose_prior
-from muybridge.geometry.skeleton import Motion, Skeleton
-from muybridge.geometry.smoothing import SmoothOptions, smooth_points
-from muybridge.geometry.swaps import SwapOptions, repair_swaps
-from muybridge.geometry.triangulation import TriangulateOptions, leave_one_out_error, triangulate
-from muybridge.geometry.view_offsets import ViewOffsetOptions, learn_view_offsets, without_view_offsets
+from muybridge.geometry.association.select import AssociateOptions, select_person, take_slots
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.fitting.body_fit import FitOptions, fit_body, landmarks_from_motion
+from muybridge.geometry.landmarks.arrays import Keypoints2D, LandmarkSet, Points3D
+from muybridge.geometry.triangulation.plausibility import stretched_limbs, vague_points
+from muybridge.geometry.triangulation.shape_prior import PosePriorOptions, with_pose_prior
+from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
+from muybridge.geometry.triangulation.left_right import SwapOptions, repair_swaps
+from muybridge.geometry.triangulation.multiview import TriangulateOptions, leave_one_out_error, triangulate
+from muybridge.geometry.triangulation.view_bias import ViewOffsetOptions, learn_view_offsets, without_view_offsets
 from muybridge.infer.markers import triangulate_markers
 from muybridge.infer.progress import Progress
 from muybridge.infer.second_look import Again, SecondLook

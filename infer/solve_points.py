@@ -11,9 +11,9 @@ import tyro
 from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
-from muybridge.geometry.ik import BodyFit, FitOptions
-from muybridge.geometry.limbs import trunk_of
-from muybridge.geometry.marker_fit import MarkerFit, MarkerFitOptions
+from muybridge.geometry.fitting.body_fit import BodyFit, FitOptions
+from muybridge.geometry.triangulation.plausibility import trunk_of
+from muybridge.geometry.fitting.marker_fit import MarkerFit, MarkerFitOptions
 
 if TYPE_CHECKING:
     from muybridge.infer.solver_network import SolverNetwork
@@ -94,7 +94,7 @@ def solve(
         fit: skeleton and joint angles, of landmarks.
         markers: the same of markers.
     """
-    from muybridge.geometry.ik import fit_body
+    from muybridge.geometry.fitting.body_fit import fit_body
     from muybridge.infer.outputs import open_output
     from muybridge.motion.formats.registry import ReadOptions, read_file
 
@@ -146,9 +146,9 @@ def _fit_markers(
     path: Path, labelled: Labelled, points: Any, centres: tuple[str, ...], options: MarkerFitOptions,
     corrector: "SolverNetwork | None",
 ) -> MarkerFit:  # fmt: skip
-    from muybridge.geometry.joint_centres import centres_from_markers
-    from muybridge.geometry.landmarks import SURFACE
-    from muybridge.geometry.marker_fit import fit_markers
+    from muybridge.geometry.skeleton.joint_centres import centres_from_markers
+    from muybridge.geometry.landmarks.arrays import SURFACE
+    from muybridge.geometry.fitting.marker_fit import fit_markers
     from muybridge.infer.solver_network import corrected
 
     if not labelled.columns:
@@ -168,9 +168,9 @@ def understand(path: Path, points: Any) -> Labelled:
     """
     from dataclasses import replace
 
-    from muybridge.geometry.landmark_names import map_body, map_surface, one_of_several
-    from muybridge.geometry.landmarks import BODY23
-    from muybridge.geometry.marker_joints import landmarks_from_markers
+    from muybridge.geometry.skeleton.aliases import map_body, map_surface, one_of_several
+    from muybridge.geometry.landmarks.arrays import BODY23
+    from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
 
     names = points.landmarks.names
     body, surface = ({n: i for n, i in known(names).items() if _ever(points, i)} for known in (map_body, map_surface))
@@ -210,8 +210,8 @@ def stature_of(points_world: Floats) -> float:
     Args:
         points_world: (T, 23, 3) of BODY23.
     """
-    from muybridge.geometry.body import SHAPE_PRIOR
-    from muybridge.geometry.landmarks import BODY23
+    from muybridge.geometry.skeleton.body import SHAPE_PRIOR
+    from muybridge.geometry.landmarks.arrays import BODY23
 
     pairs = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"),
              "shin": ("knee", "ankle"), "trunk": ("hip", "shoulder")}  # fmt: skip
@@ -251,7 +251,7 @@ def check_size(path: Path, labelled: Labelled, options: Any) -> float:
 
 def _tilt_deg(points_world: Floats) -> float:
     """Median angle between the trunk and up; 0 where it is not known."""
-    from muybridge.geometry.landmarks import BODY23
+    from muybridge.geometry.landmarks.arrays import BODY23
 
     trunk = trunk_of(points_world, BODY23)
     length = np.linalg.norm(trunk, axis=-1)
@@ -297,8 +297,8 @@ def _facts(
 
 
 def _write(output: Any, fitted: BodyFit | MarkerFit, facts: dict[str, Any]) -> None:
-    from muybridge.geometry.ik import landmarks_from_motion
-    from muybridge.geometry.landmarks import BODY23, Points3D
+    from muybridge.geometry.fitting.body_fit import landmarks_from_motion
+    from muybridge.geometry.landmarks.arrays import BODY23, Points3D
     from muybridge.motion.formats.bvh import write_bvh
     from muybridge.motion.formats.c3d import write_c3d
     from muybridge.motion.formats.gltf import write_glb

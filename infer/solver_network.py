@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
-from muybridge.geometry.body import BODY
-from muybridge.geometry.landmarks import SURFACE
-from muybridge.geometry.marker_fit import MarkerFit
-from muybridge.geometry.rotations import continuous_quat, quat_from_matrix
-from muybridge.geometry.skeleton import Motion
-from muybridge.geometry.solver_body import body_through
-from muybridge.geometry.solver_features import apply_corrections, solver_input
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.fitting.marker_fit import MarkerFit
+from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.rigid_bones import body_through
+from muybridge.models.correction.features import apply_corrections, solver_input
 from muybridge.infer.onnx import OnnxOptions, open_session
 
 Array = NDArray[np.float64]

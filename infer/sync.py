@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError, SessionError
 from muybridge.files import replacing
-from muybridge.geometry.association import select_person, take_person
-from muybridge.geometry.landmarks import Keypoints2D
-from muybridge.geometry.synchronisation import Clock, audio_clock, epipolar_clocks, motion_clocks
+from muybridge.geometry.association.select import select_person, take_person
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.sync.motion import Clock, audio_clock, epipolar_clocks, motion_clocks
 from muybridge.infer.calibrate_people import session_keypoints
 from muybridge.infer.detect import DetectOptions
 from muybridge.infer.progress import Progress

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
-from muybridge.geometry.clocks import Clock
+from muybridge.geometry.sync.clocks import Clock
 
 SYNC_FILE = "sync.toml"
 SYNC_VERSION = 1

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import Camera
+from muybridge.geometry.cameras.camera import Camera
 
 # A camera whose up is closer to its axis than this (sine) looks down on people: no side of its image is up.
 _STEEP = 0.35

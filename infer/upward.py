@@ -13,10 +13,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.association import find_people, take_person
-from muybridge.geometry.calibration.level import lean_note, levelled, on_their_heads, standing_axes
-from muybridge.geometry.landmarks import Keypoints2D
-from muybridge.geometry.triangulation import triangulate
+from muybridge.geometry.association.select import find_people, take_person
+from muybridge.geometry.calibration.gravity import lean_note, levelled, on_their_heads, standing_axes
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.infer.detect import DetectOptions, Models, detect
 from muybridge.infer.keypoints import first_frames, merge_tracks
 from muybridge.infer.progress import Progress

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from muybridge.errors import ModelError
-from muybridge.geometry.crops import BOX_PADDING
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.cameras.crops import BOX_PADDING
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.models.decode import SpreadCalibration
 
 _BODY17 = BODY23.names[:17]

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
-from muybridge.geometry.landmarks import BODY23, SURFACE, LandmarkSet
+from muybridge.geometry.landmarks.arrays import BODY23, SURFACE, LandmarkSet
 from muybridge.models.decode import DecodedHeatmaps, SpreadCalibration, decode_heatmaps, in_part, sigmoid
 
 ModelKind = Literal["keypoints", "people", "labels", "solver"]

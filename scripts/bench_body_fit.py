@@ -19,11 +19,11 @@ from pathlib import Path
 import numpy as np
 from measure_skeleton import as_points, cmu_truth
 
-from muybridge.geometry.ik import fit_body, landmarks_from_motion
-from muybridge.geometry.landmarks import BODY23
-from muybridge.geometry.skeleton import Motion
-from muybridge.geometry.skeleton_calibration import calibrate_skeleton
-from muybridge.geometry.skeleton_fit import SkeletonFit, fit_online, fit_take, joint_rigging, solvable
+from muybridge.geometry.fitting.body_fit import fit_body, landmarks_from_motion
+from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.fitting.scaling import calibrate_skeleton
+from muybridge.geometry.fitting.skeleton_fit import SkeletonFit, fit_online, fit_take, joint_rigging, solvable
 from muybridge.motion.formats.bvh import read_bvh
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"

@@ -35,13 +35,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.calibration.adjust import AdjustProblem, FreeCamera, adjust
-from muybridge.geometry.calibration.people import PeopleCalibrationOptions, calibrate_people, refine_people
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.clocks import Clock
-from muybridge.geometry.rotations import exp_so3
-from muybridge.geometry.synchronisation import audio_clock, epipolar_clocks, motion_clocks
-from muybridge.geometry.triangulation import leave_one_out_error, triangulate
+from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
+from muybridge.geometry.calibration.people.calibrate import PeopleCalibrationOptions, calibrate_people, refine_people
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.sync.clocks import Clock
+from muybridge.geometry.numerics.rotations import exp_so3
+from muybridge.geometry.sync.motion import audio_clock, epipolar_clocks, motion_clocks
+from muybridge.geometry.triangulation.multiview import leave_one_out_error, triangulate
 from muybridge.infer.cli import run_command
 
 Floats = NDArray[np.float64]

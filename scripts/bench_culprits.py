@@ -33,10 +33,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from muybridge.geometry.calibration import fit_to_video, load_calibration
-from muybridge.geometry.calibration.culprits import find_culprits
-from muybridge.geometry.calibration.culprits_fit import changed
-from muybridge.geometry.calibration.people import refine_people
-from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.calibration.diagnosis.faults import find_culprits
+from muybridge.geometry.calibration.diagnosis.hypotheses import changed
+from muybridge.geometry.calibration.people.calibrate import refine_people
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
 
 Floats = NDArray[np.float64]
 Take = tuple[CameraGroup, Floats, Floats]

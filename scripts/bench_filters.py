@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from measure_skeleton import as_points, cmu_truth
 
-from muybridge.geometry.filters import FilterOptions, hampel, residual_cutoff, smooth
-from muybridge.geometry.gaps import GAP_METHODS, fill_gaps
-from muybridge.geometry.smoothing import SmoothOptions, smooth_points
+from muybridge.geometry.smoothing.filters import FilterOptions, hampel, residual_cutoff, smooth
+from muybridge.geometry.smoothing.gaps import GAP_METHODS, fill_gaps
+from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.motion.formats.bvh import read_bvh
 from muybridge.motion.formats.c3d import read_c3d
 

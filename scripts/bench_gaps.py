@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.marker_cleaning import CleanOptions, Sample, clean_markers, gaps_of
+from muybridge.geometry.markers.cleaning import CleanOptions, Sample, clean_markers, gaps_of
 from muybridge.motion.formats.marker_cloud import read_marker_cloud
 
 

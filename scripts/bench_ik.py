@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.kinematics import (
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.ik import (
     METHODS,
     Goal,
     IkOptions,
@@ -27,8 +27,8 @@ from muybridge.geometry.kinematics import (
     solve_ik,
     tree_of_skeleton,
 )
-from muybridge.geometry.kinematics.tree import theta_of_rotations
-from muybridge.geometry.rotations import matrix_from_quat
+from muybridge.geometry.ik.tree import theta_of_rotations
+from muybridge.geometry.numerics.rotations import matrix_from_quat
 
 SKELETON = BODY.skeleton(prior_shape(1.75))
 TREE, LAST = tree_of_skeleton(SKELETON, BODY.rest)
@@ -100,7 +100,7 @@ def real_poses() -> tuple[KinematicTree, np.ndarray, np.ndarray] | None:
     """The CMU take as angles of BODY's hinges; hinges of the joints that are given, and of all."""
     from measure_skeleton import DATA, as_points, cmu_truth
 
-    from muybridge.geometry.ik import fit_body
+    from muybridge.geometry.fitting.body_fit import fit_body
 
     if not (DATA / "motion").is_dir():
         return None

@@ -11,9 +11,9 @@ import argparse
 import numpy as np
 from bench_solver import DATA, read_motion
 
-from muybridge.geometry.body import BODY
-from muybridge.geometry.joint_centres import METHODS, centres_from_markers
-from muybridge.geometry.landmarks import SURFACE
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.skeleton.joint_centres import METHODS, centres_from_markers
+from muybridge.geometry.landmarks.arrays import SURFACE
 from muybridge.train.marker_clouds import MarkerBodies
 from muybridge.train.solver_takes import recorded_take
 

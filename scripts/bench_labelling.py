@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.marker_tracking import TrackOptions
+from muybridge.geometry.markers.tracking import TrackOptions
 from muybridge.infer.label_network import LabelNetwork
 from muybridge.infer.labelling import LabelOptions, label_points
 from muybridge.models.registry import shipped_model

@@ -19,12 +19,17 @@ import numpy as np
 from bench_culprits import balancing
 from numpy.typing import NDArray
 
-from muybridge.geometry.calibration.people import refine_people
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.landmarks import LandmarkSet
+from muybridge.geometry.calibration.people.calibrate import refine_people
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import LandmarkSet
 from muybridge.geometry.take import triangulate_take
-from muybridge.geometry.triangulation import triangulate
-from muybridge.geometry.view_offsets import ViewOffsets, learn_view_offsets, trunk_axes, without_view_offsets
+from muybridge.geometry.triangulation.multiview import triangulate
+from muybridge.geometry.triangulation.view_bias import (
+    ViewOffsets,
+    learn_view_offsets,
+    trunk_axes,
+    without_view_offsets,
+)
 
 Array = NDArray[np.float64]
 Solve = Callable[[CameraGroup, Array, Array], Array]

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.landmarks import PLUG_IN_GAIT
+from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT
 from muybridge.infer.blobs import find_blobs, find_threshold
 from muybridge.infer.marker_session import MarkerVideoOptions, find_markers, triangulate_again
 from muybridge.train.marker_clouds import MarkerBodies

@@ -68,11 +68,11 @@ def score(data: Path, found: Path, run: Path) -> None:
     """Prints the table."""
     from bench_culprits import balancing
 
-    from muybridge.geometry.calibration.people import refine_people
-    from muybridge.geometry.landmarks import BODY23, Points3D
-    from muybridge.geometry.smoothing import SmoothOptions, smooth_points
-    from muybridge.geometry.swaps import repair_swaps
-    from muybridge.geometry.triangulation import leave_one_out_error, triangulate
+    from muybridge.geometry.calibration.people.calibrate import refine_people
+    from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+    from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
+    from muybridge.geometry.triangulation.left_right import repair_swaps
+    from muybridge.geometry.triangulation.multiview import leave_one_out_error, triangulate
 
     (cameras, reference_px, reference_variance), names = balancing(data)
     truth = reference(data)

@@ -26,13 +26,13 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import linear_sum_assignment
 
-from muybridge.geometry.association import find_people, take_person
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.landmarks import BODY23, Keypoints2D, Points3D
-from muybridge.geometry.pose_prior import with_pose_prior
-from muybridge.geometry.smoothing import SmoothOptions, smooth_points
-from muybridge.geometry.swaps import repair_swaps
-from muybridge.geometry.triangulation import triangulate
+from muybridge.geometry.association.select import find_people, take_person
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D, Points3D
+from muybridge.geometry.triangulation.shape_prior import with_pose_prior
+from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
+from muybridge.geometry.triangulation.left_right import repair_swaps
+from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.infer.tracking import Tracker, TrackOptions
 from muybridge.models.decode import DetectedPeople
 

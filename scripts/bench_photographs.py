@@ -66,7 +66,7 @@ def find(video: Path, given: Path, out: Path) -> None:
 
 def score(video: Path, given: Path) -> None:
     """Prints the table."""
-    from muybridge.geometry.landmarks import BODY23
+    from muybridge.geometry.landmarks.arrays import BODY23
     from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
     from muybridge.models.registry import shipped_model
 
@@ -89,8 +89,8 @@ def agreement(
 ) -> str:
     """The table's last three cells, of a keypoint network on RGB `pictures` of one person each, in boxes (N, 4), px,
     against points of `JOINTS` (N, 12, 2), px, of which those `seen` (N, 12) count."""
-    from muybridge.geometry.crops import crops_for_boxes
-    from muybridge.geometry.landmarks import BODY23
+    from muybridge.geometry.cameras.crops import crops_for_boxes
+    from muybridge.geometry.landmarks.arrays import BODY23
     from muybridge.infer.crops import extract_crops
 
     joints = [BODY23.index(name) for name in JOINTS]

@@ -20,10 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.ik import fit_body
-from muybridge.geometry.landmarks import CMU, PLUG_IN_GAIT, SURFACE, LandmarkSet, Points3D
-from muybridge.geometry.marker_body import without_rolls
-from muybridge.geometry.marker_fit import (
+from muybridge.geometry.fitting.body_fit import fit_body
+from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE, LandmarkSet, Points3D
+from muybridge.geometry.skeleton.statistical_body import without_rolls
+from muybridge.geometry.fitting.marker_fit import (
     MarkerFitOptions,
     calibrate_person,
     fit_markers,
@@ -31,9 +31,9 @@ from muybridge.geometry.marker_fit import (
     scaled_person,
     settle_frames,
 )
-from muybridge.geometry.marker_joints import landmarks_from_markers
-from muybridge.geometry.rotations import matrix_from_quat
-from muybridge.geometry.skeleton import Motion
+from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
+from muybridge.geometry.numerics.rotations import matrix_from_quat
+from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.infer.solver_network import SolverNetwork, corrected
 from muybridge.models.registry import shipped_model
 from muybridge.motion.formats.bvh import read_bvh
@@ -59,7 +59,7 @@ def read_motion(path: Path, every: int, frames: int) -> Motion:
 
 def errors(turns: np.ndarray, places: np.ndarray, take: SolverTake) -> np.ndarray:
     """Position in mm, rotation against the parent and in the world in degrees."""
-    from muybridge.geometry.body import BODY
+    from muybridge.geometry.skeleton.body import BODY
 
     position = 1e3 * np.linalg.norm(places - take.places, axis=-1).mean()
     parents = np.array(BODY.parents[1:])
@@ -76,7 +76,7 @@ def errors(turns: np.ndarray, places: np.ndarray, take: SolverTake) -> np.ndarra
 
 def by_joint(turns: np.ndarray, places: np.ndarray, take: SolverTake) -> None:
     """Prints each joint's errors."""
-    from muybridge.geometry.body import BODY
+    from muybridge.geometry.skeleton.body import BODY
 
     for j, name in enumerate(BODY.joint_names):
         off = (places[:, j] - take.places[:, j]) * 1e3

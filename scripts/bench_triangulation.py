@@ -20,9 +20,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.geometry.take import TakeOptions, triangulate_take
-from muybridge.geometry.triangulation import TriangulateOptions, leave_one_out_error, triangulate
+from muybridge.geometry.triangulation.multiview import TriangulateOptions, leave_one_out_error, triangulate
 
 Floats = NDArray[np.float64]
 DEFAULT_CASE = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "triangulation_case.npz"

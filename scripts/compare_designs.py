@@ -23,7 +23,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.models.keypoint_net import CHANNELS, ConvUnit, KeypointNet
 from muybridge.train import loop
 from muybridge.train.augment import Batch, Compositor

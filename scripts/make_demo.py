@@ -15,8 +15,8 @@ import numpy as np
 from rich.progress import track
 
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.train.bodies import BodyModel
 from muybridge.train.ensemble import view_of
 from muybridge.train.render import Renderer, look_at

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.body import BODY
-from muybridge.geometry.landmarks import SURFACE
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.landmarks.arrays import SURFACE
 from muybridge.train.marker_augment import _LOOSE
 from muybridge.train.marker_clouds import STANDOFF, MarkerBodies
 from muybridge.train.marker_rig import NAMES, PARENTS, joints_of, rig_of

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks import SURFACE
+from muybridge.geometry.landmarks.arrays import SURFACE
 from muybridge.train.bodies import BodyModel
 from muybridge.train.markers import TABLE
 from muybridge.train.render import Renderer, View, look_at

@@ -1,4 +1,4 @@
-"""Learn the pose prior of `muybridge.geometry.kinematics` from generated motion.
+"""Learn the pose prior of `muybridge.geometry.ik` from generated motion.
 
 Usage: python scripts/make_pose_prior.py [--clips 90] [--components 12] [--out geometry/kinematics/pose_prior.npz]
 
@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.ik import fit_body
-from muybridge.geometry.kinematics.examples import fit_prior, save_prior
-from muybridge.geometry.kinematics.tree import theta_of_rotations, tree_of_skeleton
-from muybridge.geometry.landmarks import BODY23, Points3D
-from muybridge.geometry.rotations import matrix_from_quat
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.fitting.body_fit import fit_body
+from muybridge.geometry.ik.pose_prior import fit_prior, save_prior
+from muybridge.geometry.ik.tree import theta_of_rotations, tree_of_skeleton
+from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.geometry.numerics.rotations import matrix_from_quat
 from muybridge.train.bodies import BodyModel
 from muybridge.train.motion_rig import Skeleton, forward, turn
 from muybridge.train.motions import MotionClip, MotionSampler

@@ -16,7 +16,7 @@ from make_demo import write_video
 from rich.progress import track
 
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.train.bodies import BodyModel
 from muybridge.train.ensemble import cast, film_company, rig, view_of
 from muybridge.train.render import Renderer

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.models.decode import NO_IDEA
 from muybridge.models.registry import shipped_model
 from muybridge.train.augment import WHOLE, Batch, Compositor

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.ik import FitOptions, fit_body, landmarks_from_motion
-from muybridge.geometry.landmarks import BODY23, Points3D
-from muybridge.geometry.smoothing import SmoothOptions, smooth_points
+from muybridge.geometry.fitting.body_fit import FitOptions, fit_body, landmarks_from_motion
+from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.motion.formats.bvh import read_bvh
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"

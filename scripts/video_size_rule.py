@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, load_calibration
-from muybridge.geometry.cameras import Camera
+from muybridge.geometry.cameras.camera import Camera
 
 MIN_SCORE = 0.3
 

@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.infer.cli import run_command
 
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")

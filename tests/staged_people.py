@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.landmarks import BODY23, SURFACE, LandmarkSet
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.landmarks.arrays import BODY23, SURFACE, LandmarkSet
 from muybridge.infer import detect, pipeline, second_look
 from muybridge.infer.cli import run_command
 from muybridge.infer.keypoints import CameraTracks

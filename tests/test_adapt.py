@@ -11,8 +11,8 @@ import pytest
 import torch
 
 from muybridge.errors import FormatError, MissingExtraError, ModelError, SessionError
-from muybridge.geometry.clocks import Clock, own_frames
-from muybridge.geometry.landmarks import BODY23, SURFACE
+from muybridge.geometry.sync.clocks import Clock, own_frames
+from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
 from muybridge.infer import adapt as command
 from muybridge.infer import pipeline
 from muybridge.infer.cli import run_command

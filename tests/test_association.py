@@ -8,10 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
-from muybridge.geometry.association import AssociateOptions, find_people, select_person, take_person
+from muybridge.geometry.association.select import AssociateOptions, find_people, select_person, take_person
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.landmarks import BODY23, Keypoints2D, LandmarkSet
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D, LandmarkSet
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 

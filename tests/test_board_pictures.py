@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration.board import Board
-from muybridge.geometry.calibration.board_chain import chain
-from muybridge.geometry.calibration.board_lens import board_pose, usable
-from muybridge.geometry.calibration.board_views import choose_times
-from muybridge.geometry.calibration.quality import check_solved
-from muybridge.geometry.calibration.rig import BoardOptions, calibrate_rig
-from muybridge.geometry.calibration.solved import misfits
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.rotations import exp_so3
+from muybridge.geometry.calibration.board.board import Board
+from muybridge.geometry.calibration.board.pose_graph import chain
+from muybridge.geometry.calibration.board.intrinsics import board_pose, usable
+from muybridge.geometry.calibration.board.view_selection import choose_times
+from muybridge.geometry.calibration.diagnosis.quality import check_solved
+from muybridge.geometry.calibration.board.extrinsics import BoardOptions, calibrate_rig
+from muybridge.geometry.calibration.bundle_adjustment.result import misfits
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.infer.board_pictures import at_moment, find_pictures
 from muybridge.infer.calibrate_board import told
 from muybridge.infer.calibration_report import calibration_findings

@@ -10,11 +10,11 @@ import pytest
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.calibration.board import Board, BoardDetector, fitting_descriptions
-from muybridge.geometry.calibration.board_pdf import PAPERS, board_pdf, board_rectangles
-from muybridge.geometry.calibration.rig import calibrate_rig
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.rotations import exp_so3
+from muybridge.geometry.calibration.board.board import Board, BoardDetector, fitting_descriptions
+from muybridge.geometry.calibration.board.pdf import PAPERS, board_pdf, board_rectangles
+from muybridge.geometry.calibration.board.extrinsics import calibrate_rig
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.infer.board_pictures import find_pictures, look_for_board
 from muybridge.infer.cli import run_command
 from muybridge.infer.progress import Progress

@@ -5,7 +5,7 @@ import pytest
 
 from muybridge.errors import OutputError
 from muybridge.geometry.calibration import load_calibration, save_calibration
-from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.infer.calibrate_outputs import check_replaceable
 from muybridge.infer.cli import run_command
 

@@ -18,7 +18,7 @@ from muybridge.geometry.calibration import (
     read_calibration,
     save_calibration,
 )
-from muybridge.geometry.cameras import CAMERA_MODELS, Camera, CameraGroup
+from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, CameraGroup
 
 N_PARAMS = dict(
     SIMPLE_PINHOLE=3, PINHOLE=4, SIMPLE_RADIAL=4, SIMPLE_RADIAL_FISHEYE=4, RADIAL=5, RADIAL_FISHEYE=5,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import find_calibration, fit_to_video, load_calibration
-from muybridge.geometry.cameras import Camera
+from muybridge.geometry.cameras.camera import Camera
 
 POINTS_WORLD = np.random.default_rng(0).uniform([-1, -0.7, 3], [1, 0.7, 5], (40, 3))
 

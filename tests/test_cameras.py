@@ -13,13 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import (
-    CAMERA_MODELS,
-    Camera,
-    CameraGroup,
-    camera_from_colmap,
-    colmap_camera,
-)
+from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, CameraGroup, camera_from_colmap, colmap_camera
 
 # Mild distortion of each model, so that every pixel of the image has one ray.
 DISTORTION = {
@@ -280,7 +274,7 @@ def test_models_and_parameter_counts_are_pycolmap_s() -> None:
 
 def test_a_process_with_cameras_ends_when_it_is_asked_to():
     """pycolmap's own handler prints a stack instead, and can hang."""
-    code = "import os, signal, muybridge.geometry.cameras as _; os.kill(os.getpid(), signal.SIGTERM)"
+    code = "import os, signal, muybridge.geometry.cameras.camera as _; os.kill(os.getpid(), signal.SIGTERM)"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert ended.returncode == -signal.SIGTERM
     assert ended.stderr == ""

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.crops import crops_for_boxes, virtual_views
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.crops import crops_for_boxes, virtual_views
 from muybridge.infer.crops import extract_crops
 
 

@@ -7,7 +7,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from muybridge.geometry.landmarks import BODY23, SURFACE  # noqa: E402
+from muybridge.geometry.landmarks.arrays import BODY23, SURFACE  # noqa: E402
 from muybridge.train import echo  # noqa: E402
 from muybridge.train.echo import Echo, altered  # noqa: E402
 

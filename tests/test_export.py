@@ -12,7 +12,7 @@ pytest.importorskip("onnx")
 import onnxruntime  # noqa: E402
 
 from muybridge.errors import ModelError  # noqa: E402
-from muybridge.geometry.landmarks import BODY23  # noqa: E402
+from muybridge.geometry.landmarks.arrays import BODY23  # noqa: E402
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions  # noqa: E402
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
 from muybridge.models.export import export_onnx  # noqa: E402
@@ -41,7 +41,7 @@ def demo_crops(repository: pathlib.Path) -> np.ndarray:
     """(N, S, S, 3) crops of the person in the demo's videos, which no calibration of activations has seen."""
     import av
 
-    from muybridge.geometry.crops import crops_for_boxes
+    from muybridge.geometry.cameras.crops import crops_for_boxes
     from muybridge.infer.crops import extract_crops
 
     crops, side = [], KeypointNetwork(shipped_model("keypoints")).crop_size

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.rotations import exp_so3, quat_from_matrix
-from muybridge.geometry.skeleton import Motion
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.infer.cli import run_command
 from muybridge.motion.formats.bone_mesh import bone_mesh
 from muybridge.motion.formats.fbx import write_fbx

@@ -13,9 +13,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from muybridge.errors import FormatError
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.rotations import exp_so3, quat_from_matrix
-from muybridge.geometry.skeleton import Motion
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.infer.cli import run_command
 from muybridge.motion.formats.fbx import write_fbx
 from muybridge.motion.formats.fbx_binary import Node, Table, read_fbx_nodes, write_fbx_nodes

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks import LandmarkSet, Points3D
-from muybridge.geometry.rotations import exp_so3, quat_from_matrix
-from muybridge.geometry.skeleton import Motion, Skeleton
+from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
 from muybridge.motion.formats.asf_amc import read_amc, write_amc
 from muybridge.motion.formats.bvh import read_bvh, write_bvh
 from muybridge.motion.formats.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d

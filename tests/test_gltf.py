@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from muybridge.errors import FormatError
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.rotations import exp_so3, matrix_from_quat, quat_from_matrix
-from muybridge.geometry.skeleton import Motion
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.motion.formats.bone_mesh import bone_mesh, rest_positions
 from muybridge.motion.formats.bvh import write_bvh
 from muybridge.motion.formats.fbx import write_fbx

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.crops import crops_for_boxes
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.crops import crops_for_boxes
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.infer.crops import extract_crops
 from muybridge.infer.keypoints import KeypointOptions, PoseEstimator, merge_tracks
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions, PeopleNetwork

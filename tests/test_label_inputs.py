@@ -6,7 +6,7 @@ import ezc3d
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmarks import LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
 from muybridge.infer.cli import run_command
 from muybridge.infer.labelling import _up
 from muybridge.motion.formats.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d

@@ -9,7 +9,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("anny")
 
 from muybridge.errors import ModelError  # noqa: E402
-from muybridge.geometry.landmarks import PLUG_IN_GAIT, SURFACE  # noqa: E402
+from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT, SURFACE  # noqa: E402
 from muybridge.infer.label_network import LabelNetwork  # noqa: E402
 from muybridge.models.label_messages import gather_messages  # noqa: E402
 from muybridge.models.label_net import WINDOW, LabelNet, sinkhorn  # noqa: E402

@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("anny")
 
-from muybridge.geometry.landmarks import CMU, PLUG_IN_GAIT  # noqa: E402
-from muybridge.geometry.marker_sets import SETS  # noqa: E402
+from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT  # noqa: E402
+from muybridge.geometry.landmarks.marker_sets import SETS  # noqa: E402
 from muybridge.infer.cli import run_command  # noqa: E402
 from muybridge.infer.label_network import LabelNetwork  # noqa: E402
 from muybridge.infer.labelling import LabelOptions, label_points  # noqa: E402

@@ -5,7 +5,7 @@ import pathlib
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmarks import CMU, PLUG_IN_GAIT, SURFACE, Points3D, select_markers
+from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE, Points3D, select_markers
 from muybridge.motion.formats.c3d import read_c3d, write_c3d
 
 DATA = pathlib.Path(__file__).parents[2] / "shared/data/markers/tennis_serve_pig39.c3d"

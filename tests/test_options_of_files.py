@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.landmarks import PLUG_IN_GAIT, LandmarkSet, Points3D
-from muybridge.geometry.marker_fit import MarkerFitOptions
-from muybridge.geometry.skeleton import Motion
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT, LandmarkSet, Points3D
+from muybridge.geometry.fitting.marker_fit import MarkerFitOptions
+from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.infer.cli import run_command
 from muybridge.infer.convert import convert
 from muybridge.motion.formats.bvh import read_bvh, write_bvh

@@ -10,8 +10,8 @@ import pytest
 onnx = pytest.importorskip("onnx")
 
 from muybridge.errors import ModelError  # noqa: E402
-from muybridge.geometry.crops import crops_for_boxes  # noqa: E402
-from muybridge.geometry.landmarks import BODY23  # noqa: E402
+from muybridge.geometry.cameras.crops import crops_for_boxes  # noqa: E402
+from muybridge.geometry.landmarks.arrays import BODY23  # noqa: E402
 from muybridge.infer.cli import run_command  # noqa: E402
 from muybridge.infer.crops import extract_crops  # noqa: E402
 from muybridge.infer.demo import demo_folder, true_points  # noqa: E402

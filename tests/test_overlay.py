@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from muybridge.errors import OutputError, VideoError
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.infer.overlay import (
     LEFT,
     MIDDLE,

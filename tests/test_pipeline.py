@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from muybridge.geometry.calibration import load_calibration, save_calibration
-from muybridge.geometry.calibration.level import standing_axes
+from muybridge.geometry.calibration.gravity import standing_axes
 from muybridge.geometry.calibration.world import moved
-from muybridge.geometry.landmarks import BODY23, PLUG_IN_GAIT, Points3D
+from muybridge.geometry.landmarks.arrays import BODY23, PLUG_IN_GAIT, Points3D
 from muybridge.infer.cli import run_command
 from muybridge.infer.demo import score
 from muybridge.infer.keypoints import CameraTracks

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.crops import crops_for_boxes
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.crops import crops_for_boxes
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.infer.crops import extract_crops
 from muybridge.infer.onnx import KeypointNetwork
 from muybridge.infer.plates import Backdrop, silhouettes

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.landmark_names import body_landmark, map_body, map_surface
-from muybridge.geometry.landmarks import BODY23, PLUG_IN_GAIT, LandmarkSet, Points3D
-from muybridge.geometry.rotations import exp_so3, quat_from_matrix
-from muybridge.geometry.skeleton import Motion
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.skeleton.aliases import body_landmark, map_body, map_surface
+from muybridge.geometry.landmarks.arrays import BODY23, PLUG_IN_GAIT, LandmarkSet, Points3D
+from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.infer.cli import run_command
 from muybridge.infer.compare import compare_points
 from muybridge.motion.formats.bvh import read_bvh, write_bvh

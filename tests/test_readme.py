@@ -11,8 +11,8 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from muybridge.geometry.crops import crops_for_boxes
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.cameras.crops import crops_for_boxes
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.infer.crops import extract_crops
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
 from muybridge.models.registry import shipped_model

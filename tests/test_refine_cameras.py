@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.landmarks import BODY23, Keypoints2D
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D
 from muybridge.infer import refine_cameras
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import Session, SessionOptions, open_session

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from muybridge.errors import OutputError
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.landmarks import BODY23, Points3D
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.landmarks.arrays import BODY23, Points3D
 from muybridge.infer.report import (
     ReportData,
     Thumbnail,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmarks import BODY23, Points3D
+from muybridge.geometry.landmarks.arrays import BODY23, Points3D
 from muybridge.infer.detect import CameraResult, DetectOptions, file_names, first_look, is_finished, open_models
 from muybridge.infer.keypoints import CameraTracks
 from muybridge.infer.onnx import Expectation, KeypointNetwork

@@ -9,20 +9,20 @@ import pytest
 import torch
 
 from muybridge.errors import SessionError
-from muybridge.geometry.body import BODY
-from muybridge.geometry.landmarks import PLUG_IN_GAIT, SURFACE
-from muybridge.geometry.marker_body import marker_body, without_rolls
-from muybridge.geometry.marker_fit import (
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT, SURFACE
+from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
+from muybridge.geometry.fitting.marker_fit import (
     MarkerFitOptions,
     fit_markers,
     follow_take,
     scaled_person,
     settle_frames,
 )
-from muybridge.geometry.rotations import exp_so3, matrix_from_quat
-from muybridge.geometry.skeleton import Motion
-from muybridge.geometry.solver_body import body_through
-from muybridge.geometry.solver_features import apply_corrections, carriers, mirrored, solver_input, target_of
+from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.rigid_bones import body_through
+from muybridge.models.correction.features import apply_corrections, carriers, mirrored, solver_input, target_of
 from muybridge.infer.solver_network import SolverNetwork, corrected
 from muybridge.models.solver_net import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
 from muybridge.motion.formats.bvh import read_bvh

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmark_names import map_body, map_surface, one_of_several, subject_of
-from muybridge.geometry.landmarks import BODY23, PLUG_IN_GAIT, LandmarkSet, Points3D
+from muybridge.geometry.skeleton.aliases import map_body, map_surface, one_of_several, subject_of
+from muybridge.geometry.landmarks.arrays import BODY23, PLUG_IN_GAIT, LandmarkSet, Points3D
 from muybridge.infer.cli import run_command
 from muybridge.infer.compare import compare_points
 from muybridge.infer.solve_points import understand

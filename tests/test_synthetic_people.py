@@ -9,7 +9,7 @@ pytest.importorskip("torch")
 pytest.importorskip("anny")
 
 from muybridge.errors import MissingExtraError  # noqa: E402
-from muybridge.geometry.landmarks import BODY23  # noqa: E402
+from muybridge.geometry.landmarks.arrays import BODY23  # noqa: E402
 from muybridge.train import render, scenes  # noqa: E402
 from muybridge.train.augment import WHOLE, AugmentOptions, Compositor  # noqa: E402
 from muybridge.train.backgrounds import make_backgrounds  # noqa: E402

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks import BODY23, Points3D
+from muybridge.geometry.landmarks.arrays import BODY23, Points3D
 from muybridge.motion.formats.csv_points import read_csv, write_csv
 from muybridge.motion.formats.npz import read_npz, write_npz
 

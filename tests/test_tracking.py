@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.infer.poses import PoseReader, Poses
 from muybridge.infer.tracking import BoxSmoother, TrackedFrame, Tracker, TrackOptions
 from muybridge.infer.upright import Upright

@@ -12,7 +12,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
 from muybridge.errors import ModelError, SessionError  # noqa: E402
-from muybridge.geometry.landmarks import BODY23  # noqa: E402
+from muybridge.geometry.landmarks.arrays import BODY23  # noqa: E402
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
 from muybridge.models.export import export_onnx, parity  # noqa: E402
 from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart, SeparateHeads  # noqa: E402

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.landmarks import BODY23, SURFACE, Keypoints2D, Points3D
+from muybridge.geometry.landmarks.arrays import BODY23, SURFACE, Keypoints2D, Points3D
 from muybridge.infer.demo import demo_folder, true_points
 from muybridge.infer.progress import Progress
 from muybridge.infer.quality import assess, unsure_landmarks

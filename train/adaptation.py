@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps
 from muybridge.models.footage import Footage
 from muybridge.models.keypoint_net import CHANNELS, STRIDE, KeypointNet

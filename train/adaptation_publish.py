@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from muybridge.errors import ModelError, SessionError
 from muybridge.files import replacing
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.models.footage import Footage, load_footage
 from muybridge.models.keypoint_net import PLATE, KeypointNet
 from muybridge.models.registry import KeypointModelCard, shipped_model

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from muybridge.geometry.landmarks import BODY23, SURFACE
+from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
 from muybridge.train.backgrounds import sample_backdrop
 from muybridge.train.camera_faults import CameraFaults, outside_of_video
 from muybridge.train.close_ups import BORDER, SOMETHING, cut_boxes, to_crop

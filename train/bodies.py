@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.train.motion_rig import Skeleton
 from muybridge.train.motions import MOTIONS, MotionSampler
 from muybridge.train.penetration import penetrates

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.train.bodies import BodyModel
 from muybridge.train.motions import MotionClip, MotionSampler
 from muybridge.train.render import Renderer, View, look_at

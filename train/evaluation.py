@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rich.progress import track
 
 from muybridge.errors import ModelError, SessionError
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.models.decode import DecodedHeatmaps
 from muybridge.models.mirroring import mean_of_mirrored
 from muybridge.models.registry import BODY_OUTPUTS, KeypointModelCard, keypoint_card, shipped_model

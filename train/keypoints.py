@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from muybridge.errors import ModelError
-from muybridge.geometry.landmarks import BODY23, SURFACE
+from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps
 from muybridge.models.keypoint_net import STRIDE, KeypointNet
 from muybridge.models.parts import FIRST_LOOK, LEAST, Maps, at_side

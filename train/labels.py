@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor, nn
 
-from muybridge.geometry.landmarks import CMU, PLUG_IN_GAIT, SURFACE
+from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE
 from muybridge.models.label_net import WINDOW, LabelNet
 from muybridge.train import loop
 from muybridge.train.marker_augment import DUST, CloudOptions, CloudSampler

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import muybridge
 from muybridge.files import replacing
-from muybridge.geometry.landmarks import SURFACE
+from muybridge.geometry.landmarks.arrays import SURFACE
 from muybridge.models.export import OPSET
 from muybridge.models.label_net import WINDOW, LabelNet
 from muybridge.train.labels import HELD_OUT, evaluate, held_out_batches, trained_network

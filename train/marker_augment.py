@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks import CMU, PLUG_IN_GAIT, SURFACE, MarkerSet
+from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE, MarkerSet
 from muybridge.train.marker_clouds import FPS, MarkerClips
 from muybridge.train.markers import marker_table
 

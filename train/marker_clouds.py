@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from muybridge.files import replacing
-from muybridge.geometry.landmarks import SURFACE
+from muybridge.geometry.landmarks.arrays import SURFACE
 from muybridge.train.bodies import BODY_VERTICES, F32, BodyModel
 from muybridge.train.markers import marker_table
 from muybridge.train.motion_rig import Array, Skeleton, forward, skin, turn

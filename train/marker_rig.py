@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from muybridge.geometry.body import BODY
-from muybridge.geometry.skeleton import Motion
-from muybridge.geometry.skeleton_profiles import roles_of
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.profiles import roles_of
 from muybridge.train.motion_rig import Array, Skeleton, between, forward, turn, unit
 
 # joint: bone at whose origin it is, bone that turns with it ("*" is the side)
@@ -179,7 +179,7 @@ def _share(world: dict[str, Array], bones: tuple[str, ...], start: Array, end: A
 
 
 def _rest_of(skeleton: object) -> Array:
-    from muybridge.geometry.skeleton_fit import rest_positions
+    from muybridge.geometry.fitting.skeleton_fit import rest_positions
 
     return rest_positions(skeleton)  # type: ignore[arg-type]
 

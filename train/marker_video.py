@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks import SURFACE
+from muybridge.geometry.landmarks.arrays import SURFACE
 
 F32 = NDArray[np.float32]
 Float = NDArray[np.floating]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 import muybridge
 from muybridge.errors import ModelError
-from muybridge.geometry.crops import BOX_PADDING
-from muybridge.geometry.landmarks import BODY23, SURFACE
+from muybridge.geometry.cameras.crops import BOX_PADDING
+from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
 from muybridge.models.export import export_onnx
 from muybridge.models.keypoint_net import CHANNELS, PLATE, STRIDE, KeypointNet, PlateApart, SeparateHeads
 from muybridge.models.people_net import MEAN, STD, PeopleNet

@@ -19,7 +19,7 @@ from rich.progress import Progress
 
 from muybridge.errors import SessionError
 from muybridge.files import replacing
-from muybridge.geometry.landmarks import SURFACE
+from muybridge.geometry.landmarks.arrays import SURFACE
 from muybridge.train.bodies import BODY_VERTICES, BodyModel
 from muybridge.train.close_ups import sample_close_up
 from muybridge.train.motions import MOTIONS

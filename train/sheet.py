@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.files import replacing
-from muybridge.geometry.landmarks import BODY23
+from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.train.augment import Batch, Compositor
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.renders import SIZE, load_renders

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from muybridge.geometry.landmarks import BODY23, SURFACE
+from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
 from muybridge.models.decode import SpreadCalibration, decode_heatmaps, sigmoid
 from muybridge.models.keypoint_net import STRIDE, KeypointNet
 from muybridge.models.mirroring import mean_of_mirrored

@@ -10,8 +10,8 @@ from rich.progress import track
 from torch import Tensor, nn
 
 from muybridge.errors import SessionError
-from muybridge.geometry.body import BODY
-from muybridge.geometry.solver_features import ANGLE, LENGTH, carriers, mirrored
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.models.correction.features import ANGLE, LENGTH, carriers, mirrored
 from muybridge.models.solver_net import SolverNet
 from muybridge.train import loop
 from muybridge.train.options import SolverTraining

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.files import replacing
-from muybridge.geometry.body import BODY
-from muybridge.geometry.landmarks import SURFACE
-from muybridge.geometry.marker_body import marker_body, without_rolls
-from muybridge.geometry.rotations import quat_from_matrix
-from muybridge.geometry.skeleton import Motion
-from muybridge.geometry.solver_body import body_through
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
+from muybridge.geometry.numerics.rotations import quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.rigid_bones import body_through
 from muybridge.train.bodies import F32
 from muybridge.train.marker_clouds import FPS, MarkerBodies
 from muybridge.train.marker_rig import BODY_JOINTS, follow, joints_of, rig_of

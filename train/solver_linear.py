@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from muybridge.geometry.solver_features import mirrored
+from muybridge.models.correction.features import mirrored
 from muybridge.models.solver_net import SolverNet
 
 # Examples off by more than _FAR teach nothing of others, units of LENGTH and ANGLE; those within _NEAR count alike.

@@ -12,8 +12,8 @@ import torch
 
 import muybridge
 from muybridge.files import replacing
-from muybridge.geometry.body import BODY
-from muybridge.geometry.landmarks import SURFACE
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.landmarks.arrays import SURFACE
 from muybridge.models.export import OPSET
 from muybridge.models.solver_net import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
 from muybridge.train.labels_publish import LICENCE

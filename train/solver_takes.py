@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks import SURFACE, MarkerSet
-from muybridge.geometry.skeleton import Motion
+from muybridge.geometry.landmarks.arrays import SURFACE, MarkerSet
+from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.train.marker_augment import _LOOSE
 from muybridge.train.marker_clouds import MarkerBodies
 from muybridge.train.marker_rig import BODY_JOINTS, follow, joints_of, rig_of

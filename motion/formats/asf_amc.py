@@ -22,8 +22,8 @@ from scipy.spatial.transform import Rotation
 
 from muybridge.errors import FormatError
 from muybridge.files import replacing
-from muybridge.geometry.rotations import continuous_quat
-from muybridge.geometry.skeleton import Motion, Skeleton
+from muybridge.geometry.numerics.rotations import continuous_quat
+from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
 from muybridge.motion.formats.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.euler import smooth_euler
 

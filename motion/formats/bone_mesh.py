@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.skeleton import Skeleton
+from muybridge.geometry.skeleton.skeleton import Skeleton
 
 Array = NDArray[np.float64]
 

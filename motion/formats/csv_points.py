@@ -8,7 +8,7 @@ import numpy as np
 
 from muybridge.errors import FormatError
 from muybridge.files import replacing
-from muybridge.geometry.landmarks import Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.motion.formats.points3d import read_text
 from muybridge.motion.formats.table import columns_of, is_coordinate, points_of
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge import __version__
-from muybridge.geometry.rotations import continuous_quat
-from muybridge.geometry.skeleton import Motion, Skeleton
+from muybridge.geometry.numerics.rotations import continuous_quat
+from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
 from muybridge.motion.formats.bone_mesh import BoneMesh, bone_mesh, rest_positions
 from muybridge.motion.formats.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.euler import smooth_euler

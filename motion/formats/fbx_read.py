@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
-from muybridge.geometry.skeleton import Motion
+from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.motion.formats.fbx_binary import read_fbx_nodes
 from muybridge.motion.formats.fbx_scene import Complaint, Model, Scene, read_scene
 from muybridge.motion.formats.world_axes import frame_times, motion_in_world_axes

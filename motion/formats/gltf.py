@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from muybridge import __version__
 from muybridge.files import replacing
-from muybridge.geometry.rotations import continuous_quat
-from muybridge.geometry.skeleton import Motion, Skeleton
+from muybridge.geometry.numerics.rotations import continuous_quat
+from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
 from muybridge.motion.formats.bone_mesh import bone_mesh, rest_positions
 from muybridge.motion.formats.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.glb import ARRAY_BUFFER, UNSIGNED_BYTE, UNSIGNED_SHORT, Buffer, pack_glb

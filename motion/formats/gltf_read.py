@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from muybridge.geometry.rotations import matrix_from_quat
-from muybridge.geometry.skeleton import Motion
+from muybridge.geometry.numerics.rotations import matrix_from_quat
+from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.motion.formats.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.glb import JSON_ERRORS, Document
 from muybridge.motion.formats.world_axes import frame_times, motion_in_world_axes

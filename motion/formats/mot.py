@@ -22,9 +22,9 @@ from scipy.spatial.transform import Rotation
 
 from muybridge.errors import FormatError
 from muybridge.files import replacing
-from muybridge.geometry.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
-from muybridge.geometry.skeleton import Motion, Skeleton
-from muybridge.geometry.skeleton_profiles import roles_of
+from muybridge.geometry.numerics.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.profiles import roles_of
 from muybridge.motion.formats.bone_mesh import rest_positions
 from muybridge.motion.formats.euler import smooth_euler
 from muybridge.motion.formats.trc import WORLD_AXIS_OF_TRC

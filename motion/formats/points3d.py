@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import FormatError, MuybridgeError
-from muybridge.geometry.landmarks import BODY23, LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet, Points3D
 
 METRES_OF_UNIT = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 # Every spelling that files have of them, in small letters.

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks import LandmarkSet, Points3D
-from muybridge.geometry.skeleton import Motion
+from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.motion.formats.asf_amc import CMU_FPS, read_amc, write_amc
 from muybridge.motion.formats.bone_mesh import rest_positions
 from muybridge.motion.formats.bvh import read_bvh, write_bvh

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks import Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.motion.formats.points3d import (
     METRES_OF_UNIT,
     UNIT_WORDS,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
 from muybridge.files import replacing
-from muybridge.geometry.landmarks import Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.motion.formats.points3d import (
     METRES_OF_UNIT,
     UP_PERMUTATION,

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from muybridge import __version__
 from muybridge.files import replacing
-from muybridge.geometry.rotations import continuous_quat
-from muybridge.geometry.skeleton import Motion, Skeleton
+from muybridge.geometry.numerics.rotations import continuous_quat
+from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
 from muybridge.motion.formats.bone_mesh import bone_mesh, rest_positions
 from muybridge.motion.formats.bvh import BVH_FROM_WORLD
 

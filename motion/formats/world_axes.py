@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
-from muybridge.geometry.rotations import continuous_quat, quat_from_matrix
-from muybridge.geometry.skeleton import Motion, Skeleton
+from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
 
 Array = NDArray[np.float64]
 
