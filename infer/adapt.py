@@ -23,8 +23,8 @@ from muybridge.infer.progress import Progress
 from muybridge.infer.session import SessionOptions, open_session
 from muybridge.infer.solve import SolveOptions
 from muybridge.infer.stages import StageStore
-from muybridge.models.footage import save_footage
-from muybridge.models.registry import keypoint_card
+from muybridge.models.pseudo_labels import save_footage
+from muybridge.models.keypoints.metadata import keypoint_card
 
 RESULTS = ("keypoints.onnx", ADAPTED.name, "adapt.json")
 _NEEDED = ("torch", "kornia", "onnx")

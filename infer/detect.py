@@ -28,9 +28,9 @@ from muybridge.infer.session import Session
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest, file_digest
 from muybridge.infer.upright import Letterbox, Upright, upright_for
 from muybridge.infer.video import VideoWriter, fit_inside, read_chunks
-from muybridge.models.model_card import find_card
-from muybridge.models.parts import FIRST_LOOK
-from muybridge.models.registry import Precision, shipped_model
+from muybridge.models.keypoints.external import find_card
+from muybridge.models.keypoints.rescale import FIRST_LOOK
+from muybridge.models.keypoints.metadata import Precision, shipped_model
 
 _T = TypeVar("_T")
 MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
@@ -41,20 +41,20 @@ _NAME_BYTES = 150
 _PLATE, _REPEATS, _ALIKE_FROM, _HUNG = "plate", "repeats", "alike_from", "frames_width_height_angle_and_long_side"
 # The code between a crop and its landmarks.
 READING_CODE = (
-    "muybridge.models.decode",
-    "muybridge.models.mirroring",
-    "muybridge.models.parts",
-    "muybridge.models.patches",
-    "muybridge.models.turning",
-    "muybridge.models.twins",
+    "muybridge.models.keypoints.decode",
+    "muybridge.models.keypoints.mirroring",
+    "muybridge.models.keypoints.rescale",
+    "muybridge.models.keypoints.patches",
+    "muybridge.models.keypoints.test_time",
+    "muybridge.models.keypoints.left_right",
     "muybridge.infer.onnx",
 )
 # The code that a camera's 2D landmarks depend on.
 _CODE = (
     *READING_CODE,
-    "muybridge.models.decode_simcc",
-    "muybridge.models.model_card",
-    "muybridge.models.registry",
+    "muybridge.models.keypoints.simcc",
+    "muybridge.models.keypoints.external",
+    "muybridge.models.keypoints.metadata",
     "muybridge.geometry.cameras.camera",
     "muybridge.geometry.cameras.crops",
     "muybridge.infer.crops",

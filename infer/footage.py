@@ -25,8 +25,8 @@ from muybridge.infer.progress import Progress
 from muybridge.infer.solve import Solution
 from muybridge.infer.upright import upright_for
 from muybridge.infer.video import read_chunks
-from muybridge.models.footage import Footage
-from muybridge.models.registry import KeypointModelCard
+from muybridge.models.pseudo_labels import Footage
+from muybridge.models.keypoints.metadata import KeypointModelCard
 
 _Floats = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from muybridge.geometry.landmarks.marker_sets import SETS, MarkerPlan, plan_of
 from muybridge.geometry.markers.tracking import Tracks
 from muybridge.infer.label_network import LabelNetwork
 from muybridge.infer.labelling import metres_of, upright
-from muybridge.models.registry import shipped_model
+from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.motion.formats.marker_cloud import read_marker_cloud
 
 Float = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from muybridge.geometry.landmarks.arrays import SURFACE
 from muybridge.geometry.markers.tracking import Tracks
 from muybridge.infer.onnx import OnnxOptions, open_session
-from muybridge.models.label_card import LabelModelCard, label_card
+from muybridge.models.labelling.metadata import LabelModelCard, label_card
 
 Float = NDArray[np.float64]
 LEAST_POINTS = 16

@@ -20,7 +20,7 @@ from muybridge.infer.label_outputs import label_json
 from muybridge.infer.label_report import render_label_report
 from muybridge.infer.labelling import Labelled, LabelOptions, label_points, relabelled
 from muybridge.infer.outputs import open_output
-from muybridge.models.registry import shipped_model
+from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.motion.formats.c3d import C3DTake, take_of, write_c3d
 from muybridge.motion.formats.marker_cloud import MarkerCloud, read_marker_cloud
 from muybridge.motion.formats.marker_set import find_marker_set

@@ -30,7 +30,7 @@ from muybridge.infer.progress import Progress
 from muybridge.infer.session import Session, SessionOptions, open_session
 from muybridge.infer.solver_network import SolverNetwork, corrected
 from muybridge.infer.video import VideoInfo, read_chunks
-from muybridge.models.registry import shipped_model
+from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.motion.formats.marker_set import find_marker_set
 
 Array = NDArray[np.float64]

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks.arrays import LandmarkSet
-from muybridge.models.decode import NO_IDEA, DecodedHeatmaps, with_expectation
-from muybridge.models.mirroring import mean_of_mirrored
-from muybridge.models.registry import (
+from muybridge.models.keypoints.decode import NO_IDEA, DecodedHeatmaps, with_expectation
+from muybridge.models.keypoints.mirroring import mean_of_mirrored
+from muybridge.models.keypoints.metadata import (
     BODY_OUTPUTS,
     MARKER_OUTPUTS,
     SIDE_MULTIPLE,
@@ -29,8 +29,8 @@ from muybridge.models.registry import (
     keypoint_card,
     people_card,
 )
-from muybridge.models.trimming import without_outputs
-from muybridge.models.turning import Series, turn_where_unsure
+from muybridge.models.onnx_files.prune_outputs import without_outputs
+from muybridge.models.keypoints.test_time import Series, turn_where_unsure
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
 # Least and most that `OnnxOptions.size` may be.

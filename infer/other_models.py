@@ -19,10 +19,10 @@ from muybridge.infer.onnx import (
     open_session,
     run_session,
 )
-from muybridge.models.decode import DecodedHeatmaps
-from muybridge.models.decode_simcc import decode_simcc, decode_value_heatmaps
-from muybridge.models.model_card import ModelCard, find_card, load_card
-from muybridge.models.turning import Series
+from muybridge.models.keypoints.decode import DecodedHeatmaps
+from muybridge.models.keypoints.simcc import decode_simcc, decode_value_heatmaps
+from muybridge.models.keypoints.external import ModelCard, find_card, load_card
+from muybridge.models.keypoints.test_time import Series
 
 # How near a coordinate counts as there, for the score: a part of the crop's longer side.
 _SCORE_RADIUS = 0.04

@@ -9,7 +9,7 @@ import numpy as np
 from muybridge.infer.onnx import PeopleNetwork
 from muybridge.infer.plates import SmallFrames
 from muybridge.infer.upright import Letterbox
-from muybridge.models.decode import DetectedPeople, decode_people
+from muybridge.models.keypoints.decode import DetectedPeople, decode_people
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from muybridge.infer.other_models import OtherNetwork
 from muybridge.infer.plates import Backdrop, SmallFrames
 from muybridge.infer.tracking import filled_boxes, smoothed_boxes, smoothing_frames
 from muybridge.infer.upright import Upright
-from muybridge.models.decode import DecodedHeatmaps, sigmoid
-from muybridge.models.turning import Series
+from muybridge.models.keypoints.decode import DecodedHeatmaps, sigmoid
+from muybridge.models.keypoints.test_time import Series
 
 # How far a person reaches beyond their landmarks, in longer sides of the landmarks' own box.
 _REACH = {"nose": 0.11, "eye": 0.11, "ear": 0.11, "wrist": 0.10}

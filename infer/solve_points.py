@@ -135,7 +135,7 @@ def solve(
 def _corrector(network: Path | None, correct: bool, centres: tuple[str, ...]) -> "SolverNetwork | None":
     """The network that corrects, if one does: what `centres` say about joints is not corrected unasked."""
     from muybridge.infer.solver_network import SolverNetwork
-    from muybridge.models.registry import shipped_model
+    from muybridge.models.keypoints.metadata import shipped_model
 
     if not correct or (centres and network is None):
         return None

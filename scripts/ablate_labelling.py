@@ -22,7 +22,7 @@ from typing import Any
 import torch
 
 from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.models.label_net import WINDOW, LabelNet
+from muybridge.models.labelling.network import WINDOW, LabelNet
 from muybridge.train import loop
 from muybridge.train.labels import HELD_OUT, evaluate, held_out_batches, loss_of
 from muybridge.train.marker_augment import DUST, CloudOptions, CloudSampler

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from muybridge.geometry.markers.tracking import TrackOptions
 from muybridge.infer.label_network import LabelNetwork
 from muybridge.infer.labelling import LabelOptions, label_points
-from muybridge.models.registry import shipped_model
+from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.motion.formats.marker_cloud import read_marker_cloud
 from muybridge.motion.formats.marker_set import find_marker_set
 

@@ -108,7 +108,7 @@ def main() -> None:
     print(f"unnamed: {score(found.points, truth, views)}; {time.process_time() - begun:.1f} s")
     from muybridge.infer.label_network import LabelNetwork
     from muybridge.infer.labelling import label_points
-    from muybridge.models.registry import shipped_model
+    from muybridge.models.keypoints.metadata import shipped_model
 
     labelled = label_points(found.points, FPS, PLUG_IN_GAIT, LabelNetwork(shipped_model("labels")))
     named(labelled.points, truth, views, "named")

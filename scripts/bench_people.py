@@ -34,7 +34,7 @@ from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.geometry.triangulation.left_right import repair_swaps
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.infer.tracking import Tracker, TrackOptions
-from muybridge.models.decode import DetectedPeople
+from muybridge.models.keypoints.decode import DetectedPeople
 
 WIDTH, HEIGHT = 1920, 1080
 NOISE_PX, NEAR_M, LEAST_APART_M = 4.0, 0.4, 0.35

@@ -46,7 +46,7 @@ def boxes(video: Path, out: Path) -> None:
     from muybridge.infer.people import PeopleDetector, PeopleOptions
     from muybridge.infer.plates import Backdrop
     from muybridge.infer.upright import Letterbox, upright_for
-    from muybridge.models.registry import shipped_model
+    from muybridge.models.keypoints.metadata import shipped_model
 
     pictures = frames(video)[..., ::-1]
     network = PeopleNetwork(shipped_model("people"))
@@ -68,7 +68,7 @@ def score(video: Path, given: Path) -> None:
     """Prints the table."""
     from muybridge.geometry.landmarks.arrays import BODY23
     from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
-    from muybridge.models.registry import shipped_model
+    from muybridge.models.keypoints.metadata import shipped_model
 
     joints = [BODY23.index(name) for name in JOINTS]
     stored = np.load(given)

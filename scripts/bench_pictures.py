@@ -20,7 +20,7 @@ from bench_photographs import WAYS, agreement
 from numpy.typing import NDArray
 
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
-from muybridge.models.registry import shipped_model
+from muybridge.models.keypoints.metadata import shipped_model
 
 MARGIN = 0.06
 

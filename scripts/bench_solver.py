@@ -35,7 +35,7 @@ from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
 from muybridge.geometry.numerics.rotations import matrix_from_quat
 from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.infer.solver_network import SolverNetwork, corrected
-from muybridge.models.registry import shipped_model
+from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.motion.formats.bvh import read_bvh
 from muybridge.train.marker_clouds import MarkerBodies
 from muybridge.train.solver_takes import SolverTake, Spoiling, marker_columns, recorded_take, spoil

@@ -24,7 +24,7 @@ import torch
 from torch import Tensor, nn
 
 from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.models.keypoint_net import CHANNELS, ConvUnit, KeypointNet
+from muybridge.models.keypoints.network import CHANNELS, ConvUnit, KeypointNet
 from muybridge.train import loop
 from muybridge.train.augment import Batch, Compositor
 from muybridge.train.optimiser import Optimisers

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.models.decode import NO_IDEA
-from muybridge.models.registry import shipped_model
+from muybridge.models.keypoints.decode import NO_IDEA
+from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.train.augment import WHOLE, Batch, Compositor
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.evaluation import load_model, read_crops

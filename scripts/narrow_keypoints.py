@@ -15,7 +15,7 @@ import numpy as np
 import onnx
 
 from muybridge.errors import ModelError
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
+from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
 from muybridge.train.augment import WHOLE, Compositor
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.evaluation import load_model

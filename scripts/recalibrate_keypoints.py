@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from rich.progress import track
 
 from muybridge.files import replacing
-from muybridge.models.decode import in_part
-from muybridge.models.quantize import int8_path, quantize
-from muybridge.models.registry import BODY_OUTPUTS, MARKER_OUTPUTS, KeypointModelCard, keypoint_card
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
+from muybridge.models.keypoints.decode import in_part
+from muybridge.models.onnx_files.quantization import int8_path, quantize
+from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS, KeypointModelCard, keypoint_card
+from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
 from muybridge.train.augment import WHOLE, Batch, Compositor
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.evaluation import load_model, read_batch

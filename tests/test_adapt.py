@@ -23,9 +23,9 @@ from muybridge.infer.pipeline import RunOptions, follow
 from muybridge.infer.progress import Progress
 from muybridge.infer.session import open_session
 from muybridge.infer.stages import StageStore
-from muybridge.models.footage import Footage, load_footage, save_footage
-from muybridge.models.registry import shipped_model
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, people_net_from_onnx
+from muybridge.models.pseudo_labels import Footage, load_footage, save_footage
+from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, people_net_from_onnx
 from muybridge.train.adaptation import View, adapted, agreement
 from muybridge.train.adaptation_publish import adapt
 from muybridge.train.augment import MIRROR

@@ -14,7 +14,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from muybridge.errors import SessionError  # noqa: E402
-from muybridge.models.registry import keypoint_card  # noqa: E402
+from muybridge.models.keypoints.metadata import keypoint_card  # noqa: E402
 from muybridge.train import beside, keypoints, loop  # noqa: E402
 from muybridge.train.beside import PLAN, Beside  # noqa: E402
 from muybridge.train.options import KeypointTraining  # noqa: E402

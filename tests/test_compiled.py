@@ -4,8 +4,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from muybridge.models.batch_norm import BatchNorm  # noqa: E402
-from muybridge.models.keypoint_net import KeypointNet, upsample  # noqa: E402
+from muybridge.models.keypoints.batch_norm import BatchNorm  # noqa: E402
+from muybridge.models.keypoints.network import KeypointNet, upsample  # noqa: E402
 from muybridge.train import compiled as module  # noqa: E402
 from muybridge.train import precision  # noqa: E402
 from muybridge.train.compiled import PAYS_AFTER_MINUTES, compiled  # noqa: E402

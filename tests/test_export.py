@@ -14,11 +14,11 @@ import onnxruntime  # noqa: E402
 from muybridge.errors import ModelError  # noqa: E402
 from muybridge.geometry.landmarks.arrays import BODY23  # noqa: E402
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions  # noqa: E402
-from muybridge.models.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
-from muybridge.models.export import export_onnx  # noqa: E402
-from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart  # noqa: E402
-from muybridge.models.quantize import int8_path, quantize  # noqa: E402
-from muybridge.models.registry import keypoint_card, shipped_model  # noqa: E402
+from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
+from muybridge.models.onnx_files.export import export_onnx  # noqa: E402
+from muybridge.models.keypoints.network import PLATE, KeypointNet, PlateApart  # noqa: E402
+from muybridge.models.onnx_files.quantization import int8_path, quantize  # noqa: E402
+from muybridge.models.keypoints.metadata import keypoint_card, shipped_model  # noqa: E402
 from muybridge.train.sigma import (  # noqa: E402
     HeldOut,
     _farthest_off,

@@ -27,8 +27,8 @@ from muybridge.infer.plates import SmallFrames
 from muybridge.infer.poses import body_boxes
 from muybridge.infer.tracking import TrackOptions
 from muybridge.infer.upright import Letterbox, Upright, upright_for
-from muybridge.models.decode import DetectedPeople, SpreadCalibration, decode_heatmaps
-from muybridge.models.registry import keypoint_card, shipped_model
+from muybridge.models.keypoints.decode import DetectedPeople, SpreadCalibration, decode_heatmaps
+from muybridge.models.keypoints.metadata import keypoint_card, shipped_model
 
 onnx = pytest.importorskip("onnx", reason="onnx is in the train extra")
 

@@ -11,8 +11,8 @@ pytest.importorskip("anny")
 from muybridge.errors import ModelError  # noqa: E402
 from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT, SURFACE  # noqa: E402
 from muybridge.infer.label_network import LabelNetwork  # noqa: E402
-from muybridge.models.label_messages import gather_messages  # noqa: E402
-from muybridge.models.label_net import WINDOW, LabelNet, sinkhorn  # noqa: E402
+from muybridge.models.labelling.message_passing import gather_messages  # noqa: E402
+from muybridge.models.labelling.network import WINDOW, LabelNet, sinkhorn  # noqa: E402
 from muybridge.train import labels, marker_clouds  # noqa: E402
 from muybridge.train.labels_publish import example, publish_labels  # noqa: E402
 from muybridge.train.marker_augment import DUST, CloudOptions, CloudSampler  # noqa: E402
@@ -168,7 +168,7 @@ def _few(store):
 
 
 def test_another_networks_file_is_refused():
-    from muybridge.models.registry import shipped_model
+    from muybridge.models.keypoints.metadata import shipped_model
 
     with pytest.raises(ModelError, match="kind 'people' where 'labels' is needed"):
         LabelNetwork(shipped_model("people"))

@@ -15,7 +15,7 @@ from muybridge.geometry.landmarks.marker_sets import SETS  # noqa: E402
 from muybridge.infer.cli import run_command  # noqa: E402
 from muybridge.infer.label_network import LabelNetwork  # noqa: E402
 from muybridge.infer.labelling import LabelOptions, label_points  # noqa: E402
-from muybridge.models.registry import shipped_model  # noqa: E402
+from muybridge.models.keypoints.metadata import shipped_model  # noqa: E402
 from muybridge.motion.formats.marker_cloud import read_marker_cloud  # noqa: E402
 from muybridge.train.marker_clouds import FPS, MarkerBodies  # noqa: E402
 

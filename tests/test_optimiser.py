@@ -6,7 +6,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
+from muybridge.models.keypoints.network import KeypointNet  # noqa: E402
 from muybridge.train.optimiser import Muon, Optimisers, orthogonal  # noqa: E402
 
 

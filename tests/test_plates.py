@@ -12,7 +12,7 @@ from muybridge.infer.crops import extract_crops
 from muybridge.infer.onnx import KeypointNetwork
 from muybridge.infer.plates import Backdrop, silhouettes
 from muybridge.infer.upright import Letterbox, Upright, upright_for
-from muybridge.models.registry import shipped_model
+from muybridge.models.keypoints.metadata import shipped_model
 
 WIDTH, HEIGHT, CROP = 640, 480, 96
 # Portrait: turned by 90 degrees, 4 m from the wall y = 0.

@@ -10,7 +10,7 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
-from muybridge.models.keypoint_net import Block, ConvUnit, KeypointNet  # noqa: E402
+from muybridge.models.keypoints.network import Block, ConvUnit, KeypointNet  # noqa: E402
 from muybridge.train import keypoints, precision, second  # noqa: E402
 from muybridge.train.keypoints import losses_of  # noqa: E402
 from muybridge.train.options import KeypointTraining  # noqa: E402

@@ -16,8 +16,8 @@ from muybridge.infer.session import SessionOptions, open_session, with_frames
 from muybridge.infer.stages import StageResult, StageStore
 from muybridge.infer.upright import Letterbox, Upright
 from muybridge.infer.video import read_chunks
-from muybridge.models.decode import SpreadCalibration, decode_heatmaps, with_expectation
-from muybridge.models.registry import shipped_model
+from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps, with_expectation
+from muybridge.models.keypoints.metadata import shipped_model
 
 LOST = np.arange(10, 14)
 

@@ -9,7 +9,7 @@ from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.infer.poses import PoseReader, Poses
 from muybridge.infer.tracking import BoxSmoother, TrackedFrame, Tracker, TrackOptions
 from muybridge.infer.upright import Upright
-from muybridge.models.decode import DetectedPeople
+from muybridge.models.keypoints.decode import DetectedPeople
 
 
 def _box(x: float, y: float = 300.0, width: float = 80.0, height: float = 240.0) -> NDArray[np.float64]:

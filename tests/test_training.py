@@ -13,12 +13,12 @@ pytest.importorskip("kornia")
 
 from muybridge.errors import ModelError, SessionError  # noqa: E402
 from muybridge.geometry.landmarks.arrays import BODY23  # noqa: E402
-from muybridge.models.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
-from muybridge.models.export import export_onnx, parity  # noqa: E402
-from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart, SeparateHeads  # noqa: E402
-from muybridge.models.people_net import PeopleNet  # noqa: E402
-from muybridge.models.registry import keypoint_card, people_card, shipped_model  # noqa: E402
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, measure_normalisation  # noqa: E402
+from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
+from muybridge.models.onnx_files.export import export_onnx, parity  # noqa: E402
+from muybridge.models.keypoints.network import PLATE, KeypointNet, PlateApart, SeparateHeads  # noqa: E402
+from muybridge.models.people.network import PeopleNet  # noqa: E402
+from muybridge.models.keypoints.metadata import keypoint_card, people_card, shipped_model  # noqa: E402
+from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, measure_normalisation  # noqa: E402
 from muybridge.train import keypoints, loop, people  # noqa: E402
 from muybridge.train.augment import WHOLE, Batch, Compositor  # noqa: E402
 from muybridge.train.backgrounds import make_backgrounds  # noqa: E402
@@ -397,7 +397,7 @@ def test_evaluation_counts_what_it_says():
 
 def test_evaluation_with_and_without_what_makes_it_hard(store, tmp_path, monkeypatch):
     # Whether sticks are to be turned depends on the weights; here whatever is unsure is.
-    monkeypatch.setattr("muybridge.models.turning._SURER", -100.0)
+    monkeypatch.setattr("muybridge.models.keypoints.test_time._SURER", -100.0)
     monkeypatch.setattr("muybridge.train.evaluation.make_backgrounds", lambda count, *how: make_backgrounds(16, *how))
     small = onnx.load(str(shipped_model("keypoints")))
     for fact in small.metadata_props:

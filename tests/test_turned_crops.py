@@ -6,10 +6,10 @@ import pytest
 from numpy.typing import NDArray
 
 from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
-from muybridge.models import turning
-from muybridge.models.decode import NO_IDEA
-from muybridge.models.registry import shipped_model
-from muybridge.models.turning import Series, turn_where_unsure
+from muybridge.models.keypoints import test_time as turning
+from muybridge.models.keypoints.decode import NO_IDEA
+from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.models.keypoints.test_time import Series, turn_where_unsure
 
 SPOT = 6  # half of a spot's side, px
 

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.models.decode import SpreadCalibration, decode_heatmaps
-from muybridge.models.footage import Footage
-from muybridge.models.keypoint_net import CHANNELS, STRIDE, KeypointNet
+from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps
+from muybridge.models.pseudo_labels import Footage
+from muybridge.models.keypoints.network import CHANNELS, STRIDE, KeypointNet
 from muybridge.train.augment import MIRROR
 from muybridge.train.camera_faults import CameraFaults
 from muybridge.train.heatmap_loss import heatmap_loss

@@ -12,10 +12,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from muybridge.errors import ModelError, SessionError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.models.footage import Footage, load_footage
-from muybridge.models.keypoint_net import PLATE, KeypointNet
-from muybridge.models.registry import KeypointModelCard, shipped_model
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx
+from muybridge.models.pseudo_labels import Footage, load_footage
+from muybridge.models.keypoints.network import PLATE, KeypointNet
+from muybridge.models.keypoints.metadata import KeypointModelCard, shipped_model
+from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
 from muybridge.train.adaptation import Agreement, View, adapted, agreement
 from muybridge.train.evaluation import load_model
 from muybridge.train.memory import keep_memory

@@ -11,9 +11,9 @@ from typing import Any
 import torch
 
 from muybridge.errors import ModelError
-from muybridge.models.keypoint_net import KeypointNet
-from muybridge.models.people_net import PeopleNet
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, people_net_from_onnx, trained_for
+from muybridge.models.keypoints.network import KeypointNet
+from muybridge.models.people.network import PeopleNet
+from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, people_net_from_onnx, trained_for
 from muybridge.train.loop import Seen
 
 

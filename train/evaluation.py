@@ -10,10 +10,10 @@ from rich.progress import track
 
 from muybridge.errors import ModelError, SessionError
 from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.models.decode import DecodedHeatmaps
-from muybridge.models.mirroring import mean_of_mirrored
-from muybridge.models.registry import BODY_OUTPUTS, KeypointModelCard, keypoint_card, shipped_model
-from muybridge.models.turning import turn_where_unsure
+from muybridge.models.keypoints.decode import DecodedHeatmaps
+from muybridge.models.keypoints.mirroring import mean_of_mirrored
+from muybridge.models.keypoints.metadata import BODY_OUTPUTS, KeypointModelCard, keypoint_card, shipped_model
+from muybridge.models.keypoints.test_time import turn_where_unsure
 from muybridge.train.augment import WHOLE, Batch, Compositor
 from muybridge.train.backgrounds import make_backgrounds
 from muybridge.train.loop import HELD_OUT

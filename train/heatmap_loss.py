@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from muybridge.models.batch_norm import worked_out
-from muybridge.models.keypoint_net import STRIDE
+from muybridge.models.keypoints.batch_norm import worked_out
+from muybridge.models.keypoints.network import STRIDE
 
 # Cells on each side of a landmark that its Gaussian reaches (five sigma).
 REACH = 4

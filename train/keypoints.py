@@ -18,11 +18,11 @@ from torch import Tensor, nn
 
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
-from muybridge.models.decode import SpreadCalibration, decode_heatmaps
-from muybridge.models.keypoint_net import STRIDE, KeypointNet
-from muybridge.models.parts import FIRST_LOOK, LEAST, Maps, at_side
-from muybridge.models.registry import crop_side
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, measure_normalisation
+from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps
+from muybridge.models.keypoints.network import STRIDE, KeypointNet
+from muybridge.models.keypoints.rescale import FIRST_LOOK, LEAST, Maps, at_side
+from muybridge.models.keypoints.metadata import crop_side
+from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, measure_normalisation
 from muybridge.train import loop
 from muybridge.train.augment import WHOLE, Batch, Compositor
 from muybridge.train.compiled import compiled

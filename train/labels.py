@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE
-from muybridge.models.label_net import WINDOW, LabelNet
+from muybridge.models.labelling.network import WINDOW, LabelNet
 from muybridge.train import loop
 from muybridge.train.marker_augment import DUST, CloudOptions, CloudSampler
 from muybridge.train.marker_clouds import MarkerClips, load_marker_clips, make_marker_clips

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 import muybridge
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.models.export import OPSET
-from muybridge.models.label_net import WINDOW, LabelNet
+from muybridge.models.onnx_files.export import OPSET
+from muybridge.models.labelling.network import WINDOW, LabelNet
 from muybridge.train.labels import HELD_OUT, evaluate, held_out_batches, trained_network
 from muybridge.train.marker_clouds import load_marker_clips
 

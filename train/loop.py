@@ -18,7 +18,7 @@ from torch.utils.data import DataLoader, IterableDataset
 
 from muybridge.errors import SessionError
 from muybridge.files import replacing
-from muybridge.models.weights_from_onnx import trained_for
+from muybridge.models.onnx_files.import_weights import trained_for
 from muybridge.train import precision
 from muybridge.train.background_pool import make_background_pool
 from muybridge.train.beside import Beside

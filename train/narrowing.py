@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from muybridge.errors import ModelError
-from muybridge.models.keypoint_net import Block, KeypointNet
+from muybridge.models.keypoints.network import Block, KeypointNet
 
 # What the squares of inputs are raised by, over their mean, so that the products can be inverted.
 _RIDGE = 1e-6

@@ -10,9 +10,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from muybridge.models.decode import box_overlap, decode_people
-from muybridge.models.people_net import STRIDE, PeopleNet
-from muybridge.models.weights_from_onnx import measure_normalisation, people_net_from_onnx
+from muybridge.models.keypoints.decode import box_overlap, decode_people
+from muybridge.models.people.network import STRIDE, PeopleNet
+from muybridge.models.onnx_files.import_weights import measure_normalisation, people_net_from_onnx
 from muybridge.train import loop
 from muybridge.train.compiled import compiled
 from muybridge.train.options import PeopleTraining

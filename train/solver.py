@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from muybridge.errors import SessionError
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.models.correction.features import ANGLE, LENGTH, carriers, mirrored
-from muybridge.models.solver_net import SolverNet
+from muybridge.models.correction.network import SolverNet
 from muybridge.train import loop
 from muybridge.train.options import SolverTraining
 from muybridge.train.processes import shared_out

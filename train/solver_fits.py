@@ -20,7 +20,7 @@ from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT
 from muybridge.geometry.skeleton.statistical_body import marker_body
 from muybridge.geometry.fitting.marker_fit import MarkerFitOptions, Person, calibrate_person, fit_markers
 from muybridge.models.correction.features import carriers, solver_input, target_of
-from muybridge.models.solver_net import SPANS
+from muybridge.models.correction.network import SPANS
 from muybridge.train.marker_clouds import FPS
 from muybridge.train.solver_clips import FRAMES, SolverClips, load_solver_clips, make_followed, make_solver_clips
 from muybridge.train.solver_takes import Spoiling, marker_columns, placement_spread, spoil

@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from muybridge.models.correction.features import mirrored
-from muybridge.models.solver_net import SolverNet
+from muybridge.models.correction.network import SolverNet
 
 # Examples off by more than _FAR teach nothing of others, units of LENGTH and ANGLE; those within _NEAR count alike.
 _FAR = 6.0

@@ -14,8 +14,8 @@ import muybridge
 from muybridge.files import replacing
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.models.export import OPSET
-from muybridge.models.solver_net import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
+from muybridge.models.onnx_files.export import OPSET
+from muybridge.models.correction.network import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
 from muybridge.train.labels_publish import LICENCE
 from muybridge.train.solver import HELD_OUT, evaluate, trained_network
 from muybridge.train.solver_fits import load_fits

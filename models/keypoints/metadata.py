@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks.arrays import BODY23, SURFACE, LandmarkSet
-from muybridge.models.decode import DecodedHeatmaps, SpreadCalibration, decode_heatmaps, in_part, sigmoid
+from muybridge.models.keypoints.decode import DecodedHeatmaps, SpreadCalibration, decode_heatmaps, in_part, sigmoid
 
 ModelKind = Literal["keypoints", "people", "labels", "solver"]
 Precision = Literal["int8", "fp32"]

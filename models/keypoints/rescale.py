@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.models.decode import in_part, there
-from muybridge.models.registry import crop_side
+from muybridge.models.keypoints.decode import in_part, there
+from muybridge.models.keypoints.metadata import crop_side
 
 Maps = list[NDArray[np.float32]]
 Value = TypeVar("Value", np.uint8, np.float32)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.models.registry import _Reader
+from muybridge.models.keypoints.metadata import _Reader
 
 
 @dataclass(frozen=True)

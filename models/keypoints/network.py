@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor, nn
 
-from muybridge.models.batch_norm import BatchNorm
+from muybridge.models.keypoints.batch_norm import BatchNorm
 
 CHANNELS = 4  # RGB and the difference to the background plate
 PLATE = "difference"  # the input of the fourth channel, in exported files

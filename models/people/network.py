@@ -4,7 +4,7 @@ difference to the background plate that a static camera gives."""
 import torch
 from torch import Tensor, nn
 
-from muybridge.models.keypoint_net import CHANNELS, Block, ConvUnit, Lateral
+from muybridge.models.keypoints.network import CHANNELS, Block, ConvUnit, Lateral
 
 # Of RGB and of the difference to the background plate, which is mostly near zero: it is only stretched.
 MEAN = (0.45, 0.43, 0.41, 0.0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.models.decode import DecodedHeatmaps, SpreadCalibration, decode_heatmaps
+from muybridge.models.keypoints.decode import DecodedHeatmaps, SpreadCalibration, decode_heatmaps
 
 # The point is the centre of its own probability mass within this many bins, found in so many steps.
 _WINDOW_BINS = 5.5

@@ -4,7 +4,7 @@ which of two it is, or sees one better than the other. Two in one place are rare
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.models.patches import patches
+from muybridge.models.keypoints.patches import patches
 
 # Twins whose likeliest cells are no more than so many apart, along either axis, are in one place.
 _ONE_PLACE = 3

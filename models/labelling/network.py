@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from muybridge.models.label_messages import gather_messages
+from muybridge.models.labelling.message_passing import gather_messages
 
 # Seconds before and after a frame at which the window looks.
 WINDOW = (-0.3, -0.1, 0.1, 0.3)

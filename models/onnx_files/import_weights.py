@@ -13,8 +13,8 @@ import torch
 from torch import Tensor, nn
 
 from muybridge.errors import ModelError
-from muybridge.models.keypoint_net import CHANNELS, PLATE, KeypointNet
-from muybridge.models.people_net import MEAN, STD, PeopleNet
+from muybridge.models.keypoints.network import CHANNELS, PLATE, KeypointNet
+from muybridge.models.people.network import MEAN, STD, PeopleNet
 
 _HEADS = ("head", "visibility")
 
