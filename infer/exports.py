@@ -26,10 +26,10 @@ from muybridge.infer.session import Session
 from muybridge.infer.solve import Solution
 from muybridge.infer.stages import StageResult, StageStore, code_digest, digest
 from muybridge.infer.video import probe_video, read_chunks
-from muybridge.motion.formats.bvh import write_bvh
-from muybridge.motion.formats.c3d import write_c3d
-from muybridge.motion.formats.gltf import write_glb
-from muybridge.motion.formats.trc import write_trc
+from muybridge.motion.formats.skeletal.bvh import write_bvh
+from muybridge.motion.formats.points.c3d import write_c3d
+from muybridge.motion.formats.gltf.write import write_glb
+from muybridge.motion.formats.points.trc import write_trc
 
 Floats = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from muybridge.geometry.markers.tracking import Tracks
 from muybridge.infer.label_network import LabelNetwork
 from muybridge.infer.labelling import metres_of, upright
 from muybridge.models.keypoints.metadata import shipped_model
-from muybridge.motion.formats.marker_cloud import read_marker_cloud
+from muybridge.motion.formats.points.unlabelled import read_marker_cloud
 
 Float = NDArray[np.float64]
 _FRAMES = 200

@@ -21,10 +21,10 @@ from muybridge.infer.label_report import render_label_report
 from muybridge.infer.labelling import Labelled, LabelOptions, label_points, relabelled
 from muybridge.infer.outputs import open_output
 from muybridge.models.keypoints.metadata import shipped_model
-from muybridge.motion.formats.c3d import C3DTake, take_of, write_c3d
-from muybridge.motion.formats.marker_cloud import MarkerCloud, read_marker_cloud
-from muybridge.motion.formats.marker_set import find_marker_set
-from muybridge.motion.formats.points3d import check_fps
+from muybridge.motion.formats.points.c3d import C3DTake, take_of, write_c3d
+from muybridge.motion.formats.points.unlabelled import MarkerCloud, read_marker_cloud
+from muybridge.motion.formats.points.marker_protocol import find_marker_set
+from muybridge.motion.formats.points.common import check_fps
 
 FILES = ("labelled.c3d", "label.json", "report.html")
 CORRECTIONS = "corrections.txt"

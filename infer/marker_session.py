@@ -31,7 +31,7 @@ from muybridge.infer.session import Session, SessionOptions, open_session
 from muybridge.infer.solver_network import SolverNetwork, corrected
 from muybridge.infer.video import VideoInfo, read_chunks
 from muybridge.models.keypoints.metadata import shipped_model
-from muybridge.motion.formats.marker_set import find_marker_set
+from muybridge.motion.formats.points.marker_protocol import find_marker_set
 
 Array = NDArray[np.float64]
 
@@ -269,11 +269,11 @@ def _points(names: tuple[str, ...], kind: str, xyz: Array, fps: float) -> Points
 
 def _write(output: Any, session: Session, plan: MarkerPlan, found: FoundMarkers, points: Array, fit: MarkerFit,
            facts: dict[str, Any]) -> None:  # fmt: skip
-    from muybridge.motion.formats.bvh import write_bvh
-    from muybridge.motion.formats.c3d import write_c3d
-    from muybridge.motion.formats.gltf import write_glb
-    from muybridge.motion.formats.mot import write_mot
-    from muybridge.motion.formats.trc import write_trc
+    from muybridge.motion.formats.skeletal.bvh import write_bvh
+    from muybridge.motion.formats.points.c3d import write_c3d
+    from muybridge.motion.formats.gltf.write import write_glb
+    from muybridge.motion.formats.skeletal.mot import write_mot
+    from muybridge.motion.formats.points.trc import write_trc
 
     bare = _points(tuple(f"*{k + 1}" for k in range(found.points.shape[1])), "unnamed", found.points, session.fps)
     named = _points(plan.markers.labels, plan.markers.name, points, session.fps)

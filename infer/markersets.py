@@ -49,7 +49,7 @@ def markerset(
 
 def _show(name: str, out: Path | None, overwrite: bool) -> None:
     from muybridge.files import check_free
-    from muybridge.motion.formats.marker_set import find_marker_set, marker_set_text, write_marker_set
+    from muybridge.motion.formats.points.marker_protocol import find_marker_set, marker_set_text, write_marker_set
 
     plan = find_marker_set(name)
     if out is None:
@@ -63,7 +63,7 @@ def _show(name: str, out: Path | None, overwrite: bool) -> None:
 def _learn(trial: Path, out: Path | None, model: Path | None, overwrite: bool) -> None:
     from muybridge.files import check_free
     from muybridge.infer.label_learn import learn_marker_set
-    from muybridge.motion.formats.marker_set import write_marker_set
+    from muybridge.motion.formats.points.marker_protocol import write_marker_set
 
     path = out or Path(f"{trial.stem}.txt")
     check_free(path, overwrite, [trial])

@@ -299,11 +299,11 @@ def _facts(
 def _write(output: Any, fitted: BodyFit | MarkerFit, facts: dict[str, Any]) -> None:
     from muybridge.geometry.fitting.body_fit import landmarks_from_motion
     from muybridge.geometry.landmarks.arrays import BODY23, Points3D
-    from muybridge.motion.formats.bvh import write_bvh
-    from muybridge.motion.formats.c3d import write_c3d
-    from muybridge.motion.formats.gltf import write_glb
-    from muybridge.motion.formats.mot import write_mot
-    from muybridge.motion.formats.trc import write_trc
+    from muybridge.motion.formats.skeletal.bvh import write_bvh
+    from muybridge.motion.formats.points.c3d import write_c3d
+    from muybridge.motion.formats.gltf.write import write_glb
+    from muybridge.motion.formats.skeletal.mot import write_mot
+    from muybridge.motion.formats.points.trc import write_trc
 
     places = landmarks_from_motion(fitted.motion, fitted.body, BODY23)
     none = (0, *places.shape[:2])

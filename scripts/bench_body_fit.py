@@ -24,7 +24,7 @@ from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.geometry.fitting.scaling import calibrate_skeleton
 from muybridge.geometry.fitting.skeleton_fit import SkeletonFit, fit_online, fit_take, joint_rigging, solvable
-from muybridge.motion.formats.bvh import read_bvh
+from muybridge.motion.formats.skeletal.bvh import read_bvh
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 SIGMA, MISSING = 0.010, 0.05

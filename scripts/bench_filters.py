@@ -16,8 +16,8 @@ from measure_skeleton import as_points, cmu_truth
 from muybridge.geometry.smoothing.filters import FilterOptions, hampel, residual_cutoff, smooth
 from muybridge.geometry.smoothing.gaps import GAP_METHODS, fill_gaps
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
-from muybridge.motion.formats.bvh import read_bvh
-from muybridge.motion.formats.c3d import read_c3d
+from muybridge.motion.formats.skeletal.bvh import read_bvh
+from muybridge.motion.formats.points.c3d import read_c3d
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 GRIDS: dict[str, list[FilterOptions]] = {

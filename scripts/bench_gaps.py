@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.geometry.markers.cleaning import CleanOptions, Sample, clean_markers, gaps_of
-from muybridge.motion.formats.marker_cloud import read_marker_cloud
+from muybridge.motion.formats.points.unlabelled import read_marker_cloud
 
 
 def main() -> None:

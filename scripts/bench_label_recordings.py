@@ -18,8 +18,8 @@ from bench_labelling import Float, trial
 from muybridge.infer.label_network import LabelNetwork
 from muybridge.infer.labelling import label_points
 from muybridge.models.keypoints.metadata import shipped_model
-from muybridge.motion.formats.marker_cloud import read_marker_cloud
-from muybridge.motion.formats.marker_set import find_marker_set
+from muybridge.motion.formats.points.unlabelled import read_marker_cloud
+from muybridge.motion.formats.points.marker_protocol import find_marker_set
 
 PROTOCOLS = {"whole": (False, 0, 0, 0), "hard": (False, 5, 3, 50), "shuffled": (True, 0, 0, 0),
              "shuffled, 5 hidden, 3 ghosts": (True, 5, 3, 0)}  # fmt: skip

@@ -18,8 +18,8 @@ from muybridge.geometry.markers.tracking import TrackOptions
 from muybridge.infer.label_network import LabelNetwork
 from muybridge.infer.labelling import LabelOptions, label_points
 from muybridge.models.keypoints.metadata import shipped_model
-from muybridge.motion.formats.marker_cloud import read_marker_cloud
-from muybridge.motion.formats.marker_set import find_marker_set
+from muybridge.motion.formats.points.unlabelled import read_marker_cloud
+from muybridge.motion.formats.points.marker_protocol import find_marker_set
 
 Float = NDArray[np.float64]
 # Protocol: shuffled in every frame, most hidden a frame, ghosts a frame, broken trajectories.

@@ -144,7 +144,7 @@ def _run(folder: Path, truth: np.ndarray, views: np.ndarray) -> None:
     import subprocess
     import sys
 
-    from muybridge.motion.formats.c3d import read_c3d
+    from muybridge.motion.formats.points.c3d import read_c3d
 
     begun = time.perf_counter()
     command = [sys.executable, "-m", "muybridge", "run", str(folder), "--markers-in-video", "--overwrite"]

@@ -36,7 +36,7 @@ from muybridge.geometry.numerics.rotations import matrix_from_quat
 from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.infer.solver_network import SolverNetwork, corrected
 from muybridge.models.keypoints.metadata import shipped_model
-from muybridge.motion.formats.bvh import read_bvh
+from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.train.marker_clouds import MarkerBodies
 from muybridge.train.solver_takes import SolverTake, Spoiling, marker_columns, recorded_take, spoil
 

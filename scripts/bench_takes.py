@@ -21,7 +21,7 @@ from bench_people import match, matched_points
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import load_calibration
-from muybridge.motion.formats.trc import read_trc
+from muybridge.motion.formats.points.trc import read_trc
 from muybridge.train.evaluation import LIMB, MIRROR
 
 Floats = NDArray[np.float64]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from muybridge.infer.overlay import colour_of
-from muybridge.motion.formats.bvh import read_bvh
+from muybridge.motion.formats.skeletal.bvh import read_bvh
 
 HEIGHT, FPS, SECONDS = 400, 12.5, 4.0
 PAPER, GRID, INK = (247, 246, 243), (205, 202, 195), (51, 55, 61)

@@ -17,7 +17,7 @@ import numpy as np
 from muybridge.geometry.fitting.body_fit import FitOptions, fit_body, landmarks_from_motion
 from muybridge.geometry.landmarks.arrays import BODY23, Points3D
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
-from muybridge.motion.formats.bvh import read_bvh
+from muybridge.motion.formats.skeletal.bvh import read_bvh
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 LIMBS = (

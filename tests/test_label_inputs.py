@@ -9,8 +9,8 @@ import pytest
 from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
 from muybridge.infer.cli import run_command
 from muybridge.infer.labelling import _up
-from muybridge.motion.formats.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
-from muybridge.motion.formats.c3d_read import read_raw_c3d
+from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
+from muybridge.motion.formats.points.c3d_read import read_raw_c3d
 
 FRAMES, MARKERS = 20, 12
 

@@ -12,8 +12,8 @@ from muybridge.geometry.markers.tracking import track_points
 from muybridge.infer.blobs import find_blobs, find_threshold
 from muybridge.infer.cli import run_command
 from muybridge.infer.video import VideoWriter
-from muybridge.motion.formats.bvh import read_bvh
-from muybridge.motion.formats.c3d import read_c3d
+from muybridge.motion.formats.skeletal.bvh import read_bvh
+from muybridge.motion.formats.points.c3d import read_c3d
 from muybridge.train.marker_video import VideoFaults, draw_markers, ring_of_cameras
 
 

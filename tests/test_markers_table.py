@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE, Points3D, select_markers
-from muybridge.motion.formats.c3d import read_c3d, write_c3d
+from muybridge.motion.formats.points.c3d import read_c3d, write_c3d
 
 DATA = pathlib.Path(__file__).parents[2] / "shared/data/markers/tennis_serve_pig39.c3d"
 CMU_LABELS = """LFHD RFHD LBHD RBHD C7 T10 CLAV STRN RBAC LSHO LUPA LELB LFRM LWRA LWRB LFIN RSHO RUPA RELB RFRM RWRA

@@ -11,10 +11,10 @@ from muybridge.geometry.fitting.marker_fit import MarkerFitOptions
 from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.infer.cli import run_command
 from muybridge.infer.convert import convert
-from muybridge.motion.formats.bvh import read_bvh, write_bvh
-from muybridge.motion.formats.c3d import read_c3d, write_c3d
+from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
+from muybridge.motion.formats.points.c3d import read_c3d, write_c3d
 from muybridge.motion.formats.registry import ReadOptions, read_file, readable, writable
-from muybridge.motion.formats.trc import write_trc
+from muybridge.motion.formats.points.trc import write_trc
 
 
 def make_points(frames: int = 12) -> Points3D:

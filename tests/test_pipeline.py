@@ -22,9 +22,9 @@ from muybridge.geometry.landmarks.arrays import BODY23, PLUG_IN_GAIT, Points3D
 from muybridge.infer.cli import run_command
 from muybridge.infer.demo import score
 from muybridge.infer.keypoints import CameraTracks
-from muybridge.motion.formats.bvh import read_bvh
-from muybridge.motion.formats.c3d import read_c3d
-from muybridge.motion.formats.trc import read_trc
+from muybridge.motion.formats.skeletal.bvh import read_bvh
+from muybridge.motion.formats.points.c3d import read_c3d
+from muybridge.motion.formats.points.trc import read_trc
 
 FILES = {
     "points.trc", "points.c3d", "motion.bvh", "motion.glb", "report.html", "run.json", "calibration.toml",

@@ -5,9 +5,9 @@ import pytest
 
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
-from muybridge.motion.formats.csv_points import read_csv
-from muybridge.motion.formats.marker_cloud import read_marker_cloud
-from muybridge.motion.formats.trc import read_trc, write_trc
+from muybridge.motion.formats.points.csv import read_csv
+from muybridge.motion.formats.points.unlabelled import read_marker_cloud
+from muybridge.motion.formats.points.trc import read_trc, write_trc
 
 ROWS = 10
 

@@ -21,7 +21,7 @@ from muybridge.geometry.fitting.skeleton_fit import (
     joint_rigging,
     solvable,
 )
-from muybridge.motion.formats.bvh import read_bvh
+from muybridge.motion.formats.skeletal.bvh import read_bvh
 
 CMU = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "motion" / "01_01.bvh"
 

@@ -25,7 +25,7 @@ from muybridge.geometry.skeleton.rigid_bones import body_through
 from muybridge.models.correction.features import apply_corrections, carriers, mirrored, solver_input, target_of
 from muybridge.infer.solver_network import SolverNetwork, corrected
 from muybridge.models.correction.network import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
-from muybridge.motion.formats.bvh import read_bvh
+from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.train.marker_clouds import MarkerBodies
 from muybridge.train.options import SolverTraining
 from muybridge.train.solver import train

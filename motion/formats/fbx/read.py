@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
 from muybridge.geometry.skeleton.skeleton import Motion
-from muybridge.motion.formats.fbx_binary import read_fbx_nodes
-from muybridge.motion.formats.fbx_scene import Complaint, Model, Scene, read_scene
-from muybridge.motion.formats.world_axes import frame_times, motion_in_world_axes
+from muybridge.motion.formats.fbx.container import read_fbx_nodes
+from muybridge.motion.formats.fbx.scene import Complaint, Model, Scene, read_scene
+from muybridge.motion.formats.skeletal.world_axes import frame_times, motion_in_world_axes
 
 Array = NDArray[np.float64]
 

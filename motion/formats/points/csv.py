@@ -1,4 +1,4 @@
-"""Points as CSV: see `muybridge.motion.formats.table` for the columns."""
+"""Points as CSV: see `muybridge.motion.formats.points.columns` for the columns."""
 
 import csv
 from pathlib import Path
@@ -9,8 +9,8 @@ import numpy as np
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.motion.formats.points3d import read_text
-from muybridge.motion.formats.table import columns_of, is_coordinate, points_of
+from muybridge.motion.formats.points.common import read_text
+from muybridge.motion.formats.points.columns import columns_of, is_coordinate, points_of
 
 _MISSING = ("", "nan", "na", "null", "none", "-")
 

@@ -15,8 +15,8 @@ from muybridge import __version__
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat
 from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
-from muybridge.motion.formats.bone_mesh import bone_mesh, rest_positions
-from muybridge.motion.formats.bvh import BVH_FROM_WORLD
+from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions
+from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 
 Array = NDArray[np.float64]
 

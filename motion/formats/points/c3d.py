@@ -20,8 +20,14 @@ from muybridge import __version__
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.motion.formats.c3d_read import LAST_COUNTED, RawC3D, read_raw_c3d
-from muybridge.motion.formats.points3d import METRES_OF_UNIT, UP_PERMUTATION, check_unit, check_up, points_of_file
+from muybridge.motion.formats.points.c3d_read import LAST_COUNTED, RawC3D, read_raw_c3d
+from muybridge.motion.formats.points.common import (
+    METRES_OF_UNIT,
+    UP_PERMUTATION,
+    check_unit,
+    check_up,
+    points_of_file,
+)
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from muybridge.errors import FormatError
-from muybridge.motion.formats.fbx_binary import Node, Property
+from muybridge.motion.formats.fbx.container import Node, Property
 
 Array = NDArray[np.float64]
 Complaint = Callable[[str], FormatError]

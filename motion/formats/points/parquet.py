@@ -1,4 +1,4 @@
-"""Points as Parquet, through pyarrow: the columns of `muybridge.motion.formats.table` in double precision.
+"""Points as Parquet, through pyarrow: the columns of `muybridge.motion.formats.points.columns` in double precision.
 
 The frame rate, the unit and the landmark set are in the schema's metadata.
 """
@@ -11,7 +11,7 @@ import numpy as np
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.motion.formats.table import columns_of, points_of
+from muybridge.motion.formats.points.columns import columns_of, points_of
 
 
 def write_parquet(path: Path, points: Points3D) -> None:

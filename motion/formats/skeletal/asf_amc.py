@@ -24,8 +24,8 @@ from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat
 from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
-from muybridge.motion.formats.bvh import BVH_FROM_WORLD
-from muybridge.motion.formats.euler import smooth_euler
+from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
+from muybridge.motion.formats.skeletal.euler import smooth_euler
 
 Array = NDArray[np.float64]
 

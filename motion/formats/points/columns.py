@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.motion.formats.points3d import (
+from muybridge.motion.formats.points.common import (
     METRES_OF_UNIT,
     UNIT_WORDS,
     UP_PERMUTATION,

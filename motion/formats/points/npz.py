@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.motion.formats.points3d import METRES_OF_UNIT, UP_PERMUTATION, check_unit, check_up, points_of_file
+from muybridge.motion.formats.points.common import (
+    METRES_OF_UNIT,
+    UP_PERMUTATION,
+    check_unit,
+    check_up,
+    points_of_file,
+)
 
 _POINTS = ("points_world", "points3d_world", "points3d", "points", "keypoints3d", "joints3d", "xyz", "markers")
 _NAMES = ("names", "labels", "landmarks", "keypoint_names", "joint_names", "marker_names")
