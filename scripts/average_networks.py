@@ -14,10 +14,11 @@ import sys
 import onnx
 import torch
 
-from muybridge.train import keypoints, people
-from muybridge.train.averaging import average_keypoints, average_people
-from muybridge.train.evaluation import load_model
-from muybridge.train.publish import keypoint_net, people_net, publish_keypoints, publish_people
+from muybridge.train.keypoints import train as keypoints
+from muybridge.train.people import train as people
+from muybridge.train.engine.weight_averaging import average_keypoints, average_people
+from muybridge.train.keypoints.evaluate import load_model
+from muybridge.train.keypoints.export import keypoint_net, people_net, publish_keypoints, publish_people
 
 
 def main() -> None:

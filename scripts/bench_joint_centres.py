@@ -14,8 +14,8 @@ from bench_solver import DATA, read_motion
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.skeleton.joint_centres import METHODS, centres_from_markers
 from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.train.marker_clouds import MarkerBodies
-from muybridge.train.solver_takes import recorded_take
+from muybridge.train.synthesis.markers.trajectories import MarkerBodies
+from muybridge.train.correction.takes import recorded_take
 
 
 def main() -> None:

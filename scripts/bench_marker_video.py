@@ -17,11 +17,11 @@ import numpy as np
 from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT
 from muybridge.infer.blobs import find_blobs, find_threshold
 from muybridge.infer.marker_session import MarkerVideoOptions, find_markers, triangulate_again
-from muybridge.train.marker_clouds import MarkerBodies
-from muybridge.train.marker_rig import NAMES, bones_of
-from muybridge.train.marker_video import VideoFaults, draw_markers, markers_in_sight, ring_of_cameras
-from muybridge.train.motion_rig import forward, turn
-from muybridge.train.motions import MotionSampler
+from muybridge.train.synthesis.markers.trajectories import MarkerBodies
+from muybridge.train.synthesis.markers.rig import NAMES, bones_of
+from muybridge.train.synthesis.markers.video import VideoFaults, draw_markers, markers_in_sight, ring_of_cameras
+from muybridge.train.synthesis.motions.rig import forward, turn
+from muybridge.train.synthesis.motions.sampler import MotionSampler
 
 FPS = 120.0
 LIMBS = (

@@ -37,8 +37,8 @@ from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.infer.solver_network import SolverNetwork, corrected
 from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.motion.formats.skeletal.bvh import read_bvh
-from muybridge.train.marker_clouds import MarkerBodies
-from muybridge.train.solver_takes import SolverTake, Spoiling, marker_columns, recorded_take, spoil
+from muybridge.train.synthesis.markers.trajectories import MarkerBodies
+from muybridge.train.correction.takes import SolverTake, Spoiling, marker_columns, recorded_take, spoil
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "motion" / "01_01.bvh"
 CASES = {

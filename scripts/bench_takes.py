@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import load_calibration
 from muybridge.motion.formats.points.trc import read_trc
-from muybridge.train.evaluation import LIMB, MIRROR
+from muybridge.train.keypoints.evaluate import LIMB, MIRROR
 
 Floats = NDArray[np.float64]
 

@@ -17,11 +17,11 @@ from rich.progress import track
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.train.bodies import BodyModel
-from muybridge.train.ensemble import view_of
-from muybridge.train.render import Renderer, look_at
-from muybridge.train.takes import Room, choreograph, film, perform
-from muybridge.train.wardrobe import sample_outfit
+from muybridge.train.synthesis.bodies.body_model import BodyModel
+from muybridge.train.synthesis.rendering.multi_person_takes import view_of
+from muybridge.train.synthesis.rendering.renderer import Renderer, look_at
+from muybridge.train.synthesis.rendering.takes import Room, choreograph, film, perform
+from muybridge.train.synthesis.clothing.sample import sample_outfit
 
 SEED, SECONDS, FPS = 20261, 4.0, 25
 WIDTH, HEIGHT, FOCAL_PX = 640, 480, 560.0

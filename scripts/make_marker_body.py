@@ -14,10 +14,10 @@ import numpy as np
 
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.train.marker_augment import _LOOSE
-from muybridge.train.marker_clouds import STANDOFF, MarkerBodies
-from muybridge.train.marker_rig import NAMES, PARENTS, joints_of, rig_of
-from muybridge.train.markers import marker_table
+from muybridge.train.synthesis.markers.augment import _LOOSE
+from muybridge.train.synthesis.markers.trajectories import STANDOFF, MarkerBodies
+from muybridge.train.synthesis.markers.rig import NAMES, PARENTS, joints_of, rig_of
+from muybridge.train.synthesis.bodies.surface_markers import marker_table
 
 OUT = Path(__file__).resolve().parents[1] / "geometry" / "marker_body.npz"
 # Ranges in degrees, left side, of what BODY locks or knows too narrowly when markers tell it; and the prior's spread.

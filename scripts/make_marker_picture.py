@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.train.bodies import BodyModel
-from muybridge.train.markers import TABLE
-from muybridge.train.render import Renderer, View, look_at
-from muybridge.train.wardrobe import Outfit, bare_outfit
+from muybridge.train.synthesis.bodies.body_model import BodyModel
+from muybridge.train.synthesis.bodies.surface_markers import TABLE
+from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
+from muybridge.train.synthesis.clothing.sample import Outfit, bare_outfit
 
 DOCS = pathlib.Path(__file__).parents[1] / "docs"
 # Centre (metres), width (metres), direction to the camera, height and width (pixels), and which markers: all, or

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from muybridge.train.bodies import BODY_VERTICES, BodyModel
+from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
 
 Array = NDArray[np.float64]
 TABLE = pathlib.Path(__file__).parents[1] / "train/marker_table.csv"

@@ -18,9 +18,9 @@ from muybridge.geometry.ik.pose_prior import fit_prior, save_prior
 from muybridge.geometry.ik.tree import theta_of_rotations, tree_of_skeleton
 from muybridge.geometry.landmarks.arrays import BODY23, Points3D
 from muybridge.geometry.numerics.rotations import matrix_from_quat
-from muybridge.train.bodies import BodyModel
-from muybridge.train.motion_rig import Skeleton, forward, turn
-from muybridge.train.motions import MotionClip, MotionSampler
+from muybridge.train.synthesis.bodies.body_model import BodyModel
+from muybridge.train.synthesis.motions.rig import Skeleton, forward, turn
+from muybridge.train.synthesis.motions.sampler import MotionClip, MotionSampler
 
 FPS = 30.0
 JOINTS = {"shoulder": "upperarm01.", "elbow": "lowerarm01.", "wrist": "wrist.", "hip": "upperleg01.",

@@ -17,10 +17,10 @@ from rich.progress import track
 
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.train.bodies import BodyModel
-from muybridge.train.ensemble import cast, film_company, rig, view_of
-from muybridge.train.render import Renderer
-from muybridge.train.takes import Room
+from muybridge.train.synthesis.bodies.body_model import BodyModel
+from muybridge.train.synthesis.rendering.multi_person_takes import cast, film_company, rig, view_of
+from muybridge.train.synthesis.rendering.renderer import Renderer
+from muybridge.train.synthesis.rendering.takes import Room
 
 
 @dataclass(frozen=True)

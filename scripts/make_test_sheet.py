@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.models.keypoints.decode import NO_IDEA
 from muybridge.models.keypoints.metadata import shipped_model
-from muybridge.train.augment import WHOLE, Batch, Compositor
-from muybridge.train.backgrounds import make_backgrounds
-from muybridge.train.evaluation import load_model, read_crops
-from muybridge.train.loop import HELD_OUT
-from muybridge.train.renders import SIZE, load_renders
+from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.images.backgrounds import make_backgrounds
+from muybridge.train.keypoints.evaluate import load_model, read_crops
+from muybridge.train.engine.loop import HELD_OUT
+from muybridge.train.synthesis.rendering.store import SIZE, load_renders
 
 CASES, COLUMNS, TILE = 60, 10, 192
 LEFT, RIGHT, MIDDLE = (255, 140, 0), (0, 150, 255), (120, 255, 120)

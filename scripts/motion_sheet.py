@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.train.bodies import BodyModel
-from muybridge.train.motion_rig import Skeleton, forward, rot, turn
-from muybridge.train.motions import MOTIONS, MotionClip, MotionSampler
+from muybridge.train.synthesis.bodies.body_model import BodyModel
+from muybridge.train.synthesis.motions.rig import Skeleton, forward, rot, turn
+from muybridge.train.synthesis.motions.sampler import MOTIONS, MotionClip, MotionSampler
 
 FRAMES, TILE, SCALE = 12, 104, 46
 MIDDLE = ("root", "spine03", "spine01", "neck01", "head")

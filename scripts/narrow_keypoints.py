@@ -16,14 +16,14 @@ import onnx
 
 from muybridge.errors import ModelError
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
-from muybridge.train.augment import WHOLE, Compositor
-from muybridge.train.backgrounds import make_backgrounds
-from muybridge.train.evaluation import load_model
-from muybridge.train.keypoints import evaluate
-from muybridge.train.loop import HELD_OUT
-from muybridge.train.narrowing import narrowed
-from muybridge.train.publish import CALIBRATION_IMAGES, write_keypoints
-from muybridge.train.renders import SIZE, load_renders
+from muybridge.train.images.compositor import WHOLE, Compositor
+from muybridge.train.images.backgrounds import make_backgrounds
+from muybridge.train.keypoints.evaluate import load_model
+from muybridge.train.keypoints.train import evaluate
+from muybridge.train.engine.loop import HELD_OUT
+from muybridge.train.keypoints.prune import narrowed
+from muybridge.train.keypoints.export import CALIBRATION_IMAGES, write_keypoints
+from muybridge.train.synthesis.rendering.store import SIZE, load_renders
 
 SEED = 30_000
 

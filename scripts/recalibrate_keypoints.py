@@ -27,14 +27,20 @@ from muybridge.models.keypoints.decode import in_part
 from muybridge.models.onnx_files.quantization import int8_path, quantize
 from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS, KeypointModelCard, keypoint_card
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
-from muybridge.train.augment import WHOLE, Batch, Compositor
-from muybridge.train.backgrounds import make_backgrounds
-from muybridge.train.evaluation import load_model, read_batch
-from muybridge.train.keypoints import evaluate
-from muybridge.train.loop import HELD_OUT
-from muybridge.train.publish import CALIBRATION_IMAGES, calibration, version
-from muybridge.train.renders import SIZE, load_renders
-from muybridge.train.sigma import LEAST_OF_A_LANDMARK, Look, fitted_ratio, held_out, shares_of
+from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.images.backgrounds import make_backgrounds
+from muybridge.train.keypoints.evaluate import load_model, read_batch
+from muybridge.train.keypoints.train import evaluate
+from muybridge.train.engine.loop import HELD_OUT
+from muybridge.train.keypoints.export import CALIBRATION_IMAGES, calibration, version
+from muybridge.train.synthesis.rendering.store import SIZE, load_renders
+from muybridge.train.keypoints.variance_calibration import (
+    LEAST_OF_A_LANDMARK,
+    Look,
+    fitted_ratio,
+    held_out,
+    shares_of,
+)
 
 # Of the crops and of their backgrounds: no training's and no evaluation's.
 SEED = 20_000

@@ -232,7 +232,7 @@ def gone() -> Callable[[int], bool]:
 @pytest.fixture(scope="session")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A render store of bright sticks: a vertical bar whose ends and middle are the landmarks; training reads it."""
-    from muybridge.train.renders import SHARD, SIZE, shard_path
+    from muybridge.train.synthesis.rendering.store import SHARD, SIZE, shard_path
 
     folder = tmp_path_factory.mktemp("synthetic") / "renders"
     folder.mkdir()

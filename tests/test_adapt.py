@@ -26,10 +26,10 @@ from muybridge.infer.stages import StageStore
 from muybridge.models.pseudo_labels import Footage, load_footage, save_footage
 from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, people_net_from_onnx
-from muybridge.train.adaptation import View, adapted, agreement
-from muybridge.train.adaptation_publish import adapt
-from muybridge.train.augment import MIRROR
-from muybridge.train.evaluation import load_model
+from muybridge.train.keypoints.adapt import View, adapted, agreement
+from muybridge.train.keypoints.adapt_export import adapt
+from muybridge.train.images.compositor import MIRROR
+from muybridge.train.keypoints.evaluate import load_model
 from muybridge.train.options import Adaptation
 
 JOINTS = len(BODY23) + len(SURFACE)

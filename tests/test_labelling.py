@@ -17,7 +17,7 @@ from muybridge.infer.label_network import LabelNetwork  # noqa: E402
 from muybridge.infer.labelling import LabelOptions, label_points  # noqa: E402
 from muybridge.models.keypoints.metadata import shipped_model  # noqa: E402
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud  # noqa: E402
-from muybridge.train.marker_clouds import FPS, MarkerBodies  # noqa: E402
+from muybridge.train.synthesis.markers.trajectories import FPS, MarkerBodies  # noqa: E402
 
 SERVE = pathlib.Path(__file__).parents[2] / "shared" / "data" / "markers" / "tennis_serve_pig39.c3d"
 FRAMES = 96

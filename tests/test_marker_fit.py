@@ -21,7 +21,7 @@ from muybridge.geometry.fitting.marker_fit import (
 from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat
 from muybridge.infer.cli import run_command
 from muybridge.motion.formats.points.c3d import write_c3d
-from muybridge.train.solver_takes import Spoiling, spoil
+from muybridge.train.correction.takes import Spoiling, spoil
 
 FPS = 60.0
 QUICK = MarkerFitOptions(calibration_frames=40)

@@ -14,7 +14,7 @@ from muybridge.infer.cli import run_command
 from muybridge.infer.video import VideoWriter
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.motion.formats.points.c3d import read_c3d
-from muybridge.train.marker_video import VideoFaults, draw_markers, ring_of_cameras
+from muybridge.train.synthesis.markers.video import VideoFaults, draw_markers, ring_of_cameras
 
 
 def cloud(frames: int, count: int, rng: np.random.Generator, fps: float = 120.0) -> np.ndarray:

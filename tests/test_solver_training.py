@@ -26,13 +26,13 @@ from muybridge.models.correction.features import apply_corrections, carriers, mi
 from muybridge.infer.solver_network import SolverNetwork, corrected
 from muybridge.models.correction.network import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
 from muybridge.motion.formats.skeletal.bvh import read_bvh
-from muybridge.train.marker_clouds import MarkerBodies
+from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 from muybridge.train.options import SolverTraining
-from muybridge.train.solver import train
-from muybridge.train.solver_clips import FRAMES, SolverClips
-from muybridge.train.solver_fits import KEYS, examples
-from muybridge.train.solver_publish import _export, parity, publish_solver
-from muybridge.train.solver_takes import Spoiling, recorded_take, spoil
+from muybridge.train.correction.train import train
+from muybridge.train.correction.clips import FRAMES, SolverClips
+from muybridge.train.correction.examples import KEYS, examples
+from muybridge.train.correction.export import _export, parity, publish_solver
+from muybridge.train.correction.takes import Spoiling, recorded_take, spoil
 
 
 def test_spoiling_keeps_its_shares() -> None:
