@@ -42,7 +42,7 @@ from muybridge.geometry.sync.clocks import Clock
 from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.geometry.sync.motion import audio_clock, epipolar_clocks, motion_clocks
 from muybridge.geometry.triangulation.multiview import leave_one_out_error, triangulate
-from muybridge.infer.cli import run_command
+from muybridge.infer.commands.app import run_command
 
 Floats = NDArray[np.float64]
 _RIGS = 4

@@ -20,7 +20,7 @@ import numpy as np
 from bench_mediapipe import JOINTS, figures, reference
 from numpy.typing import NDArray
 
-from muybridge.infer.video import VideoWriter, probe_video, read_chunks
+from muybridge.infer.session.video import VideoWriter, probe_video, read_chunks
 from muybridge.motion.formats.points.trc import read_trc
 
 Frame = NDArray[np.uint8]

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from bench_labelling import Float, trial
 
-from muybridge.infer.label_network import LabelNetwork
-from muybridge.infer.labelling import label_points
+from muybridge.infer.networks.labelling import LabelNetwork
+from muybridge.infer.labelling.label import label_points
 from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud
 from muybridge.motion.formats.points.marker_protocol import find_marker_set

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.markers.tracking import TrackOptions
-from muybridge.infer.label_network import LabelNetwork
-from muybridge.infer.labelling import LabelOptions, label_points
+from muybridge.infer.networks.labelling import LabelNetwork
+from muybridge.infer.labelling.label import LabelOptions, label_points
 from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud
 from muybridge.motion.formats.points.marker_protocol import find_marker_set

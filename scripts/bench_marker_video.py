@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT
-from muybridge.infer.blobs import find_blobs, find_threshold
-from muybridge.infer.marker_session import MarkerVideoOptions, find_markers, triangulate_again
+from muybridge.infer.detection.blobs import find_blobs, find_threshold
+from muybridge.infer.reconstruction.marker_videos import MarkerVideoOptions, find_markers, triangulate_again
 from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 from muybridge.train.synthesis.markers.rig import NAMES, bones_of
 from muybridge.train.synthesis.markers.video import VideoFaults, draw_markers, markers_in_sight, ring_of_cameras
@@ -106,8 +106,8 @@ def main() -> None:
     print("blobs a camera:", round(float(np.mean([[len(s) for s in f] for f in seen])), 1))
     found = find_markers(cameras, seen, FPS, MarkerVideoOptions())
     print(f"unnamed: {score(found.points, truth, views)}; {time.process_time() - begun:.1f} s")
-    from muybridge.infer.label_network import LabelNetwork
-    from muybridge.infer.labelling import label_points
+    from muybridge.infer.networks.labelling import LabelNetwork
+    from muybridge.infer.labelling.label import label_points
     from muybridge.models.keypoints.metadata import shipped_model
 
     labelled = label_points(found.points, FPS, PLUG_IN_GAIT, LabelNetwork(shipped_model("labels")))
@@ -132,7 +132,7 @@ def named(points: np.ndarray, truth: np.ndarray, views: np.ndarray, title: str) 
 
 def _writers(folder: Path, cameras: object) -> list:
     from muybridge.geometry.calibration import save_calibration
-    from muybridge.infer.video import VideoWriter
+    from muybridge.infer.session.video import VideoWriter
 
     (folder / "videos").mkdir(parents=True, exist_ok=True)
     save_calibration(cameras, folder / "calibration.toml")

@@ -33,7 +33,7 @@ from muybridge.geometry.triangulation.shape_prior import with_pose_prior
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.geometry.triangulation.left_right import repair_swaps
 from muybridge.geometry.triangulation.multiview import triangulate
-from muybridge.infer.tracking import Tracker, TrackOptions
+from muybridge.infer.detection.tracker import Tracker, TrackOptions
 from muybridge.models.keypoints.decode import DetectedPeople
 
 WIDTH, HEIGHT = 1920, 1080

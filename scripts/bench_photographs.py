@@ -42,10 +42,10 @@ def frames(video: Path) -> np.ndarray:
 
 def boxes(video: Path, out: Path) -> None:
     """Writes (N,) numbers of frames and (N, 4) boxes, px."""
-    from muybridge.infer.onnx import PeopleNetwork
-    from muybridge.infer.people import PeopleDetector, PeopleOptions
-    from muybridge.infer.plates import Backdrop
-    from muybridge.infer.upright import Letterbox, upright_for
+    from muybridge.infer.networks.keypoints import PeopleNetwork
+    from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
+    from muybridge.infer.detection.background import Backdrop
+    from muybridge.infer.detection.orientation import Letterbox, upright_for
     from muybridge.models.keypoints.metadata import shipped_model
 
     pictures = frames(video)[..., ::-1]
@@ -67,7 +67,7 @@ def find(video: Path, given: Path, out: Path) -> None:
 def score(video: Path, given: Path) -> None:
     """Prints the table."""
     from muybridge.geometry.landmarks.arrays import BODY23
-    from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
+    from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
     from muybridge.models.keypoints.metadata import shipped_model
 
     joints = [BODY23.index(name) for name in JOINTS]
@@ -91,7 +91,7 @@ def agreement(
     against points of `JOINTS` (N, 12, 2), px, of which those `seen` (N, 12) count."""
     from muybridge.geometry.cameras.crops import crops_for_boxes
     from muybridge.geometry.landmarks.arrays import BODY23
-    from muybridge.infer.crops import extract_crops
+    from muybridge.infer.detection.crop_pixels import extract_crops
 
     joints = [BODY23.index(name) for name in JOINTS]
     other = [joints.index(BODY23.mirror[joint]) for joint in joints]

@@ -19,7 +19,7 @@ from bench_mediapipe import JOINTS
 from bench_photographs import WAYS, agreement
 from numpy.typing import NDArray
 
-from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
+from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
 from muybridge.models.keypoints.metadata import shipped_model
 
 MARGIN = 0.06

@@ -34,7 +34,7 @@ from muybridge.geometry.fitting.marker_fit import (
 from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
 from muybridge.geometry.numerics.rotations import matrix_from_quat
 from muybridge.geometry.skeleton.skeleton import Motion
-from muybridge.infer.solver_network import SolverNetwork, corrected
+from muybridge.infer.networks.correction import SolverNetwork, corrected
 from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.train.synthesis.markers.trajectories import MarkerBodies

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from muybridge.infer.overlay import colour_of
+from muybridge.infer.results.overlay import colour_of
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 
 HEIGHT, FPS, SECONDS = 400, 12.5, 4.0

@@ -13,16 +13,16 @@ import torch
 from muybridge.errors import FormatError, MissingExtraError, ModelError, SessionError
 from muybridge.geometry.sync.clocks import Clock, own_frames
 from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
-from muybridge.infer import adapt as command
-from muybridge.infer import pipeline
-from muybridge.infer.cli import run_command
-from muybridge.infer.demo import demo_folder, true_points
-from muybridge.infer.detect import DetectOptions, open_models
-from muybridge.infer.footage import FootageOptions, _held_out, collect
-from muybridge.infer.pipeline import RunOptions, follow
-from muybridge.infer.progress import Progress
-from muybridge.infer.session import open_session
-from muybridge.infer.stages import StageStore
+from muybridge.infer.commands import adapt as command
+from muybridge.infer.pipelines import videos as pipeline
+from muybridge.infer.commands.app import run_command
+from muybridge.infer.pipelines.demo import demo_folder, true_points
+from muybridge.infer.detection.detect import DetectOptions, open_models
+from muybridge.infer.pipelines.pseudo_labels import FootageOptions, _held_out, collect
+from muybridge.infer.pipelines.videos import RunOptions, follow
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.session.session import open_session
+from muybridge.infer.runtime.stages import StageStore
 from muybridge.models.pseudo_labels import Footage, load_footage, save_footage
 from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, people_net_from_onnx

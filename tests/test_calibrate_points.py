@@ -11,9 +11,9 @@ from muybridge.geometry.calibration.resection import KnownPoints, calibrate_poin
 from muybridge.geometry.calibration.world import check_shape, moved, on_points
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
-from muybridge.infer.calibrate_points import read_points
-from muybridge.infer.calibrate_world import people_world
-from muybridge.infer.cli import run_command
+from muybridge.infer.commands.calibrate.points import read_points
+from muybridge.infer.commands.calibrate.world import people_world
+from muybridge.infer.commands.app import run_command
 
 SIZE = (1280, 720)
 

@@ -20,9 +20,9 @@ from muybridge.geometry.calibration.diagnosis.quality import (
 )
 from muybridge.geometry.calibration.bundle_adjustment.result import solved
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.infer.calibrate_check import person_to_check, told
-from muybridge.infer.calibration_report import CalibrationPage, calibration_findings, render_calibration
-from muybridge.infer.calibration_stage import packed, unpacked
+from muybridge.infer.commands.calibrate.check import person_to_check, told
+from muybridge.infer.report.calibration_page import CalibrationPage, calibration_findings, render_calibration
+from muybridge.infer.reconstruction.judge_calibration import packed, unpacked
 
 
 def _rig(count: int = 4) -> CameraGroup:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.crops import crops_for_boxes, virtual_views
-from muybridge.infer.crops import extract_crops
+from muybridge.infer.detection.crop_pixels import extract_crops
 
 
 def _look_at(position: NDArray[np.float64], target: NDArray[np.float64], roll: float) -> NDArray[np.float64]:

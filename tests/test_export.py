@@ -13,7 +13,7 @@ import onnxruntime  # noqa: E402
 
 from muybridge.errors import ModelError  # noqa: E402
 from muybridge.geometry.landmarks.arrays import BODY23  # noqa: E402
-from muybridge.infer.onnx import KeypointNetwork, OnnxOptions  # noqa: E402
+from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions  # noqa: E402
 from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
 from muybridge.models.onnx_files.export import export_onnx  # noqa: E402
 from muybridge.models.keypoints.network import PLATE, KeypointNet, PlateApart  # noqa: E402
@@ -42,7 +42,7 @@ def demo_crops(repository: pathlib.Path) -> np.ndarray:
     import av
 
     from muybridge.geometry.cameras.crops import crops_for_boxes
-    from muybridge.infer.crops import extract_crops
+    from muybridge.infer.detection.crop_pixels import extract_crops
 
     crops, side = [], KeypointNetwork(shipped_model("keypoints")).crop_size
     for video in sorted((repository / "infer" / "demo_take" / "videos").iterdir()):

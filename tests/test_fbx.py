@@ -9,7 +9,7 @@ import numpy as np
 from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
 from muybridge.geometry.skeleton.skeleton import Motion
-from muybridge.infer.cli import run_command
+from muybridge.infer.commands.app import run_command
 from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh
 from muybridge.motion.formats.fbx.write import write_fbx
 from muybridge.motion.formats.gltf.write import write_glb

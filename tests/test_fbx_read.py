@@ -16,7 +16,7 @@ from muybridge.errors import FormatError
 from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
 from muybridge.geometry.skeleton.skeleton import Motion
-from muybridge.infer.cli import run_command
+from muybridge.infer.commands.app import run_command
 from muybridge.motion.formats.fbx.write import write_fbx
 from muybridge.motion.formats.fbx.container import Node, Table, read_fbx_nodes, write_fbx_nodes
 from muybridge.motion.formats.fbx.read import read_fbx

@@ -10,7 +10,7 @@ pytest.importorskip("anny")
 
 from muybridge.errors import ModelError  # noqa: E402
 from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT, SURFACE  # noqa: E402
-from muybridge.infer.label_network import LabelNetwork  # noqa: E402
+from muybridge.infer.networks.labelling import LabelNetwork  # noqa: E402
 from muybridge.models.labelling.message_passing import gather_messages  # noqa: E402
 from muybridge.models.labelling.network import WINDOW, LabelNet, sinkhorn  # noqa: E402
 from muybridge.train.labelling import train as labels  # noqa: E402

@@ -8,7 +8,7 @@ from muybridge.geometry.calibration.gravity import believed_up, lean_note, level
 from muybridge.geometry.calibration.world import moved
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.geometry.landmarks.arrays import LandmarkSet
-from muybridge.infer.session import open_session
+from muybridge.infer.session.session import open_session
 
 Z_UP = np.array([0.0, 0.0, 1.0])
 

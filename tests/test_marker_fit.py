@@ -19,7 +19,7 @@ from muybridge.geometry.fitting.marker_fit import (
     settle_frames,
 )
 from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat
-from muybridge.infer.cli import run_command
+from muybridge.infer.commands.app import run_command
 from muybridge.motion.formats.points.c3d import write_c3d
 from muybridge.train.correction.takes import Spoiling, spoil
 

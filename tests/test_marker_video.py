@@ -9,9 +9,9 @@ import pytest
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.markers.matching import MatchOptions, follow_points, match_points, without_ghosts
 from muybridge.geometry.markers.tracking import track_points
-from muybridge.infer.blobs import find_blobs, find_threshold
-from muybridge.infer.cli import run_command
-from muybridge.infer.video import VideoWriter
+from muybridge.infer.detection.blobs import find_blobs, find_threshold
+from muybridge.infer.commands.app import run_command
+from muybridge.infer.session.video import VideoWriter
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.motion.formats.points.c3d import read_c3d
 from muybridge.train.synthesis.markers.video import VideoFaults, draw_markers, ring_of_cameras

@@ -10,7 +10,7 @@ import pytest
 
 from muybridge.errors import OutputError, VideoError
 from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.infer.overlay import (
+from muybridge.infer.results.overlay import (
     LEFT,
     MIDDLE,
     REJECTED,

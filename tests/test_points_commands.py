@@ -12,8 +12,8 @@ from muybridge.geometry.skeleton.aliases import body_landmark, map_body, map_sur
 from muybridge.geometry.landmarks.arrays import BODY23, PLUG_IN_GAIT, LandmarkSet, Points3D
 from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
 from muybridge.geometry.skeleton.skeleton import Motion
-from muybridge.infer.cli import run_command
-from muybridge.infer.compare import compare_points
+from muybridge.infer.commands.app import run_command
+from muybridge.infer.commands.compare import compare_points
 from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
 from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
 from muybridge.motion.formats.points.csv import write_csv

@@ -13,8 +13,8 @@ import pytest
 
 from muybridge.geometry.cameras.crops import crops_for_boxes
 from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.infer.crops import extract_crops
-from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
+from muybridge.infer.detection.crop_pixels import extract_crops
+from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
 from muybridge.models.keypoints.metadata import shipped_model
 
 

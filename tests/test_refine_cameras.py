@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D
-from muybridge.infer import refine_cameras
-from muybridge.infer.progress import Progress
-from muybridge.infer.session import Session, SessionOptions, open_session
-from muybridge.infer.stages import StageStore
+from muybridge.infer.reconstruction import refine_cameras
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.session.session import Session, SessionOptions, open_session
+from muybridge.infer.runtime.stages import StageStore
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ import pytest
 from muybridge.errors import OutputError
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.geometry.landmarks.arrays import BODY23, Points3D
-from muybridge.infer.report import (
+from muybridge.infer.report.page import (
     ReportData,
     Thumbnail,
     pick_thumbnail_frames,
@@ -22,7 +22,7 @@ from muybridge.infer.report import (
     render_report,
     write_report,
 )
-from muybridge.infer.report_figures import (
+from muybridge.infer.report.figures import (
     BoneFigures,
     bone_figures,
     camera_figures,
@@ -32,8 +32,8 @@ from muybridge.infer.report_figures import (
     jumps,
     timeline,
 )
-from muybridge.infer.report_findings import findings, verdict
-from muybridge.infer.report_sections import PersonPage
+from muybridge.infer.report.findings import findings, verdict
+from muybridge.infer.report.sections import PersonPage
 
 J = len(BODY23)
 FPS = 60.0

@@ -23,7 +23,7 @@ from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat
 from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.geometry.skeleton.rigid_bones import body_through
 from muybridge.models.correction.features import apply_corrections, carriers, mirrored, solver_input, target_of
-from muybridge.infer.solver_network import SolverNetwork, corrected
+from muybridge.infer.networks.correction import SolverNetwork, corrected
 from muybridge.models.correction.network import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.train.synthesis.markers.trajectories import MarkerBodies

@@ -20,8 +20,8 @@ from muybridge.geometry.sync.motion import (
     motion_clocks,
     resample,
 )
-from muybridge.infer.sync import SyncResult, disagreements, read_audio, write_sync
-from muybridge.infer.sync_file import first_frames_in_common, read_sync
+from muybridge.infer.commands.sync import SyncResult, disagreements, read_audio, write_sync
+from muybridge.infer.session.sync_file import first_frames_in_common, read_sync
 
 FPS = 60.0
 

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.infer.poses import PoseReader, Poses
-from muybridge.infer.tracking import BoxSmoother, TrackedFrame, Tracker, TrackOptions
-from muybridge.infer.upright import Upright
+from muybridge.infer.detection.crop_reader import PoseReader, Poses
+from muybridge.infer.detection.tracker import BoxSmoother, TrackedFrame, Tracker, TrackOptions
+from muybridge.infer.detection.orientation import Upright
 from muybridge.models.keypoints.decode import DetectedPeople
 
 

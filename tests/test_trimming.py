@@ -4,7 +4,7 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
+from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
 from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.models.onnx_files.prune_outputs import without_outputs
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
+from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
 from muybridge.models.keypoints import test_time as turning
 from muybridge.models.keypoints.decode import NO_IDEA
 from muybridge.models.keypoints.metadata import shipped_model

@@ -5,7 +5,7 @@ virtual pinhole camera at the same centre that looks at the middle of the person
 crop: rolled cameras, portrait phones and the stretched corners of wide lenses then look alike to the network.
 Where no calibration is known the crop is a plain square.
 
-Pixels (`muybridge.infer.crops`) and points go through the same homography. Inside a crop the lens is
+Pixels (`muybridge.infer.detection.crop_pixels`) and points go through the same homography. Inside a crop the lens is
 approximated by the homography that is exact at four points half-way to the corners (exact everywhere for a
 lens without distortion). Outside the image a crop is black: training does the same.
 """

@@ -1,7 +1,7 @@
 """Shipped weights and what a network's file says about itself.
 
 A network of ours is an ONNX file whose metadata names its kind, version, input and meaning. The metadata is
-read by whoever opens the file (`muybridge.infer.onnx`, or the exporter's own check) and parsed here, once,
+read by whoever opens the file (`muybridge.infer.networks.keypoints`, or the exporter's own check) and parsed here, once,
 into a frozen card. Formats are described in docs/embedding.md.
 """
 
