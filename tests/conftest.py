@@ -1,5 +1,6 @@
 """What every test may use: where the repository is and where real recordings are, if there are any."""
 
+import importlib
 import importlib.util
 import os
 import subprocess
@@ -18,10 +19,9 @@ from numpy.typing import NDArray
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.infer.commands.app import run_command
+from tests.paths import REPOSITORY, SHARED
 
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")
-
-REPOSITORY = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture(scope="session")
@@ -33,7 +33,7 @@ def repository() -> Path:
 @pytest.fixture(scope="session")
 def real_data() -> Path:
     """Folder with real recordings beside the repository; the test is skipped where it is absent."""
-    folder = REPOSITORY.parent / "shared" / "data"
+    folder = SHARED / "data"
     if not folder.is_dir():
         pytest.skip("no real recordings beside the checkout (../shared/data)")
     return folder
@@ -169,15 +169,14 @@ def staged_people() -> ModuleType:
 
 @pytest.fixture(scope="session")
 def script() -> Callable[[str], ModuleType]:
-    """One of `scripts/` as a module, by name; it may import others there."""
+    """One of `scripts/` as a module, by dotted name."""
 
     def load(name: str) -> ModuleType:
-        folder = REPOSITORY / "scripts"
-        sys.path.insert(0, str(folder))
+        sys.path.insert(0, str(REPOSITORY))
         try:
-            return _module(folder / f"{name}.py")
+            return importlib.import_module(f"scripts.{name}")
         finally:
-            sys.path.remove(str(folder))
+            sys.path.remove(str(REPOSITORY))
 
     return load
 

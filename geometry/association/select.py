@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
+from muybridge.geometry.association.tracker import AssociateOptions, track_people
 from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
-from muybridge.geometry.association.tracker import AssociateOptions, track_people
 from muybridge.geometry.numerics.robust import extent, row_median
 from muybridge.geometry.triangulation.multiview import triangulate
 

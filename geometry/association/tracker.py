@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.association.tracks import Body, rejoined, without_doubles, without_shadows, without_stray_end
+from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.cameras.rays import nearest_points, pair_points, ray_directions
+from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.numerics.robust import extent
 
 _Floats = NDArray[np.float64]

@@ -31,8 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, LensPrior, adjust
 from muybridge.geometry.calibration.board.intrinsics import Lens, lens_prior
+from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, LensPrior, adjust
 from muybridge.geometry.calibration.bundle_adjustment.result import Solved, solved
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import CalibrationError
-from muybridge.geometry.cameras.camera import Camera, CameraGroup, camera_from_colmap, colmap_camera
 from muybridge.geometry.cameras._pycolmap import pycolmap
+from muybridge.geometry.cameras.camera import Camera, CameraGroup, camera_from_colmap, colmap_camera
 
 Floats = NDArray[np.float64]
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.skeleton.body import BODY, SHAPE_PRIOR, STATURE_M, STATURE_SD_M, Body, BodyModel, prior_shape
 from muybridge.geometry.fitting.bone_lengths import length_equations
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem, landmark_positions, solve_in_stretches
 from muybridge.geometry.fitting.initial_pose import start_pose
 from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
 from muybridge.geometry.numerics.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
+from muybridge.geometry.skeleton.body import BODY, SHAPE_PRIOR, STATURE_M, STATURE_SD_M, Body, BodyModel, prior_shape
 from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.geometry.smoothing.kalman import SmoothOptions, clean_points, known_points, smooth_points
 

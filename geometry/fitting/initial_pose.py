@@ -7,7 +7,6 @@ would follow from it keep the prior's angle.
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.skeleton.body import BodyModel
 from muybridge.geometry.numerics.rotations import (
     exp_so3,
     kabsch,
@@ -15,6 +14,7 @@ from muybridge.geometry.numerics.rotations import (
     matrix_from_swing_twist,
     swing_twist_from_matrix,
 )
+from muybridge.geometry.skeleton.body import BodyModel
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.skeleton.body import Body
 from muybridge.geometry.fitting._chain_kernel import Chain, compiled, make_chain
 from muybridge.geometry.fitting._kalman_kernel import settle
 from muybridge.geometry.fitting.gauss_newton import (
@@ -26,11 +25,12 @@ from muybridge.geometry.fitting.gauss_newton import (
     moved,
     solve_in_stretches,
 )
-from muybridge.geometry.skeleton.joint_centres import JointCentres
-from muybridge.geometry.skeleton.statistical_body import MarkerBody, body_of, marker_body, without_rolls
-from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
 from muybridge.geometry.fitting.skeleton_fit import Rigging, SkeletonFitOptions, fit_online, solvable
+from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
+from muybridge.geometry.skeleton.body import Body
+from muybridge.geometry.skeleton.joint_centres import JointCentres
+from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.statistical_body import MarkerBody, body_of, marker_body, without_rolls
 
 Array = NDArray[np.float64]
 

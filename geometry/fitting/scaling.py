@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from muybridge.geometry.fitting.bone_lengths import length_equations
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem, landmark_positions
-from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.geometry.fitting.skeleton_fit import (
     Rigging,
     SkeletonFit,
@@ -18,6 +17,7 @@ from muybridge.geometry.fitting.skeleton_fit import (
     take_problem,
     weighed,
 )
+from muybridge.geometry.skeleton.skeleton import Skeleton
 
 Array = NDArray[np.float64]
 

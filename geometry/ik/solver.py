@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.optimize import LinearConstraint
 
 from muybridge.geometry.ik.ccd_fabrik import cyclic_descent, fabrik, make_nodes
-from muybridge.geometry.ik.pose_prior import PosePrior, solve_by_examples
 from muybridge.geometry.ik.jacobian import DAMPED, NULL_SPACE, PSEUDO_INVERSE, TRANSPOSE, follow_jacobian
 from muybridge.geometry.ik.nonlinear import solve_programme
+from muybridge.geometry.ik.pose_prior import PosePrior, solve_by_examples
 from muybridge.geometry.ik.tree import Goal, KinematicTree, errors, make_wishes
 
 Array = NDArray[np.float64]

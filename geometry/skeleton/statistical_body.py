@@ -1,7 +1,7 @@
 """The body that skin markers are fitted to: joints, and every marker of SURFACE on the bone that carries it.
 
 Its numbers are the mean and principal components of a statistical body over people of all ages and builds
-(`scripts/make_marker_body.py`). Joints are `body.BODY`'s and a roll in each forearm: pronation turns the wrist's
+(`scripts/assets/marker_body.py`). Joints are `body.BODY`'s and a roll in each forearm: pronation turns the wrist's
 markers and not the elbow's.
 """
 
@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.skeleton.body import BODY, Body
 from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.skeleton.body import BODY, Body
 from muybridge.geometry.skeleton.skeleton import Skeleton
 
 Array = NDArray[np.float64]

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.smoothing.filters import FilterOptions, smooth
 from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
 from muybridge.geometry.smoothing._kernel import exchanged_path, smooth_all
+from muybridge.geometry.smoothing.filters import FilterOptions, smooth
 
 Array = NDArray[np.float64]
 Method = Literal["kalman", "butterworth", "savgol", "gcv_spline", "gaussian", "median", "loess"]

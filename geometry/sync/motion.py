@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.sync.clocks import MAD_SIGMA, UNKNOWN, Clock, Delays, clock_from_delays, parabola, resample
 from muybridge.geometry.sync.audio import audio_clock
+from muybridge.geometry.sync.clocks import MAD_SIGMA, UNKNOWN, Clock, Delays, clock_from_delays, parabola, resample
 
 __all__ = [
     "UNKNOWN",

@@ -26,8 +26,8 @@ from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
 from muybridge.geometry.numerics.robust import row_median
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
-from muybridge.geometry.triangulation.multiview import TriangulateOptions, Triangulation, limits_of, views_of
 from muybridge.geometry.triangulation._kernel import Limits
+from muybridge.geometry.triangulation.multiview import TriangulateOptions, Triangulation, limits_of, views_of
 
 Array = NDArray[np.float64]
 # Fewer show no body.

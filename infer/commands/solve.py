@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
 from muybridge.geometry.fitting.body_fit import BodyFit, FitOptions
-from muybridge.geometry.triangulation.plausibility import trunk_of
 from muybridge.geometry.fitting.marker_fit import MarkerFit, MarkerFitOptions
+from muybridge.geometry.triangulation.plausibility import trunk_of
 
 if TYPE_CHECKING:
     from muybridge.infer.networks.correction import SolverNetwork
@@ -146,9 +146,9 @@ def _fit_markers(
     path: Path, labelled: Labelled, points: Any, centres: tuple[str, ...], options: MarkerFitOptions,
     corrector: "SolverNetwork | None",
 ) -> MarkerFit:  # fmt: skip
-    from muybridge.geometry.skeleton.joint_centres import centres_from_markers
-    from muybridge.geometry.landmarks.arrays import SURFACE
     from muybridge.geometry.fitting.marker_fit import fit_markers
+    from muybridge.geometry.landmarks.arrays import SURFACE
+    from muybridge.geometry.skeleton.joint_centres import centres_from_markers
     from muybridge.infer.networks.correction import corrected
 
     if not labelled.columns:
@@ -168,8 +168,8 @@ def understand(path: Path, points: Any) -> Labelled:
     """
     from dataclasses import replace
 
-    from muybridge.geometry.skeleton.aliases import map_body, map_surface, one_of_several
     from muybridge.geometry.landmarks.arrays import BODY23
+    from muybridge.geometry.skeleton.aliases import map_body, map_surface, one_of_several
     from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
 
     names = points.landmarks.names
@@ -210,8 +210,8 @@ def stature_of(points_world: Floats) -> float:
     Args:
         points_world: (T, 23, 3) of BODY23.
     """
-    from muybridge.geometry.skeleton.body import SHAPE_PRIOR
     from muybridge.geometry.landmarks.arrays import BODY23
+    from muybridge.geometry.skeleton.body import SHAPE_PRIOR
 
     pairs = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"),
              "shin": ("knee", "ankle"), "trunk": ("hip", "shoulder")}  # fmt: skip
@@ -299,11 +299,11 @@ def _facts(
 def _write(output: Any, fitted: BodyFit | MarkerFit, facts: dict[str, Any]) -> None:
     from muybridge.geometry.fitting.body_fit import landmarks_from_motion
     from muybridge.geometry.landmarks.arrays import BODY23, Points3D
-    from muybridge.motion.formats.skeletal.bvh import write_bvh
-    from muybridge.motion.formats.points.c3d import write_c3d
     from muybridge.motion.formats.gltf.write import write_glb
-    from muybridge.motion.formats.skeletal.mot import write_mot
+    from muybridge.motion.formats.points.c3d import write_c3d
     from muybridge.motion.formats.points.trc import write_trc
+    from muybridge.motion.formats.skeletal.bvh import write_bvh
+    from muybridge.motion.formats.skeletal.mot import write_mot
 
     places = landmarks_from_motion(fitted.motion, fitted.body, BODY23)
     none = (0, *places.shape[:2])

@@ -12,13 +12,13 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.crops import Crops, crops_for_boxes
 from muybridge.geometry.landmarks.arrays import LandmarkSet
 from muybridge.geometry.numerics.robust import row_median
+from muybridge.infer.detection.background import Backdrop, SmallFrames
 from muybridge.infer.detection.crop_pixels import extract_crops
 from muybridge.infer.detection.exposure import light_up
-from muybridge.infer.networks.keypoints import Expectation, KeypointNetwork, Located
-from muybridge.infer.networks.external import OtherNetwork
-from muybridge.infer.detection.background import Backdrop, SmallFrames
-from muybridge.infer.detection.tracker import filled_boxes, smoothed_boxes, smoothing_frames
 from muybridge.infer.detection.orientation import Upright
+from muybridge.infer.detection.tracker import filled_boxes, smoothed_boxes, smoothing_frames
+from muybridge.infer.networks.external import OtherNetwork
+from muybridge.infer.networks.keypoints import Expectation, KeypointNetwork, Located
 from muybridge.models.keypoints.decode import DecodedHeatmaps, sigmoid
 from muybridge.models.keypoints.test_time import Series
 

@@ -17,20 +17,20 @@ from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks.arrays import LandmarkSet
-from muybridge.infer.detection.exposure import stretch
-from muybridge.infer.detection.pose_estimator import CameraTracks, KeypointOptions, PoseEstimator
-from muybridge.infer.networks.keypoints import SIZES, PeopleNetwork
-from muybridge.infer.networks.external import open_keypoints
-from muybridge.infer.detection.resample import Repeats, hangs
 from muybridge.infer.detection.background import Backdrop
-from muybridge.infer.runtime.progress import Progress, Task
-from muybridge.infer.session.session import Session
-from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest, file_digest
+from muybridge.infer.detection.exposure import stretch
 from muybridge.infer.detection.orientation import Letterbox, Upright, upright_for
+from muybridge.infer.detection.pose_estimator import CameraTracks, KeypointOptions, PoseEstimator
+from muybridge.infer.detection.resample import Repeats, hangs
+from muybridge.infer.networks.external import open_keypoints
+from muybridge.infer.networks.keypoints import SIZES, PeopleNetwork
+from muybridge.infer.runtime.progress import Progress, Task
+from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest, file_digest
+from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import VideoWriter, fit_inside, read_chunks
 from muybridge.models.keypoints.external import find_card
-from muybridge.models.keypoints.rescale import FIRST_LOOK
 from muybridge.models.keypoints.metadata import Precision, shipped_model
+from muybridge.models.keypoints.rescale import FIRST_LOOK
 
 _T = TypeVar("_T")
 MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]

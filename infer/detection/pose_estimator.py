@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.landmarks.arrays import SURFACE, Keypoints2D, LandmarkSet
-from muybridge.infer.networks.keypoints import OnnxOptions, PeopleNetwork
-from muybridge.infer.networks.external import open_keypoints
-from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
 from muybridge.infer.detection.background import Backdrop
 from muybridge.infer.detection.crop_reader import Pictures, PoseReader
-from muybridge.infer.detection.tracker import BoxSmoother, Tracker, TrackOptions
 from muybridge.infer.detection.orientation import Letterbox, upright_for
+from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
+from muybridge.infer.detection.tracker import BoxSmoother, Tracker, TrackOptions
+from muybridge.infer.networks.external import open_keypoints
+from muybridge.infer.networks.keypoints import OnnxOptions, PeopleNetwork
 
 # Frames worked on together: it bounds memory and is how far the boxes' smoothing may look ahead.
 _FRAMES_AT_ONCE = 16

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.arrays import MarkerSet
-from muybridge.geometry.markers.subjects import split_people
 from muybridge.geometry.markers.recovery import RecoverOptions, recover_points
 from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
+from muybridge.geometry.markers.subjects import split_people
 from muybridge.geometry.markers.tracking import TrackOptions, Tracks, find_tracks
 from muybridge.geometry.markers.voting import VoteOptions, assign_frames, cut_tracks, elect, ordered, vote
 from muybridge.infer.networks.labelling import LabelNetwork

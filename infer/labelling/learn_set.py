@@ -12,8 +12,8 @@ from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.arrays import SURFACE, MarkerSet
 from muybridge.geometry.landmarks.marker_sets import SETS, MarkerPlan, plan_of
 from muybridge.geometry.markers.tracking import Tracks
-from muybridge.infer.networks.labelling import LabelNetwork
 from muybridge.infer.labelling.label import metres_of, upright
+from muybridge.infer.networks.labelling import LabelNetwork
 from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud
 

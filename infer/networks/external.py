@@ -20,8 +20,8 @@ from muybridge.infer.networks.keypoints import (
     run_session,
 )
 from muybridge.models.keypoints.decode import DecodedHeatmaps
-from muybridge.models.keypoints.simcc import decode_simcc, decode_value_heatmaps
 from muybridge.models.keypoints.external import ModelCard, find_card, load_card
+from muybridge.models.keypoints.simcc import decode_simcc, decode_value_heatmaps
 from muybridge.models.keypoints.test_time import Series
 
 # How near a coordinate counts as there, for the score: a part of the crop's longer side.

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks.arrays import LandmarkSet
 from muybridge.models.keypoints.decode import NO_IDEA, DecodedHeatmaps, with_expectation
-from muybridge.models.keypoints.mirroring import mean_of_mirrored
 from muybridge.models.keypoints.metadata import (
     BODY_OUTPUTS,
     MARKER_OUTPUTS,
@@ -29,8 +28,9 @@ from muybridge.models.keypoints.metadata import (
     keypoint_card,
     people_card,
 )
-from muybridge.models.onnx_files.prune_outputs import without_outputs
+from muybridge.models.keypoints.mirroring import mean_of_mirrored
 from muybridge.models.keypoints.test_time import Series, turn_where_unsure
+from muybridge.models.onnx_files.prune_outputs import without_outputs
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
 # Least and most that `OnnxOptions.size` may be.

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from muybridge.errors import OutputError, SessionError
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.infer.results.folder import is_ours
 from muybridge.infer.pipelines.videos import RunOptions, RunResult, run_session
+from muybridge.infer.results.folder import is_ours
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import write_whole
 

@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
 from muybridge.geometry.cameras.camera import Camera
-from muybridge.geometry.sync.clocks import own_frames
 from muybridge.geometry.cameras.crops import crops_for_boxes
+from muybridge.geometry.sync.clocks import own_frames
+from muybridge.infer.detection.crop_reader import Pictures, body_boxes, crop_pixels
 from muybridge.infer.detection.exposure import well_exposed
+from muybridge.infer.detection.orientation import upright_for
 from muybridge.infer.detection.resample import on_time
 from muybridge.infer.pipelines.videos import Followed
-from muybridge.infer.detection.crop_reader import Pictures, body_boxes, crop_pixels
-from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.reconstruction.landmarks import Solution
-from muybridge.infer.detection.orientation import upright_for
+from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.video import read_chunks
-from muybridge.models.pseudo_labels import Footage
 from muybridge.models.keypoints.metadata import KeypointModelCard
+from muybridge.models.pseudo_labels import Footage
 
 _Floats = NDArray[np.float64]
 

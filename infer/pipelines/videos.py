@@ -17,11 +17,8 @@ import numpy as np
 from muybridge import __version__
 from muybridge.errors import SessionError
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
-from muybridge.geometry.sync.clocks import synchronised
 from muybridge.geometry.landmarks.arrays import Keypoints2D
-from muybridge.infer.reconstruction import judge_calibration as calibration_stage, refine_cameras
-from muybridge.infer.results import write as exports
-from muybridge.infer.pipelines.warm_up import CompiledAhead
+from muybridge.geometry.sync.clocks import synchronised
 from muybridge.infer.detection.detect import (
     CameraResult,
     DetectOptions,
@@ -32,17 +29,21 @@ from muybridge.infer.detection.detect import (
     open_models,
 )
 from muybridge.infer.detection.pose_estimator import first_frames, merge_markers, merge_tracks
+from muybridge.infer.detection.refine import SecondLook, SecondLookOptions
+from muybridge.infer.detection.resample import in_time, repeats_notice
+from muybridge.infer.pipelines.warm_up import CompiledAhead
+from muybridge.infer.reconstruction import judge_calibration as calibration_stage
+from muybridge.infer.reconstruction import refine_cameras
+from muybridge.infer.reconstruction.gravity import stood_up
+from muybridge.infer.reconstruction.landmarks import Solution, SolveOptions, solve
+from muybridge.infer.reconstruction.quality import Quality, assess, unsure_landmarks
+from muybridge.infer.results import write as exports
 from muybridge.infer.results.folder import WORK, OutputFolder, open_output
 from muybridge.infer.results.overlay import OverlayOptions
-from muybridge.infer.detection.resample import in_time, repeats_notice
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.reconstruction.quality import Quality, assess, unsure_landmarks
-from muybridge.infer.detection.refine import SecondLook, SecondLookOptions
-from muybridge.infer.session.session import Session, SessionOptions, open_session, with_frames, with_notice
-from muybridge.infer.reconstruction.landmarks import Solution, SolveOptions, solve
 from muybridge.infer.runtime.stages import StageResult, StageStore, digest
+from muybridge.infer.session.session import Session, SessionOptions, open_session, with_frames, with_notice
 from muybridge.infer.session.sync_file import SYNC_FILE
-from muybridge.infer.reconstruction.gravity import stood_up
 
 RUN_FORMAT = 1
 DEFAULT_OUT = "muybridge"

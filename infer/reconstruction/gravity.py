@@ -20,8 +20,8 @@ from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.infer.detection.detect import DetectOptions, Models, detect
 from muybridge.infer.detection.pose_estimator import first_frames, merge_tracks
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.session.session import Session, with_notice
 from muybridge.infer.runtime.stages import StageStore, code_digest, digest
+from muybridge.infer.session.session import Session, with_notice
 
 STAGE = "up"
 # Three windows of two seconds, at this many frames a second, in the first half minute: films are decoded from their

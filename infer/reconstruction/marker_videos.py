@@ -15,20 +15,20 @@ from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
 from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
-from muybridge.geometry.markers.cleaning import CleanOptions, Sample, clean_markers
-from muybridge.geometry.fitting.marker_fit import MarkerFit, MarkerFitOptions, fit_markers
-from muybridge.geometry.markers.matching import MatchOptions, follow_points, meet, without_ghosts
-from muybridge.geometry.landmarks.marker_sets import MarkerPlan
-from muybridge.geometry.markers.tracking import TrackOptions, track_points
 from muybridge.geometry.cameras.rays import ray_directions
+from muybridge.geometry.fitting.marker_fit import MarkerFit, MarkerFitOptions, fit_markers
+from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.landmarks.marker_sets import MarkerPlan
+from muybridge.geometry.markers.cleaning import CleanOptions, Sample, clean_markers
+from muybridge.geometry.markers.matching import MatchOptions, follow_points, meet, without_ghosts
+from muybridge.geometry.markers.tracking import TrackOptions, track_points
 from muybridge.infer.detection.blobs import BlobOptions, find_blobs, find_threshold
-from muybridge.infer.networks.labelling import LabelNetwork
 from muybridge.infer.labelling.label import LabelOptions, label_points
+from muybridge.infer.networks.correction import SolverNetwork, corrected
+from muybridge.infer.networks.labelling import LabelNetwork
 from muybridge.infer.results.folder import open_output
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import Session, SessionOptions, open_session
-from muybridge.infer.networks.correction import SolverNetwork, corrected
 from muybridge.infer.session.video import VideoInfo, read_chunks
 from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.motion.formats.points.marker_protocol import find_marker_set
@@ -269,11 +269,11 @@ def _points(names: tuple[str, ...], kind: str, xyz: Array, fps: float) -> Points
 
 def _write(output: Any, session: Session, plan: MarkerPlan, found: FoundMarkers, points: Array, fit: MarkerFit,
            facts: dict[str, Any]) -> None:  # fmt: skip
-    from muybridge.motion.formats.skeletal.bvh import write_bvh
-    from muybridge.motion.formats.points.c3d import write_c3d
     from muybridge.motion.formats.gltf.write import write_glb
-    from muybridge.motion.formats.skeletal.mot import write_mot
+    from muybridge.motion.formats.points.c3d import write_c3d
     from muybridge.motion.formats.points.trc import write_trc
+    from muybridge.motion.formats.skeletal.bvh import write_bvh
+    from muybridge.motion.formats.skeletal.mot import write_mot
 
     bare = _points(tuple(f"*{k + 1}" for k in range(found.points.shape[1])), "unnamed", found.points, session.fps)
     named = _points(plan.markers.labels, plan.markers.name, points, session.fps)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.triangulation.multiview import leave_one_out_summary, usable_points
-from muybridge.infer.report.figures import listed, readable
 from muybridge.infer.reconstruction.landmarks import Solution
+from muybridge.infer.report.figures import listed, readable
 
 # Landmarks that no camera is sure of in this share of the frames are worth a word.
 _OFTEN_UNSURE = 0.25

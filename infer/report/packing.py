@@ -16,7 +16,7 @@ _MISSING = -32768
 
 def read_asset(name: str) -> str:
     """A page, style or script that comes along."""
-    return resources.files("muybridge.infer").joinpath("assets", name).read_text(encoding="utf-8")
+    return resources.files("muybridge.infer.report").joinpath("assets", name).read_text(encoding="utf-8")
 
 
 def fill_page(page: str, parts: dict[str, str]) -> str:

@@ -19,15 +19,6 @@ from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.infer.report.calibration_page import calibration_findings, calibration_in_report
-from muybridge.infer.results.overlay import side_of
-from muybridge.infer.report.packing import (
-    fill_page,
-    packed_positions,
-    packed_shares,
-    read_asset,
-    rounded,
-    script_json,
-)
 from muybridge.infer.report.figures import (
     BoneFigures,
     CameraFigures,
@@ -37,6 +28,14 @@ from muybridge.infer.report.figures import (
     timeline,
 )
 from muybridge.infer.report.findings import Finding, findings
+from muybridge.infer.report.packing import (
+    fill_page,
+    packed_positions,
+    packed_shares,
+    read_asset,
+    rounded,
+    script_json,
+)
 from muybridge.infer.report.sections import (
     PersonPage,
     bones_section,
@@ -48,6 +47,7 @@ from muybridge.infer.report.sections import (
     run_section,
     thumbnails_section,
 )
+from muybridge.infer.results.overlay import side_of
 
 Floats = NDArray[np.float64]
 

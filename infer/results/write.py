@@ -15,21 +15,21 @@ from numpy.typing import NDArray
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.infer.detection.detect import CameraResult, MarkerChoice
+from muybridge.infer.reconstruction.landmarks import Solution
+from muybridge.infer.reconstruction.quality import Quality, plain
 from muybridge.infer.reconstruction.virtual_markers import marker_set
+from muybridge.infer.report.page import ReportData, Thumbnail, pick_thumbnail_frames, problems, write_report
+from muybridge.infer.report.sections import PersonPage
 from muybridge.infer.results.folder import OutputFolder
 from muybridge.infer.results.overlay import OverlayOptions, write_overlay
 from muybridge.infer.runtime.progress import Progress, Task
-from muybridge.infer.reconstruction.quality import Quality, plain
-from muybridge.infer.report.page import ReportData, Thumbnail, pick_thumbnail_frames, problems, write_report
-from muybridge.infer.report.sections import PersonPage
-from muybridge.infer.session.session import Session
-from muybridge.infer.reconstruction.landmarks import Solution
 from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import probe_video, read_chunks
-from muybridge.motion.formats.skeletal.bvh import write_bvh
-from muybridge.motion.formats.points.c3d import write_c3d
 from muybridge.motion.formats.gltf.write import write_glb
+from muybridge.motion.formats.points.c3d import write_c3d
 from muybridge.motion.formats.points.trc import write_trc
+from muybridge.motion.formats.skeletal.bvh import write_bvh
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +40,11 @@ THUMBNAILS = 4
 # Of a run that follows everyone; whoever comes after these in interest is left out.
 MOST_PEOPLE = 12
 _OVERLAY = "overlay_"
-_OVERLAY_CODE = ("muybridge.infer.results.overlay", "muybridge.infer.session.video", "muybridge.geometry.cameras.camera")
+_OVERLAY_CODE = (
+    "muybridge.infer.results.overlay",
+    "muybridge.infer.session.video",
+    "muybridge.geometry.cameras.camera",
+)
 
 
 def overlay_name(camera_file: str) -> str:

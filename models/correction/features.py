@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 
-from muybridge.geometry.skeleton.body import BODY
-from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.geometry.skeleton.statistical_body import marker_body
 from muybridge.geometry.fitting.marker_fit import MarkerFit
+from muybridge.geometry.landmarks.arrays import SURFACE
 from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.skeleton.statistical_body import marker_body
 
 Array = NDArray[np.float64]
 F32 = NDArray[np.float32]

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.models.keypoints.patches import patches
 from muybridge.models.keypoints.left_right import told_apart
+from muybridge.models.keypoints.patches import patches
 
 # The refined point is the centre of a window of this half-width (cells) on its own probability mass, reached
 # in this many steps. A fixed window about the best cell would pull points towards the cell's centre.

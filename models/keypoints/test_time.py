@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.models.keypoints.decode import NO_IDEA, DecodedHeatmaps, in_part
-from muybridge.models.keypoints.rescale import Look, Maps, Value, at_side, reading_sides, redrawn
 from muybridge.models.keypoints.metadata import KeypointModelCard
+from muybridge.models.keypoints.rescale import Look, Maps, Value, at_side, reading_sides, redrawn
 
 # A crop of whose landmarks the logarithms of the variances are more than this on average (px^2 of a crop of 192 px) is
 # unsure; another orientation counts where they are less by so much. Nobody is turned who is seen in part, at a desk or

@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
 from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.motion.formats.fbx.read import read_fbx
+from muybridge.motion.formats.fbx.write import write_fbx
+from muybridge.motion.formats.gltf.write import read_gltf, write_glb
+from muybridge.motion.formats.points.c3d import C3DTake, read_c3d_take, write_c3d
+from muybridge.motion.formats.points.common import METRES_OF_UNIT, check_fps
+from muybridge.motion.formats.points.csv import read_csv_from, write_csv
+from muybridge.motion.formats.points.npz import read_npz, write_npz
+from muybridge.motion.formats.points.parquet import read_parquet_from, write_parquet
+from muybridge.motion.formats.points.trc import read_trc_from, write_trc
 from muybridge.motion.formats.skeletal.asf_amc import CMU_FPS, read_amc, write_amc
 from muybridge.motion.formats.skeletal.bone_meshes import rest_positions
 from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
-from muybridge.motion.formats.points.c3d import C3DTake, read_c3d_take, write_c3d
-from muybridge.motion.formats.points.csv import read_csv_from, write_csv
-from muybridge.motion.formats.fbx.write import write_fbx
-from muybridge.motion.formats.fbx.read import read_fbx
-from muybridge.motion.formats.gltf.write import read_gltf, write_glb
 from muybridge.motion.formats.skeletal.mot import write_mot
-from muybridge.motion.formats.points.npz import read_npz, write_npz
-from muybridge.motion.formats.points.parquet import read_parquet_from, write_parquet
-from muybridge.motion.formats.points.common import METRES_OF_UNIT, check_fps
-from muybridge.motion.formats.points.trc import read_trc_from, write_trc
 from muybridge.motion.formats.skeletal.usd import write_usda
 
 Array = NDArray[np.float64]

@@ -2,7 +2,7 @@
 """Draws docs/markers.webp: the average adult from the front, the left and the back with every virtual marker, and
 the table of docs/markers.md below its heading "The table".
 
-usage: python scripts/make_marker_picture.py
+usage: python -m scripts.assets.marker_picture
 """
 
 import csv
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from muybridge.geometry.landmarks.arrays import SURFACE
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.bodies.surface_markers import TABLE
-from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
 from muybridge.train.synthesis.clothing.sample import Outfit, bare_outfit
+from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
 
-DOCS = pathlib.Path(__file__).parents[1] / "docs"
+DOCS = pathlib.Path(__file__).parents[2] / "docs"
 # Centre (metres), width (metres), direction to the camera, height and width (pixels), and which markers: all, or
 # those with one of these words in their names.
 FOOT = ("left_malleolus", "left_heel", "left_toe", "left_metatarsal", "left_hallux")

@@ -1,4 +1,4 @@
-"""Writes train/marker_table.csv: surface landmarks found by anatomy on anny's average adult.
+"""Writes train/synthesis/bodies/surface_markers.csv: surface landmarks found by anatomy on anny's average adult.
 
 Left landmarks are found by geometry (extreme points of sections at a joint, rays from a joint, heights as shares
 of stature); right ones are their mirror images by the mesh's own symmetry.
@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
 
 Array = NDArray[np.float64]
-TABLE = pathlib.Path(__file__).parents[1] / "train/marker_table.csv"
+TABLE = pathlib.Path(__file__).parents[2] / "train/synthesis/bodies/surface_markers.csv"
 FORWARD, LEFT, UP = np.array([0.0, -1, 0]), np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
 
 

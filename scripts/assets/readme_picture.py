@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Makes the README's animation from the results of `muybridge demo`.
 
-usage: python scripts/make_readme_picture.py [RESULTS] [OUT]      (default: muybridge-demo docs/demo.webp)
+usage: python -m scripts.assets.readme_picture [RESULTS] [OUT]      (default: muybridge-demo docs/demo.webp)
 
 Left: what the cameras saw, with the projected landmarks (from the overlays). Right: the fitted motion
 (motion.bvh) in 3D.

@@ -1,7 +1,7 @@
 """One page of 60 hard synthetic cases with what the shipped network finds, and on request one of a real take.
 
-    python scripts/make_test_sheet.py docs/test-sheet.webp
-    python scripts/make_test_sheet.py sheet.png --take RESULTS
+    python -m scripts.assets.test_sheet docs/test-sheet.webp
+    python -m scripts.assets.test_sheet sheet.png --take RESULTS
 
 The synthetic cases are held-out people under the hardest settings of the augmentation: any roll up to 60 degrees,
 occluders, second persons, the border of the video. Left limbs are orange, right ones blue, the truth is thin and
@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.models.keypoints.decode import NO_IDEA
 from muybridge.models.keypoints.metadata import shipped_model
-from muybridge.train.images.compositor import WHOLE, Batch, Compositor
-from muybridge.train.images.backgrounds import make_backgrounds
-from muybridge.train.keypoints.evaluate import load_model, read_crops
 from muybridge.train.engine.loop import HELD_OUT
+from muybridge.train.images.backgrounds import make_backgrounds
+from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.keypoints.evaluate import load_model, read_crops
 from muybridge.train.synthesis.rendering.store import SIZE, load_renders
 
 CASES, COLUMNS, TILE = 60, 10, 192

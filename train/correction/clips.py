@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.files import replacing
-from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
 from muybridge.geometry.numerics.rotations import quat_from_matrix
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.skeleton.rigid_bones import body_through
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
 from muybridge.train.synthesis.bodies.body_model import F32
-from muybridge.train.synthesis.markers.trajectories import FPS, MarkerBodies
 from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of
+from muybridge.train.synthesis.markers.trajectories import FPS, MarkerBodies
 from muybridge.train.synthesis.motions.rig import Array, Skeleton
 from muybridge.train.synthesis.motions.sampler import MotionSampler
 

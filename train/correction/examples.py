@@ -16,14 +16,14 @@ from torch import Tensor
 
 from muybridge.errors import MuybridgeError
 from muybridge.files import replacing
+from muybridge.geometry.fitting.marker_fit import MarkerFitOptions, Person, calibrate_person, fit_markers
 from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT
 from muybridge.geometry.skeleton.statistical_body import marker_body
-from muybridge.geometry.fitting.marker_fit import MarkerFitOptions, Person, calibrate_person, fit_markers
 from muybridge.models.correction.features import carriers, solver_input, target_of
 from muybridge.models.correction.network import SPANS
-from muybridge.train.synthesis.markers.trajectories import FPS
 from muybridge.train.correction.clips import FRAMES, SolverClips, load_solver_clips, make_followed, make_solver_clips
 from muybridge.train.correction.takes import Spoiling, marker_columns, placement_spread, spoil
+from muybridge.train.synthesis.markers.trajectories import FPS
 
 KEYS = ("markers", "known", "joints", "target", "rate")
 # Frames a second over the clip's, one of each a clip; and the most frames that are fitted at once.

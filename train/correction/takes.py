@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks.arrays import SURFACE, MarkerSet
 from muybridge.geometry.skeleton.skeleton import Motion
-from muybridge.train.synthesis.markers.augment import _LOOSE
-from muybridge.train.synthesis.markers.trajectories import MarkerBodies
-from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
+from muybridge.train.synthesis.markers.augment import _LOOSE
+from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of
+from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 from muybridge.train.synthesis.motions.rig import Array
 
 # Markers that laboratories place anywhere along a limb: as far as the labelling network's clouds have them.

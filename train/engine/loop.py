@@ -20,15 +20,15 @@ from muybridge.errors import SessionError
 from muybridge.files import replacing
 from muybridge.models.onnx_files.import_weights import trained_for
 from muybridge.train.engine import precision
-from muybridge.train.images.background_pool import make_background_pool
-from muybridge.train.synthesis.rendering.worker import Beside
 from muybridge.train.engine.curves import write_curves
+from muybridge.train.engine.gradient_worker import Second
 from muybridge.train.engine.malloc import keep_memory
 from muybridge.train.engine.muon import Optimisers
-from muybridge.train.options import Training
 from muybridge.train.engine.process_pool import processors
+from muybridge.train.images.background_pool import make_background_pool
+from muybridge.train.options import Training
 from muybridge.train.synthesis.rendering.store import RenderSet, load_renders, shard_numbers, shard_path
-from muybridge.train.engine.gradient_worker import Second
+from muybridge.train.synthesis.rendering.worker import Beside
 
 # The first shards of a store are never trained on.
 HELD_OUT = range(0, 4)

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from rich.progress import Progress
 
 from muybridge.files import replacing
+from muybridge.train.engine.process_pool import affordable, shared_out
 from muybridge.train.images.backgrounds import make_backgrounds
 from muybridge.train.synthesis.bodies.body_model import BodyModel
-from muybridge.train.engine.process_pool import affordable, shared_out
 from muybridge.train.synthesis.rendering.renderer import Renderer
-from muybridge.train.synthesis.rendering.store import MEMORY, SIZE
 from muybridge.train.synthesis.rendering.rooms import VIEWS_EACH, make_room_pictures
+from muybridge.train.synthesis.rendering.store import MEMORY, SIZE
 
 # Pictures that are made at once: whole rooms.
 _PART = 16 * VIEWS_EACH

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
+from muybridge.train.images.background_difference import Plates
 from muybridge.train.images.backgrounds import sample_backdrop
 from muybridge.train.images.camera_faults import CameraFaults, outside_of_video
-from muybridge.train.synthesis.rendering.close_ups import BORDER, SOMETHING, cut_boxes, to_crop
 from muybridge.train.images.clutter import add_clutter, mirrored_on
-from muybridge.train.images.background_difference import Plates
+from muybridge.train.synthesis.rendering.close_ups import BORDER, SOMETHING, cut_boxes, to_crop
 from muybridge.train.synthesis.rendering.store import RenderSet
 
 FACE = tuple(BODY23.index(n) for n in ("nose", "left_eye", "right_eye", "left_ear", "right_ear"))

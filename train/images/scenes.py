@@ -9,11 +9,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from muybridge.train.images.background_difference import GHOST, PARTLY, STILL
 from muybridge.train.images.camera_faults import CameraFaults, outside_of_video
 from muybridge.train.images.clutter import add_clutter, mirrored_on
-from muybridge.train.images.background_difference import GHOST, PARTLY, STILL
-from muybridge.train.synthesis.rendering.store import RenderSet
 from muybridge.train.images.distractors import HELD_SHARE, LIT_SHARE, MOVED_SHARE, hold, light_up, move_things
+from muybridge.train.synthesis.rendering.store import RenderSet
 
 # Share of scenes with a person larger than the image, seen from the head down.
 CLOSE_SHARE = 0.12

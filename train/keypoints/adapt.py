@@ -19,15 +19,15 @@ from torch import Tensor, nn
 
 from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps
-from muybridge.models.pseudo_labels import Footage
 from muybridge.models.keypoints.network import CHANNELS, STRIDE, KeypointNet
-from muybridge.train.images.compositor import MIRROR
+from muybridge.models.pseudo_labels import Footage
+from muybridge.train.engine.loop import AveragedWeights, device, learning_rate, placed
+from muybridge.train.engine.precision import autocast
 from muybridge.train.images.camera_faults import CameraFaults
+from muybridge.train.images.compositor import MIRROR
 from muybridge.train.keypoints.loss import heatmap_loss
 from muybridge.train.keypoints.train import SURFACE_WEIGHT
-from muybridge.train.engine.loop import AveragedWeights, device, learning_rate, placed
 from muybridge.train.options import Adaptation
-from muybridge.train.engine.precision import autocast
 
 # Of the loss, labels that the view's own network had not found: mostly hidden, some of them wrong.
 _NOT_FOUND = 0.35

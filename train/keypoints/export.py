@@ -13,12 +13,12 @@ import muybridge
 from muybridge.errors import ModelError
 from muybridge.geometry.cameras.crops import BOX_PADDING
 from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
-from muybridge.models.onnx_files.export import export_onnx
+from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS
 from muybridge.models.keypoints.network import CHANNELS, PLATE, STRIDE, KeypointNet, PlateApart, SeparateHeads
+from muybridge.models.onnx_files.export import export_onnx
+from muybridge.models.onnx_files.quantization import int8_path, quantize
 from muybridge.models.people.network import MEAN, STD, PeopleNet
 from muybridge.models.people.network import STRIDE as PEOPLE_STRIDE
-from muybridge.models.onnx_files.quantization import int8_path, quantize
-from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS
 from muybridge.train.images.compositor import Batch
 from muybridge.train.keypoints.variance_calibration import HeldOut, calibrated, held_out, look_of
 

@@ -11,8 +11,8 @@ from scipy.optimize import minimize
 
 from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
 from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps, sigmoid
-from muybridge.models.keypoints.network import STRIDE, KeypointNet
 from muybridge.models.keypoints.mirroring import mean_of_mirrored
+from muybridge.models.keypoints.network import STRIDE, KeypointNet
 from muybridge.train.images.compositor import Batch
 
 # No landmark is known better than this, network pixels squared: a tenth of a pixel.

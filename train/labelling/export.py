@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 import muybridge
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.models.onnx_files.export import OPSET
 from muybridge.models.labelling.network import WINDOW, LabelNet
+from muybridge.models.onnx_files.export import OPSET
 from muybridge.train.labelling.train import HELD_OUT, evaluate, held_out_batches, trained_network
 from muybridge.train.synthesis.markers.trajectories import load_marker_clips
 

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from muybridge.models.keypoints.decode import box_overlap, decode_people
-from muybridge.models.people.network import STRIDE, PeopleNet
 from muybridge.models.onnx_files.import_weights import measure_normalisation, people_net_from_onnx
+from muybridge.models.people.network import STRIDE, PeopleNet
 from muybridge.train.engine import loop
 from muybridge.train.engine.compile import compiled
-from muybridge.train.options import PeopleTraining
 from muybridge.train.engine.precision import autocast
-from muybridge.train.synthesis.rendering.store import RenderSet, load_renders
 from muybridge.train.images.scenes import SHAPES, SceneBatch, SceneCompositor
+from muybridge.train.options import PeopleTraining
+from muybridge.train.synthesis.rendering.store import RenderSet, load_renders
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration.bundle_adjustment.adjustment import (
-    AdjustProblem,
-    AdjustResult,
-    FreeCamera,
-    adjust,
-)
 from muybridge.geometry.calibration.board.board import Board
-from muybridge.geometry.calibration.board.pose_graph import Chain, chain, symmetries
+from muybridge.geometry.calibration.board.exposure_delay import (
+    FIRST_SPREAD,
+    Delays,
+    board_rates,
+    next_delays,
+    sway,
+    world_rates,
+)
 from muybridge.geometry.calibration.board.intrinsics import (
     CORNER_SIGMA_PX,
     Lens,
@@ -30,15 +31,14 @@ from muybridge.geometry.calibration.board.intrinsics import (
     lens_prior,
     usable,
 )
-from muybridge.geometry.calibration.board.exposure_delay import (
-    FIRST_SPREAD,
-    Delays,
-    board_rates,
-    next_delays,
-    sway,
-    world_rates,
-)
+from muybridge.geometry.calibration.board.pose_graph import Chain, chain, symmetries
 from muybridge.geometry.calibration.board.view_selection import choose_times
+from muybridge.geometry.calibration.bundle_adjustment.adjustment import (
+    AdjustProblem,
+    AdjustResult,
+    FreeCamera,
+    adjust,
+)
 from muybridge.geometry.calibration.bundle_adjustment.result import Solved, solved
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import CalibrationError
+from muybridge.geometry.calibration.board.board import Board
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import (
     AdjustProblem,
     AdjustResult,
@@ -18,7 +19,6 @@ from muybridge.geometry.calibration.bundle_adjustment.adjustment import (
     LensPrior,
     adjust,
 )
-from muybridge.geometry.calibration.board.board import Board
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 
 Floats = NDArray[np.float64]

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.cameras.camera import Camera, colmap_camera
-from muybridge.geometry.sync.clocks import parabola
 from muybridge.geometry.numerics.rotations import exp_so3
+from muybridge.geometry.sync.clocks import parabola
 
 Floats = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
-from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions, CulpritReport, find_culprits
-from muybridge.geometry.calibration.diagnosis.hypotheses import alike
 from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import ADJUSTABLE_MODELS
 from muybridge.geometry.calibration.bundle_adjustment.result import Misfit, Solved, image_cells, misfits
+from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions, CulpritReport, find_culprits
+from muybridge.geometry.calibration.diagnosis.hypotheses import alike
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.geometry.triangulation.multiview import leave_one_out_error, triangulate
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration.formats.common import Calibration, Malformed, make_group, pose_from
-from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, camera_from_colmap
 from muybridge.geometry.cameras._pycolmap import pycolmap
+from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, camera_from_colmap
 
 _MODEL_OF_ID = {int(value): name for name, value in pycolmap.CameraModelId.__members__.items()}
 _FILES = ("cameras", "images", "points3D", "rigs", "frames")

@@ -16,9 +16,9 @@ from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
 from muybridge.infer.commands.calibrate.people import DEFAULT_RESULTS, session_keypoints
+from muybridge.infer.detection.detect import DetectOptions
 from muybridge.infer.report.calibration_figures import blamed
 from muybridge.infer.report.calibration_page import CalibrationPage, write_calibration_page
-from muybridge.infer.detection.detect import DetectOptions
 from muybridge.infer.results.folder import open_output
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import SessionOptions, open_session

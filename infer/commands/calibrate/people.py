@@ -16,20 +16,20 @@ from muybridge.geometry.calibration.people.calibrate import (
     refine_people,
 )
 from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.sync.clocks import synchronised
 from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.sync.clocks import synchronised
 from muybridge.geometry.triangulation.left_right import repair_swaps
 from muybridge.geometry.triangulation.multiview import leave_one_out_error
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
 from muybridge.infer.detection.detect import DetectOptions, detect, file_names, first_look, is_finished, open_models
 from muybridge.infer.detection.pose_estimator import merge_tracks
-from muybridge.infer.results.folder import open_output
 from muybridge.infer.detection.resample import in_time
-from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.reconstruction.refine_cameras import person_of
-from muybridge.infer.session.session import Session, SessionOptions, open_session
-from muybridge.infer.runtime.stages import StageStore
 from muybridge.infer.reconstruction.gravity import stood_up
+from muybridge.infer.reconstruction.refine_cameras import person_of
+from muybridge.infer.results.folder import open_output
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.runtime.stages import StageStore
+from muybridge.infer.session.session import Session, SessionOptions, open_session
 
 DEFAULT_RESULTS = "muybridge"
 

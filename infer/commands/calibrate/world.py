@@ -13,15 +13,15 @@ from muybridge.errors import CalibrationError
 from muybridge.geometry.association.select import select_person, take_person
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.board.board import Board
-from muybridge.geometry.calibration.board.pose_graph import symmetries
 from muybridge.geometry.calibration.board.intrinsics import View, board_pose, usable
+from muybridge.geometry.calibration.board.pose_graph import symmetries
 from muybridge.geometry.calibration.formats.common import far_apart_note
 from muybridge.geometry.calibration.people.world import world_from_people
 from muybridge.geometry.calibration.world import check_shape, marked, moved, on_board, on_points
 from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.triangulation.multiview import triangulate
-from muybridge.infer.commands.calibrate.board_images import at_moment, find_pictures, look_for_board
 from muybridge.infer.commands.calibrate.board import BoardChoice, chosen_board
+from muybridge.infer.commands.calibrate.board_images import at_moment, find_pictures, look_for_board
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
 from muybridge.infer.commands.calibrate.people import session_keypoints
 from muybridge.infer.commands.calibrate.points import read_points

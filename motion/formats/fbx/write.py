@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from muybridge import __version__
 from muybridge.geometry.numerics.rotations import continuous_quat
 from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.motion.formats.fbx.container import CREATION_TIME, FILE_ID, VERSION, Node, Table, write_fbx_nodes
+from muybridge.motion.formats.fbx.scene import CUSTOM_RATE, RATES, TICKS_A_SECOND
 from muybridge.motion.formats.skeletal.bone_meshes import BoneMesh, bone_mesh, rest_positions
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.skeletal.euler import smooth_euler
-from muybridge.motion.formats.fbx.container import CREATION_TIME, FILE_ID, VERSION, Node, Table, write_fbx_nodes
-from muybridge.motion.formats.fbx.scene import CUSTOM_RATE, RATES, TICKS_A_SECOND
 
 Array = NDArray[np.float64]
 

@@ -17,10 +17,10 @@ from muybridge import __version__
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat
 from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
-from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions
-from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.gltf.container import ARRAY_BUFFER, UNSIGNED_BYTE, UNSIGNED_SHORT, Buffer, pack_glb
 from muybridge.motion.formats.gltf.read import read_gltf
+from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions
+from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 
 __all__ = ["read_gltf", "write_glb"]
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
 from muybridge.motion.formats.points.c3d_read import RawC3D, read_raw_c3d
-from muybridge.motion.formats.points.csv import read_rows, value_of
-from muybridge.motion.formats.points.common import METRES_OF_UNIT, UNIT_WORDS, check_unit
 from muybridge.motion.formats.points.columns import FRAMES, TIMES, placed, rate_of
+from muybridge.motion.formats.points.common import METRES_OF_UNIT, UNIT_WORDS, check_unit
+from muybridge.motion.formats.points.csv import read_rows, value_of
 from muybridge.motion.formats.points.trc import read_trc
 
 Float = NDArray[np.float64]

@@ -1,6 +1,6 @@
 """Calibration and synchronisation, measured: boards, lenses, people, made rigs, clocks.
 
-    python scripts/bench_calibration.py board lenses people rigs sync --data ../shared/data
+    python -m scripts.benchmarks.geometry.calibration board lenses people rigs sync --data ../shared/data
 
 - board: four webcams that filmed a ChArUco board, by `muybridge calibrate board` as a user runs it: all frames, then
   both halves of the moments (odd and even, first and second) as folders of images; how far the distances between
@@ -30,7 +30,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from bench_culprits import balancing
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -38,11 +37,12 @@ from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
 from muybridge.geometry.calibration.people.calibrate import PeopleCalibrationOptions, calibrate_people, refine_people
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.sync.clocks import Clock
 from muybridge.geometry.numerics.rotations import exp_so3
+from muybridge.geometry.sync.clocks import Clock
 from muybridge.geometry.sync.motion import audio_clock, epipolar_clocks, motion_clocks
 from muybridge.geometry.triangulation.multiview import leave_one_out_error, triangulate
 from muybridge.infer.commands.app import run_command
+from scripts.benchmarks.geometry.culprits import balancing
 
 Floats = NDArray[np.float64]
 _RIGS = 4
@@ -320,7 +320,7 @@ def _sound() -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", nargs="+", choices=["board", "lenses", "people", "rigs", "sync"])
-    parser.add_argument("--data", type=Path, default=Path(__file__).resolve().parents[1].parent / "shared" / "data")
+    parser.add_argument("--data", type=Path, default=Path(__file__).resolve().parents[3].parent / "shared" / "data")
     args = parser.parse_args()
     parts = {"board": board, "lenses": lenses, "people": people, "rigs": lambda _: rigs(), "sync": sync}
     for what in args.what:

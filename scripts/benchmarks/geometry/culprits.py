@@ -1,6 +1,6 @@
 """How often the right camera is named, over many rigs, takes and faults.
 
-    python scripts/bench_culprits.py --seeds 20 --data ../shared/data
+    python -m scripts.benchmarks.geometry.culprits --seeds 20 --data ../shared/data
 
 Each seed draws a room: 4 to 8 cameras (3 with --fewest 3) around it at 3.5 to 6 m, 1 to 2.6 m high, of different
 focal lengths, looking at its middle with some error; and a person of 1.55 to 1.95 m who wanders about, turns and

@@ -1,6 +1,6 @@
 """Triangulation measured: frames a second and error, beside a plain weighted DLT in the same run.
 
-    python scripts/bench_triangulation.py [CASE.npz]
+    python -m scripts.benchmarks.geometry.triangulation [CASE.npz]
 
 CASE.npz (default: ../shared/data/triangulation_case.npz beside the repository) holds 2D points of a real rig
 with outliers and their truth. Without it only the synthetic rigs of 4 and 16 cameras are measured. aniposelib
@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.take import TakeOptions, triangulate_take
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, leave_one_out_error, triangulate
+from scripts.benchmarks.geometry.whole_take import TakeOptions, triangulate_take
 
 Floats = NDArray[np.float64]
-DEFAULT_CASE = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "triangulation_case.npz"
+DEFAULT_CASE = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "triangulation_case.npz"
 
 
 def load_case(path: Path) -> tuple[CameraGroup, Floats, Floats]:

@@ -25,7 +25,6 @@ from scipy.spatial import cKDTree
 
 from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.smoothing._kernel import smooth_all
-from muybridge.geometry.take_kernel import likeliest_points
 from muybridge.geometry.triangulation.multiview import (
     TriangulateOptions,
     Triangulation,
@@ -34,6 +33,7 @@ from muybridge.geometry.triangulation.multiview import (
     triangulate,
     views_of,
 )
+from scripts.benchmarks.geometry.whole_take_kernel import likeliest_points
 
 Array = NDArray[np.float64]
 _CHI2_3_MEDIAN = 2.366

@@ -1,4 +1,4 @@
-"""The compiled part of `muybridge.geometry.take`: one point from its views and from what else is known about it."""
+"""The compiled part of `scripts.benchmarks.geometry.whole_take`: one point from its views and from what else is known about it."""
 
 import math
 

@@ -1,6 +1,6 @@
 """How well and how fast recordings are labelled, and what each part brings.
 
-    bench_labelling.py LABELLED.c3d ... [--model labels.onnx] [--set pig39] [--seed 0]
+    python -m scripts.benchmarks.markers.labelling LABELLED.c3d ... [--model labels.onnx] [--set pig39] [--seed 0]
 
 Strips the names of recordings that are labelled, shuffles their points (anew in every frame, or whole trajectories),
 hides and adds points, and compares what comes out with the names they had. One row a protocol, one column a variant.
@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.markers.tracking import TrackOptions
-from muybridge.infer.networks.labelling import LabelNetwork
 from muybridge.infer.labelling.label import LabelOptions, label_points
+from muybridge.infer.networks.labelling import LabelNetwork
 from muybridge.models.keypoints.metadata import shipped_model
-from muybridge.motion.formats.points.unlabelled import read_marker_cloud
 from muybridge.motion.formats.points.marker_protocol import find_marker_set
+from muybridge.motion.formats.points.unlabelled import read_marker_cloud
 
 Float = NDArray[np.float64]
 # Protocol: shuffled in every frame, most hidden a frame, ghosts a frame, broken trajectories.

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The real take made worse: how far `muybridge run` is from its reference where a camera is poor.
 
-usage: python scripts/bench_degraded.py DATA OUT [--only NAME ...] [options of `muybridge run`]
+usage: python -m scripts.benchmarks.takes.degraded DATA OUT [--only NAME ...] [options of `muybridge run`]
 
 DATA holds `balancing`; OUT gets a session a row, with its results. Distances are those of the take's reference: mean of
 12 joints, after one similarity transform, and without each joint's mean offset. Fewer cameras: `--cameras cam01 cam02`.
@@ -17,11 +17,11 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-from bench_mediapipe import JOINTS, figures, reference
 from numpy.typing import NDArray
 
 from muybridge.infer.session.video import VideoWriter, probe_video, read_chunks
 from muybridge.motion.formats.points.trc import read_trc
+from scripts.benchmarks.takes.mediapipe import JOINTS, figures, reference
 
 Frame = NDArray[np.uint8]
 

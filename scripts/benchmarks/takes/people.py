@@ -1,6 +1,6 @@
 """Several people crossing: how often identities are exchanged, and what company costs in accuracy.
 
-    python scripts/bench_people.py --takes 6
+    python -m scripts.benchmarks.takes.people --takes 6
 
 The model. People of 1.55 to 1.95 m walk to and fro through the middle of a room of 6 x 6 m and past each other (35 cm
 from middle to middle is the least), at 0.7 to 1.5 m/s, their limbs swinging, and turn within 0.7 s; 4 to 6 cameras of
@@ -29,10 +29,10 @@ from scipy.optimize import linear_sum_assignment
 from muybridge.geometry.association.select import find_people, take_person
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D, Points3D
-from muybridge.geometry.triangulation.shape_prior import with_pose_prior
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.geometry.triangulation.left_right import repair_swaps
 from muybridge.geometry.triangulation.multiview import triangulate
+from muybridge.geometry.triangulation.shape_prior import with_pose_prior
 from muybridge.infer.detection.tracker import Tracker, TrackOptions
 from muybridge.models.keypoints.decode import DetectedPeople
 

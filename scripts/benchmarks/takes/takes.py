@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """From video to motion against the truth: `muybridge run --everyone` on rendered takes of one to four people.
 
-usage: python scripts/bench_takes.py TAKES [--out RESULTS] [--only NAME ...] [options of `muybridge run`]
+usage: python -m scripts.benchmarks.takes.takes TAKES [--out RESULTS] [--only NAME ...] [options of `muybridge run`]
 
-TAKES comes from scripts/make_takes.py. "found" is the share of a true person's frames, of those in which two cameras
+TAKES comes from scripts/assets/takes.py. "found" is the share of a true person's frames, of those in which two cameras
 have four fifths of them in the picture, in which somebody was found within 0.4 m; "switches" are changes of identity;
 "false" is the share of frames, of all people found, in which nobody true was near. Errors are of the final landmarks,
 smoothed and with gaps filled: mean, median, and the share within 5 cm. "swaps" is the share of the limbs' landmarks
@@ -17,12 +17,12 @@ import sys
 import time
 
 import numpy as np
-from bench_people import match, matched_points
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import load_calibration
 from muybridge.motion.formats.points.trc import read_trc
 from muybridge.train.keypoints.evaluate import LIMB, MIRROR
+from scripts.benchmarks.takes.people import match, matched_points
 
 Floats = NDArray[np.float64]
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.train.engine.process_pool import one_at_a_time
+from muybridge.train.synthesis.bodies.pose_sampler import KINDS as STATIC
+from muybridge.train.synthesis.bodies.pose_sampler import Poses, PoseSampler
 from muybridge.train.synthesis.motions.rig import Skeleton
 from muybridge.train.synthesis.motions.sampler import MOTIONS, MotionSampler
 from muybridge.train.synthesis.motions.self_collision import penetrates
-from muybridge.train.synthesis.bodies.pose_sampler import KINDS as STATIC
-from muybridge.train.synthesis.bodies.pose_sampler import Poses, PoseSampler
-from muybridge.train.engine.process_pool import one_at_a_time
 
 F32 = NDArray[np.float32]
 

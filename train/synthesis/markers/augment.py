@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE, MarkerSet
-from muybridge.train.synthesis.markers.trajectories import FPS, MarkerClips
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
+from muybridge.train.synthesis.markers.trajectories import FPS, MarkerClips
 
 F32 = NDArray[np.float32]
 Bool = NDArray[np.bool_]

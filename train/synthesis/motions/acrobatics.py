@@ -4,8 +4,8 @@ import numpy as np
 
 from muybridge.train.synthesis.motions.floor import jump
 from muybridge.train.synthesis.motions.ground_contact import TRUNK_BONES
-from muybridge.train.synthesis.motions.standing import Stage, ease
 from muybridge.train.synthesis.motions.rig import SIDES, Array, apply, rot
+from muybridge.train.synthesis.motions.standing import Stage, ease
 
 
 def floor_sit(g: Stage) -> None:

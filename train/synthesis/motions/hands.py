@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from muybridge.train.synthesis.motions.standing import Stage
 from muybridge.train.synthesis.motions.rig import SIDES, SPINE, Array
 from muybridge.train.synthesis.motions.solve import Hold
+from muybridge.train.synthesis.motions.standing import Stage
 
 CHEST, PELVIS = SPINE[-1], "root"
 

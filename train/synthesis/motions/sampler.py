@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 
 from muybridge.train.synthesis.motions import (
     acrobatics as motion_acrobatics,
+)
+from muybridge.train.synthesis.motions import (
     floor as motion_floor,
+)
+from muybridge.train.synthesis.motions import (
     standing as motion_kinds,
 )
 from muybridge.train.synthesis.motions.hands import hands_at_rest
-from muybridge.train.synthesis.motions.standing import Stage
 from muybridge.train.synthesis.motions.rig import (
     LIMITS,
     SIDES,
@@ -30,8 +33,9 @@ from muybridge.train.synthesis.motions.rig import (
     rot,
     turn,
 )
-from muybridge.train.synthesis.motions.solve import Script, Solver
 from muybridge.train.synthesis.motions.self_collision import penetrates
+from muybridge.train.synthesis.motions.solve import Script, Solver
+from muybridge.train.synthesis.motions.standing import Stage
 
 # Kinds of motion with their shares.
 MOTIONS: dict[str, float] = {

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.train.synthesis.bodies.body_model import BodyModel
+from muybridge.train.synthesis.clothing.sample import Outfit, sample_outfit
 from muybridge.train.synthesis.motions.sampler import MotionClip, MotionSampler
 from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
 from muybridge.train.synthesis.rendering.takes import layers
-from muybridge.train.synthesis.clothing.sample import Outfit, sample_outfit
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

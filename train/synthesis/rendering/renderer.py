@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.train.synthesis.clothing import fabrics
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
 from muybridge.train.synthesis.bodies.surface_markers import marker_normals, markers_seen, virtual_markers
-from muybridge.train.synthesis.clothing.shells import Shells
+from muybridge.train.synthesis.clothing import fabrics
 from muybridge.train.synthesis.clothing.sample import Outfit
+from muybridge.train.synthesis.clothing.shells import Shells
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

@@ -20,10 +20,11 @@ from rich.progress import Progress
 from muybridge.errors import SessionError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
-from muybridge.train.synthesis.rendering.close_ups import sample_close_up
-from muybridge.train.synthesis.motions.sampler import MOTIONS
 from muybridge.train.engine.process_pool import shared_out
+from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
+from muybridge.train.synthesis.clothing.sample import sample_outfit
+from muybridge.train.synthesis.motions.sampler import MOTIONS
+from muybridge.train.synthesis.rendering.close_ups import sample_close_up
 from muybridge.train.synthesis.rendering.renderer import (
     Render,
     Renderer,
@@ -32,7 +33,6 @@ from muybridge.train.synthesis.rendering.renderer import (
     look_at,
     target_of_pixel,
 )
-from muybridge.train.synthesis.clothing.sample import sample_outfit
 
 SHARD = 256  # renders
 SIZE = 256  # pixels

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from muybridge.train.synthesis.bodies.body_model import BodyBatch, BodyModel
-from muybridge.train.synthesis.rendering.renderer import SHADERS, Renderer, View
 from muybridge.train.synthesis.clothing.sample import Outfit
+from muybridge.train.synthesis.rendering.renderer import SHADERS, Renderer, View
 
 F64 = NDArray[np.float64]
 STANCE = "right_heel"
