@@ -14,8 +14,8 @@ from typing import Any
 import av
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.infer.commands.app import run_command
@@ -39,7 +39,7 @@ def real_data() -> Path:
     return folder
 
 
-def numbered_frame(number: int, width: int, height: int) -> NDArray[np.uint8]:
+def numbered_frame(number: int, width: int, height: int) -> ByteArray:
     """A frame that shows its number as eight bright or dark stripes, and a square that moves."""
     image = np.full((height, width, 3), 90, np.uint8)
     for bit in range(8):
@@ -51,10 +51,10 @@ def numbered_frame(number: int, width: int, height: int) -> NDArray[np.uint8]:
 
 
 @pytest.fixture
-def frame_number() -> Callable[[NDArray[np.uint8]], int]:
+def frame_number() -> Callable[[ByteArray], int]:
     """Reads the number that a frame of `make_video` shows."""
 
-    def read(image: NDArray[np.uint8]) -> int:
+    def read(image: ByteArray) -> int:
         height, width = image.shape[:2]
         middles = [(2 * bit + 1) * width // 16 for bit in range(8)]
         row = image[: height // 3 - 2].astype(float).mean(axis=(0, 2))

@@ -12,8 +12,8 @@ Motion and shape capture from sparse markers", ACM Transactions on Graphics 33, 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.fitting._chain_kernel import Chain, compiled, make_chain
 from muybridge.geometry.fitting._kalman_kernel import settle
@@ -31,8 +31,6 @@ from muybridge.geometry.skeleton.body import Body
 from muybridge.geometry.skeleton.joint_centres import JointCentres
 from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
 from muybridge.geometry.skeleton.statistical_body import MarkerBody, body_of, marker_body, without_rolls
-
-Array = NDArray[np.float64]
 
 _CHI2_3_MEDIAN = 2.366
 _FEWEST = 6
@@ -100,9 +98,9 @@ class Person:
 
     skeleton: Skeleton
     rigging: Rigging
-    sigma: Array
-    landmarks: Array
-    markers: NDArray[np.intp]
+    sigma: FloatArray
+    landmarks: FloatArray
+    markers: IndexArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,15 +119,15 @@ class MarkerFit:
 
     motion: Motion
     body: Body
-    markers_world: Array
-    residual_m: Array
-    weight: Array
+    markers_world: FloatArray
+    residual_m: FloatArray
+    weight: FloatArray
     noise_scale: float
     person: Person
 
 
 def fit_markers(
-    points_world: Array, markers: NDArray[np.intp], fps: float, options: MarkerFitOptions | None = None,
+    points_world: FloatArray, markers: IndexArray, fps: float, options: MarkerFitOptions | None = None,
     centres: JointCentres | None = None, person: Person | None = None,
 ) -> MarkerFit:  # fmt: skip
     """Fit the body to labelled markers, all frames together.
@@ -160,7 +158,7 @@ def fit_markers(
 
 
 def calibrate_person(
-    points: Array, markers: NDArray[np.intp], fps: float, options: MarkerFitOptions | None = None,
+    points: FloatArray, markers: IndexArray, fps: float, options: MarkerFitOptions | None = None,
     centres: JointCentres | None = None,
 ) -> Person:  # fmt: skip
     """Build, bones and markers' places of the person who wears them; arguments as of `fit_markers`, with the points of
@@ -180,7 +178,7 @@ def calibrate_person(
 
 
 def scaled_person(
-    points: Array, markers: NDArray[np.intp], options: MarkerFitOptions | None = None,
+    points: FloatArray, markers: IndexArray, options: MarkerFitOptions | None = None,
     centres: JointCentres | None = None,
 ) -> Person:  # fmt: skip
     """The mean body, as large as the markers say; arguments as of `calibrate_person`."""
@@ -188,7 +186,7 @@ def scaled_person(
     return _person(table, markers, centres, table.mean * _size(table, points, markers), options)
 
 
-def follow_take(person: Person, points: Array, fps: float, options: MarkerFitOptions) -> Pose:
+def follow_take(person: Person, points: FloatArray, fps: float, options: MarkerFitOptions) -> Pose:
     """A first pose of every frame: followed frame by frame."""
     sigma = float(np.median(person.sigma)) + 0.006
     o = SkeletonFitOptions(sigma, options.freedom, 20.0, 130.0, options.root_velocity, options.angular_velocity)
@@ -196,7 +194,9 @@ def follow_take(person: Person, points: Array, fps: float, options: MarkerFitOpt
     return Pose(fit.motion.root_positions_world.copy(), fit.motion.forward()[:, 0, :3, :3].copy(), fit.angles.copy())
 
 
-def settle_frames(person: Person, points: Array, start: Pose, options: MarkerFitOptions, robust: bool = True) -> Pose:
+def settle_frames(
+    person: Person, points: FloatArray, start: Pose, options: MarkerFitOptions, robust: bool = True
+) -> Pose:
     """Every frame for itself, from `start`; least squares if not `robust`."""
     skeleton = solvable(person.skeleton, person.rigging)
     table = marker_body()
@@ -212,19 +212,19 @@ def settle_frames(person: Person, points: Array, start: Pose, options: MarkerFit
 
 @compiled
 def _settle_all(
-    chain: Chain, root: Array, turn: Array, angles: Array, targets: Array, information: Array, freedom: float,
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray, freedom: float,
     rounds: int,
 ) -> None:  # fmt: skip
     for t in range(len(root)):
         settle(chain, root[t], turn[t], angles[t], targets[t], information[t], freedom, rounds)
 
 
-def _prior(table: MarkerBody, options: MarkerFitOptions) -> Array:
+def _prior(table: MarkerBody, options: MarkerFitOptions) -> FloatArray:
     return np.asarray(options.prior_weight / np.maximum(table.spread, 1e-3) ** 2)
 
 
 def _person(
-    table: MarkerBody, markers: NDArray[np.intp], centres: JointCentres, vector: Array, options: MarkerFitOptions
+    table: MarkerBody, markers: IndexArray, centres: JointCentres, vector: FloatArray, options: MarkerFitOptions
 ) -> Person:
     offsets, places, landmarks = table.parts(vector)
     joints = [table.names.index(n) for n in centres.names]
@@ -237,7 +237,7 @@ def _person(
     return Person(table.skeleton(offsets), rigging, np.concatenate([sigma, centres.sigma]), landmarks, order)
 
 
-def _size(table: MarkerBody, points: Array, markers: NDArray[np.intp]) -> float:
+def _size(table: MarkerBody, points: FloatArray, markers: IndexArray) -> float:
     """How much larger than the mean: median over pairs of markers on one bone or on two that meet."""
     from muybridge.geometry.fitting.skeleton_fit import rest_positions
 
@@ -258,7 +258,7 @@ def _size(table: MarkerBody, points: Array, markers: NDArray[np.intp]) -> float:
     return float(np.clip(np.median(ratios), 0.3, 1.6)) if ratios else 1.0
 
 
-def _frames(seen: NDArray[np.bool_], most: int) -> NDArray[np.intp]:
+def _frames(seen: BoolArray, most: int) -> IndexArray:
     """At most `most` frames spread over the take, the fullest of each stretch."""
     count = seen.sum(1)
     edges = np.linspace(0, len(seen), min(most, len(seen)) + 1).astype(int)
@@ -296,7 +296,7 @@ class _Shape:
         self.certain[0] = 0.1
         self.value = np.zeros(size)
 
-    def person_of(self, value: Array) -> Person:
+    def person_of(self, value: FloatArray) -> Person:
         k, j = len(self.table.basis), len(self.table.names)
         offsets, places, landmarks = self.table.parts(self.table.mean + value[:k] @ self.table.basis)
         offsets = offsets + value[k : k + 3 * j].reshape(j, 3)
@@ -305,7 +305,7 @@ class _Shape:
         rigging = Rigging(self.person.rigging.joints, on)
         return replace(self.person, skeleton=self.table.skeleton(offsets), rigging=rigging, landmarks=landmarks)
 
-    def fit(self, points: Array, start: Pose, chosen: NDArray[np.intp], rounds: int = 10) -> Person:
+    def fit(self, points: FloatArray, start: Pose, chosen: IndexArray, rounds: int = 10) -> Person:
         """The person by Gauss-Newton on shape and poses together."""
         value = self._first(self.person)
         person = self.person_of(value)
@@ -325,7 +325,7 @@ class _Shape:
                 break
         return person
 
-    def _first(self, person: Person) -> Array:
+    def _first(self, person: Person) -> FloatArray:
         """The components that make the mean as large as the person is."""
         k = len(self.table.basis)
         offsets = person.skeleton.offsets.ravel()
@@ -335,7 +335,7 @@ class _Shape:
         out[:k] = np.linalg.solve(basis @ basis.T + 1e-3 * np.eye(k), basis @ (offsets - mean))
         return out
 
-    def _step(self, problem: Problem, pose: Pose, value: Array, share: float) -> tuple[Array, Array]:
+    def _step(self, problem: Problem, pose: Pose, value: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
         """Steps of the shape (S,) and of the poses (T, N)."""
         at, by_pose = jacobian(problem, pose)
         rotations = problem.skeleton.rotations_from_angles(pose.angles)
@@ -368,7 +368,7 @@ class _Shape:
 
 
 def _problem(
-    person: Person, points: Array, weight: Array, scale: float, fps: float, options: MarkerFitOptions
+    person: Person, points: FloatArray, weight: FloatArray, scale: float, fps: float, options: MarkerFitOptions
 ) -> Problem:
     table = marker_body()
     skeleton = solvable(person.skeleton, person.rigging)
@@ -387,8 +387,8 @@ def _problem(
 
 
 def _weights(
-    problem: Problem, pose: Pose, person: Person, points: Array, scale: float, options: MarkerFitOptions
-) -> tuple[float, Array]:
+    problem: Problem, pose: Pose, person: Person, points: FloatArray, scale: float, options: MarkerFitOptions
+) -> tuple[float, FloatArray]:
     """Factor on the variances by the median squared distance, and Student's t weights (T, L)."""
     known = np.isfinite(points[..., 0])
     square = np.sum((landmark_positions(problem, pose) - problem.targets) ** 2, axis=-1) / person.sigma**2
@@ -398,7 +398,14 @@ def _weights(
 
 
 def _result(
-    person: Person, problem: Problem, pose: Pose, points: Array, count: int, weight: Array, scale: float, fps: float
+    person: Person,
+    problem: Problem,
+    pose: Pose,
+    points: FloatArray,
+    count: int,
+    weight: FloatArray,
+    scale: float,
+    fps: float,
 ) -> MarkerFit:
     rotations = problem.skeleton.rotations_from_angles(pose.angles)
     rotations[:, 0] = pose.turn

@@ -6,8 +6,7 @@ Shape legend of the whole project: `C` cameras, `T` frames, `P` people, `J` land
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from muybridge.arrays import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -194,9 +193,9 @@ class Keypoints2D:
     """
 
     landmarks: LandmarkSet
-    points_px: NDArray[np.float64]
-    variance_px2: NDArray[np.float64]
-    score: NDArray[np.float64]
+    points_px: FloatArray
+    variance_px2: FloatArray
+    score: FloatArray
 
 
 @dataclass(frozen=True)
@@ -213,10 +212,10 @@ class Points3D:
     """
 
     landmarks: LandmarkSet
-    points_world: NDArray[np.float64]
-    covariance_world: NDArray[np.float64]
-    residual_px: NDArray[np.float64]
-    inlier: NDArray[np.bool_]
+    points_world: FloatArray
+    covariance_world: FloatArray
+    residual_px: FloatArray
+    inlier: BoolArray
     fps: float
 
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE, MarkerSet
 
 JITTER_MM = 15.0
@@ -22,8 +22,8 @@ class MarkerPlan:
     """
 
     markers: MarkerSet
-    jitter_m: NDArray[np.float64]
-    optional: NDArray[np.bool_]
+    jitter_m: FloatArray
+    optional: BoolArray
     twins: tuple[int, ...]
 
 

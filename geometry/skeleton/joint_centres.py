@@ -14,9 +14,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from muybridge.arrays import FloatArray
 
 HipMethod = Literal["harrington", "bell", "davis"]
 
@@ -31,8 +30,8 @@ class JointCentres:
     """
 
     names: tuple[str, ...] = ()
-    points_world: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
-    sigma: Array = field(default_factory=lambda: np.zeros(0))
+    points_world: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    sigma: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,20 +45,20 @@ class Centre:
             axis that the bones hardly turn across.
     """
 
-    in_first: Array
-    in_second: Array
+    in_first: FloatArray
+    in_second: FloatArray
     residual_m: float
-    sigma_m: Array
+    sigma_m: FloatArray
 
 
-def midpoint(one: Array, other: Array) -> Array:
+def midpoint(one: FloatArray, other: FloatArray) -> FloatArray:
     """(T, 3) metres: the middle of two markers, NaN where one is missing."""
     return np.asarray((one + other) / 2)
 
 
 def plane_centre(
-    above: Array, marker: Array, below: Array, half_width: float, inward: Array, bent: float = 0.25
-) -> Array:
+    above: FloatArray, marker: FloatArray, below: FloatArray, half_width: float, inward: FloatArray, bent: float = 0.25
+) -> FloatArray:
     """The centre behind a marker beside a hinge, along the normal of the plane through three markers.
 
     Args:
@@ -78,7 +77,9 @@ def plane_centre(
     return np.where(sine >= bent, marker + half_width * normal, np.nan)
 
 
-def pelvis_frame(left_asis: Array, right_asis: Array, back: Array) -> tuple[Array, Array, float, float]:
+def pelvis_frame(
+    left_asis: FloatArray, right_asis: FloatArray, back: FloatArray
+) -> tuple[FloatArray, FloatArray, float, float]:
     """Middle of the front spines (T, 3), axes forward, left, up as columns (T, 3, 3); width and depth in metres.
 
     Args:
@@ -101,7 +102,7 @@ def pelvis_frame(left_asis: Array, right_asis: Array, back: Array) -> tuple[Arra
 def hip_in_pelvis(
     method: HipMethod, width: float, depth: float, leg_length: float | None = None, marker_radius: float = 0.007,
     asis_depth: float | None = None,
-) -> Array:  # fmt: skip
+) -> FloatArray:  # fmt: skip
     """The left hip's centre from the middle of the front spines: forward, left, up, metres.
 
     Args:
@@ -133,7 +134,7 @@ def hip_in_pelvis(
     ])  # fmt: skip
 
 
-def segment_poses(points: Array, reference: Array | None = None) -> tuple[Array, Array, Array]:
+def segment_poses(points: FloatArray, reference: FloatArray | None = None) -> tuple[FloatArray, FloatArray, FloatArray]:
     """How a rigid cluster of markers moves: rotations (T, 3, 3), origins (T, 3), reference (K, 3); NaN where fewer than
     three of its markers are known.
 
@@ -153,12 +154,12 @@ def segment_poses(points: Array, reference: Array | None = None) -> tuple[Array,
     return *_rigid(points, reference), reference
 
 
-def _nanmean(values: Array) -> Array:
+def _nanmean(values: FloatArray) -> FloatArray:
     known = np.isfinite(values)
     return np.asarray(np.where(known, values, 0.0).sum(0) / np.maximum(known.sum(0), 1))
 
 
-def _rigid(points: Array, reference: Array) -> tuple[Array, Array]:
+def _rigid(points: FloatArray, reference: FloatArray) -> tuple[FloatArray, FloatArray]:
     known = np.isfinite(points[..., 0]) & np.isfinite(reference[:, 0])
     weight = known / np.maximum(known.sum(1), 1)[:, None]
     p, q = np.where(known[..., None], points, 0.0), np.where(np.isfinite(reference), reference, 0.0)
@@ -175,7 +176,12 @@ def _rigid(points: Array, reference: Array) -> tuple[Array, Array]:
 
 
 def score_centre(
-    turns: Array, places: Array, turns_other: Array, places_other: Array, rounds: int = 8, freedom: float = 4.0
+    turns: FloatArray,
+    places: FloatArray,
+    turns_other: FloatArray,
+    places_other: FloatArray,
+    rounds: int = 8,
+    freedom: float = 4.0,
 ) -> Centre:
     """The point that two moving bones share (SCoRE), robust against frames in which they do not.
 
@@ -204,7 +210,7 @@ def score_centre(
     return Centre(value[:3], value[3:], residual, np.sqrt(np.maximum(np.diag(spread)[:3], 0.0)))
 
 
-def sphere_centre(points: Array, rounds: int = 30, freedom: float = 4.0) -> tuple[Array, float]:
+def sphere_centre(points: FloatArray, rounds: int = 30, freedom: float = 4.0) -> tuple[FloatArray, float]:
     """The common centre of the spheres that markers move on.
 
     The start is Gamage and Lasenby's closed form, which noise draws towards the markers where the motion is small; from
@@ -242,7 +248,9 @@ def sphere_centre(points: Array, rounds: int = 30, freedom: float = 4.0) -> tupl
     return min(found, key=lambda f: f[1])
 
 
-def _by_distances(tracks: list[Array], centre: Array, rounds: int, freedom: float) -> tuple[Array, float]:
+def _by_distances(
+    tracks: list[FloatArray], centre: FloatArray, rounds: int, freedom: float
+) -> tuple[FloatArray, float]:
     scale, weights = 0.0, [np.ones(len(p)) for p in tracks]
     for _ in range(rounds):
         matrix, fixed, squares = np.zeros((3, 3)), np.zeros(3), []
@@ -277,7 +285,7 @@ _SIGMA = {"midpoint": 0.006, "plane": 0.012, "harrington": 0.009, "bell": 0.015,
 METHODS = ("midpoint", "plane", "harrington", "bell", "davis", "functional")
 
 
-def centres_from_markers(points_world: Array, index: dict[str, int], methods: tuple[str, ...]) -> JointCentres:
+def centres_from_markers(points_world: FloatArray, index: dict[str, int], methods: tuple[str, ...]) -> JointCentres:
     """Every joint centre that the markers and the methods tell; of two methods for one joint the first counts.
 
     Args:
@@ -290,7 +298,7 @@ def centres_from_markers(points_world: Array, index: dict[str, int], methods: tu
     """
     if unknown := [m for m in methods if m not in METHODS]:
         raise ValueError(f"unknown method {unknown[0]!r}: choose of {', '.join(METHODS)}")
-    found: dict[str, tuple[Array, float]] = {}
+    found: dict[str, tuple[FloatArray, float]] = {}
     for method in methods:
         for side in ("left", "right"):
             at = {n.removeprefix(f"{side}_"): points_world[:, i] for n, i in index.items() if n.startswith(side)}
@@ -309,8 +317,8 @@ def centres_from_markers(points_world: Array, index: dict[str, int], methods: tu
                         np.array([s for _, s in found.values()]))  # fmt: skip
 
 
-def _hinges(at: dict[str, Array], points: Array, index: dict[str, int], side: str, method: str
-            ) -> dict[str, tuple[Array, float]]:  # fmt: skip
+def _hinges(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int], side: str, method: str
+            ) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
     out = {}
     for joint, (outside, inside, above, below) in _HINGES.items():
         if method == "midpoint" and outside in at and inside in at:
@@ -329,7 +337,7 @@ def _hinges(at: dict[str, Array], points: Array, index: dict[str, int], side: st
 _OTHER = {"left": "right", "right": "left"}
 
 
-def _pelvis(points: Array, index: dict[str, int]) -> tuple[Array, Array, float, float] | None:
+def _pelvis(points: FloatArray, index: dict[str, int]) -> tuple[FloatArray, FloatArray, float, float] | None:
     if not {"left_asis", "right_asis"} <= set(index):
         return None
     if {"left_psis", "right_psis"} <= set(index):
@@ -341,8 +349,8 @@ def _pelvis(points: Array, index: dict[str, int]) -> tuple[Array, Array, float, 
     return pelvis_frame(points[:, index["left_asis"]], points[:, index["right_asis"]], back)
 
 
-def _regressed(at: dict[str, Array], points: Array, index: dict[str, int], side: str, method: HipMethod
-               ) -> dict[str, tuple[Array, float]]:  # fmt: skip
+def _regressed(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int], side: str, method: HipMethod
+               ) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
     pelvis = _pelvis(points, index)
     if pelvis is None:
         return {}
@@ -363,8 +371,8 @@ def _regressed(at: dict[str, Array], points: Array, index: dict[str, int], side:
     return {"thigh": (front + axes @ local, _SIGMA[method])}
 
 
-def _functional(at: dict[str, Array], points: Array, index: dict[str, int], side: str
-                ) -> dict[str, tuple[Array, float]]:  # fmt: skip
+def _functional(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int], side: str
+                ) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
     """Hip, shoulder and the like by motion: spheres in the axes of the bone above."""
     out = {}
     pelvis = [index[n] for n in ("left_asis", "right_asis", "left_psis", "right_psis", "sacrum") if n in index]
@@ -394,5 +402,5 @@ def _functional(at: dict[str, Array], points: Array, index: dict[str, int], side
     return out
 
 
-def _unit(vectors: Array) -> Array:
+def _unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9))

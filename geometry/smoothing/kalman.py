@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
 from muybridge.geometry.smoothing._kernel import exchanged_path, smooth_all
 from muybridge.geometry.smoothing.filters import FilterOptions, smooth
 
-Array = NDArray[np.float64]
 Method = Literal["kalman", "butterworth", "savgol", "gcv_spline", "gaussian", "median", "loess"]
 
 _CHI2_3_MEDIAN = 2.366  # median of the squared length of a standard normal vector in 3D
@@ -113,7 +112,7 @@ def clean_points(points: Points3D, options: SmoothOptions | None = None) -> Poin
     return replace(points, points_world=xyz, covariance_world=covariance)
 
 
-def known_points(points: Points3D, default_sigma: float) -> tuple[Array, Array]:
+def known_points(points: Points3D, default_sigma: float) -> tuple[FloatArray, FloatArray]:
     """Positions (T, J, 3), NaN in all coordinates where missing, and a usable covariance (T, J, 3, 3) for
     each.
 
@@ -133,8 +132,8 @@ def known_points(points: Points3D, default_sigma: float) -> tuple[Array, Array]:
 
 
 def _unswap(
-    landmarks: LandmarkSet, xyz: Array, covariance: Array, fps: float, swap_share: float
-) -> tuple[Array, Array]:
+    landmarks: LandmarkSet, xyz: FloatArray, covariance: FloatArray, fps: float, swap_share: float
+) -> tuple[FloatArray, FloatArray]:
     """Exchange sides where that makes both paths smoother, first of the whole body, then limbs, then pairs.
 
     A network that takes the front for the back exchanges everything at once, and all pairs together show the
@@ -169,11 +168,11 @@ def _unswap(
     return xyz, covariance
 
 
-def _facing(landmarks: LandmarkSet, xyz: Array, across: Sequence[str]) -> Array:
+def _facing(landmarks: LandmarkSet, xyz: FloatArray, across: Sequence[str]) -> FloatArray:
     """(T,) log odds that left is left of the pairs `across`, from where nose and toes point: left is up x forward. 0
     where unknown."""
 
-    def at(name: str) -> Array:
+    def at(name: str) -> FloatArray:
         return xyz[:, landmarks.names.index(name)] if name in landmarks.names else np.full_like(xyz[:, 0], np.nan)
 
     up = at("left_shoulder") + at("right_shoulder") - at("left_hip") - at("right_hip")
@@ -197,8 +196,8 @@ def _limb_of(name: str) -> int:
 
 
 def _swap_paths(
-    a: Array, b: Array, covariance: Array, group: NDArray[np.intp], fps: float, prior: Array
-) -> NDArray[np.bool_]:
+    a: FloatArray, b: FloatArray, covariance: FloatArray, group: IndexArray, fps: float, prior: FloatArray
+) -> BoolArray:
     """Per group of pairs the most likely two-state path (Viterbi 1967).
 
     Args:
@@ -229,7 +228,7 @@ def _swap_paths(
     # Noise is every landmark's own, movement the limb's: what a foot says of it, heel and toes don't say again.
     worth = 1 / (1 + (np.bincount(number)[number] - 1) * moves / scale)
 
-    def step(now: Array, then: Array) -> Array:
+    def step(now: FloatArray, then: FloatArray) -> FloatArray:
         far = np.sum((now - then[before, column]) ** 2, axis=-1) / (2 * scale)
         return np.where(usable, worth * np.minimum(far, 8.0), 0.0)
 
@@ -240,7 +239,7 @@ def _swap_paths(
     return np.asarray(path[:, number] & known)
 
 
-def _jump_variance(xyz: Array) -> Array:
+def _jump_variance(xyz: FloatArray) -> FloatArray:
     """(T, N, 3) -> (N,) variance of a coordinate, robustly from each point's distance to its neighbours' middle.
 
     Zero where there are no three frames in a row.
@@ -250,7 +249,7 @@ def _jump_variance(xyz: Array) -> Array:
     return np.nan_to_num(median / (1.5 * _CHI2_3_MEDIAN))
 
 
-def _outliers(xyz: Array, fps: float, options: SmoothOptions) -> NDArray[np.bool_]:
+def _outliers(xyz: FloatArray, fps: float, options: SmoothOptions) -> BoolArray:
     """(T, J) points far from their running median (Hampel 1974) that no possible motion leads to.
 
     Far is meant in units of the running median distance. A quick blow is far from the median too, but it comes
@@ -278,7 +277,7 @@ def _outliers(xyz: Array, fps: float, options: SmoothOptions) -> NDArray[np.bool
     return np.asarray(far)
 
 
-def _reached(xyz: Array, near: NDArray[np.bool_], sigma: Array, fps: float, top_speed: float) -> NDArray[np.bool_]:
+def _reached(xyz: FloatArray, near: BoolArray, sigma: FloatArray, fps: float, top_speed: float) -> BoolArray:
     """(T, J) whether `top_speed` and the noise explain the way from the latest `near` point before."""
     frames, columns = np.arange(len(xyz))[:, None], np.arange(xyz.shape[1])
     latest = np.maximum.accumulate(np.where(near, frames, -1), axis=0)
@@ -287,7 +286,7 @@ def _reached(xyz: Array, near: NDArray[np.bool_], sigma: Array, fps: float, top_
     return np.asarray((latest >= 0) & (way <= allowed) & ((frames - latest) / fps < 0.1))
 
 
-def _running_median(values: Array, half: int) -> Array:
+def _running_median(values: FloatArray, half: int) -> FloatArray:
     """(T, J, K): median over 2 half + 1 frames of what is not NaN; in blocks, for the windows are large."""
     padded = np.pad(values, ((half, half), (0, 0), (0, 0)), constant_values=np.nan)
     block = 1000
@@ -295,7 +294,7 @@ def _running_median(values: Array, half: int) -> Array:
     return np.concatenate(parts)
 
 
-def _window_median(padded: Array, half: int) -> Array:
+def _window_median(padded: FloatArray, half: int) -> FloatArray:
     windows = np.sort(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0), axis=-1)
     count = np.isfinite(windows).sum(axis=-1)
     low, high = np.maximum(count - 1, 0) // 2, count // 2
@@ -304,7 +303,9 @@ def _window_median(padded: Array, half: int) -> Array:
     return np.where(count > 0, 0.5 * (picked[0] + picked[1]), np.nan)
 
 
-def _smooth(xyz: Array, covariance: Array, fps: float, options: SmoothOptions) -> tuple[Array, Array]:
+def _smooth(
+    xyz: FloatArray, covariance: FloatArray, fps: float, options: SmoothOptions
+) -> tuple[FloatArray, FloatArray]:
     """The smoother in `passes`, with the noise's scale measured and far points weighed down between them.
 
     The scale is one factor a landmark, by which the squared distance from what the filter predicts exceeds
@@ -330,7 +331,7 @@ def _smooth(xyz: Array, covariance: Array, fps: float, options: SmoothOptions) -
     return out, out_covariance
 
 
-def _median_known(values: Array) -> Array:
+def _median_known(values: FloatArray) -> FloatArray:
     """(T, J) -> (J,) median of what is finite; NaN where nothing is."""
     ordered = np.sort(values, axis=0)
     count = np.isfinite(ordered).sum(axis=0)
@@ -338,7 +339,7 @@ def _median_known(values: Array) -> Array:
     return np.where(count > 0, middle, np.nan)
 
 
-def _hold_ends(positions: Array, known: NDArray[np.bool_]) -> Array:
+def _hold_ends(positions: FloatArray, known: BoolArray) -> FloatArray:
     """Before the first and after the last known point a path holds still: constant velocity would fly off."""
     out = positions.copy()
     frames, columns = np.arange(len(known))[:, None], np.arange(known.shape[1])
@@ -347,7 +348,7 @@ def _hold_ends(positions: Array, known: NDArray[np.bool_]) -> Array:
     return np.asarray(out[np.clip(frames, first, last), columns])
 
 
-def _within_reach(known: NDArray[np.bool_], fps: float, options: SmoothOptions) -> NDArray[np.bool_]:
+def _within_reach(known: BoolArray, fps: float, options: SmoothOptions) -> BoolArray:
     """(T, J): known, or in a gap of at most `max_gap`, or at an end that is to be extrapolated."""
     t_count = len(known)
     frames = np.arange(t_count)[:, None]

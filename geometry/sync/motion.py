@@ -16,8 +16,8 @@ from collections.abc import Callable, Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.geometry.sync.audio import audio_clock
 from muybridge.geometry.sync.clocks import MAD_SIGMA, UNKNOWN, Clock, Delays, clock_from_delays, parabola, resample
@@ -37,7 +37,6 @@ __all__ = [
     "resample",
 ]
 
-Floats = NDArray[np.float64]
 
 _FEWEST_MOVING = 8  # frames that must overlap for a correlation to mean anything
 _LEAST_OVERLAP = 0.3  # and which share of the shorter take
@@ -51,7 +50,7 @@ _EPIPOLAR_SCALE = 0.02
 # --- movement ---------------------------------------------------------------------------------------------
 
 
-def movement_profile(points_px: Floats, variance_px2: Floats) -> Floats:
+def movement_profile(points_px: FloatArray, variance_px2: FloatArray) -> FloatArray:
     """(T, J) how fast each landmark moves in the picture, in body sizes a frame, smoothed; NaN where unknown.
 
     Args:
@@ -67,7 +66,7 @@ def movement_profile(points_px: Floats, variance_px2: Floats) -> Floats:
     return np.asarray(np.sqrt(speed))
 
 
-def _smoothed(px: Floats) -> Floats:
+def _smoothed(px: FloatArray) -> FloatArray:
     """Gaussian over time that passes NaN over; NaN where the middle is."""
     reach = int(4 * _SPEED_SMOOTHING)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / _SPEED_SMOOTHING) ** 2)
@@ -86,7 +85,7 @@ def _smoothed(px: Floats) -> Floats:
     return np.asarray(out)
 
 
-def motion_delay(reference: Floats, other: Floats, fps: float, max_offset: float | None = None) -> Clock:
+def motion_delay(reference: FloatArray, other: FloatArray, fps: float, max_offset: float | None = None) -> Clock:
     """A camera's clock by movement (offset only).
 
     Args:
@@ -124,7 +123,7 @@ def motion_delay(reference: Floats, other: Floats, fps: float, max_offset: float
     return Clock(float(delay), 0.0, float(max(sd, 0.05 / fps)), np.inf, float(np.clip(scores[best], 0, 1)))
 
 
-def _overlap(a: Floats, b: Floats, lag: int) -> tuple[Floats, Floats]:
+def _overlap(a: FloatArray, b: FloatArray, lag: int) -> tuple[FloatArray, FloatArray]:
     """The rows of a and b that are of one moment if b is `lag` rows late."""
     if lag >= 0:
         n = min(len(a), len(b) - lag)
@@ -133,7 +132,7 @@ def _overlap(a: Floats, b: Floats, lag: int) -> tuple[Floats, Floats]:
     return a[-lag : -lag + max(n, 0)], b[: max(n, 0)]
 
 
-def _correlation(a: Floats, b: Floats) -> float:
+def _correlation(a: FloatArray, b: FloatArray) -> float:
     """Mean over landmarks of the correlation in time; landmarks that move more count more."""
     good = np.isfinite(a) & np.isfinite(b)
     n = good.sum(axis=0)
@@ -147,7 +146,7 @@ def _correlation(a: Floats, b: Floats) -> float:
     return float((a * b).sum() / max(power.sum(), 1e-12))
 
 
-def fundamental_cost(first: Floats, second: Floats) -> float:
+def fundamental_cost(first: FloatArray, second: FloatArray) -> float:
     """How badly two views fit any epipolar geometry: that of the best fundamental matrix.
 
     The matrix is fitted to the points themselves (eight-point algorithm, reweighted by Sampson's distance and
@@ -181,7 +180,11 @@ def fundamental_cost(first: Floats, second: Floats) -> float:
 
 
 def motion_clocks(
-    points_px: Floats, variance_px2: Floats, fps: float, max_offset: float | None = None, with_drift: bool = False
+    points_px: FloatArray,
+    variance_px2: FloatArray,
+    fps: float,
+    max_offset: float | None = None,
+    with_drift: bool = False,
 ) -> tuple[Clock, ...]:
     """Every camera's clock by how the landmarks of one person move; no calibration is needed.
 
@@ -204,7 +207,7 @@ def motion_clocks(
     coarse += [motion_delay(profiles[0], profiles[c], fps, max_offset) for c in range(1, count)]
     smooth = _all_smoothed(points_px, variance_px2)
 
-    def cost(pair: tuple[int, int], first: Floats, second: Floats) -> float:
+    def cost(pair: tuple[int, int], first: FloatArray, second: FloatArray) -> float:
         i, j = pair
         return fundamental_cost(
             resample(smooth[i], variance_px2[i], fps, first)[0], resample(smooth[j], variance_px2[j], fps, second)[0]
@@ -216,7 +219,7 @@ def motion_clocks(
     )
 
 
-def _all_smoothed(points_px: Floats, variance_px2: Floats) -> list[Floats]:
+def _all_smoothed(points_px: FloatArray, variance_px2: FloatArray) -> list[FloatArray]:
     """Tracks smoothed over time: interpolation alone would smooth between frames and not on them."""
     known = np.isfinite(variance_px2)[..., None]
     return [_smoothed(np.where(known[c], points_px[c], np.nan)) for c in range(len(points_px))]
@@ -227,8 +230,8 @@ def _all_smoothed(points_px: Floats, variance_px2: Floats) -> list[Floats]:
 
 def epipolar_clocks(
     cameras: CameraGroup,
-    points_px: Floats,
-    variance_px2: Floats,
+    points_px: FloatArray,
+    variance_px2: FloatArray,
     fps: float,
     start: tuple[Clock, ...] | None = None,
     search: float = 0.25,
@@ -252,7 +255,7 @@ def epipolar_clocks(
     start = start or tuple(Clock(0.0, 0.0, np.inf, np.inf, 0.0) for _ in range(count))
     rays = cameras.unproject(np.stack(_all_smoothed(points_px, variance_px2)))
 
-    def cost(pair: tuple[int, int], first: Floats, second: Floats) -> float:
+    def cost(pair: tuple[int, int], first: FloatArray, second: FloatArray) -> float:
         i, j = pair
         a = resample(rays[i], variance_px2[i], fps, first)[0]
         b = resample(rays[j], variance_px2[j], fps, second)[0]
@@ -261,7 +264,7 @@ def epipolar_clocks(
     return _clocks(cost, count, frames, fps, start, search, with_drift)
 
 
-_PairCost = Callable[[tuple[int, int], Floats, Floats], float]
+_PairCost = Callable[[tuple[int, int], FloatArray, FloatArray], float]
 
 
 def _clocks(
@@ -286,7 +289,9 @@ def _clocks(
     return tuple(clocks)
 
 
-def _window_offsets(cost: _PairCost, times: Floats, guess: Floats, search: float, fps: float) -> tuple[Floats, Floats]:
+def _window_offsets(
+    cost: _PairCost, times: FloatArray, guess: FloatArray, search: float, fps: float
+) -> tuple[FloatArray, FloatArray]:
     """(C,) offsets and standard deviations in one window: pairwise delays, put together by least squares."""
     count = len(guess)
     rows, right, weight = [], [], []
@@ -320,7 +325,7 @@ def _window_offsets(cost: _PairCost, times: Floats, guess: Floats, search: float
     return offset, spread
 
 
-def epipolar_cost(first: Camera, second: Camera, a: Floats, b: Floats) -> float:
+def epipolar_cost(first: Camera, second: Camera, a: FloatArray, b: FloatArray) -> float:
     """How far rays of two cameras pass each other: mean log loss of Sampson's distance; NaN where too few meet.
 
     Args:
@@ -348,13 +353,13 @@ def epipolar_cost(first: Camera, second: Camera, a: Floats, b: Floats) -> float:
     return float(np.mean(np.log1p((rest / _EPIPOLAR_SCALE_PX) ** 2)))
 
 
-def _nanmedian(values: Floats) -> Floats:
+def _nanmedian(values: FloatArray) -> FloatArray:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.asarray(np.nanmedian(values, axis=0))
 
 
-def _lowest(steps: Floats, costs: Floats) -> tuple[float, float]:
+def _lowest(steps: FloatArray, costs: FloatArray) -> tuple[float, float]:
     """Where the costs are lowest, between the steps, and a standard deviation from the valley's shape."""
     if np.isfinite(costs).sum() < 5:
         return np.nan, np.nan

@@ -19,11 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from muybridge.arrays import BoolArray, FloatArray, IntArray
 
 _BEHIND = 1e6  # u of a point that is not in front of a camera
 _MIN_DEPTH = 1e-6
@@ -48,32 +45,32 @@ class Limits(NamedTuple):
 class Rig(NamedTuple):
     """What does not change from point to point."""
 
-    poses: Array  # (C, 3, 4) cam_from_world
-    centers: Array  # (C, 3)
-    px2_per_unit2: Array  # (C,) squared focal lengths
+    poses: FloatArray  # (C, 3, 4) cam_from_world
+    centers: FloatArray  # (C, 3)
+    px2_per_unit2: FloatArray  # (C,) squared focal lengths
     pairs: IntArray  # (Q, 2) pairs of cameras in the order in which they propose
 
 
 class Views(NamedTuple):
     """One landmark in one frame, as the cameras see it."""
 
-    poses: Array  # (C, 3, 4) cam_from_world
-    centers: Array  # (C, 3)
-    seen: Array  # (C, 2) normalised image coordinates
-    info: Array  # (C,) one over the variance, normalised units; zero where the camera has no 2D point
-    rays: Array  # (C, 3) directions, of any length
+    poses: FloatArray  # (C, 3, 4) cam_from_world
+    centers: FloatArray  # (C, 3)
+    seen: FloatArray  # (C, 2) normalised image coordinates
+    info: FloatArray  # (C,) one over the variance, normalised units; zero where the camera has no 2D point
+    rays: FloatArray  # (C, 3) directions, of any length
     use: IntArray  # (n,) the cameras that have a 2D point
 
 
 class Scratch(NamedTuple):
     """Memory that is used again for every point."""
 
-    starts: Array  # (2, 3) the two best proposals, then the points refined from them
-    normal: Array  # (3, 3)
-    damped: Array  # (3, 3)
-    inverse: Array  # (3, 3)
-    gradient: Array  # (3,)
-    trial: Array  # (3,)
+    starts: FloatArray  # (2, 3) the two best proposals, then the points refined from them
+    normal: FloatArray  # (3, 3)
+    damped: FloatArray  # (3, 3)
+    inverse: FloatArray  # (3, 3)
+    gradient: FloatArray  # (3,)
+    trial: FloatArray  # (3,)
 
 
 @_compiled
@@ -92,7 +89,7 @@ def _weight(u: float, limits: Limits) -> float:
 
 
 @_compiled
-def _error_u(views: Views, c: int, point: Array) -> float:
+def _error_u(views: Views, c: int, point: FloatArray) -> float:
     """Squared distance of the projection to the 2D point, in variances; `_BEHIND` if it is behind."""
     p = views.poses[c]
     z = p[2, 0] * point[0] + p[2, 1] * point[1] + p[2, 2] * point[2] + p[2, 3]
@@ -105,7 +102,7 @@ def _error_u(views: Views, c: int, point: Array) -> float:
 
 
 @_compiled
-def _score(views: Views, point: Array, limits: Limits) -> tuple[float, int]:
+def _score(views: Views, point: FloatArray, limits: Limits) -> tuple[float, int]:
     """Sum of the cameras' losses, and how many of them agree."""
     total = 0.0
     agree = 0
@@ -118,7 +115,7 @@ def _score(views: Views, point: Array, limits: Limits) -> tuple[float, int]:
 
 
 @_compiled
-def _midpoint(views: Views, a: int, b: int, min_sin2: float, out: Array) -> bool:
+def _midpoint(views: Views, a: int, b: int, min_sin2: float, out: FloatArray) -> bool:
     """The point nearest to two rays, nearer to the surer one; False if they are parallel or meet behind."""
     ray_a, ray_b = views.rays[a], views.rays[b]
     center_a, center_b = views.centers[a], views.centers[b]
@@ -149,7 +146,7 @@ def _midpoint(views: Views, a: int, b: int, min_sin2: float, out: Array) -> bool
 
 
 @_compiled
-def _inverse3(a: Array, out: Array) -> bool:
+def _inverse3(a: FloatArray, out: FloatArray) -> bool:
     """Inverse of a symmetric positive definite 3x3 matrix; False if it is singular."""
     c00 = a[1, 1] * a[2, 2] - a[1, 2] * a[1, 2]
     c01 = a[0, 2] * a[1, 2] - a[0, 1] * a[2, 2]
@@ -171,7 +168,9 @@ def _inverse3(a: Array, out: Array) -> bool:
 
 
 @_compiled
-def _normal_equations(views: Views, point: Array, limits: Limits, normal: Array, gradient: Array) -> float:
+def _normal_equations(
+    views: Views, point: FloatArray, limits: Limits, normal: FloatArray, gradient: FloatArray
+) -> float:
     """Gauss-Newton's matrix and gradient at `point`, reweighted by the loss; returns the loss."""
     normal[:] = 0.0
     gradient[:] = 0.0
@@ -203,7 +202,7 @@ def _normal_equations(views: Views, point: Array, limits: Limits, normal: Array,
 
 
 @_compiled
-def _refine(views: Views, point: Array, limits: Limits, scratch: Scratch) -> float:
+def _refine(views: Views, point: FloatArray, limits: Limits, scratch: Scratch) -> float:
     """Damped Gauss-Newton on the robust loss, in place; returns the loss."""
     normal, damped, inverse = scratch.normal, scratch.damped, scratch.inverse
     gradient, trial = scratch.gradient, scratch.trial
@@ -238,7 +237,7 @@ def _refine(views: Views, point: Array, limits: Limits, scratch: Scratch) -> flo
 
 
 @_compiled
-def _widest_sin2(rays: Array, use: IntArray) -> float:
+def _widest_sin2(rays: FloatArray, use: IntArray) -> float:
     """Largest squared sine of the angle between two rays (found in two sweeps, so linear in cameras)."""
     first = use[0]
     widest = 0.0
@@ -316,7 +315,9 @@ def _two_best_points(views: Views, rig: Rig, limits: Limits, scratch: Scratch) -
 
 
 @_compiled
-def _solve_one(views: Views, rig: Rig, limits: Limits, scratch: Scratch, covariance: Array, inlier: BoolArray) -> bool:
+def _solve_one(
+    views: Views, rig: Rig, limits: Limits, scratch: Scratch, covariance: FloatArray, inlier: BoolArray
+) -> bool:
     """One point, into `scratch.starts[0]`, with its covariance and inliers; False if there is none."""
     found, odds = _two_best_points(views, rig, limits, scratch)
     if found == 0:
@@ -354,8 +355,8 @@ def _solve_one(views: Views, rig: Rig, limits: Limits, scratch: Scratch, covaria
 
 @_compiled
 def solve_points(
-    rig: Rig, limits: Limits, seen: Array, info: Array, begin: int, end: int,
-    points: Array, covariances: Array, inliers: BoolArray,
+    rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, begin: int, end: int,
+    points: FloatArray, covariances: FloatArray, inliers: BoolArray,
 ) -> None:  # fmt: skip
     """Robust points `begin` to `end`, into the arrays of results, which come filled with NaN and False.
 

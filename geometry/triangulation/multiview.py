@@ -17,8 +17,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.geometry.triangulation._kernel import Limits, Rig, solve_points
 
@@ -75,10 +76,10 @@ class Triangulation:
         variance_scale: factor on the 2D variances (below one where the take shows them to be too large).
     """
 
-    points_world: NDArray[np.float64]
-    covariance_world: NDArray[np.float64]
-    residual_px: NDArray[np.float64]
-    inlier: NDArray[np.bool_]
+    points_world: FloatArray
+    covariance_world: FloatArray
+    residual_px: FloatArray
+    inlier: BoolArray
     noise_px: float
     variance_scale: float
 
@@ -88,9 +89,9 @@ class _Views:
     """The 2D points of N landmarks as the kernel takes them."""
 
     rig: Rig
-    seen: NDArray[np.float64]  # (N, C, 2) normalised
-    variance_px2: NDArray[np.float64]  # (N, C), NaN where missing
-    px2_per_unit2: NDArray[np.float64]  # (N, C) or (1, C) pixels to normalised units, areas
+    seen: FloatArray  # (N, C, 2) normalised
+    variance_px2: FloatArray  # (N, C), NaN where missing
+    px2_per_unit2: FloatArray  # (N, C) or (1, C) pixels to normalised units, areas
     longer_side_px: float
 
 
@@ -184,7 +185,7 @@ def leave_one_out_error(
     points_px: ArrayLike,
     variance_px2: ArrayLike,
     options: TriangulateOptions | None = None,
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """How far each camera's 2D points are from what the other cameras say: a quality figure without truth.
 
     For every frame, landmark and camera with a usable 2D point, the point is triangulated robustly from the
@@ -227,12 +228,12 @@ class LeaveOneOutSummary:
     """
 
     median_px: float
-    camera_median_px: NDArray[np.float64]
+    camera_median_px: FloatArray
     no_point_share: float
-    camera_no_point_share: NDArray[np.float64]
+    camera_no_point_share: FloatArray
 
 
-def leave_one_out_summary(error_px: NDArray[np.float64], usable: NDArray[np.bool_]) -> LeaveOneOutSummary:
+def leave_one_out_summary(error_px: FloatArray, usable: BoolArray) -> LeaveOneOutSummary:
     """Medians and shares of a leave-one-camera-out error.
 
     Args:
@@ -240,11 +241,11 @@ def leave_one_out_summary(error_px: NDArray[np.float64], usable: NDArray[np.bool
         usable: (C, T, J) where the camera has a 2D point (finite point and variance).
     """
 
-    def median(values: NDArray[np.float64]) -> float:
+    def median(values: FloatArray) -> float:
         known = values[np.isfinite(values)]
         return float(np.median(known)) if known.size else float("nan")
 
-    def share(values: NDArray[np.float64], counted: NDArray[np.bool_]) -> float:
+    def share(values: FloatArray, counted: BoolArray) -> float:
         return float(np.isnan(values[counted]).mean()) if counted.any() else float("nan")
 
     return LeaveOneOutSummary(
@@ -255,17 +256,17 @@ def leave_one_out_summary(error_px: NDArray[np.float64], usable: NDArray[np.bool
     )
 
 
-def usable_points(points_px: ArrayLike, variance_px2: ArrayLike) -> NDArray[np.bool_]:
+def usable_points(points_px: ArrayLike, variance_px2: ArrayLike) -> BoolArray:
     """(C, T, J) where a 2D point can be used: its pixels and its variance are finite."""
-    point: NDArray[np.bool_] = np.isfinite(np.asarray(points_px)).all(axis=-1)
-    variance: NDArray[np.bool_] = np.isfinite(np.asarray(variance_px2))
-    usable: NDArray[np.bool_] = point & variance
+    point: BoolArray = np.isfinite(np.asarray(points_px)).all(axis=-1)
+    variance: BoolArray = np.isfinite(np.asarray(variance_px2))
+    usable: BoolArray = point & variance
     return usable
 
 
 def _checked(
     cameras: CameraGroup, points_px: ArrayLike, variance_px2: ArrayLike, options: TriangulateOptions
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[FloatArray, FloatArray]:
     """The arrays as float64, both NaN wherever one of them is; ValueError if they cannot be triangulated."""
     px = np.asarray(points_px, dtype=np.float64)
     variance = np.asarray(variance_px2, dtype=np.float64)
@@ -283,7 +284,7 @@ def _checked(
     return np.where(usable[..., None], px, np.nan), np.where(usable, variance, np.nan)
 
 
-def _views(cameras: CameraGroup, px: NDArray[np.float64], variance: NDArray[np.float64]) -> _Views:
+def _views(cameras: CameraGroup, px: FloatArray, variance: FloatArray) -> _Views:
     """Checked (C, T, J, 2) and (C, T, J) arrays as the kernel takes them; N = T J."""
     count = len(cameras)
     flat_px = px.reshape(count, -1, 2)
@@ -314,15 +315,15 @@ def _views(cameras: CameraGroup, px: NDArray[np.float64], variance: NDArray[np.f
     )
 
 
-def _local_scale(camera: Camera, points_px: NDArray[np.float64], slopes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _local_scale(camera: Camera, points_px: FloatArray, slopes: FloatArray) -> FloatArray:
     """(N,) or (1,) area of an image patch in px^2 over its area in normalised units, at each point.
 
     It is the squared focal length in the middle of every image and, unless the lens is wide, everywhere.
     """
 
-    def scale(px: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+    def scale(px: FloatArray, at: FloatArray) -> FloatArray:
         right, down = camera.unproject(px + [1.0, 0.0]) - at, camera.unproject(px + [0.0, 1.0]) - at
-        area: NDArray[np.float64] = np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0])
+        area: FloatArray = np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0])
         return 1.0 / np.maximum(area, 1e-18)
 
     focal2 = camera.camera_matrix[0, 0] * camera.camera_matrix[1, 1]
@@ -334,7 +335,7 @@ def _local_scale(camera: Camera, points_px: NDArray[np.float64], slopes: NDArray
     return scale(points_px, slopes)
 
 
-def _pair_order(cameras: CameraGroup) -> NDArray[np.int64]:
+def _pair_order(cameras: CameraGroup) -> IntArray:
     """(Q, 2) all pairs of cameras: those with wide angles first, and every camera early.
 
     The angle is taken at the point nearest to all optical axes, about where the subject is.
@@ -359,15 +360,13 @@ def _pair_order(cameras: CameraGroup) -> NDArray[np.int64]:
     return np.stack([first[order], second[order]], axis=1).astype(np.int64)
 
 
-def _information(views: _Views, noise_px: float, scale: float) -> NDArray[np.float64]:
+def _information(views: _Views, noise_px: float, scale: float) -> FloatArray:
     """(N, C) one over the variance in normalised units, zero where there is no 2D point."""
     total_px2 = scale * views.variance_px2 + noise_px**2
     return np.where(np.isfinite(total_px2), views.px2_per_unit2 / total_px2, 0.0)
 
 
-def _solve(
-    views: _Views, info: NDArray[np.float64], options: TriangulateOptions
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+def _solve(views: _Views, info: FloatArray, options: TriangulateOptions) -> tuple[FloatArray, FloatArray, BoolArray]:
     """(N, 3) points, (N, 3, 3) covariances and (N, C) inliers; the kernel over chunks in threads."""
     count, cameras = info.shape
     points = np.full((count, 3), np.nan)
@@ -416,13 +415,13 @@ def in_chunks(count: int, options: TriangulateOptions, work: Callable[[int, int]
 def views_of(
     cameras: CameraGroup, points_px: ArrayLike, variance_px2: ArrayLike, found: Triangulation,
     options: TriangulateOptions,
-) -> tuple[_Views, NDArray[np.float64]]:  # fmt: skip
+) -> tuple[_Views, FloatArray]:  # fmt: skip
     """The take as the kernel takes it, and (N, C) how much each 2D point is worth, at the noise that was found."""
     views = _views(cameras, *_checked(cameras, points_px, variance_px2, options))
     return views, _information(views, found.noise_px, found.variance_scale)
 
 
-def _fit_noise(error2: NDArray[np.float64], variance: NDArray[np.float64]) -> tuple[float, float]:
+def _fit_noise(error2: FloatArray, variance: FloatArray) -> tuple[float, float]:
     """What to add to the variances, or how to scale them, so that the median error is as large as promised.
 
     Args:

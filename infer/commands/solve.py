@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.geometry.fitting.body_fit import BodyFit, FitOptions
 from muybridge.geometry.fitting.marker_fit import MarkerFit, MarkerFitOptions
@@ -22,7 +22,6 @@ Units = Literal["m", "cm", "mm"]
 Up = Literal["y", "z"]
 Method = Literal["auto", "markers", "landmarks"]
 Centres = Literal["midpoint", "plane", "harrington", "bell", "davis", "functional"]
-Floats = NDArray[np.float64]
 
 MOTION_BVH, MOTION_GLB, MOTION_MOT = "motion.bvh", "motion.glb", "motion.mot"
 LANDMARKS_TRC, LANDMARKS_C3D, FACTS = "landmarks.trc", "landmarks.c3d", "solve.json"
@@ -204,7 +203,7 @@ def _ever(points: Any, column: int) -> bool:
     return bool(np.isfinite(points.points_world[:, column, 0]).any())
 
 
-def stature_of(points_world: Floats) -> float:
+def stature_of(points_world: FloatArray) -> float:
     """Metres: the height that the median lengths of trunk and limbs ask for; NaN where none is known.
 
     Args:
@@ -249,7 +248,7 @@ def check_size(path: Path, labelled: Labelled, options: Any) -> float:
     raise FormatError(f"{path}: the person would be {stature:,.4g} m tall; {hint}")
 
 
-def _tilt_deg(points_world: Floats) -> float:
+def _tilt_deg(points_world: FloatArray) -> float:
     """Median angle between the trunk and up; 0 where it is not known."""
     from muybridge.geometry.landmarks.arrays import BODY23
 
@@ -267,7 +266,7 @@ def _facts(
 ) -> dict[str, Any]:  # fmt: skip
     from muybridge import __version__
 
-    def percentiles(residual: Floats) -> dict[str, float | None]:
+    def percentiles(residual: FloatArray) -> dict[str, float | None]:
         known = residual[np.isfinite(residual)] * 1e3
         return {
             "median": round(float(np.median(known)), 3) if known.size else None,

@@ -12,8 +12,8 @@ from typing import Annotated, Literal
 import av
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import MuybridgeError, SessionError
 from muybridge.files import replacing
 from muybridge.geometry.association.select import select_person, take_person
@@ -24,8 +24,6 @@ from muybridge.infer.detection.detect import DetectOptions
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import Session, SessionOptions, open_session
 from muybridge.infer.session.sync_file import SYNC_FILE, SYNC_VERSION
-
-Floats = NDArray[np.float64]
 
 _AUDIO_RATE = 16000
 _DRIFT_FROM = 60.0  # seconds of take from which pictures are asked for drift
@@ -53,7 +51,7 @@ class SyncResult:
     disagreements: tuple[str, ...]
 
 
-def read_audio(path: Path, rate: int = _AUDIO_RATE) -> Floats | None:
+def read_audio(path: Path, rate: int = _AUDIO_RATE) -> FloatArray | None:
     """A file's first audio stream from the video's time zero, mono, at `rate`; None where it has none.
 
     Raises:
@@ -69,7 +67,7 @@ def read_audio(path: Path, rate: int = _AUDIO_RATE) -> Floats | None:
                 video = container.streams.video[0]
                 zero = float((video.start_time or 0) * (video.time_base or 0))
             resampler = av.AudioResampler(format="flt", layout="mono", rate=rate)
-            pieces: list[Floats] = []
+            pieces: list[FloatArray] = []
             begins: float | None = None
             for frame in container.decode(stream):
                 if begins is None:
@@ -112,7 +110,7 @@ def find_clocks(
     return SyncResult(tuple(clocks), tuple(origins), found, said)
 
 
-def _by_sound(sounds: Sequence[Floats | None], c: int, max_offset: float) -> Clock:
+def _by_sound(sounds: Sequence[FloatArray | None], c: int, max_offset: float) -> Clock:
     first, other = sounds[0], sounds[c]
     if c == 0:
         return Clock(0.0, 0.0, 0.0, 0.0, 1.0)

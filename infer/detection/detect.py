@@ -15,6 +15,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, ByteArray
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks.arrays import LandmarkSet
 from muybridge.infer.detection.background import Backdrop
@@ -143,17 +144,17 @@ class CameraResult:
     hangs_from: int | None = None
 
     @property
-    def plate(self) -> NDArray[np.uint8] | None:
+    def plate(self) -> ByteArray | None:
         """(h, w, 3) the background of the whole video, at the detector's resolution; None where there is none."""
         return self.stage.arrays.get(_PLATE)
 
     @property
-    def own_repeats(self) -> NDArray[np.bool_]:
+    def own_repeats(self) -> BoolArray:
         """(T,) which frames of the video are the one before once more, by what the camera itself has seen."""
         return self.stage.arrays[_REPEATS]
 
     @property
-    def repeats(self) -> NDArray[np.bool_]:
+    def repeats(self) -> BoolArray:
         """(T,) the same, and those in which it hangs to its end, which the other cameras tell."""
         own = self.own_repeats
         return own if self.hangs_from is None else own | (np.arange(len(own)) >= self.hangs_from)
@@ -337,7 +338,7 @@ class _CameraWork:
         result = self.store.save(stage, key, arrays, facts, time.perf_counter() - start)
         return CameraResult(_tracks(result, self.models.landmarks), self.proxy, result)
 
-    def _compute(self) -> tuple[CameraTracks, NDArray[np.uint8] | None, NDArray[np.bool_], int]:
+    def _compute(self) -> tuple[CameraTracks, ByteArray | None, BoolArray, int]:
         video, camera = self.session.videos[self.index], self.session.level_cameras[self.index]
         models = self.models
         estimator = PoseEstimator(

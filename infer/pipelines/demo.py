@@ -7,8 +7,8 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import OutputError, SessionError
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.infer.pipelines.videos import RunOptions, RunResult, run_session
@@ -44,7 +44,7 @@ def demo_folder() -> Traversable:
     return folder
 
 
-def true_points(folder: Traversable) -> tuple[NDArray[np.float64], list[str]]:
+def true_points(folder: Traversable) -> tuple[FloatArray, list[str]]:
     """(T, K, 3) metres, and the (K,) landmarks' names, of a take like the demo's."""
     with folder.joinpath(TRUTH).open("rb") as file, np.load(file) as truth:
         return truth["points_world"], [str(n) for n in truth["names"]]
@@ -96,7 +96,7 @@ def _copy(folder: Traversable, take: Path, ours: bool) -> None:
         write_whole(target, partial(Path.write_bytes, data=data))
 
 
-def score(points: Points3D, truth_world: NDArray[np.float64], names: list[str]) -> Score:
+def score(points: Points3D, truth_world: FloatArray, names: list[str]) -> Score:
     """Mean distance to the truth, in the world as it is: nothing is aligned.
 
     Args:

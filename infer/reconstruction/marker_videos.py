@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, ByteArray, FloatArray, IndexArray, IntArray
 from muybridge.errors import SessionError
 from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.cameras.rays import ray_directions
@@ -32,8 +32,6 @@ from muybridge.infer.session.session import Session, SessionOptions, open_sessio
 from muybridge.infer.session.video import VideoInfo, read_chunks
 from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.motion.formats.points.marker_protocol import find_marker_set
-
-Array = NDArray[np.float64]
 
 UNNAMED, MARKERS_C3D, MARKERS_TRC, FACTS = "unnamed.c3d", "points.c3d", "points.trc", "markers.json"
 MOTION = ("motion.bvh", "motion.glb", "motion.mot")
@@ -77,15 +75,15 @@ class FoundMarkers:
         dropped: trajectories that were ghosts or lamps.
     """
 
-    points: Array
-    seen: list[list[Array]]
+    points: FloatArray
+    seen: list[list[FloatArray]]
     dropped: int
 
 
-def blobs_of(video: VideoInfo, indices: NDArray[np.int64], options: BlobOptions) -> tuple[list[Array], float]:
+def blobs_of(video: VideoInfo, indices: IntArray, options: BlobOptions) -> tuple[list[FloatArray], float]:
     """Blobs (K, 3) of every frame of a video, and the threshold that was used."""
     threshold = options.threshold
-    found: list[Array] = []
+    found: list[FloatArray] = []
     for chunk in read_chunks(video, indices):
         # Markers are lit in one colour, which need not be the camera's green.
         grey = chunk.max(axis=-1)
@@ -96,7 +94,7 @@ def blobs_of(video: VideoInfo, indices: NDArray[np.int64], options: BlobOptions)
 
 
 def find_markers(
-    cameras: CameraGroup, seen: list[list[Array]], fps: float, options: MarkerVideoOptions
+    cameras: CameraGroup, seen: list[list[FloatArray]], fps: float, options: MarkerVideoOptions
 ) -> FoundMarkers:
     """Unnamed trajectories from blobs.
 
@@ -112,8 +110,8 @@ def find_markers(
     return FoundMarkers(kept[:, used], seen, dropped)
 
 
-def triangulate_again(cameras: CameraGroup, seen: list[list[Array]], points: Array, reach_px: float = 2.0,
-                      longest: int = 12) -> tuple[Array, NDArray[np.intp]]:  # fmt: skip
+def triangulate_again(cameras: CameraGroup, seen: list[list[FloatArray]], points: FloatArray, reach_px: float = 2.0,
+                      longest: int = 12) -> tuple[FloatArray, IndexArray]:  # fmt: skip
     """Named markers from all cameras that see them; short gaps are looked at as well, where two cameras see the marker
     within reach of where its path has it.
 
@@ -162,7 +160,7 @@ def triangulate_again(cameras: CameraGroup, seen: list[list[Array]], points: Arr
     return out, views
 
 
-def _bridged(points: Array, longest: int) -> tuple[Array, NDArray[np.bool_]]:
+def _bridged(points: FloatArray, longest: int) -> tuple[FloatArray, BoolArray]:
     """Points with straight lines over short gaps, and (T, M) where those are."""
     out, gap = points.copy(), np.zeros(points.shape[:2], bool)
     time = np.arange(len(points))
@@ -226,7 +224,7 @@ def run_marker_session(path: Path, out: Path | None, session_options: SessionOpt
 
 
 def _all_blobs(session: Session, options: MarkerVideoOptions, progress: Progress
-               ) -> tuple[list[list[Array]], list[float]]:  # fmt: skip
+               ) -> tuple[list[list[FloatArray]], list[float]]:  # fmt: skip
     columns, thresholds = [], []
     with progress.task("markers in the images", len(session.cameras)) as task:
         for c, video in enumerate(session.videos):
@@ -238,8 +236,8 @@ def _all_blobs(session: Session, options: MarkerVideoOptions, progress: Progress
     return [[found[t] for found in columns] for t in range(frames)], thresholds
 
 
-def _facts(session: Session, plan: MarkerPlan, found: FoundMarkers, confidence: Array, points: Array,
-           views: NDArray[np.intp], sample: NDArray[np.uint8], thresholds: list[float], fit: MarkerFit,
+def _facts(session: Session, plan: MarkerPlan, found: FoundMarkers, confidence: FloatArray, points: FloatArray,
+           views: IndexArray, sample: ByteArray, thresholds: list[float], fit: MarkerFit,
            notes: list[str]) -> dict[str, Any]:  # fmt: skip
     from muybridge import __version__
 
@@ -261,13 +259,13 @@ def _facts(session: Session, plan: MarkerPlan, found: FoundMarkers, confidence: 
     }  # fmt: skip
 
 
-def _points(names: tuple[str, ...], kind: str, xyz: Array, fps: float) -> Points3D:
+def _points(names: tuple[str, ...], kind: str, xyz: FloatArray, fps: float) -> Points3D:
     count, size = xyz.shape[:2]
     return Points3D(LandmarkSet(kind, names, ()), xyz, np.full((count, size, 3, 3), np.nan), np.empty((0, count, size)),
                     np.empty((0, count, size), bool), fps)  # fmt: skip
 
 
-def _write(output: Any, session: Session, plan: MarkerPlan, found: FoundMarkers, points: Array, fit: MarkerFit,
+def _write(output: Any, session: Session, plan: MarkerPlan, found: FoundMarkers, points: FloatArray, fit: MarkerFit,
            facts: dict[str, Any]) -> None:  # fmt: skip
     from muybridge.motion.formats.gltf.write import write_glb
     from muybridge.motion.formats.points.c3d import write_c3d

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.triangulation.multiview import leave_one_out_summary, usable_points
 from muybridge.infer.reconstruction.landmarks import Solution
@@ -43,7 +43,7 @@ class Quality:
     landmarks: Mapping[str, Mapping[str, float]]
 
 
-def median(values: NDArray[np.float64]) -> float:
+def median(values: FloatArray) -> float:
     """Median of what is not NaN; NaN if nothing is."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else float("nan")

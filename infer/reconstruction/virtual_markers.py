@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.landmarks.arrays import (
     CMU,
@@ -20,7 +21,6 @@ from muybridge.geometry.triangulation.left_right import SwapOptions, repair_swap
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
 from muybridge.infer.detection.detect import MarkerChoice
 
-_Floats = NDArray[np.float64]
 _SETS: dict[MarkerChoice, MarkerSet] = {"plug-in-gait": PLUG_IN_GAIT, "cmu": CMU}
 # Which markers change sides together, beside the body's own parts.
 _ARM = ("acromion", "upper_arm", "elbow", "forearm", "radial", "ulnar", "metacarpal")
@@ -29,8 +29,8 @@ _LEG = ("trochanter", "thigh", "knee", "patella", "tibial", "shank", "malleolus"
 
 def triangulate_markers(
     cameras: CameraGroup,
-    body: tuple[_Floats, _Floats, LandmarkSet],
-    markers: tuple[_Floats, _Floats],
+    body: tuple[FloatArray, FloatArray, LandmarkSet],
+    markers: tuple[FloatArray, FloatArray],
     swaps: SwapOptions,
     options: TriangulateOptions,
 ) -> dict[str, NDArray[Any]]:

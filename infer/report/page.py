@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import OutputError
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
@@ -48,8 +48,6 @@ from muybridge.infer.report.sections import (
     thumbnails_section,
 )
 from muybridge.infer.results.overlay import side_of
-
-Floats = NDArray[np.float64]
 
 # Beyond this many frames the 3D view shows every second, third, ... frame.
 _MOST_FRAMES = 40_000
@@ -104,11 +102,11 @@ class ReportData:
     points: Points3D
     delivered: Points3D | None = None
     number: int = 1
-    others: tuple[Floats, ...] = ()
+    others: tuple[FloatArray, ...] = ()
     pages: tuple[PersonPage, ...] = ()
-    keypoints_px: Floats | None = None
-    leave_one_out_px: Floats | None = None
-    joint_positions_world: Floats | None = None
+    keypoints_px: FloatArray | None = None
+    leave_one_out_px: FloatArray | None = None
+    joint_positions_world: FloatArray | None = None
     joint_names: tuple[str, ...] = ()
     joint_parents: tuple[int, ...] = ()
     calibration: CalibrationQuality | None = None

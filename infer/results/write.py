@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, FloatArray
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.infer.detection.detect import CameraResult, MarkerChoice
@@ -30,8 +30,6 @@ from muybridge.motion.formats.gltf.write import write_glb
 from muybridge.motion.formats.points.c3d import write_c3d
 from muybridge.motion.formats.points.trc import write_trc
 from muybridge.motion.formats.skeletal.bvh import write_bvh
-
-Floats = NDArray[np.float64]
 
 POINTS_TRC, POINTS_C3D, MARKERS_C3D = "points.trc", "points.c3d", "markers.c3d"
 MOTION_BVH, MOTION_GLB = "motion.bvh", "motion.glb"
@@ -188,7 +186,7 @@ def _write_overlay(
     return store.save(f"overlay-{camera_file}", key, arrays, {}, time.perf_counter() - start)
 
 
-def _counted(chunks: Iterator[NDArray[np.uint8]], task: Task) -> Iterator[NDArray[np.uint8]]:
+def _counted(chunks: Iterator[ByteArray], task: Task) -> Iterator[ByteArray]:
     for chunk in chunks:
         yield from chunk
         task.advance(len(chunk))
@@ -230,7 +228,12 @@ def write_report_pages(
 
 
 def _report_data(
-    name: str, number: int, person: Solution, others: tuple[Floats, ...], quality: Quality, shared: Mapping[str, Any]
+    name: str,
+    number: int,
+    person: Solution,
+    others: tuple[FloatArray, ...],
+    quality: Quality,
+    shared: Mapping[str, Any],
 ) -> ReportData:
     motion = person.motion
     tables = ("cameras", "landmarks")

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
 from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, read_calibration, sized_like
 from muybridge.geometry.calibration.gravity import levelled
@@ -84,10 +84,10 @@ class Session:
     calibration: Path
     cameras: CameraGroup
     videos: tuple[VideoInfo, ...]
-    frame_indices: NDArray[np.int64]
+    frame_indices: IntArray
     fps: float
     notices: tuple[str, ...]
-    late: NDArray[np.float64] | None = None
+    late: FloatArray | None = None
     clocks: tuple[Clock, ...] | None = None
     upright: CameraGroup | None = None
 
@@ -389,7 +389,7 @@ def _odd_pixels(video: VideoInfo) -> bool:
 
 def _common_time(
     videos: Sequence[VideoInfo], clocks: tuple[Clock, ...] | None
-) -> tuple[float, NDArray[np.int64], NDArray[np.float64] | None, tuple[Clock, ...] | None, list[str]]:
+) -> tuple[float, IntArray, FloatArray | None, tuple[Clock, ...] | None, list[str]]:
     """The take's frame rate, which frames of each video make it up, how late they were taken, how the clocks stand from
     there on, and what had to be assumed."""
     rates = np.array([v.fps for v in videos])
@@ -435,7 +435,7 @@ def _common_time(
 
 def _beginnings(
     videos: Sequence[VideoInfo], counts: Sequence[int], clocks: tuple[Clock, ...] | None, fps: float
-) -> tuple[NDArray[np.int64], tuple[Clock, ...] | None, list[str]]:
+) -> tuple[IntArray, tuple[Clock, ...] | None, list[str]]:
     """(C,) the frame of each video with which the take begins, the clocks from there on, and what is left out."""
     names = [v.path.name for v in videos]
     first = np.zeros(len(videos), dtype=np.int64)
@@ -463,7 +463,7 @@ def _by_number(videos: Sequence[VideoInfo]) -> tuple[bool, float]:
     return bool(np.ptp(frames) <= 1 + np.ptp(last) * max(v.fps for v in videos)), apart
 
 
-def _commonest(rates: NDArray[np.float64]) -> float:
+def _commonest(rates: FloatArray) -> float:
     return float(Counter(float(r) for r in rates).most_common(1)[0][0])
 
 

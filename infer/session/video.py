@@ -18,8 +18,8 @@ import av
 import av.error
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, FloatArray, IntArray
 from muybridge.errors import OutputError, VideoError
 from muybridge.infer.runtime.stages import partial_name
 
@@ -61,7 +61,7 @@ class VideoInfo:
     fps: float
     frames: int
     declares_count: bool
-    times: NDArray[np.float64] = field(repr=False)
+    times: FloatArray = field(repr=False)
     variable_rate: bool
     pixel_aspect: float
     size_bytes: int
@@ -78,7 +78,7 @@ class VideoInfo:
 class _Packets:
     """Time stamps (s, sorted) of the packets that become frames, and what looked wrong on the way."""
 
-    times: NDArray[np.float64]
+    times: FloatArray
     total: int
     damaged_at: int | None
     ends: float  # the latest end of any packet of any stream, s
@@ -251,7 +251,7 @@ def _first_frame(path: Path) -> tuple[int, int, int, float, float | None]:
     raise VideoError(f"{path} holds no frame that can be decoded; copy or export it again")
 
 
-def _rate(times: NDArray[np.float64], nominal: Fraction | None) -> tuple[float, bool]:
+def _rate(times: FloatArray, nominal: Fraction | None) -> tuple[float, bool]:
     """Frames a second from time stamps, and whether their spacing varies."""
     if len(times) < 3 or times[-1] <= times[0]:
         return float(nominal or 25), False
@@ -274,9 +274,7 @@ def chunk_frames(info: VideoInfo) -> int:
     return int(np.clip(CHUNK_BYTES // (info.width * info.height * 3), 1, MAX_CHUNK))
 
 
-def read_chunks(
-    info: VideoInfo, indices: NDArray[np.int64] | None = None, threads: int = 1
-) -> Iterator[NDArray[np.uint8]]:
+def read_chunks(info: VideoInfo, indices: IntArray | None = None, threads: int = 1) -> Iterator[ByteArray]:
     """Decode a video once, in order, in chunks of bounded memory.
 
     Args:
@@ -293,7 +291,7 @@ def read_chunks(
     """
     wanted = np.arange(info.frames) if indices is None else np.asarray(indices)
     size = chunk_frames(info)
-    buffer: NDArray[np.uint8] | None = None
+    buffer: ByteArray | None = None
     filled = delivered = decoded = 0
     for decoded, frame in enumerate(_decode(info, threads), start=1):
         repeats = int(np.searchsorted(wanted, decoded - 1, side="right")) - delivered
@@ -335,8 +333,8 @@ def _decode(info: VideoInfo, threads: int) -> Iterator[Any]:
             ) from None
 
 
-def _to_rgb(frame: Any, info: VideoInfo) -> NDArray[np.uint8]:
-    image: NDArray[np.uint8] = frame.to_ndarray(format="rgb24")
+def _to_rgb(frame: Any, info: VideoInfo) -> ByteArray:
+    image: ByteArray = frame.to_ndarray(format="rgb24")
     if info.rotation_deg:
         image = np.rot90(image, info.rotation_deg // 90)
     if image.shape[:2] != (info.height, info.width):
@@ -378,7 +376,7 @@ class VideoWriter:
     def __enter__(self) -> "VideoWriter":
         return self
 
-    def write(self, image: NDArray[np.uint8]) -> None:
+    def write(self, image: ByteArray) -> None:
         """Add one (H, W, 3) RGB frame, scaled to the file's size where it differs."""
         if (image.shape[1], image.shape[0]) != self.size:
             image = cv2.resize(image, self.size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)

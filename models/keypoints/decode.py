@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
 from muybridge.models.keypoints.left_right import told_apart
 from muybridge.models.keypoints.patches import patches
 
@@ -61,7 +62,7 @@ class SpreadCalibration:
     part: float = 1.0
     landmarks: tuple[float, ...] = ()
 
-    def variance(self, spread_px2: NDArray[np.float64]) -> NDArray[np.float64]:
+    def variance(self, spread_px2: FloatArray) -> FloatArray:
         """The variance of each coordinate, of the spread's shape, whose last axis the `landmarks` are, if they are not
         alike; NaN stays NaN."""
         each = np.array(self.landmarks) if self.landmarks else 1.0
@@ -72,9 +73,7 @@ class SpreadCalibration:
         inner = np.exp(np.interp(np.log(inside), np.log(at), np.log(value)))
         return np.asarray(inner * np.maximum(spread_px2 / at[-1], 1.0) * each, dtype=np.float64)
 
-    def ratio(
-        self, seen: NDArray[np.float64], mirrored: bool, partly: NDArray[np.bool_] | None = None
-    ) -> NDArray[np.float64]:
+    def ratio(self, seen: FloatArray, mirrored: bool, partly: BoolArray | None = None) -> FloatArray:
         """What variances are to be multiplied by, where landmarks are visible with a probability of `seen`, the crops
         were looked at mirrored too or were not, and those that are `partly`, which broadcasts with `seen`, show a part
         of a person."""
@@ -91,13 +90,13 @@ class DecodedHeatmaps(NamedTuple):
         score: (N, J) in 0..1, zero where missing.
     """
 
-    points_crop_px: NDArray[np.float64]
-    variance_crop_px2: NDArray[np.float64]
-    score: NDArray[np.float64]
+    points_crop_px: FloatArray
+    variance_crop_px2: FloatArray
+    score: FloatArray
 
 
 def decode_heatmaps(
-    logits: NDArray[np.float32], stride: int, spread: SpreadCalibration, twins: NDArray[np.intp] | None = None
+    logits: Float32Array, stride: int, spread: SpreadCalibration, twins: IndexArray | None = None
 ) -> DecodedHeatmaps:
     """Landmarks from classification maps.
 
@@ -147,25 +146,25 @@ def decode_heatmaps(
     return DecodedHeatmaps(points.reshape(*shape, 2), variance, score.reshape(shape))
 
 
-def sigmoid(logits: NDArray[np.floating]) -> NDArray[np.float64]:
+def sigmoid(logits: NDArray[np.floating]) -> FloatArray:
     """Probabilities from logits of any shape."""
     return np.asarray(1 / (1 + np.exp(-np.clip(logits.astype(np.float64), -50, 50))))
 
 
-def there(score: NDArray[np.float64]) -> NDArray[np.int64]:
+def there(score: FloatArray) -> IntArray:
     """(N,) how many landmarks crops show, of whose places there is an idea, by their scores (N, J)."""
     return np.asarray((score >= NO_IDEA).sum(axis=1))
 
 
-def in_part(score: NDArray[np.float64], whole: float = _WHOLE) -> NDArray[np.bool_]:
+def in_part(score: FloatArray, whole: float = _WHOLE) -> BoolArray:
     """(N,) which crops show a part of a person, less than the share `whole`, by the scores (N, J) of the landmarks."""
     count = there(score)
     return np.asarray((count >= _LEAST_THERE) & (count < whole * score.shape[1]))
 
 
 def with_expectation(
-    logits: NDArray[np.float32], stride: int, expected_px: NDArray[np.float64], sd_px: float, most: float
-) -> NDArray[np.float32]:
+    logits: Float32Array, stride: int, expected_px: FloatArray, sd_px: float, most: float
+) -> Float32Array:
     """Maps that know where their landmarks are expected: the posterior of a robust Gaussian prior.
 
     Of two hypotheses the one that is expected wins; a sharp peak moves by less than its own width, and one that is
@@ -185,16 +184,14 @@ def with_expectation(
     return np.asarray(logits - np.where(np.isfinite(against), against, 0.0), dtype=np.float32)
 
 
-def _moment_basis(height: int, width: int) -> NDArray[np.float32]:
+def _moment_basis(height: int, width: int) -> Float32Array:
     """(h*w, 4) columns 1, u, v, u^2 + v^2 about the map's middle."""
     u = np.tile(np.arange(width) - (width - 1) / 2, height)
     v = np.repeat(np.arange(height) - (height - 1) / 2, width)
     return np.stack([np.ones_like(u), u, v, u**2 + v**2], axis=1).astype(np.float32)
 
 
-def _refine(
-    probability: NDArray[np.float32], best: NDArray[np.intp]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _refine(probability: Float32Array, best: IndexArray) -> tuple[FloatArray, FloatArray]:
     """Points (K, 2) in cells (u, v), and the mass (K,) near them, of (K, h, w) maps with best cells `best`.
 
     A window with fractional edges moves to the centre of its mass: exact for a symmetric peak wherever it
@@ -229,13 +226,13 @@ class DetectedPeople(NamedTuple):
         scores: (K,) in 0..1.
     """
 
-    boxes_px: NDArray[np.float64]
-    scores: NDArray[np.float64]
+    boxes_px: FloatArray
+    scores: FloatArray
 
 
 def decode_people(
-    heatmap: NDArray[np.float32],
-    box: NDArray[np.float32],
+    heatmap: Float32Array,
+    box: Float32Array,
     stride: int,
     threshold: float = 0.3,
     max_people: int = 16,
@@ -273,9 +270,7 @@ def decode_people(
     return found
 
 
-def suppress_overlaps(
-    boxes_px: NDArray[np.float64], scores: NDArray[np.float64], max_overlap: float
-) -> NDArray[np.intp]:
+def suppress_overlaps(boxes_px: FloatArray, scores: FloatArray, max_overlap: float) -> IndexArray:
     """Indices, best first, of the boxes that no better box overlaps by more than `max_overlap` (IoU)."""
     order = np.argsort(-scores, kind="stable")
     overlap = box_overlap(boxes_px, boxes_px)
@@ -286,12 +281,12 @@ def suppress_overlaps(
     return np.array(keep, dtype=np.intp)
 
 
-def box_overlap(a_px: NDArray[np.float64], b_px: NDArray[np.float64]) -> NDArray[np.float64]:
+def box_overlap(a_px: FloatArray, b_px: FloatArray) -> FloatArray:
     """(A, B) intersection over union of (A, 4) and (B, 4) boxes: left, top, right, bottom."""
     low = np.maximum(a_px[:, None, :2], b_px[None, :, :2])
     high = np.minimum(a_px[:, None, 2:], b_px[None, :, 2:])
     common = np.clip(high - low, 0, None).prod(axis=-1)
     area_a = (a_px[:, 2:] - a_px[:, :2]).prod(axis=-1)
     area_b = (b_px[:, 2:] - b_px[:, :2]).prod(axis=-1)
-    overlap: NDArray[np.float64] = common / np.maximum(area_a[:, None] + area_b[None, :] - common, 1e-12)
+    overlap: FloatArray = common / np.maximum(area_a[:, None] + area_b[None, :] - common, 1e-12)
     return overlap

@@ -19,6 +19,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import Float32Array, FloatArray, IndexArray
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks.arrays import BODY23, SURFACE, LandmarkSet
 from muybridge.models.keypoints.decode import DecodedHeatmaps, SpreadCalibration, decode_heatmaps, in_part, sigmoid
@@ -65,25 +66,23 @@ class KeypointModelCard:
     metadata: Mapping[str, str]
 
     @cached_property
-    def _twins(self) -> NDArray[np.intp]:
+    def _twins(self) -> IndexArray:
         return np.array(self.landmarks.mirror, dtype=np.intp)
 
-    def decoded(self, heatmaps: NDArray[np.float32]) -> DecodedHeatmaps:
+    def decoded(self, heatmaps: Float32Array) -> DecodedHeatmaps:
         """The landmarks that heatmaps (N, J, h, w) of this network say, twins told apart."""
         return decode_heatmaps(heatmaps, self.stride, self.spread, self._twins)
 
     def weighed(
-        self, found: DecodedHeatmaps, visibility: NDArray[np.float32], mirrored: bool,
-        score: NDArray[np.float64] | None = None,
+        self, found: DecodedHeatmaps, visibility: Float32Array, mirrored: bool,
+        score: FloatArray | None = None,
     ) -> DecodedHeatmaps:  # fmt: skip
         """The landmarks with variances that know what looks hidden, by the logits `visibility` (N, J), whether crops
         were looked at mirrored too, and which of them show a part of a person: by the landmarks' scores, or `score`
         (N, J) where theirs are of what was expected too."""
         return _weighed(found, self.spread, visibility, mirrored, found.score if score is None else score)
 
-    def decoded_markers(
-        self, heatmaps: NDArray[np.float32], visibility: NDArray[np.float32], mirrored: bool
-    ) -> DecodedHeatmaps:
+    def decoded_markers(self, heatmaps: Float32Array, visibility: Float32Array, mirrored: bool) -> DecodedHeatmaps:
         """The virtual markers that heatmaps (N, M, h, w) of this network say, which finds some, with variances as of
         `weighed`."""
         if self.marker_spread is None:
@@ -99,8 +98,8 @@ class KeypointModelCard:
 
 
 def _weighed(
-    found: DecodedHeatmaps, spread: SpreadCalibration, visibility: NDArray[np.float32], mirrored: bool,
-    score: NDArray[np.float64],
+    found: DecodedHeatmaps, spread: SpreadCalibration, visibility: Float32Array, mirrored: bool,
+    score: FloatArray,
 ) -> DecodedHeatmaps:  # fmt: skip
     ratio = spread.ratio(sigmoid(visibility), mirrored, in_part(score)[:, None])
     return found._replace(variance_crop_px2=found.variance_crop_px2 * ratio)

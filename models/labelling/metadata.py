@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.landmarks.arrays import SURFACE
 from muybridge.models.keypoints.metadata import _Reader
 
@@ -31,9 +31,9 @@ class LabelModelCard:
     version: str
     window: tuple[float, ...]
     neighbours: int
-    distance_m: NDArray[np.float64]
-    motion_m: NDArray[np.float64]
-    bodies_m: NDArray[np.float64]
+    distance_m: FloatArray
+    motion_m: FloatArray
+    bodies_m: FloatArray
     metadata: Mapping[str, str]
 
 
@@ -61,7 +61,7 @@ def label_card(metadata: Mapping[str, str], path: Path) -> LabelModelCard:
     )
 
 
-def _matrix(value: Any, key: str, read: _Reader) -> NDArray[np.float64]:
+def _matrix(value: Any, key: str, read: _Reader) -> FloatArray:
     """A symmetric matrix from its upper triangle in millimetres."""
     size = len(SURFACE)
     upper = np.triu_indices(size, 1)

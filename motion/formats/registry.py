@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
@@ -29,8 +28,6 @@ from muybridge.motion.formats.skeletal.bone_meshes import rest_positions
 from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
 from muybridge.motion.formats.skeletal.mot import write_mot
 from muybridge.motion.formats.skeletal.usd import write_usda
-
-Array = NDArray[np.float64]
 
 METRES_OF_LENGTH = METRES_OF_UNIT | {"cmu": 0.0254 / 0.45}
 # Units a figure is tall, and what a unit then is; between these nothing is guessed.

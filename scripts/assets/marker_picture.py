@@ -11,8 +11,8 @@ import pathlib
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, Float32Array, FloatArray
 from muybridge.geometry.landmarks.arrays import SURFACE
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.bodies.surface_markers import TABLE
@@ -52,7 +52,7 @@ def names_of(row: dict[str, str]) -> str:
     return row["pig39"] or row["cmu41"] or row["name"].removeprefix(row["side"] + "_").replace("_", " ")
 
 
-def place(px: NDArray[np.float64], texts: list[str], width: int, height: int) -> NDArray[np.float64]:
+def place(px: FloatArray, texts: list[str], width: int, height: int) -> FloatArray:
     """Where texts go (N, 2): to the left and right of the picture's middle, pushed apart vertically."""
     out = np.zeros_like(px)
     middle = (px[:, 0].min() + px[:, 0].max()) / 2
@@ -71,9 +71,7 @@ def place(px: NDArray[np.float64], texts: list[str], width: int, height: int) ->
     return out
 
 
-def panel(
-    renderer: Renderer, rows: list[dict[str, str]], landmarks: NDArray[np.float32], number: int
-) -> NDArray[np.uint8]:
+def panel(renderer: Renderer, rows: list[dict[str, str]], landmarks: Float32Array, number: int) -> ByteArray:
     """One picture with the markers that the camera sees."""
     center, span, direction, (height, width), words = PANELS[number]
     to_camera = np.array(direction, float) / np.linalg.norm(direction)

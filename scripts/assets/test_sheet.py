@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray
 from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.models.keypoints.decode import NO_IDEA
 from muybridge.models.keypoints.metadata import shipped_model
@@ -41,7 +42,7 @@ def hard_cases(renders: pathlib.Path, size: int) -> Batch:
     return Compositor(store, pool, size, SEED, HARD).batch(CASES)
 
 
-def draw(picture: NDArray[np.uint8], points: NDArray[np.floating], scale: float, truth: bool = False) -> None:
+def draw(picture: ByteArray, points: NDArray[np.floating], scale: float, truth: bool = False) -> None:
     """Bones into an RGB picture, in place; none to landmarks that are NaN."""
     for a, b in BODY23.edge_indices:
         if not np.isfinite(points[[a, b]]).all():
@@ -52,7 +53,7 @@ def draw(picture: NDArray[np.uint8], points: NDArray[np.floating], scale: float,
         cv2.line(picture, *ends, (255, 255, 255) if truth else colour, 1 if truth else 2, cv2.LINE_AA)
 
 
-def synthetic_sheet(renders: pathlib.Path, model: pathlib.Path) -> NDArray[np.uint8]:
+def synthetic_sheet(renders: pathlib.Path, model: pathlib.Path) -> ByteArray:
     """RGB page of the hard cases; prints their scores."""
     session, card = load_model(model)
     batch = hard_cases(renders, card.input_size)
@@ -75,7 +76,7 @@ def synthetic_sheet(renders: pathlib.Path, model: pathlib.Path) -> NDArray[np.ui
     return np.concatenate(rows)
 
 
-def take_sheet(results: pathlib.Path, instants: int = 10, height: int = 320) -> NDArray[np.uint8]:
+def take_sheet(results: pathlib.Path, instants: int = 10, height: int = 320) -> ByteArray:
     """RGB page: a row a camera, a column an instant, from the overlay videos of `muybridge run`."""
     import av
 

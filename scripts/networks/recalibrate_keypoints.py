@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 import onnx
 import onnxruntime
-from numpy.typing import NDArray
 from rich.progress import track
 
+from muybridge.arrays import Float32Array
 from muybridge.files import replacing
 from muybridge.models.keypoints.decode import in_part
 from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS, KeypointModelCard, keypoint_card
@@ -50,7 +50,7 @@ def look_of(session: onnxruntime.InferenceSession, card: KeypointModelCard) -> L
     """A network's session as a function: body first, then markers."""
     outputs = BODY_OUTPUTS if card.markers is None else BODY_OUTPUTS + MARKER_OUTPUTS
 
-    def look(crops: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def look(crops: Float32Array) -> tuple[Float32Array, Float32Array]:
         found = session.run(outputs, card.inputs(crops))
         return np.concatenate(found[::2], 1), np.concatenate(found[1::2], 1)
 

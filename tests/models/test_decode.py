@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from muybridge.arrays import Float32Array, FloatArray
 from muybridge.models.keypoints.decode import (
     SpreadCalibration,
     box_overlap,
@@ -17,14 +17,14 @@ from muybridge.models.keypoints.decode import (
 _PLAIN = SpreadCalibration(scale=1.0, floor_px2=0.5)
 
 
-def _peak(u: float, v: float, sigma: float, size: int = 32) -> NDArray[np.float64]:
+def _peak(u: float, v: float, sigma: float, size: int = 32) -> FloatArray:
     """Probability (size, size) of a Gaussian about cell (u, v)."""
     rows, columns = np.mgrid[:size, :size]
     p = np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / (2 * sigma**2)) + 1e-12
     return np.asarray(p / p.sum())
 
 
-def _logits(*maps: NDArray[np.float64]) -> NDArray[np.float32]:
+def _logits(*maps: FloatArray) -> Float32Array:
     return np.log(np.stack(maps)).astype(np.float32)[None]
 
 
@@ -92,7 +92,7 @@ def test_batches_and_single_maps_agree() -> None:
 
 def _detector_maps(
     people: list[tuple[float, float, float, float, float]], shape: tuple[int, int] = (24, 40)
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+) -> tuple[Float32Array, Float32Array]:
     """Maps as the detector gives them for people (left, top, right, bottom, logit)."""
     rows, columns = np.mgrid[: shape[0], : shape[1]]
     x, y = columns * 8 + 3.5, rows * 8 + 3.5

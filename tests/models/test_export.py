@@ -19,7 +19,7 @@ from muybridge.models.keypoints.metadata import keypoint_card, shipped_model  # 
 from muybridge.models.keypoints.network import PLATE, KeypointNet, PlateApart  # noqa: E402
 from muybridge.models.onnx_files.export import export_onnx  # noqa: E402
 from muybridge.models.onnx_files.quantization import int8_path, quantize  # noqa: E402
-from muybridge.train.keypoints.variance_calibration import (
+from muybridge.train.keypoints.variance_calibration import (  # noqa: E402
     HeldOut,
     _farthest_off,
     _fit_hidden,

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, Float32Array, FloatArray
 from muybridge.infer.detection.detect import DetectOptions, first_look
 from muybridge.infer.detection.pose_estimator import KeypointOptions
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
@@ -12,7 +12,7 @@ from muybridge.models.keypoints.rescale import at_side, reading_sides
 from muybridge.models.keypoints.test_time import turn_where_unsure
 
 
-def scores(here: int) -> NDArray[np.float64]:
+def scores(here: int) -> FloatArray:
     return np.where(np.arange(23) < here, 0.9, 0.05)[None]
 
 
@@ -35,7 +35,7 @@ def test_maps_of_smaller_crops_are_as_of_the_crops(rows: int, channels: int) -> 
     crops = crop if rows == 1 else crop.transpose(0, 3, 1, 2)
     shown: list[tuple[int, ...]] = []
 
-    def look(crops: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+    def look(crops: Float32Array) -> list[Float32Array]:
         shown.append(crops.shape)
         picture = crops[..., 0] if rows == 1 else crops[:, 0]
         cells = picture.shape[-1] // stride
@@ -56,12 +56,12 @@ def test_a_part_is_read_at_its_size(here: int, looks: list[int]) -> None:
     card = KeypointNetwork(shipped_model("keypoints")).card
     shown: list[int] = []
 
-    def maps(size: int, spot: tuple[int, int]) -> list[NDArray[np.float32]]:
+    def maps(size: int, spot: tuple[int, int]) -> list[Float32Array]:
         out = np.zeros((1, 23, size // 4, size // 4), np.float32)
         out[0, :here, spot[0] - 1 : spot[0] + 2, spot[1] - 1 : spot[1] + 2] = 14
         return [out, np.zeros((1, 23), np.float32)]
 
-    def look(crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+    def look(crops: ByteArray) -> list[Float32Array]:
         shown.append(crops.shape[1])
         return maps(crops.shape[1], (10, 30))
 

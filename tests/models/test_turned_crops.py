@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, Float32Array
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
 from muybridge.models.keypoints import test_time as turning
 from muybridge.models.keypoints.decode import NO_IDEA
@@ -14,7 +14,7 @@ from muybridge.models.keypoints.test_time import Series, turn_where_unsure
 SPOT = 6  # half of a spot's side, px
 
 
-def spotted(network: KeypointNetwork, places: list[tuple[int, int]]) -> NDArray[np.uint8]:
+def spotted(network: KeypointNetwork, places: list[tuple[int, int]]) -> ByteArray:
     """Black crops with a bright spot at each of the places (column, row)."""
     crops = np.zeros((len(places), network.crop_size, network.crop_size, 3), np.uint8)
     for crop, (x, y) in zip(crops, places, strict=True):
@@ -28,7 +28,7 @@ def network(monkeypatch: pytest.MonkeyPatch) -> KeypointNetwork:
     opened = KeypointNetwork(shipped_model("keypoints"), OnnxOptions(flip=False))
     cells = opened.crop_size // opened.card.stride
 
-    def look(self: KeypointNetwork, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+    def look(self: KeypointNetwork, crops: ByteArray) -> list[Float32Array]:
         small = crops[..., 0].reshape(len(crops), cells, opened.card.stride, cells, -1).mean(axis=(2, 4)) / 255
         sees = small[:, : cells // 3].max(axis=(1, 2)) > 0.5
         maps = np.where(sees[:, None, None], 30 * small, 0.1 * small).astype(np.float32)
@@ -46,7 +46,7 @@ def looked(network: KeypointNetwork, monkeypatch: pytest.MonkeyPatch) -> list[in
     counts: list[int] = []
     look = type(network).__call__
 
-    def counted(self: KeypointNetwork, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+    def counted(self: KeypointNetwork, crops: ByteArray) -> list[Float32Array]:
         counts.append(len(crops))
         return look(self, crops)
 
@@ -99,7 +99,7 @@ def test_parts_of_people_are_not_turned(here: int, turned: bool) -> None:
     spot[18:21, 10:13] = 1
     shown = np.where(np.arange(23) < here, 6.0, 0.0)[None, :, None, None]
 
-    def look(crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+    def look(crops: ByteArray) -> list[Float32Array]:
         if crops.shape[1] == card.input_size:
             return [np.broadcast_to(9 * spot, (1, 23, cells, cells)).copy()]
         fewer = (crops.shape[1] // card.stride,) * 2  # made smaller, they are no better known
@@ -144,7 +144,7 @@ def test_what_is_unsure_is_the_mean_of_three_looks(quarters: int) -> None:
     crop = np.ascontiguousarray(np.rot90(upright, -quarters, axes=(1, 2)))
     shown: list[float] = []
 
-    def look(crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+    def look(crops: ByteArray) -> list[Float32Array]:
         small = crops[..., 0].reshape(len(crops), cells, card.stride, cells, -1).mean(axis=(2, 4)) / 255
         shown.extend(small[:, : cells // 4].sum(axis=(1, 2)))
         known = small[:, : cells // 4].max(axis=(1, 2)) > 0.5

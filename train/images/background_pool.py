@@ -5,9 +5,9 @@ import pathlib
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.progress import Progress
 
+from muybridge.arrays import ByteArray
 from muybridge.files import replacing
 from muybridge.train.engine.process_pool import affordable, shared_out
 from muybridge.train.images.backgrounds import make_backgrounds
@@ -38,7 +38,7 @@ class _Backdrops:
     def _renderer(self) -> Renderer:
         return Renderer(BodyModel(self.seed))
 
-    def part(self, numbers: range) -> tuple[range, NDArray[np.uint8]]:
+    def part(self, numbers: range) -> tuple[range, ByteArray]:
         """(len(numbers), 3, SIZE, SIZE) of these pictures, all of one kind, and which they are."""
         if numbers.start < self.painted:
             return numbers, make_backgrounds(len(numbers), SIZE, self.seed, numbers.start)

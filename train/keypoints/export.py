@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 import muybridge
+from muybridge.arrays import ByteArray
 from muybridge.errors import ModelError
 from muybridge.geometry.cameras.crops import BOX_PADDING
 from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
@@ -96,9 +96,7 @@ def publish_keypoints(
     return metadata
 
 
-def write_keypoints(
-    net: KeypointNet, path: pathlib.Path, metadata: Mapping[str, Any], images: NDArray[np.uint8]
-) -> None:
+def write_keypoints(net: KeypointNet, path: pathlib.Path, metadata: Mapping[str, Any], images: ByteArray) -> None:
     """The network's file and its 8-bit version beside it, body and markers apart where `metadata` names markers; the
     ranges of the 8 bits are measured on `images` (N, 4, S, S), of the size that the file is for."""
     marked = "marker_names" in metadata

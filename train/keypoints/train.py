@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from muybridge.arrays import ByteArray
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
 from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps
@@ -161,7 +161,7 @@ def _errors_smaller(net: nn.Module, batch: Batch) -> Tensor:
     """(B, 23) errors of landmarks, in pixels of the crops as they are, read in crops of the last of `SMALLER`."""
     device = next(net.parameters()).device
 
-    def look(crops: NDArray[np.uint8]) -> Maps:
+    def look(crops: ByteArray) -> Maps:
         return [body_maps(net, torch.from_numpy(crops).to(device)).numpy()]
 
     side = crop_side(SMALLER[-1] * batch.image.shape[-1])

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.association.select import select_person, take_person
 from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions
@@ -22,8 +22,6 @@ from muybridge.infer.report.calibration_page import CalibrationPage, write_calib
 from muybridge.infer.results.folder import open_output
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import SessionOptions, open_session
-
-Floats = NDArray[np.float64]
 
 PAGE = "calibration.html"
 _HARDLY = 0.2  # share of frames below which the association has given a camera up
@@ -87,7 +85,7 @@ def check_keypoints(
     return check_take(cameras, points_px, variance_px2, options, source)
 
 
-def person_to_check(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> tuple[Floats, Floats]:
+def person_to_check(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> tuple[FloatArray, FloatArray]:
     """One person's landmarks, with those of cameras that the calibration keeps apart from the others.
 
     Who is who between cameras is found by the calibration that is in question. So a camera that hardly has the

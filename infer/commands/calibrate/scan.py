@@ -8,8 +8,8 @@ from typing import Annotated
 import cv2
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.structure_from_motion import (
@@ -135,5 +135,5 @@ def _stills(source: Path, folder: Path) -> list[str]:
     return names
 
 
-def _write(path: Path, rgb: NDArray[np.uint8]) -> None:
+def _write(path: Path, rgb: ByteArray) -> None:
     cv2.imwrite(str(path), cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))

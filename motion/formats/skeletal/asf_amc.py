@@ -17,17 +17,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat
 from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.skeletal.euler import smooth_euler
-
-Array = NDArray[np.float64]
 
 CMU_FPS = 120.0
 _INCH = 0.0254
@@ -40,7 +38,7 @@ _SHORTEST_M = 0.01
 class _Bone:
     name: str
     line: int
-    direction: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+    direction: FloatArray = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
     length: float = 0.0
     axes: Rotation = field(default_factory=Rotation.identity)
     channels: tuple[str, ...] = ()
@@ -51,7 +49,7 @@ class _Bone:
 class _Asf:
     metres: float = _INCH / _LENGTH
     degrees: bool = True
-    position: Array = field(default_factory=lambda: np.zeros(3))
+    position: FloatArray = field(default_factory=lambda: np.zeros(3))
     orientation: Rotation = field(default_factory=Rotation.identity)
     bones: dict[str, _Bone] = field(default_factory=dict)
 
@@ -86,7 +84,7 @@ class _Lines:
     def error(self, problem: str) -> FormatError:
         return FormatError(f"{self.path}: line {self.number}: {problem}; mend or re-export it")
 
-    def numbers(self, words: list[str], count: int, what: str) -> Array:
+    def numbers(self, words: list[str], count: int, what: str) -> FloatArray:
         """`count` finite numbers."""
         if len(words) < count:
             raise self.error(f"{what} has {len(words)} numbers where {count} must be")
@@ -211,9 +209,9 @@ def _word(name: str) -> str:
     return "_".join(name.replace("#", "_").replace(":", "_").split()) or "_"
 
 
-def _bones_of(skeleton: Skeleton, names: list[str]) -> tuple[list[tuple[str, Array, bool]], list[tuple[str, str]]]:
+def _bones_of(skeleton: Skeleton, names: list[str]) -> tuple[list[tuple[str, FloatArray, bool]], list[tuple[str, str]]]:
     """Bones as name, vector to the end and whether it turns; and pairs of parent and child."""
-    bones: list[tuple[str, Array, bool]] = []
+    bones: list[tuple[str, FloatArray, bool]] = []
     links: list[tuple[str, str]] = []
     for j, name in enumerate(names):
         children = [k for k, parent in enumerate(skeleton.parents) if parent == j]
@@ -237,7 +235,7 @@ def _bones_of(skeleton: Skeleton, names: list[str]) -> tuple[list[tuple[str, Arr
     return bones, links
 
 
-def _asf_lines(name: str, bones: list[tuple[str, Array, bool]], links: list[tuple[str, str]]) -> list[str]:
+def _asf_lines(name: str, bones: list[tuple[str, FloatArray, bool]], links: list[tuple[str, str]]) -> list[str]:
     lines = [
         "# written by muybridge", ":version 1.10", f":name {_word(name)}", ":units", "  mass 1.0",
         f"  length {_LENGTH}", "  angle deg", ":documentation", "   Y up, facing +Z, lengths of 1 / 0.45 inch", ":root",
@@ -263,7 +261,7 @@ def _asf_lines(name: str, bones: list[tuple[str, Array, bool]], links: list[tupl
     return [*lines, "  end"]
 
 
-def _turns(bone: _Bone, values: Array, degrees: bool) -> Rotation:
+def _turns(bone: _Bone, values: FloatArray, degrees: bool) -> Rotation:
     """The bone's rotation in its own axes; the first channel turns first, about axes that stay."""
     turn = Rotation.identity(len(values))
     for k, channel in enumerate(bone.channels):
@@ -430,10 +428,10 @@ def _read_hierarchy(lines: _Lines, asf: _Asf) -> None:
             asf.bones[name].parent = words[0]
 
 
-def _read_frames(path: Path, asf: _Asf) -> dict[str, Array]:
+def _read_frames(path: Path, asf: _Asf) -> dict[str, FloatArray]:
     """The values of each bone's channels, (T, channels)."""
     lines = _Lines(path)
-    values: dict[str, list[Array]] = {name: [] for name, bone in asf.bones.items() if bone.channels}
+    values: dict[str, list[FloatArray]] = {name: [] for name, bone in asf.bones.items() if bone.channels}
     frame = 0
 
     def whole() -> None:

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.triangulation._kernel import (
     Limits,
     Rig,
@@ -15,8 +15,6 @@ from muybridge.geometry.triangulation._kernel import (
     _score,
 )
 
-Array = NDArray[np.float64]
-
 _STEPS = 12
 # What it costs at most to be off the path: more than one wrong view, so that the path decides where views are split,
 # and less than two, so that it does not overrule views that agree when somebody jumps.
@@ -24,7 +22,7 @@ _BREAK = 24.0
 
 
 @_compiled
-def _far(point: Array, mean: Array, info: Array) -> float:
+def _far(point: FloatArray, mean: FloatArray, info: FloatArray) -> float:
     """Squared Mahalanobis distance."""
     total = 0.0
     for k in range(3):
@@ -47,7 +45,7 @@ def _off_path(far: float, freedom: float) -> tuple[float, float]:
 
 @_compiled
 def _total(
-    views: Views, point: Array, limits: Limits, path: Array, path_info: Array, other: Array, other_info: Array,
+    views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray, other: FloatArray, other_info: FloatArray,
     freedom: float,
 ) -> float:  # fmt: skip
     """Twice the negative log posterior, but for a constant."""
@@ -58,8 +56,8 @@ def _total(
 
 @_compiled
 def _likeliest(
-    views: Views, point: Array, limits: Limits, path: Array, path_info: Array, other: Array, other_info: Array,
-    freedom: float, normal: Array, covariance: Array,
+    views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray, other: FloatArray, other_info: FloatArray,
+    freedom: float, normal: FloatArray, covariance: FloatArray,
 ) -> float:  # fmt: skip
     """Damped Gauss-Newton in place; returns the cost, fills the covariance."""
     gradient, trial, damped, inverse = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
@@ -104,8 +102,8 @@ def _likeliest(
 
 @_compiled
 def likeliest_points(
-    rig: Rig, limits: Limits, seen: Array, info: Array, path: Array, path_info: Array, other: Array,
-    other_info: Array, freedom: float, points: Array, covariances: Array, begin: int, end: int,
+    rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, path: FloatArray, path_info: FloatArray, other: FloatArray,
+    other_info: FloatArray, freedom: float, points: FloatArray, covariances: FloatArray, begin: int, end: int,
 ) -> None:  # fmt: skip
     """Points `begin` to `end`, in place: the better of what is reached from the point and from its path.
 

@@ -12,8 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.markers.tracking import TrackOptions
 from muybridge.infer.labelling.label import LabelOptions, label_points
 from muybridge.infer.networks.labelling import LabelNetwork
@@ -21,7 +21,6 @@ from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.motion.formats.points.marker_protocol import find_marker_set
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud
 
-Float = NDArray[np.float64]
 # Protocol: shuffled in every frame, most hidden a frame, ghosts a frame, broken trajectories.
 PROTOCOLS = {
     "per frame": (True, 0, 0, 0), "per frame, 5 hidden, 3 ghosts": (True, 5, 3, 0), "whole": (False, 0, 0, 0),
@@ -35,7 +34,9 @@ VARIANTS = {
 }  # fmt: skip
 
 
-def trial(truth: Float, every: bool, hidden: int, ghosts: int, breaks: int, seed: int) -> tuple[Float, Float]:
+def trial(
+    truth: FloatArray, every: bool, hidden: int, ghosts: int, breaks: int, seed: int
+) -> tuple[FloatArray, FloatArray]:
     """A shuffled cloud (T, K, 3) and what is still to be seen of the truth (T, M, 3)."""
     rng = np.random.default_rng(seed)
     truth = truth.copy()

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, FloatArray
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
 from muybridge.models.keypoints.metadata import shipped_model
 from scripts.benchmarks.geometry.culprits import balancing
@@ -28,9 +28,9 @@ MARGIN = 0.06
 class Picture(NamedTuple):
     """RGB pixels, the left top and right bottom (2, 2) of the reference's points, and its joints (12, 2), px."""
 
-    pixels: NDArray[np.uint8]
-    extent: NDArray[np.float64]
-    joints: NDArray[np.float64]
+    pixels: ByteArray
+    extent: FloatArray
+    joints: FloatArray
 
     @property
     def high(self) -> float:
@@ -38,7 +38,7 @@ class Picture(NamedTuple):
         return float(self.extent[1, 1] - self.extent[0, 1])
 
     @property
-    def box(self) -> NDArray[np.float64]:
+    def box(self) -> FloatArray:
         """(4,) px."""
         low, high = self.extent
         margin = MARGIN * (high - low).max()

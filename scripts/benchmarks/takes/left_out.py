@@ -16,8 +16,8 @@ from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.people.calibrate import refine_people
 from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.landmarks.arrays import LandmarkSet
@@ -31,8 +31,7 @@ from muybridge.geometry.triangulation.view_bias import (
 from scripts.benchmarks.geometry.culprits import balancing
 from scripts.benchmarks.geometry.whole_take import triangulate_take
 
-Array = NDArray[np.float64]
-Solve = Callable[[CameraGroup, Array, Array], Array]
+Solve = Callable[[CameraGroup, FloatArray, FloatArray], FloatArray]
 FPS = 60.0
 
 
@@ -48,7 +47,9 @@ def bones_of(names: list[str]) -> list[tuple[int, int]]:
     return [(names.index(a), names.index(b)) for a, b in both]
 
 
-def left_out(cameras: CameraGroup, px: Array, variance: Array, solve: Solve, offsets: ViewOffsets | None) -> float:
+def left_out(
+    cameras: CameraGroup, px: FloatArray, variance: FloatArray, solve: Solve, offsets: ViewOffsets | None
+) -> float:
     """Median distance in px of a camera's points to what `solve` makes of the other cameras'."""
     error = []
     for c, camera in enumerate(cameras):

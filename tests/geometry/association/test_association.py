@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
 from muybridge.geometry.association.select import AssociateOptions, find_people, select_person, take_person
 from muybridge.geometry.calibration import load_calibration
@@ -45,7 +45,7 @@ def ring(count: int, radius: float = 4.5) -> CameraGroup:
     return CameraGroup(tuple(cameras))
 
 
-def walker(frames: int, center: tuple[float, float], travel: float, phase: float = 0.0) -> NDArray[np.float64]:
+def walker(frames: int, center: tuple[float, float], travel: float, phase: float = 0.0) -> FloatArray:
     """(T, J, 3) a body that goes round in a circle, turning, swinging what it has."""
     time = np.linspace(0, 2 * np.pi, frames)
     turn = phase + (time if travel else np.zeros(frames))
@@ -62,11 +62,11 @@ def walker(frames: int, center: tuple[float, float], travel: float, phase: float
 
 def keypoints_of(
     cameras: CameraGroup,
-    bodies: list[tuple[NDArray[np.float64], list[int]]],
+    bodies: list[tuple[FloatArray, list[int]]],
     people: int,
     noise_px: float = 8.0,
     seed: int = 0,
-) -> tuple[Keypoints2D, NDArray[np.int64]]:
+) -> tuple[Keypoints2D, IntArray]:
     """Tracks of bodies seen by some cameras, in random slots; and (bodies, C) the slot of each, -1 unseen."""
     rng = np.random.default_rng(seed)
     frames = bodies[0][0].shape[0]

@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, FloatArray
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import find_calibration, fit_to_video, load_calibration
 from muybridge.geometry.cameras.camera import Camera
@@ -18,7 +18,7 @@ def camera_of(width: int, height: int, name: str = "cam01") -> Camera:
     return Camera(name, "OPENCV", width, height, params, np.eye(3, 4))
 
 
-def picture(width: int, height: int, bar_rows: int = 0, bar_columns: int = 0, level: int = 120) -> NDArray[np.uint8]:
+def picture(width: int, height: int, bar_rows: int = 0, bar_columns: int = 0, level: int = 120) -> ByteArray:
     """Noise with black bars at both ends; video black is 16 and compression rings into it."""
     rng = np.random.default_rng(5)
     image = rng.integers(level // 2, level + 1, (height, width, 3)).astype(np.uint8)
@@ -28,7 +28,7 @@ def picture(width: int, height: int, bar_rows: int = 0, bar_columns: int = 0, le
     return np.where(bars[..., None], black, image)
 
 
-def affine(camera: Camera, fitted: Camera) -> NDArray[np.float64]:
+def affine(camera: Camera, fitted: Camera) -> FloatArray:
     """(2, 2) scale and offset per axis, from corner-based pixels of one image to the other's."""
     before, after = camera.project(POINTS_WORLD) + 0.5, fitted.project(POINTS_WORLD) + 0.5
     return np.array([np.polyfit(before[:, k], after[:, k], 1) for k in (0, 1)])

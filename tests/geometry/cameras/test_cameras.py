@@ -11,8 +11,8 @@ import pycolmap
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, CameraGroup, camera_from_colmap, colmap_camera
 
 # Mild distortion of each model, so that every pixel of the image has one ray.
@@ -50,7 +50,7 @@ DISTORTION = {
 }
 
 
-def look_at(center: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+def look_at(center: FloatArray, target: FloatArray) -> FloatArray:
     """(3, 4) pose of an upright camera at `center` that looks at `target`."""
     z = (target - center) / np.linalg.norm(target - center)
     x = np.cross(z, [0.0, 0.0, 1.0])
@@ -67,7 +67,7 @@ def make_camera(model: str, name: str = "cam", angle: float = 0.7) -> Camera:
     return Camera(name, model, 1280, 720, params, look_at(center, np.array([0.0, 0.0, 1.0])))
 
 
-def some_points(seed: int = 0, shape: tuple[int, ...] = (7, 5)) -> NDArray[np.float64]:
+def some_points(seed: int = 0, shape: tuple[int, ...] = (7, 5)) -> FloatArray:
     return np.random.default_rng(seed).uniform([-0.8, -0.8, 0.2], [0.8, 0.8, 1.8], (*shape, 3))
 
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, FloatArray
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.crops import crops_for_boxes, virtual_views
 from muybridge.infer.detection.crop_pixels import extract_crops
 
 
-def _look_at(position: NDArray[np.float64], target: NDArray[np.float64], roll: float) -> NDArray[np.float64]:
+def _look_at(position: FloatArray, target: FloatArray, roll: float) -> FloatArray:
     """cam_from_world (3, 4) of a camera that looks at a target, then turned by `roll` about its axis."""
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross([0.0, 0.0, -1.0], forward)
@@ -27,7 +27,7 @@ def _camera(roll: float = 0.0, model: str = "PINHOLE", extra: tuple[float, ...] 
     return Camera("c", model, 1280, 960, (900.0, 910.0, 637.2, 481.9, *extra), pose)
 
 
-def _person_box(camera: Camera, at: NDArray[np.float64]) -> NDArray[np.float64]:
+def _person_box(camera: Camera, at: FloatArray) -> FloatArray:
     corners = at + np.array([[x, y, z] for x in (-0.4, 0.4) for y in (-0.2, 0.2) for z in (0.0, 1.8)])
     px = camera.project(corners)
     return np.concatenate([px.min(axis=0), px.max(axis=0)])[None]
@@ -120,7 +120,7 @@ def test_useless_boxes_are_refused() -> None:
     assert len(crops_for_boxes(np.empty((0, 4)), 128, _camera())) == 0
 
 
-def _blob_image(height: int, width: int, centers: NDArray[np.float64], sigma: float) -> NDArray[np.uint8]:
+def _blob_image(height: int, width: int, centers: FloatArray, sigma: float) -> ByteArray:
     y, x = np.mgrid[:height, :width]
     image = np.zeros((height, width))
     for cx, cy in centers:
@@ -128,7 +128,7 @@ def _blob_image(height: int, width: int, centers: NDArray[np.float64], sigma: fl
     return np.repeat(np.clip(image, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
 
 
-def _centroids(crop: NDArray[np.uint8], near: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+def _centroids(crop: ByteArray, near: FloatArray, radius: float) -> FloatArray:
     y, x = np.mgrid[: crop.shape[0], : crop.shape[1]]
     found = []
     for cx, cy in near:

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat, quat_from_matrix
 from muybridge.geometry.smoothing.filters import (
     METHODS,
@@ -14,7 +14,6 @@ from muybridge.geometry.smoothing.filters import (
     smooth_rotations,
 )
 
-Array = NDArray[np.float64]
 FPS = 100.0
 # Each told what suits the signal below.
 TUNED = {
@@ -32,7 +31,7 @@ GAIN = {method: 0.5 for method in METHODS} | {"median": 0.75}
 SEEING_AHEAD = [m for m in METHODS if m != "one_euro"]
 
 
-def signal(frames: int = 400) -> tuple[Array, Array]:
+def signal(frames: int = 400) -> tuple[FloatArray, FloatArray]:
     """(T, 2, 3) a smooth movement and the same with 10 mm of noise."""
     time = np.arange(frames) / FPS
     phase = np.arange(6).reshape(2, 3)
@@ -153,7 +152,7 @@ def test_rotations_pass_half_a_turn(method: str) -> None:
     assert (~known).sum() == 4 and np.allclose(np.linalg.norm(found[known], axis=-1), 1)
     assert (np.sum(found[1:] * found[:-1], axis=-1)[known[1:] & known[:-1]] > 0.9).all()
 
-    def angle(matrices: Array) -> float:
+    def angle(matrices: FloatArray) -> float:
         cosine = (np.trace(np.swapaxes(truth[known], -1, -2) @ matrices, axis1=-2, axis2=-1) - 1) / 2
         return float(np.sqrt(np.mean(np.arccos(np.clip(cosine, -1, 1)) ** 2)))
 

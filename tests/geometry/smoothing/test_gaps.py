@@ -4,17 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.geometry.smoothing.gaps import GAP_METHODS, GapOptions, fill_gaps
 from muybridge.motion.formats.points.c3d import read_c3d
 
-Array = NDArray[np.float64]
 FPS = 50.0
 
 
-def head_and_body(frames: int = 300) -> Array:
+def head_and_body(frames: int = 300) -> FloatArray:
     """(T, 10, 3): four markers on a rigid head, six that swing with one common phase."""
     time = np.arange(frames) / FPS
     centre = np.stack([0.5 * np.sin(time), 0.2 * time, 1.6 + 0.03 * np.sin(9 * time)], axis=1)
@@ -29,13 +28,13 @@ def head_and_body(frames: int = 300) -> Array:
     return out
 
 
-def cut(truth: Array, j: int, start: int, stop: int) -> Array:
+def cut(truth: FloatArray, j: int, start: int, stop: int) -> FloatArray:
     out = truth.copy()
     out[start:stop, j] = np.nan
     return out
 
 
-def error_mm(found: Array, truth: Array) -> float:
+def error_mm(found: FloatArray, truth: FloatArray) -> float:
     return float(1000 * np.linalg.norm(found - truth, axis=-1).max())
 
 

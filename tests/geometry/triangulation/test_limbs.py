@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet
 from muybridge.geometry.triangulation.plausibility import stretched_limbs, vague_points
 
@@ -11,7 +11,7 @@ AT = BODY23.index
 
 
 @pytest.fixture
-def standing() -> NDArray[np.float64]:
+def standing() -> FloatArray:
     """(40, 23, 3) somebody of usual measurements, with a centimetre of noise."""
     places = {
         "shoulder": (0.2, 0.0, 1.45), "elbow": (0.25, 0.0, 1.15), "wrist": (0.27, -0.05, 0.9), "hip": (0.1, 0.0, 0.95),

@@ -5,15 +5,14 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.landmarks.arrays import BODY23, Points3D
 from muybridge.geometry.smoothing.kalman import smooth_points
 from muybridge.geometry.triangulation.multiview import Triangulation, triangulate
 from muybridge.geometry.triangulation.shape_prior import PosePriorOptions, with_pose_prior
 
-Floats = NDArray[np.float64]
 PX = 4.0
 
 
@@ -24,7 +23,7 @@ def bench(script: Callable[[str], ModuleType]) -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def walk(bench: ModuleType) -> tuple[CameraGroup, Floats]:
+def walk(bench: ModuleType) -> tuple[CameraGroup, FloatArray]:
     """Four cameras, and one person (150, 23, 3) who walks and, in frames 70 to 75 alone, lifts the left arm."""
     rng = np.random.default_rng(21)
     cameras, person = bench.room(4, rng), bench.walkers(1, 150, rng)[0]
@@ -33,7 +32,7 @@ def walk(bench: ModuleType) -> tuple[CameraGroup, Floats]:
     return cameras, person
 
 
-def seen(cameras: CameraGroup, truth: Floats, gross: float = 0.03, seed: int = 0) -> tuple[Floats, Floats]:
+def seen(cameras: CameraGroup, truth: FloatArray, gross: float = 0.03, seed: int = 0) -> tuple[FloatArray, FloatArray]:
     """Noisy pixels (C, T, J, 2), some of them grossly wrong, and their variance."""
     rng = np.random.default_rng(seed)
     px = cameras.project(truth) + rng.normal(0, PX, (len(cameras), *truth.shape[:2], 2))
@@ -46,7 +45,7 @@ EVERYWHERE = PosePriorOptions(enough=99)
 
 
 def solved(
-    cameras: CameraGroup, px: Floats, variance: Floats, options: PosePriorOptions = EVERYWHERE
+    cameras: CameraGroup, px: FloatArray, variance: FloatArray, options: PosePriorOptions = EVERYWHERE
 ) -> tuple[Triangulation, Triangulation]:
     """Without and with the rest of the body."""
     variance = np.where(np.isfinite(px).all(-1), variance, np.nan)
@@ -54,11 +53,11 @@ def solved(
     return alone, with_pose_prior(cameras, px, variance, BODY23, 30.0, alone, options=options)
 
 
-def error_mm(found: Triangulation, truth: Floats) -> Floats:
+def error_mm(found: Triangulation, truth: FloatArray) -> FloatArray:
     return np.asarray(1000 * np.linalg.norm(found.points_world - truth, axis=-1))
 
 
-def test_points_are_nearer_to_the_truth(walk: tuple[CameraGroup, Floats]) -> None:
+def test_points_are_nearer_to_the_truth(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     alone, helped = (error_mm(f, truth) for f in solved(cameras, *seen(cameras, truth)))
     assert np.isfinite(helped).mean() > 0.995
@@ -71,7 +70,7 @@ def test_points_are_nearer_to_the_truth(walk: tuple[CameraGroup, Floats]) -> Non
     assert np.nanquantile(helped, 0.99) < 0.5 * np.nanquantile(alone, 0.99)
 
 
-def test_what_three_cameras_see_stays_as_it_is(walk: tuple[CameraGroup, Floats]) -> None:
+def test_what_three_cameras_see_stays_as_it_is(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth)
     px[2:, 30:110:2] = np.nan
@@ -85,14 +84,14 @@ def test_what_three_cameras_see_stays_as_it_is(walk: tuple[CameraGroup, Floats])
     assert off[1] < 0.6 * off[0]
 
 
-def test_what_happens_once_is_not_outvoted(walk: tuple[CameraGroup, Floats]) -> None:
+def test_what_happens_once_is_not_outvoted(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     arm = [BODY23.index("left_elbow"), BODY23.index("left_wrist")]
     alone, helped = (error_mm(f, truth)[70:76, arm] for f in solved(cameras, *seen(cameras, truth, gross=0.0)))
     assert helped.mean() < 1.2 * alone.mean()
 
 
-def test_one_view_counts_for_a_while_and_invents_nobody(walk: tuple[CameraGroup, Floats]) -> None:
+def test_one_view_counts_for_a_while_and_invents_nobody(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth)
     px[1:, 80:100] = np.nan
@@ -112,7 +111,7 @@ def test_one_view_counts_for_a_while_and_invents_nobody(walk: tuple[CameraGroup,
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_landmark_that_nobody_sees_hurts_no_other(walk: tuple[CameraGroup, Floats]) -> None:
+def test_a_landmark_that_nobody_sees_hurts_no_other(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth)
     hidden = BODY23.index("left_wrist")
@@ -123,7 +122,7 @@ def test_a_landmark_that_nobody_sees_hurts_no_other(walk: tuple[CameraGroup, Flo
     assert np.nanmedian(error_mm(helped, truth)[:, others]) < np.nanmedian(error_mm(alone, truth)[:, others])
 
 
-def test_one_view_says_nothing_of_a_landmark_that_the_take_never_showed(walk: tuple[CameraGroup, Floats]) -> None:
+def test_one_view_says_nothing_of_a_landmark_that_the_take_never_showed(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth)
     feet = [j for j, name in enumerate(BODY23.names) if any(part in name for part in ("ankle", "toe", "heel"))]
@@ -136,7 +135,7 @@ def test_one_view_says_nothing_of_a_landmark_that_the_take_never_showed(walk: tu
     assert np.nanmean(error_mm(helped, truth)[:, others]) < 0.7 * np.nanmean(error_mm(alone, truth)[:, others])
 
 
-def test_covariance_says_how_far_points_are_off(walk: tuple[CameraGroup, Floats]) -> None:
+def test_covariance_says_how_far_points_are_off(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth, gross=0.0)
     px[2:, ::2] = np.nan
@@ -146,7 +145,7 @@ def test_covariance_says_how_far_points_are_off(walk: tuple[CameraGroup, Floats]
     assert 0.4 < np.nanmedian(far) / 2.366 < 1.6
 
 
-def test_too_little_leaves_points_alone(walk: tuple[CameraGroup, Floats]) -> None:
+def test_too_little_leaves_points_alone(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth[:20])
     alone = triangulate(cameras, px, variance)

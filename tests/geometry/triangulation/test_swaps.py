@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.geometry.triangulation.left_right import repair_swaps
@@ -12,7 +12,7 @@ from tests.geometry.association.test_association import ring, walker
 MIRROR = list(BODY23.mirror)
 
 
-def views(count: int, frames: int, noise_px: float) -> tuple[CameraGroup, NDArray[np.float64]]:
+def views(count: int, frames: int, noise_px: float) -> tuple[CameraGroup, FloatArray]:
     cameras: CameraGroup = ring(count)
     truth = cameras.project(walker(frames, (0.2, 0.0), 0.4))
     return cameras, truth + np.random.default_rng(0).normal(0, noise_px, truth.shape)

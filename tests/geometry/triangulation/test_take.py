@@ -4,19 +4,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import scripts.benchmarks.geometry.triangulation as bench
+from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.cameras.rays import midpoint, ray_directions
 from muybridge.geometry.triangulation.multiview import triangulate
 from scripts.benchmarks.geometry.whole_take import TakeOptions, triangulate_take
 
-Floats = NDArray[np.float64]
 PX = 3.0
 
 
-def rods(frames: int = 150, rate: float = 0.05) -> Floats:
+def rods(frames: int = 150, rate: float = 0.05) -> FloatArray:
     """(T, 8, 3): four rods of 0.4 m that wander and turn."""
     time = np.arange(frames) * rate
     out = np.empty((frames, 8, 3))
@@ -27,7 +26,9 @@ def rods(frames: int = 150, rate: float = 0.05) -> Floats:
     return out
 
 
-def seen(truth: Floats, cameras: int = 4, outliers: float = 0.05, seed: int = 0) -> tuple[CameraGroup, Floats, Floats]:
+def seen(
+    truth: FloatArray, cameras: int = 4, outliers: float = 0.05, seed: int = 0
+) -> tuple[CameraGroup, FloatArray, FloatArray]:
     """A ring of cameras, what they see of it, and its variance."""
     group: CameraGroup = bench.synthetic(cameras, frames=1)[0]
     rng = np.random.default_rng(seed)
@@ -37,7 +38,7 @@ def seen(truth: Floats, cameras: int = 4, outliers: float = 0.05, seed: int = 0)
     return group, px, np.full(px.shape[:-1], PX**2)
 
 
-def error_mm(points: Floats, truth: Floats) -> Floats:
+def error_mm(points: FloatArray, truth: FloatArray) -> FloatArray:
     return np.asarray(1000 * np.linalg.norm(points - truth, axis=-1))
 
 

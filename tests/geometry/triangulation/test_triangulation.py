@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.geometry.triangulation.multiview import (
@@ -37,7 +37,7 @@ def ring(count: int, radius: float = 4.0, height: float = 1.5) -> CameraGroup:
     return CameraGroup(tuple(cameras))
 
 
-def cloud(frames: int, landmarks: int, seed: int = 0) -> NDArray[np.float64]:
+def cloud(frames: int, landmarks: int, seed: int = 0) -> FloatArray:
     return np.random.default_rng(seed).uniform([-0.6, -0.6, 0.1], [0.6, 0.6, 1.9], (frames, landmarks, 3))
 
 
@@ -226,7 +226,7 @@ def test_leave_one_out_counts_what_the_others_could_not_give() -> None:
     assert summary.no_point_share == 1.0
 
 
-def case() -> tuple[CameraGroup, NDArray[np.float64], NDArray[np.float64]]:
+def case() -> tuple[CameraGroup, FloatArray, FloatArray]:
     path = DATA / "triangulation_case.npz"
     if not path.exists():
         pytest.skip(f"{path.name} is not here")

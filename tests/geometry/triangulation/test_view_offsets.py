@@ -6,8 +6,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras.camera import CameraGroup
 from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet
 from muybridge.geometry.triangulation.multiview import triangulate
@@ -19,19 +19,18 @@ from muybridge.geometry.triangulation.view_bias import (
     without_view_offsets,
 )
 
-Floats = NDArray[np.float64]
 FPS = 30.0
 PX = 2.0
 
 
 @pytest.fixture(scope="module")
-def walk(script: Callable[[str], ModuleType]) -> tuple[CameraGroup, Floats]:
+def walk(script: Callable[[str], ModuleType]) -> tuple[CameraGroup, FloatArray]:
     """Four cameras, and one person (240, 23, 3) who walks to and fro."""
     bench, rng = script("benchmarks.takes.people"), np.random.default_rng(5)
     return bench.room(4, rng), bench.walkers(1, 240, rng)[0]
 
 
-def seen(walk: tuple[CameraGroup, Floats], size_m: float) -> tuple[Floats, Floats]:
+def seen(walk: tuple[CameraGroup, FloatArray], size_m: float) -> tuple[FloatArray, FloatArray]:
     """Pixels (C, T, J, 2) of a network with habits of this size, and their variance; every landmark is out of some
     camera's sight in the second half of the take."""
     cameras, truth = walk
@@ -54,7 +53,7 @@ def test_points_that_fewer_cameras_see_come_nearer(walk, size_m: float, most: fl
     mended, better = without_view_offsets(cameras, px, variance, found, offsets)
     assert np.array_equal(np.isfinite(mended), np.isfinite(px))
 
-    def error(points: Floats, frames: slice) -> float:
+    def error(points: FloatArray, frames: slice) -> float:
         return float(np.nanmean(np.linalg.norm(points - truth, axis=-1)[frames]))
 
     later, before = slice(120, None), slice(0, 120)

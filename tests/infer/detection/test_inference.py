@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, FloatArray
 from muybridge.errors import ModelError
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.crops import crops_for_boxes
@@ -106,7 +107,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return _tiny_keypoints(folder / "keypoints.onnx"), _tiny_people(folder / "people.onnx")
 
 
-def _frame(centers: list[NDArray[np.float64]], noise: np.random.Generator | None = None) -> NDArray[np.uint8]:
+def _frame(centers: list[FloatArray], noise: np.random.Generator | None = None) -> ByteArray:
     image = np.full((HEIGHT, WIDTH, 3), 20.0, dtype=np.float32)
     if noise is not None:
         image += noise.normal(0, 4, image.shape).astype(np.float32)
@@ -122,7 +123,7 @@ def _frame(centers: list[NDArray[np.float64]], noise: np.random.Generator | None
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
-def _two_people(frames: int) -> NDArray[np.float64]:
+def _two_people(frames: int) -> FloatArray:
     """(T, 2, 2) middles of two people who walk past each other at different heights."""
     t = np.arange(frames)[:, None]
     first = np.concatenate([120 + 3.0 * t, 140 + 0.5 * t], axis=1)

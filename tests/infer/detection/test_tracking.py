@@ -3,8 +3,8 @@
 from types import SimpleNamespace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.landmarks.arrays import BODY23
 from muybridge.infer.detection.crop_reader import PoseReader, Poses
 from muybridge.infer.detection.orientation import Upright
@@ -12,11 +12,11 @@ from muybridge.infer.detection.tracker import BoxSmoother, TrackedFrame, Tracker
 from muybridge.models.keypoints.decode import DetectedPeople
 
 
-def _box(x: float, y: float = 300.0, width: float = 80.0, height: float = 240.0) -> NDArray[np.float64]:
+def _box(x: float, y: float = 300.0, width: float = 80.0, height: float = 240.0) -> FloatArray:
     return np.array([x - width / 2, y - height / 2, x + width / 2, y + height / 2])
 
 
-def _detected(*boxes: NDArray[np.float64], scores: list[float] | None = None) -> DetectedPeople:
+def _detected(*boxes: FloatArray, scores: list[float] | None = None) -> DetectedPeople:
     return DetectedPeople(np.array(boxes).reshape(-1, 4), np.array([0.9] * len(boxes) if scores is None else scores))
 
 
@@ -135,7 +135,7 @@ def test_other_evidence_keeps_a_track_and_can_end_it() -> None:
     assert tracker.step(_detected()).ids.max() == -1
 
 
-def _frames(x: NDArray[np.float64], seen: NDArray[np.bool_]) -> list[TrackedFrame]:
+def _frames(x: FloatArray, seen: BoolArray) -> list[TrackedFrame]:
     one = np.zeros(1, dtype=np.int64)
     return [TrackedFrame(_box(v)[None], one, np.array([s]), np.array([not s])) for v, s in zip(x, seen, strict=True)]
 

@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
 from muybridge.models.keypoints.network import Block, ConvUnit, KeypointNet  # noqa: E402
-from muybridge.train.engine import gradient_worker as second
+from muybridge.train.engine import gradient_worker as second  # noqa: E402
 from muybridge.train.engine import precision  # noqa: E402
 from muybridge.train.engine.gradient_worker import CHUNKS, Second, pays  # noqa: E402
 from muybridge.train.keypoints import train as keypoints  # noqa: E402
