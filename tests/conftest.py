@@ -17,7 +17,8 @@ import pytest
 
 from muybridge.arrays import ByteArray
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.commands.app import run_command
 from tests.paths import REPOSITORY, SHARED
 
@@ -146,8 +147,10 @@ def make_session(tmp_path: Path, make_video: Callable[..., Path]) -> Callable[..
 @pytest.fixture(scope="session")
 def short_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The session of the demo's take with its first 48 frames, a whole step: for what need not see all of it."""
-    from muybridge.infer.pipelines.demo import demo_folder
-    from muybridge.infer.session.video import VideoWriter, probe_video, read_chunks
+    from muybridge.infer.demo_take.take import demo_folder
+    from muybridge.infer.session.probe import probe_video
+    from muybridge.infer.session.video import read_chunks
+    from muybridge.infer.session.write_video import VideoWriter
 
     folder, source = tmp_path_factory.mktemp("short_demo") / "take", demo_folder()
     (folder / "videos").mkdir(parents=True)

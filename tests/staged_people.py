@@ -16,7 +16,8 @@ import numpy as np
 
 from muybridge.arrays import ByteArray, FloatArray, IndexArray
 from muybridge.geometry.cameras.camera import Camera
-from muybridge.geometry.landmarks.arrays import BODY23, SURFACE, LandmarkSet
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.detection import detect
 from muybridge.infer.detection import refine as second_look

@@ -13,7 +13,7 @@ import numpy as np
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
 from muybridge.geometry.association.tracker import AssociateOptions, track_people
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.numerics.robust import extent, row_median
 from muybridge.geometry.triangulation.multiview import triangulate

@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.association.tracks import Body, rejoined, without_doubles, without_shadows, without_stray_end
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.rays import nearest_points, pair_points, ray_directions
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.numerics.robust import extent

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.robust import extent
 
 # Two trunks whose middles are this near, in body sizes, in this share of the frames of one of them, are of one person;

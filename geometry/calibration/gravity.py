@@ -14,8 +14,8 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.world import facing, moved
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.sets import LandmarkSet
 
 # How cameras are hung: level to within some degrees; or each of them on its side or head, or anyhow; or all of a rig in
 # the same way, on one side or on their heads.

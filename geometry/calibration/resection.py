@@ -34,7 +34,8 @@ from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.board.intrinsics import Lens, lens_prior
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, LensPrior, adjust
 from muybridge.geometry.calibration.bundle_adjustment.result import Solved, solved
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 FEWEST_POINTS, FEWEST_WITH_LENS = 6, 4
 _LINE, _PLANE = 1e-2, 1e-2

@@ -9,7 +9,8 @@ import numpy as np
 from muybridge.arrays import BoolArray, FloatArray
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import kabsch
 
 # Points are wrong that are off by so large a share of how far they extend; one is if the rest fit so many times better.

@@ -7,7 +7,7 @@ What tracking people needs every frame: rough, fast and robust. Results that lea
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 
 _ROBUST_ROUNDS = 2
 

@@ -16,12 +16,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from muybridge.arrays import FloatArray, IndexArray, IntArray
+from muybridge.geometry.numerics._numba import compiled
 from muybridge.geometry.skeleton.skeleton import Skeleton
-
-compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Chain(NamedTuple):

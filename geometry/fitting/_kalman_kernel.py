@@ -14,7 +14,6 @@ from muybridge.geometry.fitting._banded_kernel import log_between
 from muybridge.geometry.fitting._chain_kernel import (
     Chain,
     add_landmark,
-    compiled,
     exp_one,
     factor,
     forward_one,
@@ -25,6 +24,7 @@ from muybridge.geometry.fitting._chain_kernel import (
     multiply,
     substitute,
 )
+from muybridge.geometry.numerics._numba import compiled
 
 
 @compiled

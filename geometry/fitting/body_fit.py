@@ -14,10 +14,11 @@ from muybridge.errors import MuybridgeError
 from muybridge.geometry.fitting.bone_lengths import length_equations
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem, landmark_positions, solve_in_stretches
 from muybridge.geometry.fitting.initial_pose import start_pose
-from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY, SHAPE_PRIOR, STATURE_M, STATURE_SD_M, Body, BodyModel, prior_shape
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.smoothing.kalman import SmoothOptions, clean_points, known_points, smooth_points
 
 _CHI2_3_MEDIAN = 2.366

@@ -17,8 +17,9 @@ from muybridge.geometry.fitting._chain_kernel import Chain, landmarks_of, make_c
 from muybridge.geometry.fitting._kalman_kernel import count_far, settle, track, track_one
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem, landmark_positions, solve_in_stretches
 from muybridge.geometry.numerics.rotations import continuous_quat, exp_so3, kabsch, quat_from_matrix
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import with_limits
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.skeleton import Skeleton
 
 State = tuple[
     FloatArray, FloatArray, FloatArray, FloatArray, FloatArray

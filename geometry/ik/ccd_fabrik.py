@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
-from muybridge.geometry.fitting._chain_kernel import compiled
 from muybridge.geometry.ik.jacobian import good_enough, perturb, uniform
 from muybridge.geometry.ik.tree import KinematicTree, Links, Wishes, errors, forward, forward_from, turned
+from muybridge.geometry.numerics._numba import compiled
 
 _LATER = 0.1  # weight of what comes one link later
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, FloatArray
-from muybridge.geometry.fitting._chain_kernel import compiled
 from muybridge.geometry.ik.tree import Links, Wishes, errors, forward, turn_error, turned
+from muybridge.geometry.numerics._numba import compiled
 
 TRANSPOSE, PSEUDO_INVERSE, DAMPED, NULL_SPACE = range(4)
 

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, minimize
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.fitting._chain_kernel import compiled
 from muybridge.geometry.ik.tree import KinematicTree, Links, Wishes, forward, turned
+from muybridge.geometry.numerics._numba import compiled
 
 
 @compiled

@@ -16,9 +16,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from muybridge.arrays import FloatArray, IndexArray
-from muybridge.geometry.fitting._chain_kernel import compiled
 from muybridge.geometry.ik.jacobian import equations, good_enough, rows_of
 from muybridge.geometry.ik.tree import KinematicTree, Links, Wishes, errors
+from muybridge.geometry.numerics._numba import compiled
 
 
 @dataclass(frozen=True, eq=False)

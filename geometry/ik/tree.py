@@ -16,7 +16,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from muybridge.arrays import FloatArray, IndexArray, IntArray
-from muybridge.geometry.fitting._chain_kernel import compiled, exp_one
+from muybridge.geometry.fitting._chain_kernel import exp_one
+from muybridge.geometry.numerics._numba import compiled
 from muybridge.geometry.skeleton.skeleton import Skeleton
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.rays import ray_directions
 
 

@@ -33,3 +33,14 @@ def extent(points: FloatArray) -> FloatArray:
     low, high = _box(points)
     longer: FloatArray = (high - low).max(axis=-1)
     return longer
+
+
+_CHI2_3_MEDIAN = 2.366  # median of the squared length of a standard normal vector in 3D
+
+
+def _median_known(values: FloatArray) -> FloatArray:
+    """(T, J) -> (J,) median of what is finite; NaN where nothing is."""
+    ordered = np.sort(values, axis=0)
+    count = np.isfinite(ordered).sum(axis=0)
+    middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[None] // 2, axis=0)[0]
+    return np.where(count > 0, middle, np.nan)

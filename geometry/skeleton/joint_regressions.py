@@ -17,7 +17,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23
 
 # Metres from the middle of a marker (7 mm above the skin) to the middle of the joint.
 _HALF_WIDTH = {"knee": 0.062, "ankle": 0.044, "elbow": 0.042}

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.skeleton.body import BODY, Body
 from muybridge.geometry.skeleton.skeleton import Skeleton
 

@@ -9,7 +9,7 @@ Source: G. J. Bierman, "Fixed interval smoothing with discrete measurements", In
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
-from muybridge.geometry.fitting._chain_kernel import compiled
+from muybridge.geometry.numerics._numba import compiled
 
 
 @compiled

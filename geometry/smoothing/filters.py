@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
-from muybridge.geometry.fitting._chain_kernel import compiled
+from muybridge.geometry.numerics._numba import compiled
 from muybridge.geometry.numerics.rotations import continuous_quat
 from muybridge.geometry.smoothing._kernel import smooth_all
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.robust import extent, row_median
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, take_noise, usable_points
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.landmarks.sets import LandmarkSet
 
 _LIMBS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
 # A bone so many times as long as this person's is none; noise and a trunk's landmark that is off do not do that. Two

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from muybridge.arrays import BoolArray, FloatArray
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, Triangulation, triangulate
 
 # Standard deviations of B_j's entries that are tried, metres: from what no network reaches to a hand's breadth.

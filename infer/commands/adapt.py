@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import tyro
 
 from muybridge.errors import MissingExtraError, ModelError
-from muybridge.infer.commands.app import extra_of
+from muybridge.extras import extra_of
 from muybridge.infer.detection.detect import DetectOptions, open_models
 from muybridge.infer.pipelines.pseudo_labels import collect
 from muybridge.infer.pipelines.videos import ADAPTED, RunOptions, follow

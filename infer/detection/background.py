@@ -12,7 +12,7 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IndexArray
 from muybridge.geometry.cameras.crops import Crops
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.infer.detection.crop_pixels import extract_crops
 from muybridge.infer.detection.orientation import Letterbox
 

@@ -10,7 +10,7 @@ from scipy.ndimage import maximum_filter1d
 from muybridge.arrays import BoolArray, ByteArray, FloatArray, IndexArray, IntArray
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.crops import Crops, crops_for_boxes
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.robust import row_median
 from muybridge.infer.detection.background import Backdrop, SmallFrames
 from muybridge.infer.detection.crop_pixels import extract_crops

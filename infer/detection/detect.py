@@ -6,18 +6,18 @@ encoder all leave Python's lock alone), each in bounded memory.
 
 import threading
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, ByteArray
 from muybridge.errors import ModelError
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.landmarks.marker_sets import MarkerChoice
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.infer.detection.background import Backdrop
 from muybridge.infer.detection.exposure import stretch
 from muybridge.infer.detection.orientation import Letterbox, Upright, upright_for
@@ -27,14 +27,14 @@ from muybridge.infer.networks.external import open_keypoints
 from muybridge.infer.networks.keypoints import SIZES, PeopleNetwork
 from muybridge.infer.runtime.progress import Progress, Task
 from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest, file_digest
+from muybridge.infer.runtime.threads import Stopped, in_threads
 from muybridge.infer.session.session import Session
-from muybridge.infer.session.video import VideoWriter, fit_inside, read_chunks
+from muybridge.infer.session.video import read_chunks
+from muybridge.infer.session.write_video import VideoWriter, fit_inside
 from muybridge.models.keypoints.external import find_card
-from muybridge.models.keypoints.metadata import Precision, shipped_model
 from muybridge.models.keypoints.rescale import FIRST_LOOK
+from muybridge.models.shipped import Precision, shipped_model
 
-_T = TypeVar("_T")
-MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
 PROXY_LONG_SIDE_PX = 960
 # Of a camera's name within a file's, which may have 255.
 _NAME_BYTES = 150
@@ -251,28 +251,6 @@ def first_look(options: DetectOptions) -> DetectOptions:
         onnx = replace(onnx, flip=False)
     onnx = replace(onnx, size=max(FIRST_LOOK * onnx.size, SIZES[0]))
     return replace(options, keypoints=replace(keypoints, onnx=onnx))
-
-
-def in_threads(jobs: Sequence[Callable[[], _T]], workers: int, stop: threading.Event) -> list[_T]:
-    """The jobs' results; the first failure, or Ctrl-C, stops the others at their next chunk, where they raise
-    `Stopped` if they see `stop` set."""
-    with ThreadPoolExecutor(max_workers=workers) as pool:
-        futures: list[Future[_T]] = [pool.submit(job) for job in jobs]
-        try:
-            wait(futures, return_when=FIRST_EXCEPTION)
-        finally:
-            stop.set()
-            for future in futures:
-                future.cancel()
-    errors = [f.exception() for f in futures if f.done() and not f.cancelled()]
-    for error in errors:
-        if error is not None and not isinstance(error, Stopped):
-            raise error
-    return [future.result() for future in futures]
-
-
-class Stopped(Exception):
-    """Another camera failed, or the user stopped the run."""
 
 
 def _stage(name: str) -> str:

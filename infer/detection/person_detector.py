@@ -9,7 +9,7 @@ import numpy as np
 from muybridge.infer.detection.background import SmallFrames
 from muybridge.infer.detection.orientation import Letterbox
 from muybridge.infer.networks.keypoints import PeopleNetwork
-from muybridge.models.keypoints.decode import DetectedPeople, decode_people
+from muybridge.models.people.decode import DetectedPeople, decode_people
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,9 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from muybridge.geometry.cameras.camera import Camera
-from muybridge.geometry.landmarks.arrays import SURFACE, Keypoints2D, LandmarkSet
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.infer.detection.background import Backdrop
 from muybridge.infer.detection.crop_reader import Pictures, PoseReader
 from muybridge.infer.detection.orientation import Letterbox, upright_for

@@ -21,7 +21,7 @@ from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
 from muybridge.geometry.numerics.robust import row_median
 from muybridge.geometry.sync.clocks import own_frames, synchronised
 from muybridge.infer.detection.crop_reader import Pictures, PoseReader, Poses, body_boxes
-from muybridge.infer.detection.detect import READING_CODE, CameraResult, DetectOptions, Models, Stopped, in_threads
+from muybridge.infer.detection.detect import READING_CODE, CameraResult, DetectOptions, Models
 from muybridge.infer.detection.exposure import well_exposed
 from muybridge.infer.detection.orientation import upright_for
 from muybridge.infer.detection.pose_estimator import CameraTracks, first_frames, merge_markers, merge_tracks
@@ -30,6 +30,7 @@ from muybridge.infer.networks.external import open_keypoints
 from muybridge.infer.networks.keypoints import Expectation
 from muybridge.infer.runtime.progress import Progress, Task
 from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.runtime.threads import Stopped, in_threads
 from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import read_chunks
 

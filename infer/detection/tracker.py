@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 from scipy.optimize import linear_sum_assignment
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray, IntArray
-from muybridge.models.keypoints.decode import DetectedPeople, box_overlap
+from muybridge.models.people.decode import DetectedPeople, box_overlap
 
 # How fast a track believes in a change of its velocity, and forgets it while nothing is seen.
 _VELOCITY_GAIN = 0.3

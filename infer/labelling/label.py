@@ -9,7 +9,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks.arrays import MarkerSet
+from muybridge.geometry.landmarks.marker_sets import MarkerSet
 from muybridge.geometry.markers.recovery import RecoverOptions, recover_points
 from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
 from muybridge.geometry.markers.subjects import split_people

@@ -9,12 +9,11 @@ from scipy.optimize import linear_sum_assignment
 
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks.arrays import SURFACE, MarkerSet
-from muybridge.geometry.landmarks.marker_sets import SETS, MarkerPlan, plan_of
+from muybridge.geometry.landmarks.marker_sets import SETS, SURFACE, MarkerPlan, MarkerSet, plan_of
 from muybridge.geometry.markers.tracking import Tracks
 from muybridge.infer.labelling.label import metres_of, upright
 from muybridge.infer.networks.labelling import LabelNetwork
-from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud
 
 _FRAMES = 200

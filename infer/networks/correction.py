@@ -11,11 +11,11 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.errors import ModelError
 from muybridge.geometry.fitting.marker_fit import MarkerFit
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.rigid_bones import body_through
-from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.infer.networks.keypoints import OnnxOptions, open_session
 from muybridge.models.correction.features import apply_corrections, solver_input
 

@@ -9,7 +9,7 @@ import onnxruntime
 
 from muybridge.arrays import ByteArray, Float32Array, FloatArray
 from muybridge.errors import ModelError
-from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet
+from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.infer.networks.keypoints import (
     Expectation,
     KeypointNetwork,

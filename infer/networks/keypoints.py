@@ -16,21 +16,20 @@ import onnxruntime
 
 from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray
 from muybridge.errors import ModelError
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.models.keypoints.decode import NO_IDEA, DecodedHeatmaps, with_expectation
 from muybridge.models.keypoints.metadata import (
     BODY_OUTPUTS,
     MARKER_OUTPUTS,
     SIDE_MULTIPLE,
     KeypointModelCard,
-    PeopleModelCard,
     crop_side,
     keypoint_card,
-    people_card,
 )
 from muybridge.models.keypoints.mirroring import mean_of_mirrored
 from muybridge.models.keypoints.test_time import Series, turn_where_unsure
 from muybridge.models.onnx_files.prune_outputs import without_outputs
+from muybridge.models.people.metadata import PeopleModelCard, people_card
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
 # Least and most that `OnnxOptions.size` may be.

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.arrays import Float32Array, FloatArray, IndexArray
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.markers.tracking import Tracks
 from muybridge.infer.networks.keypoints import OnnxOptions, open_session
 from muybridge.models.labelling.metadata import LabelModelCard, label_card

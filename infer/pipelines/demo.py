@@ -2,21 +2,19 @@
 
 from dataclasses import dataclass
 from functools import partial
-from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.errors import OutputError, SessionError
+from muybridge.errors import OutputError
 from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.infer.demo_take.take import TAKE, demo_folder, true_points
 from muybridge.infer.pipelines.videos import RunOptions, RunResult, run_session
 from muybridge.infer.results.folder import is_ours
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import write_whole
-
-TAKE, TRUTH = "take", "truth.npz"
 
 
 @dataclass(frozen=True)
@@ -30,24 +28,6 @@ class Score:
 
     mpjpe_mm: float
     coverage: float
-
-
-def demo_folder() -> Traversable:
-    """The take inside the package: `videos/`, `calibration.toml` and `truth.npz`.
-
-    Raises:
-        SessionError: the installation has none.
-    """
-    folder = resources.files("muybridge.infer").joinpath("demo_take")
-    if not folder.joinpath(TRUTH).is_file():
-        raise SessionError(f"{folder}: the demo's take is missing; reinstall muybridge")
-    return folder
-
-
-def true_points(folder: Traversable) -> tuple[FloatArray, list[str]]:
-    """(T, K, 3) metres, and the (K,) landmarks' names, of a take like the demo's."""
-    with folder.joinpath(TRUTH).open("rb") as file, np.load(file) as truth:
-        return truth["points_world"], [str(n) for n in truth["names"]]
 
 
 def run_demo(

@@ -14,15 +14,18 @@ from numpy.typing import NDArray
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.association.select import AssociateOptions, select_person, take_slots
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.fitting.body_fit import FitOptions, fit_body, landmarks_from_motion
-from muybridge.geometry.landmarks.arrays import Keypoints2D, LandmarkSet, Points3D
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
+from muybridge.geometry.landmarks.sets import LandmarkSet
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.geometry.triangulation.left_right import SwapOptions, repair_swaps
-from muybridge.geometry.triangulation.multiview import TriangulateOptions, leave_one_out_error, triangulate
+from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
 from muybridge.geometry.triangulation.plausibility import stretched_limbs, vague_points
 from muybridge.geometry.triangulation.shape_prior import PosePriorOptions, with_pose_prior
+from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.geometry.triangulation.view_bias import ViewOffsetOptions, learn_view_offsets, without_view_offsets
 from muybridge.infer.detection.refine import Again, SecondLook
 from muybridge.infer.reconstruction.virtual_markers import triangulate_markers

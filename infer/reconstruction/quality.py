@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.triangulation.multiview import leave_one_out_summary, usable_points
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.triangulation.multiview import usable_points
+from muybridge.geometry.triangulation.validation import leave_one_out_summary
 from muybridge.infer.reconstruction.landmarks import Solution
-from muybridge.infer.report.figures import listed, readable
+from muybridge.infer.runtime.wording import listed, readable
 
 # Landmarks that no camera is sure of in this share of the frames are worth a word.
 _OFTEN_UNSURE = 0.25

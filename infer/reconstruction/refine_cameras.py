@@ -9,10 +9,10 @@ from muybridge.errors import MuybridgeError
 from muybridge.geometry.association.select import PersonSelection, select_person, take_person
 from muybridge.geometry.association.tracker import AssociateOptions
 from muybridge.geometry.calibration.people.calibrate import PeopleCalibrationOptions, refine_people
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.triangulation.left_right import repair_swaps
-from muybridge.geometry.triangulation.multiview import leave_one_out_error
+from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
 from muybridge.infer.session.session import Session, with_notice

@@ -7,19 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import (
-    CMU,
-    PLUG_IN_GAIT,
-    SURFACE,
-    LandmarkSet,
-    MarkerSet,
-    Points3D,
-    select_markers,
-)
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Points3D, select_markers
+from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT, SURFACE, MarkerChoice, MarkerSet
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.triangulation.left_right import SwapOptions, repair_swaps
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
-from muybridge.infer.detection.detect import MarkerChoice
 
 _SETS: dict[MarkerChoice, MarkerSet] = {"plug-in-gait": PLUG_IN_GAIT, "cmu": CMU}
 # Which markers change sides together, beside the body's own parts.

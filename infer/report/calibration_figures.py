@@ -8,7 +8,8 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.diagnosis.faults import KINDS, CulpritReport
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, ImagePicture, Plan
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.report.sections import number_text, percent_text, table_of
 
 _KIND_NAMES = {

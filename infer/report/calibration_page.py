@@ -10,7 +10,7 @@ import numpy as np
 from muybridge.files import replacing
 from muybridge.geometry.calibration.bundle_adjustment.result import Solved
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, check_solved
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.report.calibration_figures import (
     cameras_table,
     evidence_table,

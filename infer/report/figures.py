@@ -5,15 +5,16 @@ came from. Shapes: `C` cameras, `T` frames, `J` landmarks.
 """
 
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import LandmarkSet
+from muybridge.infer.runtime.wording import readable
 
 
 @dataclass(frozen=True)
@@ -139,16 +140,6 @@ def _share(mask: BoolArray) -> float:
 def _finite(vectors: FloatArray) -> BoolArray:
     """Which vectors of the last axis have no NaN."""
     return np.asarray(np.isfinite(vectors).all(axis=-1))
-
-
-def readable(name: str) -> str:
-    """``left_big_toe`` as ``left big toe``."""
-    return name.replace("_", " ")
-
-
-def listed(items: Sequence[str]) -> str:
-    """``a``, ``a and b``, ``a, b and c``."""
-    return items[0] if len(items) == 1 else ", ".join(items[:-1]) + " and " + items[-1]
 
 
 def coverage(points: Points3D) -> float:

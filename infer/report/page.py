@@ -16,8 +16,10 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.errors import OutputError
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import side_of
 from muybridge.infer.report.calibration_page import calibration_findings, calibration_in_report
 from muybridge.infer.report.figures import (
     BoneFigures,
@@ -47,7 +49,6 @@ from muybridge.infer.report.sections import (
     run_section,
     thumbnails_section,
 )
-from muybridge.infer.results.overlay import side_of
 
 # Beyond this many frames the 3D view shows every second, third, ... frame.
 _MOST_FRAMES = 40_000

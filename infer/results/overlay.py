@@ -19,7 +19,7 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, ByteArray, FloatArray
 from muybridge.errors import OutputError, VideoError
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.landmarks.sets import LandmarkSet, side_of
 
 Colour = tuple[int, int, int]
 
@@ -75,15 +75,6 @@ class Overlay:
     path: Path
     frames: int
     thumbnails: dict[int, bytes] = field(default_factory=dict)
-
-
-def side_of(name: str) -> str:
-    """``"left"``, ``"right"`` or ``"middle"`` by a landmark's or joint's name."""
-    lowered = name.lower()
-    for side in ("left", "right"):
-        if lowered.startswith(side) or lowered.endswith(side):
-            return side
-    return "middle"
 
 
 def colour_of(*names: str) -> Colour:

@@ -14,7 +14,8 @@ import numpy as np
 from muybridge.arrays import ByteArray, FloatArray
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
-from muybridge.infer.detection.detect import CameraResult, MarkerChoice
+from muybridge.geometry.landmarks.marker_sets import MarkerChoice
+from muybridge.infer.detection.detect import CameraResult
 from muybridge.infer.reconstruction.landmarks import Solution
 from muybridge.infer.reconstruction.quality import Quality, plain
 from muybridge.infer.reconstruction.virtual_markers import marker_set
@@ -24,8 +25,9 @@ from muybridge.infer.results.folder import OutputFolder
 from muybridge.infer.results.overlay import OverlayOptions, write_overlay
 from muybridge.infer.runtime.progress import Progress, Task
 from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.session.probe import probe_video
 from muybridge.infer.session.session import Session
-from muybridge.infer.session.video import probe_video, read_chunks
+from muybridge.infer.session.video import read_chunks
 from muybridge.motion.formats.gltf.write import write_glb
 from muybridge.motion.formats.points.c3d import write_c3d
 from muybridge.motion.formats.points.trc import write_trc

@@ -16,7 +16,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import MuybridgeError, SessionError
-from muybridge.infer.session.video import VideoInfo
+from muybridge.infer.session.probe import VideoInfo
 
 # What the file is called; the second name is that of older recordings.
 TIMESTAMPS = ("timestamps.csv", "frame_time_history.csv")

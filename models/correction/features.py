@@ -11,7 +11,7 @@ from scipy.ndimage import convolve1d
 
 from muybridge.arrays import Float32Array, FloatArray
 from muybridge.geometry.fitting.marker_fit import MarkerFit
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.skeleton.statistical_body import marker_body

@@ -7,7 +7,6 @@ s*v + (s-1)/2), pixel (0, 0) being the centre of the top-left one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
 from muybridge.models.keypoints.left_right import told_apart
 from muybridge.models.keypoints.patches import patches
+from muybridge.models.uncertainty import SpreadCalibration
 
 # The refined point is the centre of a window of this half-width (cells) on its own probability mass, reached
 # in this many steps. A fixed window about the best cell would pull points towards the cell's centre.
@@ -36,49 +36,6 @@ _WHOLE, _LEAST_THERE = 0.85, 6
 # Half-width of the patch of cells gathered round the best one: it holds the window and the score's circle
 # wherever the point goes, which is at most one cell away.
 _PATCH = 3
-
-
-@dataclass(frozen=True)
-class SpreadCalibration:
-    """How a heatmap's spread becomes a variance, both in network input px^2.
-
-    Fitted on held-out data when a network is exported and stored in its file.
-
-    Attributes:
-        scale, floor_px2: `scale * spread + floor_px2`, where there are no knots.
-        knots: pairs of spread and variance, both ascending; between them the logarithm of the variance is linear
-            in that of the spread, below the first it is constant, above the last proportional to the spread.
-        hidden: the variance of a landmark that is surely hidden over that of one that is surely not, spreads being one.
-        mirrored: the variance where a crop was looked at mirrored too over that where it was looked at once.
-        part: the variance in crops that show a part of a person (`in_part`) over that in others, spreads being one.
-        landmarks: of each landmark the variance over that of the others, spreads being one; empty where all are alike.
-    """
-
-    scale: float = 1.0
-    floor_px2: float = 1.0
-    knots: tuple[tuple[float, float], ...] = ()
-    hidden: float = 1.0
-    mirrored: float = 1.0
-    part: float = 1.0
-    landmarks: tuple[float, ...] = ()
-
-    def variance(self, spread_px2: FloatArray) -> FloatArray:
-        """The variance of each coordinate, of the spread's shape, whose last axis the `landmarks` are, if they are not
-        alike; NaN stays NaN."""
-        each = np.array(self.landmarks) if self.landmarks else 1.0
-        if not self.knots:
-            return np.asarray((self.scale * spread_px2 + self.floor_px2) * each, dtype=np.float64)
-        at, value = np.array(self.knots).T
-        inside = np.clip(spread_px2, at[0], at[-1])
-        inner = np.exp(np.interp(np.log(inside), np.log(at), np.log(value)))
-        return np.asarray(inner * np.maximum(spread_px2 / at[-1], 1.0) * each, dtype=np.float64)
-
-    def ratio(self, seen: FloatArray, mirrored: bool, partly: BoolArray | None = None) -> FloatArray:
-        """What variances are to be multiplied by, where landmarks are visible with a probability of `seen`, the crops
-        were looked at mirrored too or were not, and those that are `partly`, which broadcasts with `seen`, show a part
-        of a person."""
-        part = 1.0 if partly is None else np.where(partly, self.part, 1.0)
-        return np.asarray(self.hidden ** (1 - seen) * (self.mirrored if mirrored else 1.0) * part, dtype=np.float64)
 
 
 class DecodedHeatmaps(NamedTuple):
@@ -216,77 +173,3 @@ def _refine(probability: Float32Array, best: IndexArray) -> tuple[FloatArray, Fl
     distance2 = away_v[:, :, None] + away_u[:, None, :]
     mass = (patch * (distance2 <= _SCORE_RADIUS_CELLS**2)).sum(axis=(1, 2))
     return np.stack([best_u, best_v], axis=1) + offset.astype(np.float64), mass.astype(np.float64)
-
-
-class DetectedPeople(NamedTuple):
-    """People of one image, best first.
-
-    Attributes:
-        boxes_px: (K, 4) left, top, right, bottom, px of the network's input.
-        scores: (K,) in 0..1.
-    """
-
-    boxes_px: FloatArray
-    scores: FloatArray
-
-
-def decode_people(
-    heatmap: Float32Array,
-    box: Float32Array,
-    stride: int,
-    threshold: float = 0.3,
-    max_people: int = 16,
-    max_overlap: float = 0.5,
-) -> list[DetectedPeople]:
-    """People's boxes from the detector's maps.
-
-    Args:
-        heatmap: (N, 1, h, w) logits of a box's centre.
-        box: (N, 4, h, w) distances from the cell's centre to the left, top, right and bottom edge, input px.
-        stride: input pixels a cell.
-        threshold: least probability of a detection.
-        max_people: most detections an image.
-        max_overlap: of two boxes that overlap more (intersection over union) the better one stays.
-
-    Returns:
-        one entry an image.
-    """
-    if heatmap.ndim != 4 or box.shape != (len(heatmap), 4, *heatmap.shape[2:]):
-        raise ValueError(f"heatmap (N, 1, h, w) and box (N, 4, h, w) expected: {heatmap.shape}, {box.shape}")
-    scores = sigmoid(heatmap[:, 0])
-    padded = np.pad(scores, ((0, 0), (1, 1), (1, 1)), constant_values=-1.0)
-    around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(1, 2))
-    peaks = (scores >= threshold) & (scores >= around.max(axis=(-1, -2)))
-    found = []
-    for image in range(len(scores)):
-        rows, columns = np.nonzero(peaks[image])
-        center = np.stack([columns, rows], axis=1) * stride + (stride - 1) / 2
-        left, top, right, bottom = box[image][:, rows, columns].astype(np.float64)
-        boxes = np.stack([center[:, 0] - left, center[:, 1] - top, center[:, 0] + right, center[:, 1] + bottom], axis=1)
-        usable = np.isfinite(boxes).all(axis=1) & (boxes[:, 2:] - boxes[:, :2] > 1.0).all(axis=1)
-        boxes, score = boxes[usable], scores[image, rows, columns][usable]
-        keep = suppress_overlaps(boxes, score, max_overlap)[:max_people]
-        found.append(DetectedPeople(boxes[keep], score[keep]))
-    return found
-
-
-def suppress_overlaps(boxes_px: FloatArray, scores: FloatArray, max_overlap: float) -> IndexArray:
-    """Indices, best first, of the boxes that no better box overlaps by more than `max_overlap` (IoU)."""
-    order = np.argsort(-scores, kind="stable")
-    overlap = box_overlap(boxes_px, boxes_px)
-    keep: list[int] = []
-    for index in order:
-        if not keep or overlap[index, keep].max() <= max_overlap:
-            keep.append(int(index))
-    return np.array(keep, dtype=np.intp)
-
-
-def box_overlap(a_px: FloatArray, b_px: FloatArray) -> FloatArray:
-    """(A, B) intersection over union of (A, 4) and (B, 4) boxes: left, top, right, bottom."""
-    low = np.maximum(a_px[:, None, :2], b_px[None, :, :2])
-    high = np.minimum(a_px[:, None, 2:], b_px[None, :, 2:])
-    common = np.clip(high - low, 0, None).prod(axis=-1)
-    area_a = (a_px[:, 2:] - a_px[:, :2]).prod(axis=-1)
-    area_b = (b_px[:, 2:] - b_px[:, :2]).prod(axis=-1)
-    overlap: FloatArray = common / np.maximum(area_a[:, None] + area_b[None, :] - common, 1e-12)
-    return overlap

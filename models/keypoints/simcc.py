@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from muybridge.arrays import Float32Array, FloatArray
-from muybridge.models.keypoints.decode import DecodedHeatmaps, SpreadCalibration, decode_heatmaps
+from muybridge.models.keypoints.decode import DecodedHeatmaps, decode_heatmaps
+from muybridge.models.uncertainty import SpreadCalibration
 
 # The point is the centre of its own probability mass within this many bins, found in so many steps.
 _WINDOW_BINS = 5.5

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.models.keypoints.metadata import _Reader
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.models.metadata_reader import _Reader
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,9 @@ import numpy as np
 from rich.progress import track
 
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.clothing.sample import sample_outfit
 from muybridge.train.synthesis.rendering.multi_person_takes import view_of

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
 from muybridge.train.synthesis.markers.augment import _LOOSE

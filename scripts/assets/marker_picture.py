@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from muybridge.arrays import ByteArray, Float32Array, FloatArray
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.bodies.surface_markers import TABLE
 from muybridge.train.synthesis.clothing.sample import Outfit, bare_outfit

@@ -15,7 +15,8 @@ import numpy as np
 from muybridge.geometry.fitting.body_fit import fit_body
 from muybridge.geometry.ik.pose_prior import fit_prior, save_prior
 from muybridge.geometry.ik.tree import theta_of_rotations, tree_of_skeleton
-from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.numerics.rotations import matrix_from_quat
 from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.train.synthesis.bodies.body_model import BodyModel

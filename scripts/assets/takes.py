@@ -15,7 +15,7 @@ import numpy as np
 from rich.progress import track
 
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.rendering.multi_person_takes import cast, film_company, rig, view_of
 from muybridge.train.synthesis.rendering.renderer import Renderer

@@ -27,9 +27,9 @@ from muybridge.models.keypoints.decode import in_part
 from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS, KeypointModelCard, keypoint_card
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
 from muybridge.models.onnx_files.quantization import int8_path, quantize
-from muybridge.train.engine.loop import HELD_OUT
 from muybridge.train.images.backgrounds import make_backgrounds
 from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.images.dataset import HELD_OUT
 from muybridge.train.keypoints.evaluate import load_model, read_batch
 from muybridge.train.keypoints.export import CALIBRATION_IMAGES, calibration, version
 from muybridge.train.keypoints.train import evaluate

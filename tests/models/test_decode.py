@@ -6,13 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from muybridge.arrays import Float32Array, FloatArray
-from muybridge.models.keypoints.decode import (
-    SpreadCalibration,
-    box_overlap,
-    decode_heatmaps,
-    decode_people,
-    suppress_overlaps,
-)
+from muybridge.models.keypoints.decode import decode_heatmaps
+from muybridge.models.people.decode import box_overlap, decode_people, suppress_overlaps
+from muybridge.models.uncertainty import SpreadCalibration
 
 _PLAIN = SpreadCalibration(scale=1.0, floor_px2=0.5)
 

@@ -12,13 +12,15 @@ pytest.importorskip("onnx")
 import onnxruntime  # noqa: E402
 
 from muybridge.errors import ModelError  # noqa: E402
-from muybridge.geometry.landmarks.arrays import BODY23  # noqa: E402
+from muybridge.geometry.landmarks.sets import BODY23  # noqa: E402
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions  # noqa: E402
-from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
-from muybridge.models.keypoints.metadata import keypoint_card, shipped_model  # noqa: E402
+from muybridge.models.keypoints.decode import decode_heatmaps  # noqa: E402
+from muybridge.models.keypoints.metadata import keypoint_card  # noqa: E402
 from muybridge.models.keypoints.network import PLATE, KeypointNet, PlateApart  # noqa: E402
 from muybridge.models.onnx_files.export import export_onnx  # noqa: E402
 from muybridge.models.onnx_files.quantization import int8_path, quantize  # noqa: E402
+from muybridge.models.shipped import shipped_model  # noqa: E402
+from muybridge.models.uncertainty import SpreadCalibration  # noqa: E402
 from muybridge.train.keypoints.variance_calibration import (  # noqa: E402
     HeldOut,
     _farthest_off,

@@ -7,9 +7,9 @@ from muybridge.arrays import ByteArray, Float32Array, FloatArray
 from muybridge.infer.detection.detect import DetectOptions, first_look
 from muybridge.infer.detection.pose_estimator import KeypointOptions
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
-from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.models.keypoints.rescale import at_side, reading_sides
 from muybridge.models.keypoints.test_time import turn_where_unsure
+from muybridge.models.shipped import shipped_model
 
 
 def scores(here: int) -> FloatArray:

@@ -5,8 +5,8 @@ import onnxruntime
 import pytest
 
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
-from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.models.onnx_files.prune_outputs import without_outputs
+from muybridge.models.shipped import shipped_model
 
 onnx = pytest.importorskip("onnx")
 

@@ -8,8 +8,8 @@ from muybridge.arrays import ByteArray, Float32Array
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
 from muybridge.models.keypoints import test_time as turning
 from muybridge.models.keypoints.decode import NO_IDEA
-from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.models.keypoints.test_time import Series, turn_where_unsure
+from muybridge.models.shipped import shipped_model
 
 SPOT = 6  # half of a spot's side, px
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from muybridge.arrays import Float32Array, FloatArray
 from muybridge.files import replacing
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.numerics.rotations import quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.rigid_bones import body_through
-from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
 from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of
 from muybridge.train.synthesis.markers.trajectories import FPS, MarkerBodies

@@ -17,8 +17,9 @@ from torch import Tensor
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
 from muybridge.files import replacing
-from muybridge.geometry.fitting.marker_fit import MarkerFitOptions, Person, calibrate_person, fit_markers
-from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT
+from muybridge.geometry.fitting.marker_fit import fit_markers
+from muybridge.geometry.fitting.subject import MarkerFitOptions, Person, calibrate_person
+from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT
 from muybridge.geometry.skeleton.statistical_body import marker_body
 from muybridge.models.correction.features import carriers, solver_input, target_of
 from muybridge.models.correction.network import SPANS

@@ -12,7 +12,7 @@ import torch
 
 import muybridge
 from muybridge.files import replacing
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.models.correction.network import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
 from muybridge.models.onnx_files.export import OPSET

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray
-from muybridge.geometry.landmarks.arrays import SURFACE, MarkerSet
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.landmarks.marker_sets import SURFACE, MarkerSet
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
 from muybridge.train.synthesis.markers.augment import _LOOSE
 from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of

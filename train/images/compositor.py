@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IndexArray
-from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.images.background_difference import Plates
 from muybridge.train.images.backgrounds import sample_backdrop
 from muybridge.train.images.camera_faults import CameraFaults, outside_of_video

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, ByteArray
 from muybridge.files import replacing
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.images.backgrounds import make_backgrounds
 from muybridge.train.images.compositor import Batch, Compositor
 from muybridge.train.synthesis.rendering.store import SIZE, load_renders

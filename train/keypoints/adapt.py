@@ -17,10 +17,11 @@ import torch
 from torch import Tensor, nn
 
 from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IndexArray
-from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.models.keypoints.decode import decode_heatmaps
 from muybridge.models.keypoints.network import CHANNELS, STRIDE, KeypointNet
 from muybridge.models.pseudo_labels import Footage
+from muybridge.models.uncertainty import SpreadCalibration
 from muybridge.train.engine.loop import AveragedWeights, device, learning_rate, placed
 from muybridge.train.engine.precision import autocast
 from muybridge.train.images.camera_faults import CameraFaults

@@ -11,11 +11,12 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from muybridge.errors import ModelError, SessionError
 from muybridge.files import replacing
-from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.models.keypoints.metadata import KeypointModelCard, shipped_model
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.models.keypoints.metadata import KeypointModelCard
 from muybridge.models.keypoints.network import PLATE, KeypointNet
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
 from muybridge.models.pseudo_labels import Footage, load_footage
+from muybridge.models.shipped import shipped_model
 from muybridge.train.engine.malloc import keep_memory
 from muybridge.train.keypoints.adapt import Agreement, View, adapted, agreement
 from muybridge.train.keypoints.evaluate import load_model

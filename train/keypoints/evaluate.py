@@ -9,14 +9,15 @@ from rich.progress import track
 
 from muybridge.arrays import BoolArray, Float32Array, FloatArray
 from muybridge.errors import ModelError, SessionError
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.models.keypoints.decode import DecodedHeatmaps
-from muybridge.models.keypoints.metadata import BODY_OUTPUTS, KeypointModelCard, keypoint_card, shipped_model
+from muybridge.models.keypoints.metadata import BODY_OUTPUTS, KeypointModelCard, keypoint_card
 from muybridge.models.keypoints.mirroring import mean_of_mirrored
 from muybridge.models.keypoints.test_time import turn_where_unsure
-from muybridge.train.engine.loop import HELD_OUT
+from muybridge.models.shipped import shipped_model
 from muybridge.train.images.backgrounds import make_backgrounds
 from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.images.dataset import HELD_OUT
 from muybridge.train.options import Evaluation
 from muybridge.train.synthesis.rendering.store import SIZE, load_renders
 

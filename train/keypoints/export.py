@@ -12,7 +12,8 @@ import muybridge
 from muybridge.arrays import ByteArray
 from muybridge.errors import ModelError
 from muybridge.geometry.cameras.crops import BOX_PADDING
-from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS
 from muybridge.models.keypoints.network import CHANNELS, PLATE, STRIDE, KeypointNet, PlateApart, SeparateHeads
 from muybridge.models.onnx_files.export import export_onnx

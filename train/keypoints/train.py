@@ -17,12 +17,14 @@ from torch import Tensor, nn
 
 from muybridge.arrays import ByteArray
 from muybridge.errors import ModelError
-from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
-from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.models.keypoints.decode import decode_heatmaps
 from muybridge.models.keypoints.metadata import crop_side
 from muybridge.models.keypoints.network import STRIDE, KeypointNet
 from muybridge.models.keypoints.rescale import FIRST_LOOK, LEAST, Maps, at_side
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, measure_normalisation
+from muybridge.models.uncertainty import SpreadCalibration
 from muybridge.train.engine import loop
 from muybridge.train.engine.compile import compiled
 from muybridge.train.engine.gradient_worker import Second, pays

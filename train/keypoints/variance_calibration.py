@@ -9,10 +9,12 @@ import torch
 from scipy.optimize import minimize
 
 from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray
-from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
-from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps, sigmoid
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.models.keypoints.decode import decode_heatmaps, sigmoid
 from muybridge.models.keypoints.mirroring import mean_of_mirrored
 from muybridge.models.keypoints.network import STRIDE, KeypointNet
+from muybridge.models.uncertainty import SpreadCalibration
 from muybridge.train.images.compositor import Batch
 
 # No landmark is known better than this, network pixels squared: a tenth of a pixel.

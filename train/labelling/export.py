@@ -13,7 +13,7 @@ import torch
 import muybridge
 from muybridge.arrays import Float32Array
 from muybridge.files import replacing
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.models.labelling.network import WINDOW, LabelNet
 from muybridge.models.onnx_files.export import OPSET
 from muybridge.train.labelling.train import HELD_OUT, evaluate, held_out_batches, trained_network

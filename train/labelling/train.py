@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor, nn
 
-from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE
+from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT, SURFACE
 from muybridge.models.labelling.network import WINDOW, LabelNet
 from muybridge.train.engine import loop
 from muybridge.train.engine.precision import autocast

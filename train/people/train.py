@@ -10,8 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from muybridge.arrays import Float32Array
-from muybridge.models.keypoints.decode import box_overlap, decode_people
 from muybridge.models.onnx_files.import_weights import measure_normalisation, people_net_from_onnx
+from muybridge.models.people.decode import box_overlap, decode_people
 from muybridge.models.people.network import STRIDE, PeopleNet
 from muybridge.train.engine import loop
 from muybridge.train.engine.compile import compiled

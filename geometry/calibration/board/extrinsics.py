@@ -40,7 +40,8 @@ from muybridge.geometry.calibration.bundle_adjustment.adjustment import (
     adjust,
 )
 from muybridge.geometry.calibration.bundle_adjustment.result import Solved, solved
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 Views = Mapping[str, Mapping[int, View]]
 """By camera and time (a whole number, steps of time): what was seen of the board."""

@@ -19,7 +19,8 @@ from muybridge.geometry.calibration.bundle_adjustment.adjustment import (
     LensPrior,
     adjust,
 )
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 View = tuple[IntArray, FloatArray]
 """Numbers of a board's corners and their (n, 2) px."""

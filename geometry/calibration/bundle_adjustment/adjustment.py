@@ -16,7 +16,8 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import parameter_kinds, project_terms, term_map
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
 
 _GIVEN_DEGREES = 4.0

@@ -8,7 +8,8 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, AdjustResult
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 _CELLS = 12  # along the longer side of an image
 # A view does not fit if its median error is above this many px and times that of the usual view; a camera of which so

@@ -38,7 +38,7 @@ from muybridge.geometry.calibration.diagnosis.setup import (
     with_files,
     with_shift,
 )
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.robust import extent
 
 Kind = Literal["turned", "moved", "focal", "shifted", "swapped", "unrelated"]

@@ -17,8 +17,10 @@ from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import ADJU
 from muybridge.geometry.calibration.bundle_adjustment.result import Misfit, Solved, image_cells, misfits
 from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions, CulpritReport, find_culprits
 from muybridge.geometry.calibration.diagnosis.hypotheses import alike
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.triangulation.multiview import leave_one_out_error, triangulate
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.triangulation.multiview import triangulate
+from muybridge.geometry.triangulation.validation import leave_one_out_error
 
 _PLAN_CELLS = 40
 _ADJUST_FRAMES = 40

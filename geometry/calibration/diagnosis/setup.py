@@ -9,7 +9,7 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.calibration.diagnosis.hypotheses import Correction, student_cost, student_scale
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.sync.clocks import resample
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, take_noise, triangulate
 

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 
 class Malformed(ValueError):

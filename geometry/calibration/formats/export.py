@@ -17,7 +17,8 @@ from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import ADJU
 from muybridge.geometry.calibration.formats.native import native_text
 from muybridge.geometry.calibration.formats.optitrack import optitrack_text
 from muybridge.geometry.calibration.formats.vicon import vicon_text
-from muybridge.geometry.cameras.camera import Camera, CameraGroup, colmap_camera
+from muybridge.geometry.cameras.camera import Camera, colmap_camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import log_so3, quat_from_matrix
 
 ExportFormat = Literal[

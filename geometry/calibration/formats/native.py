@@ -32,7 +32,8 @@ from muybridge.geometry.calibration.formats.common import (
     pixel_count,
 )
 from muybridge.geometry.cameras._pycolmap import pycolmap
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 VERSION = 1
 _FIELDS = ("name", "model", "width", "height", "params", "cam_from_world")

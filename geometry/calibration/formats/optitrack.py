@@ -29,7 +29,8 @@ from muybridge.geometry.calibration.formats.common import (
     rotation_from,
 )
 from muybridge.geometry.calibration.formats.vicon import parse_xml
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 _LENS = ("LensCenterX", "LensCenterY", "HorizontalFocalLength", "VerticalFocalLength")
 _BENT = ("k1", "k2", "TangentialX", "TangentialY", "k3")

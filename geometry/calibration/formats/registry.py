@@ -24,7 +24,7 @@ from muybridge.geometry.calibration.formats.optitrack import read_optitrack_csv,
 from muybridge.geometry.calibration.formats.qualisys import read_qualisys
 from muybridge.geometry.calibration.formats.vicon import read_vicon
 from muybridge.geometry.calibration.gravity import lean_note
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 
 KNOWN_FORMATS = (
     "Muybridge TOML",

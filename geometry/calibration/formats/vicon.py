@@ -28,7 +28,8 @@ from muybridge.geometry.calibration.formats.common import (
     pixel_count,
     pose_from,
 )
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import matrix_from_quat, quat_from_matrix
 
 _ABSURD = 2.0  # growth of a corner's distance from the centre by a factor of more

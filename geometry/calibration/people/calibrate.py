@@ -18,7 +18,8 @@ from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.bundle_adjustment.with_bones import Adjusted, AdjustProblem, AdjustState, adjust
 from muybridge.geometry.calibration.people.initialise import start_from_nothing
 from muybridge.geometry.calibration.people.world import world_from_people
-from muybridge.geometry.cameras.camera import Camera, CameraGroup, colmap_camera
+from muybridge.geometry.cameras.camera import Camera, colmap_camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import triangulate
 
 # Pairs of landmarks with bone between them, without a side's prefix where there is one on either side; and

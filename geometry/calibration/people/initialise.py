@@ -17,7 +17,8 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.bundle_adjustment.with_bones import AdjustProblem, AdjustState, adjust
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
 
 _GATE_PX = 12.0  # of the RANSACs, in an image of 1000 px focal length

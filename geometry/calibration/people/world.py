@@ -8,7 +8,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.errors import CalibrationError
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 
 AVERAGE_HEIGHT = 1.72
 # Shank, thigh and trunk between joint centres, as parts of the stature (Drillis and Contini 1966, as printed in

@@ -23,7 +23,7 @@ from muybridge.geometry.calibration.board.intrinsics import FEWEST_CORNERS, FEWE
 from muybridge.geometry.calibration.bundle_adjustment.result import Solved, misfits, table
 from muybridge.geometry.calibration.gravity import level
 from muybridge.geometry.calibration.world import moved, on_board
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.commands.calibrate.board_images import (
     Pictures,
     at_moment,

@@ -19,9 +19,11 @@ from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.board.board import Board, BoardDetector
 from muybridge.geometry.calibration.board.intrinsics import View
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.session.session import PICTURE_SUFFIXES, natural_key
+from muybridge.infer.session.discover import PICTURE_SUFFIXES
+from muybridge.infer.session.pairing import natural_key
+from muybridge.infer.session.probe import VideoInfo, is_video, probe_video
 from muybridge.infer.session.timestamps import read_time_table, time_table_in
-from muybridge.infer.session.video import VideoInfo, is_video, probe_video, read_chunks
+from muybridge.infer.session.video import read_chunks
 
 _LOOKS_A_SECOND = 6.0
 _MOST_LOOKS = 600

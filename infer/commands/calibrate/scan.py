@@ -21,8 +21,10 @@ from muybridge.geometry.calibration.structure_from_motion import (
 )
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.session.session import PICTURE_SUFFIXES, natural_key
-from muybridge.infer.session.video import is_video, probe_video, read_chunks
+from muybridge.infer.session.discover import PICTURE_SUFFIXES
+from muybridge.infer.session.pairing import natural_key
+from muybridge.infer.session.probe import is_video, probe_video
+from muybridge.infer.session.video import read_chunks
 
 _STILL_FRAMES = 9  # of a fixed camera's video, whose median has nobody walking through
 

@@ -18,14 +18,14 @@ from muybridge.geometry.calibration.board.pose_graph import symmetries
 from muybridge.geometry.calibration.formats.common import far_apart_note
 from muybridge.geometry.calibration.people.world import world_from_people
 from muybridge.geometry.calibration.world import check_shape, marked, moved, on_board, on_points
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.infer.commands.calibrate.board import BoardChoice, chosen_board
 from muybridge.infer.commands.calibrate.board_images import at_moment, find_pictures, look_for_board
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
-from muybridge.infer.commands.calibrate.people import session_keypoints
 from muybridge.infer.commands.calibrate.points import read_points
 from muybridge.infer.detection.detect import DetectOptions
+from muybridge.infer.pipelines.landmarks import session_keypoints
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import SessionOptions, open_session
 

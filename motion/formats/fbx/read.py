@@ -6,7 +6,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.fbx.container import read_fbx_nodes
 from muybridge.motion.formats.fbx.scene import Complaint, Model, Scene, read_scene
 from muybridge.motion.formats.skeletal.world_axes import frame_times, motion_in_world_axes

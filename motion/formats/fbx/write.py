@@ -12,7 +12,8 @@ import numpy as np
 from muybridge import __version__
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.geometry.numerics.rotations import continuous_quat
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.fbx.container import CREATION_TIME, FILE_ID, VERSION, Node, Table, write_fbx_nodes
 from muybridge.motion.formats.fbx.scene import CUSTOM_RATE, RATES, TICKS_A_SECOND
 from muybridge.motion.formats.skeletal.bone_meshes import BoneMesh, bone_mesh, rest_positions

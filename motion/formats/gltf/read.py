@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.numerics.rotations import matrix_from_quat
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.gltf.container import JSON_ERRORS, Document
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.skeletal.world_axes import frame_times, motion_in_world_axes

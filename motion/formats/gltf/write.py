@@ -16,7 +16,8 @@ from muybridge import __version__
 from muybridge.arrays import FloatArray
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.gltf.container import ARRAY_BUFFER, UNSIGNED_BYTE, UNSIGNED_SHORT, Buffer, pack_glb
 from muybridge.motion.formats.gltf.read import read_gltf
 from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions

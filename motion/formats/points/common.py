@@ -8,7 +8,8 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import FormatError, MuybridgeError
-from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 
 METRES_OF_UNIT = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 # Every spelling that files have of them, in small letters.

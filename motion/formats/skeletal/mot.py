@@ -23,8 +23,9 @@ from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import roles_of
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.points.trc import WORLD_AXIS_OF_TRC
 from muybridge.motion.formats.skeletal.bone_meshes import rest_positions
 from muybridge.motion.formats.skeletal.euler import smooth_euler

@@ -14,7 +14,8 @@ from muybridge import __version__
 from muybridge.arrays import FloatArray
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 

@@ -7,7 +7,8 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
 
 _SLIDE_M = 1e-3
 

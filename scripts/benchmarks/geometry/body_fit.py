@@ -21,8 +21,8 @@ import numpy as np
 from muybridge.geometry.fitting.body_fit import fit_body, landmarks_from_motion
 from muybridge.geometry.fitting.scaling import calibrate_skeleton
 from muybridge.geometry.fitting.skeleton_fit import SkeletonFit, fit_online, fit_take, joint_rigging, solvable
-from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 from scripts.benchmarks.geometry.skeleton import as_points, cmu_truth
 

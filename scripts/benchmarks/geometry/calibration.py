@@ -36,11 +36,14 @@ from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
 from muybridge.geometry.calibration.people.calibrate import PeopleCalibrationOptions, calibrate_people, refine_people
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.geometry.sync.clocks import Clock
-from muybridge.geometry.sync.motion import audio_clock, epipolar_clocks, motion_clocks
-from muybridge.geometry.triangulation.multiview import leave_one_out_error, triangulate
+from muybridge.geometry.sync.epipolar import epipolar_clocks
+from muybridge.geometry.sync.motion import audio_clock, motion_clocks
+from muybridge.geometry.triangulation.multiview import triangulate
+from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.infer.commands.app import run_command
 from scripts.benchmarks.geometry.culprits import balancing
 

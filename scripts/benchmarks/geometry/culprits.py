@@ -36,7 +36,8 @@ from muybridge.geometry.calibration import fit_to_video, load_calibration
 from muybridge.geometry.calibration.diagnosis.faults import find_culprits
 from muybridge.geometry.calibration.diagnosis.hypotheses import changed
 from muybridge.geometry.calibration.people.calibrate import refine_people
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 Take = tuple[CameraGroup, FloatArray, FloatArray]
 KINDS = ("turned", "shifted", "focal", "swapped", "healthy")

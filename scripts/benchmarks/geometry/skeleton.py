@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.geometry.fitting.body_fit import FitOptions, fit_body, landmarks_from_motion
-from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 

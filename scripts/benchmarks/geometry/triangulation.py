@@ -20,8 +20,10 @@ import cv2
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.triangulation.multiview import TriangulateOptions, leave_one_out_error, triangulate
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
+from muybridge.geometry.triangulation.validation import leave_one_out_error
 from scripts.benchmarks.geometry.whole_take import TakeOptions, triangulate_take
 
 DEFAULT_CASE = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "triangulation_case.npz"

@@ -24,7 +24,7 @@ from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.smoothing._kernel import smooth_all
 from muybridge.geometry.triangulation.multiview import (
     TriangulateOptions,

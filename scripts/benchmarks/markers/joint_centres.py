@@ -10,7 +10,7 @@ import argparse
 
 import numpy as np
 
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.skeleton.joint_centres import METHODS, centres_from_markers
 from muybridge.train.correction.takes import recorded_take

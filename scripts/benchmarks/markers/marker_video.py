@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT
+from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
 from muybridge.infer.detection.blobs import find_blobs, find_threshold
 from muybridge.infer.reconstruction.marker_videos import MarkerVideoOptions, find_markers, triangulate_again
 from muybridge.train.synthesis.markers.rig import NAMES, bones_of
@@ -108,7 +108,7 @@ def main() -> None:
     print(f"unnamed: {score(found.points, truth, views)}; {time.process_time() - begun:.1f} s")
     from muybridge.infer.labelling.label import label_points
     from muybridge.infer.networks.labelling import LabelNetwork
-    from muybridge.models.keypoints.metadata import shipped_model
+    from muybridge.models.shipped import shipped_model
 
     labelled = label_points(found.points, FPS, PLUG_IN_GAIT, LabelNetwork(shipped_model("labels")))
     named(labelled.points, truth, views, "named")
@@ -132,7 +132,7 @@ def named(points: np.ndarray, truth: np.ndarray, views: np.ndarray, title: str) 
 
 def _writers(folder: Path, cameras: object) -> list:
     from muybridge.geometry.calibration import save_calibration
-    from muybridge.infer.session.video import VideoWriter
+    from muybridge.infer.session.write_video import VideoWriter
 
     (folder / "videos").mkdir(parents=True, exist_ok=True)
     save_calibration(cameras, folder / "calibration.toml")

@@ -17,7 +17,7 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.infer.labelling.label import label_points
 from muybridge.infer.networks.labelling import LabelNetwork
-from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.points.marker_protocol import find_marker_set
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud
 from scripts.benchmarks.markers.labelling import trial

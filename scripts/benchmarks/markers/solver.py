@@ -21,21 +21,23 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.geometry.fitting.body_fit import fit_body
-from muybridge.geometry.fitting.marker_fit import (
+from muybridge.geometry.fitting.marker_fit import fit_markers
+from muybridge.geometry.fitting.subject import (
     MarkerFitOptions,
     calibrate_person,
-    fit_markers,
     follow_take,
     scaled_person,
     settle_frames,
 )
-from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE, LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT, SURFACE
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.rotations import matrix_from_quat
 from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.statistical_body import without_rolls
 from muybridge.infer.networks.correction import SolverNetwork, corrected
-from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.train.correction.takes import SolverTake, Spoiling, marker_columns, recorded_take, spoil
 from muybridge.train.synthesis.markers.trajectories import MarkerBodies

@@ -86,8 +86,9 @@ def _product(threads: int) -> Callable[[], object]:
 
 def _network(precision: Literal["fp32", "int8"], markers: bool) -> bytes:
     """The shipped file, with or without the virtual markers."""
-    from muybridge.models.keypoints.metadata import MARKER_OUTPUTS, shipped_model
+    from muybridge.models.keypoints.metadata import MARKER_OUTPUTS
     from muybridge.models.onnx_files.prune_outputs import without_outputs
+    from muybridge.models.shipped import shipped_model
 
     file = shipped_model("keypoints", precision).read_bytes()
     return file if markers else without_outputs(file, MARKER_OUTPUTS)

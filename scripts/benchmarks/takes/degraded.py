@@ -19,7 +19,9 @@ import cv2
 import numpy as np
 
 from muybridge.arrays import ByteArray
-from muybridge.infer.session.video import VideoWriter, probe_video, read_chunks
+from muybridge.infer.session.probe import probe_video
+from muybridge.infer.session.video import read_chunks
+from muybridge.infer.session.write_video import VideoWriter
 from muybridge.motion.formats.points.trc import read_trc
 from scripts.benchmarks.takes.mediapipe import JOINTS, figures, reference
 

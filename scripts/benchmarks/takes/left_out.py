@@ -19,8 +19,8 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.people.calibrate import refine_people
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.view_bias import (
     ViewOffsets,

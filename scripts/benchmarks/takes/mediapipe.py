@@ -67,10 +67,12 @@ def find(data: Path, out: Path) -> None:
 def score(data: Path, found: Path, run: Path) -> None:
     """Prints the table."""
     from muybridge.geometry.calibration.people.calibrate import refine_people
-    from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+    from muybridge.geometry.landmarks.arrays import Points3D
+    from muybridge.geometry.landmarks.sets import BODY23
     from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
     from muybridge.geometry.triangulation.left_right import repair_swaps
-    from muybridge.geometry.triangulation.multiview import leave_one_out_error, triangulate
+    from muybridge.geometry.triangulation.multiview import triangulate
+    from muybridge.geometry.triangulation.validation import leave_one_out_error
     from scripts.benchmarks.geometry.culprits import balancing
 
     (cameras, reference_px, reference_variance), names = balancing(data)

@@ -27,14 +27,16 @@ from scipy.optimize import linear_sum_assignment
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.association.select import find_people, take_person
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D, Points3D
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.geometry.triangulation.left_right import repair_swaps
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.shape_prior import with_pose_prior
 from muybridge.infer.detection.tracker import Tracker, TrackOptions
-from muybridge.models.keypoints.decode import DetectedPeople
+from muybridge.models.people.decode import DetectedPeople
 
 WIDTH, HEIGHT = 1920, 1080
 NOISE_PX, NEAR_M, LEAST_APART_M = 4.0, 0.4, 0.35

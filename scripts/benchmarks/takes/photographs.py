@@ -47,7 +47,7 @@ def boxes(video: Path, out: Path) -> None:
     from muybridge.infer.detection.orientation import Letterbox, upright_for
     from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
     from muybridge.infer.networks.keypoints import PeopleNetwork
-    from muybridge.models.keypoints.metadata import shipped_model
+    from muybridge.models.shipped import shipped_model
 
     pictures = frames(video)[..., ::-1]
     network = PeopleNetwork(shipped_model("people"))
@@ -67,9 +67,9 @@ def find(video: Path, given: Path, out: Path) -> None:
 
 def score(video: Path, given: Path) -> None:
     """Prints the table."""
-    from muybridge.geometry.landmarks.arrays import BODY23
+    from muybridge.geometry.landmarks.sets import BODY23
     from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
-    from muybridge.models.keypoints.metadata import shipped_model
+    from muybridge.models.shipped import shipped_model
 
     joints = [BODY23.index(name) for name in JOINTS]
     stored = np.load(given)
@@ -91,7 +91,7 @@ def agreement(
     """The table's last three cells, of a keypoint network on RGB `pictures` of one person each, in boxes (N, 4), px,
     against points of `JOINTS` (N, 12, 2), px, of which those `seen` (N, 12) count."""
     from muybridge.geometry.cameras.crops import crops_for_boxes
-    from muybridge.geometry.landmarks.arrays import BODY23
+    from muybridge.geometry.landmarks.sets import BODY23
     from muybridge.infer.detection.crop_pixels import extract_crops
 
     joints = [BODY23.index(name) for name in JOINTS]

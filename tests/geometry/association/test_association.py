@@ -9,8 +9,10 @@ from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
 from muybridge.geometry.association.select import AssociateOptions, find_people, select_person, take_person
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D, LandmarkSet
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from tests.paths import DATA
 
 # A standing body of 1.75 m: x to its left, y backwards, z up. The right side mirrors the left.

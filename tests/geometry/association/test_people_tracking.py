@@ -10,9 +10,10 @@ import pytest
 from muybridge.geometry.association.select import take_slots
 from muybridge.geometry.association.tracker import AssociateOptions, PeopleTracker, track_people
 from muybridge.geometry.association.tracks import Body, without_stray_end
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.rays import nearest_points, pair_points, ray_directions
-from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.triangulation.multiview import triangulate
 
 

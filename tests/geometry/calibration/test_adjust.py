@@ -10,7 +10,8 @@ from muybridge.geometry.calibration.board.board import Board
 from muybridge.geometry.calibration.board.extrinsics import calibrate_rig
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
 from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import project_terms
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
 
 

@@ -12,7 +12,8 @@ from muybridge.geometry.calibration.board.view_selection import choose_times
 from muybridge.geometry.calibration.bundle_adjustment.result import table
 from muybridge.geometry.calibration.gravity import level
 from muybridge.geometry.calibration.world import moved, on_board
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
 
 CHARUCO = Board("charuco", 7, 10, 0.06)

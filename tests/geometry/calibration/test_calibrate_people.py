@@ -15,8 +15,10 @@ from muybridge.geometry.calibration.people.calibrate import (
     calibrate_people,
     refine_people,
 )
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.triangulation.multiview import leave_one_out_error, triangulate
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.triangulation.multiview import triangulate
+from muybridge.geometry.triangulation.validation import leave_one_out_error
 from tests.paths import SHARED
 
 NAMES = tuple(

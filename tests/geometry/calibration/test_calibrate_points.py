@@ -9,7 +9,8 @@ from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.resection import KnownPoints, calibrate_points, layout, linear_camera
 from muybridge.geometry.calibration.world import check_shape, moved, on_points
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.commands.calibrate.points import read_points

@@ -18,7 +18,8 @@ from muybridge.geometry.calibration import (
     read_calibration,
     save_calibration,
 )
-from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, CameraGroup
+from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from tests.paths import DATA
 
 N_PARAMS = dict(

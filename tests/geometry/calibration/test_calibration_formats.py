@@ -12,7 +12,8 @@ import pytest
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, read_calibration, save_calibration
-from muybridge.geometry.cameras.camera import Camera, CameraGroup, colmap_camera
+from muybridge.geometry.cameras.camera import Camera, colmap_camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 POINTS_WORLD = np.random.default_rng(1).uniform([-0.8, -0.8, 0.2], [0.8, 0.8, 1.8], (50, 3))
 

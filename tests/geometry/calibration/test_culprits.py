@@ -12,7 +12,8 @@ from muybridge.geometry.calibration import fit_to_video, load_calibration
 from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions, CulpritReport, find_culprits
 from muybridge.geometry.calibration.diagnosis.hypotheses import changed, fit_camera, student_scale
 from muybridge.geometry.calibration.people.calibrate import refine_people
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.robust import extent
 
 Landmarks = tuple[np.ndarray, np.ndarray]

@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, CameraGroup, camera_from_colmap, colmap_camera
+from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, camera_from_colmap, colmap_camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 # Mild distortion of each model, so that every pixel of the image has one ray.
 DISTORTION = {

@@ -9,10 +9,11 @@ from muybridge.errors import MuybridgeError
 from muybridge.geometry.fitting.body_fit import FitOptions, fit_body, fit_motion, landmarks_from_motion
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem, cost, jacobian, moved, solve, solve_in_stretches
 from muybridge.geometry.fitting.initial_pose import start_pose
-from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY, Body, prior_shape
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.motion import Motion
 from tests.paths import REPOSITORY
 
 SHARED = REPOSITORY.parent / "shared"

@@ -7,14 +7,11 @@ import numpy as np
 import pytest
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.fitting.marker_fit import (
-    MarkerFitOptions,
-    calibrate_person,
-    fit_markers,
-    follow_take,
-    settle_frames,
-)
-from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT, SURFACE, LandmarkSet, Points3D
+from muybridge.geometry.fitting.marker_fit import fit_markers
+from muybridge.geometry.fitting.subject import MarkerFitOptions, calibrate_person, follow_take, settle_frames
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT, SURFACE
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.skeleton.joint_centres import JointCentres

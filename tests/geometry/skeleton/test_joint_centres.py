@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from muybridge.geometry.skeleton.functional_centres import score_centre, segment_poses, sphere_centre
 from muybridge.geometry.skeleton.joint_centres import (
     centres_from_markers,
     hip_in_pelvis,
     midpoint,
     pelvis_frame,
     plane_centre,
-    score_centre,
-    segment_poses,
-    sphere_centre,
 )
 
 CENTRE = np.array([0.02, 0.09, -0.08])

@@ -8,19 +8,14 @@ import pytest
 
 from muybridge.errors import SessionError
 from muybridge.geometry.calibration import fit_to_video, load_calibration
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.sync.clocks import parabola, synchronised
-from muybridge.geometry.sync.motion import (
-    Clock,
-    Delays,
-    audio_clock,
-    clock_from_delays,
-    epipolar_clocks,
-    motion_clocks,
-    resample,
-)
-from muybridge.infer.commands.sync import SyncResult, disagreements, read_audio, write_sync
+from muybridge.geometry.sync.epipolar import epipolar_clocks
+from muybridge.geometry.sync.motion import Clock, Delays, audio_clock, clock_from_delays, motion_clocks, resample
+from muybridge.infer.pipelines.sync import SyncResult, disagreements, read_audio, write_sync
 from muybridge.infer.session.sync_file import first_frames_in_common, read_sync
 
 FPS = 60.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet
+from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.geometry.triangulation.plausibility import stretched_limbs, vague_points
 
 AT = BODY23.index

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.smoothing.kalman import smooth_points
 from muybridge.geometry.triangulation.multiview import Triangulation, triangulate
 from muybridge.geometry.triangulation.shape_prior import PosePriorOptions, with_pose_prior

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.triangulation.left_right import repair_swaps
 from tests.geometry.association.test_association import ring, walker
 

@@ -7,7 +7,7 @@ import pytest
 
 import scripts.benchmarks.geometry.triangulation as bench
 from muybridge.arrays import FloatArray
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.rays import midpoint, ray_directions
 from muybridge.geometry.triangulation.multiview import triangulate
 from scripts.benchmarks.geometry.whole_take import TakeOptions, triangulate_take

@@ -8,15 +8,10 @@ from hypothesis import strategies as st
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.triangulation.multiview import (
-    TriangulateOptions,
-    leave_one_out_error,
-    leave_one_out_summary,
-    take_noise,
-    triangulate,
-    usable_points,
-)
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.triangulation.multiview import TriangulateOptions, take_noise, triangulate, usable_points
+from muybridge.geometry.triangulation.validation import leave_one_out_error, leave_one_out_summary
 from tests.paths import DATA
 
 

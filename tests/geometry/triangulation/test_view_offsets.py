@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.view_bias import (
     ViewOffsetOptions,

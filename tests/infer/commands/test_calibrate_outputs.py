@@ -5,7 +5,8 @@ import pytest
 
 from muybridge.errors import OutputError
 from muybridge.geometry.calibration import load_calibration, save_calibration
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
 

@@ -7,19 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmarks.arrays import BODY23, PLUG_IN_GAIT, LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
+from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
 from muybridge.geometry.skeleton.aliases import body_landmark, map_body, map_surface
 from muybridge.geometry.skeleton.body import BODY, prior_shape
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.commands.compare import compare_points
 from muybridge.motion.formats.gltf.write import read_gltf
 from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
 from muybridge.motion.formats.points.csv import write_csv
 from muybridge.motion.formats.points.trc import read_trc, write_trc
-from muybridge.motion.formats.registry import points_of_motion, read_file, readable, writable
+from muybridge.motion.formats.registry import read_file, readable, writable
 from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
+from muybridge.motion.take import points_of_motion
 from tests.paths import DATA
 
 SHAPE = prior_shape(1.74)

@@ -19,7 +19,7 @@ from muybridge.arrays import ByteArray, FloatArray
 from muybridge.errors import ModelError
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.crops import crops_for_boxes
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.detection.background import SmallFrames
 from muybridge.infer.detection.crop_pixels import extract_crops
 from muybridge.infer.detection.crop_reader import body_boxes
@@ -28,8 +28,11 @@ from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOpti
 from muybridge.infer.detection.pose_estimator import KeypointOptions, PoseEstimator, merge_tracks
 from muybridge.infer.detection.tracker import TrackOptions
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions, PeopleNetwork
-from muybridge.models.keypoints.decode import DetectedPeople, SpreadCalibration, decode_heatmaps
-from muybridge.models.keypoints.metadata import keypoint_card, shipped_model
+from muybridge.models.keypoints.decode import decode_heatmaps
+from muybridge.models.keypoints.metadata import keypoint_card
+from muybridge.models.people.decode import DetectedPeople
+from muybridge.models.shipped import shipped_model
+from muybridge.models.uncertainty import SpreadCalibration
 
 onnx = pytest.importorskip("onnx", reason="onnx is in the train extra")
 

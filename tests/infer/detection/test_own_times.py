@@ -5,10 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.detection.pose_estimator import CameraTracks
 from muybridge.infer.detection.resample import Repeats, hangs, in_time, on_time, repeats_notice
-from muybridge.infer.session.video import VideoWriter, probe_video, read_chunks
+from muybridge.infer.session.probe import probe_video
+from muybridge.infer.session.video import read_chunks
+from muybridge.infer.session.write_video import VideoWriter
 
 FPS, COUNT = 30.0, len(BODY23)
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.detection.detect import (
     CameraResult,
     DetectOptions,
@@ -23,8 +24,9 @@ from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.session.session import SessionOptions, open_session, with_frames
 from muybridge.infer.session.video import read_chunks
-from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps, with_expectation
-from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.models.keypoints.decode import decode_heatmaps, with_expectation
+from muybridge.models.shipped import shipped_model
+from muybridge.models.uncertainty import SpreadCalibration
 
 LOST = np.arange(10, 14)
 

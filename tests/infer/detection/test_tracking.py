@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.detection.crop_reader import PoseReader, Poses
 from muybridge.infer.detection.orientation import Upright
 from muybridge.infer.detection.tracker import BoxSmoother, TrackedFrame, Tracker, TrackOptions
-from muybridge.models.keypoints.decode import DetectedPeople
+from muybridge.models.people.decode import DetectedPeople
 
 
 def _box(x: float, y: float = 300.0, width: float = 80.0, height: float = 240.0) -> FloatArray:

@@ -6,7 +6,8 @@ import ezc3d
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.labelling.label import _up
 from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d

@@ -9,12 +9,15 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("anny")
 
-from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT  # noqa: E402
-from muybridge.geometry.landmarks.marker_sets import SETS  # noqa: E402
+from muybridge.geometry.landmarks.marker_sets import (  # noqa: E402
+    CMU,
+    PLUG_IN_GAIT,
+    SETS,  # noqa: E402
+)
 from muybridge.infer.commands.app import run_command  # noqa: E402
 from muybridge.infer.labelling.label import LabelOptions, label_points  # noqa: E402
 from muybridge.infer.networks.labelling import LabelNetwork  # noqa: E402
-from muybridge.models.keypoints.metadata import shipped_model  # noqa: E402
+from muybridge.models.shipped import shipped_model  # noqa: E402
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud  # noqa: E402
 from muybridge.train.synthesis.markers.trajectories import FPS, MarkerBodies  # noqa: E402
 from tests.paths import SHARED

@@ -11,7 +11,7 @@ from muybridge.geometry.markers.matching import MatchOptions, follow_points, mat
 from muybridge.geometry.markers.tracking import track_points
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.detection.blobs import find_blobs, find_threshold
-from muybridge.infer.session.video import VideoWriter
+from muybridge.infer.session.write_video import VideoWriter
 from muybridge.motion.formats.points.c3d import read_c3d
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.train.synthesis.markers.video import VideoFaults, draw_markers, ring_of_cameras
@@ -107,7 +107,7 @@ def test_nothing_seen_is_nothing_found() -> None:
 def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
     """Videos in; named markers and a skeleton out."""
     from muybridge.geometry.fitting.skeleton_fit import rest_positions
-    from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT
+    from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
     from muybridge.geometry.skeleton.statistical_body import marker_body
 
     rng, table, frames = np.random.default_rng(6), marker_body(), 20

@@ -18,7 +18,9 @@ import pytest
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.gravity import standing_axes
 from muybridge.geometry.calibration.world import moved
-from muybridge.geometry.landmarks.arrays import BODY23, PLUG_IN_GAIT, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.detection.pose_estimator import CameraTracks
 from muybridge.infer.pipelines.demo import score
@@ -375,7 +377,7 @@ def little_demo(take, staged_people) -> Path:
 
 
 def test_the_demo_tells_its_error(little_demo, staged, monkeypatch, tmp_path):
-    monkeypatch.setattr("muybridge.infer.pipelines.demo.demo_folder", lambda: little_demo)
+    monkeypatch.setattr("muybridge.infer.demo_take.take.demo_folder", lambda: little_demo)
     out = tmp_path / "shown"
     done = staged("demo", "--out", out)
     assert done.returncode == 0, done.stderr
@@ -389,7 +391,7 @@ def test_the_demo_tells_its_error(little_demo, staged, monkeypatch, tmp_path):
 
 
 def test_the_demo_refuses_a_folder_of_someone_else(little_demo, staged, monkeypatch, tmp_path):
-    monkeypatch.setattr("muybridge.infer.pipelines.demo.demo_folder", lambda: little_demo)
+    monkeypatch.setattr("muybridge.infer.demo_take.take.demo_folder", lambda: little_demo)
     out = tmp_path / "shown"
     (out / "take").mkdir(parents=True)
     (out / "take" / "calibration.toml").write_text("mine")

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.reconstruction import refine_cameras
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.landmarks.arrays import BODY23, SURFACE, Keypoints2D, Points3D
-from muybridge.infer.pipelines.demo import demo_folder, true_points
+from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.infer.demo_take.take import demo_folder, true_points
 from muybridge.infer.reconstruction.landmarks import SolveOptions, _filled, _sure, solve
 from muybridge.infer.reconstruction.quality import assess, unsure_landmarks
 from muybridge.infer.runtime.progress import Progress

@@ -19,8 +19,10 @@ from muybridge.geometry.calibration.diagnosis.quality import (
     plan_of,
     residual_picture,
 )
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.infer.commands.calibrate.check import person_to_check, told
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.infer.commands.calibrate.check import told
+from muybridge.infer.reconstruction.judge import person_to_check
 from muybridge.infer.reconstruction.judge_calibration import packed, unpacked
 from muybridge.infer.report.calibration_page import CalibrationPage, calibration_findings, render_calibration
 
@@ -144,7 +146,8 @@ def test_the_plan_counts_images() -> None:
 
 
 def test_a_camera_that_the_calibration_keeps_apart_is_taken_at_its_word(staged_people: ModuleType) -> None:
-    from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D
+    from muybridge.geometry.landmarks.arrays import Keypoints2D
+    from muybridge.geometry.landmarks.sets import BODY23
 
     rig = _rig()
     px = rig.project(staged_people.person(30))

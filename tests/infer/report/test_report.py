@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from muybridge.errors import OutputError
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.report.figures import (
     BoneFigures,
     bone_figures,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from muybridge.errors import OutputError, VideoError
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.landmarks.sets import BODY23, side_of
 from muybridge.infer.results.overlay import (
     LEFT,
     MIDDLE,
@@ -18,7 +18,6 @@ from muybridge.infer.results.overlay import (
     OverlayOptions,
     colour_of,
     draw_overlay,
-    side_of,
     write_overlay,
 )
 

@@ -12,8 +12,10 @@ import pytest
 
 from muybridge.errors import CalibrationError, MuybridgeError, SessionError, VideoError
 from muybridge.geometry.calibration import export_calibration, load_calibration
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.infer.session.session import SessionOptions, find_videos, match_cameras, natural_key, open_session
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.infer.session.discover import find_videos
+from muybridge.infer.session.pairing import match_cameras, natural_key
+from muybridge.infer.session.session import SessionOptions, open_session
 
 HERE, FILE = Path("session"), Path("session/calibration.toml")
 

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from muybridge.errors import OutputError, VideoError
-from muybridge.infer.session.video import VideoWriter, chunk_frames, fit_inside, is_video, probe_video, read_chunks
+from muybridge.infer.session.probe import is_video, probe_video
+from muybridge.infer.session.video import chunk_frames, read_chunks
+from muybridge.infer.session.write_video import VideoWriter, fit_inside
 
 FASTSTART = {"movflags": "+faststart"}
 

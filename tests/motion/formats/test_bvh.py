@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from muybridge.errors import FormatError
 from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY, prior_shape
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
 from tests.paths import SHARED
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, read_c3d, read_c3d_take, write_c3d
 from muybridge.motion.formats.points.c3d_read import _Reader, read_raw_c3d
 from tests.paths import SHARED

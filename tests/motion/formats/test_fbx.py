@@ -8,7 +8,7 @@ import numpy as np
 
 from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY, prior_shape
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.commands.app import run_command
 from muybridge.motion.formats.fbx.write import write_fbx
 from muybridge.motion.formats.gltf.write import write_glb

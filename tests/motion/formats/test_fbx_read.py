@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from muybridge.errors import FormatError
 from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY, prior_shape
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.commands.app import run_command
 from muybridge.motion.formats.fbx.container import Node, Table, read_fbx_nodes, write_fbx_nodes
 from muybridge.motion.formats.fbx.read import read_fbx

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.fbx.read import read_fbx
 from muybridge.motion.formats.fbx.write import write_fbx
 from muybridge.motion.formats.gltf.write import read_gltf, write_glb

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from muybridge.errors import FormatError, OutputError
-from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.motion.formats.points.c3d import read_c3d, write_c3d
 from muybridge.motion.formats.points.trc import read_trc, write_trc
 from tests.paths import REPOSITORY

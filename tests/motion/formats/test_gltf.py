@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from muybridge.errors import FormatError
 from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat, quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY, prior_shape
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.fbx.write import write_fbx
 from muybridge.motion.formats.gltf.container import Buffer, pack_glb
 from muybridge.motion.formats.gltf.write import read_gltf, write_glb

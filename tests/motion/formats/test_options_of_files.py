@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from muybridge.geometry.fitting.marker_fit import MarkerFitOptions
-from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT, LandmarkSet, Points3D
+from muybridge.geometry.fitting.subject import MarkerFitOptions
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.skeleton.body import BODY, prior_shape
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.commands.convert import convert
 from muybridge.motion.formats.points.c3d import read_c3d, write_c3d

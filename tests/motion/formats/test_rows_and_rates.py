@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.motion.formats.points.csv import read_csv
 from muybridge.motion.formats.points.trc import read_trc, write_trc
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmarks.arrays import BODY23, PLUG_IN_GAIT, LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
+from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.geometry.skeleton.aliases import map_body, map_surface, one_of_several, subject_of
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.commands.compare import compare_points
-from muybridge.infer.commands.solve import understand
+from muybridge.infer.pipelines.solve_points import understand
 from muybridge.motion.formats.points.c3d import C3DTake, write_c3d
 from muybridge.motion.formats.points.csv import write_csv
 from muybridge.motion.formats.points.trc import write_trc

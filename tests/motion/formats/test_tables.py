@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.motion.formats.points.csv import read_csv, write_csv
 from muybridge.motion.formats.points.npz import read_npz, write_npz
 from tests.paths import DATA

@@ -7,7 +7,7 @@ import pytest
 
 from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY, prior_shape
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions
 from muybridge.motion.formats.skeletal.usd import joint_paths, write_usda
 

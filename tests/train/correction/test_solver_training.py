@@ -9,18 +9,13 @@ import pytest
 import torch
 
 from muybridge.errors import SessionError
-from muybridge.geometry.fitting.marker_fit import (
-    MarkerFitOptions,
-    fit_markers,
-    follow_take,
-    scaled_person,
-    settle_frames,
-)
-from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT, SURFACE
+from muybridge.geometry.fitting.marker_fit import fit_markers
+from muybridge.geometry.fitting.subject import MarkerFitOptions, follow_take, scaled_person, settle_frames
+from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT, SURFACE
 from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat
 from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.rigid_bones import body_through
-from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
 from muybridge.infer.networks.correction import SolverNetwork, corrected
 from muybridge.models.correction.features import apply_corrections, carriers, mirrored, solver_input, target_of

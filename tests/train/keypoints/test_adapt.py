@@ -11,21 +11,22 @@ import pytest
 import torch
 
 from muybridge.errors import FormatError, MissingExtraError, ModelError, SessionError
-from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.sync.clocks import Clock, own_frames
 from muybridge.infer.commands import adapt as command
 from muybridge.infer.commands.app import run_command
+from muybridge.infer.demo_take.take import demo_folder, true_points
 from muybridge.infer.detection.detect import DetectOptions, open_models
 from muybridge.infer.pipelines import videos as pipeline
-from muybridge.infer.pipelines.demo import demo_folder, true_points
 from muybridge.infer.pipelines.pseudo_labels import FootageOptions, _held_out, collect
 from muybridge.infer.pipelines.videos import RunOptions, follow
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore
 from muybridge.infer.session.session import open_session
-from muybridge.models.keypoints.metadata import shipped_model
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, people_net_from_onnx
 from muybridge.models.pseudo_labels import Footage, load_footage, save_footage
+from muybridge.models.shipped import shipped_model
 from muybridge.train.images.compositor import MIRROR
 from muybridge.train.keypoints.adapt import View, adapted, agreement
 from muybridge.train.keypoints.adapt_export import adapt

@@ -13,10 +13,11 @@ pytest.importorskip("torch")
 import torch  # noqa: E402
 
 from muybridge.errors import ModelError  # noqa: E402
-from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS, shipped_model  # noqa: E402
+from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS  # noqa: E402
 from muybridge.models.keypoints.network import PLATE, PlateApart, SeparateHeads  # noqa: E402
 from muybridge.models.onnx_files.export import export_onnx  # noqa: E402
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, people_net_from_onnx, trained_for
+from muybridge.models.shipped import shipped_model  # noqa: E402
 from muybridge.train.engine.weight_averaging import average_keypoints, average_people  # noqa: E402
 from muybridge.train.keypoints.export import keypoint_net, people_net  # noqa: E402
 from muybridge.train.keypoints.prune import narrowed  # noqa: E402

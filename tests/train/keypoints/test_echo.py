@@ -7,7 +7,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from muybridge.geometry.landmarks.arrays import BODY23, SURFACE  # noqa: E402
+from muybridge.geometry.landmarks.marker_sets import SURFACE  # noqa: E402
+from muybridge.geometry.landmarks.sets import BODY23  # noqa: E402
 from muybridge.train.keypoints import data_echoing as echo  # noqa: E402
 from muybridge.train.keypoints.data_echoing import Echo, altered  # noqa: E402
 

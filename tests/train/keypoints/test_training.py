@@ -12,13 +12,16 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
 from muybridge.errors import ModelError, SessionError  # noqa: E402
-from muybridge.geometry.landmarks.arrays import BODY23  # noqa: E402
-from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
-from muybridge.models.keypoints.metadata import keypoint_card, people_card, shipped_model  # noqa: E402
+from muybridge.geometry.landmarks.sets import BODY23  # noqa: E402
+from muybridge.models.keypoints.decode import decode_heatmaps  # noqa: E402
+from muybridge.models.keypoints.metadata import keypoint_card  # noqa: E402
 from muybridge.models.keypoints.network import PLATE, KeypointNet, PlateApart, SeparateHeads  # noqa: E402
 from muybridge.models.onnx_files.export import export_onnx, parity  # noqa: E402
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, measure_normalisation  # noqa: E402
+from muybridge.models.people.metadata import people_card  # noqa: E402
 from muybridge.models.people.network import PeopleNet  # noqa: E402
+from muybridge.models.shipped import shipped_model  # noqa: E402
+from muybridge.models.uncertainty import SpreadCalibration  # noqa: E402
 from muybridge.train.engine import loop  # noqa: E402
 from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.images.compositor import WHOLE, Batch, Compositor  # noqa: E402

@@ -9,7 +9,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("anny")
 
 from muybridge.errors import ModelError  # noqa: E402
-from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT, SURFACE  # noqa: E402
+from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT, SURFACE  # noqa: E402
 from muybridge.infer.networks.labelling import LabelNetwork  # noqa: E402
 from muybridge.models.labelling.message_passing import gather_messages  # noqa: E402
 from muybridge.models.labelling.network import WINDOW, LabelNet, sinkhorn  # noqa: E402
@@ -169,7 +169,7 @@ def _few(store):
 
 
 def test_another_networks_file_is_refused():
-    from muybridge.models.keypoints.metadata import shipped_model
+    from muybridge.models.shipped import shipped_model
 
     with pytest.raises(ModelError, match="kind 'people' where 'labels' is needed"):
         LabelNetwork(shipped_model("people"))

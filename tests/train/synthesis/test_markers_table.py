@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE, Points3D, select_markers
+from muybridge.geometry.landmarks.arrays import Points3D, select_markers
+from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT, SURFACE
 from muybridge.motion.formats.points.c3d import read_c3d, write_c3d
 from tests.paths import SHARED
 

@@ -9,7 +9,7 @@ pytest.importorskip("torch")
 pytest.importorskip("anny")
 
 from muybridge.errors import MissingExtraError  # noqa: E402
-from muybridge.geometry.landmarks.arrays import BODY23  # noqa: E402
+from muybridge.geometry.landmarks.sets import BODY23  # noqa: E402
 from muybridge.train.images import scenes  # noqa: E402
 from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.images.compositor import WHOLE, AugmentOptions, Compositor  # noqa: E402

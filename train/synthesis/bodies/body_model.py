@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.engine.process_pool import one_at_a_time
 from muybridge.train.synthesis.bodies.pose_sampler import KINDS as STATIC
 from muybridge.train.synthesis.bodies.pose_sampler import Poses, PoseSampler

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, Float32Array, IndexArray
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 
 Float = NDArray[np.floating]
 TABLE = pathlib.Path(__file__).parent / "surface_markers.csv"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from muybridge.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE, MarkerSet
+from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT, SURFACE, MarkerSet
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
 from muybridge.train.synthesis.markers.trajectories import FPS, MarkerClips
 

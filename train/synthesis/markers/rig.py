@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import roles_of
-from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.train.synthesis.motions.rig import Skeleton, between, forward, turn, unit
 
 # joint: bone at whose origin it is, bone that turns with it ("*" is the side)

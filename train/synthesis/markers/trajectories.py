@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from muybridge.arrays import Float32Array, FloatArray, IndexArray
 from muybridge.files import replacing
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
 from muybridge.train.synthesis.motions.rig import Skeleton, forward, skin, turn

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 RADIUS_M = 0.007
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from muybridge.arrays import ByteArray, Float32Array
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.clothing.sample import Outfit, sample_outfit
 from muybridge.train.synthesis.motions.sampler import MotionClip, MotionSampler

@@ -19,7 +19,7 @@ from rich.progress import Progress
 from muybridge.arrays import BoolArray, ByteArray, Float32Array, IndexArray
 from muybridge.errors import SessionError
 from muybridge.files import replacing
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.train.engine.process_pool import shared_out
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
 from muybridge.train.synthesis.clothing.sample import sample_outfit
