@@ -15,7 +15,7 @@ from muybridge.models.uncertainty import SpreadCalibration
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
 
 
-class _Reader:
+class Reader:
     """Typed access to a file's metadata; every complaint is a ModelError that names the file."""
 
     def __init__(self, metadata: Mapping[str, str], path: Path) -> None:

@@ -116,7 +116,7 @@ def fit_body(points: Points3D, options: FitOptions | None = None) -> BodyFit:
     scale = 1.0
     weight = known.astype(np.float64)
     for k in range(options.rounds + 1):
-        problem = _problem(model, shape, targets, covariance, scale, known, weight, points.fps, options)
+        problem = fitting_problem(model, shape, targets, covariance, scale, known, weight, points.fps, options)
         pose = solve_in_stretches(problem, pose, options.steps)
         if k < options.rounds:
             shape = _fit_shape(model, problem, pose, options.shape_frames)
@@ -215,7 +215,7 @@ def _stature(shape: FloatArray) -> float:
     return float(pull / information)
 
 
-def _problem(
+def fitting_problem(
     model: BodyModel, shape: FloatArray, targets: FloatArray, covariance: FloatArray, scale: float,
     known: BoolArray, weight: FloatArray, fps: float, options: FitOptions,
 ) -> Problem:  # fmt: skip

@@ -23,11 +23,11 @@ from muybridge.geometry.fitting.gauss_newton import (
 from muybridge.geometry.fitting.subject import (
     MarkerFitOptions,
     Person,
-    _problem,
-    _weights,
     calibrate_person,
+    fitting_problem,
     follow_take,
     settle_frames,
+    weights,
 )
 from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
 from muybridge.geometry.skeleton.body import Body
@@ -82,11 +82,11 @@ def fit_markers(
     pose = settle_frames(person, points, follow_take(person, points, fps, options), options)
     scale, weight = 1.0, np.isfinite(points[..., 0]).astype(np.float64)
     for _ in range(options.rounds):
-        problem = _problem(person, points, weight, scale, fps, options)
-        scale, weight = _weights(problem, pose, person, points, scale, options)
-        problem = _problem(person, points, weight, scale, fps, options)
+        problem = fitting_problem(person, points, weight, scale, fps, options)
+        scale, weight = weights(problem, pose, person, points, scale, options)
+        problem = fitting_problem(person, points, weight, scale, fps, options)
         pose = solve_in_stretches(problem, pose, options.steps)
-    scale, weight = _weights(problem, pose, person, points, scale, options)
+    scale, weight = weights(problem, pose, person, points, scale, options)
     return _result(person, problem, pose, points, len(markers), weight, scale, fps)
 
 

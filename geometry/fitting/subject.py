@@ -140,9 +140,11 @@ class _Shape:
         scale = 4.0
         for k in range(rounds):
             pose = settle_frames(person, points, pose, self.options)
-            problem = _problem(person, points, np.isfinite(points[..., 0]).astype(float), scale, 1.0, self.options)
-            scale, weight = _weights(problem, pose, person, points, scale, self.options)
-            problem = _problem(person, points, weight, scale, 1.0, self.options)
+            problem = fitting_problem(
+                person, points, np.isfinite(points[..., 0]).astype(float), scale, 1.0, self.options
+            )
+            scale, weight = weights(problem, pose, person, points, scale, self.options)
+            problem = fitting_problem(person, points, weight, scale, 1.0, self.options)
             step, shift = self._step(problem, pose, value, share)
             value = value + step
             person = self.person_of(value)
@@ -302,7 +304,7 @@ def _frames(seen: BoolArray, most: int) -> IndexArray:
     return np.array([t for t in chosen if count[t] >= _FEWEST], dtype=np.intp)
 
 
-def _problem(
+def fitting_problem(
     person: Person, points: FloatArray, weight: FloatArray, scale: float, fps: float, options: MarkerFitOptions
 ) -> Problem:
     table = marker_body()
@@ -321,7 +323,7 @@ def _problem(
     )  # fmt: skip
 
 
-def _weights(
+def weights(
     problem: Problem, pose: Pose, person: Person, points: FloatArray, scale: float, options: MarkerFitOptions
 ) -> tuple[float, FloatArray]:
     """Factor on the variances by the median squared distance, and Student's t weights (T, L)."""

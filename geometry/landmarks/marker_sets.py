@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
-from muybridge.geometry.landmarks.sets import LandmarkSet, _both
+from muybridge.geometry.landmarks.sets import LandmarkSet, both
 
 # Landmarks of the skin, defined on the body model's mesh by `train.markers`; each once, whatever sets use it.
 SURFACE = LandmarkSet(
@@ -31,20 +31,20 @@ SURFACE = LandmarkSet(
     edges=(
         ("c7", "t10"), ("sternal_notch", "xiphoid"), ("left_asis", "right_asis"), ("left_psis", "right_psis"),
         ("left_front_head", "right_front_head"), ("left_back_head", "right_back_head"),
-        *_both("front_head", "back_head"), *_both("acromion", "upper_arm_proximal"),
-        *_both("upper_arm_proximal", "upper_arm_distal"), *_both("upper_arm_distal", "elbow_lateral"),
-        *_both("elbow_lateral", "elbow_medial"), *_both("elbow_lateral", "forearm_proximal"),
-        *_both("forearm_proximal", "forearm_distal"), *_both("forearm_distal", "radial_styloid"),
-        *_both("radial_styloid", "ulnar_styloid"), *_both("radial_styloid", "metacarpal_2"),
-        *_both("ulnar_styloid", "metacarpal_5"), *_both("metacarpal_2", "metacarpal_5"),
-        *_both("asis", "iliac_crest"), *_both("iliac_crest", "psis"), *_both("trochanter", "thigh_proximal"),
-        *_both("thigh_proximal", "thigh_distal"), *_both("thigh_distal", "knee_lateral"),
-        *_both("knee_lateral", "patella"), *_both("patella", "knee_medial"), *_both("patella", "tibial_tuberosity"),
-        *_both("knee_lateral", "shank_proximal"), *_both("shank_proximal", "shank_distal"),
-        *_both("shank_distal", "malleolus_lateral"), *_both("knee_medial", "malleolus_medial"),
-        *_both("malleolus_lateral", "heel"), *_both("malleolus_medial", "heel"), *_both("toe", "hallux"),
-        *_both("metatarsal_1", "toe"), *_both("toe", "metatarsal_5"), *_both("heel", "metatarsal_1"),
-        *_both("heel", "metatarsal_5"),
+        *both("front_head", "back_head"), *both("acromion", "upper_arm_proximal"),
+        *both("upper_arm_proximal", "upper_arm_distal"), *both("upper_arm_distal", "elbow_lateral"),
+        *both("elbow_lateral", "elbow_medial"), *both("elbow_lateral", "forearm_proximal"),
+        *both("forearm_proximal", "forearm_distal"), *both("forearm_distal", "radial_styloid"),
+        *both("radial_styloid", "ulnar_styloid"), *both("radial_styloid", "metacarpal_2"),
+        *both("ulnar_styloid", "metacarpal_5"), *both("metacarpal_2", "metacarpal_5"),
+        *both("asis", "iliac_crest"), *both("iliac_crest", "psis"), *both("trochanter", "thigh_proximal"),
+        *both("thigh_proximal", "thigh_distal"), *both("thigh_distal", "knee_lateral"),
+        *both("knee_lateral", "patella"), *both("patella", "knee_medial"), *both("patella", "tibial_tuberosity"),
+        *both("knee_lateral", "shank_proximal"), *both("shank_proximal", "shank_distal"),
+        *both("shank_distal", "malleolus_lateral"), *both("knee_medial", "malleolus_medial"),
+        *both("malleolus_lateral", "heel"), *both("malleolus_medial", "heel"), *both("toe", "hallux"),
+        *both("metatarsal_1", "toe"), *both("toe", "metatarsal_5"), *both("heel", "metatarsal_1"),
+        *both("heel", "metatarsal_5"),
     ),
 )  # fmt: skip
 MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]

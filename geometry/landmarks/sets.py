@@ -41,7 +41,7 @@ class LandmarkSet:
         return tuple((self.index(a), self.index(b)) for a, b in self.edges)
 
 
-def _both(a: str, b: str) -> tuple[tuple[str, str], tuple[str, str]]:
+def both(a: str, b: str) -> tuple[tuple[str, str], tuple[str, str]]:
     return (f"left_{a}", f"left_{b}"), (f"right_{a}", f"right_{b}")
 
 
@@ -55,11 +55,11 @@ BODY23 = LandmarkSet(
         "left_big_toe", "right_big_toe", "left_small_toe", "right_small_toe", "left_heel", "right_heel",
     ),
     edges=(
-        ("nose", "left_eye"), ("nose", "right_eye"), *_both("eye", "ear"),
+        ("nose", "left_eye"), ("nose", "right_eye"), *both("eye", "ear"),
         ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"),
-        *_both("shoulder", "elbow"), *_both("elbow", "wrist"), *_both("shoulder", "hip"),
-        *_both("hip", "knee"), *_both("knee", "ankle"), *_both("ankle", "heel"),
-        *_both("ankle", "big_toe"), *_both("big_toe", "small_toe"), *_both("heel", "big_toe"),
+        *both("shoulder", "elbow"), *both("elbow", "wrist"), *both("shoulder", "hip"),
+        *both("hip", "knee"), *both("knee", "ankle"), *both("ankle", "heel"),
+        *both("ankle", "big_toe"), *both("big_toe", "small_toe"), *both("heel", "big_toe"),
     ),
 )  # fmt: skip
 

@@ -35,10 +35,10 @@ def extent(points: FloatArray) -> FloatArray:
     return longer
 
 
-_CHI2_3_MEDIAN = 2.366  # median of the squared length of a standard normal vector in 3D
+CHI2_3_MEDIAN = 2.366  # median of the squared length of a standard normal vector in 3D
 
 
-def _median_known(values: FloatArray) -> FloatArray:
+def median_known(values: FloatArray) -> FloatArray:
     """(T, J) -> (J,) median of what is finite; NaN where nothing is."""
     ordered = np.sort(values, axis=0)
     count = np.isfinite(ordered).sum(axis=0)

@@ -14,10 +14,10 @@ import numpy as np
 from muybridge.arrays import BoolArray, FloatArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.geometry.numerics.robust import _CHI2_3_MEDIAN, _median_known
+from muybridge.geometry.numerics.robust import CHI2_3_MEDIAN, median_known
 from muybridge.geometry.smoothing._kernel import smooth_all
 from muybridge.geometry.smoothing.filters import FilterOptions, smooth
-from muybridge.geometry.smoothing.left_right import _unswap
+from muybridge.geometry.smoothing.left_right import undo_flips
 
 Method = Literal["kalman", "butterworth", "savgol", "gcv_spline", "gaussian", "median", "loess"]
 
@@ -106,7 +106,7 @@ def clean_points(points: Points3D, options: SmoothOptions | None = None) -> Poin
         raise ValueError(f"fps must be above zero, not {points.fps}")
     xyz, covariance = known_points(points, options.default_sigma)
     if options.unswap:
-        xyz, covariance = _unswap(points.landmarks, xyz, covariance, points.fps, options.swap_share)
+        xyz, covariance = undo_flips(points.landmarks, xyz, covariance, points.fps, options.swap_share)
     xyz = np.where(_outliers(xyz, points.fps, options)[..., None], np.nan, xyz)
     return replace(points, points_world=xyz, covariance_world=covariance)
 
@@ -204,7 +204,7 @@ def _smooth(
         if k == options.passes - 1:
             break
         with np.errstate(invalid="ignore"):
-            ratio = _median_known(surprise) / _CHI2_3_MEDIAN
+            ratio = median_known(surprise) / CHI2_3_MEDIAN
         scale = np.clip(scale * np.where(np.isfinite(ratio), ratio, 1.0), 0.02, 400.0)
         error = np.where(known[..., None], xyz - out, 0.0)
         solved = np.linalg.solve(covariance * scale[:, None, None], error[..., None])[..., 0]

@@ -6,11 +6,11 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.landmarks.sets import LandmarkSet
-from muybridge.geometry.numerics.robust import _CHI2_3_MEDIAN, _median_known
+from muybridge.geometry.numerics.robust import CHI2_3_MEDIAN, median_known
 from muybridge.geometry.smoothing._kernel import exchanged_path
 
 
-def _unswap(
+def undo_flips(
     landmarks: LandmarkSet, xyz: FloatArray, covariance: FloatArray, fps: float, swap_share: float
 ) -> tuple[FloatArray, FloatArray]:
     """Exchange sides where that makes both paths smoother, first of the whole body, then limbs, then pairs.
@@ -124,5 +124,5 @@ def _jump_variance(xyz: FloatArray) -> FloatArray:
     Zero where there are no three frames in a row.
     """
     off = xyz[1:-1] - 0.5 * (xyz[2:] + xyz[:-2])
-    median = _median_known(np.sum(off**2, axis=-1))
-    return np.nan_to_num(median / (1.5 * _CHI2_3_MEDIAN))
+    median = median_known(np.sum(off**2, axis=-1))
+    return np.nan_to_num(median / (1.5 * CHI2_3_MEDIAN))

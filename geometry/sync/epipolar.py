@@ -10,7 +10,7 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.sync.clocks import MAD_SIGMA, Clock, resample
-from muybridge.geometry.sync.pairwise import _FEWEST_MOVING, _all_smoothed, _clocks
+from muybridge.geometry.sync.pairwise import FEWEST_MOVING, all_smoothed, clocks_from_pairs
 
 _EPIPOLAR_SCALE_PX = 5.0
 _EPIPOLAR_SCALE = 0.02
@@ -74,7 +74,7 @@ def epipolar_clocks(
     """
     count, frames = len(cameras), points_px.shape[1]
     start = start or tuple(Clock(0.0, 0.0, np.inf, np.inf, 0.0) for _ in range(count))
-    rays = cameras.unproject(np.stack(_all_smoothed(points_px, variance_px2)))
+    rays = cameras.unproject(np.stack(all_smoothed(points_px, variance_px2)))
 
     def cost(pair: tuple[int, int], first: FloatArray, second: FloatArray) -> float:
         i, j = pair
@@ -82,7 +82,7 @@ def epipolar_clocks(
         b = resample(rays[j], variance_px2[j], fps, second)[0]
         return epipolar_cost(cameras[i], cameras[j], a, b)
 
-    return _clocks(cost, count, frames, fps, start, search, with_drift)
+    return clocks_from_pairs(cost, count, frames, fps, start, search, with_drift)
 
 
 def epipolar_cost(first: Camera, second: Camera, a: FloatArray, b: FloatArray) -> float:
@@ -106,7 +106,7 @@ def epipolar_cost(first: Camera, second: Camera, a: FloatArray, b: FloatArray) -
     if known.sum() < 30:
         return np.nan
     with np.errstate(all="ignore"):
-        middle = np.where(known.sum(axis=0) >= _FEWEST_MOVING, _nanmedian(error), np.nan)
+        middle = np.where(known.sum(axis=0) >= FEWEST_MOVING, _nanmedian(error), np.nan)
     rest = (error - middle)[known & np.isfinite(middle)]
     if len(rest) < 30:
         return np.nan

@@ -17,7 +17,7 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.sync.audio import audio_clock
 from muybridge.geometry.sync.clocks import UNKNOWN, Clock, Delays, clock_from_delays, parabola, resample
 from muybridge.geometry.sync.epipolar import epipolar_clocks, epipolar_cost, fundamental_cost
-from muybridge.geometry.sync.pairwise import _FEWEST_MOVING, _SPEED_SMOOTHING, _all_smoothed, _clocks, _smoothed
+from muybridge.geometry.sync.pairwise import FEWEST_MOVING, SPEED_SMOOTHING, all_smoothed, clocks_from_pairs, smoothed
 
 __all__ = [
     "UNKNOWN",
@@ -51,7 +51,7 @@ def movement_profile(points_px: FloatArray, variance_px2: FloatArray) -> FloatAr
         variance_px2: (T, J).
     """
     px = np.where(np.isfinite(variance_px2)[..., None], points_px, np.nan)
-    smooth = _smoothed(px)
+    smooth = smoothed(px)
     low, high = np.nanquantile(px.reshape(-1, px.shape[1] * 2), 0.05), np.nanquantile(px, 0.95)
     size = max(float(high - low), 1.0)
     speed = np.linalg.norm(np.gradient(smooth, axis=0), axis=-1) / size
@@ -77,7 +77,7 @@ def motion_delay(reference: FloatArray, other: FloatArray, fps: float, max_offse
     scores, weighed = np.full(len(lags), -np.inf), np.full(len(lags), -np.inf)
     for k, lag in enumerate(lags):
         a, b = _overlap(reference, other, int(lag))
-        if len(a) >= max(_FEWEST_MOVING, _LEAST_OVERLAP * shorter):
+        if len(a) >= max(FEWEST_MOVING, _LEAST_OVERLAP * shorter):
             scores[k] = _correlation(a, b)
             # Fisher's z: in a short overlap chance makes correlations large.
             weighed[k] = np.arctanh(np.clip(scores[k], -0.99, 0.99)) * np.sqrt(len(a))
@@ -92,7 +92,7 @@ def motion_delay(reference: FloatArray, other: FloatArray, fps: float, max_offse
     frames = shorter - abs(int(lags[best]))
     # The correlation's noise over its bend at the peak.
     bend = 2 * scores[best] - scores[max(best - 1, 0)] - scores[min(best + 1, len(scores) - 1)]
-    noise = (1 - max(scores[best], 0) ** 2) / np.sqrt(max(frames, 4) / (2 * _SPEED_SMOOTHING))
+    noise = (1 - max(scores[best], 0) ** 2) / np.sqrt(max(frames, 4) / (2 * SPEED_SMOOTHING))
     sd = noise / (max(bend, 1e-6) if np.isfinite(bend) else 1e-6) / fps
     return Clock(float(delay), 0.0, float(max(sd, 0.05 / fps)), np.inf, float(np.clip(scores[best], 0, 1)))
 
@@ -110,7 +110,7 @@ def _correlation(a: FloatArray, b: FloatArray) -> float:
     """Mean over landmarks of the correlation in time; landmarks that move more count more."""
     good = np.isfinite(a) & np.isfinite(b)
     n = good.sum(axis=0)
-    use = n >= max(_FEWEST_MOVING, 0.3 * len(a))
+    use = n >= max(FEWEST_MOVING, 0.3 * len(a))
     if not use.any():
         return -np.inf
     a, b, good, n = (np.where(good, a, 0.0)[:, use], np.where(good, b, 0.0)[:, use], good[:, use], n[use])
@@ -146,7 +146,7 @@ def motion_clocks(
     profiles = [movement_profile(points_px[c], variance_px2[c]) for c in range(count)]
     coarse = [Clock(0.0, 0.0, 0.0, 0.0, 1.0)]
     coarse += [motion_delay(profiles[0], profiles[c], fps, max_offset) for c in range(1, count)]
-    smooth = _all_smoothed(points_px, variance_px2)
+    smooth = all_smoothed(points_px, variance_px2)
 
     def cost(pair: tuple[int, int], first: FloatArray, second: FloatArray) -> float:
         i, j = pair
@@ -154,7 +154,7 @@ def motion_clocks(
             resample(smooth[i], variance_px2[i], fps, first)[0], resample(smooth[j], variance_px2[j], fps, second)[0]
         )
 
-    fine = _clocks(cost, count, points_px.shape[1], fps, coarse, _MOTION_SEARCH_FRAMES / fps, with_drift)
+    fine = clocks_from_pairs(cost, count, points_px.shape[1], fps, coarse, _MOTION_SEARCH_FRAMES / fps, with_drift)
     return tuple(
         Clock(f.offset, f.drift, f.offset_sd, f.drift_sd, c.strength) for f, c in zip(fine, coarse, strict=True)
     )

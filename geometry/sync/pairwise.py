@@ -10,15 +10,15 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.geometry.sync.clocks import MAD_SIGMA, Clock, Delays, clock_from_delays
 
-_FEWEST_MOVING = 8  # frames that must overlap for a correlation to mean anything
-_SPEED_SMOOTHING = 1.5  # frames
+FEWEST_MOVING = 8  # frames that must overlap for a correlation to mean anything
+SPEED_SMOOTHING = 1.5  # frames
 _PairCost = Callable[[tuple[int, int], FloatArray, FloatArray], float]
 
 
-def _smoothed(px: FloatArray) -> FloatArray:
+def smoothed(px: FloatArray) -> FloatArray:
     """Gaussian over time that passes NaN over; NaN where the middle is."""
-    reach = int(4 * _SPEED_SMOOTHING)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / _SPEED_SMOOTHING) ** 2)
+    reach = int(4 * SPEED_SMOOTHING)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / SPEED_SMOOTHING) ** 2)
     good = np.asarray(np.isfinite(px).all(axis=-1))
     flat = np.where(good[..., None], px, 0.0)
     total = sum(
@@ -34,13 +34,13 @@ def _smoothed(px: FloatArray) -> FloatArray:
     return np.asarray(out)
 
 
-def _all_smoothed(points_px: FloatArray, variance_px2: FloatArray) -> list[FloatArray]:
+def all_smoothed(points_px: FloatArray, variance_px2: FloatArray) -> list[FloatArray]:
     """Tracks smoothed over time: interpolation alone would smooth between frames and not on them."""
     known = np.isfinite(variance_px2)[..., None]
-    return [_smoothed(np.where(known[c], points_px[c], np.nan)) for c in range(len(points_px))]
+    return [smoothed(np.where(known[c], points_px[c], np.nan)) for c in range(len(points_px))]
 
 
-def _clocks(
+def clocks_from_pairs(
     cost: _PairCost, count: int, frames: int, fps: float, start: Sequence[Clock], search: float, with_drift: bool
 ) -> tuple[Clock, ...]:
     """Clocks of `count` cameras by a cost of pairs, in windows where drift is wanted."""

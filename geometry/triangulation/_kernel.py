@@ -26,7 +26,7 @@ _BEHIND = 1e6  # u of a point that is not in front of a camera
 _MIN_DEPTH = 1e-6
 _MAX_ITERATIONS = 20
 
-_compiled = njit(cache=True, nogil=True, error_model="numpy")
+compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Limits(NamedTuple):
@@ -73,13 +73,13 @@ class Scratch(NamedTuple):
     trial: FloatArray  # (3,)
 
 
-@_compiled
+@compiled
 def _loss(u: float, limits: Limits) -> float:
     v = 1.0 + u / limits.tail2
     return -2.0 * math.log(math.exp(-0.5 * u) + limits.kappa / (v * math.sqrt(v)))
 
 
-@_compiled
+@compiled
 def _weight(u: float, limits: Limits) -> float:
     """d loss / d u: the factor by which a camera's equations are scaled."""
     v = 1.0 + u / limits.tail2
@@ -88,7 +88,7 @@ def _weight(u: float, limits: Limits) -> float:
     return (right + wrong * 3.0 / (limits.tail2 * v)) / (right + wrong)
 
 
-@_compiled
+@compiled
 def _error_u(views: Views, c: int, point: FloatArray) -> float:
     """Squared distance of the projection to the 2D point, in variances; `_BEHIND` if it is behind."""
     p = views.poses[c]
@@ -101,8 +101,8 @@ def _error_u(views: Views, c: int, point: FloatArray) -> float:
     return u
 
 
-@_compiled
-def _score(views: Views, point: FloatArray, limits: Limits) -> tuple[float, int]:
+@compiled
+def score_of_point(views: Views, point: FloatArray, limits: Limits) -> tuple[float, int]:
     """Sum of the cameras' losses, and how many of them agree."""
     total = 0.0
     agree = 0
@@ -114,7 +114,7 @@ def _score(views: Views, point: FloatArray, limits: Limits) -> tuple[float, int]
     return total, agree
 
 
-@_compiled
+@compiled
 def _midpoint(views: Views, a: int, b: int, min_sin2: float, out: FloatArray) -> bool:
     """The point nearest to two rays, nearer to the surer one; False if they are parallel or meet behind."""
     ray_a, ray_b = views.rays[a], views.rays[b]
@@ -145,8 +145,8 @@ def _midpoint(views: Views, a: int, b: int, min_sin2: float, out: FloatArray) ->
     return True
 
 
-@_compiled
-def _inverse3(a: FloatArray, out: FloatArray) -> bool:
+@compiled
+def inverse3(a: FloatArray, out: FloatArray) -> bool:
     """Inverse of a symmetric positive definite 3x3 matrix; False if it is singular."""
     c00 = a[1, 1] * a[2, 2] - a[1, 2] * a[1, 2]
     c01 = a[0, 2] * a[1, 2] - a[0, 1] * a[2, 2]
@@ -167,8 +167,8 @@ def _inverse3(a: FloatArray, out: FloatArray) -> bool:
     return True
 
 
-@_compiled
-def _normal_equations(
+@compiled
+def normal_equations(
     views: Views, point: FloatArray, limits: Limits, normal: FloatArray, gradient: FloatArray
 ) -> float:
     """Gauss-Newton's matrix and gradient at `point`, reweighted by the loss; returns the loss."""
@@ -201,19 +201,19 @@ def _normal_equations(
     return total
 
 
-@_compiled
+@compiled
 def _refine(views: Views, point: FloatArray, limits: Limits, scratch: Scratch) -> float:
     """Damped Gauss-Newton on the robust loss, in place; returns the loss."""
     normal, damped, inverse = scratch.normal, scratch.damped, scratch.inverse
     gradient, trial = scratch.gradient, scratch.trial
     damping = 1e-6
-    best = _normal_equations(views, point, limits, normal, gradient)
+    best = normal_equations(views, point, limits, normal, gradient)
     for _ in range(_MAX_ITERATIONS):
         for k in range(3):
             for m in range(3):
                 damped[k, m] = normal[k, m]
             damped[k, k] += damping * (normal[0, 0] + normal[1, 1] + normal[2, 2])
-        if not _inverse3(damped, inverse):
+        if not inverse3(damped, inverse):
             break
         decrease = 0.0
         for k in range(3):
@@ -223,11 +223,11 @@ def _refine(views: Views, point: FloatArray, limits: Limits, scratch: Scratch) -
         # The expected fall of the loss, in squared sigmas: below this, the point no longer moves visibly.
         if decrease < 1e-4:
             break
-        loss, _ = _score(views, trial, limits)
+        loss, _ = score_of_point(views, trial, limits)
         if loss <= best:
             for k in range(3):
                 point[k] = trial[k]
-            best = _normal_equations(views, point, limits, normal, gradient)
+            best = normal_equations(views, point, limits, normal, gradient)
             damping = max(damping * 0.1, 1e-9)
         else:
             damping *= 100.0
@@ -236,7 +236,7 @@ def _refine(views: Views, point: FloatArray, limits: Limits, scratch: Scratch) -
     return best
 
 
-@_compiled
+@compiled
 def _widest_sin2(rays: FloatArray, use: IntArray) -> float:
     """Largest squared sine of the angle between two rays (found in two sweeps, so linear in cameras)."""
     first = use[0]
@@ -259,7 +259,7 @@ def _widest_sin2(rays: FloatArray, use: IntArray) -> float:
     return widest
 
 
-@_compiled
+@compiled
 def _two_best_pairs(views: Views, pairs: IntArray, limits: Limits, scratch: Scratch) -> int:
     """Points of the two pairs of cameras that all cameras like best, into `starts`; returns how many."""
     starts, trial = scratch.starts, scratch.trial
@@ -275,7 +275,7 @@ def _two_best_pairs(views: Views, pairs: IntArray, limits: Limits, scratch: Scra
         if not _midpoint(views, a, b, limits.min_sin2, trial):
             continue
         tried += 1
-        score, agree = _score(views, trial, limits)
+        score, agree = score_of_point(views, trial, limits)
         if score < scores[0]:
             starts[1, :] = starts[0]
             starts[0, :] = trial
@@ -290,7 +290,7 @@ def _two_best_pairs(views: Views, pairs: IntArray, limits: Limits, scratch: Scra
     return min(tried, 2)
 
 
-@_compiled
+@compiled
 def _two_best_points(views: Views, rig: Rig, limits: Limits, scratch: Scratch) -> tuple[int, float]:
     """Puts the best point first and its rival second in `starts`.
 
@@ -304,7 +304,7 @@ def _two_best_points(views: Views, rig: Rig, limits: Limits, scratch: Scratch) -
     loss = _refine(views, starts[0], limits, scratch)
     if found == 1 or views.use.size == 2:
         return 1, 0.0
-    _, agree = _score(views, starts[0], limits)
+    _, agree = score_of_point(views, starts[0], limits)
     if agree >= 3 and 2 * agree > views.use.size:
         return 1, 0.0  # a majority beyond what two cameras can always be made to agree on: no rival
     rival_loss = _refine(views, starts[1], limits, scratch)
@@ -314,7 +314,7 @@ def _two_best_points(views: Views, rig: Rig, limits: Limits, scratch: Scratch) -
     return 2, math.exp(-0.5 * abs(rival_loss - loss))
 
 
-@_compiled
+@compiled
 def _solve_one(
     views: Views, rig: Rig, limits: Limits, scratch: Scratch, covariance: FloatArray, inlier: BoolArray
 ) -> bool:
@@ -338,8 +338,8 @@ def _solve_one(
     agreeing = Views(views.poses, views.centers, views.seen, views.info, views.rays, views.use[:count])
     if _widest_sin2(agreeing.rays, agreeing.use) < limits.min_sin2:
         return False
-    _normal_equations(agreeing, point, limits, scratch.normal, scratch.gradient)
-    if not _inverse3(scratch.normal, covariance):
+    normal_equations(agreeing, point, limits, scratch.normal, scratch.gradient)
+    if not inverse3(scratch.normal, covariance):
         return False
     # The stated variances count as four observations: with two cameras the residual alone says little.
     factor = (4.0 + chi2) / (4.0 + 2.0 * count - 3.0)
@@ -353,7 +353,7 @@ def _solve_one(
     return True
 
 
-@_compiled
+@compiled
 def solve_points(
     rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, begin: int, end: int,
     points: FloatArray, covariances: FloatArray, inliers: BoolArray,

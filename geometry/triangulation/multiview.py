@@ -118,11 +118,11 @@ def triangulate(
         ValueError: shapes that do not match, a variance that is not positive, options out of range.
     """
     options = options or TriangulateOptions()
-    px, variance = _checked(cameras, points_px, variance_px2, options)
-    views = _views(cameras, px, variance)
+    px, variance = checked(cameras, points_px, variance_px2, options)
+    views = kernel_views(cameras, px, variance)
     noise_px, scale = take_noise(cameras, px, variance, options)
-    info = _information(views, noise_px, scale)
-    points, covariances, inliers = _solve(views, info, options)
+    info = information(views, noise_px, scale)
+    points, covariances, inliers = solve(views, info, options)
     shape = px.shape[1:3]
     points_world = points.reshape(*shape, 3)
     residual_px = np.linalg.norm(cameras.project(points_world) - px, axis=-1)
@@ -158,7 +158,7 @@ def take_noise(
         (standard deviation to add, px; factor on the variances, in 0.01..1).
     """
     options = options or TriangulateOptions()
-    px, variance = _checked(cameras, points_px, variance_px2, options)
+    px, variance = checked(cameras, points_px, variance_px2, options)
     if options.noise_px is not None:
         return options.noise_px, 1.0
     # Evenly spread over the take; three views if there are enough of them, because two always nearly meet.
@@ -171,17 +171,17 @@ def take_noise(
     chosen = chosen[:: max(1, chosen.size // _NOISE_SAMPLE)]
     flat_px = px.reshape(len(cameras), -1, 2)[:, chosen]
     flat_variance = variance.reshape(len(cameras), -1)[:, chosen]
-    views = _views(cameras, flat_px[:, :, None], flat_variance[:, :, None])
+    views = kernel_views(cameras, flat_px[:, :, None], flat_variance[:, :, None])
     # From generous to strict: started too strictly, the few points that happen to agree would set the level.
     noise_px, scale = 0.01 * views.longer_side_px, 1.0
     for _ in range(4):
-        points, _, _ = _solve(views, _information(views, noise_px, scale), options)
+        points, _, _ = solve(views, information(views, noise_px, scale), options)
         error2 = np.sum((cameras.project(points) - flat_px) ** 2, axis=-1)
         noise_px, scale = _fit_noise(error2, flat_variance)
     return noise_px, scale
 
 
-def _checked(
+def checked(
     cameras: CameraGroup, points_px: ArrayLike, variance_px2: ArrayLike, options: TriangulateOptions
 ) -> tuple[FloatArray, FloatArray]:
     """The arrays as float64, both NaN wherever one of them is; ValueError if they cannot be triangulated."""
@@ -201,7 +201,7 @@ def _checked(
     return np.where(usable[..., None], px, np.nan), np.where(usable, variance, np.nan)
 
 
-def _views(cameras: CameraGroup, px: FloatArray, variance: FloatArray) -> _Views:
+def kernel_views(cameras: CameraGroup, px: FloatArray, variance: FloatArray) -> _Views:
     """Checked (C, T, J, 2) and (C, T, J) arrays as the kernel takes them; N = T J."""
     count = len(cameras)
     flat_px = px.reshape(count, -1, 2)
@@ -277,13 +277,13 @@ def _pair_order(cameras: CameraGroup) -> IntArray:
     return np.stack([first[order], second[order]], axis=1).astype(np.int64)
 
 
-def _information(views: _Views, noise_px: float, scale: float) -> FloatArray:
+def information(views: _Views, noise_px: float, scale: float) -> FloatArray:
     """(N, C) one over the variance in normalised units, zero where there is no 2D point."""
     total_px2 = scale * views.variance_px2 + noise_px**2
     return np.where(np.isfinite(total_px2), views.px2_per_unit2 / total_px2, 0.0)
 
 
-def _solve(views: _Views, info: FloatArray, options: TriangulateOptions) -> tuple[FloatArray, FloatArray, BoolArray]:
+def solve(views: _Views, info: FloatArray, options: TriangulateOptions) -> tuple[FloatArray, FloatArray, BoolArray]:
     """(N, 3) points, (N, 3, 3) covariances and (N, C) inliers; the kernel over chunks in threads."""
     count, cameras = info.shape
     points = np.full((count, 3), np.nan)
@@ -334,8 +334,8 @@ def views_of(
     options: TriangulateOptions,
 ) -> tuple[_Views, FloatArray]:  # fmt: skip
     """The take as the kernel takes it, and (N, C) how much each 2D point is worth, at the noise that was found."""
-    views = _views(cameras, *_checked(cameras, points_px, variance_px2, options))
-    return views, _information(views, found.noise_px, found.variance_scale)
+    views = kernel_views(cameras, *checked(cameras, points_px, variance_px2, options))
+    return views, information(views, found.noise_px, found.variance_scale)
 
 
 def _fit_noise(error2: FloatArray, variance: FloatArray) -> tuple[float, float]:

@@ -11,10 +11,10 @@ from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import (
     TriangulateOptions,
-    _checked,
-    _information,
-    _solve,
-    _views,
+    checked,
+    information,
+    kernel_views,
+    solve,
     take_noise,
 )
 
@@ -41,14 +41,14 @@ def leave_one_out_error(
         (C, T, J) px; NaN where the camera has no 2D point or the others gave no point.
     """
     options = options or TriangulateOptions()
-    px, variance = _checked(cameras, points_px, variance_px2, options)
-    views = _views(cameras, px, variance)
-    info = _information(views, *take_noise(cameras, px, variance, options))
+    px, variance = checked(cameras, points_px, variance_px2, options)
+    views = kernel_views(cameras, px, variance)
+    info = information(views, *take_noise(cameras, px, variance, options))
     error_px = np.full(variance.shape, np.nan)
     for c, camera in enumerate(cameras):
         others = info.copy()
         others[:, c] = 0.0
-        points, _, _ = _solve(views, others, options)
+        points, _, _ = solve(views, others, options)
         projected = camera.project(points.reshape(*px.shape[1:3], 3))
         error_px[c] = np.linalg.norm(projected - px[c], axis=-1)
     error_px[~np.isfinite(variance)] = np.nan

@@ -11,19 +11,19 @@ from muybridge.geometry.fitting.body_fit import BodyFit, FitOptions
 from muybridge.geometry.fitting.marker_fit import MarkerFit
 from muybridge.geometry.fitting.subject import MarkerFitOptions
 from muybridge.infer.pipelines.solve_points import (
-    _MARKERS,
+    MARKERS,
     RESULTS,
     Centres,
     Method,
     Units,
     Up,
-    _corrector,
-    _facts,
-    _fit_markers,
-    _tilt_deg,
-    _write,
     check_size,
+    fit_marker_file,
+    open_corrector,
+    solve_facts,
+    tilt_deg,
     understand,
+    write,
 )
 
 if TYPE_CHECKING:
@@ -78,26 +78,26 @@ def solve(
     labelled = understand(points, take.positions)
     notices += [labelled.whose] if labelled.whose else []
     stature = check_size(points, labelled, ReadOptions(units, up, fps))
-    tilt = _tilt_deg(labelled.points.points_world)
+    tilt = tilt_deg(labelled.points.points_world)
     if tilt > 60:
         notices.append(f"the trunk is {tilt:.0f} degrees from upright in most frames: does the person lie? If not, "
                        "the file's up axis is another one: see --up")  # fmt: skip
     output = open_output(out, RESULTS, [points.resolve()], overwrite)
     for notice in notices:
         print(f"note: {notice}", file=sys.stderr)
-    by_markers = method == "markers" or (method == "auto" and len(labelled.columns) >= _MARKERS)
+    by_markers = method == "markers" or (method == "auto" and len(labelled.columns) >= MARKERS)
     if by_markers:
-        corrector = _corrector(network, correct, centres)
-        fitted: BodyFit | MarkerFit = _fit_markers(points, labelled, take.positions, centres, markers, corrector)
+        corrector = open_corrector(network, correct, centres)
+        fitted: BodyFit | MarkerFit = fit_marker_file(points, labelled, take.positions, centres, markers, corrector)
     elif centres or network:
         what = "--centres" if centres else "--network"
         raise FormatError(f"{points}: {what} is for markers on the skin, and {labelled.how}; leave it out")
     else:
         fitted = fit_body(labelled.points, fit)
     names = tuple(labelled.columns) if by_markers else labelled.points.landmarks.names
-    facts = _facts(points, labelled, fitted, stature, notices, names, centres)
+    facts = solve_facts(points, labelled, fitted, stature, notices, names, centres)
     facts["network"] = corrector.version if by_markers and corrector else None
-    _write(output, fitted, facts)
+    write(output, fitted, facts)
     error = facts["residual_mm"]
     print(
         f"{out}: {len(fitted.motion)} frames at {fitted.motion.fps:.6g} fps; {labelled.how}; stature "

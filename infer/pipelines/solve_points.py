@@ -18,7 +18,7 @@ from muybridge.geometry.triangulation.plausibility import trunk_of
 _STATURES = (0.75, 2.60)
 _FEWEST = 6
 # So many markers tell a body by themselves.
-_MARKERS = 12
+MARKERS = 12
 Units = Literal["m", "cm", "mm"]
 Up = Literal["y", "z"]
 Method = Literal["auto", "markers", "landmarks"]
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from muybridge.infer.networks.correction import SolverNetwork
 
 
-def _corrector(network: Path | None, correct: bool, centres: tuple[str, ...]) -> "SolverNetwork | None":
+def open_corrector(network: Path | None, correct: bool, centres: tuple[str, ...]) -> "SolverNetwork | None":
     """The network that corrects, if one does: what `centres` say about joints is not corrected unasked."""
     from muybridge.infer.networks.correction import SolverNetwork
     from muybridge.models.shipped import shipped_model
@@ -63,7 +63,7 @@ def _corrector(network: Path | None, correct: bool, centres: tuple[str, ...]) ->
     return SolverNetwork(network or shipped_model("solver"))
 
 
-def _fit_markers(
+def fit_marker_file(
     path: Path, labelled: Labelled, points: Any, centres: tuple[str, ...], options: MarkerFitOptions,
     corrector: "SolverNetwork | None",
 ) -> MarkerFit:  # fmt: skip
@@ -170,7 +170,7 @@ def check_size(path: Path, labelled: Labelled, options: Any) -> float:
     raise FormatError(f"{path}: the person would be {stature:,.4g} m tall; {hint}")
 
 
-def _tilt_deg(points_world: FloatArray) -> float:
+def tilt_deg(points_world: FloatArray) -> float:
     """Median angle between the trunk and up; 0 where it is not known."""
     from muybridge.geometry.landmarks.sets import BODY23
 
@@ -182,7 +182,7 @@ def _tilt_deg(points_world: FloatArray) -> float:
     return float(np.degrees(np.median(np.arccos(np.clip(trunk[known, 2] / length[known], -1, 1)))))
 
 
-def _facts(
+def solve_facts(
     path: Path, labelled: Labelled, fitted: BodyFit | MarkerFit, stature: float, notices: list[str],
     names: tuple[str, ...], centres: tuple[str, ...],
 ) -> dict[str, Any]:  # fmt: skip
@@ -217,7 +217,7 @@ def _facts(
     }
 
 
-def _write(output: Any, fitted: BodyFit | MarkerFit, facts: dict[str, Any]) -> None:
+def write(output: Any, fitted: BodyFit | MarkerFit, facts: dict[str, Any]) -> None:
     from muybridge.geometry.fitting.body_fit import landmarks_from_motion
     from muybridge.geometry.landmarks.arrays import Points3D
     from muybridge.geometry.landmarks.sets import BODY23

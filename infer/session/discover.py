@@ -5,7 +5,7 @@ from pathlib import Path
 
 from muybridge.errors import SessionError
 from muybridge.geometry.cameras.group import CameraGroup
-from muybridge.infer.session.pairing import _pair_by_name, natural_key
+from muybridge.infer.session.pairing import natural_key, pair_by_name
 from muybridge.infer.session.probe import is_video
 from muybridge.infer.session.timestamps import TIMESTAMPS
 
@@ -41,7 +41,7 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
     if not path.is_dir():
         what = "is a file" if path.exists() else "does not exist"
         raise SessionError(f"{path} {what}; {layout}")
-    folder = _video_folder(path)
+    folder = video_folder(path)
     if folder == path and not any(p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES for p in path.iterdir()):
         hint = _pictures_hint(next((f for f in (path / name for name in PICTURE_FOLDERS) if f.is_dir()), path))
         raise SessionError(
@@ -82,11 +82,11 @@ def _pictures_hint(folder: Path) -> str:
     return ""
 
 
-def _video_folder(path: Path) -> Path:
+def video_folder(path: Path) -> Path:
     return next((path / name for name in VIDEO_FOLDERS if (path / name).is_dir()), path)
 
 
-def _chosen(
+def chosen(
     group: CameraGroup, files: list[Path], names: tuple[str, ...], calibration: Path
 ) -> tuple[CameraGroup, list[Path]]:
     """Only the named cameras and, where videos pair with cameras by name, only their videos."""
@@ -98,6 +98,6 @@ def _chosen(
     names = tuple(dict.fromkeys(names))
     if len(names) < 2:
         raise SessionError(f"--cameras names {names[0]} alone: motion needs at least two cameras that see the person")
-    pairs = _pair_by_name([f.stem for f in files], group.names)
+    pairs = pair_by_name([f.stem for f in files], group.names)
     kept = [files[pairs[n]] for n in names if n in pairs]
     return group.select(names), kept if kept else files

@@ -26,7 +26,7 @@ def _distinctive(names: Sequence[str]) -> list[tuple[str, ...]]:
     return tokens
 
 
-def _pair_by_name(stems: Sequence[str], names: Sequence[str]) -> dict[str, int]:
+def pair_by_name(stems: Sequence[str], names: Sequence[str]) -> dict[str, int]:
     """Camera name -> index of its video, by the strictest of four readings of the names that pairs any.
 
     Names are the same; the same but for case, separators and leading zeros (`Cam 1`, `cam_01`); the
@@ -79,7 +79,7 @@ def match_cameras(
     Raises:
         SessionError: a camera has no video or a video no camera; both are named.
     """
-    paired = _pair_by_name(stems, names)
+    paired = pair_by_name(stems, names)
     lonely_cameras = [n for n in names if n not in paired]
     lonely_videos = [s for k, s in enumerate(stems) if k not in paired.values()]
     if paired and not lonely_cameras and not lonely_videos:
@@ -99,7 +99,7 @@ def match_cameras(
         problems.append(f"{calibration} has no video for camera {', '.join(lonely_cameras)}")
     if lonely_videos:
         problems.append(f"{session / 'videos'} has no camera for video {', '.join(lonely_videos)}")
-    if unposed := [n for n in no_pose if _pair_by_name(lonely_videos, [n])]:
+    if unposed := [n for n in no_pose if pair_by_name(lonely_videos, [n])]:
         problems.append(f"{calibration} does not say where {', '.join(unposed)} is")
     remedy = "name each video after its camera"
     if len(paired) >= 2:

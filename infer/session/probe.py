@@ -94,7 +94,7 @@ def probe_video(path: Path) -> VideoInfo:
     stat = path.stat()
     if stat.st_size == 0:
         raise VideoError(f"{path} is empty (0 bytes); record or copy it again")
-    with _open(path) as container:
+    with open(path) as container:
         stream = container.streams.best("video")
         if stream is None:
             raise VideoError(f"{path} has no video stream; put one film a camera into the videos folder")
@@ -139,7 +139,7 @@ def probe_video(path: Path) -> VideoInfo:
     )
 
 
-def _open(path: Path, **options: str) -> Any:
+def open(path: Path, **options: str) -> Any:
     try:
         return av.open(str(path), options=options)
     except FileNotFoundError:
@@ -148,12 +148,12 @@ def _open(path: Path, **options: str) -> Any:
         raise VideoError(f"{path} cannot be read: permission denied; give yourself read access to it") from None
     except (av.error.FFmpegError, OSError, ValueError) as error:
         raise VideoError(
-            f"{path} cannot be decoded ({_reason(error)}): it is truncated, still being written or not a "
+            f"{path} cannot be decoded ({reason(error)}): it is truncated, still being written or not a "
             "video; copy or export it again"
         ) from None
 
 
-def _reason(error: BaseException) -> str:
+def reason(error: BaseException) -> str:
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return str(text).splitlines()[0].lower()
 
@@ -179,9 +179,7 @@ def _walk(path: Path, container: Any, stream: Any) -> _Packets:
             if not packet.is_discard:
                 times.append(stamp * base if stamp is not None else len(times) * fallback)
     except (av.error.FFmpegError, OSError) as error:
-        raise VideoError(
-            f"{path} breaks off after {total} frames ({_reason(error)}); copy or export it again"
-        ) from None
+        raise VideoError(f"{path} breaks off after {total} frames ({reason(error)}); copy or export it again") from None
     ordered = np.sort(np.asarray(times, dtype=np.float64))
     return _Packets(ordered, total, damaged, ends)
 
@@ -212,7 +210,7 @@ def _refuse_truncated(
     if declared:
         # An edit list may leave samples out on purpose: then they are all there once it is ignored.
         if packets.total < declared:
-            with _open(path, ignore_editlist="1") as container:
+            with open(path, ignore_editlist="1") as container:
                 whole = _walk(path, container, container.streams.best("video")).total
             if whole < declared:
                 raise VideoError(f"{path} is truncated: it declares {declared} frames and holds {whole}; {remedy}")
@@ -227,7 +225,7 @@ def _refuse_truncated(
 def _first_frame(path: Path) -> tuple[int, int, int, float, float | None]:
     """Coded width, height, counterclockwise rotation flag in degrees, pixel aspect and time, s, of the first frame that
     can be decoded."""
-    with _open(path) as container:
+    with open(path) as container:
         stream = container.streams.best("video")
         try:
             for frame in container.decode(stream):
@@ -236,7 +234,7 @@ def _first_frame(path: Path) -> tuple[int, int, int, float, float | None]:
                 return frame.width, frame.height, turn, float(aspect) if aspect else 1.0, frame.time
         except (av.error.FFmpegError, OSError) as error:
             raise VideoError(
-                f"{path} cannot be decoded from its first frame on ({_reason(error)}); copy it again"
+                f"{path} cannot be decoded from its first frame on ({reason(error)}); copy it again"
             ) from None
     raise VideoError(f"{path} holds no frame that can be decoded; copy or export it again")
 

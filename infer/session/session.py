@@ -21,11 +21,11 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.sync.clocks import Clock
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.session.discover import _chosen, _video_folder, find_videos
+from muybridge.infer.session.discover import chosen, find_videos, video_folder
 from muybridge.infer.session.pairing import match_cameras
 from muybridge.infer.session.probe import VideoInfo, probe_video
 from muybridge.infer.session.sync_file import clocks_in
-from muybridge.infer.session.timeline import _common_time
+from muybridge.infer.session.timeline import common_time
 from muybridge.infer.session.timestamps import paired_by_time, time_table_in
 from muybridge.infer.session.video import read_chunks
 
@@ -114,7 +114,7 @@ def open_session(path: Path, options: SessionOptions = SessionOptions(), in_step
     group = read.cameras
     notices += [f"{calibration.name}: {note}" for note in read.notes]
     if options.cameras:
-        group, files = _chosen(group, files, options.cameras, calibration)
+        group, files = chosen(group, files, options.cameras, calibration)
     if len(files) < 2 or len(group) < 2:
         raise SessionError(_too_few(path, files, calibration, group))
     order, said = match_cameras([f.stem for f in files], group.names, path, calibration, read.no_pose)
@@ -130,10 +130,10 @@ def open_session(path: Path, options: SessionOptions = SessionOptions(), in_step
         cameras.append(fitted)
         if assumed:
             notices.append(assumed)
-    table = time_table_in(path) or time_table_in(_video_folder(path))
+    table = time_table_in(path) or time_table_in(video_folder(path))
     clocks = clocks_in(path, group.names) if in_step else None
     if table is None:
-        fps, indices, late, clocks, said = _common_time(videos, clocks)
+        fps, indices, late, clocks, said = common_time(videos, clocks)
     else:
         fps, indices, late, said = paired_by_time(table, videos)
     notices += said + _oddities(videos, group)

@@ -15,7 +15,7 @@ from muybridge.infer.session.timestamps import nearest
 _SAME_RATE = 0.005
 
 
-def _common_time(
+def common_time(
     videos: Sequence[VideoInfo], clocks: tuple[Clock, ...] | None
 ) -> tuple[float, IntArray, FloatArray | None, tuple[Clock, ...] | None, list[str]]:
     """The take's frame rate, which frames of each video make it up, how late they were taken, how the clocks stand from

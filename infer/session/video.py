@@ -14,7 +14,7 @@ import numpy as np
 
 from muybridge.arrays import ByteArray, IntArray
 from muybridge.errors import VideoError
-from muybridge.infer.session.probe import VideoInfo, _open, _reason
+from muybridge.infer.session.probe import VideoInfo, open, reason
 
 CHUNK_BYTES = 100 * 2**20
 MAX_CHUNK = 16
@@ -69,7 +69,7 @@ def read_chunks(info: VideoInfo, indices: IntArray | None = None, threads: int =
 
 def _decode(info: VideoInfo, threads: int) -> Iterator[Any]:
     count = 0
-    with _open(info.path) as container:
+    with open(info.path) as container:
         stream = container.streams.best("video")
         stream.codec_context.thread_count = threads
         stream.thread_type = "AUTO" if threads != 1 else "SLICE"
@@ -79,7 +79,7 @@ def _decode(info: VideoInfo, threads: int) -> Iterator[Any]:
                 yield frame
         except (av.error.FFmpegError, OSError) as error:
             raise VideoError(
-                f"{info.path} cannot be decoded after frame {count} of {info.frames} ({_reason(error)}); "
+                f"{info.path} cannot be decoded after frame {count} of {info.frames} ({reason(error)}); "
                 "copy the file again, or re-encode what is left of it (ffmpeg -i IN -c:v libx264 OUT.mp4)"
             ) from None
 

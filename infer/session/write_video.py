@@ -14,7 +14,7 @@ import numpy as np
 from muybridge.arrays import ByteArray
 from muybridge.errors import OutputError
 from muybridge.infer.runtime.stages import partial_name
-from muybridge.infer.session.probe import _reason
+from muybridge.infer.session.probe import reason
 
 
 def fit_inside(width: int, height: int, long_side: int) -> tuple[int, int]:
@@ -39,7 +39,7 @@ class VideoWriter:
             rate = Fraction(fps).limit_denominator(1001)
             self._stream = self._container.add_stream("libx264", rate=rate)
         except (av.error.FFmpegError, OSError) as error:
-            raise OutputError(f"{path} cannot be written ({_reason(error)}); choose another --out") from None
+            raise OutputError(f"{path} cannot be written ({reason(error)}); choose another --out") from None
         self._stream.width, self._stream.height = width, height
         self._stream.pix_fmt = "yuv420p"
         self._stream.codec_context.thread_count = 1
@@ -63,7 +63,7 @@ class VideoWriter:
             raise self._failure(error) from None
 
     def _failure(self, error: Exception) -> OutputError:
-        return OutputError(f"{self.path} cannot be written ({_reason(error)}); free its disk or choose another --out")
+        return OutputError(f"{self.path} cannot be written ({reason(error)}); free its disk or choose another --out")
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

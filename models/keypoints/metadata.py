@@ -20,7 +20,7 @@ from muybridge.arrays import Float32Array, FloatArray, IndexArray
 from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.models.keypoints.decode import DecodedHeatmaps, decode_heatmaps, in_part, sigmoid
-from muybridge.models.metadata_reader import _Reader
+from muybridge.models.metadata_reader import Reader
 from muybridge.models.uncertainty import SpreadCalibration
 
 _Value = TypeVar("_Value", np.uint8, np.float32)
@@ -115,7 +115,7 @@ def keypoint_card(metadata: Mapping[str, str], path: Path) -> KeypointModelCard:
     Raises:
         ModelError: not a keypoint network of ours, or its metadata is damaged.
     """
-    read = _Reader(metadata, path)
+    read = Reader(metadata, path)
     read.kind("keypoints")
     names = read.names("names")
     marked = "marker_names" in metadata
@@ -133,7 +133,7 @@ def keypoint_card(metadata: Mapping[str, str], path: Path) -> KeypointModelCard:
     )
 
 
-def _landmark_set(name: str, names: tuple[str, ...], read: _Reader) -> LandmarkSet:
+def _landmark_set(name: str, names: tuple[str, ...], read: Reader) -> LandmarkSet:
     """The known set of that name, or a new one without bones."""
     if name == BODY23.name:
         if names != BODY23.names:
@@ -147,7 +147,7 @@ def _landmark_set(name: str, names: tuple[str, ...], read: _Reader) -> LandmarkS
     return landmarks
 
 
-def _marker_set(names: tuple[str, ...], read: _Reader) -> LandmarkSet:
+def _marker_set(names: tuple[str, ...], read: Reader) -> LandmarkSet:
     if names != SURFACE.names:
         raise read.error(f"its marker names are not those of {SURFACE.name}")
     return SURFACE

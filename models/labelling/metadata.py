@@ -11,7 +11,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.landmarks.marker_sets import SURFACE
-from muybridge.models.metadata_reader import _Reader
+from muybridge.models.metadata_reader import Reader
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def label_card(metadata: Mapping[str, str], path: Path) -> LabelModelCard:
     Raises:
         ModelError: not a labelling network of ours, or its metadata is damaged.
     """
-    read = _Reader(metadata, path)
+    read = Reader(metadata, path)
     read.kind("labels")
     rigidity = read.json_object("rigidity")
     distance, motion, bodies = (_matrix(rigidity.get(k), k, read) for k in ("distance_mm", "motion_mm", "bodies_mm"))
@@ -61,7 +61,7 @@ def label_card(metadata: Mapping[str, str], path: Path) -> LabelModelCard:
     )
 
 
-def _matrix(value: Any, key: str, read: _Reader) -> FloatArray:
+def _matrix(value: Any, key: str, read: Reader) -> FloatArray:
     """A symmetric matrix from its upper triangle in millimetres."""
     size = len(SURFACE)
     upper = np.triu_indices(size, 1)

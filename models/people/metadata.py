@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from muybridge.models.metadata_reader import _Reader
+from muybridge.models.metadata_reader import Reader
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class PeopleModelCard:
 
 def people_card(metadata: Mapping[str, str], path: Path) -> PeopleModelCard:
     """Parse the metadata of a person detector; arguments and errors as `keypoint_card`."""
-    read = _Reader(metadata, path)
+    read = Reader(metadata, path)
     read.kind("people")
     return PeopleModelCard(
         version=read.text("version"),

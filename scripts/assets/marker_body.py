@@ -15,7 +15,7 @@ import numpy as np
 from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
-from muybridge.train.synthesis.markers.augment import _LOOSE
+from muybridge.train.synthesis.markers.augment import LOOSE
 from muybridge.train.synthesis.markers.rig import NAMES, PARENTS, joints_of, rig_of
 from muybridge.train.synthesis.markers.trajectories import STANDOFF, MarkerBodies
 
@@ -130,7 +130,7 @@ def main() -> None:
     left = table - mean - (table - mean) @ direction[: options.components].T @ direction[: options.components]
     lower, upper, centre, spread = limits()
     tolerance = marker_table().tolerance_m.astype(np.float64)
-    for name, value in _LOOSE.items():
+    for name, value in LOOSE.items():
         tolerance[SURFACE.index(name)] = value
     twist = [0 if n.endswith("roll") else BODY.twist_axis[BODY.joint_names.index(n)] for n in NAMES]
     np.savez_compressed(

@@ -8,7 +8,7 @@ from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray
 from muybridge.geometry.landmarks.marker_sets import SURFACE, MarkerSet
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
-from muybridge.train.synthesis.markers.augment import _LOOSE
+from muybridge.train.synthesis.markers.augment import LOOSE
 from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of
 from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 
@@ -93,7 +93,7 @@ def take_of(
 def placement_spread() -> FloatArray:
     """(M,) metres, standard deviation of where laboratories place each marker of SURFACE along the skin."""
     sigma = marker_table().tolerance_m.astype(np.float64)
-    for name, value in _LOOSE.items():
+    for name, value in LOOSE.items():
         sigma[SURFACE.index(name)] = value
     return sigma
 

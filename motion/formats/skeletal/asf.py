@@ -12,10 +12,10 @@ from muybridge.errors import FormatError
 from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 
-_INCH = 0.0254
+INCH = 0.0254
 
 
-_LENGTH = 0.45
+LENGTH = 0.45
 
 
 _CHANNELS = ("tx", "ty", "tz", "rx", "ry", "rz", "l")
@@ -25,7 +25,7 @@ _SHORTEST_M = 0.01
 
 
 @dataclass
-class _Bone:
+class Bone:
     name: str
     line: int
     direction: FloatArray = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
@@ -36,15 +36,15 @@ class _Bone:
 
 
 @dataclass
-class _Asf:
-    metres: float = _INCH / _LENGTH
+class Asf:
+    metres: float = INCH / LENGTH
     degrees: bool = True
     position: FloatArray = field(default_factory=lambda: np.zeros(3))
     orientation: Rotation = field(default_factory=Rotation.identity)
-    bones: dict[str, _Bone] = field(default_factory=dict)
+    bones: dict[str, Bone] = field(default_factory=dict)
 
 
-class _Lines:
+class Lines:
     """The lines of a file that say something, with their numbers; every complaint names file and line."""
 
     def __init__(self, path: Path) -> None:
@@ -93,7 +93,7 @@ def read_asf(path: Path) -> Skeleton:
     Raises:
         FormatError: malformed; the message names the line.
     """
-    return _skeleton(Path(path), _read_asf(Path(path)))
+    return skeleton_of_asf(Path(path), read_asf_file(Path(path)))
 
 
 def find_asf(amc: Path) -> Path:
@@ -112,12 +112,12 @@ def find_asf(amc: Path) -> Path:
     raise FormatError(f"{amc}: no ASF file beside it is clearly its skeleton ({names}); name the ASF to be used")
 
 
-def _word(name: str) -> str:
+def word(name: str) -> str:
     """A name that is one word and no key of the format."""
     return "_".join(name.replace("#", "_").replace(":", "_").split()) or "_"
 
 
-def _bones_of(skeleton: Skeleton, names: list[str]) -> tuple[list[tuple[str, FloatArray, bool]], list[tuple[str, str]]]:
+def bones_of(skeleton: Skeleton, names: list[str]) -> tuple[list[tuple[str, FloatArray, bool]], list[tuple[str, str]]]:
     """Bones as name, vector to the end and whether it turns; and pairs of parent and child."""
     bones: list[tuple[str, FloatArray, bool]] = []
     links: list[tuple[str, str]] = []
@@ -143,10 +143,10 @@ def _bones_of(skeleton: Skeleton, names: list[str]) -> tuple[list[tuple[str, Flo
     return bones, links
 
 
-def _asf_lines(name: str, bones: list[tuple[str, FloatArray, bool]], links: list[tuple[str, str]]) -> list[str]:
+def asf_lines(name: str, bones: list[tuple[str, FloatArray, bool]], links: list[tuple[str, str]]) -> list[str]:
     lines = [
-        "# written by muybridge", ":version 1.10", f":name {_word(name)}", ":units", "  mass 1.0",
-        f"  length {_LENGTH}", "  angle deg", ":documentation", "   Y up, facing +Z, lengths of 1 / 0.45 inch", ":root",
+        "# written by muybridge", ":version 1.10", f":name {word(name)}", ":units", "  mass 1.0",
+        f"  length {LENGTH}", "  angle deg", ":documentation", "   Y up, facing +Z, lengths of 1 / 0.45 inch", ":root",
         "   order TX TY TZ RX RY RZ", "   axis XYZ", "   position 0 0 0", "   orientation 0 0 0", ":bonedata",
     ]  # fmt: skip
     for number, (bone, vector, turns) in enumerate(bones, start=1):
@@ -157,7 +157,7 @@ def _asf_lines(name: str, bones: list[tuple[str, FloatArray, bool]], links: list
             f"     id {number}",
             f"     name {bone}",
             "     direction " + " ".join(f"{v + 0.0:.12f}" for v in direction),
-            f"     length {length * _LENGTH / _INCH:.12f}",
+            f"     length {length * LENGTH / INCH:.12f}",
             "     axis 0 0 0  XYZ",
         ]
         if turns:
@@ -169,7 +169,7 @@ def _asf_lines(name: str, bones: list[tuple[str, FloatArray, bool]], links: list
     return [*lines, "  end"]
 
 
-def _skeleton(path: Path, asf: _Asf) -> Skeleton:
+def skeleton_of_asf(path: Path, asf: Asf) -> Skeleton:
     """Joints in the order of depth first."""
     children: dict[str, list[str]] = {name: [] for name in asf.bones}
     for bone in asf.bones.values():
@@ -198,10 +198,10 @@ def _skeleton(path: Path, asf: _Asf) -> Skeleton:
     )
 
 
-def _read_asf(path: Path) -> _Asf:
-    lines = _Lines(path)
-    asf = _Asf()
-    asf.bones["root"] = _Bone("root", 1, channels=_CHANNELS[:6])
+def read_asf_file(path: Path) -> Asf:
+    lines = Lines(path)
+    asf = Asf()
+    asf.bones["root"] = Bone("root", 1, channels=_CHANNELS[:6])
     seen: set[str] = set()
     while (words := lines.next()) is not None:
         section = words[0].lower()
@@ -224,7 +224,7 @@ def _read_asf(path: Path) -> _Asf:
     return asf
 
 
-def _section(lines: _Lines) -> Iterator[list[str]]:
+def _section(lines: Lines) -> Iterator[list[str]]:
     """The lines up to the next section."""
     while (words := lines.next()) is not None:
         if words[0].startswith(":"):
@@ -233,25 +233,25 @@ def _section(lines: _Lines) -> Iterator[list[str]]:
         yield words
 
 
-def _skip(lines: _Lines) -> None:
+def _skip(lines: Lines) -> None:
     for _ in _section(lines):
         pass
 
 
-def _read_units(lines: _Lines, asf: _Asf) -> None:
+def _read_units(lines: Lines, asf: Asf) -> None:
     for words in _section(lines):
         if words[0].lower() == "length":
             length = lines.numbers(words[1:], 1, "the unit of length")[0]
             if not 1e-6 < length < 1e6:
                 raise lines.error(f"the unit of length is {length:g}, which must be above zero")
-            asf.metres = _INCH / length
+            asf.metres = INCH / length
         elif words[0].lower() == "angle":
             if words[1:2] not in (["deg"], ["rad"]):
                 raise lines.error(f"the unit of angles is {' '.join(words[1:])!r} where deg or rad must be")
             asf.degrees = words[1] == "deg"
 
 
-def _read_root(lines: _Lines, asf: _Asf) -> None:
+def _read_root(lines: Lines, asf: Asf) -> None:
     root, angles = asf.bones["root"], np.zeros(3)
     axis = "XYZ"
     for words in _section(lines):
@@ -267,25 +267,25 @@ def _read_root(lines: _Lines, asf: _Asf) -> None:
     asf.orientation = Rotation.from_euler(axis.lower(), angles, degrees=asf.degrees)
 
 
-def _read_channels(lines: _Lines, words: list[str]) -> tuple[str, ...]:
+def _read_channels(lines: Lines, words: list[str]) -> tuple[str, ...]:
     channels = tuple(w.lower() for w in words)
     if len(set(channels)) != len(channels) or any(c not in _CHANNELS for c in channels):
         raise lines.error(f"{' '.join(words)!r} are not different ones of {', '.join(_CHANNELS)}")
     return channels
 
 
-def _axis_order(lines: _Lines, words: list[str]) -> str:
+def _axis_order(lines: Lines, words: list[str]) -> str:
     if not words or sorted(words[0].upper()) != ["X", "Y", "Z"]:
         raise lines.error(f"{' '.join(words)!r} is no order of axes such as XYZ")
     return words[0].upper()
 
 
-def _read_bones(lines: _Lines, asf: _Asf) -> None:
-    bone: _Bone | None = None
+def _read_bones(lines: Lines, asf: Asf) -> None:
+    bone: Bone | None = None
     for words in _section(lines):
         key = words[0].lower()
         if key == "begin":
-            bone = _Bone("", lines.number)
+            bone = Bone("", lines.number)
         elif bone is None:
             raise lines.error(f"{words[0]!r} stands where a bone must begin")
         elif key == "name":
@@ -312,7 +312,7 @@ def _read_bones(lines: _Lines, asf: _Asf) -> None:
         raise lines.error(f"the bone that begins in line {bone.line} does not end")
 
 
-def _read_hierarchy(lines: _Lines, asf: _Asf) -> None:
+def _read_hierarchy(lines: Lines, asf: Asf) -> None:
     for words in _section(lines):
         if len(words) == 1 and words[0].lower() in ("begin", "end"):
             continue

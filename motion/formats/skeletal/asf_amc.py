@@ -23,17 +23,17 @@ from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.skeletal.asf import (
-    _INCH,
-    _LENGTH,
-    _Asf,
-    _asf_lines,
-    _Bone,
-    _bones_of,
-    _Lines,
-    _read_asf,
-    _skeleton,
-    _word,
+    INCH,
+    LENGTH,
+    Asf,
+    Bone,
+    Lines,
+    asf_lines,
+    bones_of,
     find_asf,
+    read_asf_file,
+    skeleton_of_asf,
+    word,
 )
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.skeletal.euler import smooth_euler
@@ -60,9 +60,9 @@ def read_amc(path: Path, asf: Path | None = None, fps: float = CMU_FPS) -> Motio
     if not (np.isfinite(fps) and fps > 0):
         raise ValueError(f"fps must be above zero, not {fps}")
     skeleton_path = find_asf(path) if asf is None else Path(asf)
-    parsed = _read_asf(skeleton_path)
+    parsed = read_asf_file(skeleton_path)
     frames = _read_frames(path, parsed)
-    skeleton = _skeleton(skeleton_path, parsed)
+    skeleton = skeleton_of_asf(skeleton_path, parsed)
     t_count = len(next(iter(frames.values()))) if frames else 0
     quat = np.zeros((t_count, len(skeleton), 4))
     root = np.tile(parsed.position, (t_count, 1))
@@ -102,16 +102,16 @@ def write_amc(path: Path, motion: Motion) -> Path:
     """
     path = Path(path)
     skeleton = motion.skeleton
-    names = ["root", *(_word(n) for n in skeleton.names[1:])]
+    names = ["root", *(word(n) for n in skeleton.names[1:])]
     names = [n if n not in names[:i] else f"{n}_{i}" for i, n in enumerate(names)]
-    bones, links = _bones_of(skeleton, names)
+    bones, links = bones_of(skeleton, names)
     asf = path.with_suffix(".asf")
     with replacing(asf) as temporary:
-        temporary.write_text("\n".join(_asf_lines(path.stem, bones, links)) + "\n", encoding="utf-8", newline="\n")
+        temporary.write_text("\n".join(asf_lines(path.stem, bones, links)) + "\n", encoding="utf-8", newline="\n")
     xyzw = np.roll(motion.quat_wxyz, -1, axis=-1)
     xyzw[..., :3] = xyzw[..., :3] @ BVH_FROM_WORLD.T
     degrees = np.degrees(smooth_euler(xyzw, "xyz"))
-    root = motion.root_positions_world @ BVH_FROM_WORLD.T * (_LENGTH / _INCH)
+    root = motion.root_positions_world @ BVH_FROM_WORLD.T * (LENGTH / INCH)
     lines = [":FULLY-SPECIFIED", ":DEGREES"]
     for t in range(len(motion)):
         lines.append(str(t + 1))
@@ -123,7 +123,7 @@ def write_amc(path: Path, motion: Motion) -> Path:
     return asf
 
 
-def _turns(bone: _Bone, values: FloatArray, degrees: bool) -> Rotation:
+def _turns(bone: Bone, values: FloatArray, degrees: bool) -> Rotation:
     """The bone's rotation in its own axes; the first channel turns first, about axes that stay."""
     turn = Rotation.identity(len(values))
     for k, channel in enumerate(bone.channels):
@@ -134,9 +134,9 @@ def _turns(bone: _Bone, values: FloatArray, degrees: bool) -> Rotation:
     return turn
 
 
-def _read_frames(path: Path, asf: _Asf) -> dict[str, FloatArray]:
+def _read_frames(path: Path, asf: Asf) -> dict[str, FloatArray]:
     """The values of each bone's channels, (T, channels)."""
-    lines = _Lines(path)
+    lines = Lines(path)
     values: dict[str, list[FloatArray]] = {name: [] for name, bone in asf.bones.items() if bone.channels}
     frame = 0
 

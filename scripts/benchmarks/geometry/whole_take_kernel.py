@@ -9,10 +9,10 @@ from muybridge.geometry.triangulation._kernel import (
     Limits,
     Rig,
     Views,
-    _compiled,
-    _inverse3,
-    _normal_equations,
-    _score,
+    compiled,
+    inverse3,
+    normal_equations,
+    score_of_point,
 )
 
 _STEPS = 12
@@ -21,7 +21,7 @@ _STEPS = 12
 _BREAK = 24.0
 
 
-@_compiled
+@compiled
 def _far(point: FloatArray, mean: FloatArray, info: FloatArray) -> float:
     """Squared Mahalanobis distance."""
     total = 0.0
@@ -31,7 +31,7 @@ def _far(point: FloatArray, mean: FloatArray, info: FloatArray) -> float:
     return total
 
 
-@_compiled
+@compiled
 def _off_path(far: float, freedom: float) -> tuple[float, float]:
     """Cost of being off the path by a squared Mahalanobis distance, and its derivative: Student's t, bounded.
 
@@ -43,18 +43,18 @@ def _off_path(far: float, freedom: float) -> tuple[float, float]:
     return -2.0 * math.log(likely + broken), heavy / (heavy + far) * likely / (likely + broken)
 
 
-@_compiled
+@compiled
 def _total(
     views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray, other: FloatArray, other_info: FloatArray,
     freedom: float,
 ) -> float:  # fmt: skip
     """Twice the negative log posterior, but for a constant."""
-    loss, _ = _score(views, point, limits)
+    loss, _ = score_of_point(views, point, limits)
     off_path, _ = _off_path(_far(point, path, path_info), freedom)
     return loss + off_path + _far(point, other, other_info)
 
 
-@_compiled
+@compiled
 def _likeliest(
     views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray, other: FloatArray, other_info: FloatArray,
     freedom: float, normal: FloatArray, covariance: FloatArray,
@@ -64,21 +64,21 @@ def _likeliest(
     best = _total(views, point, limits, path, path_info, other, other_info, freedom)
     damping = 1e-9
     for _ in range(_STEPS):
-        _normal_equations(views, point, limits, normal, gradient)
+        normal_equations(views, point, limits, normal, gradient)
         _, weight = _off_path(_far(point, path, path_info), freedom)
         for k in range(3):
             for m in range(3):
                 normal[k, m] += weight * path_info[k, m] + other_info[k, m]
                 gradient[k] += weight * path_info[k, m] * (point[m] - path[m])
                 gradient[k] += other_info[k, m] * (point[m] - other[m])
-        _inverse3(normal, covariance)
+        inverse3(normal, covariance)
         improved, decrease = False, 0.0
         while damping < 1e3:
             for k in range(3):
                 for m in range(3):
                     damped[k, m] = normal[k, m]
                 damped[k, k] += damping * (normal[0, 0] + normal[1, 1] + normal[2, 2])
-            if not _inverse3(damped, inverse):
+            if not inverse3(damped, inverse):
                 damping = max(damping * 100.0, 1e-6)
                 continue
             decrease = 0.0
@@ -100,7 +100,7 @@ def _likeliest(
     return best
 
 
-@_compiled
+@compiled
 def likeliest_points(
     rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, path: FloatArray, path_info: FloatArray, other: FloatArray,
     other_info: FloatArray, freedom: float, points: FloatArray, covariances: FloatArray, begin: int, end: int,

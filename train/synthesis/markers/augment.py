@@ -33,7 +33,7 @@ _ALONG = (
     ("asis", "asis", "psis", 0.08), ("psis", "psis", "asis", 0.06),
 )  # fmt: skip
 # Markers whose place is looser than the examiners' spread at a palpated point.
-_LOOSE = {"left_scapula": 0.035, "right_scapula": 0.035, "t10": 0.03, "xiphoid": 0.02, "c7": 0.015,
+LOOSE = {"left_scapula": 0.035, "right_scapula": 0.035, "t10": 0.03, "xiphoid": 0.02, "c7": 0.015,
           "left_acromion": 0.015, "right_acromion": 0.015}  # fmt: skip
 # Marker, how often it stands on a wand, and how far off the skin, metres: older guides have wands on thigh and shank.
 _WANDS = (("thigh", 0.08, 0.1), ("shank", 0.08, 0.09))
@@ -64,7 +64,7 @@ class CloudSampler:
         self.rng = np.random.default_rng(seed)
         self.offsets = np.rint(np.array([0.0, *window]) * FPS).astype(int)
         sigma = marker_table().tolerance_m.astype(np.float64)
-        for name, value in _LOOSE.items():
+        for name, value in LOOSE.items():
             sigma[SURFACE.index(name)] = value
         self.sigma = sigma
         self.wands = [([SURFACE.index(n) for n in SURFACE.names if stem in n], often, far)
