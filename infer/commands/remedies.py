@@ -5,7 +5,15 @@ The keys are those of `muybridge.remedies`. Texts are format strings; the except
 
 from muybridge.errors import MuybridgeError
 
-COMMAND_REMEDIES: dict[str, str] = {}
+COMMAND_REMEDIES: dict[str, str] = {
+    "model-missing-from-installation": "reinstall muybridge, or name a model file of yours",
+    "pseudo-labels": "`muybridge adapt SESSION` makes one",
+    "third-party-model": (
+        "for a third-party keypoint network name its card with --model-card; otherwise name a model that muybridge "
+        "exported, or leave the option out to use the shipped one"
+    ),
+    "use-muybridge-model": "name a model that muybridge exported, or leave the option out to use the shipped one",
+}
 
 
 def error_line(error: MuybridgeError) -> str:

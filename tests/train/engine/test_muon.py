@@ -7,7 +7,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from muybridge.models.keypoints.network import KeypointNet  # noqa: E402
-from muybridge.train.engine.muon import Muon, Optimisers, orthogonal  # noqa: E402
+from muybridge.train.engine.muon import Muon, Optimisers, orthogonalise  # noqa: E402
 
 
 @pytest.mark.parametrize("shape", [(24, 200), (200, 24), (64, 64)])
@@ -15,7 +15,7 @@ def test_every_direction_of_a_step_is_about_as_long(shape: tuple[int, int]) -> N
     generator = torch.Generator().manual_seed(0)
     u, _, v = torch.linalg.svd(torch.randn(shape, generator=generator), full_matrices=False)
     matrix = u @ torch.diag(torch.logspace(0, -1.5, len(v))) @ v
-    out = orthogonal(matrix)
+    out = orthogonalise(matrix)
     assert out.shape == matrix.shape and out.dtype == matrix.dtype
     singular = torch.linalg.svdvals(out)
     assert singular.min() > 0.5 and singular.max() < 1.4
@@ -55,7 +55,9 @@ def test_a_checkpoint_goes_on_as_if_nothing_had_been() -> None:
     weights = {k: v.clone() for k, v in net.state_dict().items()}
     again, resumed = made()
     again.load_state_dict(weights)
-    assert resumed.fits(optimiser.state_dict()) and not Optimisers(net, 1e-3, muon=False).fits(optimiser.state_dict())
+    assert resumed.accepts(optimiser.state_dict()) and not Optimisers(net, 1e-3, muon=False).accepts(
+        optimiser.state_dict()
+    )
     resumed.load_state_dict(copy.deepcopy(optimiser.state_dict()))  # as from a file
     for one in ((net, optimiser), (again, resumed)):
         step(*one, 2)
