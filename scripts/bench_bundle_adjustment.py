@@ -33,7 +33,7 @@ from scipy.spatial.transform import Rotation
 
 from muybridge.geometry.calibration.adjust import AdjustProblem, AdjustResult, FreeCamera, LensPrior, adjust
 from muybridge.geometry.calibration.lens import parameter_kinds
-from muybridge.geometry.calibration.people_adjust import Adjusted, ArticulatedProblem, AdjustState, adjust_articulated
+from muybridge.geometry.calibration.people_adjust import ArticulatedProblem, ArticulatedState, adjust_articulated
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.rotations import exp_so3
 
@@ -116,7 +116,7 @@ def boards_problem(count: int = 4, poses: int = 60) -> tuple[AdjustProblem, Came
     ), truth  # fmt: skip
 
 
-def bones_problem(count: int = 4, frames: int = 100) -> tuple[ArticulatedProblem, AdjustState, CameraGroup]:
+def bones_problem(count: int = 4, frames: int = 100) -> tuple[ArticulatedProblem, ArticulatedState, CameraGroup]:
     """A chain of 16 landmarks with constant lengths that moves about; 3 px of noise, 5 % outliers, 10 % missing."""
     rng = np.random.default_rng(3)
     lenses = ring(count, rng)
@@ -136,7 +136,7 @@ def bones_problem(count: int = 4, frames: int = 100) -> tuple[ArticulatedProblem
     problem = ArticulatedProblem(truth.unproject(px), focal, sigma, bones, np.full(15, 0.02))
     lengths = np.linalg.norm(world[0, bones[:, 0]] - world[0, bones[:, 1]], axis=-1) * 1.02
     points = world + rng.normal(size=world.shape) * 0.03
-    return problem, AdjustState(start.cam_from_world[:, :, :3], start.centers_world, np.zeros(count), points,
+    return problem, ArticulatedState(start.cam_from_world[:, :, :3], start.centers_world, np.zeros(count), points,
                                 lengths), truth  # fmt: skip
 
 
@@ -284,7 +284,7 @@ class BoneTerm(pyceres.CostFunction):
         return True
 
 
-def bones_with_ceres(p: ArticulatedProblem, start: AdjustState) -> tuple[InCeres, Floats]:
+def bones_with_ceres(p: ArticulatedProblem, start: ArticulatedState) -> tuple[InCeres, Floats]:
     """An `ArticulatedProblem`; the solution and the lengths."""
     problem = pyceres.Problem()  # owns nothing: Python does
     poses = [pose_block(np.column_stack([r, -r @ c])) for r, c in zip(start.rotations, start.centers, strict=True)]

@@ -15,7 +15,7 @@ from muybridge.geometry.calibration.people import (
     calibrate_people,
     refine_people,
 )
-from muybridge.geometry.calibration.people_adjust import AdjustProblem, AdjustState, adjust
+from muybridge.geometry.calibration.people_adjust import ArticulatedProblem, ArticulatedState, adjust_articulated
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.triangulation import leave_one_out_error, triangulate
 
@@ -165,16 +165,16 @@ def test_the_jacobians_are_the_derivatives() -> None:
     px = truth.project(world)
     bones, sigma = bone_pairs(NAMES)
     lengths = np.linalg.norm(world[0, bones[:, 0]] - world[0, bones[:, 1]], axis=-1)
-    problem = AdjustProblem(
+    problem = ArticulatedProblem(
         truth.unproject(px), np.full(3, 1200.0), np.full(px.shape[:-1], 1.0), bones, sigma, focal_sigma=1.0
     )
     rng = np.random.default_rng(5)
-    start = AdjustState(
+    start = ArticulatedState(
         Rotation.from_rotvec(rng.normal(0, 0.01, (3, 3))).as_matrix() @ truth.cam_from_world[:, :, :3],
         truth.centers_world + rng.normal(0, 0.03, (3, 3)), np.full(3, 0.01),
         world + rng.normal(0, 0.02, world.shape), lengths * 1.02,
     )  # fmt: skip
-    done = adjust(problem, start, 40, 1e-12)
+    done = adjust_articulated(problem, start, 40, 1e-12)
     assert np.nanmax(done.residual_px) < 0.3
 
 

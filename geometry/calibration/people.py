@@ -15,7 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration.people_adjust import Adjusted, AdjustProblem, AdjustState, adjust
+from muybridge.geometry.calibration.people_adjust import (
+    ArticulatedProblem,
+    ArticulatedResult,
+    ArticulatedState,
+    adjust_articulated,
+)
 from muybridge.geometry.calibration.people_start import start_from_nothing
 from muybridge.geometry.calibration.people_world import world_from_people
 from muybridge.geometry.cameras import Camera, CameraGroup, colmap_camera
@@ -245,33 +250,33 @@ def _all_bones(
     return every, np.tile(sigma, people)
 
 
-def _state(cameras: CameraGroup, points: Floats, bones: NDArray[np.intp]) -> AdjustState:
+def _state(cameras: CameraGroup, points: Floats, bones: NDArray[np.intp]) -> ArticulatedState:
     vector = points[:, bones[:, 0]] - points[:, bones[:, 1]]
     length = np.linalg.norm(vector, axis=-1)
     known = np.isfinite(length).any(axis=0)
     lengths = np.zeros(len(bones))
     lengths[known] = np.nanmedian(length[:, known], axis=0)
     rotations = cameras.cam_from_world[:, :, :3]
-    return AdjustState(rotations, cameras.centers_world, np.zeros(len(cameras)), points, lengths)
+    return ArticulatedState(rotations, cameras.centers_world, np.zeros(len(cameras)), points, lengths)
 
 
 def _adjusted(
     cameras: CameraGroup,
     px: Floats,
     variance: Floats,
-    state: AdjustState,
+    state: ArticulatedState,
     bones: NDArray[np.intp],
     bone_sigma: Floats,
     prior: tuple[float, float] | None,
     options: PeopleCalibrationOptions,
-) -> tuple[Adjusted, CameraGroup, float]:
+) -> tuple[ArticulatedResult, CameraGroup, float]:
     """Adjust, with the noise as the take shows it; the adjusted cameras and the noise beside the result."""
     relative = np.sqrt(variance / np.nanmedian(variance))
     noise, alike, start = _FIRST_NOISE_PX, 1.0, state
     focal = np.array([np.sqrt(c.camera_matrix[0, 0] * c.camera_matrix[1, 1]) for c in cameras])
     seen = cameras.unproject(px)
     for _ in range(_NOISE_ROUNDS):
-        problem = AdjustProblem(
+        problem = ArticulatedProblem(
             seen=seen,
             focal_px=focal,
             sigma_px=noise * relative,
@@ -282,7 +287,7 @@ def _adjusted(
             prior_worth=alike,
             loss_sigma=options.loss_sigma,
         )
-        adjusted = adjust(problem, start, options.max_iterations)
+        adjusted = adjust_articulated(problem, start, options.max_iterations)
         start = replace(start, points=adjusted.state.points, lengths=adjusted.state.lengths)
         if prior is None:
             start = adjusted.state
@@ -334,7 +339,7 @@ def _frames_alike(error_px: Floats, noise: float) -> float:
 
 
 def _result(
-    cameras: CameraGroup, adjusted: Adjusted, frames: NDArray[np.intp], noise: float, notes: Sequence[str]
+    cameras: CameraGroup, adjusted: ArticulatedResult, frames: NDArray[np.intp], noise: float, notes: Sequence[str]
 ) -> PeopleCalibration:
     sd = np.sqrt(np.maximum(np.diag(adjusted.covariance), 0)).reshape(-1, 7)
     return PeopleCalibration(

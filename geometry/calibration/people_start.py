@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration.people_adjust import AdjustProblem, AdjustState, adjust
+from muybridge.geometry.calibration.people_adjust import ArticulatedProblem, ArticulatedState, adjust_articulated
 from muybridge.geometry.cameras import Camera, CameraGroup
 from muybridge.geometry.triangulation import TriangulateOptions, triangulate
 
@@ -175,17 +175,17 @@ def _settled(posed: dict[int, Camera], px: Floats, variance: Floats) -> tuple[fl
     rows, spread = px[order], variance[order]
     points = triangulate(group, rows, spread, TriangulateOptions(noise_px=_GATE_PX)).points_world
     focal = np.array([c.camera_matrix[0, 0] for c in group])
-    problem = AdjustProblem(
+    problem = ArticulatedProblem(
         seen=group.unproject(rows),
         focal_px=focal,
         sigma_px=(_GATE_PX / 2) * np.sqrt(spread / np.nanmedian(spread)),
         bones=np.zeros((0, 2), dtype=np.intp),
         bone_sigma=np.zeros(0),
     )
-    state = AdjustState(
+    state = ArticulatedState(
         group.cam_from_world[:, :, :3], group.centers_world, np.zeros(len(group)), points, np.zeros(0)
     )
-    done = adjust(problem, state, _GROWTH_ITERATIONS)
+    done = adjust_articulated(problem, state, _GROWTH_ITERATIONS)
     for c, rotation, center in zip(order, done.state.rotations, done.state.centers, strict=True):
         posed[c] = posed[c].posed(np.concatenate([rotation, -(rotation @ center)[:, None]], axis=1))
     counted = max(int(np.isfinite(done.residual_px).sum()), 1)

@@ -78,21 +78,27 @@ class Reduced:
     back: Floats
 
 
-def reduce(equations: NormalEquations, damping: float) -> Reduced:
-    """Eliminate the blocks; unknowns of a block that nothing depends on keep their values."""
+def reduce(equations: NormalEquations, damping: float, ridge: float = _RIDGE) -> Reduced:
+    """Eliminate the blocks; unknowns of a block that nothing depends on keep their values.
+
+    Args:
+        equations: what is reduced.
+        damping: share of its own that is added to the blocks' diagonal.
+        ridge: the same, added whatever the damping is.
+    """
     count, size, shared = equations.cross.shape
     damped = equations.blocks.copy()
     diagonal = np.einsum("lii->li", damped)
-    diagonal += np.where(diagonal > 0, (damping + _RIDGE) * diagonal, 1.0)
+    diagonal += np.where(diagonal > 0, (damping + ridge) * diagonal, 1.0)
     right = np.concatenate([equations.cross, equations.block_gradient[..., None]], axis=-1)
     back = np.linalg.solve(damped, right)
     flat = equations.cross.reshape(count * size, shared).T @ back.reshape(count * size, shared + 1)
     return Reduced(equations.shared - flat[:, :-1], equations.shared_gradient - flat[:, -1], back)
 
 
-def damped_step(equations: NormalEquations, damping: float) -> tuple[Floats, Floats]:
-    """(G,) and (L, D) step of Levenberg-Marquardt; LinAlgError where there is none."""
-    reduced = reduce(equations, damping)
+def damped_step(equations: NormalEquations, damping: float, ridge: float = _RIDGE) -> tuple[Floats, Floats]:
+    """(G,) and (L, D) step of Levenberg-Marquardt, with `reduce`'s arguments; LinAlgError where there is none."""
+    reduced = reduce(equations, damping, ridge)
     diagonal = np.diag(equations.shared)
     step = np.zeros(len(diagonal))
     if len(diagonal):
@@ -167,7 +173,7 @@ def minimise(
     return state, value, done
 
 
-def cauchy(square: Floats, loss_sigma: float, behind: float) -> tuple[float, Floats]:
+def cauchy(square: Floats, loss_sigma: float, behind: float = np.inf) -> tuple[float, Floats]:
     """Cost under Cauchy's loss, and the weight of each residual in the normal equations.
 
     Args:
@@ -187,13 +193,13 @@ def by_pose(points_cam: Floats, rotation: Floats, by_point: Floats) -> tuple[Flo
 
     Args:
         points_cam: (..., 3) in camera axes.
-        rotation: (3, 3) cam_from_world, or whatever broadcasts against `by_point`.
+        rotation: (3, 3) cam_from_world.
         by_point: (..., 2, 3) derivatives by the point in camera axes.
 
     Returns:
         (..., 2, 6) by rotation and centre, and (..., 2, 3) by the world point.
     """
-    by_world = by_point @ rotation
+    by_world = (by_point.reshape(-1, 3) @ rotation).reshape(by_point.shape)
     out = np.empty((*by_point.shape[:-1], POSE_SIZE))
     y = points_cam[..., None, :]
     for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):  # d/dw of exp(w) y: the columns of -[y]x
