@@ -13,17 +13,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.landmarks import BODY23, SURFACE, LandmarkSet
-from muybridge.infer import detect, pipeline, second_look
-from muybridge.infer.cli import run_command
-from muybridge.infer.keypoints import CameraTracks
-from muybridge.infer.onnx import Expectation
-from muybridge.infer.plates import Backdrop
-from muybridge.infer.poses import Pictures, Poses
-from muybridge.infer.upright import Upright
+from muybridge.arrays import ByteArray, FloatArray, IndexArray
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
+from muybridge.infer.commands.app import run_command
+from muybridge.infer.detection import detect
+from muybridge.infer.detection import refine as refinement
+from muybridge.infer.detection.background import BackgroundModel
+from muybridge.infer.detection.crop_reader import Pictures, Poses
+from muybridge.infer.detection.orientation import FrameOrientation
+from muybridge.infer.detection.pose_estimator import CameraTracks
+from muybridge.infer.networks.keypoints import Expectation
+from muybridge.infer.pipelines import videos as pipeline
 
 # A standing person who faces -Y, metres: the subject's left is +X.
 _MIDDLE = {"nose": (0.0, -0.12, 1.62)}
@@ -35,7 +38,7 @@ _LEFT = {
 }  # fmt: skip
 
 
-def person(frames: int, fps: float = 30.0) -> NDArray[np.float64]:
+def person(frames: int, fps: float = 30.0) -> FloatArray:
     """(T, 23, 3) metres: the person sways, turns a little and lifts the left arm."""
     rest = np.array(
         [
@@ -59,7 +62,7 @@ def person(frames: int, fps: float = 30.0) -> NDArray[np.float64]:
     return points
 
 
-def skin(frames: int) -> NDArray[np.float64]:
+def skin(frames: int) -> FloatArray:
     """(T, 72, 3) metres: markers around the person's middle, each at a place of its own, left ones on the left."""
     turns = np.arange(len(SURFACE)) / len(SURFACE) * 20
     around = 0.2 * np.stack([np.cos(turns), np.sin(turns), np.linspace(-4, 4, len(SURFACE))], -1)
@@ -80,7 +83,7 @@ class StagedEstimator:
         self._frames = 0
         self._markers = markers
 
-    def process(self, frames: NDArray[np.uint8]) -> None:
+    def process(self, frames: ByteArray) -> None:
         assert frames.shape[1:] == (self._camera.height, self._camera.width, 3)
         self._frames += len(frames)
         time.sleep(float(os.environ.get("STAGED_SECONDS_PER_FRAME", "0")) * len(frames))
@@ -107,7 +110,7 @@ class StagedEstimator:
     def background(self, tracks: CameraTracks) -> None:
         """There is none."""
 
-    def _skin(self, frames: int) -> dict[str, NDArray[np.float64]]:
+    def _skin(self, frames: int) -> dict[str, FloatArray]:
         points = self._camera.project(skin(frames))[:, None]
         known = np.full(points.shape[:-1], 1.0)
         return {"markers_px": points, "markers_variance_px2": 0.25 * known, "markers_score": 0.9 * known}
@@ -116,11 +119,13 @@ class StagedEstimator:
 class StagedReader:
     """Stands in for the second look's `PoseReader`: the person at the time that fits what is expected."""
 
-    def __init__(self, markers: bool, camera: Camera, upright: Upright, backdrop: Backdrop, fps: float) -> None:
+    def __init__(
+        self, markers: bool, camera: Camera, upright: FrameOrientation, backdrop: BackgroundModel, fps: float
+    ) -> None:
         self.upright, self._camera, self._markers = upright, camera, markers
 
     def expecting(
-        self, pictures: Pictures, frame: NDArray[np.intp], boxes_px: NDArray[np.float64], expected: Expectation
+        self, pictures: Pictures, frame: IndexArray, boxes_px: FloatArray, expected: Expectation
     ) -> tuple[Poses, Poses]:
         views = self._camera.project(person(120))
         away = np.linalg.norm(views[None] - expected.points_px[:, None], axis=-1)
@@ -155,8 +160,8 @@ def staged_models(options: detect.DetectOptions) -> detect.Models:
 def stage(replace: Callable[[Any, str, Any], None] = setattr) -> None:
     """Put the staged estimator and its models in place, by `replace(where, name, what)`."""
     replace(detect, "PoseEstimator", StagedEstimator)
-    replace(second_look, "open_keypoints", _staged_keypoints)
-    replace(second_look, "PoseReader", lambda network, *rest: StagedReader(network.finds_markers, *rest))
+    replace(refinement, "open_keypoints", _staged_keypoints)
+    replace(refinement, "PoseReader", lambda network, *rest: StagedReader(network.finds_markers, *rest))
     replace(pipeline, "open_models", staged_models)
 
 

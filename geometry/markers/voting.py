@@ -1,0 +1,296 @@
+"""From scores of every point in every frame to labels of whole trajectories.
+
+A trajectory's frames vote; where they change their mind for good (two markers were exchanged), it is cut; two
+trajectories that are there at the same time never share a label.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
+
+
+@dataclass(frozen=True)
+class VoteOptions:
+    """How trajectories vote.
+
+    Attributes:
+        memory: seconds over which a network's errors are alike, so that frames closer than that share one vote.
+        floor: least logarithm of a probability that a frame can hold against a label.
+        switch: votes that it costs a trajectory to change its label where it may have been exchanged: it jumps, or
+            another's path leads to where it is.
+        smooth: votes that it costs elsewhere.
+    """
+
+    memory: float = 0.12
+    floor: float = -5.0
+    switch: float = 8.0
+    smooth: float = 40.0
+
+
+def assign_frames(scores: FloatArray, floor: float = -9.0) -> IndexArray:
+    """Labels (T, S) of points by every frame's scores (T, S, L + 1) alone, -1 for none: the best assignment in which
+    a label is given once. Points that are not there have NaN scores."""
+    count, slots, columns = scores.shape
+    out = np.full((count, slots), -1, np.intp)
+    for t in range(count):
+        there = np.nonzero(np.isfinite(scores[t, :, 0]))[0]
+        if not len(there):
+            continue
+        gain = np.maximum(scores[t, there, :-1], floor) - np.maximum(scores[t, there, -1:], floor)
+        best = np.concatenate([gain, np.zeros((len(there), len(there)))], 1)
+        rows, cols = linear_sum_assignment(best, maximize=True)
+        real = cols < columns - 1
+        out[t, there[rows[real]]] = cols[real]
+    return out
+
+
+def cut_tracks(
+    scores: FloatArray, track: IndexArray, points: FloatArray, fps: float, options: VoteOptions = VoteOptions()
+) -> IndexArray:
+    """Track numbers (T, S) with trajectories cut where their label changes for good.
+
+    Args:
+        scores: (T, S, L + 1) logarithms, NaN where no point is.
+        track: (T, S) numbers, -1 where no point is.
+        points: (T, S, 3) metres, NaN where no point is.
+        fps: frames a second.
+        options: how.
+    """
+    # What is a marker does not become a ghost: whether it is one is for the votes to say.
+    t, s, starts = ordered(track)
+    votes = _weight(fps, options) * np.maximum(scores[t, s, :-1], options.floor)
+    cost = np.where(exchangeable(points, track)[t, s], options.switch, options.smooth)
+    out = np.full_like(track, -1)
+    out[t, s] = _cut(np.ascontiguousarray(votes), starts, cost)
+    return out
+
+
+def exchangeable(points: FloatArray, track: IndexArray, slack: float = 0.03) -> BoolArray:
+    """(T, S) where a trajectory may go on as another marker: the step there is a jump, or the path of another
+    trajectory leads there as well as its own, give or take `slack` metres; arguments as `cut_tracks`."""
+    out = np.zeros(track.shape, np.bool_)
+    _exchangeable(np.ascontiguousarray(points), np.ascontiguousarray(track), slack, out)
+    return out
+
+
+@numba.njit(cache=True)
+def _exchangeable(points: FloatArray, track: IndexArray, slack: float, out: BoolArray) -> None:
+    count, slots = track.shape
+    ahead = np.empty((slots, 3))
+    for t in range(1, count):
+        for s in range(slots):
+            before = track[t - 1, s]
+            if before >= 0:
+                moving = t > 1 and track[t - 2, s] == before
+                for i in range(3):
+                    step = points[t - 1, s, i] - points[t - 2, s, i] if moving else 0.0
+                    ahead[s, i] = points[t - 1, s, i] + step
+        for s in range(slots):
+            if track[t, s] < 0 or track[t - 1, s] != track[t, s]:
+                continue
+            own = 0.0
+            for i in range(3):
+                own += (points[t, s, i] - ahead[s, i]) ** 2
+            reach = np.sqrt(own) + slack
+            if reach > 2 * slack:
+                out[t, s] = True
+                continue
+            for r in range(slots):
+                if r != s and track[t - 1, r] >= 0:
+                    off = 0.0
+                    for i in range(3):
+                        off += (points[t, s, i] - ahead[r, i]) ** 2
+                    if off < reach * reach:
+                        out[t, s] = True
+                        break
+
+
+def vote(
+    scores: FloatArray, track: IndexArray, fps: float, options: VoteOptions = VoteOptions()
+) -> tuple[FloatArray, IndexArray]:
+    """Votes (P, L + 1) of every trajectory, and its first and last frame (P, 2); arguments as `cut_tracks`."""
+    t, s, starts = ordered(track)
+    if not len(t):
+        return np.zeros((0, scores.shape[2])), np.zeros((0, 2), np.intp)
+    votes = np.add.reduceat(np.maximum(scores[t, s], options.floor), starts[:-1], 0)
+    return votes * _weight(fps, options), np.stack([t[starts[:-1]], t[starts[1:] - 1]], 1)
+
+
+def elect(votes: FloatArray, span: IndexArray, rounds: int = 8) -> IndexArray:
+    """Labels (P,) of trajectories, -1 for none.
+
+    Args:
+        votes: (P, L + 1), the last column for being no marker.
+        span: (P, 2) first and last frame; trajectories that share a frame share no label.
+        rounds: of improvement.
+
+    The votes won are maximised: greedily first, then by moving one trajectory to a label and whoever stands there to
+    its next best, as long as that wins votes, and by the best assignment (Hungarian method) of all that are there in
+    some frames.
+    """
+    gain = np.ascontiguousarray(votes[:, :-1] - votes[:, -1:])
+    label = np.full(len(votes), -1, np.intp)
+    if gain.size:
+        order = np.argsort(-gain.max(1), kind="stable")
+        first, last = np.ascontiguousarray(span[:, 0]), np.ascontiguousarray(span[:, 1])
+        beside, starts = _overlaps(first, last)
+        _elect(gain, beside, starts, order, label, rounds, True)
+        for frame in np.unique(np.quantile(first, np.linspace(0, 1, 12)).astype(int)):
+            _assign_at(frame, gain, first, last, label)
+        _elect(gain, beside, starts, order, label, rounds, False)
+    return label
+
+
+def _assign_at(frame: int, gain: FloatArray, first: IndexArray, last: IndexArray, label: IndexArray) -> None:
+    """The best labels of all trajectories that are there in a frame, as far as the others leave them free."""
+    here = np.nonzero((first <= frame) & (last >= frame))[0]
+    allowed = gain[here].copy()
+    named = np.nonzero(label >= 0)[0]
+    named = named[~np.isin(named, here)]
+    for i, p in enumerate(here):
+        allowed[i, label[named[(first[named] <= last[p]) & (last[named] >= first[p])]]] = -1e9
+    rows, cols = linear_sum_assignment(np.concatenate([allowed, np.zeros((len(here), len(here)))], 1), maximize=True)
+    label[here[rows]] = np.where(cols < gain.shape[1], cols, -1)
+
+
+@numba.njit(cache=True)
+def _overlaps(first: IndexArray, last: IndexArray) -> tuple[IndexArray, IndexArray]:
+    """Who shares a frame with whom: beside[starts[p] : starts[p + 1]] are those beside p."""
+    order = np.argsort(first)
+    begin = first[order]
+    count = np.zeros(len(first) + 1, np.intp)
+    for p in range(len(first)):
+        for i in range(np.searchsorted(begin, first[p]), np.searchsorted(begin, last[p], side="right")):
+            q = order[i]
+            # Of two that begin together, each finds the other: one of them counts the pair.
+            if q != p and (first[q] > first[p] or q > p):
+                count[p + 1] += 1
+                count[q + 1] += 1
+    starts = np.cumsum(count)
+    beside, filled = np.empty(starts[-1], np.intp), starts.copy()
+    for p in range(len(first)):
+        for i in range(np.searchsorted(begin, first[p]), np.searchsorted(begin, last[p], side="right")):
+            q = order[i]
+            if q != p and (first[q] > first[p] or q > p):
+                beside[filled[p]] = q
+                beside[filled[q]] = p
+                filled[p] += 1
+                filled[q] += 1
+    return beside, starts
+
+
+@numba.njit(cache=True)
+def _elect(
+    gain: FloatArray,
+    beside: IndexArray,
+    starts: IndexArray,
+    order: IndexArray,
+    label: IndexArray,
+    rounds: int,
+    fresh: bool,
+) -> None:
+    for p in order:
+        if fresh or label[p] < 0:
+            label[p] = _free(p, gain, beside, starts, label)
+    for _ in range(rounds):
+        moved = False
+        for p in order:
+            moved |= _improve(p, gain, beside, starts, label)
+        if not moved:
+            break
+
+
+@numba.njit(cache=True)
+def _free(p: int, gain: FloatArray, beside: IndexArray, starts: IndexArray, label: IndexArray) -> int:
+    """The best label that no trajectory beside `p` has, -1 where none wins votes."""
+    taken = np.zeros(gain.shape[1], np.bool_)
+    for q in beside[starts[p] : starts[p + 1]]:
+        if label[q] >= 0:
+            taken[label[q]] = True
+    best, most = -1, 0.0
+    for c in range(gain.shape[1]):
+        if not taken[c] and gain[p, c] > most:
+            best, most = c, gain[p, c]
+    return best
+
+
+@numba.njit(cache=True)
+def _improve(p: int, gain: FloatArray, beside: IndexArray, starts: IndexArray, label: IndexArray) -> bool:
+    """Gives `p` a label that it wins more votes with, if whoever stands there can be placed at less loss."""
+    old = label[p]
+    now = gain[p, old] if old >= 0 else 0.0
+    for new in np.argsort(-gain[p])[:5]:
+        if gain[p, new] <= now:
+            return False
+        rivals = [q for q in beside[starts[p] : starts[p + 1]] if label[q] == new]
+        before = now
+        for q in rivals:
+            before += gain[q, new]
+            label[q] = -1
+        label[p] = new
+        after = gain[p, new]
+        for q in rivals:
+            label[q] = _free(q, gain, beside, starts, label)
+            if label[q] >= 0:
+                after += gain[q, label[q]]
+        if after > before + 1e-9:
+            return True
+        for q in rivals:
+            label[q] = new
+        label[p] = old
+    return False
+
+
+def _weight(fps: float, options: VoteOptions) -> float:
+    return 1.0 / (1.0 + fps * options.memory)
+
+
+def ordered(track: IndexArray) -> tuple[IndexArray, IndexArray, IndexArray]:
+    """Frames and slots of all points, trajectory by trajectory, and where each begins (P + 1)."""
+    t, s = np.nonzero(track >= 0)
+    number = track[t, s]
+    order = np.lexsort((t, number))
+    cuts = np.nonzero(np.diff(number[order]))[0] + 1
+    return t[order], s[order], np.concatenate([[0], cuts, [len(t)]]).astype(np.intp)
+
+
+@numba.njit(cache=True)
+def _cut(votes: FloatArray, starts: IndexArray, switch: FloatArray) -> IndexArray:
+    """A number for every piece of every trajectory, (N,)."""
+    out = np.empty(len(votes), np.intp)
+    number = -1
+    for p in range(len(starts) - 1):
+        if starts[p] == starts[p + 1]:
+            continue
+        path = _best_path(votes[starts[p] : starts[p + 1]], switch[starts[p] : starts[p + 1]])
+        for i in range(len(path)):
+            if i == 0 or path[i] != path[i - 1]:
+                number += 1
+            out[starts[p] + i] = number
+    return out
+
+
+@numba.njit(cache=True)
+def _best_path(votes: FloatArray, switch: FloatArray) -> IndexArray:
+    """The labels (N,) of the best course through votes (N, L), a change at i costing `switch[i]` (Viterbi)."""
+    count, labels = votes.shape
+    came = np.empty((count, labels), np.intp)
+    best = votes[0].copy()
+    for i in range(1, count):
+        top = 0
+        for c in range(labels):
+            if best[c] > best[top]:
+                top = c
+        changed = best[top] - switch[i]
+        for c in range(labels):
+            came[i, c] = c if best[c] >= changed else top
+            best[c] = max(best[c], changed) + votes[i, c]
+    out = np.empty(count, np.intp)
+    out[count - 1] = best.argmax()
+    for i in range(count - 1, 0, -1):
+        out[i - 1] = came[i, out[i]]
+    return out

@@ -1,0 +1,129 @@
+"""Rotations on arrays: exponential map, swing and twist, quaternions that do not jump.
+
+Every function works on any leading shape. Quaternions are `wxyz`, unit length. Matrices act on columns.
+"""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from muybridge.arrays import FloatArray
+
+
+def _cross_matrix(vectors: FloatArray) -> FloatArray:
+    """(..., 3) -> (..., 3, 3), the matrix of `v x`."""
+    out = np.zeros((*vectors.shape[:-1], 3, 3))
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
+    return out
+
+
+def exp_so3(rotvec: FloatArray) -> FloatArray:
+    """(..., 3) rotation vectors -> (..., 3, 3) matrices (Rodrigues)."""
+    angle = np.sqrt(np.sum(rotvec * rotvec, axis=-1))[..., None, None]
+    out = np.sinc(angle / np.pi) * _cross_matrix(rotvec)
+    out += 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (rotvec[..., :, None] * rotvec[..., None, :])
+    out += np.cos(angle) * np.eye(3)
+    return np.asarray(out)
+
+
+def left_jacobian_so3(rotvec: FloatArray) -> FloatArray:
+    """(..., 3) -> (..., 3, 3): `exp(v + dv) = exp(J dv) exp(v)` to first order.
+
+    Source: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics", equation 145.
+    """
+    angle_sq = np.sum(rotvec * rotvec, axis=-1)[..., None, None]
+    angle = np.sqrt(angle_sq)
+    cross = _cross_matrix(rotvec)
+    b = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    small = angle_sq < 1e-4
+    safe = np.where(small, 1.0, angle_sq)
+    c = np.where(small, 1 / 6 - angle_sq / 120, (1 - np.sinc(angle / np.pi)) / safe)
+    return np.asarray(np.eye(3) + b * cross + c * (cross @ cross))
+
+
+def log_so3(matrices: FloatArray) -> FloatArray:
+    """(..., 3, 3) -> (..., 3) rotation vectors of at most pi; the matrices need only be nearly orthogonal."""
+    flat = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(flat.reshape(*matrices.shape[:-2], 3))
+
+
+def quat_from_matrix(matrices: FloatArray) -> FloatArray:
+    """(..., 3, 3) -> (..., 4) wxyz."""
+    xyzw = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_quat()
+    return np.asarray(np.roll(xyzw, 1, axis=-1).reshape(*matrices.shape[:-2], 4))
+
+
+def matrix_from_quat(quat_wxyz: FloatArray) -> FloatArray:
+    """(..., 4) wxyz, normalised here -> (..., 3, 3)."""
+    q = quat_wxyz / np.linalg.norm(quat_wxyz, axis=-1, keepdims=True)
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    out = np.empty((*q.shape[:-1], 3, 3))
+    out[..., 0, 0] = 1 - 2 * (y * y + z * z)
+    out[..., 0, 1] = 2 * (x * y - w * z)
+    out[..., 0, 2] = 2 * (x * z + w * y)
+    out[..., 1, 0] = 2 * (x * y + w * z)
+    out[..., 1, 1] = 1 - 2 * (x * x + z * z)
+    out[..., 1, 2] = 2 * (y * z - w * x)
+    out[..., 2, 0] = 2 * (x * z - w * y)
+    out[..., 2, 1] = 2 * (y * z + w * x)
+    out[..., 2, 2] = 1 - 2 * (x * x + y * y)
+    return out
+
+
+def continuous_quat(quat_wxyz: FloatArray) -> FloatArray:
+    """(T, ..., 4): the same rotations, with signs such that successive ones are on the same side.
+
+    The first frame gets a non-negative w.
+    """
+    if not len(quat_wxyz):
+        return quat_wxyz.copy()
+    dots = np.sum(quat_wxyz[1:] * quat_wxyz[:-1], axis=-1)
+    first = np.where(quat_wxyz[:1, ..., 0] < 0, -1.0, 1.0)
+    signs = np.cumprod(np.concatenate([first, np.where(dots < 0, -1.0, 1.0)]), axis=0)
+    return np.asarray(quat_wxyz * signs[..., None])
+
+
+def matrix_from_swing_twist(coordinates: FloatArray, twist_axis: int) -> FloatArray:
+    """(..., 3) angles about x, y, z -> (..., 3, 3): the twist about `twist_axis` first, then the swing.
+
+    The two other components are a rotation vector at right angles to the twist axis (the swing); so a bone
+    that lies along the twist axis is pointed by the swing alone and the twist rolls it.
+    """
+    twist = np.zeros_like(coordinates)
+    twist[..., twist_axis] = coordinates[..., twist_axis]
+    return np.asarray(exp_so3(coordinates - twist) @ exp_so3(twist))
+
+
+def swing_twist_from_matrix(matrices: FloatArray, twist_axis: int) -> FloatArray:
+    """Inverse of `matrix_from_swing_twist`: (..., 3, 3) -> (..., 3), each angle in -pi..pi.
+
+    A swing of exactly pi has no defined twist; what comes out still composes to the matrix.
+    """
+    quat = quat_from_matrix(matrices)
+    twist = np.zeros_like(quat)
+    twist[..., 0], twist[..., 1 + twist_axis] = quat[..., 0], quat[..., 1 + twist_axis]
+    norm = np.linalg.norm(twist, axis=-1, keepdims=True)
+    twist = np.where(norm > 1e-9, twist / np.maximum(norm, 1e-9), np.array([1.0, 0, 0, 0]))
+    twist = np.where(twist[..., :1] < 0, -twist, twist)
+    swing = log_so3(matrices @ np.swapaxes(matrix_from_quat(twist), -1, -2))
+    swing[..., twist_axis] = 2 * np.arctan2(twist[..., 1 + twist_axis], twist[..., 0])
+    return swing
+
+
+def kabsch(source: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
+    """Rotations that best turn `source` onto `target` about the origin (no shift).
+
+    Args:
+        source: (..., N, 3).
+        target: (..., N, 3).
+        weights: (..., N), zero where a point is to be left out (its coordinates must still be finite).
+
+    Returns:
+        (..., 3, 3), always proper. With fewer than two directions it is one of the best ones.
+    """
+    covariance = np.einsum("...ni,...n,...nj->...ij", target, weights, source)
+    u, _, vt = np.linalg.svd(covariance)
+    sign = np.sign(np.linalg.det(u @ vt))
+    u[..., :, 2] *= np.where(sign < 0, -1.0, 1.0)[..., None]
+    return np.asarray(u @ vt)

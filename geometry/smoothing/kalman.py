@@ -1,0 +1,233 @@
+"""Labelled 3D points over time: swapped sides, outliers, gaps and noise.
+
+The smoother is a Kalman filter run forwards and backwards (Rauch, Tung, Striebel 1965) on position and
+velocity with white-noise acceleration: it has no lag, weighs every point by its covariance, fills gaps
+with growing uncertainty and gives a covariance for what comes out. Its bandwidth follows the noise: about
+`sqrt(acceleration / noise) / 2 pi` Hz.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from muybridge.arrays import BoolArray, FloatArray
+from muybridge.errors import MuybridgeError
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.numerics.robust import CHI2_3_MEDIAN, median_known
+from muybridge.geometry.smoothing._kernel import smooth_all
+from muybridge.geometry.smoothing.filters import FilterOptions, smooth
+from muybridge.geometry.smoothing.left_right import undo_flips
+
+Method = Literal["kalman", "butterworth", "savgol", "gcv_spline", "gaussian", "median", "loess"]
+
+
+@dataclass(frozen=True)
+class SmoothOptions:
+    """How points are cleaned.
+
+    Attributes:
+        unflip: exchange a left and a right landmark where they have changed places for a while.
+        flip_share: prior probability that a pair is swapped in a frame; smaller leaves longer bursts alone.
+        hampel_window: seconds to each side of a point that its running median sees; 0 switches it off.
+        hampel_sigmas: a point further from it than this many robust standard deviations is dropped.
+        hampel_floor: metres; nearer ones are never dropped.
+        top_speed: metres per second; a point that its neighbour reaches at this speed is no outlier.
+        max_gap: seconds; a longer stretch without a point stays NaN, as do the ends beyond the first and the
+            last known point, unless `extrapolate`. Infinity fills everything between known points.
+        extrapolate: hold the first and the last known position towards the ends of the take.
+        acceleration: metres per second squared, standard deviation of a landmark's acceleration: larger
+            follows faster motion and lets more noise through.
+        passes: how often the smoother is run; after each, noise is measured again and outliers lose weight.
+        default_sigma: metres, noise of a coordinate where the covariance is unknown.
+        method: `kalman` is the recommended smoother, described above; or another of `muybridge.geometry.smoothing.filters`, which
+            then is given the points with outliers dropped and gaps filled.
+        cutoff_hz: of `butterworth`; none: chosen by residual analysis.
+    """
+
+    unflip: bool = True
+    flip_share: float = 0.1
+    hampel_window: float = 0.2
+    hampel_sigmas: float = 4.0
+    hampel_floor: float = 0.04
+    top_speed: float = 8.0
+    max_gap: float = 0.5
+    extrapolate: bool = False
+    acceleration: float = 12.0
+    passes: int = 3
+    default_sigma: float = 0.03
+    method: Method = "kalman"
+    cutoff_hz: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.cutoff_hz is not None and (self.method != "butterworth" or not self.cutoff_hz > 0):
+            raise ValueError(f"cutoff_hz must be above zero and goes with method butterworth, not with {self.method}")
+
+
+def smooth_points(points: Points3D, options: SmoothOptions | None = None) -> Points3D:
+    """Clean and smooth points over time.
+
+    Args:
+        points: (T, J, 3) metres, NaN where missing, with their covariance (NaN: unknown).
+        options: see SmoothOptions.
+
+    Returns:
+        Points3D with the same landmarks and frames, its covariance that of the smoothed position.
+        Residuals and inliers are the input's: they belong to the measurement.
+
+    Raises:
+        MuybridgeError: the frame rate is too low for the cut-off.
+    """
+    options = options or SmoothOptions()
+    if options.cutoff_hz is not None and options.cutoff_hz >= 0.5 * points.fps:
+        raise MuybridgeError(f"a cut-off of {options.cutoff_hz:g} Hz needs more than {2 * options.cutoff_hz:g} frames/s"
+                             f" and the take has {points.fps:g}: choose a lower one")  # fmt: skip
+    cleaned = clean_points(points, options)
+    if not len(points.points_world):
+        return cleaned
+    xyz, covariance = known_points(cleaned, options.default_sigma)
+    out, out_covariance = _smooth(xyz, covariance, points.fps, options)
+    known = np.isfinite(xyz[..., 0])
+    unknown = ~_within_reach(known, points.fps, options)
+    if options.method != "kalman":
+        filled = np.where((known & ~unknown)[..., None], xyz, np.where(unknown[..., None], np.nan, out))
+        out = smooth(filled, points.fps, options.method, FilterOptions(cutoff_hz=options.cutoff_hz))
+    out[unknown], out_covariance[unknown] = np.nan, np.nan
+    return replace(points, points_world=out, covariance_world=out_covariance)
+
+
+def clean_points(points: Points3D, options: SmoothOptions | None = None) -> Points3D:
+    """The part of `smooth_points` that moves nothing: sides exchanged back, outliers NaN, gaps left open.
+
+    Its residuals and inliers are still the input's, in the input's columns.
+    """
+    options = options or SmoothOptions()
+    if not points.fps > 0:
+        raise ValueError(f"fps must be above zero, not {points.fps}")
+    xyz, covariance = known_points(points, options.default_sigma)
+    if options.unflip:
+        xyz, covariance = undo_flips(points.landmarks, xyz, covariance, points.fps, options.flip_share)
+    xyz = np.where(_outliers(xyz, points.fps, options)[..., None], np.nan, xyz)
+    return replace(points, points_world=xyz, covariance_world=covariance)
+
+
+def known_points(points: Points3D, default_sigma: float) -> tuple[FloatArray, FloatArray]:
+    """Positions (T, J, 3), NaN in all coordinates where missing, and a usable covariance (T, J, 3, 3) for
+    each.
+
+    A covariance that is unknown, not positive or absurdly small becomes `default_sigma` squared, or is
+    floored at one square millimetre.
+    """
+    xyz = np.array(points.points_world, dtype=np.float64)
+    xyz[~np.all(np.isfinite(xyz), axis=-1)] = np.nan
+    covariance = np.array(points.covariance_world, dtype=np.float64)
+    usable = np.all(np.isfinite(covariance), axis=(-2, -1))
+    covariance[~usable] = np.eye(3) * default_sigma**2
+    values, vectors = np.linalg.eigh(0.5 * (covariance + np.swapaxes(covariance, -1, -2)))
+    bad = values[..., 2] <= 0
+    values = np.clip(values, 1e-6, 1e4)
+    values[bad] = default_sigma**2
+    return xyz, (vectors * values[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+
+
+def _outliers(xyz: FloatArray, fps: float, options: SmoothOptions) -> BoolArray:
+    """(T, J) points far from their running median (Hampel 1974) that no possible motion leads to.
+
+    Far is meant in units of the running median distance. A quick blow is far from the median too, but it comes
+    by way of its neighbours: what can be reached from one that is near enough stays.
+    """
+    half = round(options.hampel_window * fps)
+    if half < 1 or len(xyz) < 3:
+        return np.zeros(xyz.shape[:2], dtype=np.bool_)
+    centre = _running_median(xyz, half)
+    distance = np.linalg.norm(xyz - centre, axis=-1)
+    # The median length of an isotropic normal vector is 1.54 standard deviations of a coordinate.
+    sigma = _running_median(distance[..., None], half)[..., 0] / 1.54
+    bound = np.maximum(options.hampel_sigmas * sigma * np.sqrt(3), options.hampel_floor)
+    far = distance > bound
+    known = np.isfinite(xyz[..., 0])
+    for _ in range(2 * half):
+        near = known & ~far
+        reached = far & (
+            _reached(xyz, near, sigma, fps, options.top_speed)
+            | _reached(xyz[::-1], near[::-1], sigma[::-1], fps, options.top_speed)[::-1]
+        )
+        if not reached.any():
+            break
+        far &= ~reached
+    return np.asarray(far)
+
+
+def _reached(xyz: FloatArray, near: BoolArray, sigma: FloatArray, fps: float, top_speed: float) -> BoolArray:
+    """(T, J) whether `top_speed` and the noise explain the way from the latest `near` point before."""
+    frames, columns = np.arange(len(xyz))[:, None], np.arange(xyz.shape[1])
+    latest = np.maximum.accumulate(np.where(near, frames, -1), axis=0)
+    way = np.linalg.norm(xyz - xyz[latest, columns], axis=-1)
+    allowed = top_speed * (frames - latest) / fps + 2 * np.sqrt(3) * sigma
+    return np.asarray((latest >= 0) & (way <= allowed) & ((frames - latest) / fps < 0.1))
+
+
+def _running_median(values: FloatArray, half: int) -> FloatArray:
+    """(T, J, K): median over 2 half + 1 frames of what is not NaN; in blocks, for the windows are large."""
+    padded = np.pad(values, ((half, half), (0, 0), (0, 0)), constant_values=np.nan)
+    block = 1000
+    parts = [_window_median(padded[s : s + block + 2 * half], half) for s in range(0, len(values), block)]
+    return np.concatenate(parts)
+
+
+def _window_median(padded: FloatArray, half: int) -> FloatArray:
+    windows = np.sort(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0), axis=-1)
+    count = np.isfinite(windows).sum(axis=-1)
+    low, high = np.maximum(count - 1, 0) // 2, count // 2
+    high = np.minimum(high, windows.shape[-1] - 1)
+    picked = [np.take_along_axis(windows, k[..., None], axis=-1)[..., 0] for k in (low, high)]
+    return np.where(count > 0, 0.5 * (picked[0] + picked[1]), np.nan)
+
+
+def _smooth(
+    xyz: FloatArray, covariance: FloatArray, fps: float, options: SmoothOptions
+) -> tuple[FloatArray, FloatArray]:
+    """The smoother in `passes`, with the noise's scale measured and far points weighed down between them.
+
+    The scale is one factor a landmark, by which the squared distance from what the filter predicts exceeds
+    what the covariances say; weights are those of Student's t with four degrees of freedom.
+    """
+    known = np.isfinite(xyz[..., 0])
+    scale, weight = np.ones(xyz.shape[1]), np.ones(known.shape)
+    student_dof = 4.0
+    out = out_covariance = np.empty(0)
+    for k in range(max(options.passes, 1)):
+        noise = covariance * (scale / weight)[..., None, None]
+        xyz = np.ascontiguousarray(xyz)
+        out, out_covariance, surprise = smooth_all(xyz, noise, known, 1 / fps, options.acceleration)
+        out = _hold_ends(out, known)
+        if k == options.passes - 1:
+            break
+        with np.errstate(invalid="ignore"):
+            ratio = median_known(surprise) / CHI2_3_MEDIAN
+        scale = np.clip(scale * np.where(np.isfinite(ratio), ratio, 1.0), 0.02, 400.0)
+        error = np.where(known[..., None], xyz - out, 0.0)
+        solved = np.linalg.solve(covariance * scale[:, None, None], error[..., None])[..., 0]
+        weight = (student_dof + 3) / (student_dof + np.sum(error * solved, axis=-1))
+    return out, out_covariance
+
+
+def _hold_ends(positions: FloatArray, known: BoolArray) -> FloatArray:
+    """Before the first and after the last known point a path holds still: constant velocity would fly off."""
+    out = positions.copy()
+    frames, columns = np.arange(len(known))[:, None], np.arange(known.shape[1])
+    first = np.argmax(known, axis=0)
+    last = len(known) - 1 - np.argmax(known[::-1], axis=0)
+    return np.asarray(out[np.clip(frames, first, last), columns])
+
+
+def _within_reach(known: BoolArray, fps: float, options: SmoothOptions) -> BoolArray:
+    """(T, J): known, or in a gap of at most `max_gap`, or at an end that is to be extrapolated."""
+    t_count = len(known)
+    frames = np.arange(t_count)[:, None]
+    before = np.maximum.accumulate(np.where(known, frames, -1), axis=0)
+    after = np.minimum.accumulate(np.where(known, frames, t_count)[::-1], axis=0)[::-1]
+    inside = (before >= 0) & (after < t_count)
+    short = inside & (after - before - 1 <= options.max_gap * fps)
+    ends = ~inside & ((before >= 0) | (after < t_count))
+    return np.asarray(known | short | (ends if options.extrapolate else False))

@@ -1,0 +1,115 @@
+"""Corrections of a labelling by a person: a small text file that every later run applies again.
+
+A line says in which frames (numbers from 0, both ends included) which point gets which name::
+
+    # frames   from   to
+    100-250    LWRA   LWRB
+    100-250    LWRB   LWRA
+    300-320    LTOE   delete
+    410        *12    RTOE
+    all        C7     T10
+
+`from` is a label as the run before gave it, or the name of one of the file's own trajectories. All lines count at
+once, so that two of them exchange two markers.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from muybridge.arrays import IndexArray
+from muybridge.errors import FormatError
+
+DELETE = "delete"
+
+
+@dataclass(frozen=True)
+class Correction:
+    """One line: in frames `first` to `last` what is called `source` becomes `target`."""
+
+    first: int
+    last: int
+    source: str
+    target: str
+    line: int
+
+
+def read_corrections(path: Path) -> list[Correction]:
+    """The lines of a corrections file; FormatError names a faulty one."""
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise FormatError(f"{path}: cannot be read as text ({error}); give an existing corrections file") from error
+    out = []
+    for number, line in enumerate(lines, 1):
+        words = line.split("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        if len(words) != 3:
+            raise FormatError(f"{path}: line {number}: {len(words)} words; write frames, from and to, "
+                              "such as: 100-250 LWRA LWRB")  # fmt: skip
+        first, last = _frames(path, number, words[0])
+        out.append(Correction(first, last, words[1], words[2], number))
+    return out
+
+
+def _frames(path: Path, number: int, text: str) -> tuple[int, int]:
+    if text == "all":
+        return 0, 1 << 60
+    first, _, last = text.partition("-")
+    if not (first.isdecimal() and (last.isdecimal() or not last)):
+        raise FormatError(f"{path}: line {number}: {text!r} is no range of frames; write 100-250, 100 or all")
+    a, b = int(first), int(last or first)
+    if b < a:
+        raise FormatError(f"{path}: line {number}: the range {text} runs backwards; write {b}-{a}")
+    return a, b
+
+
+def apply_corrections(
+    label: IndexArray, column: IndexArray, corrections: list[Correction], labels: tuple[str, ...],
+    names: tuple[str, ...], path: Path,
+) -> tuple[IndexArray, list[str]]:  # fmt: skip
+    """Labels of slots with a person's corrections.
+
+    Args:
+        label: (T, S) index of every slot's label, -1 for none.
+        column: (T, S) column of the file that a slot comes from, -1 where it is empty.
+        corrections: what to do.
+        labels: of the marker set.
+        names: of the file's columns.
+        path: of the corrections, for messages.
+
+    Returns:
+        The new labels, and what was done as sentences; a line that found nothing says so.
+
+    Raises:
+        FormatError: a line names what there is not.
+    """
+    out, said = label.copy(), []
+    moved = np.zeros(label.shape, bool)
+    for one in corrections:
+        if one.first >= len(label):
+            raise FormatError(f"{path}: line {one.line}: frame {one.first} is beyond the last, {len(label) - 1}")
+        if one.target != DELETE and one.target not in labels:
+            raise FormatError(f"{path}: line {one.line}: no label {one.target!r} in the set; valid are {DELETE} and "
+                              f"{', '.join(labels)}")  # fmt: skip
+        frames = slice(one.first, one.last + 1)
+        if one.source in labels:
+            chosen = label[frames] == labels.index(one.source)
+        elif one.source in names:
+            chosen = column[frames] == names.index(one.source)
+        else:
+            raise FormatError(f"{path}: line {one.line}: {one.source!r} is neither a label of the set nor a trajectory "
+                              "of the file")  # fmt: skip
+        new = -1 if one.target == DELETE else labels.index(one.target)
+        if new >= 0:
+            # Who bore that name and was not given another loses it.
+            others = (out[frames] == new) & ~moved[frames] & ~chosen
+            out[frames][others & chosen.any(1)[:, None]] = -1
+        out[frames][chosen] = new
+        moved[frames] |= chosen
+        what = "deleted" if new < 0 else f"called {one.target}"
+        count = int(chosen.any(1).sum())
+        said.append(f"{one.source} {what} in {count} frames" if count else f"line {one.line} found no {one.source}")
+    return out, said

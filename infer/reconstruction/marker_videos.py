@@ -1,0 +1,160 @@
+"""Sessions of marker videos: bright dots in every camera to named markers in 3D and a moving skeleton.
+
+Blobs to sub-pixel; matched without names by epipolar geometry; trajectories, without ghosts and lamps; names from the
+labelling network; every named marker triangulated again from all cameras that see it; cleaned; solved.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from muybridge.arrays import BoolArray, FloatArray, IndexArray, IntArray
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.cameras.rays import ray_directions
+from muybridge.geometry.fitting.subject import MarkerFitOptions
+from muybridge.geometry.markers.cleaning import CleanOptions
+from muybridge.geometry.markers.matching import MatchOptions, follow_points, meet, without_ghosts
+from muybridge.geometry.markers.tracking import TrackOptions, track_points
+from muybridge.infer.detection.blobs import BlobOptions, find_blobs, find_threshold
+from muybridge.infer.labelling.label import LabelOptions
+from muybridge.infer.session.probe import VideoInfo
+from muybridge.infer.session.video import read_chunks
+
+UNNAMED, MARKERS_C3D, MARKERS_TRC, FACTS = "unnamed.c3d", "points.c3d", "points.trc", "markers.json"
+
+
+@dataclass(frozen=True)
+class MarkerVideoOptions:
+    """How markers are found in videos.
+
+    Attributes:
+        markerset: what the person wears: `pig39`, `cmu41`, ... or a text file of your own.
+        shortest_s: seconds that a trajectory must last to be a marker's.
+        blobs: markers in an image.
+        match: 2D points to 3D points.
+        track: trajectories.
+        label: names.
+        clean: spikes and gaps.
+        fit: the skeleton.
+        correct: the shipped solver network corrects the fitted joints, as in `muybridge solve`.
+    """
+
+    markerset: str = "pig39"
+    shortest_s: float = 0.05
+    blobs: BlobOptions = field(default_factory=BlobOptions)
+    match: MatchOptions = field(default_factory=MatchOptions)
+    track: TrackOptions = field(default_factory=TrackOptions)
+    label: LabelOptions = field(default_factory=LabelOptions)
+    clean: CleanOptions = field(default_factory=CleanOptions)
+    fit: MarkerFitOptions = field(default_factory=MarkerFitOptions)
+    correct: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class FoundMarkers:
+    """Markers of a take before they have names.
+
+    Attributes:
+        points: (T, S, 3) metres in slots, NaN where nothing is: trajectories without ghosts.
+        seen: for each frame and camera (K, 3): x, y in pixels and area.
+        dropped: trajectories that were ghosts or lamps.
+    """
+
+    points: FloatArray
+    seen: list[list[FloatArray]]
+    dropped: int
+
+
+def blobs_of(video: VideoInfo, indices: IntArray, options: BlobOptions) -> tuple[list[FloatArray], float]:
+    """Blobs (K, 3) of every frame of a video, and the threshold that was used."""
+    threshold = options.threshold
+    found: list[FloatArray] = []
+    for chunk in read_chunks(video, indices):
+        # Markers are lit in one colour, which need not be the camera's green.
+        grey = chunk.max(axis=-1)
+        if threshold is None:
+            threshold = find_threshold([grey[k] for k in np.linspace(0, len(grey) - 1, min(9, len(grey))).astype(int)])
+        found += [find_blobs(image, threshold, options) for image in grey]
+    return found, float(threshold or 0.0)
+
+
+def find_markers(
+    cameras: CameraGroup, seen: list[list[FloatArray]], fps: float, options: MarkerVideoOptions
+) -> FoundMarkers:
+    """Unnamed trajectories from blobs.
+
+    Args:
+        cameras: C cameras. seen: for each of T frames C arrays (K, 3). fps: frames a second.
+    """
+    points, _ = follow_points(cameras, seen, fps, options.match)
+    tracks = track_points(points, fps, options.track)
+    good = without_ghosts(tracks.points, tracks.track, max(3, round(options.shortest_s * fps)), fps)
+    kept = np.where(good[..., None], tracks.points, np.nan)
+    dropped = len(np.unique(tracks.track[(tracks.track >= 0) & ~good]))
+    used = good.any(0)
+    return FoundMarkers(kept[:, used], seen, dropped)
+
+
+def triangulate_again(cameras: CameraGroup, seen: list[list[FloatArray]], points: FloatArray, reach_px: float = 2.0,
+                      longest: int = 12) -> tuple[FloatArray, IndexArray]:  # fmt: skip
+    """Named markers from all cameras that see them; short gaps are looked at as well, where two cameras see the marker
+    within reach of where its path has it.
+
+    Args:
+        cameras: C cameras. seen: blobs (K, 3) of every frame and camera.
+        points: (T, M, 3) metres. reach_px: how far a blob may be from the projection.
+        longest: frames of a gap that is looked at.
+
+    Returns:
+        (T, M, 3) metres and (T, M) how many cameras each is from.
+    """
+    expected, gap = _bridged(points, longest)
+    out, views = np.full_like(points, np.nan), np.zeros(points.shape[:2], np.intp)
+    centres, count = cameras.centers_world, len(cameras)
+    for t, frame in enumerate(seen):
+        known = np.nonzero(np.isfinite(expected[t, :, 0]))[0]
+        if not len(known):
+            continue
+        width = max((len(s) for s in frame), default=0)
+        if width == 0:
+            continue
+        px = np.full((count, width, 2), np.nan)
+        for c, blobs in enumerate(frame):
+            px[c, : len(blobs)] = blobs[:, :2]
+        at = cameras.project(expected[t, known])
+        far = np.linalg.norm(at[:, :, None] - px[:, None], axis=-1)  # (C, N, K)
+        far = np.where(np.isfinite(far), far, np.inf)
+        best = far.argmin(2)
+        near = np.take_along_axis(far, best[..., None], 2)[..., 0] < np.where(gap[t, known], 3 * reach_px, reach_px)
+        # One blob is one marker's: whose projection is nearest.
+        nearest = far.argmin(1)
+        owner = np.take_along_axis(nearest, best, 1) == np.arange(len(known))
+        near &= owner
+        rays = ray_directions(cameras, np.take_along_axis(px, best[..., None], 1))
+        new = meet(centres, np.nan_to_num(np.moveaxis(rays, 0, 1)), near.T)
+        error = np.linalg.norm(cameras.project(new) - np.take_along_axis(px, best[..., None], 1), axis=-1)
+        good = near & (error < reach_px)
+        enough = (good.sum(0) >= 2) & (good.sum(0) == near.sum(0))
+        again = meet(centres, np.nan_to_num(np.moveaxis(rays, 0, 1)), good.T)
+        sure = (good.sum(0) >= 2) & (np.linalg.norm(again - expected[t, known], axis=-1) < 0.015)
+        sure &= enough | (good.sum(0) >= 3)
+        out[t, known[sure]], views[t, known[sure]] = again[sure], good.sum(0)[sure]
+    # What was measured stays where two cameras no longer agree.
+    lost = np.isnan(out[..., 0]) & np.isfinite(points[..., 0])
+    out[lost] = points[lost]
+    return out, views
+
+
+def _bridged(points: FloatArray, longest: int) -> tuple[FloatArray, BoolArray]:
+    """Points with straight lines over short gaps, and (T, M) where those are."""
+    out, gap = points.copy(), np.zeros(points.shape[:2], bool)
+    time = np.arange(len(points))
+    for m in range(points.shape[1]):
+        known = np.nonzero(np.isfinite(points[:, m, 0]))[0]
+        for a, b in zip(known, known[1:], strict=False):
+            if 1 < b - a <= longest:
+                between = time[a + 1 : b]
+                share = ((between - a) / (b - a))[:, None]
+                out[between, m] = points[a, m] * (1 - share) + points[b, m] * share
+                gap[between, m] = True
+    return out, gap

@@ -1,0 +1,164 @@
+"""The container of glTF 2.0: JSON, and numbers in buffers behind accessors.
+
+Source: Khronos Group, glTF 2.0 Specification, sections 3.6 (buffers, accessors) and 4.4 (GLB).
+"""
+
+import base64
+import binascii
+import json
+import struct
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.arrays import FloatArray
+from muybridge.errors import FormatError
+
+FLOAT, UNSIGNED_BYTE, UNSIGNED_SHORT = 5126, 5121, 5123
+ARRAY_BUFFER = 34962
+_MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
+_DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_KINDS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+# What reading JSON of unknown making can raise where it is not what the specification says.
+JSON_ERRORS = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, struct.error, MemoryError)
+
+
+class Buffer:
+    """Collects arrays into one buffer with a view and an accessor each."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.views: list[dict[str, Any]] = []
+        self.accessors: list[dict[str, Any]] = []
+
+    def add(
+        self, values: NDArray[Any], kind: str, component: int = FLOAT, target: int | None = None, bounds: bool = False
+    ) -> int:
+        """Append an array; returns its accessor's index.
+
+        Args:
+            values: (N,) or (N, K) with as many components as `kind` has.
+            kind: the accessor's type.
+            component: the numbers' type.
+            target: what the view is for, where that is to be said.
+            bounds: whether minimum and maximum are stated.
+        """
+        array = np.ascontiguousarray(values, dtype=_DTYPES[component])
+        self.data += b"\0" * (-len(self.data) % 4)
+        view: dict[str, Any] = {"buffer": 0, "byteOffset": len(self.data), "byteLength": array.nbytes}
+        if target is not None:
+            view["target"] = target
+        self.views.append(view)
+        self.data += array.tobytes()
+        accessor: dict[str, Any] = {
+            "bufferView": len(self.views) - 1,
+            "componentType": component,
+            "count": len(array),
+            "type": kind,
+        }
+        if bounds:
+            flat = array.reshape(len(array), -1)
+            accessor["min"], accessor["max"] = flat.min(axis=0).tolist(), flat.max(axis=0).tolist()
+        self.accessors.append(accessor)
+        return len(self.accessors) - 1
+
+
+def pack_glb(document: dict[str, Any], data: bytes) -> bytes:
+    """The bytes of a GLB file with one buffer."""
+    text = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode("utf-8")
+    text += b" " * (-len(text) % 4)
+    data = data + b"\0" * (-len(data) % 4)
+    head = struct.pack("<III", _MAGIC, 2, 12 + 8 + len(text) + 8 + len(data))
+    return head + struct.pack("<II", len(text), _JSON) + text + struct.pack("<II", len(data), _BIN) + data
+
+
+class Document:
+    """A glTF file that was read: its JSON, and its accessors as arrays."""
+
+    def __init__(self, path: Path) -> None:
+        """Read a `.glb`, or a `.gltf` with the files it names.
+
+        Raises:
+            FormatError: it is neither, is cut off, or a file it names is missing.
+        """
+        self.path = path
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise FormatError(f"{path}: cannot be read ({error.strerror}); give an existing glTF file") from error
+        self._binary: bytes | None = None
+        try:
+            text = self._unpack(data) if data[:4] == b"glTF" else data
+            self.json: Any = json.loads(text.decode("utf-8-sig"))
+            if not isinstance(self.json, dict) or not str(self.json["asset"]["version"]).startswith("2."):
+                raise self.error("is not glTF 2.0")
+        except (RecursionError, *JSON_ERRORS) as error:
+            raise self.error(f"is not glTF 2.0, or damaged ({type(error).__name__}: {error})") from error
+        self._buffers: dict[int, bytes] = {}
+
+    def error(self, problem: str) -> FormatError:
+        """A complaint that names the file."""
+        return FormatError(f"{self.path}: {problem}; export it again as glTF 2.0")
+
+    def _unpack(self, data: bytes) -> bytes:
+        magic, version, length = struct.unpack_from("<III", data)
+        if version != 2 or length > len(data):
+            raise self.error(f"is of version {version} and has {len(data)} of {length} bytes: is it cut off?")
+        at, text = 12, b""
+        while at + 8 <= length:
+            size, kind = struct.unpack_from("<II", data, at)
+            chunk = data[at + 8 : at + 8 + size]
+            if len(chunk) != size:
+                raise self.error("ends within a chunk")
+            if kind == _JSON and not text:
+                text = chunk
+            elif kind == _BIN and self._binary is None:
+                self._binary = chunk
+            at += 8 + size
+        return text
+
+    def _buffer(self, index: int) -> bytes:
+        if index not in self._buffers:
+            uri = self.json["buffers"][index].get("uri")
+            if uri is None:
+                if self._binary is None or index != 0:
+                    raise self.error(f"buffer {index} has no data")
+                self._buffers[index] = self._binary
+            elif uri.startswith("data:"):
+                try:
+                    self._buffers[index] = base64.b64decode(uri.partition(",")[2], validate=True)
+                except binascii.Error as error:
+                    raise self.error(f"buffer {index} is damaged ({error})") from error
+            else:
+                beside = self.path.parent / unquote(uri)
+                try:
+                    self._buffers[index] = beside.read_bytes()
+                except OSError as error:
+                    raise self.error(f"its buffer {unquote(uri)} cannot be read ({error.strerror})") from error
+        return self._buffers[index]
+
+    def accessor(self, index: int) -> FloatArray:
+        """(N, K) numbers of an accessor; normalised integers are 0..1 or -1..1."""
+        accessor = self.json["accessors"][index]
+        if "sparse" in accessor:
+            raise self.error(f"accessor {index} is sparse, which is not supported")
+        dtype = np.dtype(_DTYPES[accessor["componentType"]])
+        count, width = int(accessor["count"]), _KINDS[accessor["type"]]
+        if count < 0 or "bufferView" not in accessor:
+            raise self.error(f"accessor {index} holds nothing")
+        view = self.json["bufferViews"][accessor["bufferView"]]
+        buffer = self._buffer(int(view["buffer"]))
+        start = int(view.get("byteOffset", 0)) + int(accessor.get("byteOffset", 0))
+        stride = int(view.get("byteStride", dtype.itemsize * width))
+        if min(start, stride) < 0 or start + max(count - 1, 0) * stride + dtype.itemsize * width > len(buffer):
+            raise self.error(f"accessor {index} reaches beyond its buffer")
+        raw = np.ndarray((count, width), dtype, buffer, start, (stride, dtype.itemsize))
+        values = raw.astype(np.float64)
+        if accessor.get("normalized"):
+            values = np.maximum(values / np.iinfo(dtype).max, -1.0)
+        if not (np.abs(values) < 1e12).all():
+            raise self.error(f"accessor {index} holds numbers that are not finite")
+        return np.asarray(values)

@@ -1,0 +1,81 @@
+"""Dark and flat pictures before networks read them."""
+
+import numpy as np
+import pytest
+
+from muybridge.infer.detection.exposure import light_up, stretch, well_exposed
+
+
+@pytest.fixture
+def picture():
+    """A room with somebody in it who takes a hundredth of the picture and is brighter than all else."""
+    rng = np.random.default_rng(0)
+    room = rng.integers(10, 180, (270, 480, 3)).astype(np.uint8)
+    room[100:150, 200:226] = rng.integers(190, 245, (50, 26, 3))
+    return room
+
+
+def stretched(frame):
+    frame = frame.copy()
+    stretch(frame)
+    return frame
+
+
+def test_a_picture_that_uses_its_range_is_left_alone(picture):
+    assert np.array_equal(stretched(picture), picture)
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(0.2, 0.0), (0.1, 0.0), (0.2, 115.0), (0.2, 205.0)])
+def test_dark_and_flat_pictures_are_drawn_apart_and_nobody_is_cut_off(picture, gain, offset):
+    poor = (picture * gain + offset).astype(np.uint8)
+    after = stretched(poor)
+    assert np.ptp(after.astype(int)) > min(130, 4 * np.ptp(poor.astype(int)))
+    assert np.corrcoef(after.ravel(), picture.ravel())[0, 1] > 0.98
+    # The brightest in the picture keeps its shades: nothing is burnt out.
+    person = (slice(100, 150), slice(200, 226))
+    assert np.corrcoef(after[person].ravel(), poor[person].ravel())[0, 1] > 0.98
+
+
+def test_light_that_fades_changes_little_from_frame_to_frame(picture):
+    light = np.linspace(1.0, 0.3, 60)
+    frames = np.stack([(picture * share).astype(np.uint8) for share in light])
+    level = next(well_exposed([frames])).mean((1, 2, 3))
+    assert np.abs(np.diff(level)).max() < 4 and level.min() > 0.5 * level.max()
+
+
+@pytest.mark.parametrize("value", [0, 7, 128, 255])
+def test_a_picture_of_one_colour_stays_as_it_is(value):
+    frame = np.full((40, 60, 3), value, np.uint8)
+    assert np.array_equal(stretched(frame), frame)
+
+
+def test_who_stands_in_the_dark_before_a_window_is_lit_up(picture):
+    dim = (0.18 * picture[:128, :128]).astype(np.uint8)
+    dim[:40, :60] = 255  # the window
+    dim[-10:] = 0  # beyond the picture
+    crop = np.concatenate([dim, np.full((128, 128, 1), 7, np.uint8)], -1)
+    crops = np.stack([crop, crop])
+    crops[1, ..., :3] = picture[:128, :128]
+    bright = crops[1].copy()
+    light_up(crops)
+    assert (crops[1] == bright).all()
+    gain = crops[0, 60, 60, 0] / max(dim[60, 60, 0], 1)
+    assert 2 < gain <= 6 and crops[0, 0, 0, 3] == pytest.approx(7 * gain, abs=1)
+    assert (crops[0, -10:, :, :3] == 0).all() and (crops[0, :40, :60, :3] == 255).all()
+    shown = crops[0, 41:118, :, :3].max(-1)
+    assert 140 < np.quantile(shown, 0.99) < 160
+
+
+def test_somebody_who_alone_is_lit_is_left_alone(picture):
+    crops = (0.18 * picture[None, :128, :128]).astype(np.uint8)
+    crops[0, 40:90, 60:70] = 170  # three in a hundred of the crop
+    before = crops.copy()
+    light_up(crops)
+    assert (crops == before).all()
+
+
+def test_crops_without_anything_to_see_are_left_alone():
+    for value in (0, 255):
+        crops = np.full((1, 32, 32, 3), value, np.uint8)
+        light_up(crops)
+        assert (crops == value).all()

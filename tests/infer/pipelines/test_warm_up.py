@@ -1,0 +1,77 @@
+"""Loops are compiled while a fresh installation's first run looks at its videos."""
+
+import os
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from muybridge.infer.pipelines import warm_up as compile_ahead
+from muybridge.infer.pipelines.warm_up import CompiledAhead, is_compiled
+from muybridge.infer.runtime.progress import Progress
+
+
+def loop(folder):
+    return SimpleNamespace(__module__="a.b.kernel", __name__="solve", stats=SimpleNamespace(cache_path=folder))
+
+
+@pytest.fixture
+def slow_process(monkeypatch):
+    """Those processes that were started to compile, which sleep instead."""
+    started = []
+    sleeping = [sys.executable, "-c", "import time; time.sleep(60)"]
+    popen = subprocess.Popen
+    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: started.append(popen(sleeping)) or started[-1])
+    return started
+
+
+def test_what_lies_in_the_cache_is_compiled(tmp_path):
+    assert not is_compiled(loop(str(tmp_path)))
+    (tmp_path / "kernel.solve_one-12.py311.nbi").touch()
+    (tmp_path / "other.solve-12.py311.nbi").touch()
+    assert not is_compiled(loop(str(tmp_path)))
+    (tmp_path / "kernel.solve-12.py311.nbi").touch()
+    assert is_compiled(loop(str(tmp_path)))
+    # Where nothing is kept, and where numba is turned off.
+    assert is_compiled(loop(None)) and is_compiled(is_compiled)
+
+
+def test_nothing_is_started_where_all_is_compiled(monkeypatch, slow_process):
+    monkeypatch.setattr(compile_ahead, "is_compiled", lambda loop: True)
+    with CompiledAhead() as ahead, Progress(quiet=True) as progress:
+        ahead.wait(progress)
+    assert ahead.process is None and not slow_process
+
+
+def test_nothing_is_started_where_no_interpreter_is(monkeypatch, slow_process):
+    monkeypatch.setattr(compile_ahead, "is_compiled", lambda loop: False)
+    for name, value in (("frozen", True), ("executable", "")):
+        with monkeypatch.context() as context, Progress(quiet=True) as progress:
+            context.setattr(sys, name, value, raising=False)
+            with CompiledAhead() as ahead:
+                ahead.wait(progress)
+    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: (_ for _ in ()).throw(OSError("no memory")))
+    with CompiledAhead() as ahead:
+        assert ahead.process is None and not slow_process
+
+
+def test_it_ends_with_what_it_is_for(monkeypatch, slow_process):
+    monkeypatch.setattr(compile_ahead, "is_compiled", lambda loop: False)
+    with pytest.raises(ZeroDivisionError), CompiledAhead() as ahead:
+        assert ahead.process.poll() is None
+        raise ZeroDivisionError
+    assert slow_process[0].poll() is not None
+    with CompiledAhead() as ahead, Progress(quiet=True) as progress:
+        ahead.process.terminate()
+        ahead.wait(progress)  # one that failed is no error
+
+
+@pytest.mark.slow
+def test_a_run_then_compiles_nothing_more(short_demo, tmp_path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    subprocess.run([sys.executable, "-m", "muybridge.infer.pipelines.warm_up"], env=environment, check=True)
+    compiled = sorted(p.name for p in (tmp_path / "cache").rglob("*.nbc"))
+    run = [sys.executable, "-m", "muybridge", "run", str(short_demo), "--out", str(tmp_path / "out"), "--quiet"]
+    subprocess.run(run, env=environment, check=True)
+    assert compiled and sorted(p.name for p in (tmp_path / "cache").rglob("*.nbc")) == compiled
