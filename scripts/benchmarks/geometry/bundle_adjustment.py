@@ -8,25 +8,24 @@
   adjuster alone, which takes one standard deviation and one set of refined parameters for all cameras.
 - boards: cameras and the poses of a rigid board, a Gaussian prior on every lens.
 - bones: cameras, landmarks over time and bone lengths; the bone terms are Python callbacks in pyceres.
-- covariances: of the cameras of `points` and `boards`.
+- covariances: of the cameras of `points` and `boards`, and of `points` with no camera held, where the world may move
+  as a whole.
+- a point behind its camera: what the residual is.
 
 One thread each, CPU seconds, the fastest of three runs. Everything is drawn from fixed seeds.
 """
 
 from __future__ import annotations
 
-import ctypes
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 import pyceres
 import pycolmap
-from pycolmap import _core
 from scipy.spatial.transform import Rotation
 
 from muybridge.arrays import FloatArray
@@ -37,7 +36,6 @@ from muybridge.geometry.calibration.bundle_adjustment.adjustment import (
     LensPrior,
     adjust,
 )
-from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import parameter_kinds
 from muybridge.geometry.calibration.bundle_adjustment.with_bones import (
     ArticulatedProblem,
     ArticulatedState,
@@ -46,12 +44,19 @@ from muybridge.geometry.calibration.bundle_adjustment.with_bones import (
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
+from scripts.benchmarks.geometry.bundle_adjustment_ceres import (
+    InCeres,
+    bones_with_ceres,
+    center_of,
+    ceres_problem,
+    error_behind,
+    with_ceres,
+    with_pycolmap,
+)
 from scripts.benchmarks.geometry.calibration import ring
 
 T = TypeVar("T")
 _REPEATS = 3
-_TOLERANCE = 1e-9  # relative decrease of the cost at which `adjust` stops
-_TERMS = _core.cost_functions
 
 
 def timed(call: Callable[[], T]) -> tuple[T, float]:
@@ -63,9 +68,6 @@ def timed(call: Callable[[], T]) -> tuple[T, float]:
         best = min(best, time.process_time() - began)
     assert out is not None
     return out, best
-
-
-# ---- the problems
 
 
 def shaken(cameras: CameraGroup, rng: np.random.Generator, held: int) -> CameraGroup:
@@ -150,211 +152,6 @@ def bones_problem(count: int = 4, frames: int = 100) -> tuple[ArticulatedProblem
                                 lengths), truth  # fmt: skip
 
 
-# ---- pyceres
-
-
-def lent_manifold() -> pyceres.Manifold:
-    """The manifold of pycolmap's poses (7 numbers): pyceres cannot make it, so it comes out of an adjuster's problem.
-
-    The problem that lends it must outlive the process: pyceres frees what belongs to pycolmap when the last reference
-    goes, and the process crashes at its end.
-    """
-    rec = pycolmap.Reconstruction()
-    rec.add_camera_with_trivial_rig(
-        pycolmap.Camera(model="PINHOLE", width=9, height=9, params=[9, 9, 4, 4], camera_id=1)
-    )
-    spots = np.array([[0.1, 0, 3], [0, 0.1, 3], [0, 0, 3.1]])
-    for k in (1, 2):
-        seen = [pycolmap.Point2D(9 * p[:2] / p[2] + 4) for p in spots]
-        image = pycolmap.Image(name=str(k), points2D=seen, camera_id=1, image_id=k)
-        rec.add_image_with_trivial_frame(image, pycolmap.Rigid3d())
-    for i, p in enumerate(spots):
-        track = pycolmap.Track()
-        track.add_element(1, i)
-        track.add_element(2, i)
-        rec.add_point3D(p, track)
-    config = pycolmap.BundleAdjustmentConfig()
-    config.add_image(1)
-    config.add_image(2)
-    adjuster = pycolmap.create_default_ceres_bundle_adjuster(pycolmap.BundleAdjustmentOptions(), config, rec)
-    manifold = adjuster.problem.get_manifold(rec.images[1].frame.rig_from_world.params)
-    for kept in (rec, adjuster, manifold):
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(kept))
-    return manifold
-
-
-MANIFOLD = lent_manifold()
-
-
-def pose_block(pose: FloatArray) -> FloatArray:
-    """(7,) quaternion, x y z w, and translation of a (3, 4) pose."""
-    return np.concatenate([Rotation.from_matrix(pose[:, :3]).as_quat(), pose[:, 3]])
-
-
-def center_of(block: FloatArray) -> FloatArray:
-    """(3,) where the camera of a pose block stands."""
-    center: FloatArray = -Rotation.from_quat(block[:4]).inv().apply(block[4:])
-    return center
-
-
-@dataclass
-class InCeres:
-    """A problem as Ceres has it."""
-
-    problem: pyceres.Problem
-    lenses: list[FloatArray]
-    poses: list[FloatArray]
-    bodies: list[FloatArray]
-    points: FloatArray
-    summary: pyceres.SolverSummary
-
-
-def solve(problem: pyceres.Problem, kind: pyceres.LinearSolverType, tolerance: float) -> pyceres.SolverSummary:
-    """Solve with one thread."""
-    options, summary = pyceres.SolverOptions(), pyceres.SolverSummary()
-    options.linear_solver_type, options.num_threads, options.max_num_iterations = kind, 1, 100
-    options.function_tolerance = tolerance
-    options.gradient_tolerance = options.parameter_tolerance = 1e-14
-    options.minimizer_progress_to_stdout = False
-    options.logging_type = pyceres.LoggingType.SILENT
-    pyceres.solve(options, problem, summary)
-    return summary
-
-
-def ceres_problem(p: AdjustProblem) -> InCeres:
-    """An `AdjustProblem`, term by term, in C++ cost functions alone."""
-    assert p.body is not None
-    problem = pyceres.Problem()  # owns nothing: Python does
-    lenses, poses = [np.array(c.params) for c in p.cameras], [pose_block(c.cam_from_world) for c in p.cameras]
-    bodies, points = [pose_block(b) for b in p.bodies], np.array(p.points)
-    loss = pyceres.CauchyLoss(p.loss_sigma)
-    models = [getattr(pycolmap.CameraModelId, c.model) for c in p.cameras]
-    rows = zip(p.camera, p.point, p.body, p.pixels, p.sigma_px, strict=True)
-    for c, k, b, px, sigma in rows:
-        if b < 0:
-            term = _TERMS.ReprojErrorCost(models[c], np.eye(2) * sigma**2, px)
-            problem.add_residual_block(term, loss, [points[k], poses[c], lenses[c]])
-        else:
-            term = _TERMS.RigReprojErrorCost(models[c], np.eye(2) * sigma**2, px)
-            problem.add_residual_block(term, loss, [points[k], poses[c], bodies[b], lenses[c]])
-    for k in np.unique(p.point):
-        if not p.points_free[k]:
-            problem.set_parameter_block_constant(points[k])
-    for c, free in enumerate(p.free):
-        kinds = parameter_kinds(p.cameras[c].model)
-        held = [i for i, kind in enumerate(kinds) if not getattr(free, kind)]
-        if len(held) == len(kinds):
-            problem.set_parameter_block_constant(lenses[c])
-        elif held:
-            subset = pyceres.SubsetManifold(len(kinds), held)
-            ctypes.pythonapi.Py_IncRef(ctypes.py_object(subset))  # the problem doesn't own it
-            problem.set_manifold(lenses[c], subset)
-        problem.set_manifold(poses[c], MANIFOLD)
-        if not free.pose:
-            problem.set_parameter_block_constant(poses[c])
-        if p.priors and p.priors[c] is not None:
-            prior = p.priors[c]
-            assert prior is not None
-            covariance = np.linalg.inv(prior.information)
-            problem.add_residual_block(pyceres.factors.NormalPrior(prior.mean[:, None], covariance), None, [lenses[c]])
-    for b in np.unique(p.body[p.body >= 0]):
-        problem.set_manifold(bodies[b], MANIFOLD)
-    return InCeres(problem, lenses, poses, bodies, points, pyceres.SolverSummary())
-
-
-def with_ceres(p: AdjustProblem) -> InCeres:
-    """Build the problem and solve it."""
-    out = ceres_problem(p)
-    out.summary = solve(out.problem, pyceres.LinearSolverType.DENSE_SCHUR, _TOLERANCE)
-    return out
-
-
-class BoneTerm(pyceres.CostFunction):
-    """A bone that keeps its length: logarithms compared, as ours does; a Python callback."""
-
-    def __init__(self, stiffness: float):
-        super().__init__()
-        self.set_num_residuals(1)
-        self.set_parameter_block_sizes([3, 3, 1])
-        self.stiffness = stiffness
-
-    def Evaluate(self, parameters, residuals, jacobians):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-        """pyceres' interface."""
-        vector = parameters[0] - parameters[1]
-        square = float(vector @ vector)
-        residuals[0] = self.stiffness * (0.5 * np.log(square) - parameters[2][0])
-        if jacobians is not None:
-            slope = self.stiffness * vector / square
-            if jacobians[0] is not None:
-                jacobians[0][:] = slope
-            if jacobians[1] is not None:
-                jacobians[1][:] = -slope
-            if jacobians[2] is not None:
-                jacobians[2][:] = -self.stiffness
-        return True
-
-
-def bones_with_ceres(p: ArticulatedProblem, start: ArticulatedState) -> tuple[InCeres, FloatArray]:
-    """An `ArticulatedProblem`; the solution and the lengths."""
-    problem = pyceres.Problem()  # owns nothing: Python does
-    poses = [pose_block(np.column_stack([r, -r @ c])) for r, c in zip(start.rotations, start.centers, strict=True)]
-    points, lengths = np.array(start.points), np.log(start.lengths)[:, None].copy()
-    lenses = [np.array([f, 0.0, 0.0]) for f in p.focal_px]
-    loss, model = pyceres.CauchyLoss(p.loss_sigma), pycolmap.CameraModelId.SIMPLE_PINHOLE
-    cameras, frames, count = p.sigma_px.shape
-    known = np.isfinite(p.sigma_px).sum(axis=0) >= 2
-    for c, t, k in product(range(cameras), range(frames), range(count)):
-        if known[t, k] and np.isfinite(p.sigma_px[c, t, k]):
-            term = _TERMS.ReprojErrorCost(model, np.eye(2) * p.sigma_px[c, t, k] ** 2, p.focal_px[c] * p.seen[c, t, k])
-            problem.add_residual_block(term, loss, [points[t, k], poses[c], lenses[c]])
-    for lens, pose in zip(lenses, poses, strict=True):
-        problem.set_parameter_block_constant(lens)
-        problem.set_manifold(pose, MANIFOLD)
-    for t, (b, (i, j)) in product(range(frames), enumerate(p.bones)):
-        if known[t, i] and known[t, j]:
-            term = BoneTerm(start.lengths[b] / p.bone_sigma[b])
-            problem.add_residual_block(term, loss, [points[t, i], points[t, j], lengths[b]])
-    summary = solve(problem, pyceres.LinearSolverType.SPARSE_NORMAL_CHOLESKY, 1e-5)
-    return InCeres(problem, lenses, poses, [], points, summary), lengths
-
-
-# ---- pycolmap's adjuster alone
-
-
-def with_pycolmap(p: AdjustProblem) -> tuple[pycolmap.Reconstruction, pycolmap.CeresBundleAdjustmentSummary]:
-    """What its options can say: one standard deviation for all; each lens is held whole, or has the same kinds free."""
-    rec, sigma = pycolmap.Reconstruction(), float(np.median(p.sigma_px))
-    options, config = pycolmap.BundleAdjustmentOptions(), pycolmap.BundleAdjustmentConfig()
-    for c, camera in enumerate(p.cameras):
-        rec.add_camera_with_trivial_rig(pycolmap.Camera(
-            model=camera.model, width=camera.width, height=camera.height, params=camera.params, camera_id=c + 1
-        ))  # fmt: skip
-        seen = [pycolmap.Point2D(px) for px in p.pixels[p.camera == c]]
-        image = pycolmap.Image(name=camera.name, points2D=seen, camera_id=c + 1, image_id=c + 1)
-        rec.add_image_with_trivial_frame(image, pycolmap.Rigid3d(camera.cam_from_world))
-        config.add_image(c + 1)
-        if not p.free[c].focal:
-            config.set_constant_cam_intrinsics(c + 1)
-        if not p.free[c].pose:
-            config.set_constant_rig_from_world_pose(rec.images[c + 1].frame_id)
-    row = np.concatenate([np.arange(n) for n in np.bincount(p.camera, minlength=len(p.cameras))])
-    for k in np.unique(p.point):
-        track = pycolmap.Track()
-        for n in np.flatnonzero(p.point == k):
-            track.add_element(int(p.camera[n]) + 1, int(row[n]))
-        rec.add_point3D(p.points[k], track)
-    options.refine_focal_length, options.refine_principal_point, options.refine_extra_params = True, False, True
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.loss_function_scale = p.loss_sigma * sigma
-    options.ceres.solver_options.num_threads = 1
-    options.ceres.solver_options.function_tolerance = _TOLERANCE
-    options.print_summary = False
-    return rec, pycolmap.create_default_ceres_bundle_adjuster(options, config, rec).solve()
-
-
-# ---- what is compared
-
-
 def robust_cost(p: AdjustProblem, residuals: FloatArray, lenses: list[FloatArray]) -> float:
     """What both make small."""
     r2 = ((residuals / p.sigma_px[:, None]) ** 2).sum(axis=1)
@@ -379,15 +176,16 @@ def compare(name: str, p: AdjustProblem, truth: CameraGroup) -> tuple[AdjustResu
     cost = robust_cost(p, ours.residuals_px, [np.array(c.params) for c in ours.cameras])
     line(name, len(p.camera), "ours", f"{off_mm(ours.cameras.centers_world, truth):.3f}", f"{cost:.6f}",
          ours.iterations, f"{took:.2f}")  # fmt: skip
+    building = timed(lambda: ceres_problem(p))[1]
     ceres, whole = timed(lambda: with_ceres(p))
     centers = np.array([center_of(b) for b in ceres.poses])
     s = ceres.summary
     line(name, len(p.camera), "pyceres", f"{off_mm(centers, truth):.3f}", f"{s.final_cost:.6f}",
          s.num_successful_steps + s.num_unsuccessful_steps,
-         f"{whole:.2f} (solving: {s.total_time_in_seconds:.2f})")  # fmt: skip
+         f"{whole:.2f} (building {building:.2f})")  # fmt: skip
     apart = np.linalg.norm(centers - ours.cameras.centers_world, axis=1).max()
     lens = max(np.abs(a - b.params).max() for a, b in zip(ceres.lenses, ours.cameras, strict=True))
-    print(f"<!-- {name}: largest differences: {apart * 1e6:.2g} um, lens parameters {lens:.2g} -->")
+    line(name, "", "difference", f"{apart * 1e3:.1g} mm at most", f"lens parameters {lens:.1g} at most", "", "")
     return ours, ceres
 
 
@@ -398,7 +196,7 @@ def alone(p: AdjustProblem, truth: CameraGroup) -> None:
     s = summary.ceres_summary
     line("points", len(p.camera), "pycolmap", f"{off_mm(centers, truth):.3f}", "another",
          s.num_successful_steps + s.num_unsuccessful_steps,
-         f"{took:.2f} (solving: {s.total_time_in_seconds:.2f})")  # fmt: skip
+         f"{took:.2f}")  # fmt: skip
 
 
 def aligned(rotations: FloatArray, centers: FloatArray, truth: CameraGroup) -> tuple[FloatArray, FloatArray]:
@@ -423,11 +221,12 @@ def bones() -> None:
     line("bones", count, "ours", f"{off_mm(a, truth):.3f}", f"{ours.cost:.6f}", ours.iterations, f"{took:.2f}")
     line("bones", count, "pyceres", f"{off_mm(b, truth):.3f}", f"{s.final_cost:.6f}",
          s.num_successful_steps + s.num_unsuccessful_steps,
-         f"{whole:.2f} (solving: {s.total_time_in_seconds:.2f})")  # fmt: skip
-    print(f"<!-- bones: largest difference of a camera {1e6 * np.linalg.norm(a - b, axis=1).max():.2g} um -->")
+         f"{whole:.2f}")  # fmt: skip
+    apart = 1e3 * np.linalg.norm(a - b, axis=1).max()
+    line("bones", "", "difference", f"{apart:.1g} mm at most", "", "", "")
 
 
-def covariances(name: str, p: AdjustProblem, ours: AdjustResult, ceres: InCeres) -> None:
+def covariances(name: str, ours: AdjustResult, ceres: InCeres) -> None:
     """Standard deviations of the cameras' places and focal lengths, both from the given precision alone."""
 
     def of_ceres() -> tuple[FloatArray, FloatArray]:
@@ -452,15 +251,32 @@ def covariances(name: str, p: AdjustProblem, ours: AdjustResult, ceres: InCeres)
     a, b = ours.position_std[free] / ours.noise, place[free]
     line(name, "ours", f"{1e3 * a.mean():.4f}", f"{ours.focal_std[focal > 0].mean() / ours.noise:.4f}", "in the above")
     line(name, "pyceres", f"{1e3 * b.mean():.4f}", f"{focal[focal > 0].mean():.4f}", f"{took:.2f} more")
-    print(
-        f"<!-- {name}: standard deviations of places, ours over Ceres': {(a / b).min():.4f} to {(a / b).max():.4f} -->"
-    )
+    line(name, "difference", f"{np.abs(a / b - 1).max():.1g} of each at most", "", "")
+
+
+def without_gauge(p: AdjustProblem) -> None:
+    """Covariances where no camera is held: the world may move, turn and grow as a whole."""
+    p = replace(p, free=tuple(replace(f, pose=True) for f in p.free))
+    ours, took = timed(lambda: adjust(p))
+    line("points, none held", "ours", f"{1e3 * (ours.position_std / ours.noise).mean():.4f}", "",
+         f"{took:.2f} with the adjustment")  # fmt: skip
+    ceres = with_ceres(p)
+    blocks = [(b, b) for b in ceres.poses]
+    for kind in (pyceres.CovarianceAlgorithmType.SPARSE_QR, pyceres.CovarianceAlgorithmType.DENSE_SVD):
+        options = pyceres.CovarianceOptions()
+        options.algorithm_type = kind
+        options.null_space_rank = -1 if kind == pyceres.CovarianceAlgorithmType.DENSE_SVD else 0
+        began = time.process_time()
+        found = pyceres.Covariance(options).compute(blocks, ceres.problem)
+        took = time.process_time() - began
+        said = "found" if found else "none: the Jacobian's rank is too small"
+        line("points, none held", f"pyceres, {kind.name}", said, "", f"{took:.2f}")
 
 
 def main() -> None:
-    print(
-        f"pycolmap {pycolmap.__version__}, pyceres with Ceres {pycolmap.__ceres_version__}, Python {sys.version[:6]}\n"
-    )
+    """Print the tables."""
+    versions = f"pycolmap {pycolmap.__version__}, Ceres {pycolmap.__ceres_version__}, Python {sys.version.split()[0]}"
+    print(versions + "\n")
     line("problem", "observations", "by", "RMS error of the cameras, mm", "cost at the end", "iterations", "CPU s")
     line(*["---"] * 7)
     of_points, of_boards = points_problem(), boards_problem()
@@ -469,12 +285,12 @@ def main() -> None:
     second = compare("boards", *of_boards)
     bones()
     print()
-    line("covariances", "by", "places, mm", "focal lengths, px", "CPU s")
+    line("covariances", "by", "mean standard deviation of places, mm", "of focal lengths, px", "CPU s")
     line(*["---"] * 5)
-    covariances("points", of_points[0], *first)
-    covariances("boards", of_boards[0], *second)
-    # Ceres' problems refer to manifolds that belong to pycolmap: they are not freed in an order that is safe.
-    sys.stdout.flush()
+    covariances("points", *first)
+    covariances("boards", *second)
+    without_gauge(of_points[0])
+    print(f"\nResidual of a point behind its camera in pycolmap's cost function: {error_behind()}")
 
 
 if __name__ == "__main__":
