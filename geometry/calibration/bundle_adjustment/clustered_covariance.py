@@ -76,7 +76,7 @@ def _bend(loss_sigma: float, equations: ArticulatedEquations) -> float:
 
 
 def _unit_gauge(state: ArticulatedState, size: int) -> FloatArray:
-    """(G, 7) directions, of unit length, that move, turn and scale all cameras; they alone say what the size is."""
+    """(G, 7) directions, of unit length, that move, turn and scale all cameras; bone lengths take no part."""
     out = np.zeros((size, 7))
     cameras = len(state.centers)
     by_camera = out[: PER_CAMERA * cameras].reshape(cameras, PER_CAMERA, 7)

@@ -98,7 +98,7 @@ class AdjustResult:
         points: (P, 3).
         bodies: (B, 3, 4).
         residuals_px: (N, 2) projected minus observed; NaN behind a camera.
-        weights: (N,) the robust weight each observation ended with, 1 for a full say.
+        weights: (N,) the robust weight of each observation at the end, from 1 (an inlier) down to 0.
         noise: observed size of the errors in given standard deviations; scales the figures below.
         focal_std: (C,) px, of the first focal length; 0 where it was held.
         position_std: (C,) metres, length of the standard deviations along the axes; relative to all cameras

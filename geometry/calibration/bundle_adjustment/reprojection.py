@@ -222,4 +222,5 @@ class ReprojectionSystem:
         out = np.zeros((self.offsets[-1], 7))
         for end, modes in zip(self.offsets[1:], gauge(s.rotations, s.centers), strict=True):
             out[end - POSE_SIZE : end] = modes
-        return out[self.free]
+        free: FloatArray = out[self.free]
+        return free

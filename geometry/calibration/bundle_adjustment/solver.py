@@ -5,9 +5,9 @@ that no observation has in common, so that the blocks are coupled through the sh
 poses, all landmarks of one frame. The blocks are eliminated (Schur complement; Triggs et al., "Bundle adjustment, a
 modern synthesis", 2000), which leaves a dense system of the shared unknowns' size.
 
-What both adjustments say of a camera is here too: the derivative by its pose, and the directions in which all cameras
-can be moved together. A pose is stored as rotation `R` and centre `c`, a point in camera axes is `y = R (x - c)`, and
-increments are `R <- exp(w) R`, `c <- c + dc`.
+The parts of a camera's model that both adjustments share are here too: the derivative by its pose, and the gauge, the
+directions in which all cameras move together. A pose is stored as rotation `R` and centre `c`, a point in camera axes
+is `y = R (x - c)`, and increments are `R <- exp(w) R`, `c <- c + dc`.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ class PeopleCalibrationOptions:
         focal_sigma: how far a focal length may be off, as a share; 0 to hold them.
         prior_rotation_deg: when refining: standard deviation of the given rotations.
         prior_center: when refining: standard deviation of the given camera centres, metres.
-        loss_sigma: error, in standard deviations, from which a 2D point loses its say.
+        loss_sigma: error, in standard deviations, from which a 2D point is down-weighted.
         max_iterations: of the adjustment.
     """
 
@@ -141,7 +141,7 @@ def refine_people(
         points_px: (C, T, P, J, 2) px of P people who were put in order between the cameras; (C, T, J, 2) for
             one. NaN where missing.
         variance_px2: (C, T, P, J) or (C, T, J) of each coordinate; its relative size counts.
-        names: (J,) of the landmarks; they say where bones are.
+        names: (J,) of the landmarks; they name the ends of bones.
         options: how.
 
     Raises:
@@ -230,7 +230,7 @@ def _chosen_frames(
     if len(frames) < _FEWEST_FRAMES:
         raise CalibrationError(
             f"only {len(frames)} frames show a person to two cameras at once, {_FEWEST_FRAMES} are needed; "
-            "film for longer, with the whole person in view"
+            "record for longer, with the whole person in view"
         )
     if len(frames) > options.max_frames:
         frames = frames[np.linspace(0, len(frames) - 1, options.max_frames).round().astype(np.intp)]

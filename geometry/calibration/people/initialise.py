@@ -111,7 +111,7 @@ def start_from_nothing(
     if not pairs:
         raise CalibrationError(
             "no two cameras agree on how they stand to each other: too few shared landmarks, or not the same "
-            "person, or the videos are not in step; check with the overlays, synchronise, or film a longer walk"
+            "person, or the videos are not in step; check with the overlays, synchronise, or record a longer walk"
         )
     pairs.sort(key=lambda p: -p.inliers * np.sqrt(p.shared) * np.sin(np.radians(np.clip(p.angle_deg, 0, 90))))
     best: tuple[float, CameraGroup] | None = None

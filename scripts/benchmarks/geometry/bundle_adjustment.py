@@ -190,7 +190,7 @@ def compare(name: str, p: AdjustProblem, truth: CameraGroup) -> tuple[AdjustResu
 
 
 def alone(p: AdjustProblem, truth: CameraGroup) -> None:
-    """pycolmap's adjuster on what it can say of the problem."""
+    """pycolmap's adjuster on the part of the problem that its options express."""
     (rec, summary), took = timed(lambda: with_pycolmap(p))
     centers = np.array([rec.images[c + 1].projection_center() for c in range(len(p.cameras))])
     s = summary.ceres_summary
@@ -269,8 +269,8 @@ def without_gauge(p: AdjustProblem) -> None:
         began = time.process_time()
         found = pyceres.Covariance(options).compute(blocks, ceres.problem)
         took = time.process_time() - began
-        said = "found" if found else "none: the Jacobian's rank is too small"
-        line("points, none held", f"pyceres, {kind.name}", said, "", f"{took:.2f}")
+        outcome = "found" if found else "none: the Jacobian's rank is too small"
+        line("points, none held", f"pyceres, {kind.name}", outcome, "", f"{took:.2f}")
 
 
 def main() -> None:

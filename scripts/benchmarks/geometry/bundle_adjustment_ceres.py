@@ -188,7 +188,7 @@ def bones_with_ceres(p: ArticulatedProblem, start: ArticulatedState) -> tuple[In
 
 
 def with_pycolmap(p: AdjustProblem) -> tuple[pycolmap.Reconstruction, pycolmap.CeresBundleAdjustmentSummary]:
-    """What its options can say: one standard deviation for all; each lens is held whole, or has the same kinds free."""
+    """What its options express: one standard deviation for all; each lens is held whole, or has the same kinds free."""
     rec, sigma = pycolmap.Reconstruction(), float(np.median(p.sigma_px))
     options, config = pycolmap.BundleAdjustmentOptions(), pycolmap.BundleAdjustmentConfig()
     for c, camera in enumerate(p.cameras):
