@@ -10,9 +10,8 @@ import functools
 import hashlib
 import importlib.util
 import json
-import os
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.errors import OutputError
+from muybridge.files import replacing
 
 
 @dataclass(frozen=True)
@@ -40,30 +39,6 @@ class StageResult:
     seconds: float
     resumed: bool
     key: str
-
-
-def partial_name(path: Path) -> Path:
-    """The hidden temporary name beside `path`, of the same type, under which this process writes it."""
-    return path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
-
-
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` fill a temporary file and rename it to `path` when it is complete.
-
-    Raises:
-        OutputError: the folder cannot be written or is full.
-    """
-    partial = partial_name(path)
-    try:
-        write(partial)
-        with partial.open("rb") as file:
-            os.fsync(file.fileno())
-        os.replace(partial, path)
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise OutputError(f"{path} cannot be written ({reason}); choose another --out or free its disk") from None
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 class StageStore:
@@ -104,13 +79,9 @@ class StageStore:
     ) -> StageResult:
         """Store a stage's result under its key."""
         head = json.dumps({"key": key, "facts": dict(facts), "seconds": seconds})
-
-        def write(path: Path) -> None:
-            with path.open("wb") as file:
-                named: dict[str, Any] = {f"array_{n}": a for n, a in arrays.items()}
-                np.savez_compressed(file, stage=np.array(head), **named)
-
-        write_whole(self.folder / f"{stage}.npz", write)
+        named: dict[str, Any] = {f"array_{n}": a for n, a in arrays.items()}
+        with replacing(self.folder / f"{stage}.npz") as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, stage=np.array(head), **named)
         return StageResult(dict(arrays), dict(facts), seconds, False, key)
 
 
