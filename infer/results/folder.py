@@ -11,7 +11,7 @@ from pathlib import Path
 
 from muybridge.errors import OutputError
 from muybridge.files import cannot_write, remove_abandoned, replacing, temporary_path
-from muybridge.infer.runtime.stages import file_digest
+from muybridge.infer.runtime.digests import file_digest
 from muybridge.infer.session.discover import VIDEO_FOLDERS
 
 WORK = "work"

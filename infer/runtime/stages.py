@@ -5,10 +5,6 @@ computed for: a digest of everything that went in (options, input files, network
 is used again only under the same key.
 """
 
-import dataclasses
-import functools
-import hashlib
-import importlib.util
 import json
 import zipfile
 from collections.abc import Mapping
@@ -83,52 +79,3 @@ class StageStore:
         with replacing(self.folder / f"{stage}.npz") as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, stage=np.array(head), **named)
         return StageResult(dict(arrays), dict(facts), seconds, False, key)
-
-
-def digest(*parts: Any) -> str:
-    """SHA-256 of values: dataclasses, arrays, paths, mappings, sequences and plain values."""
-    text = json.dumps([_plain(p) for p in parts], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file's content."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-@functools.cache
-def code_digest(*modules: str) -> str:
-    """SHA-256 of the sources of modules, and of all modules in those that are packages; none is imported.
-
-    Read once in a process: what runs is what was there when it started.
-    """
-    total = hashlib.sha256()
-    for name in modules:
-        spec = importlib.util.find_spec(name)
-        if spec is None or spec.origin is None:
-            raise ValueError(f"no module {name}")
-        origin = Path(spec.origin)
-        files = sorted(origin.parent.rglob("*.py")) if spec.submodule_search_locations else [origin]
-        for file in files:
-            total.update(file.name.encode())
-            total.update(file.read_bytes())
-    return total.hexdigest()
-
-
-def _plain(value: Any) -> Any:
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-        return {"type": type(value).__name__, **fields}
-    if isinstance(value, np.ndarray):
-        data = np.ascontiguousarray(value)
-        return [str(data.dtype), list(data.shape), hashlib.sha256(data.tobytes()).hexdigest()]
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if value is None or isinstance(value, (str, int, float, bool)):
-        return value
-    return str(value)
