@@ -29,8 +29,9 @@ from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.geometry.triangulation.view_bias import ViewBiasOptions, learn_view_bias, without_view_bias
 from muybridge.infer.detection.refine import RefinedTake, TopDownRefinement
 from muybridge.infer.reconstruction.virtual_markers import triangulate_markers
+from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.runtime.stages import StageResult, StageStore
 
 # Appended to the names of stages that follow a second look.
 _AGAIN = ", second look"
@@ -152,7 +153,7 @@ def solve(
         markers: the same people's virtual markers, in the same slots.
         look_again: reads the views of a person again once they are known in 3D.
     """
-    stage = _Stages(store, progress, [inputs, code_digest("muybridge.geometry"), fps])
+    stage = _Stages(store, progress, [inputs, code_digest("muybridge.geometry", "muybridge.infer.reconstruction"), fps])
     person = stage("person", options.person, lambda: _select(cameras, keypoints, options.person, fps))
     take = _Take(stage, cameras, keypoints, markers, fps, options)
     main = _followed(take, "", person, look_again)
