@@ -210,7 +210,10 @@ class LiveCapture:
         """The ids of the people (slots (C, T) of the window) by the detections that they share with the last call's."""
         first = self._frame - len(self._window) + 1
         keys = [
-            [(int(c), first + int(t), int(tracks[c][slots[c, t]])) for c, t in zip(*np.nonzero(slots >= 0), strict=True)]
+            [
+                (int(c), first + int(t), int(tracks[c][slots[c, t]]))
+                for c, t in zip(*np.nonzero(slots >= 0), strict=True)
+            ]
             for slots in followed
         ]
         votes = [Counter(self._who[key] for key in mine if key in self._who) for mine in keys]
