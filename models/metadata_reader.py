@@ -27,7 +27,7 @@ class Reader:
 
     def error(self, what: str) -> ModelError:
         """The exception for a damaged field."""
-        return ModelError(f"{self._path}: not a usable muybridge model: {what}", remedy="use-muybridge-model")
+        return ModelError(f"{self._path}: not a usable muybridge model: {what}", remedy="use_muybridge_model")
 
     def kind(self, expected: ModelKind) -> None:
         """Check the kind of network."""
@@ -35,12 +35,12 @@ class Reader:
         if found is None:
             raise ModelError(
                 f"{self._path}: an ONNX file, but not a muybridge model (no muybridge_kind in its metadata)",
-                remedy="third-party-model",
+                remedy="third_party_model",
             )
         if found != expected:
             raise ModelError(
                 f"{self._path}: a muybridge model of kind {found!r} where {expected!r} is needed",
-                remedy="use-muybridge-model",
+                remedy="use_muybridge_model",
             )
 
     def text(self, key: str) -> str:

@@ -65,8 +65,8 @@ def load_pseudo_labels(path: Path) -> PseudoLabels:
             raise ValueError("its arrays do not fit together")
         return PseudoLabels(crops, landmarks, agreed, held_out, float(about["padding"]), about["facts"])
     except FileNotFoundError as error:
-        raise FormatError(f"{path}: no such file", remedy="pseudo-labels") from error
+        raise FormatError(f"{path}: no such file", remedy="pseudo_labels") from error
     except Exception as error:  # the exceptions of numpy and zipfile share no other base class
         raise FormatError(
-            f"{path}: not a file of pseudo-labels, or a damaged one ({error})", remedy="pseudo-labels"
+            f"{path}: not a file of pseudo-labels, or a damaged one ({error})", remedy="pseudo_labels"
         ) from error

@@ -29,5 +29,5 @@ def shipped_model(kind: ModelKind, precision: Precision = "fp32") -> Path:
     file = f"{kind}-int8.onnx" if precision == "int8" else f"{kind}.onnx"
     path = Path(str(resources.files("muybridge.models"))) / "weights" / file
     if not path.is_file():
-        raise ModelError(f"{path}: the shipped {kind} model is missing", remedy="model-missing-from-installation")
+        raise ModelError(f"{path}: the shipped {kind} model is missing", remedy="missing_weights")
     return path

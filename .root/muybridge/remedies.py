@@ -5,11 +5,14 @@ compares the two. Texts are format strings; the exception's `details` fill in th
 """
 
 REMEDIES: dict[str, str] = {
-    "model-missing-from-installation": "reinstall muybridge, or pass the path of a model file",
-    "pseudo-labels": "make one with `muybridge.models.pseudo_labels.save_pseudo_labels`",
-    "third-party-model": (
+    "missing_weights": "reinstall muybridge, or pass the path of a model file",
+    "other_name": "choose another name",
+    "overwrite": "choose another name, or pass overwrite=True",
+    "pseudo_labels": "make one with `muybridge.models.pseudo_labels.save_pseudo_labels`",
+    "third_party_model": (
         "for a third-party keypoint network pass its model card; otherwise pass a model that muybridge exported, "
         "or none to use the shipped one"
     ),
-    "use-muybridge-model": "pass a model that muybridge exported, or none to use the shipped one",
+    "unwritable": "choose a folder you may write to, or free its disk",
+    "use_muybridge_model": "pass a model that muybridge exported, or none to use the shipped one",
 }

@@ -6,13 +6,16 @@ The keys are those of `muybridge.remedies`. Texts are format strings; the except
 from muybridge.errors import MuybridgeError
 
 COMMAND_REMEDIES: dict[str, str] = {
-    "model-missing-from-installation": "reinstall muybridge, or name a model file of yours",
-    "pseudo-labels": "`muybridge adapt SESSION` makes one",
-    "third-party-model": (
+    "missing_weights": "reinstall muybridge, or name a model file of yours",
+    "other_name": "choose another name",
+    "overwrite": "choose another name, or give --overwrite",
+    "pseudo_labels": "`muybridge adapt SESSION` makes one",
+    "third_party_model": (
         "for a third-party keypoint network name its card with --model-card; otherwise name a model that muybridge "
         "exported, or leave the option out to use the shipped one"
     ),
-    "use-muybridge-model": "name a model that muybridge exported, or leave the option out to use the shipped one",
+    "unwritable": "free its disk or choose another --out",
+    "use_muybridge_model": "name a model that muybridge exported, or leave the option out to use the shipped one",
 }
 
 
