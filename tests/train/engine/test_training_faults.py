@@ -75,7 +75,7 @@ def test_stores_that_cannot_be_trained_on_are_refused(store, tmp_path):
         elif path.suffix == ".npz":
             labels = dict(np.load(path))
             np.savez(parts / path.name, **(labels | {"cut_px": np.ones((len(labels["visible"]), 3))}))
-    with pytest.raises(SessionError, match="parts of people alone"):
+    with pytest.raises(SessionError, match="only renders of parts of people"):
         people.train(PeopleTraining(renders=parts, out=tmp_path / "run", minutes=0.02, batch=4, backgrounds=8))
     path = sorted(parts.glob("*.npz"))[-1]
     path.write_bytes(path.read_bytes()[:1000])
