@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import tyro
 
 from muybridge.errors import MuybridgeError, SessionError
-from muybridge.geometry.association.select import TrackingOptions
+from muybridge.geometry.association.options import TrackingOptions
 from muybridge.geometry.fitting.body_fit import FitOptions
 from muybridge.geometry.smoothing.kalman import SmoothOptions
 from muybridge.geometry.triangulation.left_right import FlipOptions

@@ -61,9 +61,8 @@ def diagnose(
     setup = Setup(cameras, (0.0,) * count, tuple(range(count)))
     table, probability = np.zeros((count, len(KINDS))), np.zeros(count)
     if take is None:
-        nothing = float("nan")
         return CalibrationDiagnosis(
-            cameras.names, (), probability, table, tuple(range(count)), nothing, nothing, cameras,
+            cameras.names, (), probability, table, tuple(range(count)), np.nan, np.nan, cameras,
             np.zeros(count), setup.files, note,
         )  # fmt: skip
     person_px = np.array([_person_px(px) for px in take.px])
