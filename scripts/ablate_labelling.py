@@ -21,12 +21,12 @@ from typing import Any
 
 import torch
 
-from muybridge.geometry.landmarks import SURFACE
-from muybridge.models.label_net import WINDOW, LabelNet
-from muybridge.train import loop
-from muybridge.train.labels import HELD_OUT, evaluate, held_out_batches, loss_of
-from muybridge.train.marker_augment import DUST, CloudOptions, CloudSampler
-from muybridge.train.marker_clouds import load_marker_clips
+from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.models.labelling.network import WINDOW, LabelNet
+from muybridge.train.engine import loop
+from muybridge.train.labelling.train import HELD_OUT, evaluate, held_out_batches, loss_of
+from muybridge.train.synthesis.markers.augment import DUST, CloudOptions, CloudSampler
+from muybridge.train.synthesis.markers.trajectories import load_marker_clips
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "local": {}, "wide": {"neighbours": 24}, "narrow": {"neighbours": 4}, "two rounds": {"layers": 2},

@@ -23,13 +23,13 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from muybridge.geometry.landmarks import BODY23
-from muybridge.models.keypoint_net import CHANNELS, ConvUnit, KeypointNet
-from muybridge.train import loop
-from muybridge.train.augment import Batch, Compositor
-from muybridge.train.optimiser import Optimisers
-from muybridge.train.precision import autocast
-from muybridge.train.renders import load_renders
+from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.models.keypoints.network import CHANNELS, ConvUnit, KeypointNet
+from muybridge.train.engine import loop
+from muybridge.train.images.compositor import Batch, Compositor
+from muybridge.train.engine.muon import Optimisers
+from muybridge.train.engine.precision import autocast
+from muybridge.train.synthesis.rendering.store import load_renders
 
 J = len(BODY23)
 RATE = 1.5e-3

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, load_calibration
-from muybridge.geometry.cameras import Camera
+from muybridge.geometry.cameras.camera import Camera
 
 MIN_SCORE = 0.3
 
@@ -31,9 +31,7 @@ def first_frame(path: Path) -> NDArray[np.uint8]:
         return np.asarray(next(container.decode(video=0)).to_ndarray(format="rgb24"))
 
 
-def matched_points(
-    before: NDArray[Any], after: NDArray[Any]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def matched_points(before: NDArray[Any], after: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(N, 2) pixels of the same static features in two pictures; people who moved are outliers of RANSAC."""
     sift = cv2.SIFT_create(nfeatures=4000)
     keys_a, words_a = sift.detectAndCompute(cv2.cvtColor(before, cv2.COLOR_RGB2GRAY), None)

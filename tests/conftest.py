@@ -16,8 +16,8 @@ import pytest
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.infer.cli import run_command
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.infer.commands.app import run_command
 
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 
@@ -146,8 +146,8 @@ def make_session(tmp_path: Path, make_video: Callable[..., Path]) -> Callable[..
 @pytest.fixture(scope="session")
 def short_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The session of the demo's take with its first 48 frames, a whole step: for what need not see all of it."""
-    from muybridge.infer.demo import demo_folder
-    from muybridge.infer.video import VideoWriter, probe_video, read_chunks
+    from muybridge.infer.pipelines.demo import demo_folder
+    from muybridge.infer.session.video import VideoWriter, probe_video, read_chunks
 
     folder, source = tmp_path_factory.mktemp("short_demo") / "take", demo_folder()
     (folder / "videos").mkdir(parents=True)
@@ -232,7 +232,7 @@ def gone() -> Callable[[int], bool]:
 @pytest.fixture(scope="session")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A render store of bright sticks: a vertical bar whose ends and middle are the landmarks; training reads it."""
-    from muybridge.train.renders import SHARD, SIZE, shard_path
+    from muybridge.train.synthesis.rendering.store import SHARD, SIZE, shard_path
 
     folder = tmp_path_factory.mktemp("synthetic") / "renders"
     folder.mkdir()

@@ -15,15 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.landmarks import BODY23, SURFACE, LandmarkSet
-from muybridge.infer import detect, pipeline, second_look
-from muybridge.infer.cli import run_command
-from muybridge.infer.keypoints import CameraTracks
-from muybridge.infer.onnx import Expectation
-from muybridge.infer.plates import Backdrop
-from muybridge.infer.poses import Pictures, Poses
-from muybridge.infer.upright import Upright
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.landmarks.arrays import BODY23, SURFACE, LandmarkSet
+from muybridge.infer.detection import detect, refine as second_look
+from muybridge.infer.pipelines import videos as pipeline
+from muybridge.infer.commands.app import run_command
+from muybridge.infer.detection.pose_estimator import CameraTracks
+from muybridge.infer.networks.keypoints import Expectation
+from muybridge.infer.detection.background import Backdrop
+from muybridge.infer.detection.crop_reader import Pictures, Poses
+from muybridge.infer.detection.orientation import Upright
 
 # A standing person who faces -Y, metres: the subject's left is +X.
 _MIDDLE = {"nose": (0.0, -0.12, 1.62)}

@@ -11,25 +11,25 @@ import pytest
 import torch
 
 from muybridge.errors import FormatError, MissingExtraError, ModelError, SessionError
-from muybridge.geometry.clocks import Clock, own_frames
-from muybridge.geometry.landmarks import BODY23, SURFACE
-from muybridge.infer import adapt as command
-from muybridge.infer import pipeline
-from muybridge.infer.cli import run_command
-from muybridge.infer.demo import demo_folder, true_points
-from muybridge.infer.detect import DetectOptions, open_models
-from muybridge.infer.footage import FootageOptions, _held_out, collect
-from muybridge.infer.pipeline import RunOptions, follow
-from muybridge.infer.progress import Progress
-from muybridge.infer.session import open_session
-from muybridge.infer.stages import StageStore
-from muybridge.models.footage import Footage, load_footage, save_footage
-from muybridge.models.registry import shipped_model
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, people_net_from_onnx
-from muybridge.train.adaptation import View, adapted, agreement
-from muybridge.train.adaptation_publish import adapt
-from muybridge.train.augment import MIRROR
-from muybridge.train.evaluation import load_model
+from muybridge.geometry.sync.clocks import Clock, own_frames
+from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
+from muybridge.infer.commands import adapt as command
+from muybridge.infer.pipelines import videos as pipeline
+from muybridge.infer.commands.app import run_command
+from muybridge.infer.pipelines.demo import demo_folder, true_points
+from muybridge.infer.detection.detect import DetectOptions, open_models
+from muybridge.infer.pipelines.pseudo_labels import FootageOptions, _held_out, collect
+from muybridge.infer.pipelines.videos import RunOptions, follow
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.session.session import open_session
+from muybridge.infer.runtime.stages import StageStore
+from muybridge.models.pseudo_labels import Footage, load_footage, save_footage
+from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, people_net_from_onnx
+from muybridge.train.keypoints.adapt import View, adapted, agreement
+from muybridge.train.keypoints.adapt_export import adapt
+from muybridge.train.images.compositor import MIRROR
+from muybridge.train.keypoints.evaluate import load_model
 from muybridge.train.options import Adaptation
 
 JOINTS = len(BODY23) + len(SURFACE)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration.adjust import AdjustProblem, FreeCamera, adjust
-from muybridge.geometry.calibration.board import Board
-from muybridge.geometry.calibration.lens import project_terms
-from muybridge.geometry.calibration.rig import calibrate_rig
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.rotations import exp_so3
+from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
+from muybridge.geometry.calibration.board.board import Board
+from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import project_terms
+from muybridge.geometry.calibration.board.extrinsics import calibrate_rig
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.numerics.rotations import exp_so3
 
 
 def rig(count, rng):

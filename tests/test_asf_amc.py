@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from muybridge.errors import FormatError
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.rotations import exp_so3, quat_from_matrix
-from muybridge.geometry.skeleton import Motion
-from muybridge.motion.formats.asf_amc import find_asf, read_amc, read_asf, write_amc
-from muybridge.motion.formats.bvh import read_bvh
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.motion.formats.skeletal.asf_amc import find_asf, read_amc, read_asf, write_amc
+from muybridge.motion.formats.skeletal.bvh import read_bvh
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "motion"
 CMU_UNIT = 0.0254 / 0.45

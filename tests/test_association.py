@@ -8,10 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 from muybridge.errors import SessionError
-from muybridge.geometry.association import AssociateOptions, find_people, select_person, take_person
+from muybridge.geometry.association.select import AssociateOptions, find_people, select_person, take_person
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.landmarks import BODY23, Keypoints2D, LandmarkSet
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D, LandmarkSet
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 
@@ -47,9 +47,7 @@ def ring(count: int, radius: float = 4.5) -> CameraGroup:
     return CameraGroup(tuple(cameras))
 
 
-def walker(
-    frames: int, center: tuple[float, float], travel: float, phase: float = 0.0
-) -> NDArray[np.float64]:
+def walker(frames: int, center: tuple[float, float], travel: float, phase: float = 0.0) -> NDArray[np.float64]:
     """(T, J, 3) a body that goes round in a circle, turning, swinging what it has."""
     time = np.linspace(0, 2 * np.pi, frames)
     turn = phase + (time if travel else np.zeros(frames))
@@ -203,11 +201,7 @@ def test_cameras_that_never_agree_fall_back_to_what_is_conspicuous() -> None:
     cameras = ring(3)
     rng = np.random.default_rng(0)
     keypoints, where = keypoints_of(cameras, [(walker(30, (0, 0), 0.4), [0, 1, 2])], 1)
-    px = (
-        keypoints.points_px
-        + rng.normal(0, 400, (3, 1, 1, 1, 2))
-        + 500 * np.arange(3)[:, None, None, None, None]
-    )
+    px = keypoints.points_px + rng.normal(0, 400, (3, 1, 1, 1, 2)) + 500 * np.arange(3)[:, None, None, None, None]
     selection = select_person(cameras, replace(keypoints, points_px=px), AssociateOptions(start=0.02))
     assert "calibration or the synchronisation" in selection.reason
     np.testing.assert_array_equal(selection.slots, np.zeros((3, 30)))

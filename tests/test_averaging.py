@@ -13,17 +13,13 @@ pytest.importorskip("torch")
 import torch  # noqa: E402
 
 from muybridge.errors import ModelError  # noqa: E402
-from muybridge.models.export import export_onnx  # noqa: E402
-from muybridge.models.keypoint_net import PLATE, PlateApart, SeparateHeads  # noqa: E402
-from muybridge.models.registry import BODY_OUTPUTS, MARKER_OUTPUTS, shipped_model  # noqa: E402
-from muybridge.models.weights_from_onnx import (  # noqa: E402
-    keypoint_net_from_onnx,
-    people_net_from_onnx,
-    trained_for,
-)
-from muybridge.train.averaging import average_keypoints, average_people  # noqa: E402
-from muybridge.train.narrowing import narrowed  # noqa: E402
-from muybridge.train.publish import keypoint_net, people_net  # noqa: E402
+from muybridge.models.onnx_files.export import export_onnx  # noqa: E402
+from muybridge.models.keypoints.network import PLATE, PlateApart, SeparateHeads  # noqa: E402
+from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS, shipped_model  # noqa: E402
+from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, people_net_from_onnx, trained_for
+from muybridge.train.engine.weight_averaging import average_keypoints, average_people  # noqa: E402
+from muybridge.train.keypoints.prune import narrowed  # noqa: E402
+from muybridge.train.keypoints.export import keypoint_net, people_net  # noqa: E402
 
 
 @pytest.fixture(scope="module")

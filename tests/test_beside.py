@@ -14,11 +14,13 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from muybridge.errors import SessionError  # noqa: E402
-from muybridge.models.registry import keypoint_card  # noqa: E402
-from muybridge.train import beside, keypoints, loop  # noqa: E402
-from muybridge.train.beside import PLAN, Beside  # noqa: E402
+from muybridge.models.keypoints.metadata import keypoint_card  # noqa: E402
+from muybridge.train.synthesis.rendering import worker as beside  # noqa: E402
+from muybridge.train.keypoints import train as keypoints  # noqa: E402
+from muybridge.train.engine import loop  # noqa: E402
+from muybridge.train.synthesis.rendering.worker import PLAN, Beside  # noqa: E402
 from muybridge.train.options import KeypointTraining  # noqa: E402
-from muybridge.train.renders import shard_numbers  # noqa: E402
+from muybridge.train.synthesis.rendering.store import shard_numbers  # noqa: E402
 
 # The process itself, with a renderer that copies another store's shards, the last one over and over.
 _COPIER = """

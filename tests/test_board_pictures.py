@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration.board import Board
-from muybridge.geometry.calibration.board_chain import chain
-from muybridge.geometry.calibration.board_lens import board_pose, usable
-from muybridge.geometry.calibration.board_views import choose_times
-from muybridge.geometry.calibration.quality import check_solved
-from muybridge.geometry.calibration.rig import BoardOptions, calibrate_rig
-from muybridge.geometry.calibration.solved import misfits
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.rotations import exp_so3
-from muybridge.infer.board_pictures import at_moment, find_pictures
-from muybridge.infer.calibrate_board import told
-from muybridge.infer.calibration_report import calibration_findings
-from muybridge.infer.cli import run_command
-from muybridge.infer.report_findings import Finding
+from muybridge.geometry.calibration.board.board import Board
+from muybridge.geometry.calibration.board.pose_graph import chain
+from muybridge.geometry.calibration.board.intrinsics import board_pose, usable
+from muybridge.geometry.calibration.board.view_selection import choose_times
+from muybridge.geometry.calibration.diagnosis.quality import check_solved
+from muybridge.geometry.calibration.board.extrinsics import BoardOptions, calibrate_rig
+from muybridge.geometry.calibration.bundle_adjustment.result import misfits
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.numerics.rotations import exp_so3
+from muybridge.infer.commands.calibrate.board_images import at_moment, find_pictures
+from muybridge.infer.commands.calibrate.board import told
+from muybridge.infer.report.calibration_page import calibration_findings
+from muybridge.infer.commands.app import run_command
+from muybridge.infer.report.findings import Finding
 
 BOARD = Board("charuco", 7, 5, 0.08)
 SIZE = (640, 480)
@@ -91,7 +91,7 @@ def looked_at(pictures):
 
 
 def test_films_of_different_lengths_are_looked_at_together(make_video, tmp_path, monkeypatch):
-    monkeypatch.setattr("muybridge.infer.board_pictures._MOST_LOOKS", 5)
+    monkeypatch.setattr("muybridge.infer.commands.calibrate.board_images._MOST_LOOKS", 5)
     for k, frames in enumerate((30, 32, 41)):
         make_video(tmp_path / f"cam{k}.mp4", frames=frames)
     assert looked_at(find_pictures(tmp_path)) == [[0, 9, 18, 27], [0, 9, 18, 27], [0, 9, 18, 27, 36]]
@@ -137,7 +137,7 @@ def test_images_named_by_long_numbers_are_paired(tmp_path):
 
 
 def test_a_floor_without_a_board_is_said_before_the_work(tmp_path, capfd, monkeypatch):
-    monkeypatch.setattr("muybridge.infer.calibrate_board.check_seen", lambda *a: pytest.fail("the long work began"))
+    monkeypatch.setattr("muybridge.infer.commands.calibrate.board.check_seen", lambda *a: pytest.fail("the long work began"))
     for k in range(2):
         (tmp_path / f"cam{k}").mkdir()
         for t in range(3):

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration.board import Board
-from muybridge.geometry.calibration.board_chain import symmetries
-from muybridge.geometry.calibration.board_lens import calibrate_lens
-from muybridge.geometry.calibration.board_views import choose_times
-from muybridge.geometry.calibration.level import level
-from muybridge.geometry.calibration.rig import BoardOptions, calibrate_lenses, calibrate_rig
-from muybridge.geometry.calibration.solved import table
+from muybridge.geometry.calibration.board.board import Board
+from muybridge.geometry.calibration.board.pose_graph import symmetries
+from muybridge.geometry.calibration.board.intrinsics import calibrate_lens
+from muybridge.geometry.calibration.board.view_selection import choose_times
+from muybridge.geometry.calibration.gravity import level
+from muybridge.geometry.calibration.board.extrinsics import BoardOptions, calibrate_lenses, calibrate_rig
+from muybridge.geometry.calibration.bundle_adjustment.result import table
 from muybridge.geometry.calibration.world import moved, on_board
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.rotations import exp_so3
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.numerics.rotations import exp_so3
 
 CHARUCO = Board("charuco", 7, 10, 0.06)
 SIZE = (1280, 720)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks import LandmarkSet, Points3D
-from muybridge.motion.formats.c3d import Analog, C3DTake, Event, read_c3d, read_c3d_take, write_c3d
-from muybridge.motion.formats.c3d_read import _Reader, read_raw_c3d
+from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, read_c3d, read_c3d_take, write_c3d
+from muybridge.motion.formats.points.c3d_read import _Reader, read_raw_c3d
 
 MARKERS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "markers"
 

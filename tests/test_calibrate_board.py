@@ -10,14 +10,14 @@ import pytest
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.calibration.board import Board, BoardDetector, fitting_descriptions
-from muybridge.geometry.calibration.board_pdf import PAPERS, board_pdf, board_rectangles
-from muybridge.geometry.calibration.rig import calibrate_rig
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.rotations import exp_so3
-from muybridge.infer.board_pictures import find_pictures, look_for_board
-from muybridge.infer.cli import run_command
-from muybridge.infer.progress import Progress
+from muybridge.geometry.calibration.board.board import Board, BoardDetector, fitting_descriptions
+from muybridge.geometry.calibration.board.pdf import PAPERS, board_pdf, board_rectangles
+from muybridge.geometry.calibration.board.extrinsics import calibrate_rig
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.numerics.rotations import exp_so3
+from muybridge.infer.commands.calibrate.board_images import find_pictures, look_for_board
+from muybridge.infer.commands.app import run_command
+from muybridge.infer.runtime.progress import Progress
 
 SIZE = (640, 480)
 BOARD = Board("charuco", 5, 7, 0.05)
@@ -134,11 +134,13 @@ def test_a_checkerboard_of_images(tmp_path):
     [
         (["--columns", "7", "--rows", "5"], "would be found as: charuco 5 x 7, DICT_4X4_50"),
         pytest.param(
-            ["--columns", "5", "--rows", "7", "--inverted"], "would be found as: charuco 5 x 7, DICT_4X4_50",
+            ["--columns", "5", "--rows", "7", "--inverted"],
+            "would be found as: charuco 5 x 7, DICT_4X4_50",
             marks=pytest.mark.slow,
         ),
         pytest.param(
-            ["--columns", "5", "--rows", "7", "--dictionary", "DICT_6X6_250"], "charuco 5 x 7, DICT_4X4_50",
+            ["--columns", "5", "--rows", "7", "--dictionary", "DICT_6X6_250"],
+            "charuco 5 x 7, DICT_4X4_50",
             marks=pytest.mark.slow,
         ),
         (["--columns", "5", "--rows", "7", "--dictionary", "DICT_4X5"], "no marker dictionary 'DICT_4X5'"),
@@ -147,7 +149,7 @@ def test_a_checkerboard_of_images(tmp_path):
     ],
 )
 def test_a_wrong_description_is_told_the_right_one(shown, tmp_path, capfd, monkeypatch, flags, said):
-    monkeypatch.setattr("muybridge.infer.calibrate_board._LOOKED_FOR_OTHERS", 6)
+    monkeypatch.setattr("muybridge.infer.commands.calibrate.board._LOOKED_FOR_OTHERS", 6)
     assert said in failed(capfd, "board", shown, *flags, "--square", "0.05", "--out", tmp_path / "c.toml")
 
 
@@ -169,7 +171,7 @@ def test_mirrored_pictures_and_no_board(tmp_path, capfd):
 
 def test_a_camera_that_sees_the_board_too_rarely_or_never_with_the_others(shown, tmp_path, capfd, monkeypatch):
     # Other descriptions are tried above, for seconds each time.
-    monkeypatch.setattr("muybridge.infer.calibrate_board.fitting_descriptions", lambda wanted, images: [])
+    monkeypatch.setattr("muybridge.infer.commands.calibrate.board.fitting_descriptions", lambda wanted, images: [])
     few = shutil.copytree(shown, tmp_path / "few")
     for path in sorted((few / "cam1").iterdir())[3:]:
         path.unlink()

@@ -5,9 +5,9 @@ import pytest
 
 from muybridge.errors import OutputError
 from muybridge.geometry.calibration import load_calibration, save_calibration
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.infer.calibrate_outputs import check_replaceable
-from muybridge.infer.cli import run_command
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.infer.commands.calibrate.outputs import check_replaceable
+from muybridge.infer.commands.app import run_command
 
 OTHERS = "mine, and not a calibration of muybridge\n"
 

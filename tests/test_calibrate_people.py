@@ -9,15 +9,15 @@ from scipy.spatial.transform import Rotation
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import fit_to_video, load_calibration
-from muybridge.geometry.calibration.people import (
+from muybridge.geometry.calibration.people.calibrate import (
     PeopleCalibrationOptions,
     bone_pairs,
     calibrate_people,
     refine_people,
 )
-from muybridge.geometry.calibration.people_adjust import AdjustProblem, AdjustState, adjust
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.triangulation import leave_one_out_error, triangulate
+from muybridge.geometry.calibration.bundle_adjustment.with_bones import AdjustProblem, AdjustState, adjust
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.triangulation.multiview import leave_one_out_error, triangulate
 
 NAMES = tuple(
     f"{side}_{part}"

@@ -7,13 +7,13 @@ import pytest
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
-from muybridge.geometry.calibration.points import KnownPoints, calibrate_points, layout, linear_camera
+from muybridge.geometry.calibration.resection import KnownPoints, calibrate_points, layout, linear_camera
 from muybridge.geometry.calibration.world import check_shape, moved, on_points
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.rotations import exp_so3
-from muybridge.infer.calibrate_points import read_points
-from muybridge.infer.calibrate_world import people_world
-from muybridge.infer.cli import run_command
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.numerics.rotations import exp_so3
+from muybridge.infer.commands.calibrate.points import read_points
+from muybridge.infer.commands.calibrate.world import people_world
+from muybridge.infer.commands.app import run_command
 
 SIZE = (1280, 720)
 

@@ -8,9 +8,9 @@ import pytest
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.calibration.scan import ScanCalibration, ScanOptions, calibrate_scan
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.infer.cli import run_command
+from muybridge.geometry.calibration.structure_from_motion import ScanCalibration, ScanOptions, calibrate_scan
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.infer.commands.app import run_command
 
 _HALF = np.array([2.6, 2.1])  # of the room, metres
 _HEIGHT = 2.6

@@ -14,7 +14,7 @@ from muybridge.geometry.calibration import (
     load_calibration,
     read_calibration,
 )
-from muybridge.geometry.cameras import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
 
 _NAMES = {"easymocap": "", "colmap": "", "opencv": "rig.yml", "qualisys": "rig.qca.txt", "vicon": "rig.xcp",
           "optitrack": "rig.csv"}  # fmt: skip

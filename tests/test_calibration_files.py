@@ -18,7 +18,7 @@ from muybridge.geometry.calibration import (
     read_calibration,
     save_calibration,
 )
-from muybridge.geometry.cameras import CAMERA_MODELS, Camera, CameraGroup
+from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, CameraGroup
 
 N_PARAMS = dict(
     SIMPLE_PINHOLE=3, PINHOLE=4, SIMPLE_RADIAL=4, SIMPLE_RADIAL_FISHEYE=4, RADIAL=5, RADIAL_FISHEYE=5,
@@ -44,9 +44,7 @@ def any_camera(draw: st.DrawFn, name: str) -> Camera:
 
 @st.composite
 def any_group(draw: st.DrawFn) -> CameraGroup:
-    return CameraGroup(
-        tuple(draw(any_camera(n)) for n in draw(st.lists(names, min_size=1, max_size=4, unique=True)))
-    )
+    return CameraGroup(tuple(draw(any_camera(n)) for n in draw(st.lists(names, min_size=1, max_size=4, unique=True))))
 
 
 @settings(max_examples=200, deadline=None)
@@ -62,10 +60,7 @@ def test_own_toml_keeps_every_bit(tmp_path_factory: pytest.TempPathFactory, grou
 
 def group_of(n: int = 2) -> CameraGroup:
     params = (500.0, 500.0, 319.5, 239.5)
-    poses = [
-        np.column_stack([cv2.Rodrigues(np.array([1.2, 0.1 * k, 0.0]))[0], [0.5 * k, 0.0, 3.0]])
-        for k in range(n)
-    ]
+    poses = [np.column_stack([cv2.Rodrigues(np.array([1.2, 0.1 * k, 0.0]))[0], [0.5 * k, 0.0, 3.0]]) for k in range(n)]
     return CameraGroup(tuple(Camera(f"cam{k}", "PINHOLE", 640, 480, params, p) for k, p in enumerate(poses)))
 
 
@@ -154,9 +149,7 @@ def test_several_calibrations_are_named(tmp_path: Path) -> None:
 def test_a_damaged_calibration_is_found_so_that_its_damage_can_be_told(tmp_path: Path) -> None:
     text = own_text(tmp_path)
     session_with(tmp_path, rig__toml=text[: len(text) // 2])
-    with pytest.raises(
-        CalibrationError, match="damaged or incomplete Muybridge TOML calibration: broken TOML"
-    ):
+    with pytest.raises(CalibrationError, match="damaged or incomplete Muybridge TOML calibration: broken TOML"):
         load_calibration(find_calibration(tmp_path))
 
 
@@ -169,9 +162,7 @@ def test_a_colmap_model_counts_as_one(tmp_path: Path, text: bool) -> None:
         lens = pycolmap.Camera(model="PINHOLE", width=64, height=48, params=[50, 50, 32, 24], camera_id=k)
         model.add_camera_with_trivial_rig(lens)
         image = pycolmap.Image(name=f"cam{k}.png", camera_id=k, image_id=k)
-        model.add_image_with_trivial_frame(
-            image, pycolmap.Rigid3d(pycolmap.Rotation3d(), np.array([0, 0, k]))
-        )
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pycolmap.Rotation3d(), np.array([0, 0, k])))
     (model.write_text if text else model.write_binary)(tmp_path / "calibration")
     assert find_calibration(tmp_path) == tmp_path / "calibration"
     assert load_calibration(find_calibration(tmp_path)).names == ("cam1", "cam2")

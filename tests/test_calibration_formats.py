@@ -12,7 +12,7 @@ import pytest
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, read_calibration, save_calibration
-from muybridge.geometry.cameras import Camera, CameraGroup, colmap_camera
+from muybridge.geometry.cameras.camera import Camera, CameraGroup, colmap_camera
 
 POINTS_WORLD = np.random.default_rng(1).uniform([-0.8, -0.8, 0.2], [0.8, 0.8, 1.8], (50, 3))
 
@@ -75,9 +75,7 @@ def rig_table(c: Camera, scale: float = 1.0, matrix_rotation: bool = False) -> s
     k = list(c.params[4:])
     fisheye = c.model == "OPENCV_FISHEYE"
     distortions = k if fisheye or len(k) == 4 else [*k[:5]]
-    rotation = (
-        c.rotation.tolist() if matrix_rotation else cv2.Rodrigues(np.array(c.rotation))[0].ravel().tolist()
-    )
+    rotation = c.rotation.tolist() if matrix_rotation else cv2.Rodrigues(np.array(c.rotation))[0].ravel().tolist()
     return (
         f"size = [{c.width}.0, {c.height}.0]\nmatrix = {c.camera_matrix.tolist()}\n"
         f"distortions = {distortions}\n"
@@ -414,9 +412,7 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
         elif kind == 3:
             out[at:to] = bytes(rng.randrange(256) for _ in range(to - at))
         else:
-            out[at : at + 1] = rng.choice(
-                [b"\n", b"[", b"]", b"-", b"9", b'"', b"<", b"e", b"\0", b"\xff", b" "]
-            )
+            out[at : at + 1] = rng.choice([b"\n", b"[", b"]", b"-", b"9", b'"', b"<", b"e", b"\0", b"\xff", b" "])
     return bytes(out)
 
 

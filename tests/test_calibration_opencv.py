@@ -8,8 +8,8 @@ import pytest
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import export_calibration, find_calibration, load_calibration, read_calibration
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.infer.demo import demo_folder
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.infer.pipelines.demo import demo_folder
 
 
 @pytest.fixture(scope="module")

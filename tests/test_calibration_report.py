@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from muybridge.geometry.calibration.adjust import AdjustProblem, FreeCamera, adjust
-from muybridge.geometry.calibration.culprits_fit import changed
-from muybridge.geometry.calibration.quality import (
+from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
+from muybridge.geometry.calibration.diagnosis.hypotheses import changed
+from muybridge.geometry.calibration.diagnosis.quality import (
     CalibrationQuality,
     check_solved,
     check_take,
     plan_of,
     residual_picture,
 )
-from muybridge.geometry.calibration.solved import solved
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.infer.calibrate_check import person_to_check, told
-from muybridge.infer.calibration_report import CalibrationPage, calibration_findings, render_calibration
-from muybridge.infer.calibration_stage import packed, unpacked
+from muybridge.geometry.calibration.bundle_adjustment.result import solved
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.infer.commands.calibrate.check import person_to_check, told
+from muybridge.infer.report.calibration_page import CalibrationPage, calibration_findings, render_calibration
+from muybridge.infer.reconstruction.judge_calibration import packed, unpacked
 
 
 def _rig(count: int = 4) -> CameraGroup:
@@ -144,7 +144,7 @@ def test_the_plan_counts_images() -> None:
 
 
 def test_a_camera_that_the_calibration_keeps_apart_is_taken_at_its_word(staged_people: ModuleType) -> None:
-    from muybridge.geometry.landmarks import BODY23, Keypoints2D
+    from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D
 
     rig = _rig()
     px = rig.project(staged_people.person(30))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import find_calibration, fit_to_video, load_calibration
-from muybridge.geometry.cameras import Camera
+from muybridge.geometry.cameras.camera import Camera
 
 POINTS_WORLD = np.random.default_rng(0).uniform([-1, -0.7, 3], [1, 0.7, 5], (40, 3))
 
@@ -19,20 +19,13 @@ def camera_of(width: int, height: int, name: str = "cam01") -> Camera:
     return Camera(name, "OPENCV", width, height, params, np.eye(3, 4))
 
 
-def picture(
-    width: int, height: int, bar_rows: int = 0, bar_columns: int = 0, level: int = 120
-) -> NDArray[np.uint8]:
+def picture(width: int, height: int, bar_rows: int = 0, bar_columns: int = 0, level: int = 120) -> NDArray[np.uint8]:
     """Noise with black bars at both ends; video black is 16 and compression rings into it."""
     rng = np.random.default_rng(5)
     image = rng.integers(level // 2, level + 1, (height, width, 3)).astype(np.uint8)
     black = rng.integers(8, 24, image.shape).astype(np.uint8)
     rows, columns = np.arange(height)[:, None], np.arange(width)[None, :]
-    bars = (
-        (rows < bar_rows)
-        | (rows >= height - bar_rows)
-        | (columns < bar_columns)
-        | (columns >= width - bar_columns)
-    )
+    bars = (rows < bar_rows) | (rows >= height - bar_rows) | (columns < bar_columns) | (columns >= width - bar_columns)
     return np.where(bars[..., None], black, image)
 
 

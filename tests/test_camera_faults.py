@@ -9,7 +9,7 @@ pytest.importorskip("kornia")
 import cv2  # noqa: E402
 import kornia  # noqa: E402
 
-from muybridge.train.camera_faults import CameraFaults, other_hue, through_bayer, through_h264  # noqa: E402
+from muybridge.train.images.camera_faults import CameraFaults, other_hue, through_bayer, through_h264  # noqa: E402
 
 
 @pytest.fixture(scope="module")

@@ -13,13 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import (
-    CAMERA_MODELS,
-    Camera,
-    CameraGroup,
-    camera_from_colmap,
-    colmap_camera,
-)
+from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, CameraGroup, camera_from_colmap, colmap_camera
 
 # Mild distortion of each model, so that every pixel of the image has one ray.
 DISTORTION = {
@@ -102,9 +96,7 @@ def test_projection_is_opencv_s(model: str) -> None:
         camera.camera_matrix,
         distortion,
     )
-    np.testing.assert_allclose(
-        camera.project(some_points()).reshape(-1, 2), expected.reshape(-1, 2), atol=1e-8
-    )
+    np.testing.assert_allclose(camera.project(some_points()).reshape(-1, 2), expected.reshape(-1, 2), atol=1e-8)
 
 
 @pytest.mark.parametrize("model", ["OPENCV_FISHEYE", "RADIAL_FISHEYE", "FISHEYE"])
@@ -120,9 +112,7 @@ def test_fisheye_projection_is_opencv_s(model: str) -> None:
         camera.camera_matrix,
         distortion,
     )
-    np.testing.assert_allclose(
-        camera.project(some_points()).reshape(-1, 2), expected.reshape(-1, 2), atol=1e-8
-    )
+    np.testing.assert_allclose(camera.project(some_points()).reshape(-1, 2), expected.reshape(-1, 2), atol=1e-8)
 
 
 def test_pixel_zero_is_the_centre_of_the_top_left_pixel() -> None:
@@ -284,7 +274,7 @@ def test_models_and_parameter_counts_are_pycolmap_s() -> None:
 
 def test_a_process_with_cameras_ends_when_it_is_asked_to():
     """pycolmap's own handler prints a stack instead, and can hang."""
-    code = "import os, signal, muybridge.geometry.cameras as _; os.kill(os.getpid(), signal.SIGTERM)"
+    code = "import os, signal, muybridge.geometry.cameras.camera as _; os.kill(os.getpid(), signal.SIGTERM)"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert ended.returncode == -signal.SIGTERM
     assert ended.stderr == ""

@@ -9,7 +9,7 @@ import pytest
 
 from muybridge import __version__
 from muybridge.errors import MuybridgeError
-from muybridge.infer import cli
+from muybridge.infer.commands import app as cli
 
 EXTRAS = ("torch", "kornia", "anny", "moderngl", "onnx", "onnxscript")
 # A process in which the training libraries cannot be found, as after a base install.
@@ -20,7 +20,7 @@ class Missing(importlib.abc.MetaPathFinder):
         if name.split(".")[0] in {EXTRAS!r}:
             raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 sys.meta_path.insert(0, Missing())
-from muybridge.infer.cli import main
+from muybridge.infer.commands.app import main
 """
 
 
@@ -61,14 +61,14 @@ def test_version():
     assert installed("--version").stdout == f"muybridge {__version__}\n"
 
 
-@pytest.mark.parametrize("module", ["muybridge.infer.cli", "muybridge.infer.commands"])
+@pytest.mark.parametrize("module", ["muybridge.infer.commands.app", "muybridge.infer.commands.run"])
 def test_the_command_line_leaves_torch_out(module):
     code = f"import sys, {module}; print([m for m in {EXTRAS!r} if m in sys.modules])"
     assert python(code).stdout == "[]\n"
 
 
 def test_help_needs_nothing_but_the_standard_library():
-    code = "import sys, muybridge.infer.cli as c; c.run_command(['--help']); print('numpy' in sys.modules)"
+    code = "import sys, muybridge.infer.commands.app as c; c.run_command(['--help']); print('numpy' in sys.modules)"
     assert python(code).stdout.endswith("False\n")
 
 
@@ -180,7 +180,7 @@ def test_a_command_that_is_not_there_is_known_as_such(monkeypatch, capsys):
 
 
 def test_many_sessions_each_have_their_folder(tmp_path):
-    from muybridge.infer.commands import plan
+    from muybridge.infer.commands.run import plan
 
     a, b, again = tmp_path / "x" / "walk", tmp_path / "y" / "walk", tmp_path / "run"
     out = tmp_path / "out"

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from muybridge.infer import compile_ahead
-from muybridge.infer.compile_ahead import CompiledAhead, is_compiled
-from muybridge.infer.progress import Progress
+from muybridge.infer.pipelines import warm_up as compile_ahead
+from muybridge.infer.pipelines.warm_up import CompiledAhead, is_compiled
+from muybridge.infer.runtime.progress import Progress
 
 
 def loop(folder):
@@ -70,7 +70,7 @@ def test_it_ends_with_what_it_is_for(monkeypatch, slow_process):
 @pytest.mark.slow
 def test_a_run_then_compiles_nothing_more(short_demo, tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    subprocess.run([sys.executable, "-m", "muybridge.infer.compile_ahead"], env=environment, check=True)
+    subprocess.run([sys.executable, "-m", "muybridge.infer.pipelines.warm_up"], env=environment, check=True)
     compiled = sorted(p.name for p in (tmp_path / "cache").rglob("*.nbc"))
     run = [sys.executable, "-m", "muybridge", "run", str(short_demo), "--out", str(tmp_path / "out"), "--quiet"]
     subprocess.run(run, env=environment, check=True)

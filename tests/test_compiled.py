@@ -4,12 +4,12 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from muybridge.models.batch_norm import BatchNorm  # noqa: E402
-from muybridge.models.keypoint_net import KeypointNet, upsample  # noqa: E402
-from muybridge.train import compiled as module  # noqa: E402
-from muybridge.train import precision  # noqa: E402
-from muybridge.train.compiled import PAYS_AFTER_MINUTES, compiled  # noqa: E402
-from muybridge.train.keypoints import losses_of  # noqa: E402
+from muybridge.models.keypoints.batch_norm import BatchNorm  # noqa: E402
+from muybridge.models.keypoints.network import KeypointNet, upsample  # noqa: E402
+from muybridge.train.engine import compile as module  # noqa: E402
+from muybridge.train.engine import precision  # noqa: E402
+from muybridge.train.engine.compile import PAYS_AFTER_MINUTES, compiled  # noqa: E402
+from muybridge.train.keypoints.train import losses_of  # noqa: E402
 
 
 # Compiling takes up to two minutes: `make test` does it in the precision that networks are trained in here.

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.crops import crops_for_boxes, virtual_views
-from muybridge.infer.crops import extract_crops
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.crops import crops_for_boxes, virtual_views
+from muybridge.infer.detection.crop_pixels import extract_crops
 
 
 def _look_at(position: NDArray[np.float64], target: NDArray[np.float64], roll: float) -> NDArray[np.float64]:
@@ -57,9 +57,7 @@ def test_world_up_is_up_in_the_crop_whatever_the_cameras_roll() -> None:
     pole = np.array([[0.4, 0.1, 0.0], [0.4, 0.1, 1.8]])
     for roll in (0.0, 0.5, np.pi / 2, np.pi):
         camera = _camera(roll)
-        foot, head = crops_for_boxes(_person_box(camera, at), 128, camera).to_crop(
-            camera.project(pole)[None]
-        )[0]
+        foot, head = crops_for_boxes(_person_box(camera, at), 128, camera).to_crop(camera.project(pole)[None])[0]
         assert abs(head[0] - foot[0]) < 3 and foot[1] - head[1] > 60
 
 
@@ -75,9 +73,7 @@ def test_box_fills_the_crop_up_to_the_padding() -> None:
 
 def test_looking_straight_down_takes_the_cameras_own_up() -> None:
     rotation = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
-    camera = Camera(
-        "c", "PINHOLE", 640, 480, (500.0, 500.0, 320.0, 240.0), np.column_stack([rotation, [0, 0, 4.0]])
-    )
+    camera = Camera("c", "PINHOLE", 640, 480, (500.0, 500.0, 320.0, 240.0), np.column_stack([rotation, [0, 0, 4.0]]))
     box = [[290.0, 210, 350, 270]]
     virtual, square = crops_for_boxes(box, 64, camera), crops_for_boxes(box, 64)
     np.testing.assert_allclose(virtual.crop_from_image, square.crop_from_image, atol=1e-9)
@@ -114,9 +110,7 @@ def test_points_and_variances_round_trip() -> None:
     # Against finite differences: an isotropic cloud of that variance, mapped.
     cloud = points[:1, :1] + rng.normal(0, 0.1, (1, 20000, 2))
     spread = crops.select([0]).to_image(cloud)[0].var(axis=0).mean()
-    assert crops.variance_to_image(points[:1, :1], np.full((1, 1), 0.01))[0, 0] == pytest.approx(
-        spread, rel=0.05
-    )
+    assert crops.variance_to_image(points[:1, :1], np.full((1, 1), 0.01))[0, 0] == pytest.approx(spread, rel=0.05)
 
 
 def test_useless_boxes_are_refused() -> None:

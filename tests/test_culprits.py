@@ -9,11 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from muybridge.geometry.calibration import fit_to_video, load_calibration
-from muybridge.geometry.calibration.culprits import CulpritOptions, CulpritReport, find_culprits
-from muybridge.geometry.calibration.culprits_fit import changed, fit_camera, student_scale
-from muybridge.geometry.calibration.people import refine_people
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.robust import extent
+from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions, CulpritReport, find_culprits
+from muybridge.geometry.calibration.diagnosis.hypotheses import changed, fit_camera, student_scale
+from muybridge.geometry.calibration.people.calibrate import refine_people
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.numerics.robust import extent
 
 Landmarks = tuple[np.ndarray, np.ndarray]
 Fault = Callable[[CameraGroup, Landmarks, int], tuple[CameraGroup, Landmarks, set[int]]]

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from muybridge.models.decode import (
+from muybridge.models.keypoints.decode import (
     SpreadCalibration,
     box_overlap,
     decode_heatmaps,

@@ -9,10 +9,11 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
 from muybridge.errors import ModelError  # noqa: E402
-from muybridge.train import keypoints, loop  # noqa: E402
-from muybridge.train.difficulty import Difficulty, drawing_probability, read_difficulty  # noqa: E402
+from muybridge.train.keypoints import train as keypoints  # noqa: E402
+from muybridge.train.engine import loop  # noqa: E402
+from muybridge.train.keypoints.hard_examples import Difficulty, drawing_probability, read_difficulty  # noqa: E402
 from muybridge.train.options import KeypointTraining  # noqa: E402
-from muybridge.train.renders import SHARD, load_renders  # noqa: E402
+from muybridge.train.synthesis.rendering.store import SHARD, load_renders  # noqa: E402
 
 
 def test_losses_are_averaged_and_read_by_others(tmp_path: pathlib.Path) -> None:

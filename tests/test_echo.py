@@ -7,9 +7,9 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from muybridge.geometry.landmarks import BODY23, SURFACE  # noqa: E402
-from muybridge.train import echo  # noqa: E402
-from muybridge.train.echo import Echo, altered  # noqa: E402
+from muybridge.geometry.landmarks.arrays import BODY23, SURFACE  # noqa: E402
+from muybridge.train.keypoints import data_echoing as echo  # noqa: E402
+from muybridge.train.keypoints.data_echoing import Echo, altered  # noqa: E402
 
 SIDE, COUNT = 96, len(BODY23) + len(SURFACE)
 LEFT, RIGHT = BODY23.index("left_wrist"), BODY23.index("right_wrist")

@@ -12,14 +12,14 @@ pytest.importorskip("onnx")
 import onnxruntime  # noqa: E402
 
 from muybridge.errors import ModelError  # noqa: E402
-from muybridge.geometry.landmarks import BODY23  # noqa: E402
-from muybridge.infer.onnx import KeypointNetwork, OnnxOptions  # noqa: E402
-from muybridge.models.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
-from muybridge.models.export import export_onnx  # noqa: E402
-from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart  # noqa: E402
-from muybridge.models.quantize import int8_path, quantize  # noqa: E402
-from muybridge.models.registry import keypoint_card, shipped_model  # noqa: E402
-from muybridge.train.sigma import (  # noqa: E402
+from muybridge.geometry.landmarks.arrays import BODY23  # noqa: E402
+from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions  # noqa: E402
+from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
+from muybridge.models.onnx_files.export import export_onnx  # noqa: E402
+from muybridge.models.keypoints.network import PLATE, KeypointNet, PlateApart  # noqa: E402
+from muybridge.models.onnx_files.quantization import int8_path, quantize  # noqa: E402
+from muybridge.models.keypoints.metadata import keypoint_card, shipped_model  # noqa: E402
+from muybridge.train.keypoints.variance_calibration import (
     HeldOut,
     _farthest_off,
     _fit_hidden,
@@ -41,8 +41,8 @@ def demo_crops(repository: pathlib.Path) -> np.ndarray:
     """(N, S, S, 3) crops of the person in the demo's videos, which no calibration of activations has seen."""
     import av
 
-    from muybridge.geometry.crops import crops_for_boxes
-    from muybridge.infer.crops import extract_crops
+    from muybridge.geometry.cameras.crops import crops_for_boxes
+    from muybridge.infer.detection.crop_pixels import extract_crops
 
     crops, side = [], KeypointNetwork(shipped_model("keypoints")).crop_size
     for video in sorted((repository / "infer" / "demo_take" / "videos").iterdir()):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from muybridge.infer.exposure import light_up, stretch, well_exposed
+from muybridge.infer.detection.exposure import light_up, stretch, well_exposed
 
 
 @pytest.fixture

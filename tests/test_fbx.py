@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.rotations import exp_so3, quat_from_matrix
-from muybridge.geometry.skeleton import Motion
-from muybridge.infer.cli import run_command
-from muybridge.motion.formats.bone_mesh import bone_mesh
-from muybridge.motion.formats.fbx import write_fbx
-from muybridge.motion.formats.gltf import write_glb
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.infer.commands.app import run_command
+from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh
+from muybridge.motion.formats.fbx.write import write_fbx
+from muybridge.motion.formats.gltf.write import write_glb
 
 WORLD_FROM_FBX = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) / 100
 

@@ -13,15 +13,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from muybridge.errors import FormatError
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.rotations import exp_so3, quat_from_matrix
-from muybridge.geometry.skeleton import Motion
-from muybridge.infer.cli import run_command
-from muybridge.motion.formats.fbx import write_fbx
-from muybridge.motion.formats.fbx_binary import Node, Table, read_fbx_nodes, write_fbx_nodes
-from muybridge.motion.formats.fbx_read import read_fbx
-from muybridge.motion.formats.fbx_scene import TICKS_A_SECOND
-from muybridge.motion.formats.gltf import write_glb
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.infer.commands.app import run_command
+from muybridge.motion.formats.fbx.write import write_fbx
+from muybridge.motion.formats.fbx.container import Node, Table, read_fbx_nodes, write_fbx_nodes
+from muybridge.motion.formats.fbx.read import read_fbx
+from muybridge.motion.formats.fbx.scene import TICKS_A_SECOND
+from muybridge.motion.formats.gltf.write import write_glb
 from muybridge.motion.formats.registry import read_file
 
 BLENDER = os.environ.get("MUYBRIDGE_BLENDER_PYTHON") or (sys.executable if find_spec("bpy") else None)

@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from muybridge.geometry.filters import METHODS, FilterOptions, hampel, residual_cutoff, smooth, smooth_rotations
-from muybridge.geometry.rotations import exp_so3, matrix_from_quat, quat_from_matrix
+from muybridge.geometry.smoothing.filters import (
+    METHODS,
+    FilterOptions,
+    hampel,
+    residual_cutoff,
+    smooth,
+    smooth_rotations,
+)
+from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat, quat_from_matrix
 
 Array = NDArray[np.float64]
 FPS = 100.0

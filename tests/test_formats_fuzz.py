@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks import LandmarkSet, Points3D
-from muybridge.geometry.rotations import exp_so3, quat_from_matrix
-from muybridge.geometry.skeleton import Motion, Skeleton
-from muybridge.motion.formats.asf_amc import read_amc, write_amc
-from muybridge.motion.formats.bvh import read_bvh, write_bvh
-from muybridge.motion.formats.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
-from muybridge.motion.formats.csv_points import read_csv, write_csv
-from muybridge.motion.formats.fbx import write_fbx
-from muybridge.motion.formats.fbx_read import read_fbx
-from muybridge.motion.formats.gltf import read_gltf, write_glb
-from muybridge.motion.formats.mot import read_mot, write_mot
-from muybridge.motion.formats.npz import read_npz, write_npz
-from muybridge.motion.formats.trc import read_trc, write_trc
+from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.motion.formats.skeletal.asf_amc import read_amc, write_amc
+from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
+from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
+from muybridge.motion.formats.points.csv import read_csv, write_csv
+from muybridge.motion.formats.fbx.write import write_fbx
+from muybridge.motion.formats.fbx.read import read_fbx
+from muybridge.motion.formats.gltf.write import read_gltf, write_glb
+from muybridge.motion.formats.skeletal.mot import read_mot, write_mot
+from muybridge.motion.formats.points.npz import read_npz, write_npz
+from muybridge.motion.formats.points.trc import read_trc, write_trc
 
 MUTATIONS = 1000
 _SECONDS = 3.0
@@ -159,7 +159,7 @@ def test_a_thousand_damaged_files(tmp_path, name):
 
 def test_a_thousand_damaged_parquet_files(tmp_path):
     pytest.importorskip("pyarrow", reason="pyarrow (the extra parquet) is not installed")
-    from muybridge.motion.formats.parquet import read_parquet, write_parquet
+    from muybridge.motion.formats.points.parquet import read_parquet, write_parquet
 
     fine, refused = fuzz(
         tmp_path, "parquet", lambda p: write_parquet(p, make_points()), read_parquet, check_points, ".parquet"

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from muybridge.errors import FormatError, OutputError
-from muybridge.geometry.landmarks import BODY23, LandmarkSet, Points3D
-from muybridge.motion.formats.c3d import read_c3d, write_c3d
-from muybridge.motion.formats.trc import read_trc, write_trc
+from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet, Points3D
+from muybridge.motion.formats.points.c3d import read_c3d, write_c3d
+from muybridge.motion.formats.points.trc import read_trc, write_trc
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 REFERENCE = SHARED / "data" / "balancing" / "reference"

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from muybridge.geometry.gaps import GAP_METHODS, GapOptions, fill_gaps
-from muybridge.geometry.rotations import exp_so3
-from muybridge.motion.formats.c3d import read_c3d
+from muybridge.geometry.smoothing.gaps import GAP_METHODS, GapOptions, fill_gaps
+from muybridge.geometry.numerics.rotations import exp_so3
+from muybridge.motion.formats.points.c3d import read_c3d
 
 Array = NDArray[np.float64]
 FPS = 50.0

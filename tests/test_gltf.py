@@ -18,14 +18,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from muybridge.errors import FormatError
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.rotations import exp_so3, matrix_from_quat, quat_from_matrix
-from muybridge.geometry.skeleton import Motion
-from muybridge.motion.formats.bone_mesh import bone_mesh, rest_positions
-from muybridge.motion.formats.bvh import write_bvh
-from muybridge.motion.formats.fbx import write_fbx
-from muybridge.motion.formats.glb import Buffer, pack_glb
-from muybridge.motion.formats.gltf import read_gltf, write_glb
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions
+from muybridge.motion.formats.skeletal.bvh import write_bvh
+from muybridge.motion.formats.fbx.write import write_fbx
+from muybridge.motion.formats.gltf.container import Buffer, pack_glb
+from muybridge.motion.formats.gltf.write import read_gltf, write_glb
 
 # A Python that has Blender's module: its own process, since Blender takes over much of the one it runs in.
 BLENDER = os.environ.get("MUYBRIDGE_BLENDER_PYTHON") or (sys.executable if importlib.util.find_spec("bpy") else None)

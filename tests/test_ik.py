@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.body import BODY, Body, prior_shape
-from muybridge.geometry.ik import FitOptions, fit_body, fit_motion, landmarks_from_motion
-from muybridge.geometry.ik_solve import Pose, Problem, cost, jacobian, moved, solve, solve_in_stretches
-from muybridge.geometry.ik_start import start_pose
-from muybridge.geometry.landmarks import BODY23, LandmarkSet, Points3D
-from muybridge.geometry.rotations import exp_so3, quat_from_matrix
-from muybridge.geometry.skeleton import Motion
+from muybridge.geometry.skeleton.body import BODY, Body, prior_shape
+from muybridge.geometry.fitting.body_fit import FitOptions, fit_body, fit_motion, landmarks_from_motion
+from muybridge.geometry.fitting.gauss_newton import Pose, Problem, cost, jacobian, moved, solve, solve_in_stretches
+from muybridge.geometry.fitting.initial_pose import start_pose
+from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet, Points3D
+from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 REFERENCE = SHARED / "data" / "balancing" / "reference" / "openpose_body25b.npz"

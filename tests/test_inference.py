@@ -16,19 +16,19 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from muybridge.errors import ModelError
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.crops import crops_for_boxes
-from muybridge.geometry.landmarks import BODY23
-from muybridge.infer.crops import extract_crops
-from muybridge.infer.keypoints import KeypointOptions, PoseEstimator, merge_tracks
-from muybridge.infer.onnx import KeypointNetwork, OnnxOptions, PeopleNetwork
-from muybridge.infer.people import PeopleDetector, PeopleOptions
-from muybridge.infer.plates import SmallFrames
-from muybridge.infer.poses import body_boxes
-from muybridge.infer.tracking import TrackOptions
-from muybridge.infer.upright import Letterbox, Upright, upright_for
-from muybridge.models.decode import DetectedPeople, SpreadCalibration, decode_heatmaps
-from muybridge.models.registry import keypoint_card, shipped_model
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.crops import crops_for_boxes
+from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.infer.detection.crop_pixels import extract_crops
+from muybridge.infer.detection.pose_estimator import KeypointOptions, PoseEstimator, merge_tracks
+from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions, PeopleNetwork
+from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
+from muybridge.infer.detection.background import SmallFrames
+from muybridge.infer.detection.crop_reader import body_boxes
+from muybridge.infer.detection.tracker import TrackOptions
+from muybridge.infer.detection.orientation import Letterbox, Upright, upright_for
+from muybridge.models.keypoints.decode import DetectedPeople, SpreadCalibration, decode_heatmaps
+from muybridge.models.keypoints.metadata import keypoint_card, shipped_model
 
 onnx = pytest.importorskip("onnx", reason="onnx is in the train extra")
 

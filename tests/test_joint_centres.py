@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from muybridge.geometry.joint_centres import (
+from muybridge.geometry.skeleton.joint_centres import (
     centres_from_markers,
     hip_in_pelvis,
     midpoint,

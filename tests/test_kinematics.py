@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import LinearConstraint
 
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.kinematics import (
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.ik import (
     METHODS,
     Goal,
     IkOptions,
@@ -17,10 +17,10 @@ from muybridge.geometry.kinematics import (
     solve_ik,
     tree_of_skeleton,
 )
-from muybridge.geometry.kinematics.examples import PosePrior
-from muybridge.geometry.kinematics.programme import goal_function
-from muybridge.geometry.kinematics.tree import make_wishes, theta_of_rotations
-from muybridge.geometry.rotations import exp_so3, log_so3
+from muybridge.geometry.ik.pose_prior import PosePrior
+from muybridge.geometry.ik.nonlinear import goal_function
+from muybridge.geometry.ik.tree import make_wishes, theta_of_rotations
+from muybridge.geometry.numerics.rotations import exp_so3, log_so3
 
 SKELETON = BODY.skeleton(prior_shape(1.75))
 TREE, LAST = tree_of_skeleton(SKELETON, BODY.rest)

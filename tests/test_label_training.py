@@ -9,15 +9,16 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("anny")
 
 from muybridge.errors import ModelError  # noqa: E402
-from muybridge.geometry.landmarks import PLUG_IN_GAIT, SURFACE  # noqa: E402
-from muybridge.infer.label_network import LabelNetwork  # noqa: E402
-from muybridge.models.label_messages import gather_messages  # noqa: E402
-from muybridge.models.label_net import WINDOW, LabelNet, sinkhorn  # noqa: E402
-from muybridge.train import labels, marker_clouds  # noqa: E402
-from muybridge.train.labels_publish import example, publish_labels  # noqa: E402
-from muybridge.train.marker_augment import DUST, CloudOptions, CloudSampler  # noqa: E402
-from muybridge.train.marker_clouds import MarkerBodies, load_marker_clips, make_marker_clips  # noqa: E402
-from muybridge.train.markers import virtual_markers  # noqa: E402
+from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT, SURFACE  # noqa: E402
+from muybridge.infer.networks.labelling import LabelNetwork  # noqa: E402
+from muybridge.models.labelling.message_passing import gather_messages  # noqa: E402
+from muybridge.models.labelling.network import WINDOW, LabelNet, sinkhorn  # noqa: E402
+from muybridge.train.labelling import train as labels  # noqa: E402
+from muybridge.train.synthesis.markers import trajectories as marker_clouds  # noqa: E402
+from muybridge.train.labelling.export import example, publish_labels  # noqa: E402
+from muybridge.train.synthesis.markers.augment import DUST, CloudOptions, CloudSampler  # noqa: E402
+from muybridge.train.synthesis.markers.trajectories import MarkerBodies, load_marker_clips, make_marker_clips  # noqa: E402
+from muybridge.train.synthesis.bodies.surface_markers import virtual_markers  # noqa: E402
 from muybridge.train.options import LabelTraining  # noqa: E402
 
 
@@ -152,7 +153,7 @@ def test_training_learns_resumes_and_is_published(store, tmp_path, monkeypatch):
     labels.train(replace(options, minutes=0.02))
     again = torch.load(checkpoint, weights_only=False)["state"]
     assert again["step"] > first["step"] > 3 and again["images"] == 16 * again["step"]
-    monkeypatch.setattr("muybridge.train.labels_publish.held_out_batches", lambda clips, count: _few(store))
+    monkeypatch.setattr("muybridge.train.labelling.export.held_out_batches", lambda clips, count: _few(store))
     scores = publish_labels(checkpoint, tmp_path / "labels.onnx", store, "muybridge train labels")
     assert set(scores) == {"frame", "window"}
     card = LabelNetwork(tmp_path / "labels.onnx").card
@@ -168,7 +169,7 @@ def _few(store):
 
 
 def test_another_networks_file_is_refused():
-    from muybridge.models.registry import shipped_model
+    from muybridge.models.keypoints.metadata import shipped_model
 
     with pytest.raises(ModelError, match="kind 'people' where 'labels' is needed"):
         LabelNetwork(shipped_model("people"))

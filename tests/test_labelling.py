@@ -10,14 +10,14 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("anny")
 
-from muybridge.geometry.landmarks import CMU, PLUG_IN_GAIT  # noqa: E402
-from muybridge.geometry.marker_sets import SETS  # noqa: E402
-from muybridge.infer.cli import run_command  # noqa: E402
-from muybridge.infer.label_network import LabelNetwork  # noqa: E402
-from muybridge.infer.labelling import LabelOptions, label_points  # noqa: E402
-from muybridge.models.registry import shipped_model  # noqa: E402
-from muybridge.motion.formats.marker_cloud import read_marker_cloud  # noqa: E402
-from muybridge.train.marker_clouds import FPS, MarkerBodies  # noqa: E402
+from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT  # noqa: E402
+from muybridge.geometry.landmarks.marker_sets import SETS  # noqa: E402
+from muybridge.infer.commands.app import run_command  # noqa: E402
+from muybridge.infer.networks.labelling import LabelNetwork  # noqa: E402
+from muybridge.infer.labelling.label import LabelOptions, label_points  # noqa: E402
+from muybridge.models.keypoints.metadata import shipped_model  # noqa: E402
+from muybridge.motion.formats.points.unlabelled import read_marker_cloud  # noqa: E402
+from muybridge.train.synthesis.markers.trajectories import FPS, MarkerBodies  # noqa: E402
 
 SERVE = pathlib.Path(__file__).parents[2] / "shared" / "data" / "markers" / "tennis_serve_pig39.c3d"
 FRAMES = 96

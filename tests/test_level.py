@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from muybridge.geometry.calibration.level import believed_up, lean_note, levelled, on_their_heads, standing_axes
+from muybridge.geometry.calibration.gravity import believed_up, lean_note, levelled, on_their_heads, standing_axes
 from muybridge.geometry.calibration.world import moved
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.landmarks import LandmarkSet
-from muybridge.infer.session import open_session
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.infer.session.session import open_session
 
 Z_UP = np.array([0.0, 0.0, 1.0])
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks import BODY23, LandmarkSet
-from muybridge.geometry.limbs import stretched_limbs, vague_points
+from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet
+from muybridge.geometry.triangulation.plausibility import stretched_limbs, vague_points
 
 AT = BODY23.index
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks import SURFACE
-from muybridge.geometry.marker_sets import SETS, plan_of
-from muybridge.infer.label_corrections import apply_corrections, read_corrections
-from muybridge.motion.formats.marker_cloud import read_marker_cloud
-from muybridge.motion.formats.marker_set import find_marker_set, read_marker_set, write_marker_set
+from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SETS, plan_of
+from muybridge.infer.labelling.corrections import apply_corrections, read_corrections
+from muybridge.motion.formats.points.unlabelled import read_marker_cloud
+from muybridge.motion.formats.points.marker_protocol import find_marker_set, read_marker_set, write_marker_set
 
 ezc3d = pytest.importorskip("ezc3d")
 

@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.body import BODY
-from muybridge.geometry.joint_centres import JointCentres
-from muybridge.geometry.landmarks import PLUG_IN_GAIT, SURFACE, LandmarkSet, Points3D
-from muybridge.geometry.marker_body import marker_body, without_rolls
-from muybridge.geometry.marker_fit import (
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.skeleton.joint_centres import JointCentres
+from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT, SURFACE, LandmarkSet, Points3D
+from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
+from muybridge.geometry.fitting.marker_fit import (
     MarkerFitOptions,
     calibrate_person,
     fit_markers,
     follow_take,
     settle_frames,
 )
-from muybridge.geometry.rotations import exp_so3, matrix_from_quat
-from muybridge.infer.cli import run_command
-from muybridge.motion.formats.c3d import write_c3d
-from muybridge.train.solver_takes import Spoiling, spoil
+from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat
+from muybridge.infer.commands.app import run_command
+from muybridge.motion.formats.points.c3d import write_c3d
+from muybridge.train.correction.takes import Spoiling, spoil
 
 FPS = 60.0
 QUICK = MarkerFitOptions(calibration_frames=40)

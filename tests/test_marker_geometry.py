@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from muybridge.geometry.marker_cleaning import CleanOptions, Sample, clean_markers, fill_pattern, fill_rigid, gaps_of
-from muybridge.geometry.marker_people import split_people
-from muybridge.geometry.marker_recovery import recover_points
-from muybridge.geometry.marker_rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
-from muybridge.geometry.marker_tracking import Tracks, find_tracks
-from muybridge.geometry.marker_votes import VoteOptions, assign_frames, cut_tracks, elect, exchangeable, vote
+from muybridge.geometry.markers.cleaning import CleanOptions, Sample, clean_markers, fill_pattern, fill_rigid, gaps_of
+from muybridge.geometry.markers.subjects import split_people
+from muybridge.geometry.markers.recovery import recover_points
+from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
+from muybridge.geometry.markers.tracking import Tracks, find_tracks
+from muybridge.geometry.markers.voting import VoteOptions, assign_frames, cut_tracks, elect, exchangeable, vote
 
 FPS = 100.0
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.marker_matching import MatchOptions, follow_points, match_points, without_ghosts
-from muybridge.geometry.marker_tracking import track_points
-from muybridge.infer.blobs import find_blobs, find_threshold
-from muybridge.infer.cli import run_command
-from muybridge.infer.video import VideoWriter
-from muybridge.motion.formats.bvh import read_bvh
-from muybridge.motion.formats.c3d import read_c3d
-from muybridge.train.marker_video import VideoFaults, draw_markers, ring_of_cameras
+from muybridge.geometry.markers.matching import MatchOptions, follow_points, match_points, without_ghosts
+from muybridge.geometry.markers.tracking import track_points
+from muybridge.infer.detection.blobs import find_blobs, find_threshold
+from muybridge.infer.commands.app import run_command
+from muybridge.infer.session.video import VideoWriter
+from muybridge.motion.formats.skeletal.bvh import read_bvh
+from muybridge.motion.formats.points.c3d import read_c3d
+from muybridge.train.synthesis.markers.video import VideoFaults, draw_markers, ring_of_cameras
 
 
 def cloud(frames: int, count: int, rng: np.random.Generator, fps: float = 120.0) -> np.ndarray:
@@ -106,9 +106,9 @@ def test_nothing_seen_is_nothing_found() -> None:
 
 def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
     """Videos in; named markers and a skeleton out."""
-    from muybridge.geometry.landmarks import PLUG_IN_GAIT
-    from muybridge.geometry.marker_body import marker_body
-    from muybridge.geometry.skeleton_fit import rest_positions
+    from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT
+    from muybridge.geometry.skeleton.statistical_body import marker_body
+    from muybridge.geometry.fitting.skeleton_fit import rest_positions
 
     rng, table, frames = np.random.default_rng(6), marker_body(), 20
     offsets, places, _ = table.parts(table.mean)

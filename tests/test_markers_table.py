@@ -5,8 +5,8 @@ import pathlib
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmarks import CMU, PLUG_IN_GAIT, SURFACE, Points3D, select_markers
-from muybridge.motion.formats.c3d import read_c3d, write_c3d
+from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE, Points3D, select_markers
+from muybridge.motion.formats.points.c3d import read_c3d, write_c3d
 
 DATA = pathlib.Path(__file__).parents[2] / "shared/data/markers/tennis_serve_pig39.c3d"
 CMU_LABELS = """LFHD RFHD LBHD RBHD C7 T10 CLAV STRN RBAC LSHO LUPA LELB LFRM LWRA LWRB LFIN RSHO RUPA RELB RFRM RWRA
@@ -27,7 +27,7 @@ WIDTHS = {
 def body():
     pytest.importorskip("torch")
     pytest.importorskip("anny")
-    from muybridge.train.bodies import BodyModel
+    from muybridge.train.synthesis.bodies.body_model import BodyModel
 
     return BodyModel(5)
 
@@ -70,7 +70,7 @@ def test_mirrors_are_mutual():
 def test_table_has_the_order_of_the_network(body):
     import csv
 
-    from muybridge.train.markers import TABLE, marker_table
+    from muybridge.train.synthesis.bodies.surface_markers import TABLE, marker_table
 
     rows = list(csv.DictReader(TABLE.open(newline="")))
     assert tuple(r["name"] for r in rows) == SURFACE.names
@@ -88,8 +88,8 @@ def test_table_has_the_order_of_the_network(body):
 def test_markers_are_symmetric_and_on_the_skin(body, adults):
     from scipy.spatial import cKDTree
 
-    from muybridge.train.bodies import BODY_VERTICES
-    from muybridge.train.markers import marker_table, virtual_markers
+    from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES
+    from muybridge.train.synthesis.bodies.surface_markers import marker_table, virtual_markers
 
     points = virtual_markers(adults)
     mirrored = points[:, list(SURFACE.mirror)] * [-1, 1, 1]
@@ -119,7 +119,7 @@ def test_markers_are_symmetric_and_on_the_skin(body, adults):
 
 
 def test_adults_measure_what_adults_measure(adults):
-    from muybridge.train.markers import virtual_markers
+    from muybridge.train.synthesis.bodies.surface_markers import virtual_markers
 
     at = dict(zip(SURFACE.names, virtual_markers(adults).transpose(1, 0, 2), strict=True))
     for (a, b), (low, high) in WIDTHS.items():
@@ -134,8 +134,8 @@ def test_adults_measure_what_adults_measure(adults):
 def test_labels_project_where_the_renderer_draws_them(body):
     """From each side of a nearly naked body a marker counts as seen just where its skin is the drawn surface."""
     from muybridge.errors import MissingExtraError
-    from muybridge.train.render import Renderer, View, look_at
-    from muybridge.train.wardrobe import sample_outfit
+    from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
+    from muybridge.train.synthesis.clothing.sample import sample_outfit
 
     try:
         renderer = Renderer(body)
@@ -161,7 +161,7 @@ def test_labels_project_where_the_renderer_draws_them(body):
 
 
 def test_limbs_hide_markers(body):
-    from muybridge.train.markers import markers_seen
+    from muybridge.train.synthesis.bodies.surface_markers import markers_seen
 
     point, up = np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32)
     eye, depth = np.array([0.0, 0, 3]), np.array([3.0], np.float32)
@@ -171,7 +171,7 @@ def test_limbs_hide_markers(body):
 
 def test_renders_without_marker_labels_load_as_unknown(tmp_path):
     pytest.importorskip("torch")
-    from muybridge.train.renders import load_renders
+    from muybridge.train.synthesis.rendering.store import load_renders
 
     rng = np.random.default_rng(0)
     for number in (0, 1):

@@ -5,12 +5,12 @@ import sys
 
 import pytest
 
-from muybridge.train import memory
+from muybridge.train.engine import malloc as memory
 
 # Pages that the system had to give anew, in rounds of 64 MiB that are written to and given back.
 _ROUNDS = """
 import ctypes, resource, sys
-from muybridge.train.memory import keep_memory
+from muybridge.train.engine.malloc import keep_memory
 
 library = ctypes.CDLL(None)
 library.malloc.restype, library.malloc.argtypes = ctypes.c_void_p, [ctypes.c_size_t]

@@ -8,11 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from muybridge.errors import FormatError
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.rotations import exp_so3, quat_from_matrix
-from muybridge.geometry.skeleton import Motion
-from muybridge.motion.formats.asf_amc import read_amc
-from muybridge.motion.formats.mot import coordinates_of, motion_of, read_mot, write_mot
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.motion.formats.skeletal.asf_amc import read_amc
+from muybridge.motion.formats.skeletal.mot import coordinates_of, motion_of, read_mot, write_mot
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "motion"
 SKELETON = BODY.skeleton(prior_shape(1.75))

@@ -8,12 +8,12 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("anny")
 
-from muybridge.train.bodies import KINDS, BodyModel  # noqa: E402
-from muybridge.train.motion_floor import sit  # noqa: E402
-from muybridge.train.motion_ground import TRUNK_BONES, chosen_skin  # noqa: E402
-from muybridge.train.motion_hands import HABITS, hands_at_rest  # noqa: E402
-from muybridge.train.motion_kinds import Stage, stand  # noqa: E402
-from muybridge.train.motion_rig import (  # noqa: E402
+from muybridge.train.synthesis.bodies.body_model import KINDS, BodyModel  # noqa: E402
+from muybridge.train.synthesis.motions.floor import sit  # noqa: E402
+from muybridge.train.synthesis.motions.ground_contact import TRUNK_BONES, chosen_skin  # noqa: E402
+from muybridge.train.synthesis.motions.hands import HABITS, hands_at_rest  # noqa: E402
+from muybridge.train.synthesis.motions.standing import Stage, stand  # noqa: E402
+from muybridge.train.synthesis.motions.rig import (
     LIMITS,
     SIDES,
     centre_of_mass,
@@ -24,8 +24,8 @@ from muybridge.train.motion_rig import (  # noqa: E402
     turn,
     two_bone,
 )
-from muybridge.train.motions import MOTIONS, MotionSampler, slides  # noqa: E402
-from muybridge.train.poses import KINDS as STATIC  # noqa: E402
+from muybridge.train.synthesis.motions.sampler import MOTIONS, MotionSampler, slides  # noqa: E402
+from muybridge.train.synthesis.bodies.pose_sampler import KINDS as STATIC  # noqa: E402
 
 FPS = 60.0
 OFF_THE_FEET = ("crawl", "lie", "get_up", "floor_sit", "handstand", "cartwheel")
@@ -298,7 +298,7 @@ def test_a_clip_too_short_or_of_no_known_kind_is_refused(skeleton):
 
 def posed(skeleton, name, monkeypatch):
     """Joints (F, bones, 3), in the axes of the pelvis, of a clip with this habit of the hands."""
-    monkeypatch.setattr("muybridge.train.motion_hands.HABITS", {name: HABITS[name]})
+    monkeypatch.setattr("muybridge.train.synthesis.motions.hands.HABITS", {name: HABITS[name]})
     sampler = MotionSampler(skeleton, np.random.default_rng(31))
     seated = HABITS[name].share[0] == 0
 

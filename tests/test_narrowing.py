@@ -10,13 +10,13 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
 from muybridge.errors import ModelError  # noqa: E402
-from muybridge.models.export import export_onnx  # noqa: E402
-from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart  # noqa: E402
-from muybridge.models.people_net import MEAN, STD  # noqa: E402
-from muybridge.models.quantize import int8_path  # noqa: E402
-from muybridge.models.registry import shipped_model  # noqa: E402
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx  # noqa: E402
-from muybridge.train.narrowing import narrowed  # noqa: E402
+from muybridge.models.onnx_files.export import export_onnx  # noqa: E402
+from muybridge.models.keypoints.network import PLATE, KeypointNet, PlateApart  # noqa: E402
+from muybridge.models.people.network import MEAN, STD  # noqa: E402
+from muybridge.models.onnx_files.quantization import int8_path  # noqa: E402
+from muybridge.models.keypoints.metadata import shipped_model  # noqa: E402
+from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx  # noqa: E402
+from muybridge.train.keypoints.prune import narrowed  # noqa: E402
 
 WIDTHS, DEPTHS = (16, 16, 24, 24), (0, 1, 2, 1)
 

@@ -6,8 +6,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from muybridge.models.keypoint_net import KeypointNet  # noqa: E402
-from muybridge.train.optimiser import Muon, Optimisers, orthogonal  # noqa: E402
+from muybridge.models.keypoints.network import KeypointNet  # noqa: E402
+from muybridge.train.engine.muon import Muon, Optimisers, orthogonal  # noqa: E402
 
 
 @pytest.mark.parametrize("shape", [(24, 200), (200, 24), (64, 64)])

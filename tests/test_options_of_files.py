@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.landmarks import PLUG_IN_GAIT, LandmarkSet, Points3D
-from muybridge.geometry.marker_fit import MarkerFitOptions
-from muybridge.geometry.skeleton import Motion
-from muybridge.infer.cli import run_command
-from muybridge.infer.convert import convert
-from muybridge.motion.formats.bvh import read_bvh, write_bvh
-from muybridge.motion.formats.c3d import read_c3d, write_c3d
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT, LandmarkSet, Points3D
+from muybridge.geometry.fitting.marker_fit import MarkerFitOptions
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.infer.commands.app import run_command
+from muybridge.infer.commands.convert import convert
+from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
+from muybridge.motion.formats.points.c3d import read_c3d, write_c3d
 from muybridge.motion.formats.registry import ReadOptions, read_file, readable, writable
-from muybridge.motion.formats.trc import write_trc
+from muybridge.motion.formats.points.trc import write_trc
 
 
 def make_points(frames: int = 12) -> Points3D:

@@ -10,19 +10,19 @@ import pytest
 onnx = pytest.importorskip("onnx")
 
 from muybridge.errors import ModelError  # noqa: E402
-from muybridge.geometry.crops import crops_for_boxes  # noqa: E402
-from muybridge.geometry.landmarks import BODY23  # noqa: E402
-from muybridge.infer.cli import run_command  # noqa: E402
-from muybridge.infer.crops import extract_crops  # noqa: E402
-from muybridge.infer.demo import demo_folder, true_points  # noqa: E402
-from muybridge.infer.detect import DetectOptions, open_models  # noqa: E402
-from muybridge.infer.onnx import OnnxOptions  # noqa: E402
-from muybridge.infer.other_models import OtherNetwork, open_keypoints  # noqa: E402
-from muybridge.infer.solve import LEAST_SURE, SolveOptions  # noqa: E402
-from muybridge.models.decode import SpreadCalibration  # noqa: E402
-from muybridge.models.decode_simcc import decode_simcc, decode_value_heatmaps  # noqa: E402
-from muybridge.models.model_card import LAYOUTS, find_card, load_card, shipped_cards  # noqa: E402
-from muybridge.models.registry import shipped_model  # noqa: E402
+from muybridge.geometry.cameras.crops import crops_for_boxes  # noqa: E402
+from muybridge.geometry.landmarks.arrays import BODY23  # noqa: E402
+from muybridge.infer.commands.app import run_command  # noqa: E402
+from muybridge.infer.detection.crop_pixels import extract_crops  # noqa: E402
+from muybridge.infer.pipelines.demo import demo_folder, true_points  # noqa: E402
+from muybridge.infer.detection.detect import DetectOptions, open_models  # noqa: E402
+from muybridge.infer.networks.keypoints import OnnxOptions  # noqa: E402
+from muybridge.infer.networks.external import OtherNetwork, open_keypoints  # noqa: E402
+from muybridge.infer.reconstruction.landmarks import LEAST_SURE, SolveOptions  # noqa: E402
+from muybridge.models.keypoints.decode import SpreadCalibration  # noqa: E402
+from muybridge.models.keypoints.simcc import decode_simcc, decode_value_heatmaps  # noqa: E402
+from muybridge.models.keypoints.external import LAYOUTS, find_card, load_card, shipped_cards  # noqa: E402
+from muybridge.models.keypoints.metadata import shipped_model  # noqa: E402
 
 MEAN, STD = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
 WIDTH, HEIGHT = 192, 256

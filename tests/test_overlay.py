@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from muybridge.errors import OutputError, VideoError
-from muybridge.geometry.landmarks import BODY23
-from muybridge.infer.overlay import (
+from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.infer.results.overlay import (
     LEFT,
     MIDDLE,
     REJECTED,

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.skeleton import Motion
-from muybridge.infer.cli import run_command
-from muybridge.motion.formats.asf_amc import write_amc
-from muybridge.motion.formats.bvh import write_bvh
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.infer.commands.app import run_command
+from muybridge.motion.formats.skeletal.asf_amc import write_amc
+from muybridge.motion.formats.skeletal.bvh import write_bvh
 
 
 @pytest.fixture

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmarks import BODY23
-from muybridge.infer.keypoints import CameraTracks
-from muybridge.infer.own_times import Repeats, hangs, in_time, on_time, repeats_notice
-from muybridge.infer.video import VideoWriter, probe_video, read_chunks
+from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.infer.detection.pose_estimator import CameraTracks
+from muybridge.infer.detection.resample import Repeats, hangs, in_time, on_time, repeats_notice
+from muybridge.infer.session.video import VideoWriter, probe_video, read_chunks
 
 FPS, COUNT = 30.0, len(BODY23)
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from muybridge.infer.detect import DetectOptions, first_look
-from muybridge.infer.keypoints import KeypointOptions
-from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
-from muybridge.models.parts import at_side, reading_sides
-from muybridge.models.registry import shipped_model
-from muybridge.models.turning import turn_where_unsure
+from muybridge.infer.detection.detect import DetectOptions, first_look
+from muybridge.infer.detection.pose_estimator import KeypointOptions
+from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
+from muybridge.models.keypoints.rescale import at_side, reading_sides
+from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.models.keypoints.test_time import turn_where_unsure
 
 
 def scores(here: int) -> NDArray[np.float64]:

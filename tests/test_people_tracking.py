@@ -7,13 +7,13 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from muybridge.geometry.association import take_slots
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.landmarks import BODY23, Keypoints2D
-from muybridge.geometry.people_bodies import Body, without_stray_end
-from muybridge.geometry.people_tracking import AssociateOptions, PeopleTracker, track_people
-from muybridge.geometry.rays import nearest_points, pair_points, ray_directions
-from muybridge.geometry.triangulation import triangulate
+from muybridge.geometry.association.select import take_slots
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D
+from muybridge.geometry.association.tracks import Body, without_stray_end
+from muybridge.geometry.association.tracker import AssociateOptions, PeopleTracker, track_people
+from muybridge.geometry.cameras.rays import nearest_points, pair_points, ray_directions
+from muybridge.geometry.triangulation.multiview import triangulate
 
 
 @pytest.fixture(scope="module")

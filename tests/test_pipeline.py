@@ -16,15 +16,15 @@ import numpy as np
 import pytest
 
 from muybridge.geometry.calibration import load_calibration, save_calibration
-from muybridge.geometry.calibration.level import standing_axes
+from muybridge.geometry.calibration.gravity import standing_axes
 from muybridge.geometry.calibration.world import moved
-from muybridge.geometry.landmarks import BODY23, PLUG_IN_GAIT, Points3D
-from muybridge.infer.cli import run_command
-from muybridge.infer.demo import score
-from muybridge.infer.keypoints import CameraTracks
-from muybridge.motion.formats.bvh import read_bvh
-from muybridge.motion.formats.c3d import read_c3d
-from muybridge.motion.formats.trc import read_trc
+from muybridge.geometry.landmarks.arrays import BODY23, PLUG_IN_GAIT, Points3D
+from muybridge.infer.commands.app import run_command
+from muybridge.infer.pipelines.demo import score
+from muybridge.infer.detection.pose_estimator import CameraTracks
+from muybridge.motion.formats.skeletal.bvh import read_bvh
+from muybridge.motion.formats.points.c3d import read_c3d
+from muybridge.motion.formats.points.trc import read_trc
 
 FILES = {
     "points.trc", "points.c3d", "motion.bvh", "motion.glb", "report.html", "run.json", "calibration.toml",
@@ -375,7 +375,7 @@ def little_demo(take, staged_people) -> Path:
 
 
 def test_the_demo_tells_its_error(little_demo, staged, monkeypatch, tmp_path):
-    monkeypatch.setattr("muybridge.infer.demo.demo_folder", lambda: little_demo)
+    monkeypatch.setattr("muybridge.infer.pipelines.demo.demo_folder", lambda: little_demo)
     out = tmp_path / "shown"
     done = staged("demo", "--out", out)
     assert done.returncode == 0, done.stderr
@@ -389,7 +389,7 @@ def test_the_demo_tells_its_error(little_demo, staged, monkeypatch, tmp_path):
 
 
 def test_the_demo_refuses_a_folder_of_someone_else(little_demo, staged, monkeypatch, tmp_path):
-    monkeypatch.setattr("muybridge.infer.demo.demo_folder", lambda: little_demo)
+    monkeypatch.setattr("muybridge.infer.pipelines.demo.demo_folder", lambda: little_demo)
     out = tmp_path / "shown"
     (out / "take").mkdir(parents=True)
     (out / "take" / "calibration.toml").write_text("mine")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from muybridge.geometry.cameras import Camera
-from muybridge.geometry.crops import crops_for_boxes
-from muybridge.geometry.landmarks import BODY23
-from muybridge.infer.crops import extract_crops
-from muybridge.infer.onnx import KeypointNetwork
-from muybridge.infer.plates import Backdrop, silhouettes
-from muybridge.infer.upright import Letterbox, Upright, upright_for
-from muybridge.models.registry import shipped_model
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.crops import crops_for_boxes
+from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.infer.detection.crop_pixels import extract_crops
+from muybridge.infer.networks.keypoints import KeypointNetwork
+from muybridge.infer.detection.background import Backdrop, silhouettes
+from muybridge.infer.detection.orientation import Letterbox, Upright, upright_for
+from muybridge.models.keypoints.metadata import shipped_model
 
 WIDTH, HEIGHT, CROP = 640, 480, 96
 # Portrait: turned by 90 degrees, 4 m from the wall y = 0.

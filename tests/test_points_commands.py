@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.landmark_names import body_landmark, map_body, map_surface
-from muybridge.geometry.landmarks import BODY23, PLUG_IN_GAIT, LandmarkSet, Points3D
-from muybridge.geometry.rotations import exp_so3, quat_from_matrix
-from muybridge.geometry.skeleton import Motion
-from muybridge.infer.cli import run_command
-from muybridge.infer.compare import compare_points
-from muybridge.motion.formats.bvh import read_bvh, write_bvh
-from muybridge.motion.formats.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
-from muybridge.motion.formats.csv_points import write_csv
-from muybridge.motion.formats.gltf import read_gltf
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.skeleton.aliases import body_landmark, map_body, map_surface
+from muybridge.geometry.landmarks.arrays import BODY23, PLUG_IN_GAIT, LandmarkSet, Points3D
+from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.infer.commands.app import run_command
+from muybridge.infer.commands.compare import compare_points
+from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
+from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
+from muybridge.motion.formats.points.csv import write_csv
+from muybridge.motion.formats.gltf.write import read_gltf
 from muybridge.motion.formats.registry import points_of_motion, read_file, readable, writable
-from muybridge.motion.formats.trc import read_trc, write_trc
+from muybridge.motion.formats.points.trc import read_trc, write_trc
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 SHAPE = prior_shape(1.74)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.landmarks import BODY23, Points3D
-from muybridge.geometry.pose_prior import PosePriorOptions, with_pose_prior
-from muybridge.geometry.smoothing import smooth_points
-from muybridge.geometry.triangulation import Triangulation, triangulate
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.geometry.triangulation.shape_prior import PosePriorOptions, with_pose_prior
+from muybridge.geometry.smoothing.kalman import smooth_points
+from muybridge.geometry.triangulation.multiview import Triangulation, triangulate
 
 Floats = NDArray[np.float64]
 PX = 4.0

@@ -4,8 +4,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from muybridge.train import precision  # noqa: E402
-from muybridge.train.optimiser import orthogonal  # noqa: E402
+from muybridge.train.engine import precision  # noqa: E402
+from muybridge.train.engine.muon import orthogonal  # noqa: E402
 
 CPU = torch.device("cpu")
 

@@ -10,10 +10,10 @@ import pytest
 pytest.importorskip("torch")
 
 from muybridge.errors import SessionError  # noqa: E402
-from muybridge.train import loop, processes  # noqa: E402
+from muybridge.train.engine import loop, process_pool as processes  # noqa: E402
 from muybridge.train.options import KeypointTraining, PeopleTraining  # noqa: E402
-from muybridge.train.processes import shared_out  # noqa: E402
-from muybridge.train.renders import make_renders  # noqa: E402
+from muybridge.train.engine.process_pool import shared_out  # noqa: E402
+from muybridge.train.synthesis.rendering.store import make_renders  # noqa: E402
 
 # Where the processes find it too.
 STUDIOS = """
@@ -21,7 +21,7 @@ import os, signal, time
 from dataclasses import dataclass
 from pathlib import Path
 from muybridge.errors import SessionError
-from muybridge.train.processes import one_at_a_time
+from muybridge.train.engine.process_pool import one_at_a_time
 
 @dataclass
 class Quick:
@@ -117,7 +117,7 @@ WAITING = """
 import pathlib, signal, sys
 from render_studios import Slow
 signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell's background jobs ignore
-from muybridge.train.processes import shared_out
+from muybridge.train.engine.process_pool import shared_out
 list(shared_out(Slow(pathlib.Path(sys.argv[1])).make, range(4), 2))
 """
 

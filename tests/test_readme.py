@@ -11,11 +11,11 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from muybridge.geometry.crops import crops_for_boxes
-from muybridge.geometry.landmarks import BODY23
-from muybridge.infer.crops import extract_crops
-from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
-from muybridge.models.registry import shipped_model
+from muybridge.geometry.cameras.crops import crops_for_boxes
+from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.infer.detection.crop_pixels import extract_crops
+from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
+from muybridge.models.keypoints.metadata import shipped_model
 
 
 def _blocks(path: Path, language: str) -> list[str]:

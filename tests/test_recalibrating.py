@@ -16,8 +16,8 @@ pytest.importorskip("kornia")
 
 import onnxruntime  # noqa: E402
 
-from muybridge.models.quantize import int8_path  # noqa: E402
-from muybridge.models.registry import keypoint_card, shipped_model  # noqa: E402
+from muybridge.models.onnx_files.quantization import int8_path  # noqa: E402
+from muybridge.models.keypoints.metadata import keypoint_card, shipped_model  # noqa: E402
 
 
 def test_a_network_is_calibrated_anew_and_keeps_its_weights(

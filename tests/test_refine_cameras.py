@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.landmarks import BODY23, Keypoints2D
-from muybridge.infer import refine_cameras
-from muybridge.infer.progress import Progress
-from muybridge.infer.session import Session, SessionOptions, open_session
-from muybridge.infer.stages import StageStore
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D
+from muybridge.infer.reconstruction import refine_cameras
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.session.session import Session, SessionOptions, open_session
+from muybridge.infer.runtime.stages import StageStore
 
 
 @pytest.fixture
@@ -44,9 +44,7 @@ def test_right_cameras_stay(filmed: tuple[Session, Keypoints2D], tmp_path: Path)
 
 
 @pytest.mark.parametrize("degrees", [1.0, 2.0, 4.0])
-def test_a_turned_camera_is_turned_back(
-    filmed: tuple[Session, Keypoints2D], tmp_path: Path, degrees: float
-) -> None:
+def test_a_turned_camera_is_turned_back(filmed: tuple[Session, Keypoints2D], tmp_path: Path, degrees: float) -> None:
     session, keypoints = filmed
     wrong = replace(session, cameras=turned(session.cameras, degrees))
     found, _ = refine_cameras.refined(wrong, keypoints, "", StageStore(tmp_path), Progress(quiet=True))

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from muybridge.errors import OutputError
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.landmarks import BODY23, Points3D
-from muybridge.infer.report import (
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.infer.report.page import (
     ReportData,
     Thumbnail,
     pick_thumbnail_frames,
@@ -22,7 +22,7 @@ from muybridge.infer.report import (
     render_report,
     write_report,
 )
-from muybridge.infer.report_figures import (
+from muybridge.infer.report.figures import (
     BoneFigures,
     bone_figures,
     camera_figures,
@@ -32,8 +32,8 @@ from muybridge.infer.report_figures import (
     jumps,
     timeline,
 )
-from muybridge.infer.report_findings import findings, verdict
-from muybridge.infer.report_sections import PersonPage
+from muybridge.infer.report.findings import findings, verdict
+from muybridge.infer.report.sections import PersonPage
 
 J = len(BODY23)
 FPS = 60.0
@@ -81,9 +81,7 @@ def _walk(frames: int) -> np.ndarray:
     return body
 
 
-def _take(
-    frames: int = 120, noise_px: float = 1.0, seed: int = 0
-) -> tuple[CameraGroup, np.ndarray, Points3D]:
+def _take(frames: int = 120, noise_px: float = 1.0, seed: int = 0) -> tuple[CameraGroup, np.ndarray, Points3D]:
     """A rig, its 2D points (C, T, J, 2) and 3D points whose residuals belong to them."""
     rig, world = _rig(), _walk(frames)
     noise = np.random.default_rng(seed).normal(0.0, noise_px, (len(rig), frames, J, 2))
@@ -247,18 +245,14 @@ def test_timeline_keeps_totals(columns: int) -> None:
     line = timeline(points, columns)
     assert len(line.first_frame) == min(columns, 120)
     widths = np.diff([*line.first_frame, 120])
-    np.testing.assert_allclose(
-        (line.missing * widths[:, None]).sum(axis=0), np.where(np.arange(J) == 3, 20, 0)
-    )
+    np.testing.assert_allclose((line.missing * widths[:, None]).sum(axis=0), np.where(np.arange(J) == 3, 20, 0))
     assert np.nanmax(line.cameras) == 4 and line.residual_px.shape == (len(widths), 4)
 
 
 def test_nothing_found_gives_a_report_that_says_so() -> None:
     rig, px, points = _take(5)
     empty = _points(rig, np.full_like(px, np.nan), np.full_like(points.points_world, np.nan))
-    page = render_report(
-        ReportData(title="empty", cameras=rig, points=empty, keypoints_px=np.full_like(px, np.nan))
-    )
+    page = render_report(ReportData(title="empty", cameras=rig, points=empty, keypoints_px=np.full_like(px, np.nan)))
     assert "No landmark has a 3D position in any frame" in page
     assert not re.search(r"\bnan\b", page, re.IGNORECASE)
 

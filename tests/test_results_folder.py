@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from muybridge.errors import OutputError
-from muybridge.infer.detect import file_names
-from muybridge.infer.exports import is_overlay, overlay_name, result_names
-from muybridge.infer.outputs import open_output
+from muybridge.infer.detection.detect import file_names
+from muybridge.infer.results.write import is_overlay, overlay_name, result_names
+from muybridge.infer.results.folder import open_output
 
 
 def test_results_of_another_session_are_not_replaced(tmp_path: Path) -> None:

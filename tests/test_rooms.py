@@ -6,9 +6,9 @@ import pytest
 pytest.importorskip("moderngl")
 pytest.importorskip("anny")
 
-from muybridge.train.bodies import BodyModel  # noqa: E402
-from muybridge.train.render import Renderer  # noqa: E402
-from muybridge.train.rooms import RoomBuilder, make_room_pictures, room_view  # noqa: E402
+from muybridge.train.synthesis.bodies.body_model import BodyModel  # noqa: E402
+from muybridge.train.synthesis.rendering.renderer import Renderer  # noqa: E402
+from muybridge.train.synthesis.rendering.rooms import RoomBuilder, make_room_pictures, room_view  # noqa: E402
 
 
 @pytest.fixture(scope="module")

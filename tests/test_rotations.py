@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from muybridge.geometry.rotations import (
+from muybridge.geometry.numerics.rotations import (
     continuous_quat,
     exp_so3,
     kabsch,

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks import LandmarkSet, Points3D
-from muybridge.motion.formats.csv_points import read_csv
-from muybridge.motion.formats.marker_cloud import read_marker_cloud
-from muybridge.motion.formats.trc import read_trc, write_trc
+from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.motion.formats.points.csv import read_csv
+from muybridge.motion.formats.points.unlabelled import read_marker_cloud
+from muybridge.motion.formats.points.trc import read_trc, write_trc
 
 ROWS = 10
 

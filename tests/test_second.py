@@ -10,12 +10,13 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
-from muybridge.models.keypoint_net import Block, ConvUnit, KeypointNet  # noqa: E402
-from muybridge.train import keypoints, precision, second  # noqa: E402
-from muybridge.train.keypoints import losses_of  # noqa: E402
+from muybridge.models.keypoints.network import Block, ConvUnit, KeypointNet  # noqa: E402
+from muybridge.train.keypoints import train as keypoints  # noqa: E402
+from muybridge.train.engine import precision, gradient_worker as second  # noqa: E402
+from muybridge.train.keypoints.train import losses_of  # noqa: E402
 from muybridge.train.options import KeypointTraining  # noqa: E402
-from muybridge.train.publish import load_checkpoint  # noqa: E402
-from muybridge.train.second import CHUNKS, Second, pays  # noqa: E402
+from muybridge.train.keypoints.export import load_checkpoint  # noqa: E402
+from muybridge.train.engine.gradient_worker import CHUNKS, Second, pays  # noqa: E402
 
 
 class SmoothBlock(Block):

@@ -6,18 +6,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmarks import BODY23, Points3D
-from muybridge.infer.detect import CameraResult, DetectOptions, file_names, first_look, is_finished, open_models
-from muybridge.infer.keypoints import CameraTracks
-from muybridge.infer.onnx import Expectation, KeypointNetwork
-from muybridge.infer.progress import Progress
-from muybridge.infer.second_look import SecondLook, SecondLookOptions, missing_views
-from muybridge.infer.session import SessionOptions, open_session, with_frames
-from muybridge.infer.stages import StageResult, StageStore
-from muybridge.infer.upright import Letterbox, Upright
-from muybridge.infer.video import read_chunks
-from muybridge.models.decode import SpreadCalibration, decode_heatmaps, with_expectation
-from muybridge.models.registry import shipped_model
+from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.infer.detection.detect import (
+    CameraResult,
+    DetectOptions,
+    file_names,
+    first_look,
+    is_finished,
+    open_models,
+)
+from muybridge.infer.detection.pose_estimator import CameraTracks
+from muybridge.infer.networks.keypoints import Expectation, KeypointNetwork
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.detection.refine import SecondLook, SecondLookOptions, missing_views
+from muybridge.infer.session.session import SessionOptions, open_session, with_frames
+from muybridge.infer.runtime.stages import StageResult, StageStore
+from muybridge.infer.detection.orientation import Letterbox, Upright
+from muybridge.infer.session.video import read_chunks
+from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps, with_expectation
+from muybridge.models.keypoints.metadata import shipped_model
 
 LOST = np.arange(10, 14)
 

@@ -12,8 +12,8 @@ import pytest
 
 from muybridge.errors import CalibrationError, MuybridgeError, SessionError, VideoError
 from muybridge.geometry.calibration import export_calibration, load_calibration
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.infer.session import SessionOptions, find_videos, match_cameras, natural_key, open_session
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.infer.session.session import SessionOptions, find_videos, match_cameras, natural_key, open_session
 
 HERE, FILE = Path("session"), Path("session/calibration.toml")
 

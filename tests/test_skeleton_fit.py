@@ -8,13 +8,20 @@ import numpy as np
 import pytest
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry import ik_kernel
-from muybridge.geometry.body import BODY, prior_shape
-from muybridge.geometry.ik_solve import Pose, Problem, jacobian
-from muybridge.geometry.rotations import exp_so3
-from muybridge.geometry.skeleton_calibration import calibrate_skeleton
-from muybridge.geometry.skeleton_fit import OnlineFit, SkeletonFitOptions, fit_online, fit_take, joint_rigging, solvable
-from muybridge.motion.formats.bvh import read_bvh
+from muybridge.geometry.fitting import _chain_kernel as ik_kernel
+from muybridge.geometry.skeleton.body import BODY, prior_shape
+from muybridge.geometry.fitting.gauss_newton import Pose, Problem, jacobian
+from muybridge.geometry.numerics.rotations import exp_so3
+from muybridge.geometry.fitting.scaling import calibrate_skeleton
+from muybridge.geometry.fitting.skeleton_fit import (
+    OnlineFit,
+    SkeletonFitOptions,
+    fit_online,
+    fit_take,
+    joint_rigging,
+    solvable,
+)
+from muybridge.motion.formats.skeletal.bvh import read_bvh
 
 CMU = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "motion" / "01_01.bvh"
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.landmarks import BODY23, LandmarkSet, Points3D
-from muybridge.geometry.smoothing import SmoothOptions, clean_points, smooth_points
+from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet, Points3D
+from muybridge.geometry.smoothing.kalman import SmoothOptions, clean_points, smooth_points
 
 LEFT = [i for i, n in enumerate(BODY23.names) if n.startswith("left_")]
 

@@ -9,30 +9,30 @@ import pytest
 import torch
 
 from muybridge.errors import SessionError
-from muybridge.geometry.body import BODY
-from muybridge.geometry.landmarks import PLUG_IN_GAIT, SURFACE
-from muybridge.geometry.marker_body import marker_body, without_rolls
-from muybridge.geometry.marker_fit import (
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT, SURFACE
+from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
+from muybridge.geometry.fitting.marker_fit import (
     MarkerFitOptions,
     fit_markers,
     follow_take,
     scaled_person,
     settle_frames,
 )
-from muybridge.geometry.rotations import exp_so3, matrix_from_quat
-from muybridge.geometry.skeleton import Motion
-from muybridge.geometry.solver_body import body_through
-from muybridge.geometry.solver_features import apply_corrections, carriers, mirrored, solver_input, target_of
-from muybridge.infer.solver_network import SolverNetwork, corrected
-from muybridge.models.solver_net import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
-from muybridge.motion.formats.bvh import read_bvh
-from muybridge.train.marker_clouds import MarkerBodies
+from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.rigid_bones import body_through
+from muybridge.models.correction.features import apply_corrections, carriers, mirrored, solver_input, target_of
+from muybridge.infer.networks.correction import SolverNetwork, corrected
+from muybridge.models.correction.network import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
+from muybridge.motion.formats.skeletal.bvh import read_bvh
+from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 from muybridge.train.options import SolverTraining
-from muybridge.train.solver import train
-from muybridge.train.solver_clips import FRAMES, SolverClips
-from muybridge.train.solver_fits import KEYS, examples
-from muybridge.train.solver_publish import _export, parity, publish_solver
-from muybridge.train.solver_takes import Spoiling, recorded_take, spoil
+from muybridge.train.correction.train import train
+from muybridge.train.correction.clips import FRAMES, SolverClips
+from muybridge.train.correction.examples import KEYS, examples
+from muybridge.train.correction.export import _export, parity, publish_solver
+from muybridge.train.correction.takes import Spoiling, recorded_take, spoil
 
 
 def test_spoiling_keeps_its_shares() -> None:

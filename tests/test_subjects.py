@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmark_names import map_body, map_surface, one_of_several, subject_of
-from muybridge.geometry.landmarks import BODY23, PLUG_IN_GAIT, LandmarkSet, Points3D
-from muybridge.infer.cli import run_command
-from muybridge.infer.compare import compare_points
-from muybridge.infer.solve_points import understand
-from muybridge.motion.formats.c3d import C3DTake, write_c3d
-from muybridge.motion.formats.csv_points import write_csv
-from muybridge.motion.formats.trc import write_trc
+from muybridge.geometry.skeleton.aliases import map_body, map_surface, one_of_several, subject_of
+from muybridge.geometry.landmarks.arrays import BODY23, PLUG_IN_GAIT, LandmarkSet, Points3D
+from muybridge.infer.commands.app import run_command
+from muybridge.infer.commands.compare import compare_points
+from muybridge.infer.commands.solve import understand
+from muybridge.motion.formats.points.c3d import C3DTake, write_c3d
+from muybridge.motion.formats.points.csv import write_csv
+from muybridge.motion.formats.points.trc import write_trc
 
 
 def make_points(names, frames=12, seed=0):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.landmarks import BODY23
-from muybridge.geometry.swaps import repair_swaps
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.triangulation.left_right import repair_swaps
 
 _spec = importlib.util.spec_from_file_location("room", Path(__file__).with_name("test_association.py"))
 assert _spec is not None and _spec.loader is not None

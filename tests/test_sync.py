@@ -8,10 +8,10 @@ import pytest
 
 from muybridge.errors import SessionError
 from muybridge.geometry.calibration import fit_to_video, load_calibration
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.clocks import parabola, synchronised
-from muybridge.geometry.landmarks import BODY23, Keypoints2D
-from muybridge.geometry.synchronisation import (
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.sync.clocks import parabola, synchronised
+from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D
+from muybridge.geometry.sync.motion import (
     Clock,
     Delays,
     audio_clock,
@@ -20,8 +20,8 @@ from muybridge.geometry.synchronisation import (
     motion_clocks,
     resample,
 )
-from muybridge.infer.sync import SyncResult, disagreements, read_audio, write_sync
-from muybridge.infer.sync_file import first_frames_in_common, read_sync
+from muybridge.infer.commands.sync import SyncResult, disagreements, read_audio, write_sync
+from muybridge.infer.session.sync_file import first_frames_in_common, read_sync
 
 FPS = 60.0
 

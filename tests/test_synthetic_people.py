@@ -9,18 +9,19 @@ pytest.importorskip("torch")
 pytest.importorskip("anny")
 
 from muybridge.errors import MissingExtraError  # noqa: E402
-from muybridge.geometry.landmarks import BODY23  # noqa: E402
-from muybridge.train import render, scenes  # noqa: E402
-from muybridge.train.augment import WHOLE, AugmentOptions, Compositor  # noqa: E402
-from muybridge.train.backgrounds import make_backgrounds  # noqa: E402
-from muybridge.train.bodies import BODY_VERTICES, BodyModel  # noqa: E402
-from muybridge.train.close_ups import cut_boxes, sample_close_up, to_crop  # noqa: E402
-from muybridge.train.people import as_tensors, generalised_iou, make_targets  # noqa: E402
-from muybridge.train.render import Renderer, View, look_at  # noqa: E402
-from muybridge.train.renders import SIZE, RenderSet, sample_view  # noqa: E402
-from muybridge.train.scenes import SceneBatch, SceneCompositor  # noqa: E402
-from muybridge.train.takes import choreograph, perform  # noqa: E402
-from muybridge.train.wardrobe import bare_outfit, sample_outfit  # noqa: E402
+from muybridge.geometry.landmarks.arrays import BODY23  # noqa: E402
+from muybridge.train.synthesis.rendering import renderer as render  # noqa: E402
+from muybridge.train.images import scenes  # noqa: E402
+from muybridge.train.images.compositor import WHOLE, AugmentOptions, Compositor  # noqa: E402
+from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
+from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel  # noqa: E402
+from muybridge.train.synthesis.rendering.close_ups import cut_boxes, sample_close_up, to_crop  # noqa: E402
+from muybridge.train.people.train import as_tensors, generalised_iou, make_targets  # noqa: E402
+from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at  # noqa: E402
+from muybridge.train.synthesis.rendering.store import SIZE, RenderSet, sample_view  # noqa: E402
+from muybridge.train.images.scenes import SceneBatch, SceneCompositor  # noqa: E402
+from muybridge.train.synthesis.rendering.takes import choreograph, perform  # noqa: E402
+from muybridge.train.synthesis.clothing.sample import bare_outfit, sample_outfit  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -272,7 +273,7 @@ def test_the_plate_shows_who_moves_and_is_blind_to_who_stood_still(renders, monk
     def contrast(options, still=0.0):
         """How much more the difference is on the person than around; the crops."""
         for name, share in (("STILL", still), ("PARTLY", 0.0), ("GHOST", 0.0)):
-            monkeypatch.setattr(f"muybridge.train.plates.{name}", share)
+            monkeypatch.setattr(f"muybridge.train.images.background_difference.{name}", share)
         compositor = Compositor(renders, pool, 128, 5, options)
         batch = compositor.batch(len(whole), whole)
         at, seen = batch.landmarks_px.round().long().clamp(0, 127).numpy(), batch.visible.numpy()
@@ -291,9 +292,9 @@ def test_who_stands_still_is_in_the_plate_of_a_scene(renders, monkeypatch):
         """Of pixels that differ much from the plate, how many lie in boxes of people, as a share of these, and how many
         elsewhere, as a share of the former: no two shares have the same scenes."""
         for name, share in (("STILL", still), ("PARTLY", partly), ("GHOST", ghost)):
-            monkeypatch.setattr(f"muybridge.train.scenes.{name}", share)
+            monkeypatch.setattr(f"muybridge.train.images.scenes.{name}", share)
         for name in ("NEAR_SHARE", "CAST_SHARE", "MOVED_SHARE", "HELD_SHARE", "LIT_SHARE"):
-            monkeypatch.setattr(f"muybridge.train.scenes.{name}", 0)
+            monkeypatch.setattr(f"muybridge.train.images.scenes.{name}", 0)
         batch = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 3).batch(48, (192, 320))
         within, beside, room = 0, 0, 0
         for image, boxes, ignored in zip(batch.image[:, 3].numpy(), batch.boxes, batch.ignore, strict=True):
@@ -321,9 +322,9 @@ def test_people_cast_shadows_from_their_feet_and_keep_their_boxes(renders, monke
     assert abs((dark[:, 1] - 24) - 2 * (45 - dark[:, 0])).max() <= 2
     boxes = []
     for name in ("GHOST", "STILL", "PARTLY", "NEAR_SHARE", "MOVED_SHARE", "HELD_SHARE", "LIT_SHARE"):
-        monkeypatch.setattr(f"muybridge.train.scenes.{name}", 0)
+        monkeypatch.setattr(f"muybridge.train.images.scenes.{name}", 0)
     for share in (0, 1):
-        monkeypatch.setattr("muybridge.train.scenes.CAST_SHARE", share)
+        monkeypatch.setattr("muybridge.train.images.scenes.CAST_SHARE", share)
         monkeypatch.setattr(SceneCompositor, "_light", lambda self: (0.8, -0.4, 0.4, 1.0))
         boxes.append(SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 0)._scene(192, 320))
     assert np.array_equal(boxes[0][2], boxes[1][2]) and np.array_equal(boxes[0][1], boxes[1][1])  # boxes and the plate
@@ -332,7 +333,7 @@ def test_people_cast_shadows_from_their_feet_and_keep_their_boxes(renders, monke
 
 def test_scene_boxes_hold_their_people(renders, monkeypatch):
     for name in ("GHOST", "CAST_SHARE", "MOVED_SHARE", "LIT_SHARE"):
-        monkeypatch.setattr(f"muybridge.train.scenes.{name}", 0)
+        monkeypatch.setattr(f"muybridge.train.images.scenes.{name}", 0)
     compositor = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 0)
     batch = compositor.batch(12, (192, 320))
     assert tuple(batch.image.shape) == (12, 4, 192, 320)
@@ -370,7 +371,7 @@ def test_who_is_near_ends_at_the_border_of_the_picture(renders, close_ups, monke
         *(np.concatenate([getattr(r, k) for r in (renders, close_ups)])
           for k in ("landmarks_px", "visible", "box_px", "markers_px", "markers_visible", "cut_px")),
     )  # fmt: skip
-    monkeypatch.setattr("muybridge.train.renders.SHARD", 24)
+    monkeypatch.setattr("muybridge.train.synthesis.rendering.store.SHARD", 24)
     compositor = SceneCompositor(both, make_backgrounds(6, SIZE, 0), 1)
     at_border = 0
     for _ in range(20):

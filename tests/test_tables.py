@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks import BODY23, Points3D
-from muybridge.motion.formats.csv_points import read_csv, write_csv
-from muybridge.motion.formats.npz import read_npz, write_npz
+from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.motion.formats.points.csv import read_csv, write_csv
+from muybridge.motion.formats.points.npz import read_npz, write_npz
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 
@@ -43,7 +43,7 @@ def test_round_trips(tmp_path_factory, seed, frames, fps):
 
 def test_parquet_round_trip(tmp_path):
     pyarrow = pytest.importorskip("pyarrow.parquet", reason="pyarrow (the extra parquet) is not installed")
-    from muybridge.motion.formats.parquet import read_parquet, write_parquet
+    from muybridge.motion.formats.points.parquet import read_parquet, write_parquet
 
     points = make_points(fps=29.97)
     write_parquet(tmp_path / "p.parquet", points)

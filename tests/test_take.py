@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.rays import midpoint, ray_directions
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.rays import midpoint, ray_directions
 from muybridge.geometry.take import TakeOptions, triangulate_take
-from muybridge.geometry.triangulation import triangulate
+from muybridge.geometry.triangulation.multiview import triangulate
 
 Floats = NDArray[np.float64]
 PX = 3.0

@@ -5,11 +5,11 @@ import pytest
 
 pytest.importorskip("torch")
 
-from muybridge.train import scenes  # noqa: E402
-from muybridge.train.backgrounds import make_backgrounds  # noqa: E402
-from muybridge.train.renders import RenderSet  # noqa: E402
-from muybridge.train.scenes import SceneCompositor  # noqa: E402
-from muybridge.train.things import hold, light_up, move_things  # noqa: E402
+from muybridge.train.images import scenes  # noqa: E402
+from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
+from muybridge.train.synthesis.rendering.store import RenderSet  # noqa: E402
+from muybridge.train.images.scenes import SceneCompositor  # noqa: E402
+from muybridge.train.images.distractors import hold, light_up, move_things  # noqa: E402
 
 GREY = 90
 

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks import BODY23
-from muybridge.infer.poses import PoseReader, Poses
-from muybridge.infer.tracking import BoxSmoother, TrackedFrame, Tracker, TrackOptions
-from muybridge.infer.upright import Upright
-from muybridge.models.decode import DetectedPeople
+from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.infer.detection.crop_reader import PoseReader, Poses
+from muybridge.infer.detection.tracker import BoxSmoother, TrackedFrame, Tracker, TrackOptions
+from muybridge.infer.detection.orientation import Upright
+from muybridge.models.keypoints.decode import DetectedPeople
 
 
 def _box(x: float, y: float = 300.0, width: float = 80.0, height: float = 240.0) -> NDArray[np.float64]:

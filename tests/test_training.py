@@ -12,18 +12,20 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
 from muybridge.errors import ModelError, SessionError  # noqa: E402
-from muybridge.geometry.landmarks import BODY23  # noqa: E402
-from muybridge.models.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
-from muybridge.models.export import export_onnx, parity  # noqa: E402
-from muybridge.models.keypoint_net import PLATE, KeypointNet, PlateApart, SeparateHeads  # noqa: E402
-from muybridge.models.people_net import PeopleNet  # noqa: E402
-from muybridge.models.registry import keypoint_card, people_card, shipped_model  # noqa: E402
-from muybridge.models.weights_from_onnx import keypoint_net_from_onnx, measure_normalisation  # noqa: E402
-from muybridge.train import keypoints, loop, people  # noqa: E402
-from muybridge.train.augment import WHOLE, Batch, Compositor  # noqa: E402
-from muybridge.train.backgrounds import make_backgrounds  # noqa: E402
-from muybridge.train.evaluation import MIRROR, _figures, evaluate_onnx  # noqa: E402
-from muybridge.train.heatmap_loss import OUTSIDE, heatmap_loss  # noqa: E402
+from muybridge.geometry.landmarks.arrays import BODY23  # noqa: E402
+from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps  # noqa: E402
+from muybridge.models.onnx_files.export import export_onnx, parity  # noqa: E402
+from muybridge.models.keypoints.network import PLATE, KeypointNet, PlateApart, SeparateHeads  # noqa: E402
+from muybridge.models.people.network import PeopleNet  # noqa: E402
+from muybridge.models.keypoints.metadata import keypoint_card, people_card, shipped_model  # noqa: E402
+from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, measure_normalisation  # noqa: E402
+from muybridge.train.keypoints import train as keypoints  # noqa: E402
+from muybridge.train.engine import loop  # noqa: E402
+from muybridge.train.people import train as people  # noqa: E402
+from muybridge.train.images.compositor import WHOLE, Batch, Compositor  # noqa: E402
+from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
+from muybridge.train.keypoints.evaluate import MIRROR, _figures, evaluate_onnx  # noqa: E402
+from muybridge.train.keypoints.loss import OUTSIDE, heatmap_loss  # noqa: E402
 from muybridge.train.options import (  # noqa: E402
     Evaluation,
     KeypointTraining,
@@ -31,10 +33,10 @@ from muybridge.train.options import (  # noqa: E402
     PeopleTraining,
     SolverTraining,
 )
-from muybridge.train.publish import load_checkpoint, publish_keypoints  # noqa: E402
-from muybridge.train.renders import SIZE, load_renders  # noqa: E402
-from muybridge.train.scenes import SceneBatch  # noqa: E402
-from muybridge.train.sigma import fit_spread, within  # noqa: E402
+from muybridge.train.keypoints.export import load_checkpoint, publish_keypoints  # noqa: E402
+from muybridge.train.synthesis.rendering.store import SIZE, load_renders  # noqa: E402
+from muybridge.train.images.scenes import SceneBatch  # noqa: E402
+from muybridge.train.keypoints.variance_calibration import fit_spread, within  # noqa: E402
 
 
 def test_heatmap_loss_is_least_at_the_truth():
@@ -397,8 +399,8 @@ def test_evaluation_counts_what_it_says():
 
 def test_evaluation_with_and_without_what_makes_it_hard(store, tmp_path, monkeypatch):
     # Whether sticks are to be turned depends on the weights; here whatever is unsure is.
-    monkeypatch.setattr("muybridge.models.turning._SURER", -100.0)
-    monkeypatch.setattr("muybridge.train.evaluation.make_backgrounds", lambda count, *how: make_backgrounds(16, *how))
+    monkeypatch.setattr("muybridge.models.keypoints.test_time._SURER", -100.0)
+    monkeypatch.setattr("muybridge.train.keypoints.evaluate.make_backgrounds", lambda count, *how: make_backgrounds(16, *how))
     small = onnx.load(str(shipped_model("keypoints")))
     for fact in small.metadata_props:
         fact.value = "96" if fact.key == "input_size" else fact.value  # a seventh of the time

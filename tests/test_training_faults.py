@@ -11,11 +11,13 @@ pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
 from muybridge.errors import ModelError, SessionError  # noqa: E402
-from muybridge.train import keypoints, loop, people  # noqa: E402
-from muybridge.train.evaluation import evaluate_onnx  # noqa: E402
+from muybridge.train.keypoints import train as keypoints  # noqa: E402
+from muybridge.train.engine import loop  # noqa: E402
+from muybridge.train.people import train as people  # noqa: E402
+from muybridge.train.keypoints.evaluate import evaluate_onnx  # noqa: E402
 from muybridge.train.options import Evaluation, KeypointTraining, PeopleTraining  # noqa: E402
-from muybridge.train.publish import load_checkpoint  # noqa: E402
-from muybridge.train.renders import load_renders  # noqa: E402
+from muybridge.train.keypoints.export import load_checkpoint  # noqa: E402
+from muybridge.train.synthesis.rendering.store import load_renders  # noqa: E402
 
 
 def _short(store, out, **changes):

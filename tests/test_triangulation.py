@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.triangulation import (
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.triangulation.multiview import (
     TriangulateOptions,
     leave_one_out_error,
     leave_one_out_summary,

@@ -4,9 +4,9 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
-from muybridge.models.registry import shipped_model
-from muybridge.models.trimming import without_outputs
+from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
+from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.models.onnx_files.prune_outputs import without_outputs
 
 onnx = pytest.importorskip("onnx")
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from muybridge.infer.onnx import KeypointNetwork, OnnxOptions
-from muybridge.models import turning
-from muybridge.models.decode import NO_IDEA
-from muybridge.models.registry import shipped_model
-from muybridge.models.turning import Series, turn_where_unsure
+from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
+from muybridge.models.keypoints import test_time as turning
+from muybridge.models.keypoints.decode import NO_IDEA
+from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.models.keypoints.test_time import Series, turn_where_unsure
 
 SPOT = 6  # half of a spot's side, px
 
@@ -71,9 +71,7 @@ def test_what_is_sure_is_not_turned(network: KeypointNetwork, looked: list[int])
     assert np.isnan(still.locate(spotted(network, [(30, 160)])).found.points_crop_px).all() and looked == [1]
 
 
-def test_of_a_series_only_samples_and_what_is_like_them_are_turned(
-    network: KeypointNetwork, looked: list[int]
-) -> None:
+def test_of_a_series_only_samples_and_what_is_like_them_are_turned(network: KeypointNetwork, looked: list[int]) -> None:
     # One hangs upside down in all frames, one is nobody; their frames take turns.
     places = [(60 + 5 * (k // 2), 170) if k % 2 == 0 else (96, 96) for k in range(18)]
     series = Series(np.arange(18) % 2, every=4)

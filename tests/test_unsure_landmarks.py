@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.landmarks import BODY23, SURFACE, Keypoints2D, Points3D
-from muybridge.infer.demo import demo_folder, true_points
-from muybridge.infer.progress import Progress
-from muybridge.infer.quality import assess, unsure_landmarks
-from muybridge.infer.solve import SolveOptions, _filled, _sure, solve
-from muybridge.infer.stages import StageStore
+from muybridge.geometry.landmarks.arrays import BODY23, SURFACE, Keypoints2D, Points3D
+from muybridge.infer.pipelines.demo import demo_folder, true_points
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.reconstruction.quality import assess, unsure_landmarks
+from muybridge.infer.reconstruction.landmarks import SolveOptions, _filled, _sure, solve
+from muybridge.infer.runtime.stages import StageStore
 
 FRAMES = 30
 WRIST, TWIN = BODY23.index("left_wrist"), BODY23.index("right_wrist")

@@ -12,14 +12,7 @@ import numpy as np
 import pytest
 
 from muybridge.errors import OutputError, VideoError
-from muybridge.infer.video import (
-    VideoWriter,
-    chunk_frames,
-    fit_inside,
-    is_video,
-    probe_video,
-    read_chunks,
-)
+from muybridge.infer.session.video import VideoWriter, chunk_frames, fit_inside, is_video, probe_video, read_chunks
 
 FASTSTART = {"movflags": "+faststart"}
 

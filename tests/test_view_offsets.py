@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras import CameraGroup
-from muybridge.geometry.landmarks import BODY23, LandmarkSet
-from muybridge.geometry.triangulation import triangulate
-from muybridge.geometry.view_offsets import (
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet
+from muybridge.geometry.triangulation.multiview import triangulate
+from muybridge.geometry.triangulation.view_bias import (
     ViewOffsetOptions,
     ViewOffsets,
     learn_view_offsets,

@@ -11,11 +11,11 @@ pytest.importorskip("anny")
 pytest.importorskip("moderngl")
 
 from muybridge.errors import MissingExtraError  # noqa: E402
-from muybridge.train import fabrics, garments  # noqa: E402
-from muybridge.train.bodies import BODY_VERTICES, BodyModel  # noqa: E402
-from muybridge.train.render import LUMA, Renderer  # noqa: E402
-from muybridge.train.renders import sample_view  # noqa: E402
-from muybridge.train.wardrobe import KINDS, Outfit, bare_outfit, sample_outfit  # noqa: E402
+from muybridge.train.synthesis.clothing import fabrics, garments  # noqa: E402
+from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel  # noqa: E402
+from muybridge.train.synthesis.rendering.renderer import LUMA, Renderer  # noqa: E402
+from muybridge.train.synthesis.rendering.store import sample_view  # noqa: E402
+from muybridge.train.synthesis.clothing.sample import KINDS, Outfit, bare_outfit, sample_outfit  # noqa: E402
 
 PEOPLE = 6
 SKIN = (0.0, 1.0, 0.0)  # no cloth of these tests is green

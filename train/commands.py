@@ -32,15 +32,15 @@ def _command_line() -> str:
 
 def synth(options: Annotated[Synthesis, tyro.conf.arg(name="")]) -> None:
     """Make synthetic people to train on: a store of seeded renders and a contact sheet."""
-    from muybridge.train.processes import affordable
-    from muybridge.train.renders import MEMORY, make_renders, shard_numbers
+    from muybridge.train.engine.process_pool import affordable
+    from muybridge.train.synthesis.rendering.store import MEMORY, make_renders, shard_numbers
 
     if set(range(options.shards)) <= set(shard_numbers(options.out)):
         print(f"{options.out} has these {options.shards} shards already, however they were made; --out makes others")
     processes = affordable(MEMORY) if options.processes is None else options.processes
     make_renders(options.out, range(options.shards), options.seed, options.kinds, options.close_ups, processes)
     if options.sheet:
-        from muybridge.train.sheet import write_sheet
+        from muybridge.train.images.contact_sheet import write_sheet
 
         print(f"contact sheet: {write_sheet(options.out)}")
 
@@ -48,35 +48,36 @@ def synth(options: Annotated[Synthesis, tyro.conf.arg(name="")]) -> None:
 def train(network: _Network) -> None:
     """Train a network on synthetic people, from renders to ONNX, on a CPU or a GPU; resumes a killed run."""
     if isinstance(network, Adaptation):
-        from muybridge.train.adaptation_publish import adapt
+        from muybridge.train.keypoints.adapt_export import adapt
 
         print(adapt(network, _command_line()))
         return
     if isinstance(network, LabelTraining):
-        from muybridge.train import labels
-        from muybridge.train.labels_publish import publish_labels
+        from muybridge.train.labelling import train as labels
+        from muybridge.train.labelling.export import publish_labels
 
         path = network.out / "labels.onnx"
         publish_labels(labels.train(network), path, network.clips, _command_line())
         print(f"wrote {path}; use it with `muybridge label FILE --model {path}`")
         return
     if isinstance(network, SolverTraining):
-        from muybridge.train import solver
-        from muybridge.train.solver_publish import publish_solver
+        from muybridge.train.correction import train as solver
+        from muybridge.train.correction.export import publish_solver
 
         path = network.out / "solver.onnx"
         publish_solver(solver.train(network), path, network.out / "fits", _command_line())
         print(f"wrote {path}; use it with `muybridge solve POINTS --network {path}`")
         return
     if isinstance(network, PeopleTraining):
-        from muybridge.train import people
-        from muybridge.train.publish import publish_people
+        from muybridge.train.people import train as people
+        from muybridge.train.keypoints.export import publish_people
 
         path = network.out / "people.onnx"
         publish_people(people.train(network), path, _command_line())
     else:
-        from muybridge.train import keypoints, loop
-        from muybridge.train.publish import publish_keypoints
+        from muybridge.train.keypoints import train as keypoints
+        from muybridge.train.engine import loop
+        from muybridge.train.keypoints.export import publish_keypoints
 
         checkpoint = keypoints.train(network)
         path = network.out / "keypoints.onnx"
@@ -97,7 +98,7 @@ def evaluate(
         options: what is scored, on what.
         network: the kind of network; the only one that is scored here.
     """
-    from muybridge.train.evaluation import evaluate_onnx
+    from muybridge.train.keypoints.evaluate import evaluate_onnx
 
     ways = {"the background plate": options.plate, "each crop mirrored": options.flip,
             "unsure ones turned": options.turn}  # fmt: skip

@@ -1,6 +1,6 @@
 """`python -m muybridge`."""
 
-from muybridge.infer.cli import main
+from muybridge.infer.commands.app import main
 
 if __name__ == "__main__":
     main()

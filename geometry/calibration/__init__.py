@@ -1,15 +1,15 @@
 """Reading and writing of camera calibrations, one module a format."""
 
-from muybridge.geometry.calibration.common import Calibration
-from muybridge.geometry.calibration.export import EXPORT_FORMATS, ExportFormat, export_calibration
-from muybridge.geometry.calibration.files import (
+from muybridge.geometry.calibration.formats.common import Calibration
+from muybridge.geometry.calibration.formats.export import EXPORT_FORMATS, ExportFormat, export_calibration
+from muybridge.geometry.calibration.formats.registry import (
     KNOWN_FORMATS,
     find_calibration,
     load_calibration,
     read_calibration,
     save_calibration,
 )
-from muybridge.geometry.calibration.video_size import VideoFit, fit_to_video, sized_like
+from muybridge.geometry.cameras.video_size import VideoFit, fit_to_video, sized_like
 
 __all__ = [
     "EXPORT_FORMATS",

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration.adjust import AdjustProblem, FreeCamera, adjust
-from muybridge.geometry.cameras import Camera, CameraGroup
-from muybridge.geometry.rotations import kabsch
+from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.numerics.rotations import kabsch
 
 Floats = NDArray[np.float64]
 # Points are wrong that are off by so large a share of how far they extend; one is if the rest fit so many times better.

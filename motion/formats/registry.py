@@ -13,22 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks import LandmarkSet, Points3D
-from muybridge.geometry.skeleton import Motion
-from muybridge.motion.formats.asf_amc import CMU_FPS, read_amc, write_amc
-from muybridge.motion.formats.bone_mesh import rest_positions
-from muybridge.motion.formats.bvh import read_bvh, write_bvh
-from muybridge.motion.formats.c3d import C3DTake, read_c3d_take, write_c3d
-from muybridge.motion.formats.csv_points import read_csv_from, write_csv
-from muybridge.motion.formats.fbx import write_fbx
-from muybridge.motion.formats.fbx_read import read_fbx
-from muybridge.motion.formats.gltf import read_gltf, write_glb
-from muybridge.motion.formats.mot import write_mot
-from muybridge.motion.formats.npz import read_npz, write_npz
-from muybridge.motion.formats.parquet import read_parquet_from, write_parquet
-from muybridge.motion.formats.points3d import METRES_OF_UNIT, check_fps
-from muybridge.motion.formats.trc import read_trc_from, write_trc
-from muybridge.motion.formats.usd import write_usda
+from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.motion.formats.skeletal.asf_amc import CMU_FPS, read_amc, write_amc
+from muybridge.motion.formats.skeletal.bone_meshes import rest_positions
+from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
+from muybridge.motion.formats.points.c3d import C3DTake, read_c3d_take, write_c3d
+from muybridge.motion.formats.points.csv import read_csv_from, write_csv
+from muybridge.motion.formats.fbx.write import write_fbx
+from muybridge.motion.formats.fbx.read import read_fbx
+from muybridge.motion.formats.gltf.write import read_gltf, write_glb
+from muybridge.motion.formats.skeletal.mot import write_mot
+from muybridge.motion.formats.points.npz import read_npz, write_npz
+from muybridge.motion.formats.points.parquet import read_parquet_from, write_parquet
+from muybridge.motion.formats.points.common import METRES_OF_UNIT, check_fps
+from muybridge.motion.formats.points.trc import read_trc_from, write_trc
+from muybridge.motion.formats.skeletal.usd import write_usda
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,214 @@
+"""Bodies that are followed, and who of them is the same person before and after an absence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.numerics.robust import extent
+
+_Floats = NDArray[np.float64]
+_Ints = NDArray[np.int64]
+
+
+# Two trunks whose middles are this near, in body sizes, in this share of the frames of one of them, are of one person;
+# so are two where one takes over from the other.
+_DOUBLE_SIZE, _DOUBLE_SHARE = 0.14, 0.8
+# Bodies that a camera sees both of in more than this share of their common frames are two people; a camera's track
+# passes from one to the other within so many seconds.
+_BOTH_SHARE, _HANDED_WITHIN = 0.05, 0.2
+# Who stands tells where the floor is, if the line from the ankles to the shoulders is this near to the vertical
+# (cosine); a body of which two thirds lie this little above it or deeper, in lengths of that line, is no body.
+# Of who lies on the floor two thirds reach twice as high.
+_STANDING, _FLAT = 0.94, 0.07
+# How far from where they were last seen people may be found again, in body sizes: at once, and more with every second.
+_NEAR_BY, _STRAYS = 0.3, 3.6
+
+
+@dataclass(eq=False)
+class Body:
+    """Someone who is followed: where, how fast, and which detection of which camera it had in every frame."""
+
+    points: _Floats
+    slots: _Ints
+    confirmed: bool
+    first: int
+    velocity: _Floats = field(default_factory=lambda: np.zeros(3))
+    unseen: int = 0
+    """Frames since any camera saw it."""
+    unmet: int = 0
+    """Frames since two cameras did."""
+    met: int = 0
+    """Frames in which two cameras saw it."""
+    track: dict[int, _Floats] = field(default_factory=dict)
+    """Landmarks by frame, where two cameras saw it."""
+
+
+def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: float, same_build: float, fps: float) -> list[_Ints]:
+    """Slots of bodies, those joined that are the same person before and after they were out of sight.
+
+    Args:
+        bodies: in any order.
+        landmarks: what their landmarks are; its edges are the limbs that builds are compared by.
+        coast, same_build: see `people_tracking.AssociateOptions`.
+        fps: frames a second.
+    """
+    edges, trunk = np.array(landmarks.edge_indices, dtype=np.int64).reshape(-1, 2), _trunk(landmarks)
+    bodies = sorted(bodies, key=lambda b: min(b.track))
+    builds = [_build(b, edges) for b in bodies]
+    groups: list[list[int]] = []
+    for n, body in enumerate(bodies):
+        fitting = []
+        for group in groups:
+            last = bodies[group[-1]]
+            end, start = max(last.track), min(body.track)
+            if end >= start:
+                # One that takes over while the other is still there is the same if it is in the same place, or if it
+                # goes on with what the cameras had followed as the other.
+                if max(body.track) > end and (_inside(body, last, trunk) or _handed_over(last, body, fps)):
+                    fitting.append((0.0, group))
+                continue
+            size = max(float(extent(last.track[end])), 1e-6)
+            jump = _jump(last, body) / size
+            reach = _NEAR_BY + _STRAYS * (start - end) / fps
+            difference = _difference(builds[group[-1]], builds[n])
+            # Who vanishes and is there again at once is the same, whatever the measurements of the limbs say.
+            bound = same_build if (start - end) / fps > 2 * coast else 2 * same_build
+            if jump < reach and difference < bound:
+                fitting.append((difference + 0.05 * jump / reach, group))
+        if fitting:
+            min(fitting, key=lambda pair: pair[0])[1].append(n)
+        else:
+            groups.append([n])
+    result = []
+    for group in groups:
+        slots = bodies[group[0]].slots.copy()
+        for n in group[1:]:
+            slots = np.where(slots >= 0, slots, bodies[n].slots)
+        result.append(slots)
+    return result
+
+
+def without_doubles(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
+    """The bodies without those that share another's place: two trunks cannot be in one another, but detectors see
+    people twice, such as one who lies and their legs."""
+    trunk = _trunk(landmarks)
+    kept: list[Body] = []
+    for body in sorted(bodies, key=lambda b: -b.met):
+        least = _DOUBLE_SHARE * len(body.track)
+        if not any(len(body.track.keys() & other.track.keys()) >= least and _inside(body, other, trunk)
+                   for other in kept):  # fmt: skip
+            kept.append(body)
+    return [b for b in bodies if b in kept]
+
+
+def without_shadows(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
+    """The bodies without those that lie in the floor or beneath it: shadows and reflections, in which detectors see
+    people too. As long as somebody stands to tell where the floor is, in a world whose z is up."""
+    parts = {n: [k for k, name in enumerate(landmarks.names) if name.endswith(n)] for n in ("shoulder", "ankle")}
+    if not all(parts.values()):
+        return bodies
+    floors, lengths = [], []
+    tracks = [np.stack([b.track[t] for t in sorted(b.track)]) if b.track else np.empty((0, len(landmarks), 3))
+              for b in bodies]  # fmt: skip
+    for points in tracks:
+        ankles = points[:, parts["ankle"]].mean(1)
+        rise = points[:, parts["shoulder"]].mean(1) - ankles
+        length = np.linalg.norm(rise, axis=-1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            standing = rise[:, 2] / length > _STANDING
+        if standing.any():
+            floors.append(float(np.nanmedian(np.nanmin(points[standing, :, 2], axis=1))))
+            lengths.append(float(np.median(length[standing])))
+    if not floors:
+        return bodies
+    top = min(floors) + _FLAT * float(np.median(lengths))
+    return [b for b, points in zip(bodies, tracks, strict=True) if not _beneath(points, top)]
+
+
+def _beneath(points: _Floats, height: float) -> bool:
+    """Whether two thirds of the landmarks (T, J, 3) are no higher, at the median of the frames that know any: of a
+    shadow the feet that throw it are often taken for its own, of who lies two thirds are twice as high and more."""
+    known = points[np.isfinite(points[..., 2]).any(1)]
+    return len(known) > 0 and float(np.median(np.nanpercentile(known[..., 2], 67, axis=1))) < height
+
+
+def without_stray_end(body: Body, few: int, gap: float) -> None:
+    """Takes the end off a body that was lost, coasted for more than `gap` frames and then met by accident, in fewer
+    than `few` frames: from there nobody would find them again."""
+    frames = np.array(sorted(body.track))
+    breaks = np.flatnonzero(np.diff(frames) > max(2.0, gap)) + 1
+    while len(breaks) and len(frames) - breaks[-1] < few:
+        for t in frames[breaks[-1] :]:
+            del body.track[int(t)]
+        frames, breaks = frames[: breaks[-1]], breaks[:-1]
+        body.met = len(frames)
+        body.slots[:, frames[-1] + 1 :] = -1
+
+
+def _trunk(landmarks: LandmarkSet) -> list[int]:
+    return [n for n, name in enumerate(landmarks.names) if name.split("_")[-1] in ("shoulder", "hip")]
+
+
+def _inside(body: Body, other: Body, trunk: list[int]) -> bool:
+    """Whether a body's trunk is in the other's where both are followed."""
+    common = sorted(body.track.keys() & other.track.keys())
+    if not common or not trunk:
+        return False
+    middles = [np.stack([b.track[t][trunk] for t in common]).mean(1) for b in (body, other)]
+    size = np.array([float(extent(other.track[t])) for t in common])
+    apart = np.linalg.norm(middles[0] - middles[1], axis=-1) / np.maximum(size, 1e-6)
+    known = np.isfinite(apart)
+    return bool(known.sum() >= _DOUBLE_SHARE * len(common) and np.median(apart[known]) < _DOUBLE_SIZE)
+
+
+def _handed_over(before: Body, after: Body, fps: float) -> bool:
+    """Whether two cameras or more that were with one body stayed with the same track and are with the other from then
+    on, no camera ever having seen both at a time: poor views of one person begin a body of their own beside the good
+    ones', and then draw these to itself."""
+    both = ((before.slots >= 0) & (after.slots >= 0)).any(0).sum()
+    together = ((before.slots >= 0).any(0) & (after.slots >= 0).any(0)).sum()
+    if both > _BOTH_SHARE * together:
+        return False
+    handed = 0
+    for old, new in zip(before.slots, after.slots, strict=True):
+        had = np.flatnonzero(old >= 0)
+        if len(had):
+            then = np.flatnonzero(new[had[-1] + 1 :] >= 0) + had[-1] + 1
+            soon = len(then) > 0 and then[0] - had[-1] <= max(2.0, _HANDED_WITHIN * fps)
+            handed += bool(soon and new[then[0]] == old[had[-1]])
+    return handed >= 2
+
+
+def _jump(before: Body, after: Body) -> float:
+    """Distance between where one body was last and another first seen: the least of a few frames each, since what a
+    body saw last may be what it was lost by."""
+    last, first = (
+        np.stack([np.nanmedian(body.track[t], axis=0) for t in frames])
+        for body, frames in ((before, sorted(before.track)[-3:]), (after, sorted(after.track)[:3]))
+    )
+    return float(np.linalg.norm(last[:, None] - first[None], axis=-1).min())
+
+
+def _build(body: Body, edges: _Ints) -> tuple[_Floats, _Floats]:
+    """Median lengths of the limbs and their standard errors."""
+    frames = sorted(body.track)
+    points = np.stack([body.track[t] for t in frames[:: max(1, len(frames) // 200)]])
+    length = np.linalg.norm(points[:, edges[:, 0]] - points[:, edges[:, 1]], axis=-1)
+    known = np.isfinite(length).sum(0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        middle = np.nanmedian(np.where(known > 0, length, 0.0), axis=0)
+        spread = 1.4826 * np.nanmedian(np.where(known > 0, np.abs(length - middle), np.inf), axis=0)
+        return np.where(known > 0, middle, np.nan), 1.25 * spread / np.sqrt(known)
+
+
+def _difference(a: tuple[_Floats, _Floats], b: tuple[_Floats, _Floats]) -> float:
+    """Mean relative difference of limbs that both know, each weighed by how well; zero where none is known."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        relative = np.abs(np.log(a[0] / b[0]))
+        weight = 1 / (0.02**2 + (a[1] / a[0]) ** 2 + (b[1] / b[0]) ** 2)
+    good = np.isfinite(relative) & np.isfinite(weight)
+    return float(np.average(relative[good], weights=weight[good])) if good.any() else 0.0

@@ -1,0 +1,146 @@
+"""How a hand-held board moves between the exposures of cameras that are not triggered together.
+
+Webcams and phones that "record at the same time" expose up to tens of milliseconds apart, and their time stamps
+are when the frame arrived, not when it was exposed. What is known is how fast the board went: its movement from one
+frame to the next. So every view gets an unknown delay, a movement of the board along its own velocity, with a
+common spread that is estimated (expectation maximisation of a Student t: a few views are far late), and a
+share of it across the velocity, since boards do not move straight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.numerics.rotations import log_so3
+
+Floats = NDArray[np.float64]
+
+FIRST_SPREAD = 0.1
+_ACROSS, _ASTRAY = 0.3, 0.3
+_DEGREES_OF_FREEDOM = 4.0
+_LONGEST_GAP = 3.5
+_SMALLEST_SPREAD = 1e-4
+
+
+@dataclass(frozen=True)
+class Delays:
+    """How late cameras expose, in steps of time.
+
+    Attributes:
+        mean: (C,) of each camera.
+        views: (C, B) standard deviation of each view's delay about its camera's: larger for those that are late.
+        spread: what most views have for it.
+    """
+
+    mean: Floats
+    views: Floats
+    spread: float
+
+
+def board_rates(seen: Sequence[Mapping[int, Floats]], middle: Floats) -> list[dict[int, Floats]]:
+    """How a board moves, as each camera sees it.
+
+    Args:
+        seen: for each camera and time, (4, 4) cam_from_board.
+        middle: (3,) of the board.
+
+    Returns:
+        For each camera, by time: (2, 6) rotation and shift of the board's middle a step of time, and their change a
+        step, in camera axes. Only where the board was seen just before or after; no change where not both.
+    """
+    times = sorted(set().union(*seen)) if seen else []
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    rates: list[dict[int, Floats]] = []
+    for poses in seen:
+        known, mine = sorted(poses), {}
+        for k, t in enumerate(known):
+            near = [u for u in known[max(k - 1, 0) : k + 2] if abs(u - t) <= _LONGEST_GAP * step]
+            if len(near) < 2:
+                continue
+            ways = [_way(poses[a], poses[b], middle) * step / (b - a) for a, b in pairwise(near)]
+            gaps = np.diff(near) / step
+            change = (ways[-1] - ways[0]) * 2 / gaps.sum() if len(ways) == 2 else np.zeros(6)
+            # Of a parabola through three places: the slope at the one in the middle.
+            speed = (ways[0] * gaps[-1] + ways[-1] * gaps[0]) / gaps.sum() if len(ways) == 2 else ways[0]
+            mine[t] = np.stack([speed, change])
+        rates.append(mine)
+    return rates
+
+
+def _way(a: Floats, b: Floats, middle: Floats) -> Floats:
+    """(6,) rotation and shift of the middle from one pose to another."""
+    shift = (b - a)[:3, :3] @ middle + (b - a)[:3, 3]
+    return np.concatenate([log_so3(b[:3, :3] @ a[:3, :3].T), shift])
+
+
+def world_rates(rates: Sequence[Mapping[int, Floats]], rotations: Floats, times: Sequence[int]) -> Floats:
+    """(B, 2, 6) movement of the board a step of time and its change, in world axes; NaN where no camera knows it.
+
+    Args:
+        rates: of `board_rates`.
+        rotations: (C, 3, 3) cam_from_world.
+        times: (B,).
+    """
+    out = np.full((len(times), 2, 6), np.nan)
+    for b, t in enumerate(times):
+        known = [np.concatenate([mine[t][:, :3] @ r, mine[t][:, 3:] @ r], axis=1)
+                 for mine, r in zip(rates, rotations, strict=True) if t in mine]  # fmt: skip
+        if known:
+            out[b] = np.median(known, axis=0)
+    return out
+
+
+def sway(rates: Floats, delays: Delays) -> tuple[Floats, Floats]:
+    """Movements between exposures, as `AdjustProblem` takes them.
+
+    Args:
+        rates: (B, 2, 6) of `world_rates`.
+        delays: what is known of the delays so far.
+
+    Returns:
+        (C, B, 6, 7) of one standard deviation each, and (C, B, 7) how many of them to expect.
+    """
+    spread, mean = delays.views, delays.mean[:, None]
+    known = np.isfinite(rates[:, 0, 0])
+    speed = np.where(known[:, None], rates[:, 0], 0.0)
+    bend = 0.5 * mean[..., None] ** 2 * np.where(known[:, None], rates[:, 1], 0.0)
+    moves, expected = np.zeros((*spread.shape, 6, 7)), np.zeros((*spread.shape, 7))
+    moves[..., 0], expected[..., 0] = speed * spread[..., None], mean / spread
+    for k in (0, 3):  # rotation, shift
+        size = np.linalg.norm(speed[:, k : k + 3], axis=1)
+        usual = float(np.median(size[known])) if known.any() else 0.0
+        # Across its path a board sways with a share of its speed; where the path is unknown, with all of it.
+        across = np.where(known, _ACROSS * np.maximum(size, 0.2 * usual), usual)
+        across = np.maximum(across * np.hypot(spread, _ASTRAY * mean), 1e-12)
+        for axis in range(3):
+            moves[:, :, k + axis, 1 + k + axis] = across
+            expected[:, :, 1 + k + axis] = bend[..., k + axis] / across
+    return moves, expected
+
+
+def next_delays(before: Delays, swayed: Floats, variance: Floats, shared: NDArray[np.bool_]) -> Delays:
+    """The delays after an adjustment.
+
+    Args:
+        before: those that it was made with.
+        swayed: (C, B, R) of the adjustment, its first the delay in standard deviations.
+        variance: (C, B, R) what stayed unknown.
+        shared: (C, B) views of moments that several cameras saw.
+    """
+    if not shared.any():
+        return before
+    delay = swayed[..., 0] * before.views
+    weight = np.where(shared, before.views**-2, 0.0)
+    mean = (weight * delay).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-30)
+    mean -= mean[shared.any(axis=1)].mean()
+    power = (delay - mean[:, None]) ** 2 + variance[..., 0] * before.views**2
+    n = _DEGREES_OF_FREEDOM
+    say = (n + 1) / (n + power / before.spread**2)
+    spread = max(float(np.sqrt((say * power)[shared].mean())), _SMALLEST_SPREAD)
+    say = (n + 1) / (n + power / spread**2)
+    return Delays(mean, np.where(shared, spread / np.sqrt(say), spread), spread)

@@ -1,0 +1,170 @@
+"""Where cameras stand to each other, from the poses of a board that they saw at the same times.
+
+Cameras are added one by one, always the one that shares most views with those that are there already, so that
+cameras that never see the board at once are chained. A checkerboard looks the same after half a turn (a square one
+after a quarter): which way round each camera numbered it is decided by which order gives the same relative pose at
+all times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import CalibrationError
+from muybridge.geometry.calibration.board.board import Board
+from muybridge.geometry.numerics.rotations import kabsch, log_so3
+
+Floats = NDArray[np.float64]
+_MOST_SHARED = 60
+_AGREE_RAD, _AGREE_SHARE, _MIRRORED_RAD = 0.5, 0.5, 0.2
+_AMBIGUOUS = 0.7
+_MIRRORED = "its pictures are mirrored: they fit when flipped left to right; turn mirroring off in the camera"
+_UNPAIRED = (
+    "check that the pictures of all cameras belong to the same moments (timestamps.csv, numbers of the images), "
+    "and that no camera was moved"
+)
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Start of a rig.
+
+    Attributes:
+        poses: (C, 4, 4) cam_from_first.
+        world_from_board: by time, (4, 4), the board's own numbering.
+        turns: by camera (position) and time, which of `symmetries` the camera's numbering was turned by.
+        joined: (camera, to which, shared views) in the order of joining.
+    """
+
+    poses: Floats
+    world_from_board: dict[int, Floats]
+    turns: dict[tuple[int, int], int]
+    joined: tuple[tuple[int, int, int], ...]
+
+
+def symmetries(board: Board) -> list[tuple[Floats, NDArray[np.int64]]]:
+    """Turns after which a board's corners lie where corners were.
+
+    Returns:
+        (4, 4) board_from_turned and (K,) for each number in the turned numbering the number in the board's own;
+        the first is no turn at all. A ChArUco board has no other.
+    """
+    corners = board.corners
+    out = [(np.eye(4), np.arange(len(corners)))]
+    if board.kind == "charuco":
+        return out
+    middle = corners.mean(axis=0)
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    turns = (quarter, quarter @ quarter, quarter.T) if board.columns == board.rows else (quarter @ quarter,)
+    for turn in turns:
+        moved = np.eye(4)
+        moved[:3, :3], moved[:3, 3] = turn, middle - turn @ middle
+        at = corners @ turn.T + moved[:3, 3]
+        number = np.argmin(np.linalg.norm(at[:, None] - corners[None], axis=-1), axis=1)
+        out.append((moved, number))
+    return out
+
+
+def chain(names: Sequence[str], seen: Sequence[Mapping[int, Floats]], board: Board) -> Chain:
+    """Join cameras over the views that they share.
+
+    Args:
+        names: of C cameras.
+        seen: for each camera and time, (4, 4) cam_from_board, in the camera's own numbering of the corners.
+        board: what was seen.
+
+    Raises:
+        CalibrationError: a camera shares no view with the rest, or its views contradict theirs (named).
+    """
+    turns = [s[0] for s in symmetries(board)]
+    size = float(np.linalg.norm(np.ptp(board.corners, axis=0)))
+    poses: dict[int, Floats] = {0: np.eye(4)}
+    joined: list[tuple[int, int, int]] = []
+    chosen = {(0, t): 0 for t in seen[0]}
+    boards = {t: pose.copy() for t, pose in seen[0].items()}
+    while len(poses) < len(names):
+        left = [k for k in range(len(names)) if k not in poses]
+        shared = {k: sorted(boards.keys() & seen[k].keys()) for k in left}
+        new = max(left, key=lambda k: len(shared[k]))
+        if not shared[new]:
+            here, there = ([names[k] for k in group] for group in (sorted(poses), left))
+            few, many = (here, there) if len(here) < len(there) else (there, here)
+            raise CalibrationError(
+                f"{', '.join(few)}: no view of the board is shared with {', '.join(many)}; show the board where both "
+                "see it at the same time, or check that the frames are paired rightly"
+            )
+        partner = max(poses, key=lambda k: len(seen[k].keys() & seen[new].keys()))
+        at = _spread(shared[new], _MOST_SHARED)
+        poses[new] = _relative(names[new], [seen[new][t] for t in at], [boards[t] for t in at], turns, size)
+        joined.append((new, partner, len(shared[new])))
+        for t, pose in seen[new].items():
+            world = np.linalg.inv(poses[new]) @ pose
+            if t in boards:
+                chosen[new, t] = int(np.argmin([_apart(world @ np.linalg.inv(s), boards[t], size) for s in turns]))
+            else:
+                chosen[new, t], boards[t] = 0, world
+    return Chain(np.stack([poses[k] for k in range(len(names))]), boards, chosen, tuple(joined))
+
+
+def _spread(times: list[int], most: int) -> list[int]:
+    return [times[k] for k in np.unique(np.linspace(0, len(times) - 1, min(most, len(times))).astype(int))]
+
+
+def _apart(a: Floats, b: Floats, size: float) -> float:
+    """How far two poses are from each other: radians and, in board sizes, shift."""
+    turn = np.linalg.norm(log_so3(a[:3, :3] @ b[:3, :3].T))
+    return float(turn + np.linalg.norm(a[:3, 3] - b[:3, 3]) / (2 * size))
+
+
+def _relative(
+    name: str, new: Sequence[Floats], boards: Sequence[Floats], turns: Sequence[Floats], size: float
+) -> Floats:
+    """(4, 4) camera_from_world on which most times agree, whichever way round the camera numbered the board."""
+    # candidate[t, g]: the camera's pose if it numbered the board turned by g at t.
+    candidate = [[n @ np.linalg.inv(s) @ np.linalg.inv(w) for s in turns] for n, w in zip(new, boards, strict=True)]
+    flat = np.array(candidate).reshape(-1, 4, 4)
+    cosine = np.einsum("nij,mij->nm", flat[:, :3, :3], flat[:, :3, :3])
+    centers = -np.einsum("nji,nj->ni", flat[:, :3, :3], flat[:, :3, 3])
+    turned = np.arccos(np.clip((cosine - 1) / 2, -1, 1))
+    apart = turned + np.linalg.norm(centers[:, None] - centers, axis=-1) / (2 * size)
+    groups = len(flat), len(new), len(turns)
+    cost = np.median(apart.reshape(groups).min(axis=2), axis=1)
+    best = int(np.argmin(cost))
+    agree = float((turned.reshape(groups)[best].min(axis=1) < _AGREE_RAD).mean())
+    if len(new) >= 3 and agree < _AGREE_SHARE:
+        raise CalibrationError(
+            f"camera {name}: where it stands comes out differently from view to view ({agree:.0%} of {len(new)} shared "
+            f"views agree); {_MIRRORED if _is_mirrored(new, boards) else _UNPAIRED}"
+        )
+    if len(turns) > 1:
+        other = apart[best] > 0.5
+        if other.any():
+            second = float(cost[other].min())
+            if len(new) < 2 or second * _AMBIGUOUS < cost[best]:
+                if len(new) >= 3 and _is_mirrored(new, boards):
+                    raise CalibrationError(f"camera {name}: {_MIRRORED}")
+                raise CalibrationError(
+                    f"camera {name}: which way round the checkerboard is cannot be told, since it looks the same after "
+                    f"half a turn and {len(new)} shared view(s) fit either way; turn and move the board more between "
+                    "views, or use a ChArUco board"
+                )
+    return np.asarray(flat[best])
+
+
+def _is_mirrored(new: Sequence[Floats], boards: Sequence[Floats]) -> bool:
+    """Whether mirrored pictures explain a camera whose board moves otherwise than the others saw it."""
+    flip = np.diag([-1.0, 1, 1])
+    normals = np.stack([p[:3, 2] for p in new]), np.stack([p[:3, 2] for p in boards])
+    plain = _mismatch(*normals)
+    mirrored = _mismatch(normals[0] @ flip, normals[1])
+    return mirrored < 0.5 * plain and mirrored < _MIRRORED_RAD
+
+
+def _mismatch(a: Floats, b: Floats) -> float:
+    """Median angle between directions that a rotation should bring onto each other."""
+    rotation = kabsch(a, b, np.ones(len(a)))
+    return float(np.median(np.arccos(np.clip(((a @ rotation.T) * b).sum(axis=1), -1, 1))))

@@ -1,0 +1,75 @@
+"""Which moments of a recording are worth using: those that show the board where it was not yet seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.calibration.board.intrinsics import View
+
+_FIELDS = (8, 6)
+_ENOUGH_SHARED = 12
+_TILTS = 6
+
+
+def choose_times(
+    views: Mapping[str, Mapping[int, View]],
+    sizes: Mapping[str, tuple[int, int]],
+    most: int,
+    kept: int | None = None,
+) -> list[int]:
+    """Moments that together show the board all over every image, at many tilts, and to every pair of cameras.
+
+    Args:
+        views: by camera and by time.
+        sizes: (width, height) px by camera.
+        most: how many at most.
+        kept: time that is among them in any case, if there are views of it.
+
+    Returns:
+        Times in order: greedily those that add most, where every field of an image, tilt of the board and pair of
+        cameras is worth less the more often it was had.
+    """
+    times = sorted(set().union(*(v.keys() for v in views.values())))
+    if len(times) <= most:
+        return times
+    traits = {t: _traits(t, views, sizes) for t in times}
+    had: dict[tuple[object, ...], int] = {}
+    chosen: list[int] = []
+    left = set(times)
+    while left and len(chosen) < most:
+        best = max(sorted(left), key=lambda t: sum(w / (1 + had.get(k, 0)) for k, w in traits[t].items()))
+        best = kept if kept in left else best
+        chosen.append(best)
+        left.discard(best)
+        for k in traits[best]:
+            had[k] = had.get(k, 0) + 1
+    return sorted(chosen)
+
+
+def _traits(
+    t: int, views: Mapping[str, Mapping[int, View]], sizes: Mapping[str, tuple[int, int]]
+) -> dict[tuple[object, ...], float]:
+    """What a moment shows, each with its worth."""
+    names = [n for n in views if t in views[n]]
+    out: dict[tuple[object, ...], float] = {}
+    for n in names:
+        px = views[n][t][1]
+        field = np.clip((px + 0.5) / sizes[n] * _FIELDS, 0, np.subtract(_FIELDS, 1)).astype(int)
+        cells = {tuple(f) for f in field.tolist()}
+        out |= {(n, *cell): 1.0 / len(cells) ** 0.5 for cell in cells}
+        out[n, "tilt", *_tilt(px)] = 2.0
+    for a in names:
+        out |= {(a, b): 3.0 for b in names if b > a}
+    return out
+
+
+def _tilt(px: NDArray[np.float64]) -> tuple[int, int]:
+    """Shape of the seen board, coarsely: how flat, and along which direction."""
+    centered = px - px.mean(axis=0)
+    values, vectors = np.linalg.eigh(centered.T @ centered)
+    flat = int(np.sqrt(max(values[0], 0.0) / max(values[1], 1e-9)) * 4)
+    angle = int(np.arctan2(vectors[1, 1], vectors[0, 1]) % np.pi / np.pi * _TILTS) % _TILTS
+    return flat, angle

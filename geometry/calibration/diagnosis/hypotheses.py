@@ -1,0 +1,229 @@
+"""What would put one camera right, fitted to points that the other cameras know, and how well a rig then fits.
+
+The numerics of `culprits`: a robust pose and focal length of one camera, its shift in time, and the likelihood of
+a take under a rig. Errors follow a bivariate Student distribution, so that wrong 2D points neither draw a fit
+nor decide between two explanations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.cameras.camera import Camera, colmap_camera
+from muybridge.geometry.sync.clocks import parabola
+from muybridge.geometry.numerics.rotations import exp_so3
+
+Floats = NDArray[np.float64]
+
+_FREEDOM = 3.0  # of the Student distribution: tails of 2D networks
+_ITERATIONS = 12
+_FEWEST_POINTS = 12
+_FARTHEST = np.array([0.5, 0.5, 0.5, 2.0, 2.0, 2.0, 1.0])  # what else is no correction but another camera
+_STEP = 1e-5  # for differences: a share of the distance, and of the focal length
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What a fit says has to be done to a camera.
+
+    Attributes:
+        camera: the corrected camera.
+        turn: (3,) rotation vector about the camera's own axes, radians.
+        move: (3,) of its centre, in world axes, metres.
+        focal: factor on the focal lengths.
+        sd: (7,) standard deviations of turn, move and log focal; zero where held.
+    """
+
+    camera: Camera
+    turn: Floats
+    move: Floats
+    focal: float
+    sd: Floats
+
+
+def changed(camera: Camera, parameters: Floats) -> Camera:
+    """A camera turned by (3,) radians about its own axes, moved by (3,) metres, zoomed by exp(log focal)."""
+    rotation = exp_so3(parameters[:3]) @ camera.rotation
+    center = camera.center_world + parameters[3:6]
+    params = list(camera.params)
+    for index in colmap_camera(camera).focal_length_idxs():
+        params[index] *= float(np.exp(parameters[6]))
+    pose = np.column_stack([rotation, -rotation @ center])
+    return replace(camera, params=tuple(params), cam_from_world=pose)
+
+
+def student_scale(squares: Floats, start: float | None = None) -> float:
+    """Scale of a bivariate Student distribution (3 degrees of freedom) with the greatest likelihood.
+
+    Args:
+        squares: (N,) squared lengths.
+        start: scale to begin with.
+    """
+    if not squares.size:
+        return float("nan")
+    scale2 = float(np.median(squares)) / 2 if start is None else start**2
+    scale2 = max(scale2, 1e-12)
+    for _ in range(50):
+        weight = (_FREEDOM + 2) / (_FREEDOM + squares / scale2)
+        new = max(float((weight * squares).mean()) / 2, 1e-12)
+        done = abs(new - scale2) < 1e-3 * scale2
+        scale2 = new
+        if done:
+            break
+    return float(np.sqrt(scale2))
+
+
+def student_cost(squares: Floats, scale: float) -> Floats:
+    """Negative log-likelihood of squared lengths under a scale, without constants."""
+    return np.asarray(2 * np.log(scale) + 0.5 * (_FREEDOM + 2) * np.log1p(squares / (_FREEDOM * scale**2)))
+
+
+def fit_camera(
+    camera: Camera,
+    points_world: Floats,
+    points_px: Floats,
+    sigma: Floats,
+    free: NDArray[np.bool_],
+    start: Correction | None = None,
+) -> Correction | None:
+    """A camera's pose or focal length from points that others know, in spite of wrong ones.
+
+    Args:
+        camera: where to start.
+        points_world: (N, 3) metres; NaN where unknown.
+        points_px: (N, 2) px.
+        sigma: (N,) relative standard deviation.
+        free: (7,) which of turn (3), move (3) and log focal are fitted.
+        start: a correction to begin with.
+
+    Returns:
+        None where too few points are known by both.
+    """
+    use = np.isfinite(points_world).all(-1) & np.isfinite(points_px).all(-1) & np.isfinite(sigma)
+    use &= np.isfinite(camera.project(points_world)).all(-1)
+    world, px, weight0 = points_world[use], points_px[use], 1 / sigma[use]
+    if len(world) < _FEWEST_POINTS:
+        return None
+    trial, scale = np.zeros(7), None
+    if start is not None:
+        trial = np.concatenate([start.turn, start.move, [np.log(start.focal)]])
+    total = trial
+    chosen = np.flatnonzero(free)
+    information = np.eye(len(chosen))
+    best = np.inf
+    for _ in range(_ITERATIONS):
+        now = changed(camera, trial)
+        error, jacobian = _linearised(now, world, px)
+        error, jacobian = error * weight0[:, None], jacobian[..., chosen] * weight0[:, None, None]
+        squares = np.where(np.isfinite(error).all(-1), (error**2).sum(-1), 1e12)
+        scale = student_scale(squares, scale)
+        cost = float(student_cost(squares, scale).mean())
+        if cost > best - 1e-7:
+            break
+        best, total = cost, trial
+        weight = (_FREEDOM + 2) / (_FREEDOM * scale**2 + squares)
+        good = np.isfinite(jacobian).all((1, 2)) & (squares < 1e11)
+        jw = jacobian[good] * weight[good, None, None]
+        information = np.einsum("nai,naj->ij", jw, jacobian[good])
+        gradient = np.einsum("nai,na->i", jw, error[good])
+        trial = total.copy()
+        trial[chosen] -= np.linalg.solve(information + 1e-9 * np.eye(len(chosen)), gradient)
+        trial = np.clip(trial, -_FARTHEST, _FARTHEST)
+    sd = np.zeros(7)
+    sd[chosen] = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0))
+    return Correction(changed(camera, total), total[:3].copy(), total[3:6].copy(), float(np.exp(total[6])), sd)
+
+
+def _linearised(camera: Camera, world: Floats, px: Floats) -> tuple[Floats, Floats]:
+    """(N, 2) projected minus observed, and its (N, 2, 7) derivative by turn, move and log focal."""
+    lens = camera.posed(np.eye(4)[:3])
+    rel = (world - camera.center_world) @ camera.rotation.T
+    here = lens.project(rel)
+    step = _STEP * np.abs(rel[:, 2])
+    by_point = np.stack([lens.project(rel + step[:, None] * axis) - here for axis in np.eye(3)], axis=-1)
+    by_point /= step[:, None, None]
+    zoomed = changed(lens, np.array([0, 0, 0, 0, 0, 0, _STEP]))
+    out = np.empty((len(world), 2, 7))
+    out[..., :3] = np.cross(rel[:, None], by_point)
+    out[..., 3:6] = -by_point @ camera.rotation
+    out[..., 6] = (zoomed.project(rel) - here) / _STEP
+    return here - px, out
+
+
+def fit_shift(
+    predicted_px: Floats, observed: Callable[[float], tuple[Floats, Floats]], most: int, about: float = 0.0
+) -> float | None:
+    """By how many frames a camera's landmarks are late.
+
+    Only whole frames are tried, and a parabola says what lies between: landmarks interpolated between frames are
+    means of two, less noisy, and would always seem to fit better.
+
+    Args:
+        predicted_px: (K, J, 2) where the other cameras put the landmarks.
+        observed: gives (K, J, 2) px and (K, J) relative standard deviations of the camera's landmarks, taken so
+            many frames later.
+        most: shifts up to this many frames from `about` are tried.
+        about: a whole number to begin with.
+    """
+
+    def cost(shift: float, every: int = 1) -> tuple[float, int]:
+        px, sigma = observed(shift)
+        squares = (((px - predicted_px) / sigma[..., None])[::every] ** 2).sum(-1)
+        known = squares[np.isfinite(squares)]
+        return (float(student_cost(known, student_scale(known)).mean()) if known.size else np.inf), known.size
+
+    whole = np.arange(-most, most + 1, dtype=float) + about
+    tried = [cost(s, max(1, len(predicted_px) // 40)) for s in whole]
+    counts = np.array([n for _, n in tried])
+    values = np.array([v if n >= max(_FEWEST_POINTS, 0.5 * counts.max()) else np.inf for v, n in tried])
+    if not np.isfinite(values).any():
+        return None
+    best = float(whole[np.argmin(values)])
+    near = np.array([cost(best + k)[0] for k in (-2, -1, 0, 1, 2)])
+    k = int(np.argmin(near))
+    return best + k - 2 + parabola(-near, k)
+
+
+def alike(errors: Floats) -> float:
+    """How many frames count as one: a landmark's error in a camera is much the same for many frames.
+
+    The variance of each error's mean over the take, over what it would be if frames were independent.
+
+    Args:
+        errors: (C, K, J, 2) in standard deviations; NaN where unknown.
+    """
+    series = np.moveaxis(np.clip(errors, -3, 3), 1, -1).reshape(-1, errors.shape[1])
+    count = np.isfinite(series).sum(axis=1)
+    series = series[count >= 5]
+    if not len(series):
+        return 1.0
+    count = np.isfinite(series).sum(axis=1)
+    known = np.nan_to_num(series)
+    mean, power = known.sum(axis=1) / count, (known**2).sum(axis=1) / count
+    return float(np.clip((count * mean**2).sum() / max(power.sum(), 1e-12), 1.0, errors.shape[1]))
+
+
+def paired_score(before: Floats, after: Floats) -> float:
+    """How sure it is that errors have become smaller: the mean gain over its standard error.
+
+    Each landmark of each camera counts once, as what it gains in one frame it gains in the next (Vuong, "Likelihood
+    ratio tests for model selection and non-nested hypotheses", 1989, with clusters).
+
+    Args:
+        before: (C, K, J, 2) in relative standard deviations; NaN where unknown.
+        after: the same.
+    """
+    costs = []
+    for errors in (before, after):
+        squares = (errors**2).sum(-1)
+        costs.append(student_cost(squares, student_scale(squares[np.isfinite(squares)])))
+    gain = costs[0] - costs[1]
+    count = np.isfinite(gain).sum(axis=1)
+    each = np.nansum(gain, axis=1)[count >= 5] / count[count >= 5]
+    if len(each) < 8:
+        return 0.0
+    return float(each.mean() / max(each.std(ddof=1) / np.sqrt(len(each)), 1e-12))

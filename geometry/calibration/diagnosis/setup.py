@@ -1,0 +1,155 @@
+"""A rig and a take as `culprits` tries them: cameras, whose files they have, and when those begin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.calibration.diagnosis.hypotheses import Correction, student_cost, student_scale
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.sync.clocks import resample
+from muybridge.geometry.triangulation.multiview import TriangulateOptions, take_noise, triangulate
+
+Floats = NDArray[np.float64]
+
+_BLOCKS = 6  # of frames, fitted and held out in turn
+FEWEST_FRAMES = 8
+_MOST_LANDMARKS = 25
+_MOST_POINTS = 1800
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Cameras, and which landmarks they get from when."""
+
+    cameras: CameraGroup
+    shifts: tuple[float, ...]
+    files: tuple[int, ...]
+
+
+@dataclass
+class Take:
+    """The landmarks of a take at chosen frames."""
+
+    px: Floats
+    variance: Floats
+    frames: Floats
+    held: NDArray[np.bool_]  # (K,) which of two halves a frame belongs to
+    noise_px: float = 0.0
+    relative: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.relative = float(np.nanmedian(self.variance))
+
+    def of(self, setup: Setup, c: int, shift: float | None = None) -> tuple[Floats, Floats]:
+        """(K, J, 2) px and (K, J) variances that camera c has under a setup (or at another shift)."""
+        row = setup.files[c]
+        times = self.frames + (setup.shifts[c] if shift is None else shift)
+        return resample(self.px[row], self.variance[row], 1.0, times)
+
+    def all(self, setup: Setup) -> tuple[Floats, Floats]:
+        """(C, K, J, 2) and (C, K, J)."""
+        each = [self.of(setup, c) for c in range(len(setup.cameras))]
+        return np.stack([px for px, _ in each]), np.stack([v for _, v in each])
+
+    def sigma(self, variance: Floats) -> Floats:
+        """Relative standard deviations, of which none is much smaller than the median."""
+        return np.sqrt(np.maximum(variance / self.relative, 0.1))
+
+
+def take_of(cameras: CameraGroup, points_px: Floats, variance_px2: Floats, max_frames: int) -> tuple[Take | None, str]:
+    """The take at chosen frames; None and why, where nothing can be told."""
+    px, variance = np.array(points_px, dtype=np.float64), np.array(variance_px2, dtype=np.float64)
+    if px.ndim != 4 or px.shape[0] != len(cameras) or px.shape[3] != 2 or variance.shape != px.shape[:3]:
+        raise ValueError(
+            f"points_px must be ({len(cameras)}, T, J, 2) and variance_px2 ({len(cameras)}, T, J), "
+            f"not {px.shape} and {variance.shape}"
+        )
+    missing = ~(np.isfinite(px).all(-1) & np.isfinite(variance) & (variance > 0))
+    px[missing], variance[missing] = np.nan, np.nan
+    if len(cameras) < 3:
+        return None, "With two cameras it cannot be told which of them is wrong; a third would tell."
+    shared = np.flatnonzero(((~missing).sum(axis=0) >= 3).sum(axis=1) >= 3)
+    if len(shared) < FEWEST_FRAMES:
+        return None, (
+            f"Only {len(shared)} frames have landmarks that three cameras share, {FEWEST_FRAMES} are needed to "
+            "tell which camera is wrong."
+        )
+    px, variance = _seen_most(px, variance)
+    most = min(len(shared), max_frames, max(40, _MOST_POINTS // variance.shape[2]))
+    chosen = np.unique(np.linspace(0, len(shared) - 1, most).round().astype(int))
+    frames = shared[chosen].astype(float)
+    held = (np.arange(len(frames)) * _BLOCKS // len(frames)) % 2 == 1
+    take = Take(px, variance, frames, held)
+    # The level of the noise is that of the cameras that agree best, so that a wrong one cannot hide in it.
+    near, spread = take.all(Setup(cameras, (0.0,) * len(cameras), tuple(range(len(cameras)))))
+    levels = []
+    for c in range(len(cameras)):
+        rest = [k for k in range(len(cameras)) if k != c]
+        noise, scale = take_noise(CameraGroup(tuple(cameras[k] for k in rest)), near[rest], spread[rest])
+        levels.append((noise**2 + scale * float(np.nanmedian(spread)), noise, scale))
+    _, take.noise_px, scale = min(levels)
+    take.variance *= scale
+    take.relative *= scale
+    return take, ""
+
+
+def _seen_most(px: Floats, variance: Floats) -> tuple[Floats, Floats]:
+    """As many landmarks as are needed, those that three cameras share most often."""
+    if variance.shape[2] <= _MOST_LANDMARKS:
+        return px, variance
+    shared = (np.isfinite(variance).sum(axis=0) >= 3).sum(axis=0)
+    chosen = np.sort(np.argsort(-shared, kind="stable")[:_MOST_LANDMARKS])
+    return px[:, :, chosen], variance[:, :, chosen]
+
+
+def rig_errors(take: Take, setup: Setup, rows: NDArray[np.bool_] | None = None) -> Floats:
+    """(C, K, J, 2) reprojection errors of the triangulated rig over relative standard deviations."""
+    px, variance = take.all(setup)
+    if rows is not None:
+        px, variance = px[:, rows], variance[:, rows]
+    found = triangulate(setup.cameras, px, variance, TriangulateOptions(noise_px=take.noise_px))
+    error = setup.cameras.project(found.points_world) - px
+    seen = np.isfinite(variance)
+    # Where no two cameras agree, each is as wrong as a camera that does not take part may be.
+    far = 0.05 * max(max(c.width, c.height) for c in setup.cameras)
+    error[seen & ~np.isfinite(error).all(-1)] = far
+    error[:, seen.sum(axis=0) < min(3, len(setup.cameras))] = np.nan
+    return np.asarray(error / take.sigma(variance)[..., None])
+
+
+def weighed(parts: list[Floats]) -> tuple[float, float, Floats]:
+    """Mean robust cost, scale in px, and the errors in one array."""
+    errors = np.concatenate(parts, axis=1)
+    squares = (errors**2).sum(-1)
+    known = squares[np.isfinite(squares)]
+    scale = student_scale(known)
+    return float(student_cost(known, scale).mean()), scale, errors
+
+
+def left_out(take: Take, setup: Setup, c: int) -> Floats:
+    """(K, J, 3) points that the cameras other than c know."""
+    rest = [k for k in range(len(setup.cameras)) if k != c]
+    px, variance = take.all(setup)
+    others = CameraGroup(tuple(setup.cameras[k] for k in rest))
+    return triangulate(others, px[rest], variance[rest], TriangulateOptions(noise_px=take.noise_px)).points_world
+
+
+def with_correction(setup: Setup, c: int, correction: Correction) -> Setup:
+    cameras = list(setup.cameras)
+    cameras[c] = correction.camera
+    return replace(setup, cameras=CameraGroup(tuple(cameras)))
+
+
+def with_shift(setup: Setup, c: int, shift: float) -> Setup:
+    shifts = list(setup.shifts)
+    shifts[c] += shift
+    return replace(setup, shifts=tuple(shifts))
+
+
+def with_files(setup: Setup, order: Sequence[int]) -> Setup:
+    """Each camera with the file that camera `order[c]` has."""
+    return replace(setup, files=tuple(setup.files[k] for k in order), shifts=tuple(setup.shifts[k] for k in order))

@@ -1,0 +1,117 @@
+"""The TOML calibrations of Pose2Sim, Anipose (also FreeMoCap's) and Caliscope.
+
+They agree on the content of a camera's table: `size`, `matrix`, `distortions` (OpenCV's order), `rotation`
+(a rotation vector, or by rows a matrix in some Caliscope files), `translation` (both `cam_from_world`) and
+`fisheye`. They differ in where the tables are and how cameras are named:
+
+- Pose2Sim, Anipose: tables at the top level, the camera's name in `name`, else the table's.
+- Caliscope: tables in `cameras`, named after `cam_id` (older: `port`): ``cam_0`` or ``port_0``, as
+  its videos are.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from typing import Any
+
+from muybridge.geometry.calibration.formats.common import (
+    Calibration,
+    Malformed,
+    in_metres,
+    left_out_note,
+    make_camera,
+    make_group,
+    numbers,
+    opencv_lens,
+    pixel_count,
+    pose_from,
+    rotation_from,
+)
+from muybridge.geometry.cameras.camera import Camera
+
+_MISSING: tuple[Any, ...] = (None, "null", "None", [])
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The table of a TOML text; `Malformed`, with line and column, if it is none."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise Malformed("broken TOML: nested too deeply") from None
+    except ValueError as error:
+        raise Malformed(f"broken TOML: {error}") from None
+
+
+def read_rig_toml(text: str) -> Calibration:
+    """Cameras of a Pose2Sim, Anipose or Caliscope TOML.
+
+    The unit of the translations is that of `unit` in the table `metadata`, if there is one (m, cm, mm, in);
+    else see `in_metres`. Cameras that Caliscope ignores are left out, and those without a pose if two others have one;
+    notes say so.
+
+    Raises:
+        Malformed: what is wrong, with line or camera and field.
+    """
+    data = parse_toml(text)
+    caliscope = isinstance(data.get("cameras"), dict)
+    tables = data["cameras"] if caliscope else data
+    cameras: list[Camera] = []
+    left_out: list[str] = []
+    no_pose: list[str] = []
+    for key, table in tables.items():
+        if not isinstance(table, dict) or not (caliscope or "matrix" in table):
+            continue
+        name = _name(key, table, caliscope)
+        if table.get("ignore") is True:
+            left_out.append(name)
+        elif table.get("rotation") in _MISSING or table.get("translation") in _MISSING:
+            no_pose.append(name)
+        else:
+            try:
+                cameras.append(_camera(name, table))
+            except Malformed as error:
+                raise Malformed(f"camera {name}: {error}") from None
+    if no_pose and len(cameras) < 2:
+        raise Malformed(
+            f"no pose (rotation and translation) for {', '.join(no_pose)}: finish the calibration of the extrinsics"
+        )
+    if not cameras:
+        raise Malformed("it holds no camera table (with size, matrix, distortions, rotation, translation)")
+    metadata = data.get("metadata")
+    unit = metadata.get("unit") if isinstance(metadata, dict) else None
+    group, notes = in_metres(make_group(cameras), unit, 'unit = "cm" in [metadata]')
+    if left_out:
+        notes = (*notes, f"left out, marked to be ignored: {', '.join(left_out)}")
+    name = "Caliscope TOML" if caliscope else "Pose2Sim/Anipose TOML"
+    return Calibration(group, name, (*notes, *left_out_note(no_pose)), tuple(no_pose))
+
+
+def _name(key: str, table: dict[str, Any], caliscope: bool) -> str:
+    if isinstance(table.get("name"), str) and table["name"].strip():
+        return str(table["name"]).strip()
+    if not caliscope:
+        return key
+    for field, prefix in (("cam_id", "cam_"), ("port", "port_")):
+        if isinstance(table.get(field), int):
+            return f"{prefix}{table[field]}"
+    return f"cam_{key}" if key.isdigit() else key
+
+
+def _camera(name: str, table: dict[str, Any]) -> Camera:
+    for field in ("size", "matrix"):
+        if table.get(field) in _MISSING:
+            raise Malformed(f"{field} is missing")
+    width, height = numbers(table["size"], "size", (2,))
+    size = pixel_count(float(width), "the width in size"), pixel_count(float(height), "the height in size")
+    fisheye = table.get("fisheye", False)
+    if not isinstance(fisheye, bool):
+        raise Malformed("fisheye must be true or false")
+    distortions = table.get("distortions")
+    lens = opencv_lens(
+        numbers(table["matrix"], "matrix", (9,)),
+        numbers([] if distortions in _MISSING else distortions, "distortions"),
+        fisheye,
+    )
+    rotation = rotation_from(numbers(table["rotation"], "rotation", (3, 9)), "rotation")
+    translation = numbers(table["translation"], "translation", (3,))
+    return make_camera(name, lens, size, pose_from(rotation, translation))

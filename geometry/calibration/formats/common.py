@@ -1,0 +1,215 @@
+"""What the readers of calibration files share: checks of numbers, OpenCV's lens terms, units and axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+
+
+class Malformed(ValueError):
+    """What is wrong inside a file; the caller, who knows the file's name, makes a CalibrationError of it."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibration as it was read.
+
+    Attributes:
+        cameras: the cameras, in the file's order.
+        format: the name of the file's format, e.g. ``"Qualisys"``.
+        notes: sentences that a user should read: what was assumed, what was left out.
+        no_pose: names of cameras that are left out, for the file does not say where they are.
+        guessed_sizes: names of the cameras whose images' size is not in the file and was guessed from the principal
+            point, which lies up to a tenth of the picture beside its middle.
+    """
+
+    cameras: CameraGroup
+    format: str
+    notes: tuple[str, ...] = ()
+    no_pose: tuple[str, ...] = ()
+    guessed_sizes: frozenset[str] = frozenset()
+
+
+def left_out_note(no_pose: Sequence[str]) -> tuple[str, ...]:
+    """What is said of cameras without a pose."""
+    return (f"left out, as they have no pose: {', '.join(no_pose)}",) if no_pose else ()
+
+
+UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
+"""Metres in each unit that a file may name."""
+
+# No room with people in it has cameras farther apart than this many metres; a rig in millimetres has.
+_WIDEST_RIG_M = 100.0
+# Qualisys prints six decimals, hand-typed files four; what is farther from a rotation is a wrong number.
+_ROTATION_TOLERANCE = 5e-3
+# Skew below this share of the focal length is less than a pixel anywhere; lenses have none.
+_SKEW_TOLERANCE = 1e-3
+
+
+def number(value: Any, what: str) -> float:
+    """`value` as a finite float; strings that hold a number count (older Caliscope files have them)."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise Malformed(f"{what} is {_brief(value)}, not a number")
+    try:
+        result = float(value)
+    except (ValueError, OverflowError):
+        raise Malformed(f"{what} is {_brief(value)}, not a number") from None
+    if not np.isfinite(result):
+        raise Malformed(f"{what} is {_brief(value)}, not a finite number")
+    return result
+
+
+def numbers(value: Any, what: str, counts: Sequence[int] = ()) -> NDArray[np.float64]:
+    """A nested list of numbers, flattened.
+
+    Args:
+        value: what the file holds.
+        what: its name, for the message.
+        counts: how many numbers are valid; any number of them if empty.
+    """
+    flat: list[float] = []
+    pending = [value]
+    while pending:
+        item = pending.pop()
+        if isinstance(item, list | tuple):
+            pending.extend(reversed(item))
+        else:
+            flat.append(number(item, what))
+    if not isinstance(value, list | tuple) or (counts and len(flat) not in counts):
+        wanted = " or ".join(str(c) for c in counts)
+        raise Malformed(f"{what} must be a list of {wanted + ' ' if wanted else ''}numbers, not {_brief(value)}")
+    return np.array(flat, dtype=np.float64)
+
+
+def pixel_count(value: Any, what: str) -> int:
+    """`value` as a positive whole number of pixels (written 1088 or 1088.0)."""
+    count = number(value, what)
+    if count != round(count) or not 0 < count <= 1_000_000:
+        raise Malformed(f"{what} is {count:g}, not a positive whole number of pixels")
+    return int(count)
+
+
+def rotation_from(values: NDArray[np.float64], what: str) -> NDArray[np.float64]:
+    """(3, 3) rotation from 3 numbers (a rotation vector) or 9 (a matrix by rows, rounding removed)."""
+    if values.size == 3:
+        return np.asarray(cv2.Rodrigues(values.reshape(3, 1))[0], dtype=np.float64)
+    matrix = values.reshape(3, 3)
+    if np.abs(matrix).max() > 2 or np.abs(matrix @ matrix.T - np.eye(3)).max() > _ROTATION_TOLERANCE:
+        raise Malformed(f"{what} is not a rotation matrix: its rows are not orthonormal")
+    if np.linalg.det(matrix) < 0:
+        raise Malformed(f"{what} is not a rotation matrix: it mirrors (determinant -1)")
+    u, _, vt = np.linalg.svd(matrix)
+    nearest: NDArray[np.float64] = np.asarray(u @ vt, dtype=np.float64)
+    # Leave a matrix that is exact to rounding as it stands, so that files of full precision keep their bits.
+    return matrix.copy() if np.abs(nearest - matrix).max() < 1e-14 else nearest
+
+
+def pose_from(rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 4) pose from a rotation and a translation."""
+    return np.column_stack([rotation, translation.reshape(3)])
+
+
+def opencv_lens(
+    matrix: NDArray[np.float64], distortion: NDArray[np.float64], fisheye: bool
+) -> tuple[str, tuple[float, ...]]:
+    """The lens model and parameters of OpenCV's camera matrix and distortion coefficients.
+
+    Args:
+        matrix: (9,) camera matrix by rows.
+        distortion: up to 4 coefficients k1..k4 if `fisheye`; else 0, 1, 2, 4, 5, 8, 12 or 14, in OpenCV's
+            order k1, k2, p1, p2, k3, k4, k5, k6, s1..s4, tx, ty, of which those after k6 must be zero.
+    """
+    fx, skew, cx, a, fy, cy, b, c, one = matrix.tolist()
+    if (a, b, c, one) != (0.0, 0.0, 0.0, 1.0) or fx <= 0 or fy <= 0:
+        raise Malformed("the camera matrix is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0")
+    if abs(skew) > _SKEW_TOLERANCE * fx:
+        raise Malformed(f"the camera matrix has a skew of {skew:g}, which no supported lens model has")
+    terms = distortion.tolist()
+    if fisheye:
+        if len(terms) > 4 and any(terms[4:]):
+            raise Malformed(f"a fisheye lens has 4 distortion coefficients, not {len(terms)}")
+        return "OPENCV_FISHEYE", (fx, fy, cx, cy, *(terms + [0.0] * 4)[:4])
+    if len(terms) not in (0, 1, 2, 4, 5, 8, 12, 14):
+        raise Malformed(f"{len(terms)} distortion coefficients; valid: 0, 1, 2, 4, 5, 8, 12 or 14")
+    if any(terms[8:]):
+        raise Malformed("thin-prism or tilted-sensor distortion is not supported: calibrate with 4, 5 or 8 terms")
+    k1, k2, p1, p2, k3, k4, k5, k6 = (terms + [0.0] * 8)[:8]
+    if any((k3, k4, k5, k6)):
+        return "FULL_OPENCV", (fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6)
+    return "OPENCV", (fx, fy, cx, cy, k1, k2, p1, p2)
+
+
+def make_camera(
+    name: str, lens: tuple[str, tuple[float, ...]], size: tuple[int, int], pose: NDArray[np.float64]
+) -> Camera:
+    """A `Camera`, its ValueErrors turned into `Malformed`."""
+    try:
+        return Camera(name, lens[0], size[0], size[1], lens[1], pose)
+    except ValueError as error:
+        raise Malformed(str(error)) from None
+
+
+def make_group(cameras: Sequence[Camera]) -> CameraGroup:
+    """A `CameraGroup`, its ValueErrors turned into `Malformed`."""
+    try:
+        return CameraGroup(tuple(cameras))
+    except ValueError as error:
+        raise Malformed(str(error)) from None
+
+
+def in_metres(cameras: CameraGroup, unit: str | None, where: str) -> tuple[CameraGroup, tuple[str, ...]]:
+    """Cameras whose translations are in `unit`, moved to metres.
+
+    Args:
+        cameras: as the file has them.
+        unit: one of `UNITS_M`, or None if the file does not say. Then metres are taken, unless the cameras
+            would be more than 100 m apart: then millimetres, which is said in a note.
+        where: how the user would state the unit, for the note.
+    """
+    notes: tuple[str, ...] = ()
+    if unit is not None and unit not in UNITS_M:
+        raise Malformed(f"unit {_brief(unit)} is unknown; valid: {', '.join(UNITS_M)}")
+    if unit is None:
+        span = _span(cameras)
+        unit = "m" if span <= _WIDEST_RIG_M else "mm"
+        if unit == "mm":
+            notes = (
+                f"the cameras are up to {span:.0f} units apart, so the translations were taken as "
+                f"millimetres ({span / 1000:.2f} m); if that is wrong, state the unit: {where}",
+            )
+    scale = UNITS_M[unit]
+    if scale == 1.0:
+        return cameras, notes
+    poses = [pose_from(c.rotation, c.translation * scale) for c in cameras]
+    return CameraGroup(tuple(c.posed(pose) for c, pose in zip(cameras, poses, strict=True))), notes
+
+
+def far_apart_note(cameras: CameraGroup, what: str) -> tuple[str, ...]:
+    """A note where cameras are more than 100 m apart, as they are where metres were not meant.
+
+    Args:
+        cameras: made from what the user gave, taken for metres.
+        what: that is to be in metres, for the note.
+    """
+    span = _span(cameras)
+    if span <= _WIDEST_RIG_M:
+        return ()
+    return (f"note: the cameras are up to {span:.0f} m apart: {what} must be in metres; are they in millimetres?",)
+
+
+def _span(cameras: CameraGroup) -> float:
+    """Largest distance between two cameras."""
+    centers = cameras.centers_world
+    return float(np.linalg.norm(centers[:, None] - centers[None], axis=-1).max())
+
+
+def _brief(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 40 else text[:37] + "..."

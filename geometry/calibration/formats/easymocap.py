@@ -1,0 +1,115 @@
+"""EasyMocap's calibration: `intri.yml` (K_NAME, dist_NAME) and `extri.yml` (R_NAME or Rot_NAME, T_NAME) side by side.
+
+Both hold the sequence `names`. R is a rotation vector, Rot a matrix; they take world to camera, in metres. Newer files
+say the image's size (`H_NAME`, `W_NAME`); without it, it is guessed as twice the principal point, which is noted.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.calibration.formats.common import (
+    Calibration,
+    Malformed,
+    in_metres,
+    make_camera,
+    make_group,
+    number,
+    opencv_lens,
+    pixel_count,
+    pose_from,
+    rotation_from,
+)
+from muybridge.geometry.calibration.formats.opencv import array_of, parse_yaml
+from muybridge.geometry.cameras.camera import Camera
+
+Floats = NDArray[np.float64]
+
+_PAIR = ("intri", "extri")
+
+
+def easymocap_sibling(path: Path) -> Path | None:
+    """The other file of the pair, where the name is that of one (`intri.yml`, `my_extri.yaml`)."""
+    for one, other in (_PAIR, _PAIR[::-1]):
+        if one in path.stem:
+            return path.with_name(path.stem.replace(one, other) + path.suffix)
+    return None
+
+
+def read_easymocap(text: str, path: Path) -> Calibration:
+    """Cameras of a pair of files, of which one is given.
+
+    Raises:
+        Malformed: what is wrong, with camera and key; also where the other file is not there.
+    """
+    data = parse_yaml(text)
+    sibling = easymocap_sibling(path)
+    if sibling is not None and sibling.is_file():
+        try:
+            other = parse_yaml(sibling.read_text(encoding="utf-8-sig"))
+        except (Malformed, UnicodeDecodeError) as error:
+            raise Malformed(f"{sibling.name}: {error}") from None
+        data = {**other, **data}
+    names = data.get("names")
+    if not isinstance(names, list) or not names:
+        raise Malformed("it has no sequence `names` of cameras")
+    lacks = [k for k in ("K_", "T_") if not any(key.startswith(k) for key in data)]
+    if lacks:
+        missing = _PAIR[0] if lacks[0] == "K_" else _PAIR[1]
+        raise Malformed(f"{missing}.yml is missing beside it: of EasyMocap, intri.yml and extri.yml are needed")
+    cameras: list[Camera] = []
+    guessed: dict[str, str] = {}
+    for name in (_name(n) for n in names):
+        try:
+            lens = opencv_lens(_matrix(data, f"K_{name}", (9,)), _distortion(data, name), fisheye=False)
+            size = _size(data, name)
+            if size is None:
+                size = (max(1, round(2 * lens[1][2] + 1)), max(1, round(2 * lens[1][3] + 1)))
+                guessed[name] = f"{name} {size[0]}x{size[1]}"
+            turn = f"Rot_{name}" if f"Rot_{name}" in data else f"R_{name}"
+            rotation = rotation_from(_matrix(data, turn, (3, 9)), turn)
+            pose = pose_from(rotation, _matrix(data, f"T_{name}", (3,)))
+            cameras.append(make_camera(name, lens, size, pose))
+        except Malformed as error:
+            raise Malformed(f"camera {name}: {error}") from None
+    group, notes = in_metres(make_group(cameras), None, "convert it, EasyMocap is in metres")
+    if guessed:
+        sizes = ", ".join(guessed.values())
+        notes = (*notes, f"image sizes are not in it: by the principal points they are about {sizes}")
+    return Calibration(group, "EasyMocap", notes, guessed_sizes=frozenset(guessed))
+
+
+def _name(value: Any) -> str:
+    if isinstance(value, float):  # a name that YAML takes for a number
+        return f"{value:g}"
+    if not isinstance(value, str) or not value:
+        raise Malformed("a name in `names` is no text")
+    return value
+
+
+def _matrix(data: dict[str, Any], key: str, counts: tuple[int, ...]) -> Floats:
+    if key not in data:
+        raise Malformed(f"{key} is missing")
+    values = array_of(data, (key,)).ravel()
+    if values.size not in counts:
+        raise Malformed(f"{key} must have {' or '.join(map(str, counts))} numbers, not {values.size}")
+    return values
+
+
+def _distortion(data: dict[str, Any], name: str) -> Floats:
+    for key in (f"dist_{name}", f"D_{name}"):
+        if key in data:
+            return array_of(data, (key,)).ravel()
+    return np.zeros(0)
+
+
+def _size(data: dict[str, Any], name: str) -> tuple[int, int] | None:
+    width, height = data.get(f"W_{name}"), data.get(f"H_{name}")
+    if width is None or height is None:
+        return None
+    sizes = pixel_count(number(width, f"W_{name}"), f"W_{name}"), pixel_count(number(height, f"H_{name}"), f"H_{name}")
+    return None if min(sizes) < 2 else sizes

@@ -1,0 +1,110 @@
+"""Muybridge's own calibration file: readable TOML with a version, which keeps every float exactly.
+
+```toml
+muybridge_calibration = 1
+
+[[cameras]]
+name = "cam01"
+model = "OPENCV"
+width = 1088
+height = 1920
+params = [1681.2, 1681.1, 532.9, 948.1, -0.046, 0.14, 0.0006, 0.0007]
+cam_from_world = [
+    [0.55, 0.80, 0.21, 0.32],
+    [0.43, -0.06, -0.90, 0.96],
+    [-0.71, 0.59, -0.38, 2.89],
+]
+```
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from muybridge.geometry.calibration.formats.common import (
+    Calibration,
+    Malformed,
+    make_camera,
+    make_group,
+    numbers,
+    pixel_count,
+)
+from muybridge.geometry.calibration.formats.anipose_toml import parse_toml
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras._pycolmap import pycolmap
+
+VERSION = 1
+_FIELDS = ("name", "model", "width", "height", "params", "cam_from_world")
+_HEADER = """\
+# Cameras of a motion capture. Metres; world with Z up; camera axes x right, y down, z forward.
+# Pixel (0, 0) is the centre of the top-left pixel. cam_from_world = rotation | translation.
+"""
+
+
+def read_native(text: str) -> Calibration:
+    """Cameras of our own TOML.
+
+    Raises:
+        Malformed: what is wrong, with line or camera and field.
+    """
+    data = parse_toml(text)
+    version = data.get("muybridge_calibration")
+    if version != VERSION or isinstance(version, bool):
+        raise Malformed(
+            f"muybridge_calibration is {version!r}; this release reads version {VERSION}: "
+            "write the file again, or upgrade muybridge"
+        )
+    tables = data.get("cameras")
+    if not isinstance(tables, list) or not tables:
+        raise Malformed("it has no [[cameras]]")
+    return Calibration(make_group([_camera(k, t) for k, t in enumerate(tables, start=1)]), "Muybridge TOML")
+
+
+def _camera(position: int, table: Any) -> Camera:
+    if not isinstance(table, dict):
+        raise Malformed(f"camera {position} is not a table: write [[cameras]] before each")
+    name = table.get("name")
+    label = f"camera {name}" if isinstance(name, str) and name else f"camera {position}"
+    try:
+        missing = [field for field in _FIELDS if field not in table]
+        if missing:
+            raise Malformed(f"{', '.join(missing)} missing")
+        unknown = [field for field in table if field not in _FIELDS]
+        if unknown:
+            raise Malformed(f"unknown field {', '.join(unknown)}; valid: {', '.join(_FIELDS)}")
+        if not isinstance(name, str) or not isinstance(table["model"], str):
+            raise Malformed("name and model must be strings")
+        size = pixel_count(table["width"], "width"), pixel_count(table["height"], "height")
+        params = tuple(numbers(table["params"], "params").tolist())
+        pose = numbers(table["cam_from_world"], "cam_from_world", (12,)).reshape(3, 4)
+        return make_camera(name, (table["model"], params), size, pose)
+    except Malformed as error:
+        raise Malformed(f"{label}: {error}") from None
+
+
+def native_text(cameras: CameraGroup) -> str:
+    """The cameras as our own TOML. Floats have the shortest form that reads back to the same bits."""
+    blocks = [_HEADER + f"muybridge_calibration = {VERSION}\n"]
+    for camera in cameras:
+        order = pycolmap.Camera.create_from_model_name(0, camera.model, 1.0, 1, 1).params_info
+        rows = "".join(f"    [{_floats(row)}],\n" for row in camera.cam_from_world.tolist())
+        blocks.append(
+            "[[cameras]]\n"
+            f"name = {_quoted(camera.name)}\n"
+            f'model = "{camera.model}"\n'
+            f"width = {camera.width}\n"
+            f"height = {camera.height}\n"
+            f"params = [{_floats(camera.params)}]  # {order}\n"
+            f"cam_from_world = [\n{rows}]\n"
+        )
+    return "\n".join(blocks)
+
+
+def _floats(values: Any) -> str:
+    return ", ".join(repr(float(v)) for v in values)
+
+
+def _quoted(text: str) -> str:
+    # JSON's escapes are TOML's, except that TOML also wants DEL escaped.
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

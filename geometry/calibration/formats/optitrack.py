@@ -1,0 +1,131 @@
+"""OptiTrack Motive's camera calibration: `.mcal` (XML), or a CSV table of the same attributes, one row a camera.
+
+Per camera, as Motive writes it: `Serial`, `ImagerPixelWidth`, `ImagerPixelHeight`; lens `LensCenterX`, `LensCenterY`,
+`HorizontalFocalLength`, `VerticalFocalLength` (px), `k1`, `k2`, `k3`, `TangentialX`, `TangentialY`; pose `X`, `Y`, `Z`
+(the centre, metres, Y up) and `OrientMatrix0..8` (by rows, camera to world, camera axes right, up, backwards).
+
+The world is turned to Z up: (x, y, z) becomes (x, -z, y).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.calibration.formats.common import (
+    Calibration,
+    Malformed,
+    make_camera,
+    make_group,
+    number,
+    opencv_lens,
+    pixel_count,
+    pose_from,
+    rotation_from,
+)
+from muybridge.geometry.calibration.formats.vicon import parse_xml
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+
+Floats = NDArray[np.float64]
+
+_LENS = ("LensCenterX", "LensCenterY", "HorizontalFocalLength", "VerticalFocalLength")
+_BENT = ("k1", "k2", "TangentialX", "TangentialY", "k3")
+_TURN = tuple(f"OrientMatrix{k}" for k in range(9))
+_COLUMNS = ("Serial", "ImagerPixelWidth", "ImagerPixelHeight", *_LENS, *_BENT, "X", "Y", "Z", *_TURN)
+_FLIP = np.diag([1.0, -1.0, -1.0])  # right, up, backwards and right, down, forwards
+_ZUP_FROM_YUP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+
+
+def read_optitrack_csv(text: str) -> Calibration:
+    """Cameras of a CSV table; `Malformed` says what is wrong, with camera and column."""
+    try:
+        rows = list(csv.DictReader(io.StringIO(text.lstrip("\ufeff")), skipinitialspace=True, strict=True))
+    except csv.Error as error:
+        raise Malformed(f"broken CSV: {error}") from None
+    return _cameras([{(k or "").strip(): v for k, v in row.items() if isinstance(v, str)} for row in rows])
+
+
+def read_optitrack_xml(text: str) -> Calibration:
+    """Cameras of an `.mcal` file; `Malformed` says what is wrong, with camera and attribute."""
+    rows = []
+    for element in parse_xml(text).iter("Camera"):
+        row: dict[str, str] = dict(element.attrib)
+        for child in element.iter():
+            if child.tag in ("Attributes", "IntrinsicStandardCameraModel", "Extrinsic"):
+                row |= child.attrib
+        rows.append(row)
+    return _cameras(rows)
+
+
+def _cameras(rows: list[dict[str, str]]) -> Calibration:
+    if not rows:
+        raise Malformed("it holds no camera")
+    turns, others = [], []
+    for position, row in enumerate(rows, start=1):
+        name = (row.get("Serial") or "").strip()
+        if not name:
+            raise Malformed(f"camera {position} has no Serial")
+        try:
+            turns.append(rotation_from(np.array([_value(row, k) for k in _TURN]), "OrientMatrix0..8"))
+            others.append((name, *_lens(row), np.array([_value(row, k) for k in "XYZ"])))
+        except Malformed as error:
+            raise Malformed(f"camera {name}: {error}") from None
+    centers = np.stack([o[-1] for o in others])
+    notes = ["Motive's world has Y up: it was turned to Z up", "Motive's lens terms were taken as OpenCV's"]
+    world_from_cams = np.stack(turns)
+    if _meet(world_from_cams.transpose(0, 2, 1), centers) < 0.5 * _meet(world_from_cams, centers):
+        world_from_cams = world_from_cams.transpose(0, 2, 1)
+        notes.append("the orientations were read by columns, as the cameras look at one place only then")
+    cameras: list[Camera] = []
+    for (name, lens, size, center), turn in zip(others, world_from_cams, strict=True):
+        rotation = _FLIP @ turn.T @ _ZUP_FROM_YUP.T
+        cameras.append(make_camera(name, lens, size, pose_from(rotation, -rotation @ _ZUP_FROM_YUP @ center)))
+    return Calibration(make_group(cameras), "OptiTrack", tuple(notes))
+
+
+def _lens(row: Mapping[str, str]) -> tuple[tuple[str, tuple[float, ...]], tuple[int, int]]:
+    cx, cy, fx, fy = (_value(row, k) for k in _LENS)
+    size = pixel_count(_value(row, "ImagerPixelWidth"), "ImagerPixelWidth"), pixel_count(
+        _value(row, "ImagerPixelHeight"), "ImagerPixelHeight"
+    )  # fmt: skip
+    terms = np.array([number(row[k], k) if (row.get(k) or "").strip() else 0.0 for k in _BENT])
+    return opencv_lens(np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0]), terms, fisheye=False), size
+
+
+def _value(row: Mapping[str, str], key: str) -> float:
+    if not (row.get(key) or "").strip():
+        raise Malformed(f"{key} is missing")
+    return number(row[key], key)
+
+
+def _meet(world_from_cams: Floats, centers: Floats) -> float:
+    """How far, on the whole, cameras look past the place that they look at; 0 for one camera."""
+    axes = -world_from_cams[:, :, 2]
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    middle = np.linalg.lstsq(across.sum(0), np.einsum("cij,cj->i", across, centers), rcond=1e-9)[0]
+    missed = np.linalg.norm(np.einsum("cij,cj->ci", across, middle - centers), axis=1)
+    behind = ((middle - centers) * axes).sum(axis=1) < 0
+    return float(np.mean(missed + behind * np.linalg.norm(middle - centers, axis=1)))
+
+
+def optitrack_text(cameras: CameraGroup, terms: list[Floats]) -> str:
+    """The cameras as a CSV table.
+
+    Args:
+        cameras: C cameras.
+        terms: of each, OpenCV's fx, fy, cx, cy, k1, k2, p1, p2, k3.
+    """
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    for camera, (fx, fy, cx, cy, k1, k2, p1, p2, k3) in zip(cameras, terms, strict=True):
+        turn = (_FLIP @ camera.rotation @ _ZUP_FROM_YUP).T
+        center = _ZUP_FROM_YUP.T @ camera.center_world
+        numbers = itertools.chain((cx, cy, fx, fy, k1, k2, p1, p2, k3), center, turn.ravel())
+        writer.writerow([camera.name, camera.width, camera.height, *(repr(float(v)) for v in numbers)])
+    return out.getvalue()

@@ -1,0 +1,264 @@
+"""Finding, recognising, reading and writing calibration files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from muybridge.errors import CalibrationError, OutputError
+from muybridge.files import replacing
+from muybridge.geometry.calibration.formats.colmap import colmap_files, is_colmap_file, read_colmap
+from muybridge.geometry.calibration.formats.common import Calibration, Malformed
+from muybridge.geometry.calibration.formats.easymocap import easymocap_sibling, read_easymocap
+from muybridge.geometry.calibration.gravity import lean_note
+from muybridge.geometry.calibration.formats.native import native_text, read_native
+from muybridge.geometry.calibration.formats.opencv import (
+    MATRIX_KEYS,
+    is_one_camera,
+    read_opencv_files,
+    read_opencv_yaml,
+)
+from muybridge.geometry.calibration.formats.optitrack import read_optitrack_csv, read_optitrack_xml
+from muybridge.geometry.calibration.formats.qualisys import read_qualisys
+from muybridge.geometry.calibration.formats.anipose_toml import read_rig_toml
+from muybridge.geometry.calibration.formats.vicon import read_vicon
+from muybridge.geometry.cameras.camera import CameraGroup
+
+KNOWN_FORMATS = (
+    "Muybridge TOML",
+    "Qualisys (.qca.txt)",
+    "Pose2Sim/Anipose TOML",
+    "Caliscope TOML",
+    "OpenCV YAML",
+    "EasyMocap (intri.yml and extri.yml)",
+    "Vicon (.xcp)",
+    "OptiTrack (.mcal, or a .csv of its attributes)",
+    "COLMAP model (text or binary: cameras and images)",
+)
+"""The formats that `load_calibration` reads."""
+
+_KNOWN = "known formats: " + ", ".join(KNOWN_FORMATS)
+# The largest rigs make files of some 100 KB; this is to not swallow a video that was taken for one.
+_MAX_BYTES = 16 * 2**20
+
+# Marks that survive a truncated or damaged file, so that its reader can say what is wrong with it. The first
+# that matches counts: our own TOML says what it is; XML and YAML have a first line; the rest is TOML.
+_Reader = Callable[[str, Path], Calibration]
+_XML = r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*"
+_OPENCV_KEY = r"\s*(?:-\s+)?(?:" + "|".join(MATRIX_KEYS) + r")\s*:"
+_MARKS: tuple[tuple[str, re.Pattern[str], _Reader], ...] = (
+    ("Muybridge TOML", re.compile(r"^\s*muybridge_calibration\s*=", re.M), lambda text, _: read_native(text)),
+    (
+        "Qualisys",
+        re.compile(r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*<(?:QTM_Parameters[^>]*>\s*<)?calibration\b", re.S),
+        lambda text, _: read_qualisys(text),
+    ),
+    (
+        "Vicon",
+        re.compile(_XML + r"<Cameras\b", re.S),
+        lambda text, _: read_vicon(text),
+    ),
+    (
+        "OptiTrack",
+        re.compile(_XML + r"<calibrationProfile\b", re.S),
+        lambda text, _: read_optitrack_xml(text),
+    ),
+    (
+        "OptiTrack",
+        re.compile(r"\A[^\n]*\bOrientMatrix0\b[^\n]*,|\A[^\n]*,\s*OrientMatrix0\b"),
+        lambda text, _: read_optitrack_csv(text),
+    ),
+    (
+        "EasyMocap",
+        re.compile(  # not beside a camera's own key: OpenCV's dist_coeffs begins as a camera named coeffs would
+            rf"\A(?![\s\S]*^{_OPENCV_KEY})[\s\S]*?^(?:K|R|Rot|T|dist)_[^\s:]+\s*:\s*!!opencv-matrix", re.M
+        ),
+        lambda text, path: read_easymocap(text, path),
+    ),
+    (
+        "OpenCV YAML",
+        re.compile(rf"\A%YAML|!!opencv-matrix|^{_OPENCV_KEY}", re.M),
+        lambda text, path: read_opencv_yaml(text, path.stem),
+    ),
+    (
+        "Pose2Sim, Anipose or Caliscope TOML",
+        re.compile(r"^\s*\[cameras\.|^\s*matrix\s*=", re.M),
+        lambda text, _: read_rig_toml(text),
+    ),
+)
+
+
+def load_calibration(path: Path) -> CameraGroup:
+    """The cameras of a calibration file of any known format; see `read_calibration`."""
+    return read_calibration(path).cameras
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Read a calibration file of any known format, recognised by its content.
+
+    Args:
+        path: a file; or, for a COLMAP model, its folder or one of its files; or a folder of OpenCV's YAML, one file a
+            camera.
+
+    Returns:
+        The cameras (metres, world to camera), the format's name and notes on what was assumed.
+
+    Raises:
+        CalibrationError: the file cannot be read, is of no known format, or is damaged; the message names the
+            file, what is wrong (line, camera, field) and what would be valid.
+    """
+    path = Path(path)
+    try:
+        calibration = _read(path)
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot be read: {error.strerror or error}; {_KNOWN}") from None
+    return replace(calibration, notes=(*calibration.notes, *lean_note(calibration.cameras)))
+
+
+def _read(path: Path) -> Calibration:
+    if not path.exists():
+        raise CalibrationError(f"{path}: there is no such calibration file; {_KNOWN}")
+    model = colmap_files(path if path.is_dir() else path.parent)
+    if path.is_dir() and model is None:
+        files = _one_camera_each(_candidates(path)[0])
+        if not files:
+            raise CalibrationError(
+                f"{path}: the folder holds no COLMAP model (cameras and images, .bin or .txt), nor OpenCV YAML of one "
+                f"camera each; name a file; {_KNOWN}"
+            )
+        try:
+            return read_opencv_files(files)
+        except Malformed as error:
+            raise CalibrationError(f"{path}: damaged or incomplete OpenCV YAML calibration: {error}") from None
+    if model and (path.is_dir() or is_colmap_file(path)):
+        try:
+            return read_colmap(*model)
+        except Malformed as error:
+            raise CalibrationError(f"{model[0].parent}: damaged COLMAP model: {error}") from None
+    text = _text(path)
+    found = _recognise(text)
+    if found is None:
+        hint = ""
+        if is_colmap_file(path):
+            hint = " (of a COLMAP model both cameras and images are needed, in one folder)"
+        raise CalibrationError(f"{path}: not a calibration file of a known format{hint}; {_KNOWN}")
+    name, reader = found
+    try:
+        return reader(text or "", path)
+    except Malformed as error:
+        raise CalibrationError(f"{path}: damaged or incomplete {name} calibration: {error}") from None
+
+
+def _text(path: Path) -> str | None:
+    """The file as text; None if it is binary or too large for a calibration."""
+    if not path.is_file() or path.stat().st_size > _MAX_BYTES:
+        return None
+    data = path.read_bytes()
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff") or data[:4] == b"<\0?\0":  # Motive's XML
+        return data.decode("utf-16" if data[:1] != b"<" else "utf-16-le", errors="replace")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        if not data.lstrip().startswith(b"<?xml"):
+            return None
+        text = data.decode("latin-1")  # older XML exports; only names could differ
+    return None if "\0" in text else text
+
+
+def _recognise(text: str | None) -> tuple[str, _Reader] | None:
+    for name, mark, reader in _MARKS:
+        if text is not None and mark.search(text):
+            return name, reader
+    return None
+
+
+def find_calibration(session_dir: Path) -> Path:
+    """The calibration of a session folder.
+
+    That is `calibration.toml` in it; else the one file of a known format directly in its folder
+    `calibration` (a COLMAP model, which is several files, counts as one and is returned as that folder, and so do
+    OpenCV's YAML files of one camera each); else the one directly in the session, where other programs put theirs.
+
+    Raises:
+        CalibrationError: none, or several (they are named).
+    """
+    session_dir = Path(session_dir)
+    own = session_dir / "calibration.toml"
+    if own.is_file():
+        return own
+    expected = (
+        f"put calibration.toml into {session_dir}, or one file of a known format into "
+        f"{session_dir / 'calibration'}, or name one with --calibration; {_KNOWN}"
+    )
+    folders = [f for f in (session_dir / "calibration", session_dir) if f.is_dir()]
+    listed = ""
+    for folder in folders:
+        try:
+            found, others = _candidates(folder)
+        except OSError as error:
+            raise CalibrationError(f"{folder}: cannot be read: {error.strerror or error}; {expected}") from None
+        if len(found) > 1 and _one_camera_each(found):
+            return folder
+        if len(found) > 1:
+            names = ", ".join(p.name if p != folder else "a COLMAP model" for p in found)
+            raise CalibrationError(
+                f"{folder}: several calibrations ({names}); leave one there, or name one with --calibration"
+            )
+        if found:
+            return found[0]
+        if others and folder != session_dir:
+            listed = f" ({', '.join(others[:5])}{', ...' if len(others) > 5 else ''} is of none)"
+    if len(folders) < 2:
+        raise CalibrationError(f"{session_dir}: no calibration; {expected}")
+    raise CalibrationError(f"{folders[0]}: no calibration file of a known format{listed}; {expected}")
+
+
+def _candidates(folder: Path) -> tuple[list[Path], list[str]]:
+    """Calibrations directly in a folder, and the names of its other files."""
+    found: list[Path] = []
+    others: list[str] = []
+    has_model = colmap_files(folder) is not None
+    if has_model:
+        found.append(folder)
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(".") or not path.is_file() or (has_model and is_colmap_file(path)):
+            continue
+        sibling = easymocap_sibling(path)
+        if sibling is not None and sibling in found:
+            continue  # the two files of one calibration
+        if _recognise(_text(path)):
+            found.append(path)
+        else:
+            others.append(path.name)
+    return found, others
+
+
+def _one_camera_each(found: Sequence[Path]) -> dict[str, str]:
+    """The texts, by their files' stems, if all that was found is OpenCV's YAML of one camera a file."""
+    texts: dict[str, str] = {}
+    for path in found:
+        text = _text(path) if path.is_file() else None
+        known = _recognise(text)
+        if text is None or known is None or known[0] != "OpenCV YAML" or not is_one_camera(text):
+            return {}
+        texts[path.stem] = text
+    return texts
+
+
+def save_calibration(cameras: CameraGroup, path: Path) -> None:
+    """Write cameras as our own TOML, which reads back to the same bits.
+
+    The file is written under a temporary name and renamed, so that a killed run leaves no half file.
+
+    Raises:
+        OutputError: the file cannot be written.
+        ValueError: a camera's name cannot be written as UTF-8.
+    """
+    path = Path(path)
+    text = native_text(cameras).encode("utf-8")
+    if not path.parent.is_dir():
+        raise OutputError(f"{path}: cannot be written: No such file or directory; choose a folder that exists")
+    with replacing(path) as temporary:
+        temporary.write_bytes(text)

@@ -1,0 +1,317 @@
+"""Named markers made whole: spikes taken out, gaps filled, and every changed sample marked as changed.
+
+A gap is filled by whichever of three ways fills the frames beside it best: a curve through the marker's own path
+(short gaps), the rigid body of the markers whose distance to it varies least, or a regression on its partners in that
+body's frame, which also knows how the skin slides.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+
+
+class Sample(IntEnum):
+    """What a sample is."""
+
+    MISSING = 0
+    MEASURED = 1
+    CURVE = 2
+    RIGID = 3
+    PATTERN = 4
+
+
+@dataclass(frozen=True)
+class CleanOptions:
+    """How markers are cleaned.
+
+    Attributes:
+        fill: gaps are filled.
+        curve_frames: longest gap that a curve may fill.
+        longest_s: longest gap that is filled at all, seconds.
+        partners: markers a gap is filled from.
+        sure_frames: longest gap that a curve fills unrivalled,
+        sure_m: where it misses by no more than this in the frames beside, metres.
+        spike: how far a sample may stand off its neighbours in time, in robust standard deviations.
+        spike_m: and at least this far, metres.
+        trust_m: a gap that no way fills within this distance in the frames beside it stays open, metres.
+    """
+
+    fill: bool = True
+    curve_frames: int = 10
+    longest_s: float = 2.0
+    partners: int = 12
+    sure_frames: int = 3
+    sure_m: float = 0.002
+    spike: float = 8.0
+    spike_m: float = 0.02
+    trust_m: float = 0.05
+
+
+@dataclass(frozen=True)
+class Cleaned:
+    """Markers after cleaning.
+
+    Attributes:
+        points: (T, M, 3) metres, NaN where missing.
+        sample: (T, M) what each sample is, a `Sample`.
+        spikes: (T, M) samples that were taken out.
+        error_m: (T, M) what the way of filling missed by in the frames beside the gap, NaN elsewhere.
+    """
+
+    points: Float
+    sample: NDArray[np.uint8]
+    spikes: NDArray[np.bool_]
+    error_m: Float
+
+
+def clean_markers(points: Float, fps: float, options: CleanOptions = CleanOptions(),
+                  settled: NDArray[np.bool_] | None = None) -> Cleaned:  # fmt: skip
+    """Spikes out, gaps filled.
+
+    Args:
+        points: (T, M, 3) metres, any axis up.
+        fps: frames a second.
+        options: how.
+        settled: (T, M) samples that a person has vouched for: they are no spikes.
+    """
+    spikes = find_spikes(points, _partners(points), options)
+    if settled is not None:
+        spikes &= ~settled
+    known = np.where(spikes[..., None], np.nan, points)
+    sample = np.where(np.isfinite(known[..., 0]), Sample.MEASURED, Sample.MISSING).astype(np.uint8)
+    error = np.full(sample.shape, np.nan)
+    filled = known.copy()
+    if options.fill and len(points) > 4:
+        partners = _partners(known)
+        for marker in range(points.shape[1]):
+            _fill_marker(marker, known, partners[marker], fps, options, filled, sample, error)
+    return Cleaned(filled, sample, spikes, error)
+
+
+def find_spikes(points: Float, partners: NDArray[np.intp], options: CleanOptions = CleanOptions()) -> NDArray[np.bool_]:
+    """(T, M) samples that are off for a frame or two: from the line through those around them, as the marker's own
+    motion nearby is not, and from where the rigid body of its partners has it, so that an impact is no spike."""
+    out = np.zeros(points.shape[:2], bool)
+    if len(points) < 7:
+        return out
+    for first, second in ((1, 1), (1, 2), (2, 1)):  # single samples; the first and the second of two
+        between = points[: len(points) - first - second] * second + points[first + second :] * first
+        off = np.full(points.shape[:2], np.nan)
+        inner = slice(first, len(points) - second)
+        off[inner] = np.linalg.norm(points[inner] - between / (first + second), axis=-1)
+        with np.errstate(invalid="ignore"):
+            usual = np.fmax(np.roll(off, 4, 0), np.roll(off, -4, 0))
+            out |= (off > options.spike * _median(off)) & (off > options.spike_m) & (off > 4 * np.nan_to_num(usual))
+    out &= ~_outdone(points, out)
+    for t, m in zip(*np.nonzero(out), strict=True):
+        a, b = max(t - 2, 1), min(t + 3, len(points) - 1)
+        body = partners[m][np.isfinite(points[a - 1 : b + 1, partners[m], 0]).all(0)][:4]
+        carried = fill_rigid(points[:, m], points[:, body], a, b) if len(body) >= 3 else None
+        if carried is not None:
+            out[t, m] = np.linalg.norm(carried[t - a] - points[t, m]) > 1.5 * options.spike_m
+    return out
+
+
+def _outdone(points: Float, spikes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Spikes beside a worse one."""
+    off = np.full(points.shape[:2], np.nan)
+    off[1:-1] = np.linalg.norm(points[1:-1] - (points[:-2] + points[2:]) / 2, axis=-1)
+    off = np.where(spikes, np.nan_to_num(off), 0.0)
+    nearby = np.zeros_like(off)
+    nearby[1:] = np.maximum(nearby[1:], off[:-1])
+    nearby[:-1] = np.maximum(nearby[:-1], off[1:])
+    return spikes & (nearby > 1.5 * off)
+
+
+def _median(values: Float) -> Float:
+    filled = np.where(np.isfinite(values).any(0), values, 0.0)
+    return np.asarray(np.nanmedian(filled, 0) + 1e-4)
+
+
+def gaps_of(known: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Spans [first, last) of a (T,) marker's missing frames."""
+    edges = np.diff(np.concatenate([[True], known, [True]]).astype(int))
+    return list(zip(np.nonzero(edges == -1)[0].tolist(), np.nonzero(edges == 1)[0].tolist(), strict=True))
+
+
+def _partners(points: Float) -> NDArray[np.intp]:
+    """(M, M - 1) the other markers, those first whose distance varies least over the recording."""
+    some = points[:: max(1, len(points) // 400)]
+    count = points.shape[1]
+    spread = np.full((count, count), np.inf)
+    for m in range(count):
+        distance = np.linalg.norm(some - some[:, m : m + 1], axis=-1)
+        enough = np.isfinite(distance).sum(0) > 3
+        spread[m, enough] = np.nanstd(distance[:, enough], 0)
+        # A distant marker says less about how the body turns here.
+        spread[m, enough] += 0.02 * np.nanmean(distance[:, enough], 0)
+        spread[m, m] = np.inf
+    return np.argsort(spread, 1, kind="stable")[:, : count - 1]
+
+
+def _fill_marker(marker: int, known: Float, partners: NDArray[np.intp], fps: float, options: CleanOptions,
+                 filled: Float, sample: NDArray[np.uint8], error: Float) -> None:  # fmt: skip
+    there = np.isfinite(known[:, marker, 0])
+    if there.all() or there.sum() < 4:
+        return
+    for a, b in gaps_of(there):
+        if b - a > options.longest_s * fps:
+            continue
+        if b - a <= options.sure_frames and _sure_curve(marker, a, b, known, options, filled, sample, error):
+            continue
+        ways = _ways(marker, a, b, known, partners, options)
+        scores = {way: _trial(way, marker, a, b, known, ways[way][1], options) for way in ways}
+        fitting = {w: e for w, e in scores.items() if np.isfinite(e)}
+        # Where nothing could be tried, a curve over a short gap is safe.
+        if not fitting and Sample.CURVE in ways and b - a <= options.curve_frames // 2:
+            fitting = {Sample.CURVE: 0.0}
+        if not fitting:
+            continue
+        best = min(fitting, key=lambda w: fitting[w])
+        if fitting[best] <= options.trust_m:
+            filled[a:b, marker] = ways[best][0]
+            sample[a:b, marker] = best
+            error[a:b, marker] = fitting[best]
+
+
+def _sure_curve(marker: int, a: int, b: int, known: Float, options: CleanOptions, filled: Float,
+                sample: NDArray[np.uint8], error: Float) -> bool:  # fmt: skip
+    """Fills a gap by a curve, if that is as good as can be in the frames beside it."""
+    curve = fill_curve(known[:, marker], a, b)
+    if curve is None:
+        return False
+    missed = _trial(Sample.CURVE, marker, a, b, known, np.zeros(0, np.intp), options)
+    if missed > options.sure_m:
+        return False
+    filled[a:b, marker], sample[a:b, marker], error[a:b, marker] = curve, Sample.CURVE, missed
+    return True
+
+
+def _ways(marker: int, a: int, b: int, known: Float, partners: NDArray[np.intp],
+          options: CleanOptions) -> dict[Sample, tuple[Float, NDArray[np.intp]]]:  # fmt: skip
+    """Each way that can fill the gap, with what it fills it with and the partners that it goes by."""
+    out: dict[Sample, tuple[Float, NDArray[np.intp]]] = {}
+    none = np.zeros(0, np.intp)
+    if b - a <= options.curve_frames:
+        curve = fill_curve(known[:, marker], a, b)
+        if curve is not None:
+            out[Sample.CURVE] = (curve, none)
+    seen = np.asarray(np.isfinite(known[max(a - 1, 0) : b + 1, :, 0]).all(axis=0))
+    chosen = partners[seen[partners]][: options.partners]
+    if len(chosen) >= 3:
+        for way, fill in ((Sample.RIGID, fill_rigid), (Sample.PATTERN, fill_pattern)):
+            body = chosen[:4] if way == Sample.RIGID else chosen
+            found = fill(known[:, marker], known[:, body], a, b)
+            if found is not None:
+                out[way] = (found, body)
+    return out
+
+
+def _trial(way: Sample, marker: int, a: int, b: int, known: Float, body: NDArray[np.intp],
+           options: CleanOptions) -> float:  # fmt: skip
+    """Median distance by which a way misses gaps as long as this one, put beside it (shorter ones, where there is no
+    room); infinite where none fits."""
+    path, errors = known[:, marker], list[float]()
+    whole = np.isfinite(path[:, 0]) & np.isfinite(known[:, body, 0]).all(1)
+    for length in (b - a, (b - a + 1) // 2, (b - a + 3) // 4):
+        steps = [k * (length + 2) for k in range(1, 7)]
+        for start in [at for step in steps for at in (a - step, b + step - length)]:
+            end = start + length
+            if len(errors) == 4 or start < 1 or end >= len(path) or not whole[start - 1 : end + 1].all():
+                continue
+            hidden = path.copy()
+            hidden[start:end] = np.nan
+            found = _fill(way, hidden, known[:, body], start, end)
+            if found is not None and np.isfinite(found).all():
+                errors.append(float(np.median(np.linalg.norm(found - path[start:end], axis=1))))
+        if errors:
+            return float(np.mean(errors))
+    return float("inf")
+
+
+def _fill(way: Sample, path: Float, body: Float, a: int, b: int) -> Float | None:
+    if way == Sample.CURVE:
+        return fill_curve(path, a, b)
+    return fill_rigid(path, body, a, b) if way == Sample.RIGID else fill_pattern(path, body, a, b)
+
+
+def fill_curve(path: Float, a: int, b: int, support: int = 4) -> Float | None:
+    """(b - a, 3) a cubic curve over the gap, by place and velocity at its ends; None at the ends of a recording."""
+    before, after = path[max(a - support, 0) : a], path[b : b + support]
+    if len(before) < 2 or len(after) < 2 or not (np.isfinite(before[-2:]).all() and np.isfinite(after[:2]).all()):
+        return None
+    start, end = _velocity(before, last=True), _velocity(after, last=False)
+    span = b - a + 1
+    u = (np.arange(a, b) - a + 1)[:, None] / span
+    return np.asarray(
+        (2 * u**3 - 3 * u**2 + 1) * path[a - 1] + (u**3 - 2 * u**2 + u) * span * start
+        + (3 * u**2 - 2 * u**3) * path[b] + (u**3 - u**2) * span * end
+    )  # fmt: skip
+
+
+def _velocity(piece: Float, last: bool) -> Float:
+    """Metres a frame at the last or first of a few samples: a parabola through those that are known."""
+    time = np.arange(len(piece)) - (len(piece) - 1 if last else 0)
+    good = np.isfinite(piece[:, 0])
+    degree = 2 if good.sum() >= 4 else 1
+    fit = np.polynomial.polynomial.polyfit(time[good], piece[good], degree)
+    return np.asarray(fit[1])
+
+
+def fill_rigid(path: Float, body: Float, a: int, b: int) -> Float | None:
+    """(b - a, 3) the gap filled from the rigid body that `body` (T, B, 3), B >= 3, makes: carried there from either
+    end of the gap and blended."""
+    carried, weights = [], []
+    for anchor, side in ((a - 1, 1.0), (b, 0.0)):
+        if 0 <= anchor < len(path) and np.isfinite(path[anchor, 0]) and np.isfinite(body[anchor]).all():
+            turn, middle = _bodies(body[a:b], body[anchor])
+            carried.append(np.einsum("tij,j->ti", turn, path[anchor] - body[anchor].mean(0)) + middle)
+            share = (np.arange(a, b) - a + 1)[:, None] / (b - a + 1)
+            weights.append(1 - share if side else share)
+    if not carried:
+        return None
+    total = sum(weights)
+    return np.asarray(sum(c * w for c, w in zip(carried, weights, strict=True)) / total)
+
+
+def fill_pattern(path: Float, body: Float, a: int, b: int, ridge: float = 1e-3, most: int = 600) -> Float | None:
+    """(b - a, 3) the gap filled by regression: in the body's frame the marker's place is a linear function of its
+    partners', learnt from the frames around where all are known (Gloersen and Federolf 2016 use principal components
+    to the same end); what it misses at the gap's ends is taken off along the gap."""
+    known = np.nonzero(np.isfinite(path[:, 0]) & np.isfinite(body).all((1, 2)))[0]
+    if len(known) < 40:
+        return None
+    known = known[np.argsort(np.minimum(np.abs(known - a), np.abs(known - b)), kind="stable")[:most]]
+    shape = body[known[len(known) // 2]]
+    frames = np.concatenate([known, np.arange(a, b)])
+    turn, middle = _bodies(body[frames], shape)
+    local = np.einsum("tji,tbj->tbi", turn, body[frames] - middle[:, None]).reshape(len(frames), -1)
+    target = np.einsum("tji,tj->ti", turn[: len(known)], path[known] - middle[: len(known)])
+    mean, aim = local[: len(known)].mean(0), target.mean(0)
+    x, y = local - mean, target - aim
+    gram = x[: len(known)].T @ x[: len(known)]
+    weights = np.linalg.solve(gram + ridge * np.eye(len(gram)), x[: len(known)].T @ y)
+    found = np.einsum("tij,tj->ti", turn, x @ weights + aim) + middle
+    out = found[len(known) :]
+    share = (np.arange(a, b) - a + 1)[:, None] / (b - a + 1)
+    miss = {int(f): path[f] - found[i] for i, f in enumerate(known) if f in (a - 1, b)}
+    if not miss:
+        return None
+    before, after = miss.get(a - 1), miss.get(b)
+    if before is None:
+        return np.asarray(out + after)
+    return np.asarray(out + before if after is None else out + before * (1 - share) + after * share)
+
+
+def _bodies(body: Float, shape: Float) -> tuple[Float, Float]:
+    """Rotations (T, 3, 3) and middles (T, 3) that carry `shape` (B, 3) to the bodies (T, B, 3) best (Kabsch)."""
+    middle = body.mean(1)
+    covariance = np.einsum("bi,tbj->tij", shape - shape.mean(0), body - middle[:, None])
+    u, _, vt = np.linalg.svd(covariance)
+    flip = np.sign(np.linalg.det(vt.transpose(0, 2, 1) @ u.transpose(0, 2, 1)))
+    vt[:, 2] *= flip[:, None]
+    return vt.transpose(0, 2, 1) @ u.transpose(0, 2, 1), middle

@@ -1,0 +1,97 @@
+"""Whose marker is whose: two people's trajectories told apart by where they are."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.distance import squareform
+
+from muybridge.geometry.markers.tracking import Tracks
+
+# From this many points for every marker of the set on, a second person is looked for; each must have this share of
+# the set.
+CROWDED = 1.35
+LEAST_SHARE = 0.5
+_FRAMES = 150
+_FAR = 5.0
+
+
+def split_people(tracks: Tracks, size: int) -> list[Tracks]:
+    """One `Tracks` a person, the one with most points first; a single one where nobody else is there.
+
+    Args:
+        tracks: trajectories, metres.
+        size: markers of the set that people wear.
+    """
+    crowd = float(np.median((tracks.track >= 0).sum(1)))
+    if crowd < CROWDED * size:
+        return [tracks]
+    frames = np.linspace(0, len(tracks.points) - 1, min(_FRAMES, len(tracks.points))).astype(int)
+    number, place = _long_tracks(tracks, frames)
+    if len(number) < size:
+        return [tracks]
+    group = fcluster(linkage(squareform(_distances(place), checks=False), "average"), 2, "maxclust")
+    if min((group == g).sum() for g in (1, 2)) < LEAST_SHARE * size:
+        return [tracks]
+    owner = _owners(tracks, number, group)
+    people = []
+    for g in (1, 2):
+        own = owner == g
+        points = np.where(own[..., None], tracks.points, np.nan)
+        track, column = (np.where(own, a, -1) for a in (tracks.track, tracks.column))
+        people.append(replace(tracks, points=points, track=track, column=column))
+    return sorted(people, key=lambda p: -int((p.track >= 0).sum()))
+
+
+def _long_tracks(tracks: Tracks, frames: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Numbers (P,) of the trajectories that are seen most, and their places (P, F, 3) in some frames."""
+    track = tracks.track[frames]
+    number, count = np.unique(track[track >= 0], return_counts=True)
+    number = number[np.argsort(-count, kind="stable")[:400]]
+    number = number[np.isin(number, number[count[np.argsort(-count, kind="stable")[:400]] >= 3])]
+    place = np.full((len(number), len(frames), 3), np.nan)
+    row = {int(n): i for i, n in enumerate(number)}
+    for f, t in enumerate(frames):
+        for s in np.nonzero(track[f] >= 0)[0]:
+            i = row.get(int(track[f, s]))
+            if i is not None:
+                place[i, f] = tracks.points[t, s]
+    return number, place
+
+
+def _distances(place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(P, P) mean distance while both are there; where they never are, that of the frames' middle markers."""
+    out = np.empty((len(place), len(place)))
+    for i, one in enumerate(place):
+        away = np.linalg.norm(place - one, axis=-1)
+        known = np.isfinite(away)
+        out[i] = np.where(known.any(1), np.nansum(away, 1) / np.maximum(known.sum(1), 1), np.nan)
+    missing = ~np.isfinite(out)
+    # Who never meets is as far apart as they are from those that both meet.
+    filled = np.where(missing, 0.0, out)
+    common = (~missing).astype(float)
+    between = (filled @ common + common @ filled) / np.maximum(2 * (common @ common), 1)
+    out = np.where(missing, np.where(common @ common > 0, between, _FAR), out)
+    out = (out + out.T) / 2
+    np.fill_diagonal(out, 0)
+    return out
+
+
+def _owners(tracks: Tracks, number: NDArray[np.intp], group: NDArray[np.int32]) -> NDArray[np.intp]:
+    """(T, S) the person of every point, 0 where none is; short trajectories go to whom they are nearest."""
+    of_track = np.zeros(tracks.count + 1, np.intp)
+    of_track[number] = group
+    owner = np.where(tracks.track >= 0, of_track[tracks.track], 0)
+    middle = {g: _middle(tracks.points, owner == g) for g in (1, 2)}
+    away = np.stack([np.linalg.norm(tracks.points - middle[g][:, None], axis=-1) for g in (1, 2)], -1)
+    nearest = np.nan_to_num(away, nan=1e9).argmin(-1) + 1
+    return np.where((tracks.track >= 0) & (owner == 0), nearest, owner)
+
+
+def _middle(points: NDArray[np.float64], own: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(T, 3) median of a person's points; where none is seen, over the whole recording."""
+    seen = np.where(own[..., None], points, np.nan)
+    empty = ~own.any(1)
+    seen[empty, 0] = np.nanmedian(seen[~empty].reshape(-1, 3), 0) if (~empty).any() else 0.0
+    return np.asarray(np.nanmedian(seen, 1))

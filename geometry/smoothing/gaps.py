@@ -1,0 +1,198 @@
+"""Gaps in the paths of landmarks or markers, filled from what is known before, after and beside them.
+
+Sources: spline, rigid body and pattern fill are what marker software offers under these names; low rank: O. Gloersen,
+P. Federolf, "Predicting missing marker trajectories in human motion data using marker intercorrelations", PLOS ONE,
+2016.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+
+from muybridge.geometry.numerics.rotations import kabsch
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GapOptions:
+    """How gaps are filled.
+
+    Attributes:
+        max_gap: seconds; longer gaps stay open, as do the ends of the take.
+        short: seconds; where no rigid set of neighbours is known, `auto` takes a spline up to here.
+        rigid_spread: metres, standard deviation of the distances within a set of points that counts as rigid.
+        rank: of `low_rank`: how many principal components of the other points are used.
+        ridge: metres; components that move less than this count little.
+    """
+
+    max_gap: float = 2.0
+    short: float = 0.2
+    rigid_spread: float = 0.012
+    rank: int = 24
+    ridge: float = 0.003
+
+
+def fill_gaps(xyz: Array, fps: float, method: str = "auto", options: GapOptions | None = None) -> Array:
+    """Fill gaps between known frames.
+
+    Args:
+        xyz: (T, J, 3) metres, NaN where missing.
+        fps: frames a second.
+        method: `spline`, `rigid`, `pattern`, `low_rank`, or `auto`, which takes the best by measurement: a rigid set of
+            neighbours where there is one, else a spline for few frames and low rank for more.
+        options: see GapOptions.
+
+    Returns:
+        (T, J, 3); known points are untouched. A gap for which the method lacks what it needs gets the spline.
+
+    Raises:
+        ValueError: an unknown method.
+    """
+    options = options or GapOptions()
+    if method not in GAP_METHODS and method != "auto":
+        raise ValueError(f"unknown method {method!r}: choose one of auto, {', '.join(GAP_METHODS)}")
+    out = np.array(xyz, dtype=np.float64)
+    out[~np.isfinite(out).all(axis=-1)] = np.nan
+    known = np.isfinite(out[..., 0])
+    gaps = [g for g in _gaps(known) if (g[2] - g[1]) <= options.max_gap * fps]
+    if not gaps:
+        return out
+    source = out.copy()
+    for j, start, stop in gaps:
+        if method == "auto":
+            filled = _rigid(source, j, start, stop, options)
+            if filled is None and stop - start > options.short * fps:
+                filled = _low_rank(source, j, start, stop, options)
+        else:
+            filled = GAP_METHODS[method](source, j, start, stop, options)
+        out[start:stop, j] = _spline(source, j, start, stop, options) if filled is None else filled
+    return out
+
+
+def _gaps(known: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
+    """(landmark, first missing frame, first known frame after) of every gap between known frames."""
+    out = []
+    for j in range(known.shape[1]):
+        frames = np.flatnonzero(known[:, j])
+        jumps = np.flatnonzero(np.diff(frames) > 1)
+        out += [(j, int(frames[k]) + 1, int(frames[k + 1])) for k in jumps]
+    return out
+
+
+def _velocity(path: Array, at: int, towards: int) -> Array:
+    """Velocity per frame at an edge of a gap, from up to four known frames on its outer side."""
+    frames = [f for f in range(at, at + 5 * towards, towards) if 0 <= f < len(path) and np.isfinite(path[f, 0])]
+    if len(frames) < 2:
+        return np.zeros(3)
+    return np.asarray(np.polyfit(frames, path[frames], 1)[0])
+
+
+def _spline(xyz: Array, j: int, start: int, stop: int, _: GapOptions) -> Array:
+    """A cubic from edge to edge with the velocities on both sides."""
+    path, edges = xyz[:, j], [start - 1, stop]
+    # Slower where the gap is long: a velocity says little about what happens seconds later.
+    calm = min(1.0, 8.0 / (stop - start))
+    speeds = np.stack([_velocity(path, start - 1, -1), _velocity(path, stop, 1)]) * calm
+    return np.asarray(CubicHermiteSpline(edges, path[edges], speeds, axis=0)(np.arange(start, stop)))
+
+
+def _through(xyz: Array, j: int, start: int, stop: int) -> NDArray[np.intp]:
+    """Other landmarks that are known in the gap and at its edges."""
+    known = np.asarray(np.isfinite(xyz[start - 1 : stop + 1, :, 0]).all(axis=0))
+    known[j] = False
+    return np.flatnonzero(known)
+
+
+def _spreads(xyz: Array, j: int, others: NDArray[np.intp], start: int, stop: int) -> Array:
+    """(K,) standard deviation of the distance to each other landmark, about the gap."""
+    near = slice(max(start - 250, 0), stop + 250)
+    distance = np.linalg.norm(xyz[near, others] - xyz[near, j : j + 1], axis=-1)
+    count = np.isfinite(distance).sum(axis=0)
+    return np.where(count > 5, np.nanstd(np.where(count > 5, distance, 0.0), axis=0), np.inf)
+
+
+def _rigid(xyz: Array, j: int, start: int, stop: int, options: GapOptions) -> Array | None:
+    """With three or more points that keep their distances: where the body that they are part of carries the point."""
+    others = _through(xyz, j, start, stop)
+    if len(others) < 3:
+        return None
+    spread = _spreads(xyz, j, others, start, stop)
+    chosen = others[np.argsort(spread)][:4][np.sort(spread)[:4] < options.rigid_spread]
+    if len(chosen) < 3:
+        return None
+    frames = np.arange(start, stop)
+    parts = []
+    for edge in (start - 1, stop):
+        at_edge = xyz[edge, chosen]
+        middle, centre = at_edge.mean(axis=0), xyz[frames][:, chosen].mean(axis=1)
+        source = np.broadcast_to(at_edge - middle, (len(frames), *at_edge.shape))
+        turn = kabsch(source, xyz[frames][:, chosen] - centre[:, None], np.ones(source.shape[:2]))
+        parts.append(centre + turn @ (xyz[edge, j] - middle))
+    share = ((frames - start + 1) / (stop - start + 1))[:, None]
+    return np.asarray((1 - share) * parts[0] + share * parts[1])
+
+
+def _pattern(xyz: Array, j: int, start: int, stop: int, _: GapOptions) -> Array | None:
+    """The path of the point that keeps its distance best, shifted to meet both edges."""
+    others = _through(xyz, j, start, stop)
+    if not len(others):
+        return None
+    donor = others[int(np.argmin(_spreads(xyz, j, others, start, stop)))]
+    return _joined(xyz, xyz[:, donor : donor + 1].repeat(xyz.shape[1], 1), j, start, stop)
+
+
+def _joined(xyz: Array, guess: Array, j: int, start: int, stop: int) -> Array:
+    """A guess (T, J, 3) over the gap, shifted linearly in time so that it meets what is known at the edges."""
+    frames = np.arange(start, stop)
+    share = ((frames - start + 1) / (stop - start + 1))[:, None]
+    off = [xyz[edge, j] - guess[edge, j] for edge in (start - 1, stop)]
+    return np.asarray(guess[frames, j] + (1 - share) * off[0] + share * off[1])
+
+
+def _low_rank(xyz: Array, j: int, start: int, stop: int, options: GapOptions) -> Array | None:
+    """Where the other points' principal components put it: regression over the frames that have all of them."""
+    others = _through(xyz, j, start, stop)
+    rows = np.flatnonzero(np.isfinite(xyz[:, others, 0]).all(axis=1))
+    if len(others) < 4:
+        return None
+    centre = xyz[rows][:, others].mean(axis=1)
+    local = xyz[rows] - centre[:, None]
+    frame = _heading(local[:, others], int(np.searchsorted(rows, start - 1)))
+    seen = (local[:, others] @ frame).reshape(len(rows), -1)
+    wanted = (local[:, j, None] @ frame)[:, 0]
+    known = np.flatnonzero(np.isfinite(wanted[:, 0]))
+    known = known[:: max(1, len(known) // 3000)]
+    if len(known) < 3 * options.rank:
+        return None
+    mean, mean_wanted = seen[known].mean(axis=0), wanted[known].mean(axis=0)
+    _, axes = np.linalg.eigh((seen[known] - mean).T @ (seen[known] - mean))
+    scores = (seen - mean) @ axes[:, -options.rank :]
+    normal = scores[known].T @ scores[known] + len(known) * options.ridge**2 * np.eye(scores.shape[1])
+    guess = scores @ np.linalg.solve(normal, scores[known].T @ (wanted[known] - mean_wanted)) + mean_wanted
+    out = np.full((len(xyz), 1, 3), np.nan)
+    out[rows, 0] = (guess[:, None] @ np.swapaxes(frame, -1, -2))[:, 0] + centre
+    return _joined(xyz[:, j : j + 1], out, 0, start, stop)
+
+
+def _heading(local: Array, at: int) -> Array:
+    """(T, 3, 3) turns about z to the heading in which the body looks most like it does in frame `at`."""
+    a, b = local[at, :, :2], local[:, :, :2]
+    angle = np.unwrap(np.arctan2(
+        np.sum(a[:, 0] * b[..., 1] - a[:, 1] * b[..., 0], axis=1), np.sum(a * b, axis=(1, 2))
+    ))  # fmt: skip
+    cosine, sine = np.cos(angle), np.sin(angle)
+    out = np.zeros((len(local), 3, 3))
+    out[:, 0, 0], out[:, 0, 1], out[:, 1, 0], out[:, 1, 1], out[:, 2, 2] = cosine, -sine, sine, cosine, 1.0
+    return out
+
+
+GAP_METHODS: dict[str, Callable[[Array, int, int, int, GapOptions], Array | None]] = {
+    "spline": _spline,
+    "rigid": _rigid,
+    "pattern": _pattern,
+    "low_rank": _low_rank,
+}

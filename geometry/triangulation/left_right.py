@@ -1,0 +1,244 @@
+"""Left and right exchanged by a 2D network: found by what the other cameras say, and put back.
+
+For every pair of cameras the epipolar distances of matching landmarks are compared with those of crossed
+ones. That gives for every frame a signed matrix of evidence that two cameras name the sides alike; the signs
+of the cameras that fit it best are sought (not by enumeration: from two starts, by single changes). Which of
+the two sides is left remains open in each frame: the labels as they came and their continuity in time decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.numerics.robust import extent, row_median
+from muybridge.geometry.triangulation.multiview import TriangulateOptions, take_noise, usable_points
+
+_Floats = NDArray[np.float64]
+_BODY_PARTS = (
+    ("shoulder", "elbow", "wrist"),
+    ("hip", "knee", "ankle", "heel", "big_toe", "small_toe"),
+    ("eye", "ear"),
+)
+
+
+@dataclass(frozen=True)
+class SwapOptions:
+    """When left and right are exchanged.
+
+    Attributes:
+        min_gain: least fall of the sum of squared, bounded errors (in sigmas) that justifies an exchange.
+        bound_sigma: errors count as at most about so many sigmas, so that no landmark decides alone.
+        prior: what a camera's own labels count for in one frame, in squared sigmas.
+        stride_share: how far a landmark moves between two frames at ease, as a share of the body's size.
+        parts: names of landmarks without their side that are exchanged together, each group once the whole
+            body has been looked at; empty for the whole body alone.
+    """
+
+    min_gain: float = 15.0
+    bound_sigma: float = 3.0
+    prior: float = 4.0
+    stride_share: float = 0.03
+    parts: tuple[tuple[str, ...], ...] = _BODY_PARTS
+
+
+def repair_swaps(
+    cameras: CameraGroup,
+    points_px: ArrayLike,
+    variance_px2: ArrayLike,
+    landmarks: LandmarkSet,
+    options: SwapOptions | None = None,
+) -> tuple[_Floats, _Floats, NDArray[np.bool_]]:
+    """Puts left and right back where one camera contradicts the others.
+
+    Args:
+        cameras: C calibrated cameras.
+        points_px: (C, T, J, 2) px of one person; NaN where missing.
+        variance_px2: (C, T, J).
+        landmarks: says which landmarks are twins.
+        options: see `SwapOptions`.
+
+    Returns:
+        points_px and variance_px2 with twins exchanged, and (C, T, J) where they were.
+
+    Raises:
+        ValueError: shapes that do not match.
+    """
+    options = options or SwapOptions()
+    px = np.array(points_px, dtype=np.float64)
+    variance = np.array(variance_px2, dtype=np.float64)
+    if px.ndim != 4 or px.shape[0] != len(cameras) or px.shape[2:] != (len(landmarks), 2):
+        raise ValueError(f"points_px must be ({len(cameras)}, T, {len(landmarks)}, 2), not {px.shape}")
+    usable = usable_points(px, variance)
+    px[~usable], variance[~usable] = np.nan, np.nan
+    noise_px, scale = take_noise(cameras, px, variance, TriangulateOptions())
+    total = scale * variance + noise_px**2
+
+    def exchange(twins: NDArray[np.int64], flips: NDArray[np.bool_]) -> None:
+        order = np.arange(len(landmarks))
+        order[twins[:, 0]], order[twins[:, 1]] = twins[:, 1], twins[:, 0]
+        for array in (px, variance, total):
+            array[flips] = array[flips][:, order]
+        swapped[:, :, twins.ravel()] ^= flips[..., None]
+
+    swapped = np.zeros(usable.shape, dtype=np.bool_)
+    whole = _twins(landmarks, None)
+    if not whole.size or len(cameras) < 2 or px.shape[1] == 0:
+        return px, variance, swapped
+    body, _ = _flips(cameras, px, total, whole, options)
+    exchange(whole, body)
+    parts = [twins for twins in (_twins(landmarks, part) for part in options.parts) if twins.size]
+    found = [_flips(cameras, px, total, twins, options) for twins in parts]
+    # Where one part was the reason and another goes back, a part that cannot tell stays as it came.
+    undone = body & np.any([flips for flips, _ in found], axis=0) if found else body
+    for twins, (flips, certain) in zip(parts, found, strict=True):
+        exchange(twins, flips | (undone & ~certain))
+    return px, variance, swapped
+
+
+def _twins(landmarks: LandmarkSet, part: Sequence[str] | None) -> NDArray[np.int64]:
+    """(K, 2) indices of left and right of the twins in a part (None: of all)."""
+    pairs = [
+        (i, twin)
+        for i, (name, twin) in enumerate(zip(landmarks.names, landmarks.mirror, strict=True))
+        if name.startswith("left_") and (part is None or name[5:] in part)
+    ]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+def _flips(
+    cameras: CameraGroup, px: _Floats, variance: _Floats, twins: NDArray[np.int64], options: SwapOptions
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(C, T) whether a camera's twins should be exchanged, and (C, T) whether that could be told."""
+    evidence = _view_evidence(cameras, px, variance, twins, options)
+    signs = _best_signs(evidence, options.prior)
+    # An exchange that hardly matters is none. Each camera's own error is in the evidence of all its pairs,
+    # which is therefore worth no more than that of two.
+    pairs = np.maximum((evidence != 0).sum(axis=2), 2)
+    gain = 2 * np.abs(np.einsum("tab,tb->ta", evidence, signs)) * (2 / pairs)
+    certain = gain >= options.min_gain
+    in_time = _time_evidence(px, variance, twins, options)
+    overall = _overall_signs(signs, np.where(certain, 1.0, 0.0), in_time, options.prior)
+    flips: NDArray[np.bool_] = (signs * overall[:, None] < 0) & certain
+    return flips.T, certain.T
+
+
+def _bounded(u: _Floats, bound_sigma: float) -> _Floats:
+    result: _Floats = u / (1.0 + u / bound_sigma**2)
+    return result
+
+
+def _view_evidence(
+    cameras: CameraGroup, px: _Floats, variance: _Floats, twins: NDArray[np.int64], options: SwapOptions
+) -> _Floats:
+    """(T, C, C) half of what crossed labels cost more than matching ones, in squared sigmas; symmetric."""
+    count, frames = px.shape[:2]
+    slopes = cameras.unproject(px)
+    focal2 = np.array([camera.camera_matrix[0, 0] * camera.camera_matrix[1, 1] for camera in cameras])
+    noise = variance / focal2[:, None, None]
+    evidence = np.zeros((frames, count, count))
+    for a in range(count):
+        for b in range(a):
+            essential = _essential(cameras, a, b)
+
+            def cost(i: int, k: int, a: int = a, b: int = b, essential: _Floats = essential) -> _Floats:
+                at_a, at_b = twins[:, i], twins[:, k]
+                u = _epipolar_u(essential, slopes[a][:, at_a], slopes[b][:, at_b], noise[a][:, at_a], noise[b][:, at_b])
+                return _bounded(u, options.bound_sigma)
+
+            difference = cost(0, 1) + cost(1, 0) - cost(0, 0) - cost(1, 1)
+            evidence[:, a, b] = evidence[:, b, a] = 0.5 * np.nansum(difference, axis=-1)
+    return evidence
+
+
+def _essential(cameras: CameraGroup, a: int, b: int) -> _Floats:
+    """(3, 3) E with x_b' E x_a = 0 for normalised homogeneous coordinates."""
+    pose_a, pose_b = cameras[a].cam_from_world, cameras[b].cam_from_world
+    rotation = pose_b[:, :3] @ pose_a[:, :3].T
+    x, y, z = pose_b[:, 3] - rotation @ pose_a[:, 3]
+    essential: _Floats = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ rotation
+    return essential
+
+
+def _epipolar_u(essential: _Floats, a: _Floats, b: _Floats, noise_a: _Floats, noise_b: _Floats) -> _Floats:
+    """Squared epipolar distance in units of its variance; points (..., 2), variances (...)."""
+    ray_a = np.concatenate([a, np.ones((*a.shape[:-1], 1))], axis=-1)
+    ray_b = np.concatenate([b, np.ones((*b.shape[:-1], 1))], axis=-1)
+    line_b, line_a = ray_a @ essential.T, ray_b @ essential
+    error = np.sum(ray_b * line_b, axis=-1)
+    spread = np.sum(line_a[..., :2] ** 2, axis=-1) * noise_a + np.sum(line_b[..., :2] ** 2, axis=-1) * noise_b
+    u: _Floats = error**2 / np.maximum(spread, 1e-30)
+    return u
+
+
+def _time_evidence(px: _Floats, variance: _Floats, twins: NDArray[np.int64], options: SwapOptions) -> _Floats:
+    """(T - 1, C) the same for one camera's consecutive frames."""
+    if px.shape[1] < 2:
+        return np.zeros((0, len(px)))
+
+    def moved2(i: int, k: int) -> _Floats:
+        return np.asarray(np.sum((px[:, 1:, twins[:, i]] - px[:, :-1, twins[:, k]]) ** 2, axis=-1))
+
+    # At ease, or as far as these landmarks mostly do in this take: few frames a second are long strides.
+    mostly = np.nan_to_num(row_median(row_median(np.concatenate([moved2(0, 0), moved2(1, 1)], axis=-1))))[:, None, None]
+    stride2 = np.fmax((options.stride_share * extent(px)[:, 1:, None]) ** 2, mostly)
+
+    def cost(i: int, k: int) -> _Floats:
+        spread = variance[:, 1:, twins[:, i]] + variance[:, :-1, twins[:, k]] + stride2
+        # Noise is each landmark's own in each camera, a stride is one thing that all of them see.
+        worth = 1 / (1 + (len(px) * len(twins) - 1) * mostly / (spread + mostly))
+        return worth * _bounded(moved2(i, k) / spread, options.bound_sigma)
+
+    difference = cost(0, 1) + cost(1, 0) - cost(0, 0) - cost(1, 1)
+    evidence: _Floats = 0.5 * np.nansum(difference, axis=-1).T
+    return evidence
+
+
+def _best_signs(evidence: _Floats, prior: float) -> _Floats:
+    """(T, C) signs s, 1 or -1, for which the sum of E_ab s_a s_b (a < b) plus the prior is largest."""
+    frames, count = evidence.shape[:2]
+    _, vectors = np.linalg.eigh(evidence)
+    leading = np.where(vectors[:, :, -1] < 0, -1.0, 1.0)
+    leading *= np.where(leading.sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
+    best = np.ones((frames, count))
+    best_value = np.full(frames, -np.inf)
+    for start in (np.ones((frames, count)), leading):
+        signs = start.copy()
+        for _ in range(2 * count):
+            pull = np.einsum("tab,tb->ta", evidence, signs) + prior
+            loss = signs * pull  # what keeping the sign is worth
+            worst = np.argmin(loss, axis=1)
+            change = loss[np.arange(frames), worst] < -1e-9
+            if not change.any():
+                break
+            signs[change, worst[change]] *= -1
+        value = 0.5 * np.einsum("ta,tab,tb->t", signs, evidence, signs) + prior * signs.sum(axis=1)
+        better = value > best_value
+        best[better], best_value[better] = signs[better], value[better]
+    return best
+
+
+def _overall_signs(signs: _Floats, certain: _Floats, in_time: _Floats, prior: float) -> _Floats:
+    """(T,) the sign to give to each frame as a whole: the cheapest path through the take."""
+    frames = signs.shape[0]
+    own = prior * (signs * certain).sum(axis=1)
+    bond = np.sum(in_time * signs[1:] * signs[:-1], axis=1)
+    value = np.zeros((frames, 2))  # of the best path that ends with sign +1, -1
+    came = np.zeros((frames, 2), dtype=np.int64)
+    value[0] = own[0], -own[0]
+    for t in range(1, frames):
+        for k in range(2):
+            steps = value[t - 1] + np.where(np.arange(2) == k, bond[t - 1], -bond[t - 1])
+            came[t, k] = int(np.argmax(steps))
+            value[t, k] = steps[came[t, k]] + (own[t] if k == 0 else -own[t])
+    state = int(np.argmax(value[-1]))
+    overall = np.empty(frames)
+    for t in range(frames - 1, -1, -1):
+        overall[t] = 1.0 if state == 0 else -1.0
+        state = int(came[t, state])
+    return overall

@@ -1,0 +1,449 @@
+"""3D points from the 2D points of several cameras, in spite of some that are wrong.
+
+Every landmark of every frame is solved by itself: pairs of cameras propose a point, all cameras vote on it,
+the best proposal is refined by Gauss-Newton on a robust reprojection error, and the cameras within a gate are
+its inliers. The number of pairs tried does not grow with the number of cameras (as in RANSAC it depends on
+how many agree), so the cost is linear in cameras.
+
+The 2D variances are taken at their relative value; their level is checked against the take (`take_noise`),
+since calibration and synchronisation err too and no network knows about those.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.triangulation._kernel import Limits, Rig, solve_points
+
+_RAYLEIGH_MEDIAN = 1.1774  # median length of a 2D Gaussian of unit variance
+_NOISE_SAMPLE = 1200
+_CHUNK = 1024
+
+
+@dataclass(frozen=True)
+class TriangulateOptions:
+    """How 2D points become 3D points.
+
+    Attributes:
+        min_views: fewest cameras that must agree on a point; with fewer it is NaN.
+        min_angle_deg: widest angle between the rays of agreeing cameras, at least; below it depth is a guess.
+        gate_sigma: a camera agrees if its reprojection error is at most so many standard deviations (per
+            coordinate, calibration noise included) ...
+        gate_image: ... and at most this share of its image's longer side.
+        doubt_sigma: error at which a 2D point is as likely wrong as right; softly, it stops to count there.
+        tail_sigma: how far wrong points typically lie, in standard deviations.
+        noise_px: standard deviation of what the 2D variances do not contain (calibration, synchronisation,
+            bias of the network), added to every point's. None: estimated from the take.
+        max_pairs: most pairs of cameras that propose a point; reached only where few cameras agree.
+        threads: None for as many as the machine (or NUMBA_NUM_THREADS) has.
+    """
+
+    min_views: int = 2
+    min_angle_deg: float = 3.0
+    gate_sigma: float = 6.0
+    gate_image: float = 0.1
+    doubt_sigma: float = 3.5
+    tail_sigma: float = 20.0
+    noise_px: float | None = None
+    max_pairs: int = 24
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.min_views < 2:
+            raise ValueError(f"min_views must be at least 2, not {self.min_views}")
+
+
+@dataclass(frozen=True)
+class Triangulation:
+    """3D points and what each camera had to say about them.
+
+    Attributes:
+        points_world: (T, J, 3) metres; NaN where no `min_views` cameras agree.
+        covariance_world: (T, J, 3, 3) square metres; NaN where the point is. Contains the doubt between two
+            explanations that are about as good.
+        residual_px: (C, T, J) distance of the reprojection to the 2D point, through the lens; NaN where the
+            camera had none or the point is NaN.
+        inlier: (C, T, J) whether the camera agrees.
+        noise_px: the noise that was added to the 2D points' own, px.
+        variance_scale: factor on the 2D variances (below one where the take shows them to be too large).
+    """
+
+    points_world: NDArray[np.float64]
+    covariance_world: NDArray[np.float64]
+    residual_px: NDArray[np.float64]
+    inlier: NDArray[np.bool_]
+    noise_px: float
+    variance_scale: float
+
+
+@dataclass(frozen=True)
+class _Views:
+    """The 2D points of N landmarks as the kernel takes them."""
+
+    rig: Rig
+    seen: NDArray[np.float64]  # (N, C, 2) normalised
+    variance_px2: NDArray[np.float64]  # (N, C), NaN where missing
+    px2_per_unit2: NDArray[np.float64]  # (N, C) or (1, C) pixels to normalised units, areas
+    longer_side_px: float
+
+
+def triangulate(
+    cameras: CameraGroup,
+    points_px: ArrayLike,
+    variance_px2: ArrayLike,
+    options: TriangulateOptions | None = None,
+) -> Triangulation:
+    """Triangulates every landmark of every frame robustly.
+
+    Args:
+        cameras: C calibrated cameras.
+        points_px: (C, T, J, 2) px; NaN where a camera has no point.
+        variance_px2: (C, T, J) variance of each coordinate; a NaN makes the point missing.
+        options: see `TriangulateOptions`.
+
+    Returns:
+        NaN points where fewer than `min_views` cameras agree, where their rays are nearly parallel, or where
+        they meet behind a camera.
+
+    Raises:
+        ValueError: shapes that do not match, a variance that is not positive, options out of range.
+    """
+    options = options or TriangulateOptions()
+    px, variance = _checked(cameras, points_px, variance_px2, options)
+    views = _views(cameras, px, variance)
+    noise_px, scale = take_noise(cameras, px, variance, options)
+    info = _information(views, noise_px, scale)
+    points, covariances, inliers = _solve(views, info, options)
+    shape = px.shape[1:3]
+    points_world = points.reshape(*shape, 3)
+    residual_px = np.linalg.norm(cameras.project(points_world) - px, axis=-1)
+    residual_px[~np.isfinite(variance)] = np.nan
+    return Triangulation(
+        points_world=points_world,
+        covariance_world=covariances.reshape(*shape, 3, 3),
+        residual_px=residual_px,
+        inlier=np.moveaxis(inliers.reshape(*shape, len(cameras)), -1, 0),
+        noise_px=noise_px,
+        variance_scale=scale,
+    )
+
+
+def take_noise(
+    cameras: CameraGroup,
+    points_px: ArrayLike,
+    variance_px2: ArrayLike,
+    options: TriangulateOptions | None = None,
+) -> tuple[float, float]:
+    """The noise that the take shows beyond its 2D variances, from the median of the residuals.
+
+    A sample of the take is triangulated; the noise is what must be added to the variances so that the median
+    residual is as large as expected. Where the variances alone already promise more, they are scaled down.
+
+    Args:
+        cameras: C calibrated cameras.
+        points_px: (C, T, J, 2) px.
+        variance_px2: (C, T, J).
+        options: `noise_px`, where given, is returned as it is.
+
+    Returns:
+        (standard deviation to add, px; factor on the variances, in 0.01..1).
+    """
+    options = options or TriangulateOptions()
+    px, variance = _checked(cameras, points_px, variance_px2, options)
+    if options.noise_px is not None:
+        return options.noise_px, 1.0
+    # Evenly spread over the take; three views if there are enough of them, because two always nearly meet.
+    views_of = np.isfinite(variance).sum(axis=0).ravel()
+    chosen = np.flatnonzero(views_of >= 3)
+    if chosen.size < 50:
+        chosen = np.flatnonzero(views_of >= 2)
+    if chosen.size == 0:
+        return 0.0, 1.0
+    chosen = chosen[:: max(1, chosen.size // _NOISE_SAMPLE)]
+    flat_px = px.reshape(len(cameras), -1, 2)[:, chosen]
+    flat_variance = variance.reshape(len(cameras), -1)[:, chosen]
+    views = _views(cameras, flat_px[:, :, None], flat_variance[:, :, None])
+    # From generous to strict: started too strictly, the few points that happen to agree would set the level.
+    noise_px, scale = 0.01 * views.longer_side_px, 1.0
+    for _ in range(4):
+        points, _, _ = _solve(views, _information(views, noise_px, scale), options)
+        error2 = np.sum((cameras.project(points) - flat_px) ** 2, axis=-1)
+        noise_px, scale = _fit_noise(error2, flat_variance)
+    return noise_px, scale
+
+
+def leave_one_out_error(
+    cameras: CameraGroup,
+    points_px: ArrayLike,
+    variance_px2: ArrayLike,
+    options: TriangulateOptions | None = None,
+) -> NDArray[np.float64]:
+    """How far each camera's 2D points are from what the other cameras say: a quality figure without truth.
+
+    For every frame, landmark and camera with a usable 2D point, the point is triangulated robustly from the
+    *other* cameras and projected into this one. (The one number shared with the camera left out is the level
+    of the noise, see `take_noise`.)
+
+    Args:
+        cameras: C calibrated cameras.
+        points_px: (C, T, J, 2) px.
+        variance_px2: (C, T, J).
+        options: see `TriangulateOptions`.
+
+    Returns:
+        (C, T, J) px; NaN where the camera has no 2D point or the others gave no point.
+    """
+    options = options or TriangulateOptions()
+    px, variance = _checked(cameras, points_px, variance_px2, options)
+    views = _views(cameras, px, variance)
+    info = _information(views, *take_noise(cameras, px, variance, options))
+    error_px = np.full(variance.shape, np.nan)
+    for c, camera in enumerate(cameras):
+        others = info.copy()
+        others[:, c] = 0.0
+        points, _, _ = _solve(views, others, options)
+        projected = camera.project(points.reshape(*px.shape[1:3], 3))
+        error_px[c] = np.linalg.norm(projected - px[c], axis=-1)
+    error_px[~np.isfinite(variance)] = np.nan
+    return error_px
+
+
+@dataclass(frozen=True)
+class LeaveOneOutSummary:
+    """Figures from `leave_one_out_error`; NaN where there is nothing to take a median of.
+
+    Attributes:
+        median_px: over all cameras, frames and landmarks.
+        camera_median_px: (C,) for each camera.
+        no_point_share: share of the usable 2D points for which the other cameras gave no point.
+        camera_no_point_share: (C,) for each camera.
+    """
+
+    median_px: float
+    camera_median_px: NDArray[np.float64]
+    no_point_share: float
+    camera_no_point_share: NDArray[np.float64]
+
+
+def leave_one_out_summary(error_px: NDArray[np.float64], usable: NDArray[np.bool_]) -> LeaveOneOutSummary:
+    """Medians and shares of a leave-one-camera-out error.
+
+    Args:
+        error_px: (C, T, J) from `leave_one_out_error`.
+        usable: (C, T, J) where the camera has a 2D point (finite point and variance).
+    """
+
+    def median(values: NDArray[np.float64]) -> float:
+        known = values[np.isfinite(values)]
+        return float(np.median(known)) if known.size else float("nan")
+
+    def share(values: NDArray[np.float64], counted: NDArray[np.bool_]) -> float:
+        return float(np.isnan(values[counted]).mean()) if counted.any() else float("nan")
+
+    return LeaveOneOutSummary(
+        median_px=median(error_px),
+        camera_median_px=np.array([median(e) for e in error_px]),
+        no_point_share=share(error_px, usable),
+        camera_no_point_share=np.array([share(e, u) for e, u in zip(error_px, usable, strict=True)]),
+    )
+
+
+def usable_points(points_px: ArrayLike, variance_px2: ArrayLike) -> NDArray[np.bool_]:
+    """(C, T, J) where a 2D point can be used: its pixels and its variance are finite."""
+    point: NDArray[np.bool_] = np.isfinite(np.asarray(points_px)).all(axis=-1)
+    variance: NDArray[np.bool_] = np.isfinite(np.asarray(variance_px2))
+    usable: NDArray[np.bool_] = point & variance
+    return usable
+
+
+def _checked(
+    cameras: CameraGroup, points_px: ArrayLike, variance_px2: ArrayLike, options: TriangulateOptions
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The arrays as float64, both NaN wherever one of them is; ValueError if they cannot be triangulated."""
+    px = np.asarray(points_px, dtype=np.float64)
+    variance = np.asarray(variance_px2, dtype=np.float64)
+    if px.ndim != 4 or px.shape[0] != len(cameras) or px.shape[-1] != 2:
+        raise ValueError(f"points_px must be ({len(cameras)}, T, J, 2), not {px.shape}")
+    if variance.shape != px.shape[:-1]:
+        raise ValueError(f"variance_px2 must be {px.shape[:-1]} like points_px, not {variance.shape}")
+    usable = usable_points(px, variance)
+    if (variance[usable] <= 0).any():
+        c, t, j = (int(i[0]) for i in np.nonzero(usable & (variance <= 0)))
+        raise ValueError(
+            f"variance_px2 must be positive, but is {variance[c, t, j]:g} at camera {cameras[c].name}, "
+            f"frame {t}, landmark {j}"
+        )
+    return np.where(usable[..., None], px, np.nan), np.where(usable, variance, np.nan)
+
+
+def _views(cameras: CameraGroup, px: NDArray[np.float64], variance: NDArray[np.float64]) -> _Views:
+    """Checked (C, T, J, 2) and (C, T, J) arrays as the kernel takes them; N = T J."""
+    count = len(cameras)
+    flat_px = px.reshape(count, -1, 2)
+    flat_variance = variance.reshape(count, -1)
+    seen = np.empty((flat_px.shape[1], count, 2))
+    scaled = np.empty((flat_px.shape[1], count))
+    px2_per_unit2 = np.empty(count)
+    local = []
+    for c, camera in enumerate(cameras):
+        slopes = camera.unproject(flat_px[c])
+        px2_per_unit2[c] = camera.camera_matrix[0, 0] * camera.camera_matrix[1, 1]
+        local.append(_local_scale(camera, flat_px[c], slopes))
+        seen[:, c] = slopes
+        scaled[:, c] = flat_variance[c]
+        scaled[~np.isfinite(slopes).all(axis=-1), c] = np.nan
+    longer_side_px = float(max(max(camera.width, camera.height) for camera in cameras))
+    return _Views(
+        rig=Rig(
+            poses=np.ascontiguousarray(cameras.cam_from_world),
+            centers=np.ascontiguousarray(cameras.centers_world),
+            px2_per_unit2=px2_per_unit2,
+            pairs=_pair_order(cameras),
+        ),
+        seen=seen,
+        variance_px2=scaled,
+        px2_per_unit2=np.stack(np.broadcast_arrays(*local), axis=-1),
+        longer_side_px=longer_side_px,
+    )
+
+
+def _local_scale(camera: Camera, points_px: NDArray[np.float64], slopes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) or (1,) area of an image patch in px^2 over its area in normalised units, at each point.
+
+    It is the squared focal length in the middle of every image and, unless the lens is wide, everywhere.
+    """
+
+    def scale(px: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+        right, down = camera.unproject(px + [1.0, 0.0]) - at, camera.unproject(px + [0.0, 1.0]) - at
+        area: NDArray[np.float64] = np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0])
+        return 1.0 / np.maximum(area, 1e-18)
+
+    focal2 = camera.camera_matrix[0, 0] * camera.camera_matrix[1, 1]
+    across = np.linspace(0.0, 1.0, 5)
+    grid = np.stack(np.meshgrid(across * camera.width, across * camera.height), axis=-1).reshape(-1, 2)
+    ratio = scale(grid, camera.unproject(grid)) / focal2
+    if (np.abs(np.log(ratio[np.isfinite(ratio)])) < 0.2).all() and np.isfinite(ratio).all():
+        return np.array([focal2])
+    return scale(points_px, slopes)
+
+
+def _pair_order(cameras: CameraGroup) -> NDArray[np.int64]:
+    """(Q, 2) all pairs of cameras: those with wide angles first, and every camera early.
+
+    The angle is taken at the point nearest to all optical axes, about where the subject is.
+    """
+    count = len(cameras)
+    centers = cameras.centers_world
+    axes = cameras.cam_from_world[:, 2, :3]
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    middle = np.linalg.lstsq(across.sum(0), np.einsum("cij,cj->i", across, centers), rcond=1e-9)[0]
+    toward = middle - centers
+    toward /= np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-9)
+    first, second = np.triu_indices(count, k=1)
+    gain = np.linalg.norm(np.cross(toward[first], toward[second]), axis=1)
+    order = []
+    for _ in range(first.size):
+        q = int(np.argmax(gain))
+        order.append(q)
+        # A camera that has proposed waits until the others have.
+        taken = (first == first[q]) | (second == first[q]) | (first == second[q]) | (second == second[q])
+        gain = gain - taken
+        gain[q] = -np.inf
+    return np.stack([first[order], second[order]], axis=1).astype(np.int64)
+
+
+def _information(views: _Views, noise_px: float, scale: float) -> NDArray[np.float64]:
+    """(N, C) one over the variance in normalised units, zero where there is no 2D point."""
+    total_px2 = scale * views.variance_px2 + noise_px**2
+    return np.where(np.isfinite(total_px2), views.px2_per_unit2 / total_px2, 0.0)
+
+
+def _solve(
+    views: _Views, info: NDArray[np.float64], options: TriangulateOptions
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """(N, 3) points, (N, 3, 3) covariances and (N, C) inliers; the kernel over chunks in threads."""
+    count, cameras = info.shape
+    points = np.full((count, 3), np.nan)
+    covariances = np.full((count, 3, 3), np.nan)
+    inliers = np.zeros((count, cameras), dtype=np.bool_)
+    limits = limits_of(views, options)
+    in_chunks(count, options, lambda begin, end: solve_points(
+        views.rig, limits, views.seen, info, begin, end, points, covariances, inliers
+    ))  # fmt: skip
+    return points, covariances, inliers
+
+
+def limits_of(views: _Views, options: TriangulateOptions) -> Limits:
+    """The options in the kernel's units."""
+    doubt_u = options.doubt_sigma**2
+    tail2 = options.tail_sigma**2
+    return Limits(
+        # So that right and wrong are equally likely at `doubt_sigma`.
+        kappa=float(np.exp(-0.5 * doubt_u) * (1 + doubt_u / tail2) ** 1.5),
+        tail2=tail2,
+        gate_u=options.gate_sigma**2,
+        gate_px2=(options.gate_image * views.longer_side_px) ** 2,
+        agree_u=doubt_u,
+        min_sin2=float(np.sin(np.radians(options.min_angle_deg)) ** 2),
+        min_views=options.min_views,
+        max_pairs=options.max_pairs,
+    )
+
+
+def in_chunks(count: int, options: TriangulateOptions, work: Callable[[int, int], None]) -> None:
+    """Calls `work(begin, end)` for all of `count` points, in threads."""
+
+    def run(begin: int) -> None:
+        work(begin, min(begin + _CHUNK, count))
+
+    begins = range(0, count, _CHUNK)
+    threads = options.threads or int(os.environ.get("NUMBA_NUM_THREADS", 0)) or os.cpu_count() or 1
+    if threads == 1 or len(begins) <= 1:
+        for begin in begins:
+            run(begin)
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(run, begins))
+
+
+def views_of(
+    cameras: CameraGroup, points_px: ArrayLike, variance_px2: ArrayLike, found: Triangulation,
+    options: TriangulateOptions,
+) -> tuple[_Views, NDArray[np.float64]]:  # fmt: skip
+    """The take as the kernel takes it, and (N, C) how much each 2D point is worth, at the noise that was found."""
+    views = _views(cameras, *_checked(cameras, points_px, variance_px2, options))
+    return views, _information(views, found.noise_px, found.variance_scale)
+
+
+def _fit_noise(error2: NDArray[np.float64], variance: NDArray[np.float64]) -> tuple[float, float]:
+    """What to add to the variances, or how to scale them, so that the median error is as large as promised.
+
+    Args:
+        error2: (C, N) squared distances, px^2.
+        variance: (C, N) px^2.
+    """
+    known = np.isfinite(error2) & np.isfinite(variance)
+    views = known.sum(axis=0)
+    # A fitted point takes 3 of the 2n numbers: residuals are smaller than errors by this share.
+    freedom = np.where(views >= 2, (2 * views - 3) / np.maximum(2 * views, 1), np.nan)
+    ratio2, base = (error2 / freedom)[known], variance[known]
+    if ratio2.size == 0:
+        return 0.0, 1.0
+
+    def level(added_px2: float) -> float:
+        return float(np.median(ratio2 / (base + added_px2))) / _RAYLEIGH_MEDIAN**2
+
+    if level(0.0) <= 1.0:
+        return 0.0, float(np.clip(level(0.0), 0.01, 1.0))
+    low, high = 0.0, float(np.median(ratio2)) / _RAYLEIGH_MEDIAN**2 + 1e-12
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if level(middle) > 1.0 else (low, middle)
+    return float(np.sqrt(high)), 1.0

@@ -1,0 +1,88 @@
+"""Points that tell nothing or cannot be right: known to no better than 0.15 m, or on limbs far longer than this
+person's (an elbow that two views put where a hand of somebody else was)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.landmarks.arrays import LandmarkSet
+
+_LIMBS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
+# A bone so many times as long as this person's is none; noise and a trunk's landmark that is off do not do that. Two
+# bones in a row cannot both be off as much.
+_STRETCHED, _STRETCHED_TWO = 1.6, 1.3
+# A bone whose length typically varies by more than this share of itself is not known; nobody's is longer than this, m.
+_SPREAD, _LONGEST = 0.15, 0.75
+# Frames of either side in which a bone is known, at least, for its length to be known.
+_LEAST = 8
+# Known no better than this, in lengths of the trunk, a point tells nobody anything: 0.15 m of a grown person.
+_VAGUE = 0.3
+
+
+def trunk_of(points_world: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.float64]:
+    """(T, 3) from the middle of the hips to that of the shoulders of points (T, J, 3); NaN where one of the four is not
+    known, or not in the set."""
+    ends = [[f"{side}_{name}" for side in ("left", "right")] for name in ("shoulder", "hip")]
+    if any(name not in landmarks.names for end in ends for name in end):
+        return np.full((len(points_world), 3), np.nan)
+    top, bottom = (points_world[:, [landmarks.index(name) for name in end]].mean(axis=1) for end in ends)
+    return np.asarray(top - bottom)
+
+
+def vague_points(
+    points_world: NDArray[np.float64], covariance_world: NDArray[np.float64], landmarks: LandmarkSet
+) -> NDArray[np.bool_]:
+    """Points of which a take says next to nothing: two views that were both unsure, or one, of which depth is a guess.
+
+    Args:
+        points_world: (T, J, 3), NaN where unknown.
+        covariance_world: (T, J, 3, 3).
+        landmarks: what the J are.
+
+    Returns:
+        (T, J) True where the standard deviation of a coordinate, on average, is more than 0.3 of the distance from the
+        middle of the shoulders to that of the hips (median over the take; all False where that is never known).
+    """
+    length = np.linalg.norm(trunk_of(points_world, landmarks), axis=-1)
+    if np.isfinite(length).sum() < _LEAST:
+        return np.zeros(points_world.shape[:2], dtype=np.bool_)
+    variance = np.trace(covariance_world, axis1=-2, axis2=-1) / 3
+    return np.asarray(variance > (_VAGUE * np.nanmedian(length)) ** 2)
+
+
+def stretched_limbs(points_world: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.bool_]:
+    """Elbows, wrists, knees and ankles that lie too far from the trunk.
+
+    A bone's length is the median over the take and both sides; where it varies too much to be known, only what is
+    longer than anybody's bone is wrong (unless all are, in a world that is not in metres). From the trunk outwards, the
+    first joint that is too far from the one before is wrong; beyond it a joint is judged by its distance from the last
+    one that is right.
+
+    Args:
+        points_world: (T, J, 3) metres, NaN where unknown.
+        landmarks: what the J are.
+
+    Returns:
+        (T, J) True where a point cannot be right.
+    """
+    wrong = np.zeros(points_world.shape[:2], dtype=np.bool_)
+    for names in _LIMBS:
+        sides = [[f"{side}_{name}" for name in names] for side in ("left", "right")]
+        if any(name not in landmarks.names for side in sides for name in side):
+            continue
+        chains = [points_world[:, [landmarks.index(name) for name in side]] for side in sides]
+        lengths = [np.linalg.norm(np.diff(chain, axis=1), axis=-1) for chain in chains]
+        bones = np.concatenate(lengths)
+        if (np.isfinite(bones).sum(0) < _LEAST).any():
+            continue
+        usual = np.nanmedian(bones, axis=0)
+        steady = np.nanmedian(np.abs(bones - usual), axis=0) < _SPREAD * usual
+        longest = np.where(steady, _STRETCHED * usual, np.where(usual < _LONGEST, _LONGEST, np.inf))
+        reach = _STRETCHED_TWO * usual.sum() if steady.all() else longest.sum()
+        for side, chain, length in zip(sides, chains, lengths, strict=True):
+            middle, end = (length > longest).T
+            far = np.linalg.norm(chain[:, 2] - chain[:, 0], axis=-1) > reach
+            wrong[:, landmarks.index(side[1])] = middle
+            wrong[:, landmarks.index(side[2])] = np.where(middle, far, end)
+    return wrong

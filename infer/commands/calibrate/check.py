@@ -1,0 +1,128 @@
+"""`muybridge calibrate check`: judges a session's calibration by the person in its videos, and names the culprit."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+from muybridge.errors import MuybridgeError
+from muybridge.geometry.association.select import select_person, take_person
+from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions
+from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, check_take
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.infer.commands.calibrate.outputs import check_replaceable
+from muybridge.infer.commands.calibrate.people import DEFAULT_RESULTS, session_keypoints
+from muybridge.infer.report.calibration_figures import blamed
+from muybridge.infer.report.calibration_page import CalibrationPage, write_calibration_page
+from muybridge.infer.detection.detect import DetectOptions
+from muybridge.infer.results.folder import open_output
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.session.session import SessionOptions, open_session
+
+Floats = NDArray[np.float64]
+
+PAGE = "calibration.html"
+_HARDLY = 0.2  # share of frames below which the association has given a camera up
+_FLAT = tyro.conf.arg(name="")
+
+
+def check(
+    session: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SESSION")],
+    /,
+    out: Path | None = None,
+    options: Annotated[CulpritOptions, _FLAT] = CulpritOptions(),  # noqa: B008 - frozen
+    work: Path | None = None,
+    read: Annotated[SessionOptions, _FLAT] = SessionOptions(),  # noqa: B008
+    detect: Annotated[DetectOptions, _FLAT] = DetectOptions(),  # noqa: B008
+    overwrite: bool = False,
+    quiet: bool = False,
+) -> int:
+    """Is the calibration good, and if not, which camera is it: turned, out of step, wrong lens or file?
+
+    Args:
+        session: folder with `videos/` and a calibration, in which a person moves.
+        out: page to write (default: `calibration.html` in the session's results folder).
+        options: what counts as a fault.
+        work: results folder whose finished 2D landmarks are used (default: `muybridge/` inside the session).
+        read: how the session folder is read.
+        detect: 2D landmarks.
+        overwrite: replace --out where muybridge did not write it.
+        quiet: say only the result.
+    """
+    start = time.perf_counter()
+    check_replaceable([] if out is None else [out], overwrite)
+    with Progress(quiet=quiet) as progress:
+        opened = open_session(session, read)
+        for notice in opened.notices:
+            progress.notice(notice)
+        opened, keypoints = session_keypoints(opened, work, detect, progress)
+        quality = check_keypoints(opened.cameras, keypoints, options, opened.fps)
+    seconds = {"in all": time.perf_counter() - start}
+    page = CalibrationPage(opened.name, quality, opened.notices, seconds)
+    if out is None:
+        results = open_output(work or session / DEFAULT_RESULTS, (), [opened.calibration])
+        place = results.write(PAGE, lambda path: write_calibration_page(path, page))
+    else:
+        place = write_calibration_page(out, page)
+    for line in told(quality):
+        print(line)
+    print(f"{place} shows it")
+    return 0
+
+
+def check_keypoints(
+    cameras: CameraGroup, keypoints: Keypoints2D, options: CulpritOptions, fps: float
+) -> CalibrationQuality:
+    """Judge cameras by everyone's landmarks, of whom one person is followed.
+
+    Raises:
+        SessionError: nobody was found.
+    """
+    points_px, variance_px2 = person_to_check(cameras, keypoints, fps)
+    source = f"one person's landmarks in {points_px.shape[1]} frames"
+    return check_take(cameras, points_px, variance_px2, options, source)
+
+
+def person_to_check(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> tuple[Floats, Floats]:
+    """One person's landmarks, with those of cameras that the calibration keeps apart from the others.
+
+    Who is who between cameras is found by the calibration that is in question. So a camera that hardly has the
+    person by it, but sees one person alone for most of the take, is taken at its word.
+
+    Returns:
+        (C, T, J, 2) px and (C, T, J) variances.
+    """
+    selection = select_person(cameras, keypoints, fps=fps)
+    points_px, variance_px2, _ = take_person(keypoints, selection)
+    points_px, variance_px2 = points_px.copy(), variance_px2.copy()
+    found = np.asarray(np.isfinite(keypoints.variance_px2).any(axis=-1))
+    for c in range(len(cameras)):
+        alone = found[c].sum(axis=1) == 1
+        if (selection.slots[c] >= 0).mean() < _HARDLY and alone.mean() > 0.5:
+            frames = np.flatnonzero(alone)
+            slots = found[c, frames].argmax(axis=1)
+            points_px[c, frames] = keypoints.points_px[c, frames, slots]
+            variance_px2[c, frames] = keypoints.variance_px2[c, frames, slots]
+    return points_px, variance_px2
+
+
+def told(quality: CalibrationQuality) -> list[str]:
+    """What was found, in lines: a sentence, then a line a camera."""
+    report = quality.culprits
+    if report is None:
+        raise MuybridgeError("no culprit was looked for")
+    rows = [report.sentence]
+    width = max(len(n) for n in quality.cameras.names)
+    for c in report.order if report.faults else range(len(quality.cameras)):
+        name = quality.cameras.names[c]
+        away = quality.leave_one_out_px[c]  # NaN where never more than two cameras see the person
+        left_out = f"left out {away:5.1f} px   " if np.isfinite(away) else ""
+        rows.append(
+            f"  {name:<{width}}  reprojection {quality.residual_px[c]:5.1f} px   {left_out}"
+            f"{blamed(report, name) or 'nothing wrong'}"
+        )
+    return rows

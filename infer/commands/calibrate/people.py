@@ -1,0 +1,142 @@
+"""`muybridge calibrate people`: cameras of a session from the people in its videos."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+from muybridge.errors import MuybridgeError
+from muybridge.geometry.association.select import select_person, take_person
+from muybridge.geometry.calibration import save_calibration
+from muybridge.geometry.calibration.people.calibrate import (
+    PeopleCalibration,
+    PeopleCalibrationOptions,
+    calibrate_people,
+    refine_people,
+)
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.sync.clocks import synchronised
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.triangulation.left_right import repair_swaps
+from muybridge.geometry.triangulation.multiview import leave_one_out_error
+from muybridge.infer.commands.calibrate.outputs import check_replaceable
+from muybridge.infer.detection.detect import DetectOptions, detect, file_names, first_look, is_finished, open_models
+from muybridge.infer.detection.pose_estimator import merge_tracks
+from muybridge.infer.results.folder import open_output
+from muybridge.infer.detection.resample import in_time
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.reconstruction.refine_cameras import person_of
+from muybridge.infer.session.session import Session, SessionOptions, open_session
+from muybridge.infer.runtime.stages import StageStore
+from muybridge.infer.reconstruction.gravity import stood_up
+
+DEFAULT_RESULTS = "muybridge"
+
+
+def session_keypoints(
+    session: Session, results: Path | None, options: DetectOptions, progress: Progress
+) -> tuple[Session, Keypoints2D]:
+    """Everyone's 2D landmarks in a session, in step, from a results folder where they are there already.
+
+    Args:
+        session: what to look at.
+        results: results folder of `muybridge run`; None for the session's own.
+        options: how landmarks are found.
+        progress: whom to tell.
+
+    Raises:
+        OutputError: the folder cannot be made, or is none for results.
+    """
+    inputs = [session.calibration, *(v.path for v in session.videos)]
+    folder = open_output(results or session.path / DEFAULT_RESULTS, (), inputs).work
+    models, store, names = open_models(options), StageStore(folder), file_names(session.cameras.names)
+    first = first_look(options)  # of a run
+    session = stood_up(session, names, models, store, first, progress)
+    options = first if is_finished(session, names, models, store, first) else options
+    found = detect(session, names, models, store, options, progress)
+    frames = min(len(d.tracks.points_px) for d in found)
+    if frames < session.frames:
+        raise MuybridgeError(
+            f"{session.path}: a video has fewer frames than its header suggests; run `muybridge run` to see which"
+        )
+    keypoints = merge_tracks([in_time(session, c, d.tracks, d.repeats) for c, d in enumerate(found)])
+    return session, synchronised(keypoints, session.clocks, session.fps)
+
+
+def people(
+    session: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SESSION")],
+    /,
+    out: Path,
+    refine: bool = True,
+    options: Annotated[PeopleCalibrationOptions, tyro.conf.arg(name="")] = PeopleCalibrationOptions(),  # noqa: B008
+    work: Path | None = None,
+    read: Annotated[SessionOptions, tyro.conf.arg(name="")] = SessionOptions(),  # noqa: B008
+    detect: Annotated[DetectOptions, tyro.conf.arg(name="")] = DetectOptions(),  # noqa: B008
+    overwrite: bool = False,
+    quiet: bool = False,
+) -> int:
+    """Cameras from the people who move before them: refine a calibration, or find the poses from nothing.
+
+    Args:
+        session: folder with `videos/` and a calibration; with --no-refine only its lenses are used.
+        out: calibration file to write (TOML); give it to `muybridge run` with --calibration.
+        refine: start from the calibration's poses and keep its world; otherwise poses, size and floor come
+            from the person.
+        options: how.
+        work: results folder whose finished 2D landmarks are used (default: `muybridge/` inside the session).
+        read: how the session folder is read.
+        detect: 2D landmarks.
+        overwrite: replace files there that muybridge did not write.
+        quiet: say only the result.
+    """
+    check_replaceable([out], overwrite)
+    with Progress(quiet=quiet) as progress:
+        opened = open_session(session, read)
+        for notice in opened.notices:
+            progress.notice(notice)
+        opened, keypoints = session_keypoints(opened, work, detect, progress)
+        result, errors = from_keypoints(opened.cameras, keypoints, opened.fps, refine, options)
+    save_calibration(result.cameras, out)
+    for line in told(opened.cameras, result, refine, errors):
+        print(line)
+    return 0
+
+
+def from_keypoints(
+    cameras: CameraGroup, keypoints: Keypoints2D, fps: float, refine: bool, options: PeopleCalibrationOptions
+) -> tuple[PeopleCalibration, tuple[float, float]]:
+    """Calibrate from a session's landmarks.
+
+    Returns:
+        The result, and the median leave-one-camera-out error before and after, px (the first is NaN where
+        there was no calibration to begin with).
+    """
+    selection = person_of(cameras, keypoints, fps) if refine else select_person(cameras, keypoints, fps=fps)
+    px, variance, score = take_person(keypoints, selection)
+    px, variance, _ = repair_swaps(cameras, px, variance, keypoints.landmarks)
+    names = keypoints.landmarks.names
+    run = refine_people if refine else calibrate_people
+    result = run(cameras, px, variance, names, options)
+    before = float(np.nanmedian(leave_one_out_error(cameras, px, variance))) if refine else np.nan
+    after = float(np.nanmedian(leave_one_out_error(result.cameras, px, variance)))
+    return result, (before, after)
+
+
+def told(before: CameraGroup, result: PeopleCalibration, refine: bool, errors: tuple[float, float]) -> list[str]:
+    """What was found, a line a camera."""
+    lines = list(result.notes)
+    for c, camera in enumerate(result.cameras):
+        change = ""
+        if refine:
+            cosine = (np.trace(camera.rotation @ before[c].rotation.T) - 1) / 2
+            moved = np.linalg.norm(camera.center_world - before[c].center_world)
+            turned = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+            change = f"turned by {turned:.2f} deg, moved by {moved * 1e3:.0f} mm, "
+        lines.append(
+            f"{camera.name}: {change}reprojection {np.nanmedian(result.residual_px[c]):.1f} px, "
+            f"known to {result.rotation_sd_deg[c].max():.2f} deg and {result.center_sd[c].max() * 1e3:.0f} mm"
+        )
+    was = f"{errors[0]:.1f} px before, " if refine else ""
+    lines.append(f"leave-one-camera-out error (median): {was}{errors[1]:.1f} px after, on the frames used")
+    return lines

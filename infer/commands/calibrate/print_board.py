@@ -1,0 +1,38 @@
+"""`muybridge calibrate print-board`: a calibration board as a PDF of true size."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from muybridge.errors import CalibrationError
+from muybridge.files import replacing
+from muybridge.geometry.calibration.board.pdf import PAPERS, board_pdf
+from muybridge.infer.commands.calibrate.board import BoardChoice, chosen_board
+from muybridge.infer.commands.calibrate.outputs import check_replaceable
+
+
+def print_board(
+    out: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OUT.pdf")] = Path("board.pdf"),
+    choice: Annotated[BoardChoice, tyro.conf.arg(name="")] = BoardChoice(),  # noqa: B008 - frozen
+    paper: Literal["a4", "a3", "a2", "a1", "a0", "letter", "tabloid", "fit"] = "a4",
+    overwrite: bool = False,
+) -> int:
+    """A calibration board as a PDF of true size, with a ruler to check the printer by.
+
+    Args:
+        out: file to write.
+        choice: what board it is; the same options then describe it to `muybridge calibrate board`.
+        paper: size of the page, turned as fits better; `fit` for one that is as large as the board needs.
+        overwrite: replace OUT.pdf where muybridge did not write it.
+    """
+    board = chosen_board(choice)
+    text = board_pdf(board, None if paper == "fit" else PAPERS[paper])
+    if out.suffix.lower() != ".pdf":
+        raise CalibrationError(f"{out}: the board is written as a PDF; give a name that ends in .pdf")
+    check_replaceable([out], overwrite)
+    with replacing(out) as temporary:
+        temporary.write_bytes(text)
+    print(f"{out}: {board.describe()}, squares of {board.square * 1e3:g} mm")
+    print("Print at 100 % (no fit to page), measure the ruler, and glue the sheet to something stiff and flat.")
+    return 0

@@ -1,0 +1,203 @@
+"""What a static camera sees without the people who move, and how each frame differs from it.
+
+The person detector and the keypoint network are both helped by it: motion tells people from what only looks like them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.cameras.crops import Crops
+from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.infer.detection.crop_pixels import extract_crops
+from muybridge.infer.detection.orientation import Letterbox
+
+# With fewer frames than this there is no telling what is background.
+_PLATE_MIN_FRAMES = 3
+# Of what pixels tell an exposure: every so manieth, neither dark nor burnt out, not too few, alike within noise.
+_EVERY, _DARK, _BRIGHT, _LEAST_PIXELS, _ALIKE = 3, 20, 235, 200, 0.08
+# How thick people are, in longer sides of their landmarks' own box: limbs, and what is round each landmark.
+_LIMB, _ROUND, _HEAD = 0.13, 0.05, 0.1
+
+
+class BackgroundPlate:
+    """What a static camera sees without the people who move: a median over frames spaced evenly in time.
+
+    At most `max_frames` frames are kept; when they are full, every other one goes and the spacing doubles.
+    Someone who hardly moves melts into the plate: the detector is trained to do without it as well.
+    """
+
+    def __init__(self, max_frames: int = 25) -> None:
+        if max_frames < _PLATE_MIN_FRAMES:
+            raise ValueError(f"max_frames must be at least {_PLATE_MIN_FRAMES}")
+        self._max_frames = max_frames
+        self._kept: list[NDArray[np.uint8]] = []
+        self._spacing = 1
+        self._seen = 0
+        self._plate: NDArray[np.uint8] | None = None
+
+    @property
+    def frames(self) -> NDArray[np.intp]:
+        """(K,) the numbers of the frames that are kept."""
+        return self._spacing * np.arange(len(self._kept))
+
+    def add(self, frames: NDArray[np.uint8]) -> None:
+        """Take note of the next (n, h, w, 3) frames, in order."""
+        for frame in frames:
+            if self._seen % self._spacing == 0:
+                self._kept.append(frame.copy())
+                self._plate = None
+                if len(self._kept) > self._max_frames:
+                    self._kept = self._kept[::2]
+                    self._spacing *= 2
+            self._seen += 1
+
+    @property
+    def plate(self) -> NDArray[np.uint8] | None:
+        """(h, w, 3), or None while too few frames were seen."""
+        if self._plate is None and len(self._kept) >= _PLATE_MIN_FRAMES:
+            middle = len(self._kept) // 2
+            self._plate = np.partition(np.stack(self._kept, axis=-1), middle, axis=-1)[..., middle]
+        return self._plate
+
+    def without(self, people: NDArray[np.bool_]) -> NDArray[np.uint8] | None:
+        """(h, w, 3) the same of what is not people in the kept frames, (K, h, w): who sways or steps about in one place
+        is in most frames' way and not in all. Where too few frames are free it is as before."""
+        plate = self.plate
+        if plate is None:
+            return None
+        free = (~people).sum(axis=0)
+        kept = np.stack(self._kept).astype(np.float32)
+        kept[people] = np.inf  # sorted to the end
+        kept.sort(axis=0)
+        seen = free >= _PLATE_MIN_FRAMES
+        middle = np.where(seen, free // 2, 0)[None, :, :, None]
+        median = np.take_along_axis(kept, middle, axis=0)[0]
+        return np.where(seen[..., None], median, plate).astype(np.uint8)
+
+
+class SmallFrames(NamedTuple):
+    """Frames at the plate's resolution.
+
+    Attributes:
+        pixels: (n, h, w, 3) RGB.
+        difference: (n, h, w) to the background plate, 0..1; zero while there is none.
+    """
+
+    pixels: NDArray[np.uint8]
+    difference: NDArray[np.float32]
+
+
+class Backdrop:
+    """One camera's background plate, which grows with the frames that it is shown in order, or is known already."""
+
+    def __init__(self, letterbox: Letterbox, enabled: bool = True, known: NDArray[np.uint8] | None = None) -> None:
+        """A backdrop for frames that `letterbox` makes small.
+
+        Args:
+            letterbox: of the person detector.
+            enabled: there is a plate; not for moving cameras.
+            known: (h, w, 3) a plate that was found before, and is kept.
+        """
+        self._letterbox = letterbox
+        self._enabled = enabled
+        self._known = known
+        self._plate = BackgroundPlate()
+
+    @property
+    def plate(self) -> NDArray[np.uint8] | None:
+        """(h, w, 3), or None where there is none (yet)."""
+        if not self._enabled:
+            return None
+        return self._plate.plate if self._known is None else self._known
+
+    def __call__(self, frames: NDArray[np.uint8]) -> SmallFrames:
+        """The next (n, H, W, 3) RGB frames made small."""
+        small = np.stack([self._letterbox.apply(frame) for frame in frames])
+        if self._enabled and self._known is None:
+            self._plate.add(small)
+        return SmallFrames(small, _difference(small, self.plate))
+
+    def without(self, tracks: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.uint8] | None:
+        """(h, w, 3) the background of the frames so far without the people who were found in them.
+
+        Args:
+            tracks: (T, P, J, 2) px of the frames.
+            landmarks: the meaning of the J axis.
+        """
+        if self.plate is None or self._known is not None:
+            return self.plate
+        canvas_from_frame = np.linalg.inv(self._letterbox.frame_from_canvas)
+        px = tracks[self._plate.frames] @ canvas_from_frame[:2, :2].T + canvas_from_frame[:2, 2]
+        return self._plate.without(silhouettes(px, landmarks, self._letterbox.canvas))
+
+    def difference_in(self, crops: Crops, small: SmallFrames, index: int) -> NDArray[np.uint8]:
+        """(N, S, S) the difference of one of the frames in crops of it, 255 for 1."""
+        in_small = Crops(crops.size_px, crops.crop_from_image @ self._letterbox.frame_from_canvas)
+        return extract_crops(np.round(255 * small.difference[index]).astype(np.uint8), in_small)
+
+
+def _difference(frames: NDArray[np.uint8], plate: NDArray[np.uint8] | None) -> NDArray[np.float32]:
+    """(n, h, w) mean over RGB of |frame - plate| in 0..1, of frames exposed as the plate; zero without a plate."""
+    result = np.zeros(frames.shape[:3], dtype=np.float32)
+    if plate is not None:
+        for index, frame in enumerate(frames):
+            red, green, blue = cv2.split(cv2.absdiff(cv2.LUT(frame, _exposure(frame, plate)), plate))
+            # A mean over the last axis would take ten times as long.
+            result[index] = (red.astype(np.float32) + green + blue) / 765
+    return result
+
+
+def _exposure(frame: NDArray[np.uint8], plate: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(256, 1, 3) what the frame's values are in the plate's exposure, since cameras set themselves: by what most of
+    the picture agrees on, as they are where that is not so."""
+    values = np.arange(256.0)[:, None, None] * _gain(frame, plate)
+    return np.asarray(values.round().clip(0, 255), dtype=np.uint8)
+
+
+def _gain(frame: NDArray[np.uint8], plate: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """(3,) of the channels, from the frame to the plate."""
+    some = plate[::_EVERY, ::_EVERY].reshape(-1, 3), frame[::_EVERY, ::_EVERY].reshape(-1, 3)
+    usable = ((some[0] > _DARK) & (some[0] < _BRIGHT) & (some[1] > _DARK) & (some[1] < _BRIGHT)).all(axis=1)
+    if usable.sum() < _LEAST_PIXELS:
+        return np.ones(3)
+    ratio = some[0][usable].astype(np.float32) / some[1][usable]
+    gain = np.median(ratio, axis=0)
+    agree = (np.abs(ratio / gain - 1) < _ALIKE).all(axis=1).mean()
+    return np.asarray(gain if agree > 0.5 else np.ones(3), dtype=np.float64)
+
+
+def silhouettes(points_px: NDArray[np.float64], landmarks: LandmarkSet, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Where people are, roughly and rather too wide.
+
+    Args:
+        points_px: (K, P, J, 2) px of K pictures, NaN where missing.
+        landmarks: the meaning of the J axis.
+        size: width and height of the pictures.
+
+    Returns:
+        (K, height, width).
+    """
+    masks = np.zeros((len(points_px), size[1], size[0]), np.uint8)
+    head = {"nose", "left_eye", "right_eye", "left_ear", "right_ear"}
+    reach = np.array([_HEAD if name in head else _ROUND for name in landmarks.names])
+    trunk = [i for i, name in enumerate(landmarks.names) if name.endswith(("_shoulder", "_hip"))]
+    for mask, people in zip(masks, points_px, strict=True):
+        for body in people:
+            known = np.isfinite(body).all(axis=-1)
+            if not known.any():
+                continue
+            long_side = float(np.ptp(body[known], axis=0).max())
+            at = np.where(known[:, None], body, 0).round().astype(int).tolist()
+            for a, b in landmarks.edge_indices:
+                if known[a] and known[b]:
+                    cv2.line(mask, at[a], at[b], 1, max(1, round(_LIMB * long_side)))
+            for i in np.flatnonzero(known):
+                cv2.circle(mask, at[i], max(1, round(reach[i] * long_side)), 1, -1)
+            if len(trunk) > 2 and known[trunk].all():
+                cv2.fillConvexPoly(mask, cv2.convexHull(np.array([at[i] for i in trunk], np.int32)), 1)
+    return masks.astype(np.bool_)

@@ -1,0 +1,311 @@
+"""Landmarks of people whose boxes are known: crop, run the network, decode, crop again where the box was poor."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.crops import Crops, crops_for_boxes
+from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.numerics.robust import row_median
+from muybridge.infer.detection.crop_pixels import extract_crops
+from muybridge.infer.detection.exposure import light_up
+from muybridge.infer.networks.keypoints import Expectation, KeypointNetwork, Located
+from muybridge.infer.networks.external import OtherNetwork
+from muybridge.infer.detection.background import Backdrop, SmallFrames
+from muybridge.infer.detection.tracker import filled_boxes, smoothed_boxes, smoothing_frames
+from muybridge.infer.detection.orientation import Upright
+from muybridge.models.keypoints.decode import DecodedHeatmaps, sigmoid
+from muybridge.models.keypoints.test_time import Series
+
+# How far a person reaches beyond their landmarks, in longer sides of the landmarks' own box.
+_REACH = {"nose": 0.11, "eye": 0.11, "ear": 0.11, "wrist": 0.10}
+_REACH_ELSEWHERE = 0.04
+
+# Boxes narrower than this are widened: there is nothing to see in them.
+_MIN_BOX_PX = 8.0
+
+# Smoothing of the landmarks' own boxes (seconds), and how many frames round a poor box are redone.
+_OWN_BOX_SMOOTHING = 0.067
+_REDO_AROUND = 3
+
+# How often (seconds) what the network is unsure of in a track is shown to it in every orientation.
+_TRY_EVERY = 0.13
+
+# Two tracks are of one person if the median distance of their landmarks is below this part of the body's
+# longer side; the younger one goes unless it is surer by this much. Landmarks that both are sure of decide, where
+# there are enough: what one crop shows and the other cuts off is guessed.
+_SAME_PERSON = 0.06
+_MUCH_SURER = 0.1
+_SURE, _ENOUGH_SURE = 0.3, 5
+
+
+class Poses(NamedTuple):
+    """Landmarks of K boxes, K over frames and tracks.
+
+    Attributes:
+        points_px: (K, J, 2) px of the frame.
+        variance_px2: (K, J).
+        score: (K, J).
+        visibility: (K, J).
+        boxes_px: (K, 4) that were cropped, upright px.
+        markers_px: (K, M, 2) px of the frame; M is zero where no virtual markers were asked for.
+        markers_variance_px2: (K, M).
+        markers_score: (K, M).
+    """
+
+    points_px: NDArray[np.float64]
+    variance_px2: NDArray[np.float64]
+    score: NDArray[np.float64]
+    visibility: NDArray[np.float64]
+    boxes_px: NDArray[np.float64]
+    markers_px: NDArray[np.float64]
+    markers_variance_px2: NDArray[np.float64]
+    markers_score: NDArray[np.float64]
+
+    @property
+    def sureness(self) -> NDArray[np.float64]:
+        """(K,) mean score of the landmarks that are there: others may be outside of the picture, or other people's
+        models may not know them. As of a third of them where there are fewer: an accident has one or two."""
+        there = np.isfinite(self.points_px).all(axis=-1).sum(axis=1)
+        return np.asarray(self.score.sum(axis=1) / np.maximum(there, self.score.shape[1] / 3), dtype=np.float64)
+
+    def select(self, index: NDArray[np.intp]) -> Poses:
+        """The poses picked by an index array over K."""
+        return Poses(*(values[index] for values in self))
+
+
+class Pictures(NamedTuple):
+    """Frames of one camera.
+
+    Attributes:
+        frames: (n, H, W, 3) RGB.
+        small: the same as its `Backdrop` sees them; None for networks that do not see the background.
+    """
+
+    frames: NDArray[np.uint8]
+    small: SmallFrames | None
+
+
+class PoseReader:
+    """Reads the landmarks in boxes of one camera's frames.
+
+    Attributes:
+        upright: how the camera's frames are hung; boxes are in upright px.
+    """
+
+    def __init__(
+        self, network: KeypointNetwork | OtherNetwork, camera: Camera | None, upright: Upright, backdrop: Backdrop,
+        fps: float,
+    ) -> None:  # fmt: skip
+        self._network = network
+        self._camera = camera
+        self._backdrop = backdrop
+        self.upright = upright
+        self._smoothing = smoothing_frames(_OWN_BOX_SMOOTHING, fps)
+        self._try_every = max(1, round(_TRY_EVERY * fps))
+
+    def __call__(
+        self, pictures: Pictures, frame: NDArray[np.intp], track: NDArray[np.int64], boxes_px: NDArray[np.float64]
+    ) -> Poses:
+        """Landmarks in boxes.
+
+        Args:
+            pictures: n of them.
+            frame: (K,) which of them a box is in.
+            track: (K,) which track it belongs to; frames ascend within a track.
+            boxes_px: (K, 4) upright px.
+        """
+        boxes_px = _at_least(boxes_px)
+        crops = self._crops(boxes_px)
+        found = self._network.locate(self._pixels(pictures, frame, crops), series=Series(track, self._try_every))
+        return _poses(found, crops, boxes_px)
+
+    def expecting(
+        self, pictures: Pictures, frame: NDArray[np.intp], boxes_px: NDArray[np.float64], expected: Expectation
+    ) -> tuple[Poses, Poses]:
+        """Landmarks in boxes of one person, where they are expected if need be; and the same without the expectation.
+
+        Args:
+            pictures, frame, boxes_px: as above; frames ascend.
+            expected: of every box, in px of the frame.
+        """
+        boxes_px = _at_least(boxes_px)
+        crops = self._crops(boxes_px)
+        in_crop = expected._replace(points_px=crops.to_crop(expected.points_px))
+        one = Series(np.zeros(len(frame), dtype=np.int64), self._try_every)
+        located = self._network.locate(self._pixels(pictures, frame, crops), in_crop, one)
+        poses = _poses(located, crops, boxes_px)
+        if located.alone is None:
+            return poses, poses
+        alone = _in_frame(located.alone, crops)
+        return poses, poses._replace(points_px=alone[0], variance_px2=alone[1], score=alone[2])
+
+    def _crops(self, boxes_px: NDArray[np.float64]) -> Crops:
+        network = self._network
+        in_frame = network.fitted_boxes(self.upright.centered_in_frame(boxes_px))
+        return crops_for_boxes(in_frame, network.crop_size, self._camera, network.box_padding)
+
+    def _pixels(self, pictures: Pictures, frame: NDArray[np.intp], crops: Crops) -> NDArray[np.uint8]:
+        return crop_pixels(pictures, self._backdrop, frame, crops, self._network.channels)
+
+    def own_boxes(self, poses: Poses) -> NDArray[np.float64]:
+        """(K, 4) boxes that the landmarks themselves suggest, upright px; NaN where there are none."""
+        return body_boxes(self.upright.to_upright(poses.points_px), self._network.landmarks)
+
+    def refined(
+        self,
+        pictures: Pictures,
+        frame: NDArray[np.intp],
+        track: NDArray[np.int64],
+        poses: Poses,
+        min_sure: float,
+        change: float,
+    ) -> Poses:
+        """The poses, read once more where a track's boxes differ much from those of its landmarks.
+
+        Args:
+            pictures: n of them.
+            frame: (K,) which frame a pose is in.
+            track: (K,) which track it belongs to; frames ascend within a track.
+            poses: of a first reading.
+            min_sure: mean score from which a pose's own box is believed.
+            change: difference in centre or size, relative to the box, from which a box is poor.
+        """
+        wanted = poses.boxes_px.copy()
+        own, sure = self.own_boxes(poses), poses.sureness >= min_sure
+        again = np.zeros(len(frame), dtype=np.bool_)
+        for number in np.unique(track):
+            rows = np.flatnonzero(track == number)
+            believed = sure[rows] & np.isfinite(own[rows]).all(axis=1)
+            if not believed.any():
+                continue
+            series = filled_boxes(own[rows], believed)
+            # Before the first and after the last pose that is believed the crop stays as it was.
+            inner = rows[np.isfinite(series).all(axis=1) & _between(believed)]
+            wanted[inner] = smoothed_boxes(series[_between(believed)], self._smoothing)
+            poor = _differs(wanted[rows], poses.boxes_px[rows], change)
+            again[rows] = maximum_filter1d(poor.astype(np.uint8), 2 * _REDO_AROUND + 1).astype(np.bool_)
+        again &= (wanted != poses.boxes_px).any(axis=1)
+        redo = np.flatnonzero(again)
+        if not len(redo):
+            return poses
+        second = self(pictures, frame[redo], track[redo], wanted[redo])
+        # Of all landmarks: a crop that cuts some off is not the better one for being sure of the rest.
+        gain = (second.score - poses.score[redo]).mean(axis=1)
+        for number in np.unique(track[redo]):
+            here = track[redo] == number
+            # All of a track's frames or none: two readings in turns would jitter.
+            if gain[here].mean() <= 0:
+                continue
+            for values, new in zip(poses, second, strict=True):
+                values[redo[here]] = new[here]
+        return poses
+
+    def duplicates(self, frame: NDArray[np.intp], track: NDArray[np.int64], poses: Poses) -> NDArray[np.int64]:
+        """Tracks whose landmarks lie on the person of another track in most frames that both are in."""
+        own = self.own_boxes(poses)
+        side = (own[:, 2:] - own[:, :2]).max(axis=1)
+        tracks = np.unique(track)
+        # Of all landmarks: a box on a part of somebody finds few, and these surely.
+        sureness = {int(t): float(poses.score[track == t].mean()) for t in tracks}
+        gone: set[int] = set()
+        for older, younger in [(int(a), int(b)) for i, a in enumerate(tracks) for b in tracks[i + 1 :]]:
+            if gone & {older, younger}:
+                continue
+            a, b = np.flatnonzero(track == older), np.flatnonzero(track == younger)
+            _, in_a, in_b = np.intersect1d(frame[a], frame[b], return_indices=True)
+            if not len(in_a):
+                continue
+            a, b = a[in_a], b[in_b]
+            away = np.linalg.norm(poses.points_px[a] - poses.points_px[b], axis=-1)
+            sure = np.minimum(poses.score[a], poses.score[b]) >= _SURE
+            away = np.where(sure | (sure.sum(axis=1, keepdims=True) < _ENOUGH_SURE), away, np.nan)
+            apart = row_median(away, 1) / np.maximum(side[a], side[b])
+            if np.isfinite(apart).any() and np.nanmedian(apart) < _SAME_PERSON:
+                gone.add(older if sureness[younger] > sureness[older] + _MUCH_SURER else younger)
+        return np.array(sorted(gone), dtype=np.int64)
+
+
+def crop_pixels(
+    pictures: Pictures, backdrop: Backdrop, frame: NDArray[np.intp], crops: Crops, channels: int
+) -> NDArray[np.uint8]:
+    """(K, S, S, channels) what crops show of their frames (K,): RGB and, of 4 channels, the difference to the
+    background."""
+    pixels = np.zeros((len(crops), crops.size_px, crops.size_px, channels), dtype=np.uint8)
+    for index in np.unique(frame):
+        here = np.flatnonzero(frame == index)
+        pixels[here, ..., :3] = extract_crops(pictures.frames[index], crops.select(here))
+        if channels > 3 and pictures.small is not None:
+            pixels[here, ..., 3] = backdrop.difference_in(crops.select(here), pictures.small, int(index))
+    light_up(pixels)
+    return pixels
+
+
+def _poses(located: Located, crops: Crops, boxes_px: NDArray[np.float64]) -> Poses:
+    """What was located in crops of these boxes (K, 4), upright px."""
+    seen = sigmoid(located.visibility)
+    if located.markers is None:
+        none = np.empty((len(crops), 0))
+        marked = none[..., None].repeat(2, axis=-1), none, none
+    else:
+        marked = _in_frame(located.markers, crops)
+    points, variance, score = _in_frame(located.found, crops)
+    return Poses(points, variance, score, seen, boxes_px, *marked)
+
+
+def _in_frame(
+    found: DecodedHeatmaps, crops: Crops
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Points (K, J, 2), variances (K, J) and scores (K, J) in px of the frame."""
+    points_crop, variance_crop, score = found
+    points = crops.to_image(points_crop)
+    score[~np.isfinite(points).all(axis=-1)] = 0.0
+    return points, crops.variance_to_image(points_crop, variance_crop), score
+
+
+def _between(known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) from the first to the last True."""
+    inside: NDArray[np.bool_] = np.logical_or.accumulate(known)
+    return inside & np.logical_or.accumulate(known[::-1])[::-1]
+
+
+def _differs(a: NDArray[np.float64], b: NDArray[np.float64], change: float) -> NDArray[np.bool_]:
+    """(K,) whether boxes differ in centre or size by more than `change` of b's longer side."""
+    side_a, side_b = (np.maximum((box[:, 2:] - box[:, :2]).max(axis=1), _MIN_BOX_PX) for box in (a, b))
+    moved = np.linalg.norm((a[:, :2] + a[:, 2:] - b[:, :2] - b[:, 2:]) / 2, axis=1) / side_b
+    return np.asarray((moved > change) | (np.abs(np.log(side_a / side_b)) > np.log1p(change)), dtype=np.bool_)
+
+
+def body_boxes(points_px: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.float64]:
+    """Boxes of whole bodies from their landmarks.
+
+    Args:
+        points_px: (K, J, 2), NaN where missing.
+        landmarks: which are what; heads and hands reach further beyond their landmarks than the rest.
+
+    Returns:
+        (K, 4) left, top, right, bottom; NaN where no landmark is known.
+    """
+    points = np.where(np.isfinite(points_px).all(axis=-1, keepdims=True), points_px, np.nan)
+    side = (_nan_extreme(points, np.fmax) - _nan_extreme(points, np.fmin)).max(axis=1)
+    reach = np.array([_REACH.get(name.rsplit("_", 1)[-1], _REACH_ELSEWHERE) for name in landmarks.names])
+    margin = (reach * side[:, None])[..., None]
+    low, high = _nan_extreme(points - margin, np.fmin), _nan_extreme(points + margin, np.fmax)
+    return np.concatenate([low, high], axis=1)
+
+
+def _nan_extreme(points: NDArray[np.float64], extreme: np.ufunc) -> NDArray[np.float64]:
+    """(K, J, 2) to (K, 2) by np.fmin or np.fmax, which pass NaN over without a warning."""
+    return np.asarray(extreme.reduce(points, axis=1), dtype=np.float64)
+
+
+def _at_least(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The boxes, widened about their middle to a least side."""
+    center = (boxes[:, :2] + boxes[:, 2:]) / 2
+    half = np.maximum(boxes[:, 2:] - boxes[:, :2], _MIN_BOX_PX) / 2
+    return np.concatenate([center - half, center + half], axis=1)

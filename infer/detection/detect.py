@@ -1,0 +1,382 @@
+"""2D landmarks of every camera: each video is read once, and a small copy of it is kept for the overlays.
+
+Each camera is a stage of its own. Two cameras are worked on side by side (decoding, the networks and the
+encoder all leave Python's lock alone), each in bounded memory.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import ModelError
+from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.infer.detection.exposure import stretch
+from muybridge.infer.detection.pose_estimator import CameraTracks, KeypointOptions, PoseEstimator
+from muybridge.infer.networks.keypoints import SIZES, PeopleNetwork
+from muybridge.infer.networks.external import open_keypoints
+from muybridge.infer.detection.resample import Repeats, hangs
+from muybridge.infer.detection.background import Backdrop
+from muybridge.infer.runtime.progress import Progress, Task
+from muybridge.infer.session.session import Session
+from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest, file_digest
+from muybridge.infer.detection.orientation import Letterbox, Upright, upright_for
+from muybridge.infer.session.video import VideoWriter, fit_inside, read_chunks
+from muybridge.models.keypoints.external import find_card
+from muybridge.models.keypoints.rescale import FIRST_LOOK
+from muybridge.models.keypoints.metadata import Precision, shipped_model
+
+_T = TypeVar("_T")
+MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
+PROXY_LONG_SIDE_PX = 960
+# Of a camera's name within a file's, which may have 255.
+_NAME_BYTES = 150
+# Of a stage's arrays and facts.
+_PLATE, _REPEATS, _ALIKE_FROM, _HUNG = "plate", "repeats", "alike_from", "frames_width_height_angle_and_long_side"
+# The code between a crop and its landmarks.
+READING_CODE = (
+    "muybridge.models.keypoints.decode",
+    "muybridge.models.keypoints.mirroring",
+    "muybridge.models.keypoints.rescale",
+    "muybridge.models.keypoints.patches",
+    "muybridge.models.keypoints.test_time",
+    "muybridge.models.keypoints.left_right",
+    "muybridge.infer.networks.keypoints",
+)
+# The code that a camera's 2D landmarks depend on.
+_CODE = (
+    *READING_CODE,
+    "muybridge.models.keypoints.simcc",
+    "muybridge.models.keypoints.external",
+    "muybridge.models.keypoints.metadata",
+    "muybridge.geometry.cameras.camera",
+    "muybridge.geometry.cameras.crops",
+    "muybridge.infer.detection.crop_pixels",
+    "muybridge.infer.detection.detect",
+    "muybridge.infer.detection.exposure",
+    "muybridge.infer.detection.pose_estimator",
+    "muybridge.infer.networks.external",
+    "muybridge.infer.detection.resample",
+    "muybridge.infer.detection.person_detector",
+    "muybridge.infer.detection.background",
+    "muybridge.infer.detection.crop_reader",
+    "muybridge.infer.detection.tracker",
+    "muybridge.infer.detection.orientation",
+    "muybridge.infer.session.video",
+)
+
+
+@dataclass(frozen=True)
+class DetectOptions:
+    """How 2D landmarks are found.
+
+    Attributes:
+        precision: of the shipped keypoint network: `int8` looks at every crop twice, mirrored too, in the time that
+            `fp32` needs for once, and is the more accurate for it, see docs/networks.md.
+        keypoint_model: keypoint network to use in place of the shipped one, whatever its precision.
+        model_card: what that network takes in and gives out, where it is not one of muybridge's: a TOML file, or
+            the name of a card that came along, such as `rtmpose-coco17`; see docs/other-models.md.
+        people_model: person detector to use in place of the shipped one.
+        markers: virtual markers on the skin, written to `markers.c3d` under a laboratory's names: Plug-in Gait's 39,
+            CMU's 41, or all 72 that are known.
+        workers: cameras worked on at the same time; each takes about half a gigabyte.
+        keypoints: how each camera's landmarks are found.
+    """
+
+    precision: Precision = "int8"
+    keypoint_model: Path | None = None
+    model_card: str | None = None
+    people_model: Path | None = None
+    markers: MarkerChoice = "none"
+    workers: int = 2
+    keypoints: KeypointOptions = field(default_factory=KeypointOptions)
+
+    def __post_init__(self) -> None:
+        if self.workers < 1:
+            raise ValueError("workers must be at least 1")
+
+
+@dataclass(frozen=True)
+class Models:
+    """The networks of a run, opened once to see that they are ours.
+
+    Attributes:
+        keypoints, people: the files.
+        landmarks: what the keypoint network finds.
+        metadata: what the files say about themselves, and their digests; for `run.json`.
+        model_card: of the keypoint network, as it was named.
+    """
+
+    keypoints: Path
+    people: Path
+    landmarks: LandmarkSet
+    metadata: dict[str, dict[str, str]]
+    model_card: str | None = None
+
+    @property
+    def least_sure(self) -> float | None:
+        """What the keypoint network's card says of its scores; None for networks of ours."""
+        told = self.metadata["keypoints"].get("least_sure")
+        return None if told is None else float(told)
+
+
+@dataclass(frozen=True)
+class CameraResult:
+    """A camera's finished 2D stage.
+
+    Attributes:
+        tracks: its landmarks, as its pictures show them.
+        proxy: the small copy of its video.
+        stage: key and timing.
+        hangs_from: the frame from which its film hangs to its end, if it does.
+    """
+
+    tracks: CameraTracks
+    proxy: Path
+    stage: StageResult
+    hangs_from: int | None = None
+
+    @property
+    def plate(self) -> NDArray[np.uint8] | None:
+        """(h, w, 3) the background of the whole video, at the detector's resolution; None where there is none."""
+        return self.stage.arrays.get(_PLATE)
+
+    @property
+    def own_repeats(self) -> NDArray[np.bool_]:
+        """(T,) which frames of the video are the one before once more, by what the camera itself has seen."""
+        return self.stage.arrays[_REPEATS]
+
+    @property
+    def repeats(self) -> NDArray[np.bool_]:
+        """(T,) the same, and those in which it hangs to its end, which the other cameras tell."""
+        own = self.own_repeats
+        return own if self.hangs_from is None else own | (np.arange(len(own)) >= self.hangs_from)
+
+    @property
+    def alike_from(self) -> int:
+        """The frame from which all pictures up to the last are alike; how many there are if none is."""
+        return int(self.stage.arrays[_ALIKE_FROM])
+
+    def backdrop(self) -> Backdrop:
+        """The background of the whole video, for looking at it again: hung as it was then, since the camera's pose may
+        have been refined meanwhile."""
+        width, height, angle, long_side = self.stage.facts[_HUNG]
+        letterbox = Letterbox(Upright(width, height, angle), long_side)
+        return Backdrop(letterbox, self.plate is not None, self.plate)
+
+
+def open_models(options: DetectOptions) -> Models:
+    """Find and check the networks.
+
+    Raises:
+        ModelError: a file is missing or not one of ours.
+    """
+    keypoints = options.keypoint_model or shipped_model("keypoints", options.precision)
+    if options.model_card is not None and options.keypoint_model is None:
+        raise ModelError(f"a model card ({options.model_card}) without a model; name its file with --keypoint-model")
+    marked = options.markers != "none"
+    network = open_keypoints(keypoints, options.model_card, options.keypoints.onnx, marked)
+    card = find_card(keypoints, options.model_card)
+    people = options.people_model or shipped_model("people")
+    people_card = PeopleNetwork(people, options.keypoints.onnx).card
+    metadata = {
+        "keypoints": {
+            **network.metadata,
+            "file": keypoints.name,
+            "sha256": file_digest(keypoints),
+            **({} if card is None else {"card": card.name, "card_sha256": file_digest(card)}),
+        },
+        "people": {**people_card.metadata, "file": people.name, "sha256": file_digest(people)},
+    }
+    return Models(keypoints, people, network.landmarks, metadata, options.model_card)
+
+
+def detect(
+    session: Session,
+    file_names: Sequence[str],
+    models: Models,
+    store: StageStore,
+    options: DetectOptions,
+    progress: Progress,
+) -> list[CameraResult]:
+    """2D landmarks of every camera, from disk where they are there already.
+
+    Args:
+        session: C cameras and their videos.
+        file_names: (C,) the cameras' names as file names.
+        models: the networks.
+        store: where finished stages are, and the small copies of the videos.
+        options: how.
+        progress: whom to tell.
+
+    Returns:
+        C results. Where a container does not list its frames, a camera may have found fewer than
+        `session.frames`.
+
+    Raises:
+        VideoError: a video cannot be read to its end.
+    """
+    stop = threading.Event()
+    with progress.task("2D landmarks", len(file_names) * session.frames) as task:
+        work = [
+            _CameraWork(session, c, name, models, store, options, progress, task, stop)
+            for c, name in enumerate(file_names)
+        ]
+        found = in_threads([w.run for w in work], options.workers, stop)
+    hung = hangs([d.tracks for d in found], [d.alike_from for d in found], session.fps)
+    return [replace(d, hangs_from=start) for d, start in zip(found, hung, strict=True)]
+
+
+def is_finished(
+    session: Session, file_names: Sequence[str], models: Models, store: StageStore, options: DetectOptions
+) -> bool:
+    """Whether `detect` with the same arguments would find all of its results in the store."""
+    return all(
+        _proxy(store, name).is_file() and store.holds(_stage(name), _key(session, c, models, options))
+        for c, name in enumerate(file_names)
+    )
+
+
+def first_look(options: DetectOptions) -> DetectOptions:
+    """How views are read that are all read again: there mirrored crops and large ones are worth their time."""
+    keypoints, onnx = options.keypoints, options.keypoints.onnx
+    if onnx.flip is None:
+        onnx = replace(onnx, flip=False)
+    onnx = replace(onnx, size=max(FIRST_LOOK * onnx.size, SIZES[0]))
+    return replace(options, keypoints=replace(keypoints, onnx=onnx))
+
+
+def in_threads(jobs: Sequence[Callable[[], _T]], workers: int, stop: threading.Event) -> list[_T]:
+    """The jobs' results; the first failure, or Ctrl-C, stops the others at their next chunk, where they raise
+    `Stopped` if they see `stop` set."""
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        futures: list[Future[_T]] = [pool.submit(job) for job in jobs]
+        try:
+            wait(futures, return_when=FIRST_EXCEPTION)
+        finally:
+            stop.set()
+            for future in futures:
+                future.cancel()
+    errors = [f.exception() for f in futures if f.done() and not f.cancelled()]
+    for error in errors:
+        if error is not None and not isinstance(error, Stopped):
+            raise error
+    return [future.result() for future in futures]
+
+
+class Stopped(Exception):
+    """Another camera failed, or the user stopped the run."""
+
+
+def _stage(name: str) -> str:
+    return f"landmarks-{name}"
+
+
+def _proxy(store: StageStore, name: str) -> Path:
+    return store.folder / f"video-{name}.mp4"
+
+
+def _key(session: Session, index: int, models: Models, options: DetectOptions) -> str:
+    """Of a camera's 2D stage."""
+    video = session.videos[index]
+    return digest(
+        [video.path.name, video.size_bytes, video.mtime_ns, video.rotation_deg],
+        session.frame_indices[index],
+        session.fps,
+        session.level_cameras[index],
+        options.keypoints,
+        options.markers != "none",
+        models.metadata,
+        code_digest(*_CODE),
+    )
+
+
+@dataclass(frozen=True)
+class _CameraWork:
+    """One camera's 2D stage."""
+
+    session: Session
+    index: int
+    name: str
+    models: Models
+    store: StageStore
+    options: DetectOptions
+    progress: Progress
+    task: Task
+    stop: threading.Event
+
+    @property
+    def proxy(self) -> Path:
+        return _proxy(self.store, self.name)
+
+    def run(self) -> CameraResult:
+        stage, key = _stage(self.name), _key(self.session, self.index, self.models, self.options)
+        stored = self.store.load(stage, key)
+        if stored is not None and self.proxy.is_file():
+            self.progress.say(f"{self.name}: 2D landmarks resumed from {self.store.folder / (stage + '.npz')}")
+            self.task.advance(self.session.frames)
+            return CameraResult(_tracks(stored, self.models.landmarks), self.proxy, stored)
+        start = time.perf_counter()
+        tracks, plate, repeats, alike_from = self._compute()
+        arrays: dict[str, NDArray[Any]] = {
+            f.name: values if f.name == "ids" else values.astype(np.float32)
+            for f in fields(tracks)
+            if f.name != "landmarks" and (values := getattr(tracks, f.name)) is not None
+        }
+        arrays |= {_REPEATS: repeats, _ALIKE_FROM: np.array(alike_from)} | ({} if plate is None else {_PLATE: plate})
+        camera = self.session.level_cameras[self.index]
+        long_side = int(self.models.metadata["people"]["input_long_side"])
+        upright = upright_for(camera, camera.width, camera.height)
+        facts = {_HUNG: [upright.width, upright.height, upright.angle, long_side]}
+        result = self.store.save(stage, key, arrays, facts, time.perf_counter() - start)
+        return CameraResult(_tracks(result, self.models.landmarks), self.proxy, result)
+
+    def _compute(self) -> tuple[CameraTracks, NDArray[np.uint8] | None, NDArray[np.bool_], int]:
+        video, camera = self.session.videos[self.index], self.session.level_cameras[self.index]
+        models = self.models
+        estimator = PoseEstimator(
+            models.keypoints, models.people, camera, self.options.keypoints, models.model_card,
+            self.options.markers != "none", self.session.fps,
+        )  # fmt: skip
+        size = fit_inside(video.width, video.height, PROXY_LONG_SIDE_PX)
+        repeats = Repeats()
+        # Nobody keeps it: fast is better than small.
+        with VideoWriter(self.proxy, *size, fps=self.session.fps, preset="ultrafast") as writer:
+            for frames in read_chunks(video, self.session.frame_indices[self.index]):
+                if self.stop.is_set():
+                    raise Stopped
+                for frame in frames:
+                    writer.write(frame)
+                    repeats.see(frame)
+                    stretch(frame)
+                estimator.process(frames)
+                self.task.advance(len(frames))
+        tracks = estimator.finish()
+        return tracks, estimator.background(tracks), repeats.confirmed(tracks), repeats.alike_from
+
+
+def _tracks(stage: StageResult, landmarks: LandmarkSet) -> CameraTracks:
+    """Tracks from a stored or just computed stage: the same to the bit in both cases."""
+    arrays = {name: values for name, values in stage.arrays.items() if name not in (_PLATE, _REPEATS, _ALIKE_FROM)}
+    values: dict[str, Any] = {n: a if n == "ids" else a.astype(np.float64) for n, a in arrays.items()}
+    return CameraTracks(landmarks=landmarks, **values)
+
+
+def file_names(cameras: Sequence[str]) -> tuple[str, ...]:
+    """The cameras' names with what file systems dislike replaced, all different."""
+    names: list[str] = []
+    for camera in cameras:
+        kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in camera).lstrip(".") or "camera"
+        kept = kept.encode()[:_NAME_BYTES].decode(errors="ignore")
+        name, count = kept, 1
+        while name.lower() in (n.lower() for n in names):
+            count += 1
+            name = f"{kept}-{count}"
+        names.append(name)
+    return tuple(names)

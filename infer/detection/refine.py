@@ -1,0 +1,277 @@
+"""People read again once the cameras together know where they are: boxes predicted from 3D.
+
+A detector misses people, or a track jumps to a neighbour; its boxes are rough, and one view alone often can't tell
+an arm from what it hangs before, or left from right. Once a person is in 3D, their landmarks seen from every camera
+say where to crop, and where the network has two minds about a landmark, which to follow. What it finds counts if it
+lies on that prediction.
+"""
+
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.sync.clocks import own_frames, synchronised
+from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
+from muybridge.geometry.numerics.robust import row_median
+from muybridge.infer.detection.detect import READING_CODE, CameraResult, DetectOptions, Models, Stopped, in_threads
+from muybridge.infer.detection.exposure import well_exposed
+from muybridge.infer.detection.pose_estimator import CameraTracks, first_frames, merge_markers, merge_tracks
+from muybridge.infer.networks.keypoints import Expectation
+from muybridge.infer.networks.external import open_keypoints
+from muybridge.infer.detection.resample import in_time
+from muybridge.infer.detection.crop_reader import Pictures, PoseReader, Poses, body_boxes
+from muybridge.infer.runtime.progress import Progress, Task
+from muybridge.infer.session.session import Session
+from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.detection.orientation import upright_for
+from muybridge.infer.session.video import read_chunks
+
+_Floats = NDArray[np.float64]
+_CODE = (
+    *READING_CODE, "muybridge.infer.detection.refine", "muybridge.infer.detection.crop_reader", "muybridge.infer.detection.crop_pixels",
+    "muybridge.infer.detection.exposure", "muybridge.infer.detection.background",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SecondLookOptions:
+    """When a person is looked for again, and what counts as found.
+
+    Attributes:
+        enabled: look again at all.
+        everywhere: in every view, not only in those that lack the person: better landmarks, and the network's time
+            once more.
+        expected_sd: standard deviation of where a landmark is expected, in sides of the crop. It is wide: it decides
+            between hypotheses and hardly moves a sharp one.
+        expected_most: that the expectation can say against a place, nats; 0 to look without it.
+        min_known: share of the landmarks that has to be known in 3D, and to lie in the image.
+        min_agreeing: a camera whose landmarks fit the others' in a smaller share than this has someone else.
+        max_distance: median distance from the prediction, in longer sides of the box, up to which it is them.
+    """
+
+    enabled: bool = True
+    everywhere: bool = True
+    expected_sd: float = 0.08
+    expected_most: float = 2.0
+    min_known: float = 0.5
+    min_agreeing: float = 0.2
+    max_distance: float = 0.12
+
+    def __post_init__(self) -> None:
+        if self.expected_sd <= 0 or self.expected_most < 0:
+            raise ValueError("expected_sd must be positive, expected_most not negative")
+
+
+class Again(NamedTuple):
+    """The take with what was found at the second look.
+
+    Attributes:
+        keypoints: as before, with one more slot in every camera.
+        alone: the same as each view reads on its own, with nothing expected from the others: what their agreement
+            is measured by.
+        markers: the same of the markers.
+        slots: (C, T) the person's slot in every camera and frame.
+        stages: of the cameras that looked again, by name.
+    """
+
+    keypoints: Keypoints2D
+    alone: Keypoints2D
+    markers: Keypoints2D | None
+    slots: NDArray[np.int64]
+    stages: dict[str, StageResult]
+
+
+def seeing_views(session: Session, points: Points3D, options: SecondLookOptions) -> NDArray[np.bool_]:
+    """(C, T) whether a camera should see enough of the person's landmarks."""
+    known = np.isfinite(points.points_world).all(-1)
+    result = np.zeros((len(session.cameras), points.points_world.shape[0]), dtype=np.bool_)
+    for c, camera in enumerate(session.cameras):
+        px = camera.project_seen(points.points_world)
+        inside = ((px >= 0) & (px <= [camera.width - 1, camera.height - 1])).all(-1) & known
+        result[c] = inside.mean(1) >= options.min_known
+    return result
+
+
+def missing_views(
+    session: Session, slots: NDArray[np.int64], points: Points3D, options: SecondLookOptions
+) -> NDArray[np.bool_]:
+    """(C, T) whether a camera should see the person and has nobody, or somebody else.
+
+    Args:
+        session: C cameras.
+        slots: (C, T) the person's, -1 where there is none.
+        points: the person's landmarks, triangulated.
+        options: when to look again.
+    """
+    known = np.isfinite(points.points_world).all(-1)
+    result = seeing_views(session, points, options)
+    for c in range(len(result)):
+        there = np.isfinite(points.residual_px[c]) & known
+        agreeing = (points.inlier[c] & there).sum(1) / np.maximum(there.sum(1), 1)
+        result[c] &= (slots[c] < 0) | (there.any(1) & (agreeing < options.min_agreeing))
+    return result
+
+
+@dataclass(frozen=True)
+class SecondLook:
+    """Looks again at a session's videos; see `__call__`.
+
+    Attributes:
+        session: C cameras and their videos.
+        detected: what the cameras found at first.
+        file_names: (C,) the cameras' names as file names.
+        models: the networks.
+        store: where finished stages are.
+        detect: how 2D landmarks are found.
+        options: when to look again.
+        progress: whom to tell.
+    """
+
+    session: Session
+    detected: Sequence[CameraResult]
+    file_names: Sequence[str]
+    models: Models
+    store: StageStore
+    detect: DetectOptions
+    options: SecondLookOptions
+    progress: Progress
+
+    def __call__(
+        self, slots: NDArray[np.int64], points: Points3D, expected: Points3D | None = None, number: str = ""
+    ) -> Again | None:
+        """What the cameras find where the person is known to be; None where nothing is new.
+
+        Args:
+            slots: (C, T) the person's, -1 where there is none.
+            points: the person's landmarks, triangulated from the first look.
+            expected: the same, smoothed; `points` if absent.
+            number: of the person, for the names of files.
+        """
+        if not self.options.enabled:
+            return None
+        expected = expected or points
+        missing = missing_views(self.session, slots, points, self.options)
+        wanted = missing | seeing_views(self.session, expected, self.options) if self.options.everywhere else missing
+        if not wanted.any():
+            return None
+        cameras = np.flatnonzero(wanted.any(axis=1)).tolist()
+        stop = threading.Event()
+        with self.progress.task("second look", int(wanted.sum())) as task:
+            jobs = [partial(self._look, c, np.flatnonzero(wanted[c]), expected, number, task, stop) for c in cameras]
+            looks = in_threads(jobs, self.detect.workers, stop)
+        return self._taken_in(slots, missing, wanted, dict(zip(cameras, looks, strict=True)), number)
+
+    def _taken_in(
+        self, slots: NDArray[np.int64], missing: NDArray[np.bool_], wanted: NDArray[np.bool_],
+        looks: dict[int, StageResult], number: str,
+    ) -> Again | None:  # fmt: skip
+        """The take with what the cameras' stages `looks` found."""
+        tracks = [d.tracks for d in self.detected]
+        extra = max(t.points_px.shape[1] for t in tracks)
+        tracks = [_with(t, {name: _widened(name, a, extra + 1) for name, a in _arrays(t).items()}) for t in tracks]
+        alone = [_with(t, {name: a.copy() for name, a in _arrays(t).items()}) for t in tracks]
+        slots = slots.copy()
+        for c, stage in looks.items():
+            at, found = np.flatnonzero(wanted[c]), stage.arrays["found"]
+            own = self._own(c, at)
+            for those, kind in ((tracks[c], ""), (alone[c], "alone_")):
+                values = _arrays(those)
+                for key in values.keys() & stage.arrays.keys():
+                    values[key][own[found], extra] = stage.arrays.get(kind + key, stage.arrays[key])[found]
+                values["ids"][own[found], extra] = values["ids"].max() + 1
+            slots[c, at[found]] = extra
+            if missing[c].any():
+                self.progress.say(
+                    f"{self.session.cameras.names[c]}: lacked the person in {int(missing[c].sum())} frames, "
+                    f"found them in {int(found[missing[c][at]].sum())}"
+                )
+        if not any(stage.arrays["found"].any() for stage in looks.values()):
+            return None
+        tracks, alone = (
+            [in_time(self.session, c, first_frames(t, slots.shape[1]), self.detected[c].repeats)
+             for c, t in enumerate(those)] for those in (tracks, alone)
+        )  # fmt: skip
+        markers = merge_markers(tracks)
+        return Again(
+            self._in_step(merge_tracks(tracks)), self._in_step(merge_tracks(alone)),
+            None if markers is None else self._in_step(markers), slots,
+            {f"2D {self.file_names[c]}{number}, second look": stage for c, stage in looks.items()},
+        )  # fmt: skip
+
+    def _in_step(self, found: Keypoints2D) -> Keypoints2D:
+        """Landmarks of cameras that run apart, in step."""
+        return synchronised(found, self.session.clocks, self.session.fps)
+
+    def _own(self, c: int, frames: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The camera's own frames at the session's."""
+        return own_frames(self.session.clocks, c, frames, self.session.fps, len(self.detected[c].tracks.points_px))
+
+    def _look(
+        self, c: int, wanted: NDArray[np.intp], expected: Points3D, number: str, task: Task, stop: threading.Event
+    ) -> StageResult:
+        """One camera's stage: `found` (n,) and the arrays of `CameraTracks` for the frames `wanted` (n,); those read
+        with nothing expected begin with `alone_`."""
+        name, camera, world = f"again{number}-{self.file_names[c]}", self.session.cameras[c], expected.points_world
+        own = self._own(c, wanted)
+        how = self.options, self.detect.keypoints  # the first look need not have mirrored the crops
+        key = digest(self.detected[c].stage.key, own, world[wanted], how, code_digest(*_CODE))
+        stored = self.store.load(name, key)
+        if stored is not None:
+            task.advance(len(wanted))
+            return stored
+        start = time.perf_counter()
+        network = open_keypoints(
+            self.models.keypoints, self.models.model_card, self.detect.keypoints.onnx, self.detect.markers != "none"
+        )
+        backdrop = self.detected[c].backdrop()
+        hung = self.session.level_cameras[c]
+        reader = PoseReader(network, hung, upright_for(hung, hung.width, hung.height), backdrop, self.session.fps)
+        predicted = camera.project_seen(world[wanted])
+        # What is beyond the picture's border can't be seen: the crop shows what can.
+        within = np.clip(predicted, 0, [camera.width - 1, camera.height - 1])
+        boxes = body_boxes(reader.upright.to_upright(within), network.landmarks)
+        frames, order = np.unique(own, return_inverse=True)
+        parts, begin = [], 0
+        for chunk in well_exposed(read_chunks(self.session.videos[c], self.session.frame_indices[c][frames])):
+            if stop.is_set():
+                raise Stopped
+            here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))
+            where = Expectation(predicted[here], self.options.expected_sd, self.options.expected_most)
+            pictures = Pictures(chunk, backdrop(chunk) if network.channels > 3 else None)
+            parts.append((here, reader.expecting(pictures, order[here] - begin, boxes[here], where)))
+            begin += len(chunk)
+            task.advance(len(here))
+        back = np.argsort(np.concatenate([here for here, _ in parts]), kind="stable")
+        poses, alone = (Poses(*map(np.concatenate, zip(*looks, strict=True))).select(back)
+                        for looks in zip(*(both for _, both in parts), strict=True))  # fmt: skip
+        away = np.linalg.norm(poses.points_px - predicted, axis=-1)
+        side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
+        near = row_median(away, 1) < self.options.max_distance * side  # never where nothing is in both
+        arrays = poses._asdict() | {"found": near & (poses.sureness >= self.detect.keypoints.min_sure)}
+        arrays["boxes_px"] = reader.upright.around_in_frame(poses.boxes_px)
+        arrays |= {f"alone_{k}": getattr(alone, k) for k in ("points_px", "variance_px2", "score")}
+        return self.store.save(name, key, arrays, {}, time.perf_counter() - start)
+
+
+def _with(tracks: CameraTracks, arrays: dict[str, NDArray[np.generic]]) -> CameraTracks:
+    changed: dict[str, Any] = dict(arrays)
+    return replace(tracks, **changed)
+
+
+def _arrays(tracks: object) -> dict[str, NDArray[np.generic]]:
+    """The arrays of `CameraTracks` by name."""
+    return {name: value for name, value in vars(tracks).items() if isinstance(value, np.ndarray)}
+
+
+def _widened(name: str, array: NDArray[np.generic], slots: int) -> NDArray[np.generic]:
+    """(T, P, ...) of that name with empty slots added up to `slots`."""
+    empty = {"ids": -1, "score": 0.0, "visibility": 0.0, "markers_score": 0.0}.get(name, np.nan)
+    result = np.full((len(array), slots, *array.shape[2:]), empty, dtype=array.dtype)
+    result[:, : array.shape[1]] = array
+    return result

@@ -1,0 +1,232 @@
+"""From unnamed points to named markers: orientation and unit, network, trajectories, votes."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import FormatError
+from muybridge.geometry.landmarks.arrays import MarkerSet
+from muybridge.geometry.markers.subjects import split_people
+from muybridge.geometry.markers.recovery import RecoverOptions, recover_points
+from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
+from muybridge.geometry.markers.tracking import TrackOptions, Tracks, find_tracks
+from muybridge.geometry.markers.voting import VoteOptions, assign_frames, cut_tracks, elect, ordered, vote
+from muybridge.infer.networks.labelling import LabelNetwork
+
+Float = NDArray[np.float64]
+# How far a marker's third neighbour is in the median, metres: 0.15 to 0.37 on bodies of all sizes and poses in the
+# known sets, more where few markers are worn; whoever else is there changes little.
+APART_M = (0.06, 1.0)
+FACTORS = (1.0, 0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
+
+
+@dataclass(frozen=True)
+class LabelOptions:
+    """How markers are named.
+
+    Attributes:
+        track: trajectories.
+        vote: votes of trajectories.
+        window: the network sees where points were and will be.
+        votes: trajectories vote; else every frame is labelled by itself.
+        distances: distances between markers repair what the network got wrong.
+    """
+
+    track: TrackOptions = TrackOptions()
+    vote: VoteOptions = VoteOptions()
+    rigidity: RigidityOptions = RigidityOptions()
+    recover: RecoverOptions = RecoverOptions()
+    window: bool = True
+    votes: bool = True
+    distances: bool = True
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """Named markers.
+
+    Attributes:
+        markers: the marker set, M labels.
+        points: (T, M, 3) metres, in the file's axes (in metres also where the file states another unit than it is
+            in); NaN where a marker was not found.
+        confidence: (T, M) probability that a point is the marker it is called; 0 where there is none.
+        column: (T, M) column of the file that a marker comes from, -1 where there is none.
+        turn: (3, 3) rotation from the file's axes to Z up.
+        factor: what the file's points, in the unit it states, were multiplied by to be in metres.
+        tracks: trajectories of the file's points.
+        label: (T, S) index of the label of every slot of `tracks`, -1 for none.
+        notes: what the user should know.
+    """
+
+    markers: MarkerSet
+    points: Float
+    confidence: Float
+    column: NDArray[np.intp]
+    turn: Float
+    factor: float
+    tracks: Tracks
+    label: NDArray[np.intp]
+    notes: list[str] = field(default_factory=list)
+
+
+def label_points(points: Float, fps: float, markers: MarkerSet, network: LabelNetwork,
+                 options: LabelOptions = LabelOptions()) -> Labelled:  # fmt: skip
+    """Names the points of a recording.
+
+    Args:
+        points: (T, K, 3) metres as far as the file's unit is right, any axis up; NaN where missing.
+        fps: frames a second.
+        markers: the set to look for.
+        network: scores points.
+        options: how.
+
+    Raises:
+        FormatError: there are fewer points than a person can be told by.
+    """
+    count = np.isfinite(points[..., 0]).sum(1)
+    if count.max(initial=0) < 6:
+        raise FormatError(
+            f"no frame has more than {count.max(initial=0)} points; at least 6 markers of one person are needed"
+        )
+    notes: list[str] = []
+    scale = metres_of(points, notes)
+    scaled = points * scale
+    tracks = find_tracks(scaled, fps, options.track)
+    if tracks.tracked:
+        notes.append("the file's trajectories jump from marker to marker: the points were tracked anew")
+    tracks, *others = split_people(tracks, len(markers))
+    if others:
+        notes.append("the file holds two people: the one with more points was labelled, the other's points were not")
+    asked = np.array(markers.surface_indices)
+    turn = upright(tracks, fps, asked, network)
+    scores = network.scores(tracks, fps, asked, turn=turn, windowed=options.window).astype(np.float64)
+    label = _elect(scores, tracks, fps, options)
+    if options.distances:
+        scores, label = _repair(scores, label, tracks, turn, fps, asked, network, options)
+    sure = _over_time(scores, tracks.track, fps, options) if options.votes else scores
+    return _labelled(markers, label, sure, turn, scale, tracks, notes)
+
+
+def _over_time(scores: Float, track: NDArray[np.intp], fps: float, options: LabelOptions) -> Float:
+    """Scores in which half a second to either side has a say, and the whole trajectory has some: what a name's
+    confidence is measured by."""
+    out = scores.copy()
+    weight, half = 1.0 / (1.0 + fps * options.vote.memory), max(1, round(0.5 * fps))
+    t, s, starts = ordered(track)
+    total = np.cumsum(np.maximum(scores[t, s], options.vote.floor), 0)
+    total = np.concatenate([np.zeros((1, total.shape[1])), total])
+    count = np.diff(starts)
+    first, last = np.repeat(starts[:-1], count), np.repeat(starts[1:], count)
+    low, high = np.maximum(np.arange(len(t)) - half, first), np.minimum(np.arange(len(t)) + half + 1, last)
+    mean = (total[last] - total[first]) / (last - first)[:, None]
+    out[t, s] = (total[high] - total[low]) * weight + mean * np.minimum(5.0, (last - first) * weight)[:, None]
+    return out
+
+
+def _labelled(markers: MarkerSet, label: NDArray[np.intp], scores: Float, turn: Float, factor: float, tracks: Tracks,
+              notes: list[str]) -> Labelled:  # fmt: skip
+    shape = (len(label), len(markers))
+    out, confidence, column = np.full((*shape, 3), np.nan), np.zeros(shape), np.full(shape, -1, np.intp)
+    t, s = np.nonzero(label >= 0)
+    m = label[t, s]
+    out[t, m] = tracks.points[t, s]
+    confidence[t, m] = np.exp(scores[t, s, m] - np.logaddexp.reduce(scores[t, s], -1))
+    column[t, m] = tracks.column[t, s]
+    return Labelled(markers, out, confidence, column, turn, factor, tracks, label, notes)
+
+
+def relabelled(labelled: Labelled, label: NDArray[np.intp]) -> Labelled:
+    """The same with labels (T, S) that a person settled: those are certain."""
+    sure = np.zeros((*label.shape, len(labelled.markers) + 1))
+    changed = label != labelled.label
+    t, s = np.nonzero((label >= 0) & ~changed)
+    found = labelled.confidence[t, label[t, s]]
+    sure[t, s, label[t, s]] = np.log(found / np.maximum(1 - found, 1e-9) * len(labelled.markers) + 1e-9)
+    t, s = np.nonzero((label >= 0) & changed)
+    sure[t, s, label[t, s]] = 20.0
+    return _labelled(labelled.markers, label, sure, labelled.turn, labelled.factor, labelled.tracks, labelled.notes)
+
+
+def _elect(scores: Float, tracks: Tracks, fps: float, options: LabelOptions) -> NDArray[np.intp]:
+    if not options.votes:
+        return assign_frames(scores)
+    pieces = cut_tracks(scores, tracks.track, tracks.points, fps, options.vote)
+    label = elect(*vote(scores, pieces, fps, options.vote))
+    return np.where(pieces >= 0, label[pieces], -1)
+
+
+def _repair(scores: Float, label: NDArray[np.intp], tracks: Tracks, turn: Float, fps: float, asked: NDArray[np.intp],
+            network: LabelNetwork, options: LabelOptions) -> tuple[Float, NDArray[np.intp]]:  # fmt: skip
+    """Scores to which distances have contributed, and the labels that follow."""
+    card, choice = network.card, np.ix_(asked, asked)
+    how = options.rigidity
+    prior = prior_rigidity(card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice], how.links)
+    fitted = scores
+    for _ in range(how.rounds):
+        named, owner = _named(label, tracks.points, len(asked))
+        measured = measured_rigidity(named, prior, how)
+        fit = distance_scores(tracks.points, named, owner, measured)
+        fitted = scores.copy()
+        fitted[..., :-1] = np.maximum(scores[..., :-1], options.vote.floor) + how.weight * 2.5 * fit
+        label = _elect(fitted, tracks, fps, options)
+    if options.votes:
+        label = recover_points(tracks.points, label, fitted[..., :-1] - fitted[..., -1:], options.recover)
+    return fitted, label
+
+
+def _named(label: NDArray[np.intp], points: Float, count: int) -> tuple[Float, NDArray[np.intp]]:
+    """Markers (T, A, 3) and the slots (T, A) they come from, by the slots' labels (T, S)."""
+    named, owner = np.full((len(points), count, 3), np.nan), np.full((len(points), count), -1, np.intp)
+    t, s = np.nonzero(label >= 0)
+    named[t, label[t, s]] = points[t, s]
+    owner[t, label[t, s]] = s
+    return named, owner
+
+
+def metres_of(points: Float, notes: list[str]) -> float:
+    """The factor to metres: 1 where the points are as near each other as a person's markers, else the power of ten that
+    makes them so."""
+    count = np.isfinite(points[..., 0]).sum(1)
+    frames = np.nonzero(count >= 4)[0]
+    frames = frames[np.linspace(0, len(frames) - 1, min(200, len(frames))).astype(int)] if len(frames) else frames
+    apart = []
+    for frame in points[frames]:
+        there = frame[np.isfinite(frame[:, 0])]
+        apart.append(np.median(np.sort(np.linalg.norm(there[:, None] - there, axis=-1), 1)[:, 3]))
+    usual = float(np.median(apart)) if apart else 0.0
+    for factor in FACTORS:
+        if APART_M[0] <= usual * factor <= APART_M[1]:
+            if factor != 1.0:
+                notes.append(f"the points are not in the unit that the file states: they were multiplied by {factor:g}")
+            return factor
+    raise FormatError(f"neighbouring points are {usual:.3g} m apart: no person in any unit; check the file's unit")
+
+
+def upright(tracks: Tracks, fps: float, asked: NDArray[np.intp], network: LabelNetwork) -> Float:
+    """The rotation, of the six that turn an axis of the file up, that the network recognises most with."""
+    full = (tracks.track >= 0).sum(1)
+    frames = np.linspace(0, len(full) - 1, min(24, len(full))).astype(int)
+    frames = frames[full[frames] >= 0.6 * full.max()]
+    if not len(frames):
+        frames = np.array([int(full.argmax())])
+    best, most = np.eye(3), -np.inf
+    for axis, sign in itertools.product((2, 1, 0), (1.0, -1.0)):
+        turn = _up(axis, sign)
+        scores = network.scores(tracks, fps, asked, frames, turn)
+        known = np.isfinite(scores[..., 0])
+        sure = float(scores[known][:, :-1].max(1).clip(-6).mean())
+        if sure > most:
+            best, most = turn, sure
+    return best
+
+
+def _up(axis: int, sign: float) -> Float:
+    """A rotation that turns the signed axis of the file to +Z."""
+    up = np.zeros(3)
+    up[axis] = sign
+    x = np.roll(np.abs(up), 1)
+    return np.stack([x, np.cross(up, x), up])

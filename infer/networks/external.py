@@ -1,0 +1,194 @@
+"""Other people's top-down models in the place of our keypoint network, by way of a model card."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from muybridge.errors import ModelError
+from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet
+from muybridge.infer.networks.keypoints import (
+    Expectation,
+    KeypointNetwork,
+    Located,
+    OnnxOptions,
+    batches,
+    open_session,
+    run_session,
+)
+from muybridge.models.keypoints.decode import DecodedHeatmaps
+from muybridge.models.keypoints.simcc import decode_simcc, decode_value_heatmaps
+from muybridge.models.keypoints.external import ModelCard, find_card, load_card
+from muybridge.models.keypoints.test_time import Series
+
+# How near a coordinate counts as there, for the score: a part of the crop's longer side.
+_SCORE_RADIUS = 0.04
+
+# Visibility is not told by these models: everything is as likely hidden as not.
+_UNKNOWN_LOGIT = 0.0
+
+
+class OtherNetwork:
+    """A model that is described by a card. Gives BODY23; what the model does not know is missing.
+
+    Attributes:
+        path: of the file.
+        card: what it takes in and gives out.
+        metadata: for reports.
+        channels: of the crops that it sees.
+    """
+
+    channels = 3
+
+    def __init__(self, path: Path, card: ModelCard, options: OnnxOptions) -> None:
+        """Open a model.
+
+        Raises:
+            ModelError: the file is missing or damaged, or its inputs and outputs are not the card's.
+        """
+        if options.flip:
+            raise ModelError(f"{path}: mirrored crops are for muybridge's own networks; leave flip out")
+        self.path, self.card, self._options = path, card, options
+        self._session = open_session(path, options)
+        inputs = {node.name: node for node in self._session.get_inputs()}
+        outputs = {node.name: node for node in self._session.get_outputs()}
+        if len(inputs) != 1 or (card.input_name and card.input_name not in inputs):
+            raise ModelError(f"{path}: its inputs are {', '.join(inputs)}, its card says {card.input_name or 'one'}")
+        self._input = next(iter(inputs))
+        for name in card.outputs:
+            if name not in outputs:
+                raise ModelError(f"{path}: it has no output {name!r} but {', '.join(outputs)}; correct its card")
+            count = (list(outputs[name].shape) + [None, None])[1]
+            if isinstance(count, int) and count != len(card.names):
+                raise ModelError(
+                    f"{path}: output {name!r} has {count} landmarks, its card {len(card.names)}; correct the card"
+                )
+        self._check_input(inputs[self._input])
+        self._fixed_batch = isinstance(inputs[self._input].shape[0], int) and inputs[self._input].shape[0]
+        self.metadata = {
+            "name": card.name, "landmarks": ", ".join(card.names), "decode": card.decode,
+            "least_sure": str(card.least_sure),
+        }  # fmt: skip
+        known = [(j, card.names.index(name)) for j, name in enumerate(BODY23.names) if name in card.names]
+        self._ours, self._theirs = (np.array(index) for index in zip(*known, strict=True))
+
+    def _check_input(self, node: onnxruntime.NodeArg) -> None:
+        """ModelError unless the model takes float32 (N, 3, height, width) of the card's size."""
+        wanted = (None, 3, self.card.height, self.card.width)
+        fits = len(node.shape) == 4 and all(
+            not isinstance(found, int) or size in (None, found) for found, size in zip(node.shape, wanted, strict=True)
+        )
+        if node.type == "tensor(float)" and fits:
+            return
+        raise ModelError(
+            f"{self.path}: its input is {node.type} {list(node.shape)}, its card says float (N, 3, {wanted[2]}, "
+            f"{wanted[3]}); correct width and height in the card, or export the model with float32 images in the order "
+            "N, channels, height, width"
+        )
+
+    @property
+    def landmarks(self) -> LandmarkSet:
+        """What comes out."""
+        return BODY23
+
+    @property
+    def crop_size(self) -> int:
+        """Side of the square crops to feed, px: the longer side of the model's input."""
+        return max(self.card.width, self.card.height)
+
+    @property
+    def box_padding(self) -> float:
+        """Side of a crop over the longer side of the box."""
+        return self.card.box_padding
+
+    def fitted_boxes(self, boxes_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 4) boxes widened about their middles to the shape of the model's input."""
+        aspect = self.card.width / self.card.height
+        middle = (boxes_px[:, :2] + boxes_px[:, 2:]) / 2
+        width, height = (boxes_px[:, 2:] - boxes_px[:, :2]).T
+        half = np.stack([np.maximum(width, height * aspect), np.maximum(height, width / aspect)], axis=1) / 2
+        return np.concatenate([middle - half, middle + half], axis=1)
+
+    def locate(
+        self, crops: NDArray[np.uint8], expected: Expectation | None = None, series: Series | None = None
+    ) -> Located:
+        """Landmarks in (N, S, S, 3) RGB crops, S the `crop_size`; the input is the crops' middle. What is `expected`,
+        and which of them follow each other, is not looked at: nobody knows how sure another model's maps are.
+
+        Raises:
+            ModelError: the model fails, or its outputs have other shapes than its card tells.
+        """
+        card, size = self.card, self.crop_size
+        if crops.shape[1:] != (size, size, 3):
+            raise ValueError(f"crops must be (N, {size}, {size}, 3), not {crops.shape}")
+        left, top = (size - card.width) // 2, (size - card.height) // 2
+        crops = crops[:, top : top + card.height, left : left + card.width]
+        count = len(BODY23)
+        points = np.full((len(crops), count, 2), np.nan)
+        variance, score = np.full((len(crops), count), np.nan), np.zeros((len(crops), count))
+        for part in batches(len(crops), int(self._fixed_batch or self._options.batch)):
+            found = self._decoded(self._run(crops[part]))
+            points[part, self._ours] = found.points_crop_px[:, self._theirs] + [left, top]
+            variance[part, self._ours] = found.variance_crop_px2[:, self._theirs]
+            score[part, self._ours] = found.score[:, self._theirs]
+        visibility = np.full((len(crops), count), _UNKNOWN_LOGIT, dtype=np.float32)
+        return Located(DecodedHeatmaps(points, variance, score), visibility)
+
+    def _run(self, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        card, count = self.card, len(crops)
+        pixels = crops if card.colour == "rgb" else crops[..., ::-1]
+        mean, std = (np.array(values, dtype=np.float32) for values in (card.mean, card.std))
+        normalised = (pixels * np.float32(card.white / 255) - mean) / std
+        image: NDArray[np.float32] = np.ascontiguousarray(normalised.transpose(0, 3, 1, 2)).astype(np.float32)
+        if self._fixed_batch and count < self._fixed_batch:
+            filled = np.zeros((self._fixed_batch, *image.shape[1:]), dtype=np.float32)
+            filled[:count] = image
+            image = filled
+        outputs = run_session(self._session, self.path, list(card.outputs), {self._input: image})
+        axes = 3 if card.decode == "simcc" else 4
+        for name, values in zip(card.outputs, outputs, strict=True):
+            if values.ndim != axes or values.shape[1] != len(card.names):
+                raise ModelError(
+                    f"{self.path}: output {name!r} has the shape {values.shape}, not ({len(image)}, "
+                    f"{len(card.names)}, ...) with {axes} axes; correct its card"
+                )
+        return [values[:count] for values in outputs]
+
+    def _decoded(self, outputs: list[NDArray[np.float32]]) -> DecodedHeatmaps:
+        card = self.card
+        if card.decode == "heatmaps":
+            return decode_value_heatmaps(outputs[0], card.stride, card.origin_px, card.spread, card.logits)
+        x, y = outputs
+        for values, side, name in ((x, card.width, card.outputs[0]), (y, card.height, card.outputs[1])):
+            if abs(values.shape[2] - side * card.split_ratio) > 1:
+                raise ModelError(
+                    f"{self.path}: output {name!r} has {values.shape[2]} bins for {side} px, its card says "
+                    f"{card.split_ratio:g} a pixel; correct the card"
+                )
+        radius = _SCORE_RADIUS * self.crop_size
+        return decode_simcc(x, y, card.split_ratio, card.spread, card.softmax_scale, radius)
+
+
+def open_keypoints(
+    path: Path, card: str | None, options: OnnxOptions, markers: bool = False
+) -> KeypointNetwork | OtherNetwork:
+    """Our keypoint network, or another model where there is a card for it.
+
+    Args:
+        path: of the ONNX file.
+        card: a TOML file, the name of a shipped card, or None for `<model>.toml` beside the file, if any.
+        options: how it runs.
+        markers: the virtual markers are wanted too, which networks of ours alone find.
+
+    Raises:
+        ModelError: a file is missing or unusable.
+    """
+    found = find_card(path, card)
+    if found is None:
+        return KeypointNetwork(path, options, markers)
+    if markers:
+        raise ModelError(f"{path}: virtual markers come from muybridge's own networks alone; ask for no markers")
+    return OtherNetwork(path, load_card(found), options)

@@ -1,0 +1,339 @@
+"""The networks as functions: onnxruntime sessions whose files were checked before the first frame.
+
+One thread a session is the default: batches and threads within a network gain next to nothing on these small
+networks, whereas several cameras, each with its own sessions, run side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from muybridge.errors import ModelError
+from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.models.keypoints.decode import NO_IDEA, DecodedHeatmaps, with_expectation
+from muybridge.models.keypoints.mirroring import mean_of_mirrored
+from muybridge.models.keypoints.metadata import (
+    BODY_OUTPUTS,
+    MARKER_OUTPUTS,
+    SIDE_MULTIPLE,
+    KeypointModelCard,
+    PeopleModelCard,
+    crop_side,
+    keypoint_card,
+    people_card,
+)
+from muybridge.models.onnx_files.prune_outputs import without_outputs
+from muybridge.models.keypoints.test_time import Series, turn_where_unsure
+
+_REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
+# Least and most that `OnnxOptions.size` may be.
+SIZES = 0.25, 2.0
+_ONLY_ERRORS = 4  # onnxruntime's "fatal": a damaged file is reported by us, in one line
+
+
+@dataclass(frozen=True)
+class OnnxOptions:
+    """How networks run.
+
+    Attributes:
+        threads: threads within one network.
+        batch: images in one call; it bounds memory, and speed hardly depends on it.
+        flip: run the keypoint network on the mirrored crop too and average: better, and twice the time. By default
+            with 8-bit networks of ours, which take half of it.
+        size: side of the keypoint network's crops over the one at which it is best; smaller ones are read faster.
+        turn: show the keypoint network people seen in part smaller, and what it is unsure of turned by quarters too:
+            people who lie or stand on their hands; and, where crops are mirrored, tilted to both sides.
+    """
+
+    threads: int = 1
+    batch: int = 16
+    flip: bool | None = None
+    size: float = 1.0
+    turn: bool = True
+
+    def __post_init__(self) -> None:
+        if self.threads < 1 or self.batch < 1:
+            raise ValueError("threads and batch must be at least 1")
+        if not SIZES[0] <= self.size <= SIZES[1]:
+            least, most = SIZES
+            raise ValueError(f"size must be between {least:g} and {most:g} of the network's own, not {self.size}")
+
+
+class Located(NamedTuple):
+    """Landmarks of N crops: points, variances and scores in crop px, and visibility (N, J), logits; the same of the
+    virtual markers, where they were asked for; and what was found without the expectation, where there was one."""
+
+    found: DecodedHeatmaps
+    visibility: NDArray[np.float32]
+    markers: DecodedHeatmaps | None = None
+    alone: DecodedHeatmaps | None = None
+
+
+class Expectation(NamedTuple):
+    """Where landmarks are expected.
+
+    Attributes:
+        points_px: (N, J, 2) px of the crops; NaN where nothing is expected.
+        sd: standard deviation, in sides of a crop.
+        most: that it can say against a place, nats.
+    """
+
+    points_px: NDArray[np.float64]
+    sd: float
+    most: float
+
+
+class KeypointNetwork:
+    """A keypoint network: crops to heatmaps.
+
+    Attributes:
+        path: of the file.
+        card: what the file says about itself.
+        metadata: the same as text, for reports.
+        channels: of the crops that it sees: 4 with the difference to the background plate, else 3.
+    """
+
+    def __init__(self, path: Path, options: OnnxOptions = OnnxOptions(), markers: bool = False) -> None:
+        """Open a network.
+
+        Args:
+            path: of the file.
+            options: how it runs.
+            markers: the virtual markers are wanted too.
+
+        Raises:
+            ModelError: the file is missing, damaged, or not a keypoint network of ours, or finds no markers.
+        """
+        self.path = path
+        self._options = options
+        self._session = open_session(path, options, () if markers else MARKER_OUTPUTS)
+        self.card: KeypointModelCard = keypoint_card(_metadata(self._session), path)
+        count = len(self.card.landmarks)
+        outputs = dict(zip(BODY_OUTPUTS, ((4, count), (2, count)), strict=True))
+        self._sets = [self.card.landmarks]
+        if markers:
+            if self.card.markers is None:
+                raise ModelError(f"{path}: this network finds no virtual markers; {_REMEDY}, or ask for no markers")
+            self._sets.append(self.card.markers)
+            many = len(self.card.markers)
+            outputs |= zip(MARKER_OUTPUTS, ((4, many), (2, many)), strict=True)
+        _check_signature(self._session, path, channels=3, outputs=outputs)
+        plate = self.card.plate_input  # networks of earlier versions do not see it
+        if plate is not None and plate not in [n.name for n in self._session.get_overridable_initializers()]:
+            raise ModelError(f"{path}: not a usable muybridge model: its input {plate!r} cannot be left out; {_REMEDY}")
+        self.channels = 3 if plate is None else 4
+        self.metadata = dict(self.card.metadata)
+        self._flip = self.metadata.get("precision") == "int8" if options.flip is None else options.flip
+
+    @property
+    def landmarks(self) -> LandmarkSet:
+        """What comes out."""
+        return self.card.landmarks
+
+    @property
+    def markers(self) -> LandmarkSet | None:
+        """The virtual markers that come out too, where they were asked for."""
+        return self._sets[1] if len(self._sets) > 1 else None
+
+    @property
+    def crop_size(self) -> int:
+        """Side of the crops, px."""
+        return crop_side(self.card.input_size * self._options.size)
+
+    @property
+    def box_padding(self) -> float:
+        """Side of a crop over the longer side of the box."""
+        return self.card.box_padding
+
+    def fitted_boxes(self, boxes_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 4) boxes as the crops want them: as they are, since the crops are square."""
+        return boxes_px
+
+    def locate(
+        self, crops: NDArray[np.uint8], expected: Expectation | None = None, series: Series | None = None
+    ) -> Located:
+        """Landmarks in (N, S, S, C) crops, see `__call__`, where they are expected if need be; of crops that show the
+        same at one moment after another not all are turned in vain."""
+        card, marked = self.card, None
+        maps = self(crops)
+        if self._options.turn:
+            alone = turn_where_unsure(self, crops, maps, card, 1, series, tilt=self._flip)
+        else:
+            alone = card.decoded(maps[0])
+        heatmaps, visibility, *markers = maps
+        alone = card.weighed(alone, visibility, self._flip)
+        if markers:
+            marked = _known(card.decoded_markers(markers[0], markers[1], self._flip))
+        nothing = alone.score < NO_IDEA
+        if expected is None:
+            return Located(_known(alone, nothing), visibility, marked)
+        sd_px = expected.sd * crops.shape[1]
+        heatmaps = with_expectation(heatmaps, card.stride, expected.points_px, sd_px, expected.most)
+        found = card.weighed(card.decoded(heatmaps), visibility, self._flip, alone.score)
+        # A map that says nothing would otherwise say what was expected.
+        return Located(_known(found, nothing), visibility, marked, _known(alone, nothing))
+
+    def __call__(self, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        """Run the network.
+
+        Args:
+            crops: (N, S, S, 3) RGB, S the card's `input_size`, at which the network is best, or another multiple of 32;
+                or (N, S, S, 4) with the difference to the background plate as a fourth channel, if the network sees it.
+
+        Returns:
+            heatmaps (N, J, S/stride, S/stride) and visibility (N, J), both logits, and where markers were asked for
+            the same of them, M for J.
+        """
+        size = crops.shape[1]
+        if size % SIDE_MULTIPLE or crops.shape[1:] not in {(size, size, channels) for channels in (3, self.channels)}:
+            wanted = f"(N, S, S, {self.channels}), S a multiple of {SIDE_MULTIPLE}"
+            raise ValueError(f"crops must be {wanted}, not {crops.shape}")
+        cells = size // self.card.stride
+        maps = []
+        for each in self._sets:
+            maps.append(np.empty((len(crops), len(each), cells, cells), dtype=np.float32))
+            maps.append(np.empty((len(crops), len(each)), dtype=np.float32))
+        for part in batches(len(crops), self._options.batch):
+            found, *mirrored = [self._run(c) for c in self._views(crops[part])]
+            for out, once in zip(maps, found, strict=True):
+                out[part] = once
+            for other in mirrored:
+                for k, out in enumerate(maps):
+                    out[part] = mean_of_mirrored(out[part], other[k], np.array(self._sets[k // 2].mirror))
+        return maps
+
+    def _views(self, crops: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+        """The crops, and mirrored if so wished."""
+        return [crops, crops[:, :, ::-1]] if self._flip else [crops]
+
+    def _run(self, crops: NDArray[np.uint8]) -> Sequence[NDArray[np.float32]]:
+        # Put in order as bytes, a quarter of what they are as numbers.
+        planes = np.ascontiguousarray(crops.transpose(0, 3, 1, 2))
+        inputs = {name: np.multiply(part, np.float32(1 / 255)) for name, part in self.card.inputs(planes).items()}
+        outputs = [*BODY_OUTPUTS, *MARKER_OUTPUTS][: 2 * len(self._sets)]
+        return run_session(self._session, self.path, outputs, inputs)
+
+
+def _known(found: DecodedHeatmaps, nothing: NDArray[np.bool_] | None = None) -> DecodedHeatmaps:
+    """The landmarks without those of which the network knows nothing (N, J)."""
+    points, variance, score = found
+    nothing = score < NO_IDEA if nothing is None else nothing
+    return DecodedHeatmaps(np.where(nothing[..., None], np.nan, points), np.where(nothing, np.nan, variance),
+                           np.where(nothing, 0.0, score))  # fmt: skip
+
+
+class PeopleNetwork:
+    """A person detector: small frames with a background difference to maps of people.
+
+    Attributes:
+        path: of the file.
+        card: what the file says about itself.
+    """
+
+    def __init__(self, path: Path, options: OnnxOptions = OnnxOptions()) -> None:
+        """Open a network; errors as `KeypointNetwork`."""
+        self.path = path
+        self._options = options
+        self._session = open_session(path, options)
+        self.card: PeopleModelCard = people_card(_metadata(self._session), path)
+        _check_signature(self._session, path, channels=4, outputs={"heatmap": (4, 1), "box": (4, 4)})
+
+    def __call__(
+        self, frames: NDArray[np.uint8], difference: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Run the network.
+
+        Args:
+            frames: (N, h, w, 3) RGB at the network's resolution, h and w multiples of 32.
+            difference: (N, h, w) mean over RGB of |frame - background| in 0..1, zero where unknown.
+
+        Returns:
+            heatmap (N, 1, h/stride, w/stride) logits and box (N, 4, h/stride, w/stride) px.
+        """
+        if frames.shape[:3] != difference.shape or frames.shape[1] % 32 or frames.shape[2] % 32:
+            raise ValueError(f"frames (N, h, w, 3) and difference (N, h, w) expected, not {frames.shape}")
+        heatmaps, boxes = [], []
+        for part in batches(len(frames), self._options.batch):
+            image = np.empty((len(frames[part]), 4, *frames.shape[1:3]), dtype=np.float32)
+            planes = np.ascontiguousarray(frames[part].transpose(0, 3, 1, 2))
+            np.multiply(planes, np.float32(1 / 255), out=image[:, :3])
+            image[:, 3] = difference[part]
+            heatmap, box = run_session(self._session, self.path, ["heatmap", "box"], {"image": image})
+            heatmaps.append(heatmap)
+            boxes.append(box)
+        return np.concatenate(heatmaps), np.concatenate(boxes)
+
+
+def batches(count: int, size: int) -> list[slice]:
+    """Slices of at most `size` that cover `count`."""
+    return [slice(start, start + size) for start in range(0, count, size)]
+
+
+def open_session(path: Path, options: OnnxOptions, unwanted: Sequence[str] = ()) -> onnxruntime.InferenceSession:
+    """A CPU session that does not work out the `unwanted` outputs, or a ModelError in one line."""
+    if not path.is_file():
+        raise ModelError(f"{path}: no such model file; {_REMEDY}")
+    settings = onnxruntime.SessionOptions()
+    settings.intra_op_num_threads = options.threads
+    settings.inter_op_num_threads = 1
+    settings.log_severity_level = _ONLY_ERRORS
+    try:
+        with path.open("rb") as file:
+            data = file.read() if unwanted else b""
+    except OSError as error:
+        raise ModelError(f"{path}: the model file cannot be read ({error.strerror}); {_REMEDY}") from error
+    try:
+        # By its path where it is taken as it is: weights may lie in a file beside it.
+        wanted = without_outputs(data, unwanted) if unwanted else str(path)
+        return onnxruntime.InferenceSession(wanted, settings, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's exceptions share no base but Exception
+        raise ModelError(
+            f"{path}: not an ONNX model, or a damaged one ({str(error).splitlines()[0]}); {_REMEDY}"
+        ) from error
+
+
+def _metadata(session: onnxruntime.InferenceSession) -> dict[str, str]:
+    return dict(session.get_modelmeta().custom_metadata_map)
+
+
+def _check_signature(
+    session: onnxruntime.InferenceSession, path: Path, channels: int, outputs: dict[str, tuple[int, int]]
+) -> None:
+    """ModelError unless the graph has the input `image` and the outputs, by name: (axes, size of axis 1)."""
+
+    def check(what: str, found: list[Any], name: str, axes: int, size: int) -> None:
+        node = next((n for n in found if n.name == name), None)
+        if node is None:
+            raise ModelError(f"{path}: not a usable muybridge model: it has no {what} {name!r}; {_REMEDY}")
+        shape = list(node.shape)
+        fixed = len(shape) == axes and (not isinstance(shape[1], int) or shape[1] == size)
+        if not fixed or node.type != "tensor(float)":
+            raise ModelError(
+                f"{path}: not a usable muybridge model: {what} {name!r} is {node.type} {shape}, expected "
+                f"float with {axes} axes, {size} along the second; {_REMEDY}"
+            )
+
+    check("input", session.get_inputs(), "image", 4, channels)
+    for name, (axes, size) in outputs.items():
+        check("output", session.get_outputs(), name, axes, size)
+
+
+def run_session(
+    session: onnxruntime.InferenceSession, path: Path, outputs: list[str], inputs: dict[str, NDArray[np.float32]]
+) -> Sequence[NDArray[np.float32]]:
+    """The named outputs for named inputs; a ModelError in one line where the network fails."""
+    try:
+        result: Sequence[NDArray[np.float32]] = session.run(outputs, inputs)
+    except Exception as error:  # onnxruntime's exceptions share no base but Exception
+        shapes = ", ".join(str(values.shape) for values in inputs.values())
+        raise ModelError(
+            f"{path}: the network failed on an input of shape {shapes}: {str(error).splitlines()[0]}; {_REMEDY}"
+        ) from error
+    return result

@@ -1,0 +1,102 @@
+"""The labelling network as a function of trajectories: scores of every point for every label."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.geometry.markers.tracking import Tracks
+from muybridge.infer.networks.keypoints import OnnxOptions, open_session
+from muybridge.models.labelling.metadata import LabelModelCard, label_card
+
+Float = NDArray[np.float64]
+LEAST_POINTS = 16
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Windows of some frames, packed: the points that are there come first.
+
+    Attributes:
+        points: (B, 1 + W, N, 3) metres; seen: (B, 1 + W, N), 1 or 0.
+        slot: (B, N) slot of the trajectories that a point comes from, -1 for padding.
+    """
+
+    points: NDArray[np.float32]
+    seen: NDArray[np.float32]
+    slot: NDArray[np.intp]
+
+
+class LabelNetwork:
+    """A labelling network.
+
+    Attributes:
+        path: of the file; card: what it says about itself.
+    """
+
+    def __init__(self, path: Path, threads: int = 2, batch: int = 32) -> None:
+        """Opens the file; ModelError where it is missing, damaged or no labelling network of ours.
+
+        Batches run side by side: threads within so small a network would mostly wait for one another.
+        """
+        self.path, self._batch, self._threads = path, batch, threads
+        self._session = open_session(path, OnnxOptions(1, batch))
+        self.card: LabelModelCard = label_card(dict(self._session.get_modelmeta().custom_metadata_map), path)
+
+    def scores(self, tracks: Tracks, fps: float, asked: NDArray[np.intp], frames: NDArray[np.intp] | None = None,
+               turn: Float | None = None, windowed: bool = True) -> NDArray[np.float32]:  # fmt: skip
+        """(F, S, A + 1) logarithm of the assignment of slots to the labels asked for, the last column for none; NaN
+        where a slot holds no point.
+
+        Args:
+            tracks: trajectories.
+            fps: frames a second.
+            asked: (A,) positions in `SURFACE`.
+            frames: which frames; all by default.
+            turn: (3, 3) applied to the points first: rotation and scale.
+            windowed: whether the network sees the frames around.
+        """
+        frames = np.arange(len(tracks.points)) if frames is None else frames
+        wanted = np.zeros(len(SURFACE), np.float32)
+        wanted[asked] = 1
+        columns = np.append(asked, len(SURFACE))
+        out = np.full((len(frames), tracks.points.shape[1], len(columns)), np.nan, np.float32)
+
+        def score(start: int) -> None:
+            part = frames[start : start + self._batch]
+            cloud = pack(tracks, part, fps, self.card.window if windowed else (), len(self.card.window))
+            points = cloud.points if turn is None else (cloud.points @ turn.T.astype(np.float32))
+            feed = {"points": points, "seen": cloud.seen, "asked": np.tile(wanted, (len(part), 1))}
+            said = self._session.run(None, feed)[0]
+            b, n = np.nonzero(cloud.slot >= 0)
+            out[start + b, cloud.slot[b, n]] = said[b, n][:, columns]
+
+        with ThreadPoolExecutor(self._threads) as pool:
+            list(pool.map(score, range(0, len(frames), self._batch)))
+        return out
+
+
+def pack(tracks: Tracks, frames: NDArray[np.intp], fps: float, window: tuple[float, ...], size: int) -> Cloud:
+    """The network's input of some frames; `size` is the width of the window, of which `window` (seconds) is known."""
+    there = tracks.track[frames] >= 0
+    fullest = max(LEAST_POINTS, int(there.sum(1).max(initial=0)))
+    order = np.argsort(~there, 1, kind="stable")[:, :fullest]
+    if order.shape[1] < fullest:
+        order = np.pad(order, ((0, 0), (0, fullest - order.shape[1])))
+    valid = np.arange(fullest) < there.sum(1)[:, None]
+    points = np.zeros((len(frames), 1 + size, fullest, 3), np.float32)
+    seen = np.zeros((len(frames), 1 + size, fullest), np.float32)
+    now = tracks.track[frames[:, None], order]
+    for w, offset in enumerate((0.0, *window)):
+        at = frames + round(offset * fps)
+        inside = (at >= 0) & (at < len(tracks.points))
+        at = np.clip(at, 0, len(tracks.points) - 1)
+        same = valid & inside[:, None] & (tracks.track[at[:, None], order] == now)
+        points[:, w] = np.where(same[..., None], tracks.points[at[:, None], order], 0.0)
+        seen[:, w] = same
+    return Cloud(points, seen, np.where(valid, order, -1))

@@ -1,0 +1,117 @@
+"""The demo: a short take that the project rendered itself, and how far a result is from its truth."""
+
+from dataclasses import dataclass
+from functools import partial
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import OutputError, SessionError
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.infer.results.folder import is_ours
+from muybridge.infer.pipelines.videos import RunOptions, RunResult, run_session
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.runtime.stages import write_whole
+
+TAKE, TRUTH = "take", "truth.npz"
+
+
+@dataclass(frozen=True)
+class Score:
+    """Distance of a result to the truth.
+
+    Attributes:
+        mpjpe_mm: mean over frames and landmarks that were found; NaN if none was.
+        coverage: share of the truth's frames and landmarks that were found.
+    """
+
+    mpjpe_mm: float
+    coverage: float
+
+
+def demo_folder() -> Traversable:
+    """The take inside the package: `videos/`, `calibration.toml` and `truth.npz`.
+
+    Raises:
+        SessionError: the installation has none.
+    """
+    folder = resources.files("muybridge.infer").joinpath("demo_take")
+    if not folder.joinpath(TRUTH).is_file():
+        raise SessionError(f"{folder}: the demo's take is missing; reinstall muybridge")
+    return folder
+
+
+def true_points(folder: Traversable) -> tuple[NDArray[np.float64], list[str]]:
+    """(T, K, 3) metres, and the (K,) landmarks' names, of a take like the demo's."""
+    with folder.joinpath(TRUTH).open("rb") as file, np.load(file) as truth:
+        return truth["points_world"], [str(n) for n in truth["names"]]
+
+
+def run_demo(
+    out: Path, options: RunOptions, progress: Progress, folder: Traversable | None = None
+) -> tuple[RunResult, Score]:
+    """Copy the demo's take to `out/take`, run the pipeline on it into `out`, compare with the truth.
+
+    Args:
+        out: folder for the take and the results.
+        options: the pipeline's.
+        progress: whom to tell.
+        folder: a take like the demo's, to use in its place.
+
+    Raises:
+        MuybridgeError: as `pipeline.run_session`.
+    """
+    folder = folder or demo_folder()
+    points_world, names = true_points(folder)
+    take = out / TAKE
+    _copy(folder, take, options.overwrite or is_ours(out))
+    result = run_session(take, out, options, progress)
+    return result, score(result.solution.points, points_world, names)
+
+
+def _copy(folder: Traversable, take: Path, ours: bool) -> None:
+    """The take as a session folder; what is there already and the same stays, so that runs can resume.
+
+    `ours`: whether the folder is from an earlier demo, or may be overwritten; other files of these names stop
+    it.
+    """
+    videos = sorted((v for v in folder.joinpath("videos").iterdir() if v.is_file()), key=lambda v: v.name)
+    for source, target in [
+        (folder.joinpath("calibration.toml"), take / "calibration.toml"),
+        *((video, take / "videos" / video.name) for video in videos),
+    ]:
+        data = source.read_bytes()
+        if target.is_file() and target.read_bytes() == data:
+            continue
+        if target.exists() and not ours:
+            raise OutputError(f"{target} exists and is not the demo's; choose another --out")
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            raise OutputError(f"{target.parent} cannot be made ({reason}); choose another --out") from None
+        write_whole(target, partial(Path.write_bytes, data=data))
+
+
+def score(points: Points3D, truth_world: NDArray[np.float64], names: list[str]) -> Score:
+    """Mean distance to the truth, in the world as it is: nothing is aligned.
+
+    Args:
+        points: (T, J, 3) the result.
+        truth_world: (T, K, 3) metres; NaN where there is no truth.
+        names: (K,) the truth's landmarks, all of which the result must have.
+
+    Raises:
+        ValueError: another number of frames, or a landmark that the result has not.
+    """
+    if len(points.points_world) != len(truth_world):
+        raise ValueError(f"{len(points.points_world)} frames against a truth of {len(truth_world)}")
+    columns = [points.landmarks.index(name) for name in names]
+    distance = np.linalg.norm(points.points_world[:, columns] - truth_world, axis=-1)
+    known = np.isfinite(truth_world).all(axis=-1)
+    found = known & np.isfinite(distance)
+    mpjpe = 1e3 * float(distance[found].mean()) if found.any() else float("nan")
+    return Score(mpjpe, float(found.sum() / max(1, known.sum())))

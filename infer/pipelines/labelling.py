@@ -1,0 +1,140 @@
+"""What `muybridge label` does: read, name, write."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from muybridge.errors import FormatError
+from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.markers.cleaning import Cleaned, CleanOptions, Sample, clean_markers
+from muybridge.geometry.landmarks.marker_sets import MarkerPlan
+from muybridge.infer.labelling.corrections import apply_corrections, read_corrections
+from muybridge.infer.networks.labelling import LabelNetwork
+from muybridge.infer.report.labelling_facts import label_json
+from muybridge.infer.report.labelling_page import render_label_report
+from muybridge.infer.labelling.label import Labelled, LabelOptions, label_points, relabelled
+from muybridge.infer.results.folder import open_output
+from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.motion.formats.points.c3d import C3DTake, take_of, write_c3d
+from muybridge.motion.formats.points.unlabelled import MarkerCloud, read_marker_cloud
+from muybridge.motion.formats.points.marker_protocol import find_marker_set
+from muybridge.motion.formats.points.common import check_fps
+
+FILES = ("labelled.c3d", "label.json", "report.html")
+CORRECTIONS = "corrections.txt"
+SURE = 0.9
+# With fewer points than this share of the set, another set may have been worn.
+FEW = 0.8
+
+
+def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, model: Path | None, fps: float | None,
+              overwrite: bool, options: LabelOptions, clean: CleanOptions) -> str:  # fmt: skip
+    """Labels `file` into the folder `out`; returns what to tell the user."""
+    plan = find_marker_set(markerset)
+    check_fps(fps)
+    cloud = read_marker_cloud(file, fps)
+    if not (math.isfinite(cloud.fps) and cloud.fps > 0):
+        raise FormatError(f"{file}: does not say how many frames it has a second; give --fps")
+    rate = cloud.fps
+    settled = corrections or (out / CORRECTIONS if (out / CORRECTIONS).is_file() else None)
+    lines = read_corrections(settled) if settled else []
+    network = LabelNetwork(model or shipped_model("labels"))
+    folder = open_output(out, FILES, [file], overwrite)
+    try:
+        labelled = label_points(cloud.points, rate, plan.markers, network, options)
+    except FormatError as error:
+        raise FormatError(f"{file}: {error}") from None
+    corrected: list[str] = []
+    by_hand = np.zeros(labelled.column.shape, bool)
+    if settled:
+        before = labelled.column
+        label, corrected = apply_corrections(labelled.label, labelled.tracks.column, lines, plan.markers.labels,
+                                             cloud.names, settled)  # fmt: skip
+        labelled = relabelled(labelled, label)
+        by_hand = labelled.column != before
+        if settled != out / CORRECTIONS:
+            folder.write(CORRECTIONS, lambda path: path.write_bytes(settled.read_bytes()))
+    cleaned = clean_markers(labelled.points, rate, clean, by_hand)
+    content = label_json(labelled, cleaned, cloud.names, rate, file.name, notes_of(cloud, labelled, plan), corrected,
+                         _figures(labelled))  # fmt: skip
+    folder.write("labelled.c3d", lambda path: _write(path, cloud, labelled, cleaned, rate))
+    folder.write_text("label.json", json.dumps(content, allow_nan=False))
+    folder.write_text("report.html", render_label_report(labelled, cleaned, content))
+    return summary(content, out)
+
+
+def _figures(labelled: Labelled) -> dict[str, Any]:
+    found = np.isfinite(labelled.points[..., 0])
+    sure = labelled.confidence[found] >= SURE
+    return {"markers_found": int(found.any(0).sum()), "sure": round(float(sure.mean()), 4) if sure.size else 0.0}
+
+
+def notes_of(cloud: MarkerCloud, labelled: Labelled, plan: MarkerPlan) -> list[str]:
+    """What the user should know, as sentences."""
+    notes = list(labelled.notes)
+    found = np.isfinite(labelled.points[..., 0]).any(0)
+    lost = [plan.markers.labels[i] for i in np.nonzero(~found & ~plan.optional)[0]]
+    if lost:
+        notes.append(f"not found: {', '.join(lost)}")
+    usual = float(np.median((labelled.tracks.track >= 0).sum(1)))
+    if usual < FEW * len(plan.markers) and len(lost) > 4:
+        notes.append(f"frames have about {usual:.0f} points, the set {len(plan.markers)} markers: "
+                     "if another set was worn, name it with --markerset")  # fmt: skip
+    if (up := up_of(labelled)) not in ("+Y", "+Z"):
+        notes.append(f"{up} is up in the file; labelled.c3d is turned, so that +Z is")
+    if cloud.left_out:
+        notes.append(f"left out, since they are no points: {', '.join(cloud.left_out[:8])}"
+                     + (f" and {len(cloud.left_out) - 8} more" if len(cloud.left_out) > 8 else ""))  # fmt: skip
+    if cloud.empty:
+        notes.append(f"{len(cloud.empty)} trajectories of the file are empty")
+    return notes
+
+
+def summary(content: dict[str, Any], out: Path) -> str:
+    """What the command prints."""
+    doubtful = len(content["doubtful"])
+    lines = [
+        f"{content['markers_found']} of {len(content['markers'])} markers of {content['marker_set']} found; "
+        f"{content['sure']:.1%} of the names are at least {SURE:.0%} certain, {doubtful} spans are doubtful",
+        *content["notes"],
+        *content["corrections"],
+    ]
+    if doubtful:
+        lines.append(f"see {out / 'report.html'} and settle them with --corrections")
+    return "\n".join([*lines, f"results: {out}"])
+
+
+def _write(path: Path, cloud: MarkerCloud, labelled: Labelled, cleaned: Cleaned, fps: float) -> None:
+    """The markers, and what else the file has, in the file's axes; with Z up where C3D has no word for those."""
+    points = as_points(labelled, cleaned, fps)
+    up = up_of(labelled)
+    turn = np.eye(3) if up in ("+Y", "+Z") else labelled.turn
+    points = replace(points, points_world=points.points_world @ turn.T)
+    take = C3DTake(points) if cloud.c3d is None else take_of(cloud.c3d, points, cloud.metres * labelled.factor, turn)
+    write_c3d(path, take, "y" if up == "+Y" else "z")
+
+
+def up_of(labelled: Labelled) -> str:
+    """The axis of the file that points up, such as -Z."""
+    axis = int(np.argmax(np.abs(labelled.turn[2])))
+    return f"{'+' if labelled.turn[2, axis] > 0 else '-'}{'XYZ'[axis]}"
+
+
+def as_points(labelled: Labelled, cleaned: Cleaned, fps: float) -> Points3D:
+    """The named markers as points of a file, in the axes of the file they come from.
+
+    What was measured is given as good to a millimetre, what was filled as good to nobody knows: in a C3D file the first
+    has the residual 1, the second 0, which there means that a sample is interpolated.
+    """
+    count, size = cleaned.points.shape[:2]
+    names = LandmarkSet(labelled.markers.name, labelled.markers.labels, ())
+    measured = (cleaned.sample == Sample.MEASURED)[..., None, None]
+    covariance = np.where(measured, 1e-6 * np.eye(3), np.nan)
+    nobody = np.empty((0, count, size))
+    return Points3D(names, cleaned.points, covariance, nobody, nobody.astype(bool), fps)

@@ -1,0 +1,101 @@
+"""Which way is up where the calibration does not say so: a few moments of the take, looked at beforehand.
+
+How cameras hang tells about up; people who stand tell more. They are found with what the cameras say, which is near
+enough for those who stand, and then all of the take is read upright.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.association.select import find_people, take_person
+from muybridge.geometry.calibration.gravity import lean_note, levelled, on_their_heads, standing_axes
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.triangulation.multiview import triangulate
+from muybridge.infer.detection.detect import DetectOptions, Models, detect
+from muybridge.infer.detection.pose_estimator import first_frames, merge_tracks
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.session.session import Session, with_notice
+from muybridge.infer.runtime.stages import StageStore, code_digest, digest
+
+STAGE = "up"
+# Three windows of two seconds, at this many frames a second, in the first half minute: films are decoded from their
+# beginning, and people mostly stand there.
+_WINDOWS, _SECONDS, _FPS, _WITHIN = 3, 2.0, 12.0, 30.0
+
+
+def stood_up(
+    session: Session, file_names: Sequence[str], models: Models, store: StageStore, options: DetectOptions,
+    progress: Progress, turn: bool = False,
+) -> Session:  # fmt: skip
+    """The session with `upright` cameras, where its calibration's Z axis is not believed to be up, or may point down.
+
+    Args:
+        session: C cameras and their videos.
+        file_names: (C,) the cameras' names as file names.
+        models: the networks.
+        store: where finished stages are.
+        options: how 2D landmarks are found.
+        progress: whom to tell.
+        turn: into the upright world altogether, so that results stand in it.
+    """
+    in_doubt = session.level_cameras is session.cameras
+    if in_doubt and not on_their_heads(session.cameras):
+        return session
+    videos = [[v.path.name, v.size_bytes, v.mtime_ns] for v in session.videos]
+    key = digest(
+        STAGE, videos, session.frame_indices, session.fps, session.cameras.cameras, options.keypoints, models.metadata,
+        code_digest("muybridge.geometry", "muybridge.infer.reconstruction.gravity", "muybridge.infer.detection.detect"),
+    )  # fmt: skip
+    stage = store.load(STAGE, key)
+    if stage is None:
+        start = time.perf_counter()
+        frames, fps = _moments(session.frames, session.fps)
+        part = replace(session, frame_indices=session.frame_indices[:, frames], fps=fps)
+        (store.folder / STAGE).mkdir(exist_ok=True)
+        doubt = "may point down" if in_doubt else "is not up"
+        progress.say(f"the calibration's Z axis {doubt}: looking at a few moments for people who stand")
+        found = detect(part, file_names, models, StageStore(store.folder / STAGE), options, progress)
+        shared = min(len(result.tracks.points_px) for result in found)  # a film may end before its header says
+        axes = _axes(part, merge_tracks([first_frames(result.tracks, shared) for result in found]))
+        stage = store.save(STAGE, key, {"standing": axes}, {}, time.perf_counter() - start)
+    upright = levelled(session.cameras, stage.arrays["standing"])
+    notices: list[str] = []
+    if upright is session.cameras:
+        if not in_doubt:
+            notices = ["people who stand say otherwise: the calibration's Z axis is up, and cameras hang askew"]
+    elif turn:
+        notices = ["the world was turned upright: results and the calibration beside them have Z up"]
+    elif in_doubt:
+        notices = list(lean_note(session.cameras, stage.arrays["standing"]))
+    for notice in notices:
+        session = with_notice(session, notice, progress)
+    return replace(session, cameras=upright if turn else session.cameras, upright=upright)
+
+
+def _moments(frames: int, fps: float) -> tuple[NDArray[np.intp], float]:
+    """Which frames are looked at, and how many a second."""
+    step = max(1, round(fps / _FPS))
+    every = np.arange(0, min(frames, max(1, round(_WITHIN * fps))), step)
+    length = round(_SECONDS * fps / step)
+    if len(every) <= _WINDOWS * length:
+        return every, fps / step
+    begin = np.linspace(0, len(every) - length, _WINDOWS + 2).round().astype(int)[1:-1]
+    return np.concatenate([every[b : b + length] for b in begin]), fps / step
+
+
+def _axes(session: Session, keypoints: Keypoints2D) -> NDArray[np.float64]:
+    """(N, 3) from feet to shoulders of everybody whom two cameras see, where they are stretched out."""
+    axes = [np.empty((0, 3))]
+    frames = keypoints.points_px.shape[1]
+    for person in find_people(session.cameras, keypoints, fps=session.fps) if frames else ():
+        if person.rank > 0:
+            points, variance, _ = take_person(keypoints, person)
+            world = triangulate(session.cameras, points, variance).points_world
+            axes.append(standing_axes(world, keypoints.landmarks))
+    return np.concatenate(axes)

@@ -1,0 +1,126 @@
+"""The judgement of a calibration as a stage of `muybridge run`: computed once, kept in the results folder."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import MuybridgeError
+from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions, CulpritReport, Fault
+from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, ImagePicture, Plan
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.infer.commands.calibrate.check import check_keypoints
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+
+STAGE = "calibration"
+_FIGURES = ("count", "residual_px", "p95_px", "leave_one_out_px", "focal_sd", "position_sd")
+
+
+def judge(
+    cameras: CameraGroup, keypoints: Keypoints2D, fps: float, inputs: str, store: StageStore, progress: Progress
+) -> tuple[CalibrationQuality | None, StageResult | None]:
+    """How good the calibration is by a take's landmarks; None where there is nobody to judge it by.
+
+    Args:
+        cameras: C cameras, as the videos are.
+        keypoints: everyone who was found.
+        fps: frames a second.
+        inputs: digest of what the keypoints were made from.
+        store: where finished stages are.
+        progress: whom to tell.
+    """
+    key = digest(STAGE, inputs, fps, code_digest("muybridge.geometry", "muybridge.infer.commands.calibrate.check"))
+    stored = store.load(STAGE, key)
+    if stored is not None:
+        return unpacked(cameras, stored.arrays, stored.facts), stored
+    start = time.perf_counter()
+    try:
+        quality = check_keypoints(cameras, keypoints, CulpritOptions(), fps)
+    except MuybridgeError:
+        return None, None
+    arrays, facts = packed(quality)
+    result = store.save(STAGE, key, arrays, facts, time.perf_counter() - start)
+    progress.say(f"{STAGE}: {result.seconds:.1f} s")
+    return quality, result
+
+
+def packed(quality: CalibrationQuality) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """A judgement as arrays and facts; its cameras are not kept, corrected ones are."""
+    arrays: dict[str, NDArray[Any]] = {name: np.asarray(getattr(quality, name)) for name in _FIGURES}
+    for c, picture in enumerate(quality.pictures):
+        arrays |= {f"picture{c}_{n}": getattr(picture, n) for n in ("count", "median_px", "mean_px")}
+    arrays |= {f"plan_{n}": getattr(quality.plan, n) for n in ("low", "cameras", "points")}
+    facts: dict[str, Any] = {
+        "source": quality.source,
+        "fitted": quality.fitted,
+        "covered": [p.covered for p in quality.pictures],
+        "plan": {n: float(getattr(quality.plan, n)) for n in ("cell", "height", "seen_by_three")},
+        "culprits": None,
+    }
+    report = quality.culprits
+    if report is not None:
+        arrays |= {f"culprits_{n}": np.asarray(getattr(report, n)) for n in ("probability", "evidence", "shifts")}
+        facts["culprits"] = {
+            "faults": [asdict(f) for f in report.faults],
+            "order": list(report.order),
+            "files": list(report.files),
+            "note": report.note,
+            "noise_px": report.noise_px,
+            "corrected_px": report.corrected_px,
+            "cameras": [[c.model, list(c.params), c.cam_from_world.tolist()] for c in report.cameras],
+        }
+    return arrays, facts
+
+
+def unpacked(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str, Any]) -> CalibrationQuality:
+    """The judgement of `cameras` that `packed` made arrays and facts of."""
+    pictures = tuple(
+        ImagePicture(arrays[f"{k}_count"], arrays[f"{k}_median_px"], arrays[f"{k}_mean_px"], covered)
+        for k, covered in ((f"picture{c}", share) for c, share in enumerate(facts["covered"]))
+    )
+    plan = facts["plan"]
+    report = None
+    if facts["culprits"] is not None:
+        report = _report(cameras, arrays, facts["culprits"])
+    return CalibrationQuality(
+        cameras=cameras,
+        source=facts["source"],
+        **{name: arrays[name] for name in _FIGURES},
+        pictures=pictures,
+        plan=Plan(
+            arrays["plan_low"], plan["cell"], arrays["plan_cameras"], plan["height"], arrays["plan_points"],
+            plan["seen_by_three"],
+        ),
+        fitted=facts["fitted"],
+        culprits=report,
+    )  # fmt: skip
+
+
+def _report(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str, Any]) -> CulpritReport:
+    corrected = tuple(
+        Camera(c.name, model, c.width, c.height, tuple(params), np.array(pose))
+        for c, (model, params, pose) in zip(cameras, facts["cameras"], strict=True)
+    )
+    return CulpritReport(
+        names=cameras.names,
+        faults=tuple(_fault(f) for f in facts["faults"]),
+        probability=arrays["culprits_probability"],
+        evidence=arrays["culprits_evidence"],
+        order=tuple(facts["order"]),
+        noise_px=facts["noise_px"],
+        corrected_px=facts["corrected_px"],
+        cameras=CameraGroup(corrected),
+        shifts=arrays["culprits_shifts"],
+        files=tuple(facts["files"]),
+        note=facts["note"],
+    )
+
+
+def _fault(facts: Mapping[str, Any]) -> Fault:
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in facts.items()}
+    return Fault(**values)

@@ -1,0 +1,117 @@
+"""The figures that say how far a result can be trusted, without knowing the truth."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.triangulation.multiview import leave_one_out_summary, usable_points
+from muybridge.infer.report.figures import listed, readable
+from muybridge.infer.reconstruction.landmarks import Solution
+
+# Landmarks that no camera is sure of in this share of the frames are worth a word.
+_OFTEN_UNSURE = 0.25
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Figures of a take; NaN where there is nothing to measure.
+
+    Attributes:
+        coverage: share of frames x landmarks with a 3D point in the results.
+        measured_coverage: the same before gaps were filled.
+        reprojection_px: median distance of a 2D point to the 3D point's reprojection.
+        leave_one_out_px: median distance of a 2D point to what the other cameras say.
+        no_point_share: share of 2D points for which the other cameras gave no point.
+        swapped_share: share of 2D points whose left and right were exchanged in one camera and put back.
+        noise_px: noise of the 2D points beyond what the network expects, estimated from the take.
+        cameras: the same for each camera, by name, with the share of landmarks that it saw.
+        landmarks: coverage and median reprojection error of each landmark, by name.
+    """
+
+    coverage: float
+    measured_coverage: float
+    reprojection_px: float
+    leave_one_out_px: float
+    no_point_share: float
+    swapped_share: float
+    noise_px: float
+    cameras: Mapping[str, Mapping[str, float]]
+    landmarks: Mapping[str, Mapping[str, float]]
+
+
+def median(values: NDArray[np.float64]) -> float:
+    """Median of what is not NaN; NaN if nothing is."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")
+
+
+def assess(cameras: CameraGroup, solution: Solution) -> Quality:
+    """Quality figures of a solved take."""
+    usable = usable_points(solution.points_px, solution.variance_px2)
+    left_out = leave_one_out_summary(solution.leave_one_out_px, usable)
+    residual = solution.measured.residual_px
+    known = np.asarray(np.isfinite(solution.points.points_world).all(axis=-1), dtype=np.bool_)
+    measured = np.isfinite(solution.measured.points_world).all(axis=-1)
+    by_camera = {
+        name: {
+            "seen": float(usable[c].mean()),
+            "agrees": float(solution.measured.inlier[c][usable[c]].mean()) if usable[c].any() else float("nan"),
+            "reprojection_px": median(residual[c]),
+            "leave_one_out_px": float(left_out.camera_median_px[c]),
+            "no_point_share": float(left_out.camera_no_point_share[c]),
+        }
+        for c, name in enumerate(cameras.names)
+    }
+    by_landmark = {
+        name: {"coverage": float(known[:, j].mean()), "reprojection_px": median(residual[:, :, j])}
+        for j, name in enumerate(solution.points.landmarks.names)
+    }
+    return Quality(
+        coverage=float(known.mean()),
+        measured_coverage=float(measured.mean()),
+        reprojection_px=median(residual),
+        leave_one_out_px=left_out.median_px,
+        no_point_share=left_out.no_point_share,
+        swapped_share=float(solution.swapped[usable].mean()) if usable.any() else float("nan"),
+        noise_px=solution.noise_px,
+        cameras=by_camera,
+        landmarks=by_landmark,
+    )
+
+
+def unsure_landmarks(solution: Solution) -> list[str]:
+    """What to say of landmarks that no camera is sure of in a large part of the take, a sentence for each person."""
+    said = []
+    for number, person in enumerate((solution, *solution.others), start=1):
+        often = np.flatnonzero(person.unsure.mean(axis=0) > _OFTEN_UNSURE)
+        if len(often):
+            names = listed([readable(person.points.landmarks.names[j]) for j in often])
+            said.append(
+                f"{f'person {number}: ' if solution.others else ''}no camera is sure of {names}, in "
+                f"{person.unsure[:, often].mean():.0%} of the frames: outside of all pictures or always hidden, they "
+                "are left out there (--least-sure 0 keeps what is guessed)"
+            )
+    return said
+
+
+def plain(value: Any) -> Any:
+    """Values as JSON holds them: numbers that are not finite become None or text, paths text."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        if np.isnan(value):
+            return None
+        return round(value, 6) if np.isfinite(value) else str(value)
+    if value is None or isinstance(value, (str, int, bool)):
+        return value
+    return str(value)

@@ -1,0 +1,106 @@
+"""`muybridge run --refine-cameras`: the cameras' poses made better by the person before anything is triangulated."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from muybridge.errors import MuybridgeError
+from muybridge.geometry.association.select import PersonSelection, select_person, take_person
+from muybridge.geometry.calibration.people.calibrate import PeopleCalibrationOptions, refine_people
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.association.tracker import AssociateOptions
+from muybridge.geometry.triangulation.left_right import repair_swaps
+from muybridge.geometry.triangulation.multiview import leave_one_out_error
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.session.session import Session, with_notice
+from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+
+STAGE = "refine"
+# A view's landmarks are off in the same way in both halves of a take, so that poses which make up for that seem better
+# in the second half too: of cameras that are right by a few per cent, and the points are worse for it.
+_LEAST_GAIN = 0.1
+# A camera that was turned by two degrees sees everybody elsewhere: if it has the person in less than this share of the
+# frames in which another has them, views count as theirs that lie farther off.
+_HARDLY_SEEN = 0.5
+_FARTHER_OFF = AssociateOptions(gate=0.3, start=0.15, odd_view=0.3)
+
+
+def refined(
+    session: Session, keypoints: Keypoints2D, inputs: str, store: StageStore, progress: Progress
+) -> tuple[Session, StageResult | None]:
+    """A session with cameras refined from its people, and a notice that says what it gained.
+
+    Poses found in the take's first half are tried on its second half, and kept out of the result: the figures
+    before and after are from frames that had no part in them. Where they do not get clearly better, the cameras stay.
+
+    Args:
+        session: C cameras as calibrated.
+        keypoints: everyone who was found.
+        inputs: digest of what the keypoints were made from.
+        store: where finished stages are.
+        progress: whom to tell.
+    """
+    key = digest(STAGE, inputs, code_digest("muybridge.geometry", "muybridge.infer.reconstruction.refine_cameras"))
+    stage = store.load(STAGE, key)
+    if stage is None:
+        start = time.perf_counter()
+        try:
+            poses, before, after = _poses(session.cameras, keypoints, session.fps)
+        except MuybridgeError as error:
+            return with_notice(session, f"the cameras were not refined: {error}", progress), None
+        facts = {"before_px": before, "after_px": after}
+        stage = store.save(STAGE, key, {"cam_from_world": poses}, facts, time.perf_counter() - start)
+        progress.say(f"{STAGE}: {stage.seconds:.1f} s")
+    before, after = float(stage.facts["before_px"]), float(stage.facts["after_px"])
+    found = CameraGroup(tuple(c.posed(p) for c, p in zip(session.cameras, stage.arrays["cam_from_world"], strict=True)))
+    session = with_notice(session, _notice(session.cameras, found, before, after), progress)
+    return replace(session, cameras=found if _better(before, after) else session.cameras), stage
+
+
+def person_of(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> PersonSelection:
+    """The take's person, as `select_person`, in cameras of which some may be turned by a few degrees."""
+    selection = select_person(cameras, keypoints, fps=fps)
+    seen = (selection.slots >= 0).mean(1)
+    if seen.min() >= _HARDLY_SEEN * seen.max():
+        return selection
+    farther = select_person(cameras, keypoints, _FARTHER_OFF, fps)
+    return farther if (farther.slots >= 0).mean(1).min() > seen.min() else selection
+
+
+def _poses(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> tuple[np.ndarray, float, float]:
+    """(C, 3, 4) refined poses, and the median leave-one-out error in held-out frames before and after, px."""
+    px, variance, _ = take_person(keypoints, person_of(cameras, keypoints, fps))
+    px, variance, _ = repair_swaps(cameras, px, variance, keypoints.landmarks)
+    names, options = keypoints.landmarks.names, PeopleCalibrationOptions()
+    result = refine_people(cameras, px, variance, names, options).cameras
+    middle = px.shape[1] // 2
+    half = refine_people(cameras, px[:, :middle], variance[:, :middle], names, options).cameras
+    errors = [leave_one_out_error(rig, px[:, middle:], variance[:, middle:]) for rig in (cameras, half)]
+    both = np.isfinite(errors[0]) & np.isfinite(errors[1])
+    if not both.any():
+        raise MuybridgeError("no landmark of the take's second half is seen by three cameras")
+    before, after = (float(np.median(e[both])) for e in errors)
+    return result.cam_from_world, before, after
+
+
+def _better(before_px: float, after_px: float) -> bool:
+    """Whether the left-out error fell by enough to be the cameras' doing."""
+    return after_px < (1 - _LEAST_GAIN) * before_px
+
+
+def _notice(before: CameraGroup, after: CameraGroup, before_px: float, after_px: float) -> str:
+    gained = (
+        f"median leave-one-camera-out error {before_px:.1f} px before, {after_px:.1f} px after, in frames that had "
+        "no part in it"
+    )
+    if not _better(before_px, after_px):
+        return f"the cameras were not refined from the person, as they would hardly be better: {gained}"
+    changes = []
+    for a, b in zip(before, after, strict=True):
+        cosine = (np.trace(a.rotation @ b.rotation.T) - 1) / 2
+        turned = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+        moved = 1000 * np.linalg.norm(a.center_world - b.center_world)
+        changes.append(f"{a.name} by {turned:.1f} degrees and {moved:.0f} mm")
+    return f"the cameras' poses were refined from the person ({', '.join(changes)}): {gained}"

@@ -1,0 +1,78 @@
+"""Virtual markers of the person who is followed: from every camera's view of the skin to a laboratory's C3D."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.landmarks.arrays import (
+    CMU,
+    PLUG_IN_GAIT,
+    SURFACE,
+    LandmarkSet,
+    MarkerSet,
+    Points3D,
+    select_markers,
+)
+from muybridge.geometry.triangulation.left_right import SwapOptions, repair_swaps
+from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
+from muybridge.infer.detection.detect import MarkerChoice
+
+_Floats = NDArray[np.float64]
+_SETS: dict[MarkerChoice, MarkerSet] = {"plug-in-gait": PLUG_IN_GAIT, "cmu": CMU}
+# Which markers change sides together, beside the body's own parts.
+_ARM = ("acromion", "upper_arm", "elbow", "forearm", "radial", "ulnar", "metacarpal")
+_LEG = ("trochanter", "thigh", "knee", "patella", "tibial", "shank", "malleolus", "heel", "metatarsal", "toe", "hallux")
+
+
+def triangulate_markers(
+    cameras: CameraGroup,
+    body: tuple[_Floats, _Floats, LandmarkSet],
+    markers: tuple[_Floats, _Floats],
+    swaps: SwapOptions,
+    options: TriangulateOptions,
+) -> dict[str, NDArray[Any]]:
+    """Markers in 3D, left and right put back with the evidence of markers and body landmarks together.
+
+    Args:
+        cameras: C cameras.
+        body: the same person's landmarks as they came: (C, T, J, 2) px, (C, T, J) px squared, and what they are.
+        markers: (C, T, M, 2) px and (C, T, M) px squared of `SURFACE`.
+        swaps: when sides are exchanged.
+        options: of the triangulation.
+
+    Returns:
+        `points_world`, `covariance_world`, `residual_px` and `inlier` as in `Points3D`, and `swapped` (C, T, M), where
+        left and right were put back.
+    """
+    known = len(body[2])
+    # Heels are of both sets: the skin's get a name of their own.
+    names = tuple(f"{name}_skin" for name in SURFACE.names)
+    both = LandmarkSet("body and skin", (*body[2].names, *names), ())
+    px, variance = (np.concatenate(pair, axis=2) for pair in zip(body[:2], markers, strict=True))
+    px, variance, swapped = repair_swaps(cameras, px, variance, both, _with_markers(swaps, names))
+    found = triangulate(cameras, px[:, :, known:], variance[:, :, known:], options)
+    return {
+        "points_world": found.points_world,
+        "covariance_world": found.covariance_world,
+        "residual_px": found.residual_px,
+        "inlier": found.inlier,
+        "swapped": swapped[:, :, known:],
+    }
+
+
+def _with_markers(swaps: SwapOptions, names: tuple[str, ...]) -> SwapOptions:
+    """Arms and legs are exchanged with what sticks to them."""
+    plain = sorted({name.removeprefix("left_") for name in names if name.startswith("left_")})
+    parts = []
+    for part in swaps.parts:
+        regions = _ARM if "wrist" in part else _LEG if "ankle" in part else ()
+        parts.append((*part, *(name for name in plain if name.startswith(regions))) if regions else part)
+    return replace(swaps, parts=tuple(parts))
+
+
+def marker_set(points: Points3D, choice: MarkerChoice) -> Points3D:
+    """The markers of a laboratory's set under its labels; all of them under ours where no set was named."""
+    return select_markers(points, _SETS[choice]) if choice in _SETS else points

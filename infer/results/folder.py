@@ -1,0 +1,199 @@
+"""The results folder: checked before any work, and nothing in it replaced that muybridge did not write.
+
+`work/manifest.json` remembers the digest of every file that was written here. A file that is not in it, or
+that was changed since, is someone else's and stays unless `--overwrite` is given.
+"""
+
+import json
+import os
+import re
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from muybridge.errors import OutputError
+from muybridge.infer.session.session import VIDEO_FOLDERS
+from muybridge.infer.runtime.stages import file_digest, partial_name, write_whole
+
+WORK = "work"
+MANIFEST = "manifest.json"
+_PARTIAL = ".partial"
+_LATELY = 3600.0  # seconds
+_REMEMBERED = 2  # digests a file: a run killed between manifest and rename leaves the earlier one in place
+
+
+class OutputFolder:
+    """A folder for one session's results."""
+
+    def __init__(self, path: Path):
+        """Use `open_output`, which checks the folder first."""
+        self.path = path
+        self.work = path / WORK
+        self._written, self.of = _read_manifest(self.work / MANIFEST)
+        self._lock = threading.Lock()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Everything that was ever written here."""
+        return tuple(self._written)
+
+    def owns(self, name: str) -> bool:
+        """Whether the file of this name is as muybridge left it."""
+        known = self._written.get(name, [])
+        return bool(known) and (self.path / name).is_file() and file_digest(self.path / name) in known
+
+    def write(self, name: str, write: Callable[[Path], object]) -> Path:
+        """Let `write` make the file `name` in a temporary folder, then put it in place.
+
+        Raises:
+            OutputError: the folder cannot be written or is full.
+        """
+        path = self.path / name
+        partial = self.work / f".{name}.{os.getpid()}{_PARTIAL}" / name
+        try:
+            partial.parent.mkdir(exist_ok=True)
+            write(partial)
+            digest = file_digest(partial)
+            with self._lock:
+                self._written[name] = [digest, *self._written.get(name, [])][:_REMEMBERED]
+                text = json.dumps({"written_by": "muybridge", "of": self.of, "files": self._written}, indent=1)
+                write_whole(self.work / MANIFEST, lambda p: _write_text(p, text))
+            os.replace(partial, path)
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            raise OutputError(f"{path} cannot be written ({reason}); free its disk or choose another --out") from None
+        finally:
+            shutil.rmtree(partial.parent, ignore_errors=True)
+        return path
+
+    def retire(self, names: Iterable[str]) -> None:
+        """Remove results of earlier runs that this one does not have; what is not as muybridge left it stays."""
+        for name in names:
+            if self.owns(name):
+                (self.path / name).unlink()
+
+    def write_text(self, name: str, text: str) -> Path:
+        """Write a text file (UTF-8)."""
+        return self.write(name, lambda path: _write_text(path, text))
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def is_ours(path: Path) -> bool:
+    """Whether a folder has results of muybridge."""
+    return (path / WORK / MANIFEST).is_file()
+
+
+def open_output(
+    path: Path, names: Sequence[str], inputs: Iterable[Path], overwrite: bool = False, session: Path | None = None
+) -> OutputFolder:
+    """Check that results can go to a folder, and make it.
+
+    Args:
+        path: the results folder; made if missing.
+        names: files that will be written there.
+        inputs: files that the run reads; none of their folders may receive results.
+        overwrite: replace files of these names that muybridge did not write, or wrote of another session.
+        session: whose results they are; those of another are not replaced. None where that does not matter.
+
+    Raises:
+        OutputError: the folder belongs to the input, cannot be written, or holds such files.
+    """
+    place = path.resolve()
+    default = "name another folder with --out"
+    if session is not None:
+        default = "leave out --out to get the folder `muybridge` inside the session"
+    if any((path / name).is_dir() for name in VIDEO_FOLDERS):
+        raise OutputError(f"{path} is a session's own folder: results never go over the input; {default}")
+    if any(_inside(place, folder) for folder in {i.resolve().parent for i in inputs}):
+        raise OutputError(f"{path} is where the input lies: results never go over the input; {default}")
+    if place.exists() and not place.is_dir():
+        raise OutputError(f"{path} is a file; --out must name a folder")
+    if _foreign_work(path / WORK):
+        raise OutputError(f"{path / WORK} was not made by muybridge: choose another --out or move it")
+    _make_writable(path)
+    output = OutputFolder(path)
+    foreign = [n for n in names if (path / n).exists() and not output.owns(n)]
+    directories = [n for n in foreign if (path / n).is_dir()]
+    if directories or (foreign and not overwrite):
+        raise OutputError(
+            f"{path} already has {', '.join(directories or foreign)}, changed or made by something else: "
+            f"move it, choose another --out{'' if directories else ', or give --overwrite'}"
+        )
+    if session is not None and session.resolve() not in place.parents:  # a session may be moved with its results
+        of = str(session.resolve())
+        if output.of not in ("", of) and not overwrite and any(output.owns(name) for name in output.names):
+            raise OutputError(f"{path} has the results of {output.of}: choose another --out, or give --overwrite")
+        output.of = of
+    _sweep(path / WORK)
+    return output
+
+
+def _inside(place: Path, folder: Path) -> bool:
+    """Whether results at `place` would lie among the inputs in `folder`.
+
+    A folder of its own below a session (the default) is fine; below `videos/` or `calibration/` it is not.
+    """
+    if place == folder:
+        return True
+    return folder.name in (*VIDEO_FOLDERS, "calibration") and folder in place.parents
+
+
+def _foreign_work(work: Path) -> bool:
+    if not work.exists():
+        return False
+    return not work.is_dir() or (any(work.iterdir()) and not (work / MANIFEST).is_file())
+
+
+def _make_writable(path: Path) -> None:
+    try:
+        (path / WORK).mkdir(parents=True, exist_ok=True)
+        probe = partial_name(path / WORK / "probe")
+        probe.write_bytes(b"muybridge")
+        probe.unlink()
+        if not (path / WORK / MANIFEST).exists():
+            write_whole(path / WORK / MANIFEST, lambda p: _write_text(p, '{"written_by": "muybridge", "files": {}}'))
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise OutputError(f"{path} cannot be written ({reason}); choose another folder with --out") from None
+
+
+def _sweep(work: Path) -> None:
+    """Remove what runs that were killed left half-written, and nothing of one that works there now."""
+    for left in work.glob(f".*{_PARTIAL}*"):
+        if _is_written_now(left):
+            continue
+        if left.is_dir():
+            shutil.rmtree(left, ignore_errors=True)
+        else:
+            left.unlink(missing_ok=True)
+
+
+def _is_written_now(partial: Path) -> bool:
+    """Whether another process that is alive is writing a file."""
+    found = re.search(rf"\.(\d+){re.escape(_PARTIAL)}", partial.name)
+    if found is None or int(found[1]) == os.getpid():
+        return False
+    if os.name != "posix":  # where asking for a process would end it
+        return time.time() - partial.stat().st_mtime < _LATELY
+    try:
+        os.kill(int(found[1]), 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        pass  # somebody else's
+    return True
+
+
+def _read_manifest(path: Path) -> tuple[dict[str, list[str]], str]:
+    """The digests of every file, and whose results they are."""
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        files = {str(name): [str(d) for d in digests] for name, digests in manifest["files"].items()}
+        return files, str(manifest.get("of", ""))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}, ""

@@ -1,0 +1,94 @@
+"""`sync.toml`: the clocks of a session's cameras, as `muybridge sync` or somebody by hand wrote them, and the frames
+that their films have in common."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import SessionError
+from muybridge.geometry.sync.clocks import Clock
+
+SYNC_FILE = "sync.toml"
+SYNC_VERSION = 1
+
+
+def clocks_in(folder: Path, names: Sequence[str]) -> tuple[Clock, ...] | None:
+    """The clocks that a session's `sync.toml` gives the named cameras; None where it has none."""
+    path = folder / SYNC_FILE
+    return read_sync(path, names) if path.is_file() else None
+
+
+def read_sync(path: Path, names: Sequence[str]) -> tuple[Clock, ...]:
+    """The clocks of the named cameras from a `sync.toml`; a camera that it does not name has the reference's.
+
+    Raises:
+        SessionError: not such a file, or a value that is no number.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise SessionError(f"{path}: cannot be read ({error}); write it again with `muybridge sync`") from None
+    tables = data.get("cameras")
+    if data.get("muybridge_sync") != SYNC_VERSION or not isinstance(tables, dict):
+        raise SessionError(
+            f"{path}: needs `muybridge_sync = {SYNC_VERSION}` and [cameras.NAME] tables; "
+            "write it again with `muybridge sync`, or delete it"
+        )
+    unknown = [n for n in tables if n not in names]
+    if len(unknown) == len(tables):
+        raise SessionError(f"{path}: names {', '.join(unknown)}, none of the cameras {', '.join(names)}")
+    return tuple(_clock(path, name, tables.get(name, {})) for name in names)
+
+
+def _clock(path: Path, name: str, table: object) -> Clock:
+    if not isinstance(table, dict):
+        raise SessionError(f"{path}: camera {name} is not a table; write [cameras.{name}]")
+    values = {k: table.get(k, d) for k, d in (("offset", 0.0), ("drift_ppm", 0.0), ("offset_sd", 0.0))}
+    for key, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+            raise SessionError(f"{path}: camera {name}: {key} is {value!r}; it must be a finite number")
+    return Clock(float(values["offset"]), values["drift_ppm"] * 1e-6, float(values["offset_sd"]), 0.0, 1.0)
+
+
+def first_frames_in_common(
+    clocks: Sequence[Clock], names: Sequence[str], counts: Sequence[int], fps: float
+) -> tuple[NDArray[np.int64], tuple[Clock, ...]]:
+    """Where films that did not begin together do so.
+
+    Args:
+        clocks: (C,) of the cameras.
+        names: (C,) of their films.
+        counts: (C,) frames of their films, at the take's rate.
+        fps: of the take.
+
+    Returns:
+        (C,) the frame of each film that is nearest to the first moment that all of them show, and the clocks counted
+        from these frames on, against the first film: what is left are fractions of a frame, and drifts.
+
+    Raises:
+        SessionError: a film that has ended before another begins.
+    """
+
+    def taken(c: int, own: float) -> float:
+        """The reference's time at a camera's own, seconds."""
+        return float((own - clocks[c].offset) / (1 + clocks[c].drift))
+
+    begins = [taken(c, 0.0) for c in range(len(clocks))]
+    ends = [taken(c, (count - 1) / fps) for c, count in enumerate(counts)]
+    last, soonest = int(np.argmax(begins)), int(np.argmin(ends))
+    if ends[soonest] < begins[last]:
+        raise SessionError(
+            f"by {SYNC_FILE} {names[soonest]} ends {begins[last] - ends[soonest]:.3g} s before {names[last]} begins: "
+            "correct the offsets, or leave one of them out with --cameras"
+        )
+    first = np.array([max(0, round((begins[last] * (1 + k.drift) + k.offset) * fps)) for k in clocks])
+    zero = taken(0, first[0] / fps)
+    left = (float(zero * (1 + k.drift) + k.offset - n / fps) for k, n in zip(clocks, first, strict=True))
+    # Films that are whole frames apart are in step then, whatever the last digits are.
+    return first, tuple(replace(k, offset=round(offset, 9)) for k, offset in zip(clocks, left, strict=True))

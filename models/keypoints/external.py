@@ -1,0 +1,229 @@
+"""Cards for other people's models: what an ONNX file that says nothing about itself takes in and gives out.
+
+A card is a small TOML file, described in docs/other-models.md; some come with the package (`models/cards/`).
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal
+
+from muybridge.errors import ModelError
+from muybridge.geometry.cameras.crops import BOX_PADDING
+from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.models.keypoints.decode import SpreadCalibration
+
+_BODY17 = BODY23.names[:17]
+_FEET = ("left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe", "right_heel")
+
+LAYOUTS: dict[str, tuple[str, ...]] = {
+    "body23": BODY23.names,
+    "coco17": _BODY17,
+    "halpe26": (
+        *_BODY17, "head", "neck", "hip", "left_big_toe", "right_big_toe", "left_small_toe", "right_small_toe",
+        "left_heel", "right_heel",
+    ),
+    "coco133": (
+        *_BODY17, *_FEET, *(f"face_{i}" for i in range(68)), *(f"left_hand_{i}" for i in range(21)),
+        *(f"right_hand_{i}" for i in range(21)),
+    ),
+}  # fmt: skip
+"""Landmark layouts that cards may name, in the order of the models' outputs."""
+
+# What is said of uncertainty where a card says nothing: a hundredth of the crop's longer side, and the spread.
+_DEFAULT_FLOOR = 0.01
+
+
+@dataclass(frozen=True)
+class ModelCard:
+    """What other people's top-down model takes in and gives out.
+
+    Attributes:
+        name: for reports.
+        input_name: of the image input; empty for the only one.
+        width, height: of the input, px.
+        colour: order of its channels.
+        white: the value that white has before `mean` and `std`.
+        mean, std: of each channel in the order of `colour`, subtracted from and divided into it.
+        box_padding: the crop over the person's box, widened to the input's shape.
+        names: (K,) the model's landmarks.
+        decode: what its outputs are.
+        outputs: their names: x and y, or the heatmaps.
+        split_ratio, softmax_scale: of SimCC, see `decode_simcc.decode_simcc`.
+        stride, origin_px, logits: of heatmaps, see `decode_simcc.decode_value_heatmaps`.
+        spread: calibration of the variance.
+        least_sure: score, in 0..1, of which a camera has to be surer for a landmark to count as seen.
+    """
+
+    name: str
+    input_name: str
+    width: int
+    height: int
+    colour: Literal["rgb", "bgr"]
+    white: float
+    mean: tuple[float, float, float]
+    std: tuple[float, float, float]
+    box_padding: float
+    names: tuple[str, ...]
+    decode: Literal["simcc", "heatmaps"]
+    outputs: tuple[str, ...]
+    split_ratio: float
+    softmax_scale: float
+    stride: float
+    origin_px: float
+    logits: bool
+    spread: SpreadCalibration
+    least_sure: float
+
+
+def shipped_cards() -> dict[str, Path]:
+    """Cards that came with the package, by name."""
+    folder = Path(str(resources.files("muybridge.models"))) / "cards"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def find_card(model: Path, card: str | None) -> Path | None:
+    """The card of a model: a file, the name of a shipped one, or the file of the model's name beside it.
+
+    Raises:
+        ModelError: `card` is neither a file nor a shipped card.
+    """
+    if card is None:
+        beside = model.with_suffix(".toml")
+        return beside if beside.is_file() else None
+    known = shipped_cards()
+    if card in known:
+        return known[card]
+    if Path(card).is_file():
+        return Path(card)
+    raise ModelError(f"{card}: no such model card; name a TOML file, or one of {', '.join(known)}")
+
+
+def load_card(path: Path) -> ModelCard:
+    """Read a card.
+
+    Raises:
+        ModelError: it cannot be read, lacks something, or has something that is not known.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ModelError(f"{path}: not a readable model card ({error}); see docs/other-models.md") from error
+    read = _Table(path, table)
+    model, image = read.section("model"), read.section("input")
+    decode = model.choice("decode", ("simcc", "heatmaps"))
+    outputs = read.section(decode)
+    names = model.landmarks()
+    width, height = image.whole("width"), image.whole("height")
+    if (width - height) % 2:
+        raise image.error("width and height differ by an odd number, which no crop can be cut to")
+    variance, score = read.section("variance", needed=False), read.section("score", needed=False)
+    simcc = decode == "simcc"
+    card = ModelCard(
+        name=model.text("name", path.stem), input_name=image.text("name", ""), width=width, height=height,
+        colour=image.choice("colour", ("rgb", "bgr"), "rgb"), white=image.positive("white", 255.0),
+        mean=image.triple("mean", (0.0, 0.0, 0.0)), std=image.triple("std", (1.0, 1.0, 1.0)),
+        box_padding=image.positive("box_padding", BOX_PADDING), names=names, decode=decode,
+        outputs=(outputs.text("x"), outputs.text("y")) if simcc else (outputs.text("output"),),
+        split_ratio=outputs.positive("split_ratio") if simcc else 1.0,
+        softmax_scale=outputs.positive("softmax_scale", 1.0) if simcc else 1.0,
+        stride=1.0 if simcc else outputs.positive("stride"),
+        origin_px=0.0 if simcc else outputs.number("origin_px", 0.0),
+        logits=not simcc and outputs.choice("values", ("probability", "logits")) == "logits",
+        spread=SpreadCalibration(
+            variance.positive("scale", 1.0),
+            variance.positive("floor_px2", (_DEFAULT_FLOOR * max(width, height)) ** 2),
+        ),
+        least_sure=score.number("least_sure", 0.0),
+    )  # fmt: skip
+    if min(card.std) <= 0:
+        raise image.error("std must be positive")
+    if not 0 <= card.least_sure <= 1:
+        raise score.error(f"least_sure is {card.least_sure}, not from 0 to 1")
+    for section in (model, image, outputs, variance, score, read):
+        section.no_more()
+    return card
+
+
+class _Table:
+    """Typed access to a table of a card; every complaint names the file and the key."""
+
+    def __init__(self, path: Path, table: dict[str, Any], name: str = "") -> None:
+        self._path, self._table, self._name, self._used = path, table, name, set[str]()
+
+    def error(self, what: str) -> ModelError:
+        where = f"[{self._name}] " if self._name else ""
+        return ModelError(f"{self._path}: {where}{what}; see docs/other-models.md")
+
+    def _get(self, key: str, default: Any) -> Any:
+        self._used.add(key)
+        value = self._table.get(key, default)
+        if value is None:
+            raise self.error(f"{key} is missing")
+        return value
+
+    def section(self, key: str, needed: bool = True) -> _Table:
+        value = self._get(key, None if needed else {})
+        if not isinstance(value, dict):
+            raise self.error(f"{key} is not a table")
+        return _Table(self._path, value, key)
+
+    def text(self, key: str, default: str | None = None) -> str:
+        value = self._get(key, default)
+        if not isinstance(value, str):
+            raise self.error(f"{key} is {value!r}, not text")
+        return value
+
+    def choice(self, key: str, known: tuple[str, ...], default: str | None = None) -> Any:
+        value = self.text(key, default)
+        if value not in known:
+            raise self.error(f"{key} is {value!r}, not one of {', '.join(known)}")
+        return value
+
+    def number(self, key: str, default: float | None = None) -> float:
+        value = self._get(key, default)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise self.error(f"{key} is {value!r}, not a number")
+        return float(value)
+
+    def positive(self, key: str, default: float | None = None) -> float:
+        value = self.number(key, default)
+        if value <= 0:
+            raise self.error(f"{key} is {value}, not positive")
+        return value
+
+    def whole(self, key: str) -> int:
+        value = self._get(key, None)
+        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            raise self.error(f"{key} is {value!r}, not a positive whole number")
+        return value
+
+    def triple(self, key: str, default: tuple[float, float, float]) -> tuple[float, float, float]:
+        value = self._get(key, list(default))
+        numbers = isinstance(value, list) and all(isinstance(v, int | float) and math.isfinite(v) for v in value)
+        if not numbers or len(value) != 3:
+            raise self.error(f"{key} is {value!r}, not three numbers")
+        return float(value[0]), float(value[1]), float(value[2])
+
+    def landmarks(self) -> tuple[str, ...]:
+        """The name of a layout, or a list of names."""
+        value = self._get("landmarks", None)
+        if isinstance(value, str) and value in LAYOUTS:
+            return LAYOUTS[value]
+        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+            raise self.error(f"landmarks is {value!r}, neither a list of names nor one of {', '.join(LAYOUTS)}")
+        if len(set(value)) != len(value):
+            raise self.error("a landmark is there twice")
+        if not set(value) & set(BODY23.names):
+            raise self.error(f"none of the landmarks is one of muybridge's: {', '.join(BODY23.names)}")
+        return tuple(value)
+
+    def no_more(self) -> None:
+        """ModelError where there is a key that nobody asked for."""
+        unknown = sorted(set(self._table) - self._used)
+        if unknown:
+            raise self.error(f"unknown {', '.join(unknown)}")

@@ -1,0 +1,72 @@
+"""What a labelling network's file says about itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.models.keypoints.metadata import _Reader
+
+
+@dataclass(frozen=True)
+class LabelModelCard:
+    """A labelling network's file.
+
+    Attributes:
+        version: of the weights.
+        window: seconds before and after a frame at which the network looks.
+        neighbours: how many neighbours a point has; a frame must be padded to more points than that.
+        distance_m: (L, L) mean distance between the landmarks of `SURFACE` on the training bodies, metres.
+        motion_m: (L, L) how much it varies while a body moves (standard deviation within a clip), metres.
+        bodies_m: (L, L) how much its mean varies between bodies and placements, metres.
+        metadata: everything the file says, as text.
+    """
+
+    version: str
+    window: tuple[float, ...]
+    neighbours: int
+    distance_m: NDArray[np.float64]
+    motion_m: NDArray[np.float64]
+    bodies_m: NDArray[np.float64]
+    metadata: Mapping[str, str]
+
+
+def label_card(metadata: Mapping[str, str], path: Path) -> LabelModelCard:
+    """Parse the metadata of a labelling network.
+
+    Args:
+        metadata: the ONNX file's custom metadata.
+        path: of the file, for messages.
+
+    Raises:
+        ModelError: not a labelling network of ours, or its metadata is damaged.
+    """
+    read = _Reader(metadata, path)
+    read.kind("labels")
+    rigidity = read.json_object("rigidity")
+    distance, motion, bodies = (_matrix(rigidity.get(k), k, read) for k in ("distance_mm", "motion_mm", "bodies_mm"))
+    window = read._json("window")
+    if not isinstance(window, list) or not all(isinstance(w, float) for w in window):
+        raise read.error("window is not a list of seconds")
+    if tuple(read._json("names")) != SURFACE.names:
+        raise read.error("its label names are not those of the surface landmarks")
+    return LabelModelCard(
+        read.text("version"), tuple(window), read.integer("neighbours"), distance, motion, bodies, dict(metadata)
+    )
+
+
+def _matrix(value: Any, key: str, read: _Reader) -> NDArray[np.float64]:
+    """A symmetric matrix from its upper triangle in millimetres."""
+    size = len(SURFACE)
+    upper = np.triu_indices(size, 1)
+    if not isinstance(value, list) or len(value) != len(upper[0]):
+        raise read.error(f"rigidity.{key} does not hold a number for every pair of labels")
+    out = np.zeros((size, size))
+    out[upper] = np.asarray(value, np.float64) / 1000
+    return out + out.T

@@ -1,0 +1,184 @@
+"""Networks of ours back from their ONNX files, so that training can go on from what was shipped."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from muybridge.errors import ModelError
+from muybridge.models.keypoints.network import CHANNELS, PLATE, KeypointNet
+from muybridge.models.people.network import MEAN, STD, PeopleNet
+
+_HEADS = ("head", "visibility")
+
+
+def keypoint_net_from_onnx(path: Path) -> KeypointNet:
+    """The network of a file that `muybridge train keypoints` exported in fp32.
+
+    The exporter folds normalisation into convolutions: here it does nothing but add the bias that came of it. In
+    evaluation mode the outputs are those of the file.
+
+    Raises:
+        ModelError: the file is damaged, of 8 bits, or of another architecture.
+    """
+    there, operators = _contents(path)
+    if there.pop(PLATE, None) is not None:
+        there = {name.removeprefix("net."): value for name, value in there.items()}
+    # A network without virtual markers was exported as it is, one with them within `SeparateHeads`.
+    marked = "body_visibility.weight" in there
+    with _other_design(path):
+        there = {name.replace("body_head.fine.", "body_head."): value for name, value in there.items()}
+        for name in _HEADS if marked else ():
+            for kind in ("weight", "bias"):
+                parts = [there.pop(f"{part}_{name}.{kind}") for part in ("body", "marker")]
+                there[f"net.{name}.{kind}"] = torch.cat(parts)
+        here = {name.removeprefix("net.").removeprefix("body_") if marked else name: v for name, v in there.items()}
+        net = KeypointNet(len(here["visibility.bias"]), **_design(here))
+        if "Sub" in operators:
+            _take_normalisation_in(here, "Div" in operators)
+        # Networks of earlier versions did not know the plate: they begin by not heeding it.
+        stem = here["stem.0.0.weight"]
+        here["stem.0.0.weight"] = nn.functional.pad(stem, (0, 0, 0, 0, 0, CHANNELS - stem.shape[1]))
+        # And had heatmaps of the finest features alone.
+        if "head.weight" in here:
+            here |= {f"head.fine.{kind}": here.pop(f"head.{kind}") for kind in ("weight", "bias")}
+        coarser = {k: torch.zeros_like(v) for k, v in net.head.state_dict(prefix="head.").items() if ".fine." not in k}
+        here = coarser | here
+        net.load_state_dict(_unfolded(net, here))
+    return net.eval()
+
+
+def people_net_from_onnx(path: Path) -> PeopleNet:
+    """The detector of a file that `muybridge train people` exported, as `keypoint_net_from_onnx` does it.
+
+    Raises:
+        ModelError: the file is damaged, or of another architecture.
+    """
+    (there, _), net = _contents(path), PeopleNet()
+    with _other_design(path):
+        net.load_state_dict(_unfolded(net, there))
+    return net.eval()
+
+
+def _contents(path: Path) -> tuple[dict[str, Tensor], set[str]]:
+    """A file's weights by name, and its operators."""
+    import onnx
+    from onnx import numpy_helper
+
+    try:
+        graph = onnx.load(str(path)).graph
+        weights = {i.name: torch.from_numpy(numpy_helper.to_array(i).copy()) for i in graph.initializer}
+        return weights, {node.op_type for node in graph.node}
+    except Exception as error:
+        raise ModelError(f"{path}: not an ONNX model ({str(error).splitlines()[0]})") from error
+
+
+@contextmanager
+def _other_design(path: Path) -> Iterator[None]:
+    """What goes wrong with a file's weights, told as what it means."""
+    try:
+        yield
+    except (KeyError, RuntimeError) as error:
+        raise ModelError(
+            f"{path}: training cannot go on from this file ({str(error).splitlines()[0]}): it takes an fp32 network of "
+            "this version's design, as the shipped one"
+        ) from error
+
+
+def trained_for(path: Path) -> dict[str, Any]:
+    """What the exporter noted of a network's training: `images`, `minutes` (where noted) and `seed`."""
+    import onnx
+
+    told = {p.key: p.value for p in onnx.load(str(path)).metadata_props}
+    training: dict[str, Any] = json.loads(told.get("training", "{}"))
+    return training | {"seed": told.get("seed", "")}
+
+
+@torch.no_grad()
+def measure_normalisation(net: nn.Module, images: Sequence[Tensor]) -> None:
+    """Unfolds normalisation: filters whose outputs have unit variance on `images`, followed by normalisations with that
+    variance and mean, so that a network from a file can be trained on as any other.
+
+    Folded filters are as large as the network's last touch made them, fifty times larger in one layer than in
+    another, and a step of one learning rate would be too large for some and nothing for others.
+
+    Args:
+        net: of convolutions that normalisations follow; changed in place, what it computes in evaluation mode stays.
+        images: batches (N, 4, S, S) in 0..1, of the kind that it is trained on.
+    """
+    units = [list(m) for m in net.modules() if isinstance(m, nn.Sequential) and len(m) > 1]
+    pairs = [(unit[0], unit[1]) for unit in units
+             if isinstance(unit[0], nn.Conv2d) and isinstance(unit[1], nn.BatchNorm2d)]  # fmt: skip
+    moments: dict[nn.Module, list[Tensor]] = {normalisation: [] for _, normalisation in pairs}
+
+    def measure(module: nn.Module, inputs: tuple[Tensor, ...]) -> None:
+        x = inputs[0].double()
+        moments[module].append(torch.stack([x.mean((0, 2, 3)), (x**2).mean((0, 2, 3))]))
+
+    hooks = [module.register_forward_pre_hook(measure) for module in moments]
+    training = net.training
+    net.eval()
+    for batch in images:
+        net(batch)
+    net.train(training)
+    for hook in hooks:
+        hook.remove()
+    for convolution, normalisation in pairs:
+        mean, square = torch.stack(moments[normalisation]).mean(0)
+        deviation = (square - mean**2).clamp(min=1e-12).sqrt()
+        assert normalisation.running_mean is not None and normalisation.running_var is not None
+        gain = normalisation.weight / torch.sqrt(normalisation.running_var + normalisation.eps)
+        convolution.weight /= deviation[:, None, None, None]
+        normalisation.bias.add_(gain * (mean - normalisation.running_mean))
+        normalisation.weight.copy_(gain * deviation * math.sqrt(1 + normalisation.eps))
+        normalisation.running_mean.copy_(mean / deviation)
+        normalisation.running_var.fill_(1.0)
+
+
+def _design(weights: dict[str, Tensor]) -> dict[str, Any]:
+    """Depths and numbers of channels of a network with these weights, as `KeypointNet` takes them."""
+    levels = range(4)
+    blocks = [[n for n in weights if n.startswith(f"levels.{i}.") and n.endswith("first.0.weight")] for i in levels]
+    widths = [len(weights["stem.1.0.weight"]), *(len(weights[f"levels.{i}.0.0.weight"]) for i in levels[1:])]
+    # The finest level may have no blocks on the way down, the coarsest has none on the way up.
+    hidden = [len(weights[f"laterals.{2 - i}.block.first.0.weight"]) for i in levels[:3]]
+    hidden.append(len(weights[blocks[3][0]]) if blocks[3] else widths[3])
+    return {"widths": tuple(widths), "depths": tuple(map(len, blocks)), "hidden": tuple(hidden)}
+
+
+def _take_normalisation_in(weights: dict[str, Tensor], divides: bool) -> None:
+    """Earlier networks took the images' mean off, and those which `divides` is true of divided by their deviation,
+    before the first filters: these do it themselves since. Nothing changes but that what is beyond the border was the
+    mean and is black.
+
+    Args:
+        weights: by name as in a file of ours; changed.
+    """
+    mean, deviation = (torch.tensor(values).view(1, -1, 1, 1) for values in (MEAN, STD))
+    filters = weights["stem.0.0.weight"]
+    channels = filters.shape[1]
+    if divides:
+        filters = filters / deviation[:, :channels]
+    weights["stem.0.0.weight"] = filters
+    weights["stem.0.0.weight_bias"] = weights["stem.0.0.weight_bias"] - (filters * mean[:, :channels]).sum((1, 2, 3))
+
+
+def _unfolded(net: nn.Module, weights: dict[str, Tensor]) -> dict[str, Tensor]:
+    """A state of `net`: convolutions as they are in the file, normalisations with nothing but their bias."""
+    state = net.state_dict()
+    normalisations = {name: m for name, m in net.named_modules() if isinstance(m, nn.BatchNorm2d)}
+    for name, module in normalisations.items():
+        before = f"{name.rpartition('.')[0]}.0"  # the convolution that it follows
+        state[f"{name}.running_mean"] = torch.zeros(module.num_features)
+        state[f"{name}.running_var"] = torch.ones(module.num_features)
+        state[f"{name}.weight"] = torch.full((module.num_features,), math.sqrt(1 + module.eps))
+        state[f"{name}.bias"] = weights[f"{before}.weight_bias"]
+    plain = {k for k in state if k.rpartition(".")[0] not in normalisations}
+    return state | {k: weights[k] for k in plain}

@@ -1,0 +1,176 @@
+"""Reading a skeleton and its animation out of a binary FBX file, whoever made it."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import FormatError
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.motion.formats.fbx.container import read_fbx_nodes
+from muybridge.motion.formats.fbx.scene import Complaint, Model, Scene, read_scene
+from muybridge.motion.formats.skeletal.world_axes import frame_times, motion_in_world_axes
+
+Array = NDArray[np.float64]
+
+_DEFAULT_FPS = 30.0
+_LIMBS = ("LimbNode", "Limb", "Root")
+# Ends of bones that programs write as joints: `Head_End` of `Head`.
+_ENDS = ("_End", "_end", "_Nub")
+
+
+def read_fbx(path: Path) -> tuple[Motion, tuple[str, ...]]:
+    """Read a file's largest skeleton and its first animation into metres, Z up.
+
+    Binary FBX 7.0 to 7.7. Tangents with weights count as such without; layers of animation have to be one.
+
+    Args:
+        path: a `.fbx` file.
+
+    Returns:
+        A Motion at the frame rate of the keys, or the file's where they lie farther apart; one frame where nothing
+        moves. Its rest pose is the one that a skin or a pose binds, else that of no rotation. And what was left out,
+        one sentence each.
+
+    Raises:
+        FormatError: malformed, text, no skeleton, or bones that are stretched or slide.
+    """
+
+    def error(problem: str) -> FormatError:
+        return FormatError(f"{path}: {problem}; export it again as binary FBX")
+
+    try:
+        return _read(Path(path), error)
+    except (TypeError, ValueError, IndexError, OverflowError) as problem:
+        raise error(f"is not as FBX is known to be ({type(problem).__name__}: {problem})") from problem
+
+
+def _read(path: Path, error: Complaint) -> tuple[Motion, tuple[str, ...]]:
+    scene = read_scene(read_fbx_nodes(path), error)
+    above = {n: _above(scene, n, error) for n, m in scene.models.items() if m.kind in _LIMBS}
+    if not above:
+        raise error("holds no skeleton (no limb nodes)")
+    trees: dict[int, list[list[int]]] = {}
+    for line in above.values():
+        trees.setdefault(line[0], []).append(line)
+    largest = max(trees, key=lambda top: len(trees[top]))
+    notices = []
+    if len(trees) > 1:
+        names = [scene.models[top].name for top in trees if top != largest]
+        kept = scene.models[largest].name
+        notices.append(f"{path.name}: of {len(trees)} skeletons {kept!r} was read, {', '.join(names)} not")
+    return _motion(scene, trees[largest], error), tuple(notices)
+
+
+def _above(scene: Scene, number: int, error: Complaint) -> list[int]:
+    """A model and those above it, the topmost first."""
+    line: list[int] = []
+    while number:
+        line.insert(0, number)
+        number = scene.models[number].parent
+        if len(line) > len(scene.models):
+            raise error(f"{scene.models[line[-1]].name!r} is its own ancestor")
+    return line
+
+
+def _motion(scene: Scene, lines: list[list[int]], error: Complaint) -> Motion:
+    """The motion of the limbs at the ends of `lines`, each with the models above it, and of what is between them."""
+    common = 0
+    while all(len(line) > common and line[common] == lines[0][common] for line in lines):
+        common += 1
+    order = _parents_first(scene, {n for line in lines for n in line[common - 1 :]})
+    fps, times = _even_times(scene, order, error)
+    turns, places, sizes = _forward(scene, [*lines[0][: common - 1], *order], times, error)
+    rest = _rest(scene, lines[0][: common - 1], order)
+    children = {n: [m for m in order if scene.models[m].parent == n] for n in order}
+    ends = {n for n in order[1:] if _is_end(scene, n, children)}
+    kept = [n for n in order if n not in ends]
+    tips = np.full((len(kept), 3), np.nan)
+    for k, n in enumerate(kept):
+        if children[n] and set(children[n]) <= ends:
+            tips[k] = scene.metres * sizes[n] * scene.models[children[n][0]].vectors["Lcl Translation"]
+    return motion_in_world_axes(
+        [scene.models[n].name for n in kept],
+        [kept.index(scene.models[n].parent) if k else -1 for k, n in enumerate(kept)],
+        scene.axes @ np.stack([turns[n] for n in kept], axis=1),
+        scene.metres * np.stack([places[n] for n in kept], axis=1) @ scene.axes.T,
+        scene.axes @ np.stack([rest[n] for n in kept]), tips, fps, error,
+    )  # fmt: skip
+
+
+def _parents_first(scene: Scene, wanted: set[int]) -> list[int]:
+    """As they come in the file, but none before its parent."""
+    order: list[int] = []
+    while len(order) < len(wanted):
+        for n in scene.models:
+            above = scene.models[n].parent
+            if n in wanted and n not in order and (above in order or above not in wanted):
+                order.append(n)
+    return order
+
+
+def _is_end(scene: Scene, number: int, children: dict[int, list[int]]) -> bool:
+    model = scene.models[number]
+    named = model.name in [scene.models[model.parent].name + end for end in _ENDS]
+    return named and not children[number] and not model.curves
+
+
+def _even_times(scene: Scene, order: list[int], error: Complaint) -> tuple[float, Array]:
+    curves = [curve for n in order for curve in scene.models[n].curves.values()]
+    fps = scene.fps if np.isfinite(scene.fps) else _DEFAULT_FPS
+    if not curves:
+        return fps, np.zeros(1)
+    first, last = min(c.times[0] for c in curves), max(c.times[-1] for c in curves)
+    finest = max((c.times for c in curves), key=len)
+    if len(finest) > 1:
+        keyed = float(1 / np.median(np.diff(finest)))
+        # Keys that are farther apart than frames were set by hand, or left out where they changed nothing.
+        fps = fps if keyed < 0.75 * fps else keyed
+    fps = float(round(fps)) if abs(fps - round(fps)) < 1e-3 else fps
+    return fps, frame_times(first, last, fps, sum(len(c.times) for c in curves), error)
+
+
+def _forward(
+    scene: Scene, order: list[int], times: Array, error: Complaint
+) -> tuple[dict[int, Array], dict[int, Array], dict[int, float]]:
+    """Orientation (T, 3, 3), place (T, 3) and size in the scene of models, parents first."""
+    turns: dict[int, Array] = {0: np.broadcast_to(np.eye(3), (len(times), 3, 3))}
+    places: dict[int, Array] = {0: np.zeros((len(times), 3))}
+    sizes = {0: 1.0}
+    for n in order:
+        model = scene.models[n]
+        size = _size(model, times, error)
+        turn = model.turns(model.over_time("Lcl Rotation", times))
+        v = model.vectors
+        within = v["ScalingOffset"] + (1 - size) * v["ScalingPivot"] - v["RotationPivot"]
+        place = model.over_time("Lcl Translation", times) + v["RotationOffset"] + v["RotationPivot"] + turn @ within
+        p = model.parent
+        turns[n] = turns[p] @ turn
+        places[n] = places[p] + sizes[p] * (turns[p] @ place[..., None])[..., 0]
+        sizes[n] = sizes[p] * size
+    return turns, places, sizes
+
+
+def _size(model: Model, times: Array, error: Complaint) -> float:
+    scale = model.over_time("Lcl Scaling", times)
+    size = float(scale[0, 0])
+    if not size > 0 or np.abs(scale - size).max() > 1e-3 * size:
+        raise error(f"{model.name!r} stretches, mirrors or changes the size of what is below it; apply its scale")
+    return size
+
+
+def _rest(scene: Scene, above: list[int], order: list[int]) -> dict[int, Array]:
+    """World from joint at rest, (3, 3) each: as bound, else as its node stands without rotation of its own."""
+    still = np.zeros((1, 3))
+    rest: dict[int, Array] = {0: np.eye(3)}
+    for n in above:
+        model = scene.models[n]
+        rest[n] = rest[model.parent] @ model.turns(model.vectors["Lcl Rotation"][None])[0]
+    for n in order:
+        model = scene.models[n]
+        rest[n] = rest[model.parent] @ model.turns(still)[0]
+        if n in scene.bound and np.isfinite(scene.bound[n]).all():
+            u, size, vt = np.linalg.svd(scene.bound[n][:3, :3])
+            if size.min() > 1e-9 and np.linalg.det(u @ vt) > 0:
+                rest[n] = u @ vt
+    return rest

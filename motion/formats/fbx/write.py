@@ -1,0 +1,253 @@
+"""FBX: a skeleton of limb nodes, its animation and a mesh of its bones, as it is written.
+
+Centimetres, Y up, facing +Z at rest, as what is exported for game engines: Unreal, Unity and Maya take it as it stands.
+Every frame is a key; angles are unwrapped, so that what lies between two keys is between them.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge import __version__
+from muybridge.geometry.numerics.rotations import continuous_quat
+from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.motion.formats.skeletal.bone_meshes import BoneMesh, bone_mesh, rest_positions
+from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
+from muybridge.motion.formats.skeletal.euler import smooth_euler
+from muybridge.motion.formats.fbx.container import CREATION_TIME, FILE_ID, VERSION, Node, Table, write_fbx_nodes
+from muybridge.motion.formats.fbx.scene import CUSTOM_RATE, RATES, TICKS_A_SECOND
+
+Array = NDArray[np.float64]
+
+CM = 100.0
+_RATE_NUMBERS = {rate: number for number, rate in reversed(RATES.items()) if rate.is_integer()}
+_TAKE = "Take 001"
+# A key of straight lines: no tangents; the numbers are those of "nothing set".
+_LINEAR = np.array([4], np.int32)
+_TANGENTS = np.array([0, 0, 9.419963346924634e-30, 0], np.float32)
+_DOCUMENT, _STACK, _LAYER, _MESH, _GEOMETRY, _SKIN, _POSE, _MATERIAL = range(100001, 100009)
+# Numbers of a joint's objects, joint j having base + j; of its curves three each.
+_JOINT, _ATTRIBUTE, _CLUSTER, _END, _END_ATTRIBUTE = (200000, 300000, 400000, 500000, 600000)
+_NODE_OF = {"T": 700000, "R": 800000}
+_CURVE_OF = {"T": 1000000, "R": 2000000}
+
+
+def write_fbx(path: Path, motion: Motion) -> None:
+    """Write a motion with its skeleton and a mesh of its bones as binary FBX 7.4.
+
+    Args:
+        path: the file to write; replaced only once it is complete.
+        motion: metres, Z up; at least one frame.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    if not len(motion):
+        raise ValueError("a motion without frames cannot be written")
+    skeleton = motion.skeleton
+    objects, links = Node("Objects", (), []), Node("Connections", (), [])
+    ends = [j for j, tip in enumerate(skeleton.tips) if j not in skeleton.parents and np.isfinite(tip).all()]
+    _add_joints(objects, links, skeleton, ends)
+    _add_mesh(objects, links, skeleton)
+    _add_animation(objects, links, motion)
+    write_fbx_nodes(path, [*_head(motion), _definitions(objects), objects, links, _takes(motion)])
+
+
+def _name(name: str, kind: str) -> str:
+    """As binary files have it: the name first, its class after two marks."""
+    return f"{name}\x00\x01{kind}"
+
+
+def _ticks(frame: int, fps: float) -> int:
+    return round(frame * TICKS_A_SECOND / fps)
+
+
+def _head(motion: Motion) -> list[Node]:
+    header = Node("FBXHeaderExtension", (), [])
+    header.add("FBXHeaderVersion", np.int32(1003))
+    header.add("FBXVersion", np.int32(VERSION))
+    header.add("EncryptionType", np.int32(0))
+    stamp = header.add("CreationTimeStamp", children=[])
+    moment = (("Year", 1970), ("Month", 1), ("Day", 1), ("Hour", 10), ("Minute", 0), ("Second", 0), ("Millisecond", 0))
+    for key, value in (("Version", 1000), *moment):
+        stamp.add(key, np.int32(value))
+    header.add("Creator", f"muybridge {__version__}")
+    table = Table()
+    for axis, way in (("Up", 1), ("Front", 2), ("Coord", 0)):
+        table.integer(f"{axis}Axis", way).integer(f"{axis}AxisSign", 1)
+    table.integer("OriginalUpAxis", -1).integer("OriginalUpAxisSign", 1)
+    table.number("UnitScaleFactor", 1.0).number("OriginalUnitScaleFactor", 1.0)
+    table.integer("TimeMode", _RATE_NUMBERS.get(motion.fps, CUSTOM_RATE), "enum").number("CustomFrameRate", motion.fps)
+    table.line("TimeSpanStart", "KTime", "Time", "", 0)
+    table.line("TimeSpanStop", "KTime", "Time", "", _ticks(len(motion) - 1, motion.fps))
+    settings = Node("GlobalSettings", (), [Node("Version", (np.int32(1000),)), table.node])
+    documents = Node("Documents", (), [Node("Count", (np.int32(1),))])
+    scene = documents.add("Document", _DOCUMENT, "Scene", "Scene", children=[])
+    scene.children = [Table().line("ActiveAnimStackName", "KString", "", "", _TAKE).node, Node("RootNode", (0,))]
+    return [
+        header, Node("FileId", (FILE_ID,)), Node("CreationTime", (CREATION_TIME,)),
+        Node("Creator", (f"muybridge {__version__}",)), settings, documents, Node("References", (), []),
+    ]  # fmt: skip
+
+
+def _definitions(objects: Node) -> Node:
+    """How many objects there are of each kind."""
+    kinds = ["GlobalSettings", *(node.name for node in objects.children or [])]
+    out = Node("Definitions", (), [Node("Version", (np.int32(100),)), Node("Count", (np.int32(len(kinds)),))])
+    for kind in dict.fromkeys(kinds):
+        out.add("ObjectType", kind, children=[Node("Count", (np.int32(kinds.count(kind)),))])
+    return out
+
+
+def _takes(motion: Motion) -> Node:
+    out = Node("Takes", (), [Node("Current", (_TAKE,))])
+    span = (0, _ticks(len(motion) - 1, motion.fps))
+    take = out.add("Take", _TAKE, children=[])
+    take.add("FileName", "Take_001.tak")
+    take.add("LocalTime", *span)
+    take.add("ReferenceTime", *span)
+    return out
+
+
+def _model(number: int, name: str, kind: str, place: Array) -> Node:
+    table = Table().integer("InheritType", 1, "enum")
+    table.line("Lcl Translation", "Lcl Translation", "", "A", *map(float, place))
+    table.line("Lcl Rotation", "Lcl Rotation", "", "A", 0.0, 0.0, 0.0)
+    table.line("Lcl Scaling", "Lcl Scaling", "", "A", 1.0, 1.0, 1.0)
+    seen = [Node("Shading", (True,)), Node("Culling", ("CullingOff",))]
+    children = [Node("Version", (np.int32(232),)), table.node, *seen]
+    return Node("Model", (number, _name(name, "Model"), kind), children)
+
+
+def _limb(objects: Node, links: Node, numbers: tuple[int, int, int], name: str, place: Array, length: float) -> None:
+    """A joint as a model and what makes it a limb; `numbers` are the model's, the attribute's and the parent's."""
+    model, attribute, parent = numbers
+    size = Table().number("Size", length).node
+    attributes = [Node("TypeFlags", ("Skeleton",)), size]
+    objects.append(Node("NodeAttribute", (attribute, _name(name, "NodeAttribute"), "LimbNode"), attributes))
+    objects.append(_model(model, name, "LimbNode", place))
+    links.add("C", "OO", model, parent)
+    links.add("C", "OO", attribute, model)
+
+
+def _add_joints(objects: Node, links: Node, skeleton: Skeleton, ends: Iterable[int]) -> None:
+    """The joints at rest, with an end where a last one's bone ends; and the pose that the mesh is bound in."""
+    offsets, rest = CM * skeleton.offsets @ BVH_FROM_WORLD.T, CM * rest_positions(skeleton) @ BVH_FROM_WORLD.T
+    lengths = CM * np.linalg.norm(skeleton.offsets, axis=1)
+    for j, (name, parent) in enumerate(zip(skeleton.names, skeleton.parents, strict=True)):
+        numbers = (_JOINT + j, _ATTRIBUTE + j, _JOINT + parent if parent >= 0 else 0)
+        _limb(objects, links, numbers, name, offsets[j] if parent >= 0 else np.zeros(3), float(lengths[j]))
+    for j in ends:
+        tip = CM * BVH_FROM_WORLD @ skeleton.tips[j]
+        numbers = (_END + j, _END_ATTRIBUTE + j, _JOINT + j)
+        _limb(objects, links, numbers, f"{skeleton.names[j]}_End", tip, float(np.linalg.norm(tip)))
+    pose = Node("Pose", (_POSE, _name("BindPose", "Pose"), "BindPose"), [])
+    pose.add("Type", "BindPose")
+    pose.add("Version", np.int32(100))
+    pose.add("NbPoseNodes", np.int32(len(skeleton) + 1))
+    for number, place in [(_MESH, np.zeros(3)), *((_JOINT + j, place) for j, place in enumerate(rest))]:
+        pose.add("PoseNode", children=[Node("Node", (number,)), Node("Matrix", (_matrix(place),))])
+    objects.append(pose)
+
+
+def _matrix(place: Array) -> Array:
+    """A translation as FBX has its matrices: (16,), columns first."""
+    out = np.eye(4)
+    out[3, :3] = place
+    return out.ravel()
+
+
+def _add_mesh(objects: Node, links: Node, skeleton: Skeleton) -> None:
+    mesh = bone_mesh(skeleton)
+    objects.append(_geometry(mesh))
+    objects.append(_model(_MESH, "bones", "Mesh", np.zeros(3)))
+    material = Table().line("DiffuseColor", "Color", "", "A", 0.8, 0.62, 0.36).node
+    children = [Node("Version", (np.int32(102),)), Node("ShadingModel", ("lambert",)), material]
+    objects.append(Node("Material", (_MATERIAL, _name("bones", "Material"), ""), children))
+    skin = [Node("Version", (np.int32(101),)), Node("Link_DeformAcuracy", (50.0,))]
+    objects.append(Node("Deformer", (_SKIN, _name("bones", "Deformer"), "Skin"), skin))
+    for child, parent in ((_MESH, 0), (_GEOMETRY, _MESH), (_MATERIAL, _MESH), (_SKIN, _GEOMETRY)):
+        links.add("C", "OO", child, parent)
+    rest = CM * rest_positions(skeleton) @ BVH_FROM_WORLD.T
+    for j, name in enumerate(skeleton.names):
+        moved = np.flatnonzero(mesh.joints == j).astype(np.int32)
+        cluster = Node("Deformer", (_CLUSTER + j, _name(name, "SubDeformer"), "Cluster"), [])
+        cluster.add("Version", np.int32(100))
+        cluster.add("UserData", "", "")
+        if len(moved):
+            cluster.add("Indexes", moved)
+            cluster.add("Weights", np.ones(len(moved)))
+        cluster.add("Transform", _matrix(-rest[j]))  # the mesh as the joint sees it
+        cluster.add("TransformLink", _matrix(rest[j]))
+        objects.append(cluster)
+        links.add("C", "OO", _CLUSTER + j, _SKIN)
+        links.add("C", "OO", _JOINT + j, _CLUSTER + j)
+
+
+def _geometry(mesh: BoneMesh) -> Node:
+    out = Node("Geometry", (_GEOMETRY, _name("bones", "Geometry"), "Mesh"), [])
+    corners = np.arange(len(mesh.positions), dtype=np.int32)
+    corners[2::3] = ~corners[2::3]  # the last of a face is negative
+    out.add("GeometryVersion", np.int32(124))
+    out.add("Vertices", (CM * mesh.positions @ BVH_FROM_WORLD.T).ravel())
+    out.add("PolygonVertexIndex", corners)
+    layers = {"Normal": ("ByPolygonVertex", "Normals", (mesh.normals @ BVH_FROM_WORLD.T).ravel()),
+              "Material": ("AllSame", "Materials", np.zeros(1, np.int32))}  # fmt: skip
+    layer = Node("Layer", (np.int32(0),), [Node("Version", (np.int32(100),))])
+    for kind, (mapping, key, values) in layers.items():
+        element = out.add(f"LayerElement{kind}", np.int32(0), children=[])
+        element.add("Version", np.int32(101))
+        element.add("Name", "")
+        element.add("MappingInformationType", mapping)
+        element.add("ReferenceInformationType", "Direct" if kind == "Normal" else "IndexToDirect")
+        element.add(key, values)
+        one = layer.add("LayerElement", children=[])
+        one.add("Type", f"LayerElement{kind}")
+        one.add("TypedIndex", np.int32(0))
+    out.append(layer)
+    return out
+
+
+def _add_animation(objects: Node, links: Node, motion: Motion) -> None:
+    """Every joint's angles and the root's place, a key a frame."""
+    last = _ticks(len(motion) - 1, motion.fps)
+    table = Table()
+    for key, at in (("LocalStart", 0), ("LocalStop", last), ("ReferenceStart", 0), ("ReferenceStop", last)):
+        table.line(key, "KTime", "Time", "", at)
+    objects.append(Node("AnimationStack", (_STACK, _name(_TAKE, "AnimStack"), ""), [table.node]))
+    objects.append(Node("AnimationLayer", (_LAYER, _name("BaseLayer", "AnimLayer"), ""), []))
+    links.add("C", "OO", _LAYER, _STACK)
+    times = np.array([_ticks(t, motion.fps) for t in range(len(motion))], np.int64)
+    quat = continuous_quat(motion.quat_wxyz)
+    xyzw = np.concatenate([quat[..., 1:] @ BVH_FROM_WORLD.T, quat[..., :1]], axis=-1)
+    angles = np.degrees(smooth_euler(xyzw, "xyz"))  # FBX's order: about X first
+    places = CM * motion.root_positions_world @ BVH_FROM_WORLD.T
+    for j in range(len(motion.skeleton)):
+        _add_curves(objects, links, "R", "Lcl Rotation", j, times, angles[:, j])
+        if motion.skeleton.parents[j] < 0:
+            _add_curves(objects, links, "T", "Lcl Translation", j, times, places)
+
+
+def _add_curves(
+    objects: Node, links: Node, kind: str, what: str, j: int, times: NDArray[np.int64], values: Array
+) -> None:
+    """Three curves of joint `j`: keys at `times` (T,) of `values` (T, 3)."""
+    number, table = _NODE_OF[kind] + j, Table()
+    for axis, first in zip("XYZ", values[0], strict=True):
+        table.line(f"d|{axis}", "Number", "", "A", float(first))
+    objects.append(Node("AnimationCurveNode", (number, _name(kind, "AnimCurveNode"), ""), [table.node]))
+    links.add("C", "OO", number, _LAYER)
+    links.add("C", "OP", number, _JOINT + j, what)
+    for k, axis in enumerate("XYZ"):
+        curve = Node("AnimationCurve", (_CURVE_OF[kind] + 3 * j + k, _name("", "AnimCurve"), ""), [])
+        curve.add("Default", float(values[0, k]))
+        curve.add("KeyVer", np.int32(4008))
+        curve.add("KeyTime", times)
+        curve.add("KeyValueFloat", values[:, k].astype(np.float32))
+        curve.add("KeyAttrFlags", _LINEAR)
+        curve.add("KeyAttrDataFloat", _TANGENTS)
+        curve.add("KeyAttrRefCount", np.array([len(times)], np.int32))
+        objects.append(curve)
+        links.add("C", "OP", _CURVE_OF[kind] + 3 * j + k, number, f"d|{axis}")

@@ -1,0 +1,136 @@
+"""glTF 2.0: a skinned skeleton with its animation, as one `.glb` file; read from `.glb` and `.gltf`.
+
+Metres, Y up, facing +Z at rest, as the specification has it: (x, y, z)_gltf = (x_world, z_world, -y_world). What is
+written: one node a joint whose rotation is animated, the root's translation too; a skin with inverse bind matrices
+of the rest pose; and a mesh of one octahedron a bone, so that any viewer shows something.
+
+Source: Khronos Group, glTF 2.0 Specification, sections 3.7.3 (skins) and 3.11 (animations).
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge import __version__
+from muybridge.files import replacing
+from muybridge.geometry.numerics.rotations import continuous_quat
+from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions
+from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
+from muybridge.motion.formats.gltf.container import ARRAY_BUFFER, UNSIGNED_BYTE, UNSIGNED_SHORT, Buffer, pack_glb
+from muybridge.motion.formats.gltf.read import read_gltf
+
+__all__ = ["read_gltf", "write_glb"]
+
+Array = NDArray[np.float64]
+
+GLTF_FROM_WORLD = BVH_FROM_WORLD
+_BONE_COLOUR = [0.80, 0.62, 0.36, 1.0]
+
+
+def write_glb(path: Path, motion: Motion) -> None:
+    """Write a motion with its skeleton and a mesh of its bones.
+
+    Args:
+        path: the file to write; replaced only once it is complete.
+        motion: metres, Z up; at least one frame.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    if not len(motion):
+        raise ValueError("a motion without frames cannot be written: glTF's animations need a key")
+    skeleton = motion.skeleton
+    buffer = Buffer()
+    rest = rest_positions(skeleton)
+    reach = np.concatenate([rest, (rest + skeleton.tips)[np.isfinite(skeleton.tips).all(axis=1)]])
+    rest -= (0.0, 0.0, reach[:, 2].min())  # at rest it stands on the ground
+    document: dict[str, Any] = {
+        "asset": {"version": "2.0", "generator": f"muybridge {__version__}"},
+        "scene": 0,
+        "scenes": [{"nodes": [0, len(skeleton)]}],
+        "nodes": [*_joint_nodes(skeleton, rest), {"name": "bones", "mesh": 0, "skin": 0}],
+        "meshes": [_mesh(skeleton, rest, buffer)],
+        "materials": [
+            {
+                "name": "bone",
+                "pbrMetallicRoughness": {
+                    "baseColorFactor": _BONE_COLOUR,
+                    "metallicFactor": 0.0,
+                    "roughnessFactor": 0.7,
+                },
+            }
+        ],
+        "skins": [
+            {
+                "name": "skeleton",
+                "skeleton": 0,
+                "joints": list(range(len(skeleton))),
+                "inverseBindMatrices": buffer.add(_inverse_bind(rest), "MAT4"),
+            }
+        ],
+        "animations": [_animation(motion, buffer)],
+    }
+    document |= {"accessors": buffer.accessors, "bufferViews": buffer.views}
+    document["buffers"] = [{"byteLength": len(buffer.data)}]
+    data = pack_glb(document, bytes(buffer.data))
+    with replacing(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def _joint_nodes(skeleton: Skeleton, rest: Array) -> list[dict[str, Any]]:
+    nodes = []
+    for j, name in enumerate(skeleton.names):
+        place = rest[0] if j == 0 else skeleton.offsets[j]
+        node: dict[str, Any] = {"name": name, "translation": (GLTF_FROM_WORLD @ place + 0.0).tolist()}
+        children = [k for k, parent in enumerate(skeleton.parents) if parent == j]
+        if children:
+            node["children"] = children
+        elif np.isfinite(skeleton.tips[j]).all():
+            node["extras"] = {"tip": (GLTF_FROM_WORLD @ skeleton.tips[j] + 0.0).tolist()}
+        nodes.append(node)
+    return nodes
+
+
+def _inverse_bind(rest: Array) -> Array:
+    """(J, 16), column after column: at rest every joint has the world's axes, so they only move back."""
+    out = np.tile(np.eye(4), (len(rest), 1, 1))
+    out[:, :3, 3] = -rest @ GLTF_FROM_WORLD.T
+    return np.asarray(np.swapaxes(out, 1, 2).reshape(-1, 16) + 0.0)
+
+
+def _mesh(skeleton: Skeleton, rest: Array, buffer: Buffer) -> dict[str, Any]:
+    mesh = bone_mesh(skeleton)
+    count = len(mesh.positions)
+    joints = np.zeros((count, 4), dtype=np.int64)
+    joints[:, 0] = mesh.joints
+    weights = np.zeros((count, 4))
+    weights[:, 0] = 1.0
+    component = UNSIGNED_BYTE if len(skeleton) <= 256 else UNSIGNED_SHORT
+    positions = (mesh.positions + rest[0]) @ GLTF_FROM_WORLD.T
+    attributes = {
+        "POSITION": buffer.add(positions, "VEC3", target=ARRAY_BUFFER, bounds=True),
+        "NORMAL": buffer.add(mesh.normals @ GLTF_FROM_WORLD.T, "VEC3", target=ARRAY_BUFFER),
+        "JOINTS_0": buffer.add(joints, "VEC4", component, target=ARRAY_BUFFER),
+        "WEIGHTS_0": buffer.add(weights, "VEC4", target=ARRAY_BUFFER),
+    }
+    return {"name": "bones", "primitives": [{"attributes": attributes, "material": 0}]}
+
+
+def _animation(motion: Motion, buffer: Buffer) -> dict[str, Any]:
+    xyzw = np.roll(continuous_quat(motion.quat_wxyz), -1, axis=-1)
+    xyzw = xyzw / np.linalg.norm(xyzw, axis=-1, keepdims=True)
+    xyzw[..., :3] = xyzw[..., :3] @ GLTF_FROM_WORLD.T
+    time = buffer.add(np.arange(len(motion)) / motion.fps, "SCALAR", bounds=True)
+    outputs = [(0, "translation", buffer.add(motion.root_positions_world @ GLTF_FROM_WORLD.T, "VEC3"))]
+    outputs += [(j, "rotation", buffer.add(xyzw[:, j], "VEC4")) for j in range(len(motion.skeleton))]
+    return {
+        "name": "motion",
+        "extras": {"fps": float(motion.fps)},
+        "samplers": [{"input": time, "interpolation": "LINEAR", "output": output} for _, _, output in outputs],
+        "channels": [
+            {"sampler": k, "target": {"node": node, "path": what}} for k, (node, what, _) in enumerate(outputs)
+        ],
+    }

@@ -1,0 +1,108 @@
+"""Points as NumPy's `.npz`: `points_world` (T, J, 3) in metres with Z up, `names` (J,), `fps`, `covariance_world`.
+
+Read are also the usual other names of these arrays.
+"""
+
+import struct
+import zipfile
+import zlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import FormatError
+from muybridge.files import replacing
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.motion.formats.points.common import (
+    METRES_OF_UNIT,
+    UP_PERMUTATION,
+    check_unit,
+    check_up,
+    points_of_file,
+)
+
+_POINTS = ("points_world", "points3d_world", "points3d", "points", "keypoints3d", "joints3d", "xyz", "markers")
+_NAMES = ("names", "labels", "landmarks", "keypoint_names", "joint_names", "marker_names")
+_RATES = ("fps", "rate", "frame_rate", "framerate", "mocap_framerate", "mocap_frame_rate")
+_LARGEST = 2**32  # bytes a file may unpack to
+
+
+def write_npz(path: Path, points: Points3D) -> None:
+    """Write points with their covariances.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            points_world=points.points_world,
+            covariance_world=points.covariance_world,
+            names=np.array(points.landmarks.names),
+            fps=np.array(points.fps),
+            unit=np.array("m"),
+        )
+
+
+def read_npz(path: Path, fps: float | None = None, unit: str | None = None, up: str = "z") -> Points3D:
+    """Read points into metres, Z up; nothing in the file is run.
+
+    Args:
+        path: the file.
+        fps: frames a second; None for what the file says.
+        unit: m, cm or mm; None for what the file's `unit` says, metres where it says nothing.
+        up: y or z.
+
+    Raises:
+        FormatError: malformed, or an array is missing; the message lists what is there.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError(f"{path}: no such file; give an existing .npz file")
+    try:
+        arrays = _load(path)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, struct.error, MemoryError,
+            NotImplementedError, RuntimeError, SyntaxError, OverflowError, TypeError) as error:  # fmt: skip
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise FormatError(f"{path}: is not a readable .npz ({reason}); save it again") from error
+    there = ", ".join(f"{k} {v.shape}" for k, v in arrays.items()) or "nothing"
+    xyz = _pick(arrays, _POINTS)
+    if xyz is None or xyz.ndim != 3 or xyz.shape[-1] not in (3, 4) or xyz.dtype.kind not in "fiu":
+        raise FormatError(f"{path}: needs `points_world` of shape (frames, landmarks, 3); there is {there}")
+    names = _pick(arrays, _NAMES)
+    if names is None or names.shape != xyz.shape[1:2] or names.dtype.kind not in "US":
+        raise FormatError(f"{path}: needs `names`, one text for each of {xyz.shape[1]} landmarks; there is {there}")
+    if fps is None:
+        rate = _pick(arrays, _RATES)
+        if rate is None or rate.size != 1 or rate.dtype.kind not in "fiu" or not 0 < float(rate.flat[0]) < 1e9:
+            raise FormatError(f"{path}: has no `fps`, frames a second; say it with --fps")
+        fps = float(rate.flat[0])
+    stated = arrays.get("unit")
+    word = unit or (str(stated.flat[0]) if stated is not None and stated.size == 1 else "m")
+    metres = METRES_OF_UNIT[check_unit(path, word, "the unit")]
+    turn = list(UP_PERMUTATION[check_up(up)])
+    place = xyz[..., :3].astype(np.float64)
+    place[~np.all(np.abs(place) < 1e12, axis=-1)] = np.nan
+    if not len(place):
+        raise FormatError(f"{path}: has no frame")
+    labels = [n.decode("utf-8", "replace") if isinstance(n, bytes) else str(n) for n in names.tolist()]
+    points = points_of_file(path, labels, place[..., turn] * metres, fps, "npz")
+    covariance = arrays.get("covariance_world")
+    if covariance is not None and covariance.shape == (*place.shape, 3) and covariance.dtype.kind == "f":
+        turned = covariance.astype(np.float64)[..., turn, :][..., turn] * metres**2
+        points = replace(points, covariance_world=turned)
+    return points
+
+
+def _load(path: Path) -> dict[str, NDArray]:  # type: ignore[type-arg]
+    with zipfile.ZipFile(path) as archive:
+        if sum(i.file_size for i in archive.infolist()) > _LARGEST:
+            raise ValueError("it would take more than 4 GiB")
+    with np.load(path, allow_pickle=False) as stored:
+        return {name: stored[name] for name in stored.files}
+
+
+def _pick(arrays: dict[str, NDArray], names: tuple[str, ...]) -> NDArray | None:  # type: ignore[type-arg]
+    return next((arrays[n] for n in names if n in arrays), None)

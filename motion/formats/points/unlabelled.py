@@ -1,0 +1,168 @@
+"""Recordings of points that nobody has named yet (or named wrongly): C3D, TRC and CSV.
+
+Other readers insist on labels that are there once; here a label is only a hint, and whatever a file calls its points
+is kept beside them.
+"""
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.errors import FormatError
+from muybridge.motion.formats.points.c3d_read import RawC3D, read_raw_c3d
+from muybridge.motion.formats.points.csv import read_rows, value_of
+from muybridge.motion.formats.points.common import METRES_OF_UNIT, UNIT_WORDS, check_unit
+from muybridge.motion.formats.points.columns import FRAMES, TIMES, placed, rate_of
+from muybridge.motion.formats.points.trc import read_trc
+
+Float = NDArray[np.float64]
+# Parameters of POINT that list what is stored as points and is none.
+_DERIVED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS")
+_NO_MARKER = re.compile(r"(angles?|forces?|moments?|powers?|centreofmass|centerofmass|grf|cop)$", re.IGNORECASE)
+_NAME = re.compile(rf"^(.*?)[\s_.:\-]*\(?([xyz])\)?(?:\s*[\[(]?({'|'.join(UNIT_WORDS)})[\])]?)?$", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class MarkerCloud:
+    """Points as a file has them.
+
+    Attributes:
+        points: (T, K, 3) in the file's axes, metres by the unit that the file states (as they are where it states
+            none); NaN where missing.
+        names: (K,) what the file calls them, prefixes of subjects included.
+        fps: frames a second; NaN where the file does not say.
+        unit: the unit that the file states, "" where it states none.
+        left_out: names of what is stored as points and is none (angles, forces).
+        empty: names of trajectories without a single point.
+        metres: how long a unit of the file is by what it states.
+        c3d: the file, where it is a C3D.
+    """
+
+    points: Float
+    names: tuple[str, ...]
+    fps: float
+    unit: str
+    left_out: tuple[str, ...] = ()
+    empty: tuple[str, ...] = ()
+    metres: float = 1.0
+    c3d: RawC3D | None = None
+
+
+def read_marker_cloud(path: Path, fps: float | None = None) -> MarkerCloud:
+    """Points of a C3D, TRC or CSV file; trajectories without a single point are left out.
+
+    Args:
+        path: the file.
+        fps: frames a second, whatever the file says; None for what it says.
+
+    Raises:
+        FormatError: the file is missing, truncated, of no known kind, or holds no points.
+    """
+    path = Path(path)
+    readers = {".c3d": _read_c3d, ".trc": _read_trc, ".csv": _read_csv, ".tsv": _read_csv, ".txt": _read_csv}
+    if path.suffix.lower() not in readers:
+        raise FormatError(f"{path}: not a kind of point file; valid are {', '.join(readers)}")
+    if not path.is_file():
+        raise FormatError(f"{path}: no such file; give an existing C3D, TRC or CSV file")
+    cloud = readers[path.suffix.lower()](path, fps)
+    there = np.atleast_1d(np.isfinite(cloud.points[..., 0]).any(0))
+    if not there.any():
+        raise FormatError(f"{path}: holds no points: its {len(there)} trajectories are empty; export the markers")
+    names = np.array(cloud.names, object)
+    return replace(cloud, points=cloud.points[:, there], names=tuple(names[there]), empty=tuple(names[~there]))
+
+
+def _read_c3d(path: Path, fps: float | None) -> MarkerCloud:
+    raw = read_raw_c3d(path)
+    frames, count = raw.points.shape[:2]
+    if not count or not frames:
+        analog = raw.analog.shape[1]
+        also = f", only {analog} analog channels" if analog else ""
+        raise FormatError(f"{path}: holds no points{also}; export the markers into it")
+    names = [name.strip() for name in raw.texts("POINT", "LABELS")]
+    names = [*names, *(f"*{k}" for k in range(len(names), count))][:count]
+    unit = (raw.texts("POINT", "UNITS") or [""])[0].strip()
+    unit = check_unit(path, unit, "POINT:UNITS") if unit else ""
+    listed = {name.strip() for key in _DERIVED for name in raw.texts("POINT", key)}
+    none = np.array([n in listed or bool(_NO_MARKER.search(n.split(":")[-1])) for n in names])
+    if none.all():
+        raise FormatError(f"{path}: holds no markers, only {', '.join(names[:4])} and the like; export the markers")
+    xyz = np.array(raw.points, np.float64)
+    xyz[(raw.residuals < 0) | ~np.isfinite(xyz).all(-1) | (xyz == 0).all(-1)] = np.nan
+    named = np.array(names, object)
+    fps = fps or (raw.fps if raw.fps > 0 else float("nan"))
+    metres = METRES_OF_UNIT.get(unit, 1.0)
+    return MarkerCloud(xyz[:, ~none] * metres, tuple(named[~none]), fps, unit, tuple(named[none]), (), metres, raw)
+
+
+def _read_trc(path: Path, fps: float | None) -> MarkerCloud:
+    points = read_trc(path, fps=fps)
+    return MarkerCloud(points.points_world, points.landmarks.names, points.fps, "m")
+
+
+def _read_csv(path: Path, fps: float | None) -> MarkerCloud:
+    begin, separator, cells = read_rows(path)
+    rows = [(begin + i, row) for i, row in enumerate(cells, start=1) if any(row)]
+    head = rows[0][1]
+    if head[0].lower().startswith("trajectories"):
+        return _vicon(path, rows, separator)
+    triples, unit = _triples(head)
+    if not triples:
+        raise FormatError(
+            f"{path}: line 1 names no points: each needs three columns that end in x, y and z, such as U1_x, U1_y, U1_z"
+        )
+    table = _numbers(path, rows[1:], len(head), separator)
+    plain = [name.lower() for name in head]
+    frame, time = (next((plain.index(k) for k in keys if k in plain), None) for keys in (FRAMES, TIMES))
+    numbers = None if frame is None else table[:, frame]
+    table, times = placed(path, table, numbers, None if time is None else table[:, time], fps)
+    rate = fps or (rate_of(path, times) if times is not None and len(times) > 1 else float("nan"))
+    xyz = np.stack([table[:, list(at)] for _, at in triples], 1) * METRES_OF_UNIT.get(unit, 1.0)
+    xyz[~np.isfinite(xyz).all(-1)] = np.nan
+    return MarkerCloud(xyz, tuple(n for n, _ in triples), rate, unit)
+
+
+def _triples(head: list[str]) -> tuple[list[tuple[str, tuple[int, int, int]]], str]:
+    """Names with the columns of x, y and z, and the unit if the header has it."""
+    found: dict[str, dict[str, int]] = {}
+    unit = ""
+    for i, name in enumerate(head):
+        match = _NAME.match(name)
+        if match:
+            found.setdefault(match[1], {})[match[2].lower()] = i
+            unit = UNIT_WORDS[match[3].lower()] if match[3] else unit
+    return [(n, (c["x"], c["y"], c["z"])) for n, c in found.items() if len(c) == 3], unit
+
+
+def _vicon(path: Path, rows: list[tuple[int, list[str]]], separator: str) -> MarkerCloud:
+    """Vicon Nexus' ASCII export: Trajectories, rate, names, axes, units, a row a frame."""
+    try:
+        fps = float(rows[1][1][0])
+        names = [n for n in rows[2][1][2:] if n]
+        units = {u for u in rows[4][1] if u}
+    except (IndexError, ValueError) as error:
+        raise FormatError(f"{path}: begins like Vicon's export, but its header is cut off; export it again") from error
+    unit = check_unit(path, units.pop(), "the unit") if len(units) == 1 else ""
+    end = next((i for i, (_, row) in enumerate(rows[5:], 5) if not row[0].isdigit()), len(rows))
+    table = _numbers(path, rows[5:end], 2 + 3 * len(names), separator)
+    table, _ = placed(path, table, table[:, 0], None, fps)
+    xyz = table[:, 2:].reshape(len(table), len(names), 3) * METRES_OF_UNIT.get(unit, 1.0)
+    xyz[~np.isfinite(xyz).all(-1)] = np.nan
+    return MarkerCloud(xyz, tuple(names), fps, unit)
+
+
+def _numbers(path: Path, rows: list[tuple[int, list[str]]], width: int, separator: str) -> Float:
+    """The cells of numbered lines as numbers (N, width)."""
+    out = np.full((len(rows), width), np.nan)
+    for i, (number, row) in enumerate(rows):
+        for j, cell in enumerate(row[:width]):
+            value = value_of(cell, separator)
+            if isinstance(value, str):
+                raise FormatError(f"{path}: line {number}, cell {j + 1}: {cell!r} is no number; empty means missing")
+            out[i, j] = value
+    if not len(out):
+        raise FormatError(f"{path}: has a header and no frames; export it again")
+    return out

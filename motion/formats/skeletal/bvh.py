@@ -1,0 +1,337 @@
+"""BVH, the text file of animation: a hierarchy of offsets and Euler angles.
+
+Ours is Y up and in metres, which Blender's default import (scale 1, forward -Z, up Y) takes upright and at
+the right size: (x, y, z)_bvh = (x_world, z_world, -y_world). At rest the figure stands in a T-pose and faces
++Z.
+
+BVH says neither unit nor axes, so reading keeps lengths unless a scale is given, and takes Y for up.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from muybridge.errors import FormatError
+from muybridge.files import replacing
+from muybridge.geometry.numerics.rotations import continuous_quat
+from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.motion.formats.skeletal.euler import smooth_euler
+
+Array = NDArray[np.float64]
+
+_SHORTEST_M = 0.01
+BVH_FROM_WORLD = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+_AXES = "xyz"
+_PRECISE = 0.02  # share of a frame's time that its text may be off by and still tell the rate
+
+
+def write_bvh(path: Path, motion: Motion, units: Literal["m", "cm"] = "m") -> None:
+    """Write a motion: six channels on the root, three on every other joint, end sites on the tips.
+
+    An end site is at least 1 cm from its joint, as some programs drop a bone without length. Spaces in names become
+    underscores, since a name ends at a space.
+
+    Args:
+        path: the file to write; replaced only once it is complete.
+        motion: metres, Z up.
+        units: what one unit of the file is; the format does not say it.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    skeleton, per_metre = motion.skeleton, {"m": 1.0, "cm": 100.0}[units]
+    order: list[int] = []
+    lines = ["HIERARCHY"]
+    names = ["_".join(n.split()) or "_" for n in skeleton.names]
+    names = [n if n not in names[:i] else f"{n}.{i:03d}" for i, n in enumerate(names)]
+    scaled = replace(
+        skeleton, names=tuple(names), offsets=skeleton.offsets * per_metre, tips=_long_tips(skeleton) * per_metre
+    )
+    _write_joint(scaled, 0, 0, lines, order)
+    xyzw = np.roll(motion.quat_wxyz[:, order], -1, axis=-1)
+    xyzw[..., :3] = xyzw[..., :3] @ BVH_FROM_WORLD.T
+    t_count = len(motion)
+    degrees = np.degrees(smooth_euler(xyzw, "ZXY")).reshape(t_count, -1)
+    root = motion.root_positions_world @ BVH_FROM_WORLD.T * per_metre
+    lines += ["MOTION", f"Frames: {t_count}", f"Frame Time: {1 / motion.fps:.9f}"]
+    lines += [" ".join(f"{v:.6f}" for v in row) for row in np.concatenate([root, degrees], axis=1)]
+    with replacing(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+
+
+def _long_tips(skeleton: Skeleton) -> Array:
+    """(J, 3): tips of at least 1 cm; one that is not known goes on in the direction of its bone."""
+    tips = np.nan_to_num(skeleton.tips)
+    short = np.linalg.norm(tips, axis=1) < _SHORTEST_M
+    for directions in (skeleton.offsets, np.tile([0.0, 0.0, 1.0], (len(tips), 1)), tips):
+        length = np.linalg.norm(directions, axis=1)
+        use = short & (length > 1e-6)
+        tips[use] = directions[use] * (_SHORTEST_M / length[use])[:, None]
+    return np.asarray(tips)
+
+
+def _write_joint(skeleton: Skeleton, j: int, depth: int, lines: list[str], order: list[int]) -> None:
+    def offset(vector: Array) -> str:
+        return "OFFSET " + " ".join(f"{v + 0.0:.9f}" for v in BVH_FROM_WORLD @ vector)
+
+    order.append(j)
+    indent = "  " * depth
+    rotations = "Zrotation Xrotation Yrotation"
+    lines.append(f"{indent}{'JOINT' if depth else 'ROOT'} {skeleton.names[j]}")
+    lines.append(f"{indent}{{")
+    lines.append(f"{indent}  {offset(skeleton.offsets[j])}")
+    position = "" if depth else "Xposition Yposition Zposition "
+    lines.append(f"{indent}  CHANNELS {3 if depth else 6} {position}{rotations}")
+    children = [k for k, parent in enumerate(skeleton.parents) if parent == j]
+    for child in children:
+        _write_joint(skeleton, child, depth + 1, lines, order)
+    if not children:
+        end = offset(skeleton.tips[j])
+        lines += [f"{indent}  End Site", f"{indent}  {{", f"{indent}    {end}", f"{indent}  }}"]
+    lines.append(f"{indent}}}")
+
+
+@dataclass
+class _Joint:
+    name: str
+    parent: int
+    line: int
+    offset: Array | None = None
+    tip: Array | None = None
+    channels: tuple[str, ...] | None = None
+
+
+class _Words:
+    """The words of a file with their line numbers; every complaint names file and line."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        self.path = path
+        self.size = len(text)
+        self._words: Iterator[tuple[int, str]] = (
+            (number, word) for number, line in enumerate(text.split("\n"), start=1) for word in line.split()
+        )
+        self.line = 1
+
+    def next(self, wanted: str) -> str:
+        word = next(self._words, None)
+        if word is None:
+            raise FormatError(f"{self.path}: ends after line {self.line}, where {wanted} must follow; is it cut off?")
+        self.line = word[0]
+        return word[1]
+
+    def more(self) -> bool:
+        """Whether another word follows; it is used up."""
+        word = next(self._words, None)
+        self.line = word[0] if word else self.line
+        return word is not None
+
+    def bad(self, found: str, wanted: str) -> FormatError:
+        return FormatError(f"{self.path}: line {self.line}: {found!r} stands where {wanted} must; mend or re-export it")
+
+    def expect(self, *words: str) -> str:
+        found = self.next(" or ".join(words))
+        if found.lower() not in [w.lower() for w in words]:
+            raise self.bad(found, " or ".join(words))
+        return found.lower()
+
+    def number(self, wanted: str) -> float:
+        return self.value(self.next(wanted), wanted)
+
+    def value(self, found: str, wanted: str) -> float:
+        try:
+            value = float(found)
+        except ValueError:
+            value = np.nan
+        if not abs(value) < 1e12:
+            raise self.bad(found, wanted)
+        return value
+
+    def count(self, wanted: str) -> int:
+        value = self.number(wanted)
+        if value < 0 or value != int(value):
+            raise self.bad(f"{value:g}", wanted)
+        return int(value)
+
+    def vector(self) -> Array:
+        return np.array([self.number("an offset's number") for _ in range(3)])
+
+
+def read_bvh(path: Path, metres_per_unit: float = 1.0) -> Motion:
+    """Read a motion into metres, Z up.
+
+    Args:
+        path: the file.
+        metres_per_unit: what one unit of the file is: 1 for ours, 0.01 for many, 0.0254 / 0.45 for CMU's.
+
+    Returns:
+        A Motion; its skeleton has no limits (BVH knows none) and the file's rest pose. Position channels of other
+        joints than the root replace their OFFSET; they may not change over time.
+
+    Raises:
+        FormatError: malformed; the message names the line.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror}); give an existing BVH file") from error
+    words = _Words(path, text)
+    words.expect("HIERARCHY")
+    words.expect("ROOT")
+    joints: list[_Joint] = []
+    _read_joints(words, joints)
+    values, fps = _read_values(words, sum(len(j.channels or ()) for j in joints))
+    positions, quat_xyzw = _split_channels(path, joints, values)
+    quat_xyzw[..., :3] = quat_xyzw[..., :3] @ BVH_FROM_WORLD
+    offsets = np.array([j.offset for j in joints]) @ BVH_FROM_WORLD * metres_per_unit
+    tips = np.array([np.full(3, np.nan) if j.tip is None else j.tip for j in joints]) @ BVH_FROM_WORLD
+    offsets[0] = 0.0
+    free = np.full((len(joints), 3), np.inf)
+    skeleton = Skeleton(
+        names=tuple(j.name for j in joints),
+        parents=tuple(j.parent for j in joints),
+        offsets=offsets,
+        tips=tips * metres_per_unit,
+        twist_axis=(2,) * len(joints),
+        lower=-free,
+        upper=free,
+    )
+    quat = continuous_quat(np.roll(quat_xyzw, 1, axis=-1))
+    return Motion(skeleton, fps, positions @ BVH_FROM_WORLD * metres_per_unit, quat)
+
+
+def _read_joints(words: _Words, joints: list[_Joint]) -> None:
+    """The hierarchy, from behind the word ROOT to the brace that closes it; not recursive, so depth is no
+    risk."""
+    open_joints: list[int] = []
+    while True:
+        name = words.next("a joint's name")
+        line = words.line
+        after = words.next("{")
+        while after != "{":  # names with spaces
+            if words.line != line or after == "}":
+                raise words.bad(after, "{")
+            name, after = f"{name}_{after}", words.next("{")
+        if name in (j.name for j in joints):
+            raise FormatError(f"{words.path}: line {line}: the joint {name!r} stands twice; rename one of them")
+        joints.append(_Joint(name, open_joints[-1] if open_joints else -1, line))
+        open_joints.append(len(joints) - 1)
+        while True:
+            joint = joints[open_joints[-1]]
+            word = words.expect("OFFSET", "CHANNELS", "JOINT", "End", "}")
+            if word == "joint":
+                break
+            if word == "offset":
+                joint.offset = words.vector()
+            elif word == "channels":
+                joint.channels = _read_channels(words)
+            elif word == "end":
+                joint.tip = _read_end_site(words)
+            else:
+                if joint.offset is None:
+                    raise FormatError(
+                        f"{words.path}: line {joint.line}: the joint {joint.name!r} has no OFFSET; add one"
+                    )
+                open_joints.pop()
+                if not open_joints:
+                    return
+
+
+def _read_channels(words: _Words) -> tuple[str, ...]:
+    count = words.count("the number of channels")
+    valid = [f"{axis}{kind}" for kind in ("position", "rotation") for axis in _AXES]
+    channels = tuple(words.expect(*valid) for _ in range(min(count, 7)))
+    if count > 6 or len(set(channels)) != count:
+        raise words.bad(f"{count} channels", "at most six different ones")
+    return channels
+
+
+def _read_end_site(words: _Words) -> Array:
+    words.expect("Site")
+    while words.next("{") != "{":  # some give the end site a name
+        pass
+    words.expect("OFFSET")
+    tip = words.vector()
+    words.expect("}")
+    return tip
+
+
+def _read_values(words: _Words, channels: int) -> tuple[Array, float]:
+    """(T, channels) and frames a second."""
+    words.expect("MOTION")
+    words.expect("Frames:")
+    frames = words.count("the number of frames")
+    words.expect("Frame")
+    words.expect("Time:")
+    text = words.next("the seconds of a frame")
+    seconds = words.value(text, "the seconds of a frame")
+    if seconds <= 0:
+        raise words.bad(f"{seconds:g}", "a frame time above zero")
+    if frames * max(channels, 1) > words.size:
+        raise FormatError(
+            f"{words.path}: announces {frames} frames of {channels} numbers, more than it can hold; is it cut off?"
+        )
+    values = np.empty((frames, channels))
+    for t in range(frames):
+        begun = 0
+        for c in range(channels):
+            values[t, c] = words.number(f"number {c + 1} of {channels} of frame {t + 1}")
+            begun = begun or words.line
+            if words.line != begun:
+                raise FormatError(
+                    f"{words.path}: line {begun} has {c} numbers, but the {channels} channels need as many; "
+                    "mend the line"
+                )
+    if words.more():
+        raise FormatError(
+            f"{words.path}: line {words.line}: more follows the {frames} frames that the file announces; mend Frames:"
+        )
+    return values, _rate(text, seconds)
+
+
+def _rate(text: str, seconds: float) -> float:
+    """Frames a second: a whole number where the text is what its reciprocal is rounded or cut to."""
+    fps = 1 / seconds
+    whole, last = float(max(round(fps), 1)), Decimal(text).as_tuple().exponent
+    decimals = -last if isinstance(last, int) else 0
+    ulp = 10.0**-decimals
+    rounded = ulp < 2 * _PRECISE * seconds and -ulp < seconds - 1 / whole <= 0.5 * ulp
+    return whole if rounded or abs(fps - whole) < 2e-5 * fps else fps
+
+
+def _split_channels(path: Path, joints: list[_Joint], values: Array) -> tuple[Array, Array]:
+    """Root positions (T, 3) and rotations (T, J, 4) xyzw in the file's axes."""
+    t_count = len(values)
+    quat = np.zeros((t_count, len(joints), 4))
+    quat[..., 3] = 1.0
+    positions = np.tile(np.asarray(joints[0].offset), (t_count, 1))
+    column = 0
+    for j, joint in enumerate(joints):
+        names = joint.channels or ()
+        mine = values[:, column : column + len(names)]
+        column += len(names)
+        turning = [k for k, name in enumerate(names) if name.endswith("rotation")]
+        if turning and t_count:
+            order = "".join(names[k][0] for k in turning).upper()
+            angles = mine[:, turning] if len(turning) > 1 else mine[:, turning[0]]
+            quat[:, j] = Rotation.from_euler(order, angles, degrees=True).as_quat().reshape(t_count, 4)
+        for k, name in enumerate(names):
+            if not name.endswith("position"):
+                continue
+            axis = _AXES.index(name[0])
+            if j == 0:
+                positions[:, axis] = mine[:, k]
+            elif t_count and np.ptp(mine[:, k]) > 1e-3 * max(1.0, float(np.abs(mine[:, k]).max())):
+                raise FormatError(
+                    f"{path}: line {joint.line}: the joint {joint.name!r} slides against its parent; a "
+                    "skeleton with constant bones is needed: bake the positions into rotations before export"
+                )
+            elif t_count and joint.offset is not None:
+                joint.offset[axis] = np.median(mine[:, k])
+    return positions, quat

@@ -1,0 +1,98 @@
+#!/usr/bin/env python3
+"""Renders takes of several people for scripts/bench_takes.py: session folders with their truth.
+
+usage: python scripts/make_takes.py OUT [NAME ...]      (default: all of them)
+
+Writes OUT/NAME/videos/cam1.mp4 ..., calibration.toml and truth.npz (`points_world` (P, T, 23, 3) metres). A take
+that is there already stays. Needs the `train` extra.
+"""
+
+import pathlib
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from make_demo import write_video
+from rich.progress import track
+
+from muybridge.geometry.calibration import save_calibration
+from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.train.synthesis.bodies.body_model import BodyModel
+from muybridge.train.synthesis.rendering.multi_person_takes import cast, film_company, rig, view_of
+from muybridge.train.synthesis.rendering.renderer import Renderer
+from muybridge.train.synthesis.rendering.takes import Room
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a take shows: `kinds` of motion, one a person; cameras and their size; how far they stand, metres."""
+
+    kinds: tuple[str, ...]
+    cameras: int = 4
+    size: tuple[int, int] = (1280, 720)
+    distance: float = 4.6
+    fps: int = 30
+    seconds: float = 4.0
+    reach: float = 0.4
+    seed: int = 0
+    gain: float = 1.0
+    noise: float = 3.0
+
+
+PLANS = {
+    "walker": Plan(("walk",), seed=1),
+    "dancer": Plan(("dance",), seed=2),
+    "kicker-portrait": Plan(("kick",), size=(720, 1280), seed=3),
+    "runner-60": Plan(("run",), fps=60, seconds=3, seed=4),
+    "jumper-3-cameras": Plan(("jump",), cameras=3, seed=5),
+    "floor": Plan(("get_up",), seed=6),
+    "lying": Plan(("lie",), seed=107),
+    "cartwheel": Plan(("cartwheel",), seed=121),
+    "handstand": Plan(("handstand",), seed=131),
+    "dark": Plan(("reach",), gain=0.3, noise=6.0, size=(640, 480), seed=7),
+    "two-walkers": Plan(("walk", "walk"), seed=11),
+    "two-close": Plan(("pair",), seed=12),
+    "stand-and-walk": Plan(("stand", "walk"), seed=13, reach=0.7),
+    "three": Plan(("walk", "sit", "dance"), cameras=5, seed=14, reach=1.1),
+    "crowd": Plan(("walk", "walk", "stand", "squat"), cameras=6, seed=15, reach=1.2),
+}
+
+
+def make(plan: Plan, out: pathlib.Path) -> None:
+    """Renders one take into the folder `out`."""
+    body = BodyModel(plan.seed)
+    renderer = Renderer(body)
+    actors = cast(body, plan.kinds, plan.seconds, plan.fps, plan.reach)
+    rng = np.random.default_rng(plan.seed)
+    group = rig(rng, plan.cameras, plan.size, plan.distance)
+    room = Room(renderer, plan.seed, half_side=plan.distance * 1.3, height=3.4)
+    (out / "videos").mkdir(parents=True, exist_ok=True)
+    for camera in group.cameras:
+        view = view_of(camera)
+        plate = (room.render(view, actors[0].outfit.light)).astype(np.float32)
+        colour = np.exp(rng.normal(0, 0.06, 3)) * np.exp(rng.normal(0, 0.12))
+        frames = (
+            film_company(renderer, plate, view, actors, t, rng, noise=0.0) * colour * plan.gain
+            for t in track(range(len(actors[0].landmarks)), f"{out.name} {camera.name}")
+        )
+        noisy = ((f + rng.normal(0, plan.noise, f.shape)).clip(0, 255).astype(np.uint8) for f in frames)
+        path = out / "videos" / f"{camera.name}.mp4"
+        write_video(path, noisy, (camera.width, camera.height), plan.fps, 24, "fast")
+    points = np.stack([a.landmarks for a in actors]).astype(np.float32)
+    np.savez_compressed(out / "truth.npz", points_world=points, names=np.array(BODY23.names), fps=plan.fps)
+    save_calibration(group, out / "calibration.toml")  # last: a take without it is not finished
+
+
+def main() -> None:
+    if len(sys.argv) < 2:
+        raise SystemExit(__doc__)
+    out = pathlib.Path(sys.argv[1])
+    for name in sys.argv[2:] or PLANS:
+        if name not in PLANS:
+            raise SystemExit(f"no plan called {name}; there are {', '.join(PLANS)}")
+        if not (out / name / "calibration.toml").exists():
+            make(PLANS[name], out / name)
+
+
+if __name__ == "__main__":
+    main()

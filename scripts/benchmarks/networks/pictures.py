@@ -1,0 +1,93 @@
+#!/usr/bin/env python3
+"""A keypoint network on single pictures of `balancing`, with no plate, no calibration and given boxes.
+
+    python scripts/bench_pictures.py DATA [--network NETWORK.onnx ...] [--every 4] [--high 0 88]
+
+Every so many frames of each camera, as large as they are (`--high 0`) or made so small that the person is so many
+pixels high; boxes are those of the reference's own 2D, with a margin of 6 %. Prints for the shipped networks, unless
+told which, what scripts/bench_photographs.py does for an ordinary video, against the reference's points.
+"""
+
+import argparse
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from bench_culprits import balancing
+from bench_mediapipe import JOINTS
+from bench_photographs import WAYS, agreement
+from numpy.typing import NDArray
+
+from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
+from muybridge.models.keypoints.metadata import shipped_model
+
+MARGIN = 0.06
+
+
+class Picture(NamedTuple):
+    """RGB pixels, the left top and right bottom (2, 2) of the reference's points, and its joints (12, 2), px."""
+
+    pixels: NDArray[np.uint8]
+    extent: NDArray[np.float64]
+    joints: NDArray[np.float64]
+
+    @property
+    def high(self) -> float:
+        """The person's height, px."""
+        return float(self.extent[1, 1] - self.extent[0, 1])
+
+    @property
+    def box(self) -> NDArray[np.float64]:
+        """(4,) px."""
+        low, high = self.extent
+        margin = MARGIN * (high - low).max()
+        return np.concatenate([low - margin, high + margin])
+
+
+def pictures(data: Path, every: int) -> list[Picture]:
+    """Of all cameras, one in `every` frames."""
+    (_, reference, _), names = balancing(data)
+    joints, found = [names.index(name) for name in JOINTS], []
+    for c, path in enumerate(sorted((data / "balancing/videos").glob("*.mp4"))):
+        video = cv2.VideoCapture(str(path))
+        for t, points in enumerate(reference[c]):
+            read, frame = video.read()
+            if not read:
+                raise SystemExit(f"{path}: ends before frame {t}, which the reference has")
+            if t % every == 0:
+                extent = np.stack([np.nanmin(points, 0), np.nanmax(points, 0)])
+                found.append(Picture(np.ascontiguousarray(frame[..., ::-1]), extent, points[joints]))
+    return found
+
+
+def smaller(picture: Picture, high: int) -> Picture:
+    """A picture in which the person is `high` pixels high."""
+    scale = high / picture.high
+    pixels = cv2.resize(picture.pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return Picture(pixels.astype(np.uint8), picture.extent * scale, picture.joints * scale)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--network", type=Path, nargs="+")
+    parser.add_argument("--every", type=int, default=4)
+    parser.add_argument("--high", type=int, nargs="+", default=[0, 88])
+    options = parser.parse_args()
+    networks = options.network or [shipped_model("keypoints", precision) for precision in ("fp32", "int8")]
+    whole = pictures(options.data, options.every)
+    sizes = [[smaller(picture, high) for picture in whole] if high else whole for high in options.high]
+    print("| network | read | person, px high | PCK@0.2 | PCK@0.5 | other side |\n" + "|---" * 6 + "|")
+    for path in networks:
+        for label, flip in WAYS:
+            network = KeypointNetwork(path, OnnxOptions(flip=flip))
+            for seen in sizes:
+                box, theirs = np.array([p.box for p in seen]), np.array([p.joints for p in seen])
+                cells = agreement(network, [p.pixels for p in seen], box, theirs, np.isfinite(theirs).all(-1))
+                high = np.median([p.high for p in seen])
+                print(f"| {path.name} | {label} | {high:.0f} | {cells} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,153 @@
+#!/usr/bin/env python3
+"""The real take made worse: how far `muybridge run` is from its reference where a camera is poor.
+
+usage: python scripts/bench_degraded.py DATA OUT [--only NAME ...] [options of `muybridge run`]
+
+DATA holds `balancing`; OUT gets a session a row, with its results. Distances are those of the take's reference: mean of
+12 joints, after one similarity transform, and without each joint's mean offset. Fewer cameras: `--cameras cam01 cam02`.
+"""
+
+import argparse
+import pathlib
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from bench_mediapipe import JOINTS, figures, reference
+from numpy.typing import NDArray
+
+from muybridge.infer.session.video import VideoWriter, probe_video, read_chunks
+from muybridge.motion.formats.points.trc import read_trc
+
+Frame = NDArray[np.uint8]
+
+
+def times(gain: Callable[[int], float | list[float]]) -> Callable[[Frame, int], Frame]:
+    """As bright, of all channels or of each, in each frame."""
+    return lambda frame, index: (frame * gain(index)).clip(0, 255).astype(np.uint8)
+
+
+def blocks(frame: Frame, _: int) -> Frame:
+    return np.asarray(cv2.imdecode(cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, 8])[1], 1), np.uint8)
+
+
+def dark(frame: Frame, _: int) -> Frame:
+    noise = np.empty(frame.shape, np.int16)
+    cv2.randn(noise, 0, 4)
+    return (frame * 0.2 + noise).clip(0, 255).astype(np.uint8)
+
+
+def dark_but_for_a_window(frame: Frame, index: int) -> Frame:
+    """As a camera exposes that has something glaring in its picture, which lies before nobody: the lowest eighth."""
+    low = dark(frame, index)
+    low[-len(low) // 8 :] = 255
+    return low
+
+
+def grey(frame: Frame, _: int) -> Frame:
+    return np.repeat(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)[..., None], 3, 2)
+
+
+def blurred(frame: Frame, _: int) -> Frame:
+    return np.asarray(cv2.GaussianBlur(frame, (0, 0), 6), np.uint8)
+
+
+def drawn(frame: Frame, _: int) -> Frame:
+    return np.asarray(cv2.filter2D(frame, -1, np.full((1, 15), 1 / 15)), np.uint8)
+
+
+def small(frame: Frame, _: int) -> Frame:
+    less = cv2.resize(frame, None, fx=1 / 8, fy=1 / 8, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(less, frame.shape[1::-1], interpolation=cv2.INTER_LINEAR), np.uint8)
+
+
+def only(first: float, last: float) -> Callable[[Frame, int], Frame]:
+    """The rows between two shares of the height."""
+
+    def kept(frame: Frame, _: int) -> Frame:
+        part = np.zeros_like(frame)
+        rows = slice(round(first * len(frame)), round(last * len(frame)))
+        part[rows] = frame[rows]
+        return part
+
+    return kept
+
+
+class Repeating:
+    """Of all pictures this share is the one before once more, of every camera other ones; or each of them `times`."""
+
+    def __init__(self, share: float = 0.0, times: int = 1) -> None:
+        self.share, self.times, self.random = share, times, np.random.default_rng(0)
+        self.last: Frame | None = None
+
+    def __call__(self, frame: Frame, index: int) -> Frame:
+        again = index % self.times > 0 or self.random.random() < self.share
+        if index == 0 or self.last is None or not again:
+            self.last = frame.copy()
+        return self.last
+
+
+WORSE: dict[str, tuple[str, Callable[[Frame, int], Frame]]] = {
+    "as-it-is": ("as it is, encoded once more", lambda frame, _: frame),
+    "grey": ("grey", grey),
+    "blocks": ("JPEG at a quality of 8", blocks),
+    "dark": ("a fifth as bright, noise of 4 in 255", dark),
+    "window": ("the same, but the lowest eighth glares", dark_but_for_a_window),
+    "bright": ("2.2 times as bright", times(lambda _: 2.2)),
+    "flat": ("a fifth of the contrast", lambda frame, _: (115 + 0.2 * frame).astype(np.uint8)),
+    "blue": ("blue times 1.5, red times 0.55", times(lambda _: [0.55, 0.9, 1.5])),
+    "blurred": ("blurred, 6 px", blurred),
+    "drawn": ("drawn over 15 px by motion", drawn),
+    "small": ("an eighth of the resolution", small),
+    "flicker": ("flickering by a third", times(lambda i: 1 + 0.35 * np.sin(1.3 * i))),
+    "repeating": ("a third of the pictures repeat the one before", Repeating(1 / 3)),
+    "thrice": ("each picture thrice", Repeating(times=3)),
+    "no-legs": ("the upper 55 % of the picture", only(0, 0.55)),
+    "legs": ("the lower half of the picture", only(0.5, 1)),
+}  # fmt: skip
+
+
+def make(source: pathlib.Path, session: pathlib.Path, worse: Callable[[Frame, int], Frame]) -> None:
+    """Writes a session with worse videos; its calibration last, which tells that it is whole."""
+    (session / "videos").mkdir(parents=True, exist_ok=True)
+    for video in sorted((source / "videos").iterdir()):
+        info = probe_video(video)
+        frames = (frame for chunk in read_chunks(info) for frame in chunk)
+        with VideoWriter(session / "videos" / f"{video.stem}.mp4", info.width, info.height, info.fps) as writer:
+            for index, frame in enumerate(frames):
+                writer.write(worse(frame, index))
+    shutil.copytree(source / "calibration", session / "calibration")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=pathlib.Path)
+    parser.add_argument("out", type=pathlib.Path)
+    parser.add_argument("--only", nargs="*", default=[], choices=WORSE)
+    options, rest = parser.parse_known_args()
+    source, truth = options.data / "balancing", reference(options.data)
+    print("| the take | MPJPE, aligned, offset-free mm | found | s |\n| --- | --- | --- | --- |")
+    for name, (words, worse) in WORSE.items():
+        if options.only and name not in options.only:
+            continue
+        session = options.out / name
+        if not (session / "calibration").exists():
+            make(source, session, worse)
+        began = time.monotonic()
+        command = ["run", str(session), "--overwrite", "--quiet", *rest]
+        done = subprocess.run([sys.executable, "-m", "muybridge", *command], capture_output=True, text=True)
+        if done.returncode:
+            print(f"| {words} | failed: {(done.stderr or done.stdout).strip().splitlines()[-1]} | | |", flush=True)
+            continue
+        points = read_trc(session / "muybridge" / "points.trc")
+        mine = points.points_world[: len(truth), [points.landmarks.names.index(joint) for joint in JOINTS]]
+        found = np.isfinite(mine).all(-1).mean()
+        print(f"| {words} | {figures(mine, truth)} | {found:.3f} | {time.monotonic() - began:.0f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+#!/usr/bin/env python3
+"""From video to motion against the truth: `muybridge run --everyone` on rendered takes of one to four people.
+
+usage: python scripts/bench_takes.py TAKES [--out RESULTS] [--only NAME ...] [options of `muybridge run`]
+
+TAKES comes from scripts/make_takes.py. "found" is the share of a true person's frames, of those in which two cameras
+have four fifths of them in the picture, in which somebody was found within 0.4 m; "switches" are changes of identity;
+"false" is the share of frames, of all people found, in which nobody true was near. Errors are of the final landmarks,
+smoothed and with gaps filled: mean, median, and the share within 5 cm. "swaps" is the share of the limbs' landmarks
+that lie nearer to their twin's true place, of those whose twin is more than 5 cm away.
+"""
+
+import argparse
+import pathlib
+import subprocess
+import sys
+import time
+
+import numpy as np
+from bench_people import match, matched_points
+from numpy.typing import NDArray
+
+from muybridge.geometry.calibration import load_calibration
+from muybridge.motion.formats.points.trc import read_trc
+from muybridge.train.keypoints.evaluate import LIMB, MIRROR
+
+Floats = NDArray[np.float64]
+
+APART_M = 0.05
+DIGITS = {"people": ".0f", "switches": ".0f", "mean mm": ".1f", "median mm": ".1f"}
+
+
+def truth_of(take: pathlib.Path) -> tuple[Floats, list[str], NDArray[np.bool_]]:
+    """Points (P, T, J, 3) metres, names, and where (P, T) two cameras have the person in the picture."""
+    with np.load(take / "truth.npz") as data:
+        points, names = data["points_world"].astype(float), [str(n) for n in data["names"]]
+    seen = []
+    for camera in load_calibration(take / "calibration.toml").cameras:
+        px = camera.project(points)
+        inside = ((px >= 0) & (px < [camera.width, camera.height])).all(-1)
+        ahead = points @ camera.cam_from_world[2, :3] + camera.cam_from_world[2, 3] > 0.3
+        seen.append((inside & ahead).mean(-1) >= 0.8)
+    return points, names, np.sum(seen, 0) >= 2
+
+
+def found_in(out: pathlib.Path, names: list[str], frames: int) -> list[Floats]:
+    """(T, J, 3) metres of everybody in a results folder."""
+    people = []
+    for path in sorted(out.glob("points*.trc")):
+        points = read_trc(path)
+        index = [points.landmarks.names.index(n) for n in names]
+        whole = np.full((frames, len(names), 3), np.nan)
+        whole[: len(points.points_world)] = points.points_world[:frames, index]
+        people.append(whole)
+    return people
+
+
+def swaps(truth: Floats, people: Floats) -> float:
+    """Share of the limbs' landmarks that are nearer to their twin's true place than to their own.
+
+    Args:
+        truth: (..., J, 3) metres, the landmarks of BODY23.
+        people: the same of who was found, NaN where nobody was or shall not count.
+    """
+    twins = truth[..., MIRROR, :]
+    own, twin = (np.linalg.norm(people - at, axis=-1) for at in (truth, twins))
+    apart = np.linalg.norm(truth - twins, axis=-1) > APART_M
+    return float((twin < own)[LIMB & apart & np.isfinite(own)].mean())
+
+
+def score(take: pathlib.Path, out: pathlib.Path) -> dict[str, float]:
+    """Figures of one take."""
+    truth, names, visible = truth_of(take)
+    people = found_in(out, names, truth.shape[1])
+    switches, which = match(truth, people)
+    points, matched = matched_points(people, which), which >= 0
+    error = 1000 * np.linalg.norm(points - truth, axis=-1)
+    counted = error[visible & matched]
+    total = sum(int(np.isfinite(p).any((1, 2)).sum()) for p in people)
+    return {
+        "people": len(truth), "found": float((matched & visible).sum() / visible.sum()), "switches": switches,
+        "false": 1 - float(matched.sum()) / max(total, 1), "mean mm": float(np.nanmean(counted)),
+        "median mm": float(np.nanmedian(counted)), "within 5 cm": float((counted < 50).sum() / counted.size),
+        "swaps": swaps(truth[visible & matched], points[visible & matched]),
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("takes", type=pathlib.Path)
+    parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("runs/bench-takes"))
+    parser.add_argument("--only", nargs="+", default=[])
+    options, rest = parser.parse_known_args()
+    muybridge = pathlib.Path(sys.executable).with_name("muybridge")
+    columns = "take | people | found | switches | false | mean mm | median mm | within 5 cm | swaps | s"
+    print(f"| {columns} |\n" + "|---" * len(columns.split("|")) + "|")
+    for take in sorted(p.parent for p in options.takes.glob("*/calibration.toml")):
+        if options.only and take.name not in options.only:
+            continue
+        out, began = options.out / take.name, time.monotonic()
+        command = [str(muybridge), "run", str(take), "--everyone", "--out", str(out), "--quiet", *rest]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            print(f"| {take.name} | failed: {(done.stderr or done.stdout).strip().splitlines()[-1]} |")
+            continue
+        figures = score(take, out)
+        cells = [f"{v:{DIGITS.get(k, '.3f')}}" for k, v in figures.items()]
+        print(f"| {take.name} | {' | '.join(cells)} | {time.monotonic() - began:.0f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

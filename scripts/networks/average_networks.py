@@ -1,0 +1,47 @@
+#!/usr/bin/env python3
+"""Averages fp32 networks of one training run, for keypoints or people, and writes the mean as `muybridge train` would.
+
+usage: python scripts/average_networks.py OUT RENDERS POOL NETWORK.onnx NETWORK.onnx ...
+
+OUT is the new file; RENDERS and POOL (`pool-*.npy`) give the held-out images that the score is taken from. For
+keypoints these are crops as large as the first network's, on which the variance is fitted too and the ranges of the
+8-bit version, which goes beside.
+"""
+
+import pathlib
+import sys
+
+import onnx
+import torch
+
+from muybridge.train.keypoints import train as keypoints
+from muybridge.train.people import train as people
+from muybridge.train.engine.weight_averaging import average_keypoints, average_people
+from muybridge.train.keypoints.evaluate import load_model
+from muybridge.train.keypoints.export import keypoint_net, people_net, publish_keypoints, publish_people
+
+
+def main() -> None:
+    if len(sys.argv) < 6:
+        raise SystemExit(__doc__)
+    out, renders, pool, *networks = map(pathlib.Path, sys.argv[1:])
+    told = {entry.key: entry.value for entry in onnx.load(str(networks[-1])).metadata_props}
+    trained, names = told.get("training_command", "a training"), ", ".join(n.name for n in networks)
+    command = f"{trained}; python scripts/average_networks.py of {names}"
+    checkpoint = out.with_suffix(".pt")
+    checkpoint.parent.mkdir(parents=True, exist_ok=True)
+    if told.get("muybridge_kind") == "people":
+        saved = average_people(networks)
+        saved["scores"] = people.evaluate(people_net(saved), people.held_out_scenes(renders, pool))
+        torch.save(saved, checkpoint)
+        print(publish_people(checkpoint, out, command)["scores"])
+    else:
+        saved = average_keypoints(networks)
+        batches = keypoints.held_out_batches(renders, pool, load_model(networks[0])[1].input_size, 24)
+        saved["scores"] = keypoints.evaluate(keypoint_net(saved), batches[:8])
+        torch.save(saved, checkpoint)
+        print(publish_keypoints(checkpoint, out, batches, command)["scores"])
+
+
+if __name__ == "__main__":
+    main()

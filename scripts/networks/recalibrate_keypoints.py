@@ -1,0 +1,132 @@
+#!/usr/bin/env python3
+"""Calibrates a published keypoint network anew, for crops of another size if need be; its weights stay as they are.
+
+usage: python scripts/recalibrate_keypoints.py NETWORK.onnx RENDERS [--crops 2048] [--size PX]
+
+As `muybridge train keypoints` does at its end: variances are fitted on one half of the held-out crops of RENDERS, a
+part of them with the background plate, and their coverage is measured on the other, the 8-bit version beside
+NETWORK.onnx is made again, and scores are taken. Beyond that, what crops looked at mirrored are surer of is fitted with
+all that `muybridge run` does with those it is unsure of (smaller, turned and tilted), which needs a network's file, and
+then, of as many crops of parts of people, what such are surer of: on either half, and measured on the other.
+"""
+
+import argparse
+import json
+import pathlib
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import onnx
+import onnxruntime
+from numpy.typing import NDArray
+from rich.progress import track
+
+from muybridge.files import replacing
+from muybridge.models.keypoints.decode import in_part
+from muybridge.models.onnx_files.quantization import int8_path, quantize
+from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS, KeypointModelCard, keypoint_card
+from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
+from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.images.backgrounds import make_backgrounds
+from muybridge.train.keypoints.evaluate import load_model, read_batch
+from muybridge.train.keypoints.train import evaluate
+from muybridge.train.engine.loop import HELD_OUT
+from muybridge.train.keypoints.export import CALIBRATION_IMAGES, calibration, version
+from muybridge.train.synthesis.rendering.store import SIZE, load_renders
+from muybridge.train.keypoints.variance_calibration import (
+    LEAST_OF_A_LANDMARK,
+    Look,
+    fitted_ratio,
+    held_out,
+    shares_of,
+)
+
+# Of the crops and of their backgrounds: no training's and no evaluation's.
+SEED = 20_000
+
+
+def look_of(session: onnxruntime.InferenceSession, card: KeypointModelCard) -> Look:
+    """A network's session as a function: body first, then markers."""
+    outputs = BODY_OUTPUTS if card.markers is None else BODY_OUTPUTS + MARKER_OUTPUTS
+
+    def look(crops: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        found = session.run(outputs, card.inputs(crops))
+        return np.concatenate(found[::2], 1), np.concatenate(found[1::2], 1)
+
+    return look
+
+
+def as_read(
+    session: onnxruntime.InferenceSession, card: KeypointModelCard, batches: list[Batch], partly: bool, look: str
+) -> tuple[float, dict[str, float]]:
+    """By what the variances of a network have to be multiplied where crops are read as `muybridge run` does, and the
+    shares then, as of `sigma_coverage`: fitted on either half of the crops and measured on the other, and the mean of
+    both, since few people who tumble weigh much in a half. One, and no shares, where there are too few to tell.
+
+    Args:
+        session, card: the network.
+        batches: of crops.
+        partly: of the crops those count that the network takes for parts of people; else all.
+        look: end of the shares' names.
+    """
+    parts = []
+    for batch in track(batches, "reading as `run` does", transient=True):
+        found, error, inside = read_batch(session, card, batch, flip=True, turn=True)
+        counts = in_part(found.score) if partly else np.ones(len(error), dtype=bool)
+        values = (error, found.variance_crop_px2, inside, batch.visible.numpy())
+        parts.append([each[counts] for each in values])
+    whole = [np.concatenate(values) for values in zip(*parts, strict=True)]
+    half = len(whole[0]) // 2
+    halves = [[values[part] for values in whole] for part in (slice(half), slice(half, None))]
+    if min(inside.sum() for _, _, inside, _ in halves) < LEAST_OF_A_LANDMARK:
+        return 1.0, {}
+    ratios = [fitted_ratio(error[at], variance[at], visible[at]) for error, variance, at, visible in halves]
+    measured = [
+        shares_of(error, ratio * variance, inside, visible, look)
+        for ratio, (error, variance, inside, visible) in zip(ratios[::-1], halves, strict=True)
+    ]
+    shares = {name: round(float(np.mean([each[name] for each in measured])), 3) for name in measured[0]}
+    return float(np.sqrt(np.prod(ratios))), shares
+
+
+def text(new: dict[str, Any]) -> dict[str, str]:
+    """As a file's metadata says it."""
+    return {key: value if isinstance(value, str) else json.dumps(value) for key, value in new.items()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("network", type=pathlib.Path)
+    parser.add_argument("renders", type=pathlib.Path)
+    parser.add_argument("--crops", type=int, default=2048)
+    parser.add_argument("--size", type=int)
+    options = parser.parse_args()
+    path: pathlib.Path = options.network
+    session, card = load_model(path)
+    size = options.size or card.input_size
+    people, backgrounds = load_renders(options.renders, HELD_OUT), make_backgrounds(256, SIZE, SEED)
+    compositor, near = (Compositor(people, backgrounds, size, SEED, replace(WHOLE, close_up=c)) for c in (0.0, 1.0))
+    batches = [compositor.batch(64) for _ in range(-(-options.crops // 64))]
+    close_ups = [near.batch(64) for _ in batches]
+    scores = evaluate(keypoint_net_from_onnx(path), batches[:8])
+    measured = calibration(*held_out(look_of(session, card), batches))
+    new = {"input_size": str(size), "version": version(), **measured}
+    new["scores"] = {key: round(value, 4) for key, value in scores.items()}
+    model = onnx.load(str(path))
+    metadata = {entry.key: entry.value for entry in model.metadata_props} | text(new)
+    for key, crops in (("mirrored", batches), ("part", close_ups)):
+        card = keypoint_card(metadata | text(new), path)
+        ratio, shares = as_read(session, card, crops, key == "part", f"_{key}")
+        new["variance"][key] = ratio * new["variance"].get(key, 1.0)
+        new["sigma_coverage"] |= shares
+    onnx.helper.set_model_props(model, metadata | text(new))
+    with replacing(path) as temporary:
+        onnx.save(model, str(temporary))
+    images = np.concatenate([batch.pixels.numpy() for batch in batches[:2]])
+    quantize(path, int8_path(path), images[:CALIBRATION_IMAGES])
+    print(json.dumps({key: value for key, value in new.items() if key[-8:] != "variance"}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

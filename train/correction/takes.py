@@ -1,0 +1,135 @@
+"""Labelled marker takes with the truth of every joint, and what spoils them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.landmarks.arrays import SURFACE, MarkerSet
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.train.synthesis.markers.augment import _LOOSE
+from muybridge.train.synthesis.markers.trajectories import MarkerBodies
+from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of
+from muybridge.train.synthesis.bodies.surface_markers import marker_table
+from muybridge.train.synthesis.motions.rig import Array
+
+# Markers that laboratories place anywhere along a limb: as far as the labelling network's clouds have them.
+ALONG_M = 0.03
+
+
+@dataclass(frozen=True)
+class SolverTake:
+    """Markers of one person and the truth.
+
+    Attributes:
+        points: (T, M, 3) metres, in the order of SURFACE.
+        turns: (T, J, 3, 3) world from joint, of BODY's joints, T-pose.
+        places: (T, J, 3) metres.
+        fps: frames a second.
+    """
+
+    points: Array
+    turns: Array
+    places: Array
+    fps: float
+
+    def frames(self, chosen: slice) -> "SolverTake":
+        """Some of the frames."""
+        return replace(self, points=self.points[chosen], turns=self.turns[chosen], places=self.places[chosen])
+
+
+@dataclass(frozen=True)
+class Spoiling:
+    """What happens to labelled markers.
+
+    Attributes:
+        hidden: share of the samples that are missing; shifted: of those that are somewhere else.
+        far_m: metres, farthest shift; its size is uniform, its direction any.
+        noise_m: metres, standard deviation of a coordinate.
+        run_s: seconds, mean length of a gap or shift; 0: every sample by itself.
+    """
+
+    hidden: float = 0.1
+    shifted: float = 0.1
+    far_m: float = 0.05
+    noise_m: float = 0.002
+    run_s: float = 0.0
+
+
+def recorded_take(
+    bodies: MarkerBodies, phenotype: NDArray[np.float32], motion: Motion, placed: float = 1.0
+) -> SolverTake:
+    """One of anny's bodies that follows a recording, its markers placed as laboratories place them.
+
+    Args:
+        bodies: draws the jitter from its generator.
+        phenotype: of the body.
+        motion: see `marker_rig.follow`.
+        placed: factor on the spread of the markers' places.
+    """
+    body = bodies.skeleton(phenotype)
+    rotvec, root = follow(body, motion)
+    return take_of(bodies, body, rotvec, root, motion.fps, placed)
+
+
+def take_of(bodies: MarkerBodies, body: object, rotvec: Array, root: Array, fps: float, placed: float) -> SolverTake:
+    """Markers and truth of a motion of `body`; each marker stays where it was placed on the skin about it."""
+    from muybridge.train.synthesis.motions.rig import Skeleton, forward, skin, turn
+
+    assert isinstance(body, Skeleton)
+    jitter = bodies.rng.normal(0, 1, (len(SURFACE), 3)) * placement_spread()[:, None] * placed
+    points, normals = bodies.markers(body, rotvec, root)
+    # Along the skin as placed, turned with the triangle that carries the marker.
+    rotations, origins = forward(body, turn(rotvec), root)
+    corners = skin(body, rotations, origins)[:, bodies.place]
+    first = corners[:, :, 1] - corners[:, :, 0]
+    first -= (first * normals).sum(-1, keepdims=True) * normals
+    first /= np.linalg.norm(first, axis=-1, keepdims=True) + 1e-12
+    frame = np.stack([first, np.cross(normals, first), normals], -1)
+    points = points + np.einsum("tmij,mj->tmi", frame, jitter * [1, 1, 0.25])
+    turns, places = joints_of(rig_of(body.bones, body.rest), body, rotvec, root)
+    return SolverTake(points, turns[:, BODY_JOINTS], places[:, BODY_JOINTS], fps)
+
+
+def placement_spread() -> Array:
+    """(M,) metres, standard deviation of where laboratories place each marker of SURFACE along the skin."""
+    sigma = marker_table().tolerance_m.astype(np.float64)
+    for name, value in _LOOSE.items():
+        sigma[SURFACE.index(name)] = value
+    return sigma
+
+
+def spoil(points: Array, fps: float, how: Spoiling, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+    """Spoiled points (T, M, 3), NaN where hidden, and (T, M) which were shifted."""
+    shape = points.shape[:2]
+    hidden = _marks(shape, how.hidden, how.run_s * fps, rng)
+    shifted = _marks(shape, how.shifted, how.run_s * fps, rng) & ~hidden
+    towards = rng.normal(size=(*shape, 3))
+    towards /= np.linalg.norm(towards, axis=-1, keepdims=True)
+    shift = towards * rng.uniform(0, how.far_m, (*shape, 1))
+    if how.run_s > 0:
+        # One shift a run.
+        for t in range(1, shape[0]):
+            go_on = shifted[t] & shifted[t - 1]
+            shift[t, go_on] = shift[t - 1, go_on]
+    out = points + rng.normal(0, how.noise_m, points.shape) + np.where(shifted[..., None], shift, 0.0)
+    out[hidden] = np.nan
+    return out, shifted
+
+
+def _marks(shape: tuple[int, int], share: float, run: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """(T, M) true for a share of the samples, in runs of geometric length about `run`."""
+    if run <= 1:
+        return rng.random(shape) < share
+    out = np.zeros(shape, np.bool_)
+    begin, end = share / (1 - share) / run, 1 / run
+    now = rng.random(shape[1]) < share
+    for t in range(shape[0]):
+        out[t] = now
+        now = np.where(now, rng.random(shape[1]) >= end, rng.random(shape[1]) < begin)
+    return out
+
+
+def marker_columns(markers: MarkerSet) -> NDArray[np.intp]:
+    """Positions of a set's markers in SURFACE."""
+    return np.array(markers.surface_indices, dtype=np.intp)

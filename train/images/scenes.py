@@ -1,0 +1,330 @@
+"""Scenes for the person detector: several people of any size before one background, with its plate."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from muybridge.train.images.camera_faults import CameraFaults, outside_of_video
+from muybridge.train.images.clutter import add_clutter, mirrored_on
+from muybridge.train.images.background_difference import GHOST, PARTLY, STILL
+from muybridge.train.synthesis.rendering.store import RenderSet
+from muybridge.train.images.distractors import HELD_SHARE, LIT_SHARE, MOVED_SHARE, hold, light_up, move_things
+
+# Share of scenes with a person larger than the image, seen from the head down.
+CLOSE_SHARE = 0.12
+# Share of people who stand beside somebody, arm in arm or one half behind the other.
+BESIDE_SHARE = 0.3
+# Share of scenes with somebody near, cut off by the picture's border, from a store that has close-ups.
+NEAR_SHARE = 0.25
+# Share of scenes in which a low sun or a lamp throws people's outlines onto the floor; what lies there is nobody.
+CAST_SHARE = 0.3
+SHAPES = ((192, 320), (320, 192), (256, 320), (320, 256))  # height, width
+
+
+@dataclass(frozen=True)
+class SceneBatch:
+    """`image` (B, 4, H, W) uint8: RGB and plate difference; `boxes` a list of (n, 4) pixels: left, top, right,
+    bottom; `ignore` a list of (m, 4): people too hidden to be asked for."""
+
+    image: Tensor
+    boxes: list[NDArray[np.float32]]
+    ignore: list[NDArray[np.float32]]
+
+
+class SceneCompositor:
+    """Makes batches of scenes from renders and backgrounds."""
+
+    def __init__(self, renders: RenderSet, backgrounds: NDArray[np.uint8], seed: int) -> None:
+        self.renders, self.backgrounds = renders, backgrounds
+        self.rng = np.random.default_rng(seed)
+        self.faults = CameraFaults(self.rng)
+        self.whole = renders.whole
+        self.near = renders.close_ups
+
+    def batch(self, count: int, shape: tuple[int, int] | None = None) -> SceneBatch:
+        """`count` scenes of one shape (height, width)."""
+        height, width = shape or SHAPES[self.rng.integers(len(SHAPES))]
+        scenes = [self._scene(height, width) for _ in range(count)]
+        frames = np.stack([s[0] for s in scenes])
+        image = self.faults.apply(torch.from_numpy(frames.transpose(0, 3, 1, 2).astype(np.float32)).div_(255))
+        pixels = torch.empty(count, 4, height, width, dtype=torch.uint8).to(memory_format=torch.channels_last)
+        pixels[:, :3] = (image.clamp_(0, 1) * 255).add_(0.5)
+        for one, (frame, plate, *_) in zip(pixels, scenes, strict=True):
+            one[3] = torch.from_numpy(self._difference(frame, plate))
+        self.faults.compress(pixels[:, :3])
+        return SceneBatch(pixels, [s[2] for s in scenes], [s[3] for s in scenes])
+
+    def _difference(self, frame: NDArray[np.uint8], plate: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(H, W) to the background plate, as strong and as noisy as chance has it; in half of the scenes nothing."""
+        gain = float(np.exp(self.rng.normal(0, 0.3)))
+        if self.rng.random() < 0.5:
+            return np.zeros(frame.shape[:2], np.uint8)
+        between = cv2.transform(cv2.absdiff(frame, plate), np.full((1, 3), 1 / 3, np.float32))
+        noise = np.abs(self.faults.grain(between.size).numpy()).reshape(between.shape)
+        return np.asarray((gain * (between + 2.55 * noise) + 0.5).clip(0, 255), np.uint8)
+
+    def _scene(
+        self, height: int, width: int
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
+        rng, texture = self.rng, partial(self._plate, height, width)
+        plate = texture()
+        if rng.random() < 0.6:
+            add_clutter(plate, 8, texture, rng)
+        frame = plate.copy()
+        if rng.random() < MOVED_SHARE:
+            move_things(frame, plate, texture, rng)
+        count = int(rng.choice(6, p=[0.06, 0.4, 0.26, 0.14, 0.09, 0.05]))
+        size = np.exp(rng.uniform(np.log(28), np.log(300), count)) if count else np.zeros(0)
+        if count and rng.random() < CLOSE_SHARE:  # someone at a desk, or who walks past the camera
+            size[0] = np.exp(rng.uniform(np.log(300), np.log(700)))
+        owners = np.full((height, width), -1, np.int16)
+        boxes, areas = self._people(frame, plate, owners, size)
+        near = len(self.near) > 0 and rng.random() < NEAR_SHARE
+        if near:
+            box, area = self._near(frame, owners, count)
+            if rng.random() < 0.4:
+                self._copy_owner(frame, plate, owners, count)
+            boxes.append(box)
+            areas.append(area)
+            if rng.random() < 0.4:
+                self._desk(frame, plate, owners)
+        if rng.random() < 0.35:
+            self._occluder(frame, plate, owners)
+        for number in np.nonzero(rng.random(count + near) < HELD_SHARE)[0]:
+            mine = owners == number
+            if mine.any():
+                owners[hold(frame, mine, texture, rng)] = -1
+        if rng.random() < LIT_SHARE:
+            light_up(frame, rng)
+        if rng.random() < 0.2:
+            beyond, _ = outside_of_video(rng, height, width)
+            frame[beyond] = plate[beyond] = 0
+            owners[beyond] = -1
+        if near and (owners == count).any():  # what the picture has of them is all that can be asked for
+            boxes[count] = _extent(owners == count)
+        visible = np.array([(owners == k).sum() for k in range(count + near)])
+        share = visible / np.maximum(np.array(areas), 1)
+        good = (share > 0.25) & (visible > 60)
+        stack = np.array(boxes, np.float32).reshape(-1, 4)
+        return frame, plate, stack[good], stack[~good]
+
+    def _people(
+        self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16], size: NDArray[np.float64]
+    ) -> tuple[list[NDArray[np.float64]], list[int]]:
+        """Draws people of these sizes, pixels, far ones first; their boxes and the areas of their silhouettes."""
+        rng, beside = self.rng, self._beside(size)
+        height, width = owners.shape
+        boxes, areas = [], []
+        roll = np.radians(rng.normal(0, 8 if rng.random() < 0.8 else 20))
+        placed: dict[int, NDArray[np.float64]] = {}
+        light = self._light() if rng.random() < CAST_SHARE else None
+        for number, k in enumerate(np.argsort(size)):
+            rgba, box = self._person(float(size[k]), roll)
+            mate = next((placed[m] for m in beside[k] if m in placed), None)
+            shift = self._place(height, width, box) if mate is None else self._next_to(mate, box)
+            if light is not None:
+                _cast(frame, rgba[..., 3], float(box[3]), shift, light)
+            at, area = self._paste(frame, owners, rgba, box, number, shift)
+            placed[int(k)] = at
+            self._before(frame, plate, owners, number, rgba, at[:2] - box[:2])
+            boxes.append(at)
+            areas.append(area)
+        return boxes, areas
+
+    def _light(self) -> tuple[float, float, float, float]:
+        """Where shadows fall and what they are like: how far across and how far up the picture (negative: towards the
+        camera) for every pixel of a person's height, how much light is left, and their edges' softness in pixels."""
+        rng = self.rng
+        away = rng.uniform(0.05, 0.7) * rng.choice([-1, 1])
+        return rng.normal(0, 0.9), away, rng.uniform(0.3, 0.8), float(np.exp(rng.uniform(np.log(0.3), np.log(3))))
+
+    def _before(
+        self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16], number: int,
+        rgba: NDArray[np.uint8], shift: NDArray[np.float64],
+    ) -> None:  # fmt: skip
+        """Puts the person who was just drawn, moved by `shift`, into the plate, as some are who stay for long: as they
+        stand, but for what moved, or where they stood a moment or a while ago."""
+        rng, kind = self.rng, self.rng.random()
+        if kind < STILL + PARTLY:
+            mine = owners == number
+            if kind > STILL and mine.any():
+                y, x = np.mgrid[: len(mine), : mine.shape[1]]
+                left, top, right, bottom = _extent(mine)
+                normal = rng.normal(0, 1, 2)
+                edge = rng.normal(0, 0.2) * max(right - left, bottom - top)
+                mine &= (x - (left + right) / 2) * normal[0] + (y - (top + bottom) / 2) * normal[1] > edge
+            plate[mine] = frame[mine]
+        elif kind < STILL + PARTLY + GHOST:
+            far = max(2, 1.4 * max(rgba.shape[:2]))
+            away = np.exp(rng.uniform(np.log(1), np.log(far))) * rng.choice([-1, 1], 2) * rng.random(2)
+            nobody = np.empty_like(owners)
+            self._paste(plate, nobody, rgba, np.zeros(4), number, np.round(shift + away).astype(int))
+
+    def _beside(self, size: NDArray[np.float64]) -> list[list[int]]:
+        """For every person those whom they stand beside; makes them alike in `size`."""
+        beside: list[list[int]] = [[] for _ in size]
+        for k in range(1, len(size)):
+            if self.rng.random() < BESIDE_SHARE:
+                size[k] = size[k - 1] * np.exp(self.rng.normal(0, 0.1))
+                beside[k].append(k - 1)
+                beside[k - 1].append(k)
+        return beside
+
+    def _next_to(self, mate: NDArray[np.float64], box: NDArray[np.float64]) -> NDArray[np.intp]:
+        """(2,) pixels by which a box moves to one that it touches or half covers, on the same floor."""
+        rng = self.rng
+        across = rng.uniform(0.3, 1.1) * (mate[2] - mate[0] + box[2] - box[0]) / 2 * rng.choice([-1, 1])
+        up = rng.normal(0, 0.04) * (mate[3] - mate[1])
+        return np.array([(mate[0] + mate[2] - box[0] - box[2]) / 2 + across, mate[3] - box[3] + up]).round().astype(int)
+
+    def _plate(self, height: int, width: int) -> NDArray[np.uint8]:
+        rng = self.rng
+        pool = self.backgrounds
+        source = pool.shape[-1]
+        window = int(rng.integers(source * 2 // 3, source + 1))
+        x, y = rng.integers(0, source - window + 1, 2)
+        patch = pool[rng.integers(len(pool)), :, y : y + window, x : x + window].transpose(1, 2, 0)
+        patch = patch[:, ::-1] if rng.random() < 0.5 else patch
+        if rng.random() < 0.35:
+            return np.ascontiguousarray(cv2.resize(patch, (width, height), interpolation=cv2.INTER_LINEAR))
+        return mirrored_on(np.ascontiguousarray(patch), height, width, rng)
+
+    def _person(self, side: float, roll: float) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+        """A render with its box's longer side `side` pixels: (h, w, 5) and the box in it."""
+        small, *_ = self._scaled(int(self.rng.choice(self.whole)), side, roll)
+        if self.rng.random() < 0.5:
+            small = small[:, ::-1]
+        opaque = small[..., 3] > 127
+        return small, _extent(opaque if opaque.any() else np.ones_like(opaque))  # a person of a few pixels
+
+    def _scaled(self, index: int, side: float, roll: float) -> tuple[NDArray[np.uint8], float, NDArray[np.float64]]:
+        """The part of a render that has something in it (h, w, 5), the person's box with its longer side `side`
+        pixels, how much that is of its own, and where (x, y) in the render made so large the part began."""
+        planes, extent = self.renders.pixels_of(index), self.renders.box_px[index]
+        x, y, *sides = cv2.boundingRect(np.maximum(planes[3], planes[4]))
+        width, height = (max(1, n) for n in sides)  # none where there is nothing
+        scale = side / float((extent[2:] - extent[:2]).max())
+        w, h = (max(1, round(n * scale)) for n in (width, height))
+        interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+        turn = cv2.getRotationMatrix2D(((w - 1) / 2, (h - 1) / 2), float(np.degrees(roll)), 1.0)
+        across, down = (np.abs(turn[:, :2]) @ [w, h]).round().astype(int).tolist()
+        turn[:, 2] += (across - w) / 2, (down - h) / 2
+        small = np.empty((down, across, 5), np.uint8)
+        for c, plane in enumerate(planes[:, y : y + height, x : x + width]):
+            resized = cv2.resize(plane, (w, h), interpolation=interpolation)
+            small[..., c] = cv2.warpAffine(resized, turn, (across, down), flags=cv2.INTER_LINEAR) if roll else resized
+        return small, scale, scale * np.array([x, y], float)
+
+    def _near(
+        self, frame: NDArray[np.uint8], owners: NDArray[np.int16], number: int
+    ) -> tuple[NDArray[np.float64], int]:
+        """Draws somebody whom the border of `frame` cuts off where their close-up has to be; as `_paste`."""
+        rng = self.rng
+        height, width = owners.shape
+        index = int(rng.choice(self.near))
+        small, scale, origin = self._scaled(index, float(np.exp(rng.uniform(np.log(90), np.log(330)))), 0.0)
+        nx, ny, edge = (float(v) for v in self.renders.cut_px[index])
+        normal = np.array([nx, ny])
+        edge = float(np.floor(edge * scale - normal @ origin))  # the last pixel, which the border shall be next to
+        rows, columns = np.mgrid[: len(small), : small.shape[1]]
+        small[columns * normal[0] + rows * normal[1] > edge] = 0
+        if rng.random() < 0.5:
+            small = small[:, ::-1]
+            edge, normal = edge - float(normal[0]) * (small.shape[1] - 1), normal * [-1, 1]
+        opaque = small[..., 3] > 127
+        if not opaque.any():
+            return np.zeros(4), 0
+        box = _extent(opaque)
+        size = np.array([width, height])
+        center = rng.uniform(0.1, 0.9, 2) * size
+        shift = center - (box[:2] + box[2:]) / 2
+        # The cut lies on the border: the far one for a normal of +1, else the near one.
+        border = np.where(normal > 0, size - 1, 0) - normal * edge
+        shift = np.where(normal != 0, border, shift)
+        return self._paste(frame, owners, small, box, number, np.round(shift).astype(int))
+
+    def _desk(self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]) -> None:
+        """What stands at the bottom of the picture, before everybody."""
+        inside = np.zeros(owners.shape, bool)
+        inside[round(self.rng.uniform(0.72, 0.97) * len(owners)) :] = True
+        self._cover(inside, frame, plate, owners)
+
+    def _cover(
+        self, inside: NDArray[np.bool_], frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]
+    ) -> None:
+        """Draws something of the room over everybody, in the frame and in the plate."""
+        texture = self._plate(*owners.shape)
+        frame[inside] = plate[inside] = texture[inside]
+        owners[inside] = -1
+
+    def _paste(
+        self, frame: NDArray[np.uint8], owners: NDArray[np.int16], person: NDArray[np.uint8],
+        box: NDArray[np.float64], number: int, shift: NDArray[np.intp],
+    ) -> tuple[NDArray[np.float64], int]:  # fmt: skip
+        """Draws the person into `frame`, moved by `shift`; returns the box there and the silhouette's area."""
+        height, width = owners.shape
+        size = np.array(person.shape[1::-1])
+        x0, y0 = np.maximum(shift, 0)
+        x1, y1 = np.minimum(shift + size, [width, height])
+        area = int((person[..., 3] > 127).sum())
+        if x0 < x1 and y0 < y1:
+            part = person[y0 - shift[1] : y1 - shift[1], x0 - shift[0] : x1 - shift[0]]
+            alpha = part[..., 3:4].astype(np.float32) / 255
+            shade = 1 - part[..., 4:].astype(np.float32) / 255 * self.rng.uniform(0, 0.6)
+            target = frame[y0:y1, x0:x1]
+            target[:] = (target * shade * (1 - alpha) + part[..., :3]).clip(0, 255).astype(np.uint8)
+            owners[y0:y1, x0:x1][alpha[..., 0] > 0.5] = number
+        return box + np.tile(shift, 2), area
+
+    def _place(self, height: int, width: int, box: NDArray[np.float64]) -> NDArray[np.intp]:
+        """(2,) pixels by which the box moves to a random place."""
+        rng = self.rng
+        center = rng.uniform(0.02, 0.98, 2) * [width, height]
+        if rng.random() < 0.75:  # whole in the image where that is possible
+            half = (box[2:] - box[:2]) / 2
+            low, high = half, np.array([width, height]) - half
+            center = np.where(low < high, rng.uniform(np.minimum(low, high), np.maximum(low, high)), center)
+            if low[1] >= high[1]:  # too tall for the image: what it shows is the upper part
+                center[1] = half[1] + rng.uniform(-0.05, 0.4) * height
+        return np.round(center - (box[:2] + box[2:]) / 2).astype(int)
+
+    @staticmethod
+    def _copy_owner(frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16], number: int) -> None:
+        mine = owners == number
+        plate[mine] = frame[mine]
+
+    def _occluder(self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]) -> None:
+        """Something of the room in front of people."""
+        rng = self.rng
+        height, width = owners.shape
+        mask = np.zeros((height, width), np.uint8)
+        center = rng.uniform(0, 1, 2) * [width, height]
+        reach = rng.uniform(0.04, 0.3) * max(width, height)
+        angle = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))))
+        corners = center + reach * np.stack([np.cos(angle), np.sin(angle)], 1) * rng.uniform(0.4, 1.6, 2)
+        cv2.fillPoly(mask, [corners.astype(np.int32)], 1)
+        self._cover(mask > 0, frame, plate, owners)
+
+
+def _cast(
+    frame: NDArray[np.uint8], alpha: NDArray[np.uint8], foot: float, shift: NDArray[np.intp],
+    light: tuple[float, float, float, float],
+) -> None:  # fmt: skip
+    """Darkens the floor where a person (`alpha` (h, w), whose feet are in row `foot`, moved by `shift`) keeps a light
+    of `_light` away."""
+    across, up, left, soft = light
+    there = np.array([[1, -across, shift[0] + across * foot], [0, up, shift[1] + (1 - up) * foot]])
+    shadow = cv2.warpAffine(alpha, there, (frame.shape[1], frame.shape[0]), flags=cv2.INTER_LINEAR)
+    shadow = cv2.GaussianBlur(shadow, (0, 0), soft).astype(np.float32)[..., None] / 255
+    frame[:] = (frame * (1 - (1 - left) * shadow)).astype(np.uint8)
+
+
+def _extent(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(4,) left, top, right, bottom pixels of what is set; something has to be."""
+    rows, columns = np.nonzero(mask)
+    return np.array([columns.min(), rows.min(), columns.max(), rows.max()], float)

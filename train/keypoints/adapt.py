@@ -1,0 +1,189 @@
+"""A keypoint network that gets used to the very footage it is given, without a label.
+
+What all cameras agree on in 3D is projected into every view and trained on (`models.footage`), from the shipped
+weights, for a few minutes. In the end every view knows what the others know: how these clothes look from behind, which
+leg is the left one. Several views as each other's teachers: Kocabas, Karagoz and Akbas, "Self-supervised learning of
+3D human pose using multi-view geometry", CVPR 2019; here the labels have the whole take's evidence in time and body.
+"""
+
+import copy
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps
+from muybridge.models.pseudo_labels import Footage
+from muybridge.models.keypoints.network import CHANNELS, STRIDE, KeypointNet
+from muybridge.train.images.compositor import MIRROR
+from muybridge.train.images.camera_faults import CameraFaults
+from muybridge.train.keypoints.loss import heatmap_loss
+from muybridge.train.keypoints.train import SURFACE_WEIGHT
+from muybridge.train.engine.loop import AveragedWeights, device, learning_rate, placed
+from muybridge.train.options import Adaptation
+from muybridge.train.engine.precision import autocast
+
+# Of the loss, labels that the view's own network had not found: mostly hidden, some of them wrong.
+_NOT_FOUND = 0.35
+_VISIBILITY = 0.2
+_NO_PLATE = 0.3  # share of crops that are shown without the difference to the background plate
+_FAULTY = 0.5  # share of batches that a camera's faults are added to
+_AVERAGE_DECAY = 0.99
+_AT_ONCE = 32  # images, where nothing is trained
+_ROTATION_SD, _SCALE_SD, _SHIFT_SD = np.radians(6.0), 0.1, 0.04
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How near a network's landmarks come to what all cameras agree on, in crops that nothing was trained on.
+
+    Attributes:
+        median_px, mean_px: distance in network pixels; the mean counts what lies beyond a quarter of the crop as that.
+        landmarks: how many were compared.
+    """
+
+    median_px: float
+    mean_px: float
+    landmarks: int
+
+
+@dataclass(frozen=True)
+class View:
+    """Footage as a network sees it.
+
+    Attributes:
+        footage: what there is.
+        size: side of the network's crops, px.
+        padding: side of the network's crops over the longer side of the person's box.
+    """
+
+    footage: Footage
+    size: int
+    padding: float
+
+    def plain(self, index: NDArray[np.intp]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Crops (N, 4, S, S) as they are in use, and their landmarks (N, J, 2) px."""
+        zero = np.zeros(len(index))
+        return self.placed(index, zero, zero + 1, np.zeros((len(index), 2)), zero > 0)
+
+    def placed(
+        self, index: NDArray[np.intp], angle: NDArray[np.float64], scale: NDArray[np.float64],
+        shift_px: NDArray[np.float64], flip: NDArray[np.bool_],
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:  # fmt: skip
+        """The same turned (radians), scaled, moved and mirrored; the landmarks keep their order."""
+        source = self.footage.crops.shape[1]
+        zoom = scale * self.size / source * self.footage.padding / self.padding
+        cos, sin = np.cos(angle) * zoom, np.sin(angle) * zoom
+        linear = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
+        linear[:, :, 0] *= np.where(flip, -1, 1)[:, None]
+        moved = (self.size - 1) / 2 + shift_px - linear @ np.full(2, (source - 1) / 2)
+        matrix = np.concatenate([linear, moved[..., None]], -1)
+        images = np.empty((len(index), CHANNELS, self.size, self.size), np.uint8)
+        for k, i in enumerate(index):
+            warped = cv2.warpAffine(self.footage.crops[i], matrix[k], (self.size, self.size), flags=cv2.INTER_LINEAR)
+            images[k] = warped.transpose(2, 0, 1)
+        at = np.einsum("nij,nkj->nki", linear, self.footage.landmarks_px[index]) + moved[:, None]
+        return images, at.astype(np.float32)
+
+
+class _Sampler:
+    """Batches of footage, each crop turned, scaled, moved and mirrored anew."""
+
+    def __init__(self, view: View, visibility: NDArray[np.float32], seed: int) -> None:
+        self.view, self.visibility = view, visibility
+        self.chosen = np.flatnonzero(~view.footage.held_out)
+        self.rng = np.random.default_rng(seed)
+        self.faults = CameraFaults(self.rng)
+
+    def batch(self, count: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """(B, 4, S, S) in 0..1, landmarks (B, J, 2) px, whether the view agreed (B, J), visibility (B, J) in 0..1."""
+        rng = self.rng
+        index = rng.choice(self.chosen, count)
+        angle, scale = rng.normal(0, _ROTATION_SD, count), np.exp(rng.normal(0, _SCALE_SD, count))
+        shift_px, flip = rng.normal(0, _SHIFT_SD, (count, 2)) * self.view.size, rng.random(count) < 0.5
+        images, at = self.view.placed(index, angle, scale, shift_px, flip)
+        agreed, visible = self.view.footage.agreed[index], self.visibility[index]
+        for values in (at, agreed, visible):
+            values[flip] = values[flip][:, MIRROR[: values.shape[1]]]
+        image = torch.from_numpy(images).float() / 255
+        if rng.random() < _FAULTY:
+            image[:, :3] = self.faults.apply(image[:, :3]).clamp(0, 1)
+        image[torch.from_numpy(rng.random(count) < _NO_PLATE), 3] = 0
+        return image, torch.from_numpy(at), torch.from_numpy(agreed), torch.from_numpy(visible)
+
+
+def adapted(
+    net: KeypointNet, view: View, options: Adaptation, tell: Callable[[float], None]
+) -> tuple[KeypointNet, int]:
+    """The network after training on footage.
+
+    Args:
+        net: to begin with, normalisation folded (`models.weights_from_onnx`); it is left as it is.
+        view: crops with labels.
+        options: how.
+        tell: is told the share of the time that is over.
+
+    Returns:
+        The network with averaged weights, and how many images it saw.
+    """
+    torch.manual_seed(options.seed)
+    student = placed(copy.deepcopy(net)).eval()  # normalisations stay what they are: a bias
+    sampler = _Sampler(view, _visibility(net, view), options.seed)
+    optimiser = torch.optim.AdamW(student.parameters(), options.rate, weight_decay=0.0)
+    average, step, began, budget = AveragedWeights(student, _AVERAGE_DECAY), 0, time.monotonic(), 60 * options.minutes
+    while (elapsed := time.monotonic() - began) < budget:
+        for group in optimiser.param_groups:
+            group["lr"] = learning_rate(options.rate, 6 * step, elapsed, budget, 0.5)
+        optimiser.zero_grad(set_to_none=True)
+        loss = _loss(student, *(t.to(device()) for t in sampler.batch(options.batch)))
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(student.parameters(), 5.0)
+        optimiser.step()
+        average.update(student, step)
+        step += 1
+        tell(min(1.0, elapsed / budget))
+    out = copy.deepcopy(net)
+    out.load_state_dict(average.state)
+    return out.eval(), step * options.batch
+
+
+def _loss(net: nn.Module, image: Tensor, at: Tensor, agreed: Tensor, visible: Tensor) -> Tensor:
+    """Cross-entropy of the heatmaps; visibility stays what the network itself said of the crop at first."""
+    with autocast(image.device):
+        heatmaps, visibility = net(image)
+    inside = ((at >= 0) & (at <= image.shape[-1] - 1)).all(-1, keepdim=True)
+    each = heatmap_loss(heatmaps, torch.where(inside, at, torch.nan)) * (_NOT_FOUND + (1 - _NOT_FOUND) * agreed.float())
+    kept = torch.nn.functional.binary_cross_entropy_with_logits(visibility.float(), visible)
+    body = len(BODY23)
+    total = each[:, :body].mean() + _VISIBILITY * kept
+    return total + SURFACE_WEIGHT * each[:, body:].mean() if each.shape[1] > body else total
+
+
+@torch.no_grad()
+def _visibility(net: KeypointNet, view: View) -> NDArray[np.float32]:
+    """(N, J) visibility in 0..1 that the network gives the crops as they are."""
+    batches = np.split(np.arange(len(view.footage.crops)), range(_AT_ONCE, len(view.footage.crops), _AT_ONCE))
+    seen = [net(torch.from_numpy(view.plain(index)[0]).float() / 255)[1].sigmoid() for index in batches]
+    return np.asarray(torch.cat(seen).numpy())
+
+
+@torch.no_grad()
+def agreement(net: KeypointNet, view: View) -> Agreement:
+    """How near the network comes to the labels of the body in the crops that are held out (in all, if none is)."""
+    footage, body = view.footage, len(BODY23)
+    chosen = np.flatnonzero(footage.held_out) if footage.held_out.any() else np.arange(len(footage.crops))
+    distances = []
+    for index in np.split(chosen, range(_AT_ONCE, len(chosen), _AT_ONCE)):
+        images, at = view.plain(index)
+        heatmaps = net(torch.from_numpy(images).float() / 255)[0][:, :body].numpy()
+        found = decode_heatmaps(heatmaps, STRIDE, SpreadCalibration()).points_crop_px
+        distances.append(np.linalg.norm(found - at[:, :body], axis=-1))
+    distance = np.concatenate(distances)
+    distance = distance[np.isfinite(distance)]
+    return Agreement(float(np.median(distance)), float(np.minimum(distance, view.size / 4).mean()), len(distance))

@@ -1,0 +1,135 @@
+"""Scores of an exported keypoint network on held-out synthetic people, decoded as in use."""
+
+import pathlib
+from dataclasses import replace
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+from rich.progress import track
+
+from muybridge.errors import ModelError, SessionError
+from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.models.keypoints.decode import DecodedHeatmaps
+from muybridge.models.keypoints.mirroring import mean_of_mirrored
+from muybridge.models.keypoints.metadata import BODY_OUTPUTS, KeypointModelCard, keypoint_card, shipped_model
+from muybridge.models.keypoints.test_time import turn_where_unsure
+from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.images.backgrounds import make_backgrounds
+from muybridge.train.engine.loop import HELD_OUT
+from muybridge.train.options import Evaluation
+from muybridge.train.synthesis.rendering.store import SIZE, load_renders
+
+MIRROR = np.array(BODY23.mirror)
+# All but nose, eyes and ears.
+LIMB = np.arange(len(MIRROR)) >= 5
+
+
+def load_model(path: pathlib.Path) -> tuple[onnxruntime.InferenceSession, KeypointModelCard]:
+    """A keypoint network and its card; ModelError where the file is none of ours."""
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3  # that an input may be left out is meant
+    if not path.is_file():
+        raise ModelError(f"{path}: no such model file")
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's exceptions share no base but Exception
+        raise ModelError(f"{path}: not an ONNX model, or a damaged one ({str(error).splitlines()[0]})") from error
+    return session, keypoint_card(session.get_modelmeta().custom_metadata_map, path)
+
+
+def read_crops(
+    session: onnxruntime.InferenceSession, card: KeypointModelCard, image: NDArray[np.float32], flip: bool, turn: bool
+) -> DecodedHeatmaps:
+    """The body's landmarks in crops (N, C, S, S), 0 to 1, each mirrored too (`flip`), and turned where unsure (`turn`;
+    with both, tilted too): `muybridge run` does both."""
+
+    def once(image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+        found: list[NDArray[np.float32]] = session.run(BODY_OUTPUTS, card.inputs(np.ascontiguousarray(image)))
+        return found
+
+    def look(image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+        if not flip:
+            return once(image)
+        return [mean_of_mirrored(a, b, MIRROR) for a, b in zip(once(image), once(image[..., ::-1]), strict=True)]
+
+    maps = look(image)
+    found = turn_where_unsure(look, image, maps, card, rows=2, tilt=flip) if turn else card.decoded(maps[0])
+    return card.weighed(found, maps[1], flip)
+
+
+def read_batch(
+    session: onnxruntime.InferenceSession, card: KeypointModelCard, batch: Batch, flip: bool, turn: bool
+) -> tuple[DecodedHeatmaps, NDArray[np.float64], NDArray[np.bool_]]:
+    """The body's landmarks in a batch's crops, read as of `read_crops`, their errors (N, J, 2) px, and which of them
+    (N, J) lie inside of the crop."""
+    crops, truth = batch.pixels.numpy().astype(np.float32) / np.float32(255), batch.landmarks_px.numpy()
+    found = read_crops(session, card, crops, flip, turn)
+    return found, found.points_crop_px - truth, ((truth >= 0) & (truth < crops.shape[-1])).all(axis=-1)
+
+
+def evaluate_onnx(options: Evaluation) -> dict[str, float]:
+    """Figures of merit on visible landmarks, sigma also on all inside the crop; pixels are the network's."""
+    path = options.model or shipped_model("keypoints")
+    session, card = load_model(path)
+    store = load_renders(options.renders, None if options.all_shards else HELD_OUT)
+    if not len(store):
+        raise SessionError(f"{options.renders}: no held-out renders; make some with `muybridge synth`")
+    # Backgrounds of another seed than any training's pool.
+    backgrounds = make_backgrounds(256, SIZE, options.seed)
+    asked = {name: float(getattr(options, name)) for name in ("plate", "backdrop", "tinted", "monochrome")}
+    augment = replace(WHOLE, **asked, faults=options.faults)
+    if not options.occlusion:
+        augment = replace(augment, second_person=0, occluder=0, mosaic=0, truncate=0, tumble=0, clutter=0)
+    if options.embrace:
+        augment = replace(augment, second_person=0, embrace=1)
+    compositor = Compositor(store, backgrounds, card.input_size, options.seed, augment)
+
+    distances, twins, inside_sigma, visibles, insides = [], [], [], [], []
+    for _ in track(range(-(-options.crops // 64)), "scoring", transient=True):
+        batch = compositor.batch(64)
+        decoded, error, inside = read_batch(session, card, batch, options.flip, options.turn)
+        distances.append(np.linalg.norm(error, axis=-1))
+        twins.append(np.linalg.norm(decoded.points_crop_px - batch.landmarks_px.numpy()[:, MIRROR], axis=-1))
+        inside_sigma.append(np.abs(error) / np.sqrt(decoded.variance_crop_px2)[..., None])
+        visibles.append(batch.visible.numpy())
+        insides.append(inside)
+    return _figures(
+        np.concatenate(distances), np.concatenate(twins), np.concatenate(inside_sigma), np.concatenate(visibles),
+        np.concatenate(insides), card.input_size,
+    )  # fmt: skip
+
+
+def _figures(
+    distance: NDArray[np.float64], twin: NDArray[np.float64], in_sigma: NDArray[np.float64],
+    visible: NDArray[np.bool_], inside: NDArray[np.bool_], size: int,
+) -> dict[str, float]:  # fmt: skip
+    # Twins that lie on each other can't be told apart by anyone. Eyes and ears are so near to each other that the share
+    # of all landmarks looks better than that of the limbs'.
+    swapped = (twin < distance) & visible & (MIRROR != np.arange(len(MIRROR))) & (np.abs(twin - distance) > 0.03 * size)
+    limb = np.broadcast_to(LIMB, visible.shape)
+    box = size / 1.25
+    near = (distance < 0.05 * box) & visible
+    return {
+        "median error px": float(np.median(distance[visible])),
+        "mean error px": float(distance[visible].mean()),
+        "PCK@0.05 of the box": float(near.sum() / visible.sum()),
+        "PCK@0.05, standard error": _standard_error(near, visible),
+        "PCK@0.1 of the box": float((distance[visible] < 0.1 * box).mean()),
+        "left-right swaps": float(swapped[limb].sum() / visible[limb].sum()),
+        "left-right swaps, face too": float(swapped.sum() / visible.sum()),
+        "swaps, standard error": _standard_error(swapped, visible),
+        "within 1 sigma (0.683)": float((in_sigma[inside] < 1).mean()),
+        "within 2 sigma (0.954)": float((in_sigma[inside] < 2).mean()),
+        "within 1 sigma, visible": float((in_sigma[visible] < 1).mean()),
+        "within 2 sigma, visible": float((in_sigma[visible] < 2).mean()),
+    }
+
+
+def _standard_error(those: NDArray[np.bool_], all_: NDArray[np.bool_]) -> float:
+    """Of the share of `those` in `all_`, (N, J), crops being drawn and not landmarks: half of the swaps lie in a few of
+    them. Linearised ratio estimator, Cochran, "Sampling Techniques", 1977, eq. 2.45."""
+    each, total = those.sum(1), all_.sum(1)
+    residual = each - each.sum() / max(total.sum(), 1) * total
+    count = len(each)
+    return float(np.sqrt((residual**2).sum() * count / max(count - 1, 1)) / max(total.sum(), 1))

@@ -1,0 +1,214 @@
+"""anny's bodies as the marker solver sees them: fewer joints, rest in the T-pose, markers carried by joints.
+
+A *role* is a joint of `geometry.body.BODY`; besides those there is a forearm's roll, which turns the markers of the
+wrist as pronation does. A joint's axes are the world's in the T-pose: limbs are turned into it so that arms point
+sideways, legs down, and elbow and knee bend about one axis.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.profiles import roles_of
+from muybridge.train.synthesis.motions.rig import Array, Skeleton, between, forward, turn, unit
+
+# joint: bone at whose origin it is, bone that turns with it ("*" is the side)
+_BONES = {
+    "hips": ("root", "root"), "spine": ("spine04", "spine03"), "chest": ("spine02", "spine01"),
+    "neck": ("neck01", "neck02"), "head": ("head", "head"),
+    "clavicle": ("clavicle.*", "clavicle.*"), "upper_arm": ("upperarm01.*", "upperarm01.*"),
+    "forearm": ("lowerarm01.*", "lowerarm01.*"), "forearm_roll": ("lowerarm01.*", "lowerarm02.*"),
+    "hand": ("wrist.*", "wrist.*"), "thigh": ("upperleg01.*", "upperleg01.*"),
+    "shin": ("lowerleg01.*", "lowerleg01.*"), "foot": ("foot.*", "foot.*"), "toe": ("toe2-1.*", "foot.*"),
+}  # fmt: skip
+
+
+def _tree() -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """Names and parents: BODY's, and a roll before each hand."""
+    names: list[str] = []
+    above: list[str] = []
+    for name, parent in zip(BODY.joint_names, BODY.parents, strict=True):
+        if name.endswith("hand"):
+            names.append(name.replace("hand", "forearm_roll"))
+            above.append(BODY.joint_names[parent])
+            above.append(names[-1])
+        else:
+            above.append(BODY.joint_names[parent] if parent >= 0 else "")
+        names.append(name)
+    return tuple(names), tuple(names.index(p) if p else -1 for p in above)
+
+
+NAMES, PARENTS = _tree()
+# Joints of BODY among them.
+BODY_JOINTS = np.array([NAMES.index(n) for n in BODY.joint_names])
+
+
+@dataclass(frozen=True)
+class Rig:
+    """One body.
+
+    Attributes:
+        origin, turner: (J,) bones of each joint.
+        align: (J, 3, 3) turns what is given at anny's rest into the T-pose.
+        offsets: (J, 3) metres from the parent, T-pose.
+    """
+
+    origin: NDArray[np.intp]
+    turner: NDArray[np.intp]
+    align: Array
+    offsets: Array
+
+
+def bones_of(bones: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Origin and turning bone of every joint, indices into anny's bones."""
+    found = []
+    for name in NAMES:
+        side = {"left": "L", "right": "R"}.get(name.split("_")[0], "")
+        pair = _BONES[name.split("_", 1)[1] if side else name]
+        found.append([bones.index(b.replace("*", side)) for b in pair])
+    origin, turner = np.array(found, np.intp).T
+    return origin, turner
+
+
+def rig_of(bones: tuple[str, ...], rest: Array) -> Rig:
+    """The rig of a body with anny's bones at `rest` (bones, 3) metres."""
+    origin, turner = bones_of(bones)
+    at = rest[origin]
+    align = np.tile(np.eye(3), (len(NAMES), 1, 1))
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+
+        def place(part: str, side: str = side) -> int:
+            return NAMES.index(f"{side}_{part}")
+
+        shoulder, elbow, wrist = (at[place(p)] for p in ("upper_arm", "forearm", "hand"))
+        hinge = np.cross(elbow - shoulder, wrist - elbow)
+        arm, axis = np.array([sign, 0, 0]), np.array([0, 0, -sign])
+        align[place("upper_arm")] = _onto(elbow - shoulder, hinge, arm, axis)
+        for part in ("forearm", "forearm_roll", "hand"):
+            align[place(part)] = _onto(wrist - elbow, hinge, arm, axis)
+        hip, knee, ankle = (at[place(p)] for p in ("thigh", "shin", "foot"))
+        x, down = np.array([1.0, 0, 0]), np.array([0, 0, -1.0])
+        align[place("thigh")] = _onto(knee - hip, x, down, x)
+        align[place("shin")] = _onto(ankle - knee, x, down, x)
+    offsets = np.zeros((len(NAMES), 3))
+    for j, parent in enumerate(PARENTS[1:], 1):
+        offsets[j] = align[parent] @ (at[j] - at[parent])
+    return Rig(origin, turner, align, offsets)
+
+
+def _onto(first: Array, second: Array, first_to: Array, second_to: Array) -> Array:
+    """The rotation that takes one direction to another, and a second one as near as it goes."""
+    return _frame(first_to, second_to) @ _frame(first, second).T
+
+
+def _frame(first: Array, second: Array) -> Array:
+    x = unit(first)
+    y = unit(second - (second @ x) * x)
+    return np.stack([x, y, np.cross(x, y)], -1)
+
+
+def joints_of(rig: Rig, body: Skeleton, rotvec: Array, root: Array) -> tuple[Array, Array]:
+    """World orientations (T, J, 3, 3) and places (T, J, 3) of the joints of a motion of `body`."""
+    rotations, origins = forward(body, turn(rotvec), root)
+    return rotations[:, rig.turner] @ np.swapaxes(rig.align, -1, -2), origins[:, rig.origin]
+
+
+def follow(body: Skeleton, motion: Motion) -> tuple[Array, Array]:
+    """A recorded motion on one of anny's bodies: rotation vectors (T, bones, 3), `local-ref`, and roots (T, 3).
+
+    Bones point as the recording's do; the back's bend is shared among its five bones, the neck's among its four, and
+    pronation goes to the forearm. The root keeps its height in shares of the legs' length.
+
+    Args:
+        body: the body.
+        motion: of a skeleton whose names and rest pose (T-pose, facing -Y) are known.
+
+    Raises:
+        ValueError: joints that are needed are not there.
+    """
+    skeleton, roles = motion.skeleton, roles_of(motion.skeleton.names)
+    needed = ("hips", "chest", "head", *(f"{s}_{p}" for s in ("left", "right")
+              for p in ("upper_arm", "forearm", "hand", "thigh", "shin", "foot")))  # fmt: skip
+    if missing := [n for n in needed if n not in roles]:
+        raise ValueError(f"the motion's skeleton has no {', '.join(missing)}")
+    poses = motion.forward()
+    rig = rig_of(body.bones, body.rest)
+    rotations = np.tile(np.eye(3), (len(poses), len(body.bones), 1, 1))
+    world = {"root": poses[:, roles["hips"], :3, :3]}
+    top = next(roles[r] for r in ("upper_chest", "chest") if r in roles)
+    _share(world, ("spine05", "spine04", "spine03", "spine02", "spine01"), world["root"], poses[:, top, :3, :3])
+    _share(world, ("neck01", "neck02", "neck03", "head"), world["spine01"], poses[:, roles["head"], :3, :3])
+    rest = _rest_of(skeleton)
+    for side, letter in (("left", "L"), ("right", "R")):
+        lean = _lean(skeleton, roles, rest, motion, side)
+        for part in ("upper_arm", "forearm", "hand", "thigh", "shin", "foot"):
+            bone = _BONES[part][1].replace("*", letter)
+            align = rig.align[NAMES.index(f"{side}_{part}")]
+            world[bone] = poses[:, roles[f"{side}_{part}"], :3, :3] @ lean[part] @ align
+        forearm, hand = world[f"lowerarm01.{letter}"], world[f"wrist.{letter}"]
+        axis = unit(body.at(f"wrist.{letter}") - body.at(f"lowerarm01.{letter}"))
+        world[f"lowerarm02.{letter}"] = forearm @ _twist(np.swapaxes(forearm, -1, -2) @ hand, axis)
+    for i, bone in enumerate(body.bones):
+        parent = body.parents[i]
+        if bone in world:
+            above = rotations[:, parent] if parent >= 0 else np.eye(3)
+            rotations[:, i] = world[bone]
+            world[bone] = np.swapaxes(np.broadcast_to(above, rotations[:, i].shape), -1, -2) @ rotations[:, i]
+        else:
+            rotations[:, i] = rotations[:, parent]
+    local = np.tile(np.eye(3), (len(poses), len(body.bones), 1, 1))
+    for bone, value in world.items():
+        local[:, body.bones.index(bone)] = value
+    hips = poses[..., :3, 3][:, [roles["left_thigh"], roles["right_thigh"]]].mean(1)
+    leg = sum(float(np.linalg.norm(skeleton.offsets[roles[f"left_{p}"]])) for p in ("shin", "foot"))
+    ours = float(np.linalg.norm(rig.offsets[NAMES.index("left_shin")]) + np.linalg.norm(
+        rig.offsets[NAMES.index("left_foot")]))  # fmt: skip
+    shape = local.shape[:2]
+    return Rotation.from_matrix(local.reshape(-1, 3, 3)).as_rotvec().reshape(*shape, 3), hips * ours / leg
+
+
+def _share(world: dict[str, Array], bones: tuple[str, ...], start: Array, end: Array) -> None:
+    """Orientations between two, in equal steps."""
+    step = Rotation.from_matrix(np.swapaxes(start, -1, -2) @ end).as_rotvec()
+    for k, bone in enumerate(bones, 1):
+        world[bone] = start @ Rotation.from_rotvec(step * k / len(bones)).as_matrix()
+
+
+def _rest_of(skeleton: object) -> Array:
+    from muybridge.geometry.fitting.skeleton_fit import rest_positions
+
+    return rest_positions(skeleton)  # type: ignore[arg-type]
+
+
+def _lean(skeleton: object, roles: dict[str, int], rest: Array, motion: Motion, side: str) -> dict[str, Array]:
+    """Turns of the recording's rest pose against the T-pose, by part: where bones point and about what elbows bend."""
+    sign = 1.0 if side == "left" else -1.0
+
+    def bone(a: str, b: str) -> Array:
+        return unit(rest[roles[f"{side}_{b}"]] - rest[roles[f"{side}_{a}"]])
+
+    out = {}
+    elbow = Rotation.from_quat(motion.quat_wxyz[:, roles[f"{side}_forearm"]][:, [1, 2, 3, 0]]).as_rotvec()
+    axis = np.linalg.svd(elbow, full_matrices=False)[2][0]
+    spread = float(np.sqrt(np.mean(elbow**2)))
+    axis = axis * -sign * np.sign(axis[2]) if spread > 0.05 and abs(axis[2]) > 0.3 else np.array([0, 0, -sign])
+    arm = np.array([sign, 0.0, 0.0])
+    out["upper_arm"] = _onto(arm, np.array([0, 0, -sign]), bone("upper_arm", "forearm"), axis)
+    out["forearm"] = out["hand"] = _onto(arm, np.array([0, 0, -sign]), bone("forearm", "hand"), axis)
+    down = np.array([0, 0, -1.0])
+    out["thigh"] = turn(between(down, bone("thigh", "shin"))[None])[0]
+    # A foot's own axes lean as the shin before it: a recording's rest pose may stand astride.
+    out["shin"] = out["foot"] = turn(between(down, bone("shin", "foot"))[None])[0]
+    return out
+
+
+def _twist(rotations: Array, axis: Array) -> Array:
+    """The turn about `axis` (3,) that rotations (T, 3, 3) have."""
+    quat = Rotation.from_matrix(rotations).as_quat()
+    along = quat[:, :3] @ axis
+    angle = 2 * np.arctan2(along, quat[:, 3])
+    return np.asarray(Rotation.from_rotvec(angle[:, None] * axis).as_matrix())

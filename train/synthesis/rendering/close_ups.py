@@ -1,0 +1,140 @@
+"""People of whom a camera has only a part: at a desk, too near, leaving the picture. Their crops frame that part."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.train.synthesis.rendering.renderer import View, direction_from_angles, look_at, target_of_pixel
+
+# What lies beyond the cut: the black outside of the video, something in front of the person, or the person after all.
+BORDER, SOMETHING, PERSON = range(3)
+_BEYOND = (0.65, 0.2, 0.15)
+# Which side is cut off: bottom, left, right, top.
+_NORMALS = np.array([[0.0, 1.0], [-1.0, 0.0], [1.0, 0.0], [0.0, -1.0]])
+_SIDES = (0.6, 0.11, 0.11, 0.18)
+_KEPT = (0.3, 0.85)  # of the box
+_KEPT_NEAR = (0.22, 0.75)  # where renders are made of it
+_NEAREST = 0.15  # metres before the camera: what is nearer is not part of a person's box
+
+
+@dataclass(frozen=True)
+class Cuts:
+    """Where people are cut off.
+
+    Attributes:
+        line: (B, 3) nx, ny, edge in crop pixels: beyond the cut nx x + ny y > edge; NaN where nothing is cut off.
+        beyond: (B,) BORDER, SOMETHING or PERSON.
+    """
+
+    line: NDArray[np.float32]
+    beyond: NDArray[np.int64]
+
+    def mask(self, i: int, size: int) -> NDArray[np.bool_]:
+        """(size, size) pixels of crop `i` beyond its cut."""
+        y, x = np.mgrid[:size, :size].astype(np.float32)
+        nx, ny, edge = self.line[i]
+        return np.asarray(nx * x + ny * y > edge)
+
+    def chosen(self, beyond: int) -> NDArray[np.intp]:
+        """Crops with a cut of that kind."""
+        return np.flatnonzero(np.isfinite(self.line[:, 0]) & (self.beyond == beyond))
+
+    def hidden(self, landmarks: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """(B, J) whether landmarks (B, J, 2) are out of sight by it."""
+        there = np.isfinite(self.line[:, 0]) & (self.beyond != PERSON)
+        past = np.einsum("bjk,bk->bj", landmarks, self.line[:, :2]) > self.line[:, 2:]
+        return np.asarray(past & there[:, None])
+
+
+def cut_boxes(
+    rng: np.random.Generator,
+    box_px: NDArray[np.float32],
+    share: float,
+    made: NDArray[np.float32] | None = None,
+    left_over: tuple[float, float] = _KEPT,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Boxes (B, 4) of what is left of people of whom `share` are cut off, and lines (B, 3) as in `Cuts`, both in the
+    pixels of `box_px`. Those of `made` (B, 3) that are not NaN stay as they are. `left_over`: share of a box."""
+    boxes, lines = box_px.copy(), np.full((len(box_px), 3), np.nan, np.float32)
+    if made is not None:
+        lines[:] = made
+    for i in np.flatnonzero((rng.random(len(boxes)) < share) & np.isnan(lines[:, 0])):
+        side, kept = int(rng.choice(4, p=_SIDES)), rng.uniform(*left_over)
+        left, top, right, bottom = boxes[i]
+        if side == 0:
+            boxes[i, 3] = edge = top + kept * (bottom - top)
+        elif side == 1:
+            boxes[i, 0] = edge = right - kept * (right - left)
+        elif side == 2:
+            boxes[i, 2] = edge = left + kept * (right - left)
+        else:
+            boxes[i, 1] = edge = bottom - kept * (bottom - top)
+        lines[i] = *_NORMALS[side], edge * _NORMALS[side].sum()
+    return boxes, lines
+
+
+def to_crop(
+    rng: np.random.Generator, lines: NDArray[np.float32], matrix: NDArray[np.float32], made: NDArray[np.bool_]
+) -> Cuts:
+    """Lines of `cut_boxes` seen through the affine maps `matrix` (B, 2, 3) into crops, with what lies beyond them:
+    never the person where the render is `made` (B,) as a close-up, which ends somewhere beyond its line."""
+    normal = np.einsum("bji,bj->bi", np.linalg.inv(matrix[:, :, :2].astype(np.float64)), lines[:, :2])
+    edge = lines[:, 2] + np.einsum("bi,bi->b", normal, matrix[:, :, 2])
+    line = np.concatenate([normal, edge[:, None]], 1).astype(np.float32)
+    beyond = rng.choice(3, len(lines), p=_BEYOND)
+    return Cuts(line, np.where(made & (beyond == PERSON), BORDER, beyond))
+
+
+class CloseUp(NamedTuple):
+    """A view of a part of a person.
+
+    Attributes:
+        view: what the camera sees.
+        box_px: (4,) left, top, right, bottom of that part.
+        cut_px: (3,) where it is cut off, see `Cuts`.
+    """
+
+    view: View
+    box_px: NDArray[np.float32]
+    cut_px: NDArray[np.float32]
+
+
+def sample_close_up(body: NDArray[np.float32], rng: np.random.Generator, size: int, span: float) -> CloseUp:
+    """A camera without roll that is near to a part of a person (V, 3), as webcams on desks and tripods are: the longer
+    side of what it has of them is 1/`span` of the picture's `size`."""
+    points = body.astype(np.float64)
+    azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(np.clip(rng.normal(5, 13), -25, 50))
+    direction = direction_from_angles(azimuth, elevation)
+    # The part is chosen as a camera far away would see it.
+    flat = points @ look_at(points.mean(0) + direction, points.mean(0))[:2, :3].T
+    whole = np.concatenate([flat.min(0), flat.max(0)]).astype(np.float32)
+    _, lines = cut_boxes(rng, whole[None], 1.0, None, _KEPT_NEAR)
+    normal = lines[0, :2].astype(np.float64)
+    part = points[flat @ normal <= lines[0, 2]]
+    target = (part.min(0) + part.max(0)) / 2
+    reach = float(np.linalg.norm(part - target, axis=1).max())
+    distance = max(0.45, reach * float(np.exp(rng.uniform(np.log(1.7), np.log(8.0)))))
+    eye = target + distance * direction
+    eye[2] = max(eye[2], 0.05)
+    middle, focal, roll = (size - 1) / 2, float(size), np.radians(rng.normal(0, 3))
+    for _ in range(4):  # the part's middle moves a little as the camera turns to it
+        view = View(look_at(eye, target, roll), focal, (middle, middle), size, size)
+        box, _ = _box_of(view, points, part, normal)
+        target = target_of_pixel(view, (box[:2] + box[2:]) / 2, eye, distance)
+        focal *= size / (span * float((box[2:] - box[:2]).max()))
+    view = View(look_at(eye, target, roll), focal, (middle, middle), size, size)
+    box, edge = _box_of(view, points, part, normal)
+    return CloseUp(view, box.astype(np.float32), np.array([*normal, edge], np.float32))
+
+
+def _box_of(
+    view: View, points: NDArray[np.float64], part: NDArray[np.float64], normal: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """The box (4,) of what of `points` lies on this side of the farthest of `part` along `normal`, and that edge."""
+    px, depth_m = view.project(part)
+    edge = float((px[depth_m > _NEAREST] @ normal).max())
+    px, depth_m = view.project(points)
+    px = px[(depth_m > _NEAREST) & (px @ normal <= edge)]
+    return np.concatenate([px.min(0), px.max(0)]), edge

@@ -1,0 +1,163 @@
+"""Whole takes of several synthetic people who move about in one room, filmed by cameras round it; truth included."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.train.synthesis.bodies.body_model import BodyModel
+from muybridge.train.synthesis.motions.sampler import MotionClip, MotionSampler
+from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
+from muybridge.train.synthesis.rendering.takes import layers
+from muybridge.train.synthesis.clothing.sample import Outfit, sample_outfit
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+# People's middles stay this far apart, metres, unless they came as a pair.
+_APART = 0.55
+_TRIES = 40
+_AT_ONCE = 32
+# Sides of the windows that people are rendered in grow in steps, so that few render targets are needed.
+_STEP_PX = 160
+
+
+@dataclass(frozen=True)
+class Actor:
+    """One person of a take: `vertices` (T, V, 3) and `landmarks` (T, 23, 3), metres, in the world; what they wear."""
+
+    vertices: F32
+    landmarks: F32
+    outfit: Outfit
+
+
+def cast(body: BodyModel, kinds: Sequence[str], seconds: float, fps: float, reach: float) -> list[Actor]:
+    """People who do what `kinds` say (names of `motions.MOTIONS`; `pair` stands for two people), kept apart.
+
+    Args:
+        body: the body model; its generator draws everybody.
+        kinds: what they do.
+        seconds: length of the take.
+        fps: frames a second.
+        reach: how far from the room's middle the middles of their paths lie, metres; farther if need be.
+
+    Raises:
+        ValueError: they run into one another however they are placed.
+    """
+    actors: list[Actor] = []
+    light = None
+    for kind in kinds:
+        phenotypes = body.sample_phenotypes(1)[0]
+        sampler = MotionSampler(body.skeleton(phenotypes), body.rng)
+        pair = kind == "pair"
+        clips = sampler.sample_pair(seconds, fps) if pair else (sampler.sample(seconds, fps, kind),)
+        skins = [_skinned(body, clip, phenotypes) for clip in clips]
+        placed = _placed(body.rng, skins, [a.landmarks for a in actors], reach)
+        gender = float(phenotypes[list(body.model.phenotype_labels).index("gender")])
+        for vertices, landmarks in placed:
+            outfit = sample_outfit(body.rng, gender)
+            light = outfit.light if light is None else light
+            actors.append(Actor(vertices, landmarks, replace(outfit, light=light)))
+    return actors
+
+
+def _skinned(body: BodyModel, clip: MotionClip, phenotypes: F32) -> tuple[F32, F32]:
+    """Vertices and landmarks of a clip, where it says that they are."""
+    vertices, landmarks = [], []
+    for k in range(0, len(clip.root), _AT_ONCE):
+        part = slice(k, k + _AT_ONCE)
+        shape = np.repeat(phenotypes[None], len(clip.root[part]), 0)
+        skin, points, _, joints = body.forward(clip.rotvec[part], shape)
+        shift = (clip.root[part] - joints[:, 0])[:, None].astype(np.float32)
+        vertices.append(skin + shift)
+        landmarks.append(points + shift)
+    return np.concatenate(vertices), np.concatenate(landmarks)
+
+
+def _placed(
+    rng: np.random.Generator, skins: list[tuple[F32, F32]], others: list[F32], reach: float
+) -> list[tuple[F32, F32]]:
+    """The people turned and moved together to where they come near nobody else."""
+    middle = np.concatenate([points for _, points in skins]).mean((0, 1)) * [1, 1, 0]
+    for attempt in range(_TRIES):
+        angle, heading = rng.uniform(-np.pi, np.pi, 2)
+        radius = rng.uniform(0, reach * (1 + attempt / 10))
+        place = np.array([np.cos(angle), np.sin(angle), 0]) * radius
+        c, s = np.cos(heading), np.sin(heading)
+        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        moved = [tuple(((a - middle) @ turn.T + place).astype(np.float32) for a in skin) for skin in skins]
+        tracks = [points[..., :2].mean(1) for _, points in moved]
+        if all(np.linalg.norm(t - o[..., :2].mean(1), axis=-1).min() > _APART for t in tracks for o in others):
+            return [(vertices, points) for vertices, points in moved]
+    raise ValueError("these people run into one another: ask for fewer, or another seed")
+
+
+def rig(
+    rng: np.random.Generator, count: int, size: tuple[int, int], distance: float, target_height: float = 0.95
+) -> CameraGroup:
+    """`count` cameras of `size` (width, height) px on tripods round the room's middle, about `distance` metres from
+    it, none quite level, none with quite the same lens."""
+    width, height = size
+    cameras = []
+    start = rng.uniform(0, 2 * np.pi)
+    for k in range(count):
+        angle = start + 2 * np.pi * (k + rng.uniform(-0.2, 0.2)) / count
+        away = distance * rng.uniform(0.88, 1.08)
+        center = np.array([away * np.cos(angle), away * np.sin(angle), rng.uniform(0.9, 2.7)])
+        target = np.array([*rng.normal(0, 0.15, 2), target_height])
+        # About 3 m of the room's middle fit into the shorter side.
+        focal = float(min(size) * away / 3.0 * rng.uniform(0.9, 1.1))
+        params = (focal, focal, (width - 1) / 2, (height - 1) / 2)
+        pose = look_at(center, target, np.radians(rng.normal(0, 4)))
+        cameras.append(Camera(f"cam{k + 1}", "PINHOLE", width, height, params, pose))
+    return CameraGroup(tuple(cameras))
+
+
+def view_of(camera: Camera) -> View:
+    """The renderer's view of a pinhole camera."""
+    focal, _, x, y = camera.params
+    return View(camera.cam_from_world, float(focal), (float(x), float(y)), camera.width, camera.height)
+
+
+def film_company(
+    renderer: Renderer, plate: NDArray[np.uint8], view: View, actors: Sequence[Actor], frame: int,
+    rng: np.random.Generator, noise: float = 3.0,
+) -> NDArray[np.uint8]:  # fmt: skip
+    """(H, W, 3) RGB of one frame: everybody, the farthest first, their shadows under all of them, noise."""
+    eye = -view.cam_from_world[:, :3].T @ view.cam_from_world[:, 3]
+    order = sorted(actors, key=lambda a: -float(np.linalg.norm(a.landmarks[frame].mean(0) - eye)))
+    found = [layer for a in order if (layer := _layer(renderer, view, a, frame)) is not None]
+    picture = plate.astype(np.float32)
+    for (x, y), _, shadow in found:
+        picture[y : y + shadow.shape[0], x : x + shadow.shape[1]] *= 1 - 0.4 * shadow[..., None] / 255
+    for (x, y), rgba, _ in found:
+        part = picture[y : y + rgba.shape[0], x : x + rgba.shape[1]]
+        part *= 1 - rgba[..., 3:] / 255
+        part += rgba[..., :3]
+    picture += rng.normal(0, noise, picture.shape)
+    return picture.clip(0, 255).astype(np.uint8)
+
+
+def _layer(renderer: Renderer, view: View, actor: Actor, frame: int) -> tuple[tuple[int, int], F32, F32] | None:
+    """Corner (x, y) in the picture, colour (h, w, 4) and shadow (h, w) of one person, in a window round them; None out
+    of sight."""
+    body = actor.vertices[frame]
+    light = np.array(actor.outfit.light)
+    on_floor = body - body[:, 2:] * (light / max(light[2], 0.15))
+    px, depth = view.project(np.concatenate([body, on_floor]).astype(float))
+    if depth[: len(body)].min() < 0.3:
+        return None  # the camera stands in them
+    px = px[depth > 0.3]
+    limit = np.array([view.width, view.height])
+    low = np.floor(px.min(0) - 8).clip(0, limit).astype(int)
+    high = np.ceil(px.max(0) + 8).clip(0, limit).astype(int)
+    if (high - low).min() < 2:
+        return None
+    side = np.minimum(-(-(high - low) // _STEP_PX) * _STEP_PX, limit)
+    low = np.minimum(low, limit - side)
+    x, y = np.array(view.principal_px) - low
+    window = View(view.cam_from_world, view.focal_px, (x, y), int(side[0]), int(side[1]))
+    rgba, shadow = layers(renderer, window, body, actor.landmarks[frame], actor.outfit)
+    return (int(low[0]), int(low[1])), rgba, shadow.astype(np.float32)
