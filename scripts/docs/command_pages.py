@@ -104,8 +104,8 @@ def _option(action: Any) -> Iterator[str]:
     value = str(action.metavar or "").replace("{None}|", "") if action.option_strings and action.nargs != 0 else ""
     yield ", ".join(names) + (f" `{value}`" if value else "")
     text = re.sub(r"\s+", " ", action.help or "").strip()
-    text = re.sub(r"\s*\(default: (?:None)?\)", "", text)  # "no value" says nothing to a reader
-    text = re.sub(r"\(default: ([^)]*)\)", lambda found: f"Default: `{found[1]}`.", text)
+    text = re.sub(r"\s*\(default: (?:None)?\)$", "", text)  # "no value" says nothing to a reader
+    text = re.sub(r"\(default: ([^()]*)\)$", lambda found: f"Default: `{found[1]}`.", text)
     text = text.replace("(required)", "Required.")
     yield f":   {_sentence(text) or 'See the description.'}"
     yield ""
