@@ -40,7 +40,7 @@ lint: $(VENV)/.installed-dev
 	$(BIN)/mypy
 
 $(BIN)/python:
-	@scripts/make_venv.sh $(VENV)
+	@scripts/ci/make_venv.sh $(VENV)
 
 # The stamps lie inside the environment, so that deleting it starts over.
 $(VENV)/.installed-base: pyproject.toml constraints.txt | $(BIN)/python
@@ -51,7 +51,7 @@ $(VENV)/.installed-base: pyproject.toml constraints.txt | $(BIN)/python
 $(VENV)/.installed-dev: $(VENV)/.installed-base
 	@echo "Installing the train and dev extras into $(VENV) (a few minutes)"
 	$(INSTALL) -e ".[train,dev]"
-	@scripts/ensure_egl.sh $(BIN)/python
+	@scripts/ci/ensure_egl.sh $(BIN)/python
 	@touch $@
 
 clean:

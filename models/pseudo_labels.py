@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, ByteArray, Float32Array
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 
@@ -28,10 +28,10 @@ class Footage(NamedTuple):
         facts: where it comes from.
     """
 
-    crops: NDArray[np.uint8]
-    landmarks_px: NDArray[np.float32]
-    agreed: NDArray[np.bool_]
-    held_out: NDArray[np.bool_]
+    crops: ByteArray
+    landmarks_px: Float32Array
+    agreed: BoolArray
+    held_out: BoolArray
     padding: float
     facts: Mapping[str, Any]
 

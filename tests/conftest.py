@@ -1,5 +1,6 @@
 """What every test may use: where the repository is and where real recordings are, if there are any."""
 
+import importlib
 import importlib.util
 import os
 import subprocess
@@ -13,15 +14,15 @@ from typing import Any
 import av
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.commands.app import run_command
+from tests.paths import REPOSITORY, SHARED
 
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")
-
-REPOSITORY = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture(scope="session")
@@ -33,13 +34,13 @@ def repository() -> Path:
 @pytest.fixture(scope="session")
 def real_data() -> Path:
     """Folder with real recordings beside the repository; the test is skipped where it is absent."""
-    folder = REPOSITORY.parent / "shared" / "data"
+    folder = SHARED / "data"
     if not folder.is_dir():
         pytest.skip("no real recordings beside the checkout (../shared/data)")
     return folder
 
 
-def numbered_frame(number: int, width: int, height: int) -> NDArray[np.uint8]:
+def numbered_frame(number: int, width: int, height: int) -> ByteArray:
     """A frame that shows its number as eight bright or dark stripes, and a square that moves."""
     image = np.full((height, width, 3), 90, np.uint8)
     for bit in range(8):
@@ -51,10 +52,10 @@ def numbered_frame(number: int, width: int, height: int) -> NDArray[np.uint8]:
 
 
 @pytest.fixture
-def frame_number() -> Callable[[NDArray[np.uint8]], int]:
+def frame_number() -> Callable[[ByteArray], int]:
     """Reads the number that a frame of `make_video` shows."""
 
-    def read(image: NDArray[np.uint8]) -> int:
+    def read(image: ByteArray) -> int:
         height, width = image.shape[:2]
         middles = [(2 * bit + 1) * width // 16 for bit in range(8)]
         row = image[: height // 3 - 2].astype(float).mean(axis=(0, 2))
@@ -146,8 +147,10 @@ def make_session(tmp_path: Path, make_video: Callable[..., Path]) -> Callable[..
 @pytest.fixture(scope="session")
 def short_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The session of the demo's take with its first 48 frames, a whole step: for what need not see all of it."""
-    from muybridge.infer.pipelines.demo import demo_folder
-    from muybridge.infer.session.video import VideoWriter, probe_video, read_chunks
+    from muybridge.infer.demo_take.take import demo_folder
+    from muybridge.infer.session.probe import probe_video
+    from muybridge.infer.session.video import read_chunks
+    from muybridge.infer.session.write_video import VideoWriter
 
     folder, source = tmp_path_factory.mktemp("short_demo") / "take", demo_folder()
     (folder / "videos").mkdir(parents=True)
@@ -169,15 +172,14 @@ def staged_people() -> ModuleType:
 
 @pytest.fixture(scope="session")
 def script() -> Callable[[str], ModuleType]:
-    """One of `scripts/` as a module, by name; it may import others there."""
+    """One of `scripts/` as a module, by dotted name."""
 
     def load(name: str) -> ModuleType:
-        folder = REPOSITORY / "scripts"
-        sys.path.insert(0, str(folder))
+        sys.path.insert(0, str(REPOSITORY))
         try:
-            return _module(folder / f"{name}.py")
+            return importlib.import_module(f"scripts.{name}")
         finally:
-            sys.path.remove(str(folder))
+            sys.path.remove(str(REPOSITORY))
 
     return load
 

@@ -13,18 +13,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, FloatArray, IndexArray
 from muybridge.geometry.cameras.camera import Camera
-from muybridge.geometry.landmarks.arrays import BODY23, SURFACE, LandmarkSet
-from muybridge.infer.detection import detect, refine as second_look
-from muybridge.infer.pipelines import videos as pipeline
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.infer.commands.app import run_command
-from muybridge.infer.detection.pose_estimator import CameraTracks
-from muybridge.infer.networks.keypoints import Expectation
+from muybridge.infer.detection import detect
+from muybridge.infer.detection import refine as second_look
 from muybridge.infer.detection.background import Backdrop
 from muybridge.infer.detection.crop_reader import Pictures, Poses
 from muybridge.infer.detection.orientation import Upright
+from muybridge.infer.detection.pose_estimator import CameraTracks
+from muybridge.infer.networks.keypoints import Expectation
+from muybridge.infer.pipelines import videos as pipeline
 
 # A standing person who faces -Y, metres: the subject's left is +X.
 _MIDDLE = {"nose": (0.0, -0.12, 1.62)}
@@ -36,7 +38,7 @@ _LEFT = {
 }  # fmt: skip
 
 
-def person(frames: int, fps: float = 30.0) -> NDArray[np.float64]:
+def person(frames: int, fps: float = 30.0) -> FloatArray:
     """(T, 23, 3) metres: the person sways, turns a little and lifts the left arm."""
     rest = np.array(
         [
@@ -60,7 +62,7 @@ def person(frames: int, fps: float = 30.0) -> NDArray[np.float64]:
     return points
 
 
-def skin(frames: int) -> NDArray[np.float64]:
+def skin(frames: int) -> FloatArray:
     """(T, 72, 3) metres: markers around the person's middle, each at a place of its own, left ones on the left."""
     turns = np.arange(len(SURFACE)) / len(SURFACE) * 20
     around = 0.2 * np.stack([np.cos(turns), np.sin(turns), np.linspace(-4, 4, len(SURFACE))], -1)
@@ -81,7 +83,7 @@ class StagedEstimator:
         self._frames = 0
         self._markers = markers
 
-    def process(self, frames: NDArray[np.uint8]) -> None:
+    def process(self, frames: ByteArray) -> None:
         assert frames.shape[1:] == (self._camera.height, self._camera.width, 3)
         self._frames += len(frames)
         time.sleep(float(os.environ.get("STAGED_SECONDS_PER_FRAME", "0")) * len(frames))
@@ -108,7 +110,7 @@ class StagedEstimator:
     def background(self, tracks: CameraTracks) -> None:
         """There is none."""
 
-    def _skin(self, frames: int) -> dict[str, NDArray[np.float64]]:
+    def _skin(self, frames: int) -> dict[str, FloatArray]:
         points = self._camera.project(skin(frames))[:, None]
         known = np.full(points.shape[:-1], 1.0)
         return {"markers_px": points, "markers_variance_px2": 0.25 * known, "markers_score": 0.9 * known}
@@ -121,7 +123,7 @@ class StagedReader:
         self.upright, self._camera, self._markers = upright, camera, markers
 
     def expecting(
-        self, pictures: Pictures, frame: NDArray[np.intp], boxes_px: NDArray[np.float64], expected: Expectation
+        self, pictures: Pictures, frame: IndexArray, boxes_px: FloatArray, expected: Expectation
     ) -> tuple[Poses, Poses]:
         views = self._camera.project(person(120))
         away = np.linalg.norm(views[None] - expected.points_px[:, None], axis=-1)

@@ -12,10 +12,10 @@ import onnxruntime
 import pytest
 
 from muybridge.geometry.cameras.crops import crops_for_boxes
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.detection.crop_pixels import extract_crops
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
-from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.models.shipped import shipped_model
 
 
 def _blocks(path: Path, language: str) -> list[str]:

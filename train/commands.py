@@ -69,14 +69,14 @@ def train(network: _Network) -> None:
         print(f"wrote {path}; use it with `muybridge solve POINTS --network {path}`")
         return
     if isinstance(network, PeopleTraining):
-        from muybridge.train.people import train as people
         from muybridge.train.keypoints.export import publish_people
+        from muybridge.train.people import train as people
 
         path = network.out / "people.onnx"
         publish_people(people.train(network), path, _command_line())
     else:
-        from muybridge.train.keypoints import train as keypoints
         from muybridge.train.engine import loop
+        from muybridge.train.keypoints import train as keypoints
         from muybridge.train.keypoints.export import publish_keypoints
 
         checkpoint = keypoints.train(network)

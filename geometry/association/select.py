@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.association.tracker import AssociateOptions, track_people
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.numerics.robust import extent, row_median
 from muybridge.geometry.triangulation.multiview import triangulate
 
@@ -35,7 +35,7 @@ class Person:
         rank: the product that decides who is of interest.
     """
 
-    slots: NDArray[np.int64]
+    slots: IntArray
     cameras: tuple[str, ...]
     seen_share: float
     size_px: float
@@ -54,7 +54,7 @@ class PersonSelection:
         people: everyone that was found, the person of interest first, those seen by one camera last.
     """
 
-    slots: NDArray[np.int64]
+    slots: IntArray
     reason: str
     people: tuple[Person, ...]
 
@@ -129,7 +129,7 @@ def select_person(
 
 def take_person(
     keypoints: Keypoints2D, selection: PersonSelection | Person
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The 2D landmarks of one person.
 
     Returns:
@@ -138,9 +138,7 @@ def take_person(
     return take_slots(keypoints, selection.slots)
 
 
-def take_slots(
-    keypoints: Keypoints2D, slots: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def take_slots(keypoints: Keypoints2D, slots: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """As `take_person`, by the slot (C, T) that the person has in every camera and frame, -1 where none."""
     return (
         _taken(keypoints.points_px, slots, np.nan),
@@ -149,7 +147,7 @@ def take_slots(
     )
 
 
-def _taken(values: NDArray[np.float64], slots: NDArray[np.int64], missing: float) -> NDArray[np.float64]:
+def _taken(values: FloatArray, slots: IntArray, missing: float) -> FloatArray:
     """(C, T, ...) of the values (C, T, P, ...) those in the slots (C, T), `missing` where a slot is -1."""
     slots = slots.reshape(*slots.shape, *(1,) * (values.ndim - 2))
     return np.where(slots[:, :, 0] < 0, missing, np.take_along_axis(values, np.maximum(slots, 0), axis=2)[:, :, 0])
@@ -178,7 +176,7 @@ def _reason(best: Person, others: tuple[Person, ...], cameras: int, frames: int)
     return f"{sentence}; {' and '.join(besides)}"
 
 
-def _one_from_each(people: tuple[Person, ...]) -> NDArray[np.int64]:
+def _one_from_each(people: tuple[Person, ...]) -> IntArray:
     """(C, T) the largest, most moving person of each camera."""
     slots = np.full_like(people[0].slots, -1)
     for c in range(slots.shape[0]):
@@ -193,7 +191,7 @@ def _one_from_each(people: tuple[Person, ...]) -> NDArray[np.int64]:
 _PAUSE, _JUMP = 10, 0.6
 
 
-def _left_over(keypoints: Keypoints2D, followed: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
+def _left_over(keypoints: Keypoints2D, followed: list[IntArray]) -> list[IntArray]:
     """Slots (C, T) of what single cameras see and nobody in 3D has: pieces of tracks without pause or jump."""
     points = keypoints.points_px.copy()
     for slots in followed:
@@ -219,7 +217,7 @@ def _left_over(keypoints: Keypoints2D, followed: list[NDArray[np.int64]]) -> lis
     return result
 
 
-def _agreement(cameras: CameraGroup, keypoints: Keypoints2D, slots: NDArray[np.int64]) -> float:
+def _agreement(cameras: CameraGroup, keypoints: Keypoints2D, slots: IntArray) -> float:
     """0..1, one less the median reprojection error in twelfths of the person's size."""
     points, variance, _ = take_slots(keypoints, slots)
     residual = triangulate(cameras, points, variance).residual_px
@@ -230,7 +228,7 @@ def _agreement(cameras: CameraGroup, keypoints: Keypoints2D, slots: NDArray[np.i
 def _described(
     cameras: CameraGroup,
     keypoints: Keypoints2D,
-    slots: NDArray[np.int64],
+    slots: IntArray,
     agreement: float,
 ) -> Person:
     """A person with everything that decides whether it is of interest."""
@@ -251,7 +249,7 @@ def _described(
     return Person(slots, names, float((views >= 2).mean()), median_size, motion, agreement, rank)
 
 
-def _wander(points: NDArray[np.float64], size_px: NDArray[np.float64]) -> float:
+def _wander(points: FloatArray, size_px: FloatArray) -> float:
     """How far the landmarks (T, J, 2) of one camera travel, in body sizes, their jitter averaged away."""
     frames = np.flatnonzero(np.isfinite(size_px))
     windows = np.array_split(frames, max(1, min(20, frames.size // 5)))

@@ -15,17 +15,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.association.tracks import Body, rejoined, without_doubles, without_shadows, without_stray_end
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.rays import nearest_points, pair_points, ray_directions
+from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.numerics.robust import extent
-
-_Floats = NDArray[np.float64]
-_Ints = NDArray[np.int64]
 
 # Landmarks that a comparison needs, and the share of them, the nearest, that it is made with.
 _LEAST_LANDMARKS = 4
@@ -93,7 +90,7 @@ class PeopleTracker:
         self._ended: list[Body] = []
         self._chunk = -1
         self._px = self._rays = np.empty((len(cameras), 0, 0, 0, 0))
-        self._there: NDArray[np.bool_] = np.empty((len(cameras), 0, 0), dtype=np.bool_)
+        self._there: BoolArray = np.empty((len(cameras), 0, 0), dtype=np.bool_)
 
     def run(self) -> list[Body]:
         """Everyone, forwards through the take and then back to where each was first seen."""
@@ -140,7 +137,7 @@ class PeopleTracker:
         self._merge(t)
         self._retire()
 
-    def _follow(self, bodies: list[Body], t: int, free: NDArray[np.bool_]) -> None:
+    def _follow(self, bodies: list[Body], t: int, free: BoolArray) -> None:
         """Gives the free detections (C, P) of a frame to the bodies and moves these to where they are seen."""
         k = t - self._chunk
         away, mirrored = self._distances(np.stack([b.points for b in bodies]), k)
@@ -164,7 +161,7 @@ class PeopleTracker:
             if body.met >= 5 and not body.confirmed:
                 body.confirmed = True
 
-    def _distances(self, points: _Floats, k: int) -> tuple[_Floats, NDArray[np.bool_]]:
+    def _distances(self, points: FloatArray, k: int) -> tuple[FloatArray, BoolArray]:
         """(C, N, P) distance of detections from the views of bodies (N, J, 3), in body sizes, and whether a
         detection fits with its sides exchanged."""
         view = self._cameras.project_seen(points)[:, :, None]
@@ -177,7 +174,7 @@ class PeopleTracker:
         mirrored = both[1] < 0.7 * both[0] - 0.01
         return np.where(mirrored, both[1], both[0]), mirrored
 
-    def _assign(self, bodies: list[Body], away: _Floats, t: int, free: NDArray[np.bool_]) -> _Ints:
+    def _assign(self, bodies: list[Body], away: FloatArray, t: int, free: BoolArray) -> IntArray:
         """(C, N) the detection of every camera that each body takes, -1 for none."""
         options = self._options
         slack = options.gate_slack * max(0.0, 1 / self._fps - 1 / 30)
@@ -197,7 +194,7 @@ class PeopleTracker:
             chosen[c, rows[good]] = columns[cols[good]]
         return chosen
 
-    def _face(self, bodies: list[Body], chosen: _Ints, mirrored: NDArray[np.bool_]) -> None:
+    def _face(self, bodies: list[Body], chosen: IntArray, mirrored: BoolArray) -> None:
         """Sides are as most views have them: a body that most views would have to be exchanged for is exchanged."""
         for n, body in enumerate(bodies):
             cameras = np.flatnonzero(chosen[:, n] >= 0)
@@ -205,7 +202,7 @@ class PeopleTracker:
                 body.points = body.points[self._mirror]
                 mirrored[:, n] = ~mirrored[:, n]
 
-    def _chosen_rays(self, chosen: _Ints, mirrored: NDArray[np.bool_], k: int) -> _Floats:
+    def _chosen_rays(self, chosen: IntArray, mirrored: BoolArray, k: int) -> FloatArray:
         """(C, N, J, 3) rays of the chosen detections (C, N), sides put back, NaN where there is none."""
         cameras = np.arange(len(chosen))[:, None]
         at = np.maximum(chosen, 0)
@@ -214,13 +211,13 @@ class PeopleTracker:
         rays = np.where(flipped[..., None, None], rays[:, :, self._mirror], rays)
         return np.where((chosen < 0)[..., None, None], np.nan, rays)
 
-    def _weights(self, points: _Floats) -> _Floats:
+    def _weights(self, points: FloatArray) -> FloatArray:
         """(C, N) inverse variance of a pixel's error at the bodies' distance, relative."""
         middle = np.nan_to_num(np.nanmedian(points, axis=1))
         depth = np.linalg.norm(middle[None] - self._centers[:, None], axis=-1)
         return np.asarray((self._focal[:, None] / np.maximum(depth, 0.1)) ** 2 / self._focal.max() ** 2)
 
-    def _meet(self, old: _Floats, rays: _Floats, chosen: _Ints) -> tuple[_Floats, _Ints]:
+    def _meet(self, old: FloatArray, rays: FloatArray, chosen: IntArray) -> tuple[FloatArray, IntArray]:
         """Bodies (N, J, 3) from their rays, without views that contradict the others."""
         weights = self._weights(old)
         points, away = nearest_points(self._centers, rays, weights)
@@ -248,7 +245,7 @@ class PeopleTracker:
         points, _ = nearest_points(self._centers, rays, weights)
         return points, chosen
 
-    def _moved(self, body: Body, points: _Floats, t: int) -> None:
+    def _moved(self, body: Body, points: FloatArray, t: int) -> None:
         """A body as it is seen by two cameras or more; landmarks that are not move along."""
         known = np.isfinite(points).all(-1) & np.isfinite(body.points).all(-1)
         shift = np.median((points - body.points)[known], axis=0) if known.any() else np.zeros(3)
@@ -261,7 +258,7 @@ class PeopleTracker:
         body.unmet = 0
         body.met += 1
 
-    def _slide(self, body: Body, camera: int, rays: _Floats) -> None:
+    def _slide(self, body: Body, camera: int, rays: FloatArray) -> None:
         """One view moves a body across its line of sight, at the distance that it had."""
         offset = body.points - self._centers[camera]
         ray = rays[camera]
@@ -272,7 +269,7 @@ class PeopleTracker:
             body.points = body.points + step
             body.velocity = body.velocity + 0.3 * step
 
-    def _begin(self, t: int, free: NDArray[np.bool_]) -> None:
+    def _begin(self, t: int, free: BoolArray) -> None:
         """New bodies from detections that nobody took."""
         k = t - self._chunk
         while (free.any(axis=1)).sum() >= 2:
@@ -293,7 +290,7 @@ class PeopleTracker:
             body.track[t] = points
             self._bodies.append(body)
 
-    def _regained(self, points: _Floats, chosen: _Ints, t: int) -> bool:
+    def _regained(self, points: FloatArray, chosen: IntArray, t: int) -> bool:
         """Whether the detections `chosen` (C,), which meet in `points`, are of somebody whom no view fits any more:
         one bad view had led them astray."""
         lost = [b for b in self._bodies if b.confirmed and (b.slots[:, t] < 0).all()]
@@ -307,7 +304,7 @@ class PeopleTracker:
         self._moved(nearest, points, t)
         return True
 
-    def _best_start(self, k: int, free: NDArray[np.bool_]) -> tuple[_Floats, _Ints, int] | None:
+    def _best_start(self, k: int, free: BoolArray) -> tuple[FloatArray, IntArray, int] | None:
         """The points (J, 3) on which most views agree, each camera's detection (C,), and how many cameras look
         that way; None where no two agree."""
         guesses = self._guesses(k, free)
@@ -333,7 +330,7 @@ class PeopleTracker:
         filled = np.where(known[:, None], points[0], np.nanmedian(points[0], axis=0))
         return filled, rest[:, 0], int(inside.sum())
 
-    def _guesses(self, k: int, free: NDArray[np.bool_]) -> _Floats:
+    def _guesses(self, k: int, free: BoolArray) -> FloatArray:
         """(G, J, 3) bodies that two free detections of different cameras would make, the best few dozen."""
         bodies, errors = [], []
         cameras = [c for c in range(len(free)) if free[c].any()]
@@ -353,7 +350,7 @@ class PeopleTracker:
         error = np.concatenate(errors)
         return np.asarray(np.concatenate(bodies)[np.argsort(error)[:48]])
 
-    def _symmetric(self, points: _Floats) -> NDArray[np.bool_]:
+    def _symmetric(self, points: FloatArray) -> BoolArray:
         """(...) whether left and right limbs of bodies (..., J, 3) are about equally long: accidents are not."""
         if not len(self._limbs):
             return np.ones(points.shape[:-2], dtype=np.bool_)
@@ -434,7 +431,7 @@ class PeopleTracker:
 
 def track_people(
     cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions | None = None, fps: float = 30.0
-) -> list[NDArray[np.int64]]:
+) -> list[IntArray]:
     """The slots (C, T) of everyone whom two cameras see, -1 where a camera does not see them.
 
     Args:
@@ -461,21 +458,21 @@ def _least_frames(options: AssociateOptions, wanted: float, frames: int) -> floa
     return min(max(options.min_frames, wanted), max(1, frames // 4))
 
 
-def _limb_pairs(keypoints: Keypoints2D) -> _Ints:
+def _limb_pairs(keypoints: Keypoints2D) -> IntArray:
     """(L, 2, 2) limbs of the left side and their twins on the right, as indices of landmarks."""
     landmarks, mirror = keypoints.landmarks, keypoints.landmarks.mirror
     left = [(a, b) for a, b in landmarks.edge_indices if all(landmarks.names[i].startswith("left_") for i in (a, b))]
     return np.array([[(a, b), (mirror[a], mirror[b])] for a, b in left], dtype=np.int64).reshape(-1, 2, 2)
 
 
-def _apart(a: _Floats, b: _Floats) -> float:
+def _apart(a: FloatArray, b: FloatArray) -> float:
     """Median distance of two bodies' landmarks, in body sizes."""
     size = max(float(np.nan_to_num(extent(a))), 1e-6)
     away = np.linalg.norm(a - b, axis=-1)
     return float(np.nanmedian(away)) / size if np.isfinite(away).any() else np.inf
 
 
-def _near_mean(values: _Floats, least: int = _LEAST_LANDMARKS) -> _Floats:
+def _near_mean(values: FloatArray, least: int = _LEAST_LANDMARKS) -> FloatArray:
     """(...) mean of the smaller numbers of the last axis without its NaNs; NaN with fewer than `least`."""
     known = np.isfinite(values)
     count = known.sum(-1)
@@ -487,7 +484,7 @@ def _near_mean(values: _Floats, least: int = _LEAST_LANDMARKS) -> _Floats:
     return np.where(enough, total / np.maximum(used, 1), np.nan)
 
 
-def _nanmax(values: _Floats) -> _Floats:
+def _nanmax(values: FloatArray) -> FloatArray:
     """Over the first axis; NaN where all are."""
     best = np.where(np.isfinite(values), values, -np.inf).max(0)
     return np.where(np.isfinite(best), best, np.nan)

@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.arrays import FloatArray, IntArray
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.robust import extent
-
-_Floats = NDArray[np.float64]
-_Ints = NDArray[np.int64]
-
 
 # Two trunks whose middles are this near, in body sizes, in this share of the frames of one of them, are of one person;
 # so are two where one takes over from the other.
@@ -32,22 +28,22 @@ _NEAR_BY, _STRAYS = 0.3, 3.6
 class Body:
     """Someone who is followed: where, how fast, and which detection of which camera it had in every frame."""
 
-    points: _Floats
-    slots: _Ints
+    points: FloatArray
+    slots: IntArray
     confirmed: bool
     first: int
-    velocity: _Floats = field(default_factory=lambda: np.zeros(3))
+    velocity: FloatArray = field(default_factory=lambda: np.zeros(3))
     unseen: int = 0
     """Frames since any camera saw it."""
     unmet: int = 0
     """Frames since two cameras did."""
     met: int = 0
     """Frames in which two cameras saw it."""
-    track: dict[int, _Floats] = field(default_factory=dict)
+    track: dict[int, FloatArray] = field(default_factory=dict)
     """Landmarks by frame, where two cameras saw it."""
 
 
-def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: float, same_build: float, fps: float) -> list[_Ints]:
+def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: float, same_build: float, fps: float) -> list[IntArray]:
     """Slots of bodies, those joined that are the same person before and after they were out of sight.
 
     Args:
@@ -129,7 +125,7 @@ def without_shadows(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
     return [b for b, points in zip(bodies, tracks, strict=True) if not _beneath(points, top)]
 
 
-def _beneath(points: _Floats, height: float) -> bool:
+def _beneath(points: FloatArray, height: float) -> bool:
     """Whether two thirds of the landmarks (T, J, 3) are no higher, at the median of the frames that know any: of a
     shadow the feet that throw it are often taken for its own, of who lies two thirds are twice as high and more."""
     known = points[np.isfinite(points[..., 2]).any(1)]
@@ -193,7 +189,7 @@ def _jump(before: Body, after: Body) -> float:
     return float(np.linalg.norm(last[:, None] - first[None], axis=-1).min())
 
 
-def _build(body: Body, edges: _Ints) -> tuple[_Floats, _Floats]:
+def _build(body: Body, edges: IntArray) -> tuple[FloatArray, FloatArray]:
     """Median lengths of the limbs and their standard errors."""
     frames = sorted(body.track)
     points = np.stack([body.track[t] for t in frames[:: max(1, len(frames) // 200)]])
@@ -205,7 +201,7 @@ def _build(body: Body, edges: _Ints) -> tuple[_Floats, _Floats]:
         return np.where(known > 0, middle, np.nan), 1.25 * spread / np.sqrt(known)
 
 
-def _difference(a: tuple[_Floats, _Floats], b: tuple[_Floats, _Floats]) -> float:
+def _difference(a: tuple[FloatArray, FloatArray], b: tuple[FloatArray, FloatArray]) -> float:
     """Mean relative difference of limbs that both know, each weighed by how well; zero where none is known."""
     with np.errstate(invalid="ignore", divide="ignore"):
         relative = np.abs(np.log(a[0] / b[0]))

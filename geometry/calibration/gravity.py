@@ -11,13 +11,11 @@ import math
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.world import facing, moved
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import LandmarkSet
-
-Floats = NDArray[np.float64]
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.sets import LandmarkSet
 
 # How cameras are hung: level to within some degrees; or each of them on its side or head, or anyhow; or all of a rig in
 # the same way, on one side or on their heads.
@@ -42,7 +40,7 @@ _DIRECTIONS = 20_000
 _NEAR = math.radians(6.0)
 
 
-def believed_up(cameras: CameraGroup, standing: Floats | None = None) -> Floats:
+def believed_up(cameras: CameraGroup, standing: FloatArray | None = None) -> FloatArray:
     """(3,) the unit vector that is up: world Z, unless the cameras together say otherwise.
 
     Three explanations are weighed (Bayes): that Z is up and every camera hangs as it does, that it is down, or that up
@@ -69,7 +67,7 @@ def believed_up(cameras: CameraGroup, standing: Floats | None = None) -> Floats:
     return -z_up if down > leaning and not its_own else _likeliest(each)
 
 
-def level(cameras: CameraGroup, points: Floats) -> Floats:
+def level(cameras: CameraGroup, points: FloatArray) -> FloatArray:
     """(3, 4) new_from_old: Z along what the cameras take for up, the origin in the middle of `points`.
 
     A guess for rigs of which nothing else is known. The first camera looks along +Y.
@@ -82,14 +80,14 @@ def level(cameras: CameraGroup, points: Floats) -> Floats:
     return facing(cameras, up, np.median(points, axis=0))
 
 
-def _likeliest(log_likelihood: Floats) -> Floats:
+def _likeliest(log_likelihood: FloatArray) -> FloatArray:
     """(3,) the mean of the directions near the best one, of `_sphere`'s."""
     near = _sphere() @ _sphere()[log_likelihood.argmax()] > math.cos(_NEAR)
     mean = np.exp(log_likelihood[near] - log_likelihood.max()) @ _sphere()[near]
     return np.asarray(mean / np.linalg.norm(mean))
 
 
-def standing_axes(points_world: Floats, landmarks: LandmarkSet) -> Floats:
+def standing_axes(points_world: FloatArray, landmarks: LandmarkSet) -> FloatArray:
     """(N, 3) unit vectors from the ankles to the shoulders of whoever is stretched out, standing most likely.
 
     Args:
@@ -109,7 +107,7 @@ def standing_axes(points_world: Floats, landmarks: LandmarkSet) -> Floats:
     return np.asarray(axes / np.linalg.norm(axes, axis=-1, keepdims=True))
 
 
-def levelled(cameras: CameraGroup, standing: Floats | None = None) -> CameraGroup:
+def levelled(cameras: CameraGroup, standing: FloatArray | None = None) -> CameraGroup:
     """The same cameras in a world whose Z axis is `believed_up`; themselves where it is so already."""
     up = believed_up(cameras, standing)
     if up[2] == 1.0:
@@ -124,7 +122,7 @@ def on_their_heads(cameras: CameraGroup) -> bool:
     return bool((np.hypot(x, y) > _STEEP).all() and (np.abs(np.arctan2(x, -y)) > math.pi - 4 * _ROLL_SD).all())
 
 
-def lean_note(cameras: CameraGroup, standing: Floats | None = None) -> tuple[str, ...]:
+def lean_note(cameras: CameraGroup, standing: FloatArray | None = None) -> tuple[str, ...]:
     """A note where up is not believed to be the world's Z axis."""
     up = believed_up(cameras, standing)
     if up[2] == 1.0:
@@ -141,7 +139,7 @@ def lean_note(cameras: CameraGroup, standing: Floats | None = None) -> tuple[str
     )
 
 
-def _log_likelihood(rotations: Floats, directions: Floats) -> Floats:
+def _log_likelihood(rotations: FloatArray, directions: FloatArray) -> FloatArray:
     """(N,) how well cameras (C, 3, 3) are hung if up is a direction (N, 3)."""
     x, y, z = np.moveaxis(directions @ rotations.transpose(0, 2, 1), -1, 0)  # up in each camera, (C, N)
     roll, down = np.arctan2(x, -y), -np.arcsin(np.clip(z, -1, 1))
@@ -159,7 +157,7 @@ def _log_likelihood(rotations: Floats, directions: Floats) -> Floats:
     return np.asarray(hung + np.log(looks).sum(axis=0))
 
 
-def _log_standing(axes: Floats, directions: Floats) -> Floats:
+def _log_standing(axes: FloatArray, directions: FloatArray) -> FloatArray:
     """(N,) how well people who are stretched out along axes (K, 3) stand if up is a direction (N, 3)."""
     away = np.arccos(np.clip(directions @ axes.T, -1, 1))
     # On a sphere a spread of so much is of this density.
@@ -168,12 +166,12 @@ def _log_standing(axes: Floats, directions: Floats) -> Floats:
     return np.asarray(independent * np.log(peak + _NOT_STANDING / (4 * np.pi)).sum(axis=1))
 
 
-def _normal(x: Floats, sd: float) -> Floats:
+def _normal(x: FloatArray, sd: float) -> FloatArray:
     return np.asarray(np.exp(-0.5 * (x / sd) ** 2) / (sd * math.sqrt(2 * math.pi)))
 
 
 @cache
-def _sphere() -> Floats:
+def _sphere() -> FloatArray:
     """(N, 3) directions spread evenly (a Fibonacci lattice)."""
     k = np.arange(_DIRECTIONS) + 0.5
     z, angle = 1 - 2 * k / _DIRECTIONS, np.pi * (1 + math.sqrt(5)) * k

@@ -28,15 +28,14 @@ from functools import partial
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, LensPrior, adjust
 from muybridge.geometry.calibration.board.intrinsics import Lens, lens_prior
+from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, LensPrior, adjust
 from muybridge.geometry.calibration.bundle_adjustment.result import Solved, solved
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-
-Floats = NDArray[np.float64]
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 FEWEST_POINTS, FEWEST_WITH_LENS = 6, 4
 _LINE, _PLANE = 1e-2, 1e-2
@@ -59,8 +58,8 @@ class KnownPoints:
         pixels: (N, 2) px.
     """
 
-    points: Floats
-    pixels: Floats
+    points: FloatArray
+    pixels: FloatArray
 
     def __post_init__(self) -> None:
         if self.points.shape != (len(self.points), 3) or self.pixels.shape != (len(self.points), 2):
@@ -80,7 +79,7 @@ class PointsCalibration:
     notes: tuple[str, ...]
 
 
-def linear_camera(points: Floats, pixels: Floats) -> tuple[Floats, Floats]:
+def linear_camera(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The camera matrix and pose that the points tell linearly.
 
     Args:
@@ -117,7 +116,7 @@ def linear_camera(points: Floats, pixels: Floats) -> tuple[Floats, Floats]:
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), np.column_stack([turn, shift])
 
 
-def _normalised(points: Floats) -> tuple[Floats, Floats]:
+def _normalised(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Points of zero mean and unit spread, and the (D + 1, D + 1) matrix that makes them so."""
     middle, dim = points.mean(axis=0), points.shape[1]
     scale = np.sqrt(dim) / max(np.sqrt(((points - middle) ** 2).sum(axis=1).mean()), 1e-300)
@@ -164,13 +163,13 @@ def calibrate_points(
     return PointsCalibration(answer, tuple(_notes(answer)))
 
 
-def _off_shares(answer: Solved) -> Floats:
+def _off_shares(answer: Solved) -> FloatArray:
     """(2,) RMS and median error as shares of the image's width, of the camera in the middle."""
     each = np.stack([answer.rms_px, answer.median_px]) / _widths(answer)
     return np.asarray(np.median(np.nan_to_num(each, nan=np.inf), axis=1))
 
 
-def _widths(answer: Solved) -> Floats:
+def _widths(answer: Solved) -> FloatArray:
     return np.array([float(c.width) for c in answer.cameras])
 
 
@@ -178,13 +177,13 @@ def _other_reading(
     known: Mapping[str, KnownPoints],
     sizes: Mapping[str, tuple[int, int]],
     solve: Callable[[Mapping[str, KnownPoints]], Solved],
-) -> tuple[str, Floats]:
+) -> tuple[str, FloatArray]:
     """Another reading of the points that fits best, and its `_off_shares`.
 
     Each is a reflection, so that where one fits all do nearly: of these, that by which the cameras are upright.
     """
     same, swapped, mirrored = np.eye(3), np.eye(3)[[0, 2, 1]], np.diag([1.0, -1.0, 1.0])
-    tried: list[tuple[Floats, float, str]] = []
+    tried: list[tuple[FloatArray, float, str]] = []
     for words, turn, from_below in (
         ("the sign of y changed (a left-handed world; it must be right-handed)", mirrored, False),
         ("y and z swapped (Z is up)", swapped, False),
@@ -239,7 +238,7 @@ def _prior(camera: Camera) -> LensPrior:
     return LensPrior(prior.mean, information)
 
 
-def layout(points: Floats) -> str:
+def layout(points: FloatArray) -> str:
     """How points lie: `line`, `plane` or `space`."""
     sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if len(sizes) < 2 or sizes[1] < _LINE * sizes[0]:
@@ -280,7 +279,7 @@ def _start(name: str, known: KnownPoints, size: tuple[int, int], lens: Lens) -> 
     return best
 
 
-def _camera(name: str, found: tuple[Floats, Floats], size: tuple[int, int], lens: Lens) -> Camera | None:
+def _camera(name: str, found: tuple[FloatArray, FloatArray], size: tuple[int, int], lens: Lens) -> Camera | None:
     matrix, pose = found
     focal = float(np.sqrt(matrix[0, 0] * matrix[1, 1]))
     if not np.isfinite(matrix).all() or not 0.05 < focal / max(size) < 50:
@@ -293,7 +292,7 @@ def _camera(name: str, found: tuple[Floats, Floats], size: tuple[int, int], lens
         return None
 
 
-def _errors(camera: Camera, known: KnownPoints) -> Floats:
+def _errors(camera: Camera, known: KnownPoints) -> FloatArray:
     """(N,) px; infinite behind the camera."""
     error = np.linalg.norm(camera.project(known.points) - known.pixels, axis=1)
     return np.where(np.isfinite(error), error, np.inf)

@@ -15,13 +15,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import CalibrationError
-from muybridge.geometry.cameras.camera import Camera, CameraGroup, camera_from_colmap, colmap_camera
 from muybridge.geometry.cameras._pycolmap import pycolmap
-
-Floats = NDArray[np.float64]
+from muybridge.geometry.cameras.camera import Camera, camera_from_colmap, colmap_camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 SCAN_FOLDER, FIXED_FOLDER = "scan", "fixed"
 _FEWEST_PHOTOS = 3
@@ -75,9 +74,9 @@ class ScanCalibration:
 
     cameras: CameraGroup
     photos: int
-    points_world: Floats
-    residual_px: Floats
-    matched: NDArray[np.int64]
+    points_world: FloatArray
+    residual_px: FloatArray
+    matched: IntArray
     marker_px: float
     notes: tuple[str, ...]
 
@@ -228,7 +227,7 @@ def _fit_of(rec: Any, file: str) -> tuple[float, int]:
     return float(np.nanmedian(off)), len(seen)
 
 
-def _moved(camera: Camera, scale: float, rotation: Floats, origin: Floats) -> Camera:
+def _moved(camera: Camera, scale: float, rotation: FloatArray, origin: FloatArray) -> Camera:
     """The camera in the world `scale rotation (x - origin)`."""
     turn = camera.rotation @ rotation.T
     center = scale * rotation @ (camera.center_world - origin)
@@ -237,7 +236,7 @@ def _moved(camera: Camera, scale: float, rotation: Floats, origin: Floats) -> Ca
 
 def _placed(
     rec: Any, images: Path, rig: dict[str, Camera], pair: Sequence[str], options: ScanOptions
-) -> tuple[tuple[float, Floats, Floats], float, list[str]]:
+) -> tuple[tuple[float, FloatArray, FloatArray], float, list[str]]:
     """Scale, rotation and origin of the world, how well the marker fits, and what was assumed."""
     marker, marker_px, notes = None, float("nan"), []
     if options.marker_size:
@@ -271,7 +270,7 @@ def _placed(
     return (scale, rotation, origin), marker_px, notes
 
 
-def _up(rec: Any) -> Floats:
+def _up(rec: Any) -> FloatArray:
     """Up, as most photographs are held level: across to all their horizontal axes."""
     turns = np.stack([rec.images[i].cam_from_world().matrix()[:, :3] for i in rec.reg_image_ids()])
     across = turns[:, 0]
@@ -279,13 +278,13 @@ def _up(rec: Any) -> Floats:
     return up if (turns[:, 1] @ up).mean() < 0 else -up
 
 
-def _marker(rec: Any, images: Path, options: ScanOptions) -> tuple[Floats, float]:
+def _marker(rec: Any, images: Path, options: ScanOptions) -> tuple[FloatArray, float]:
     """(4, 3) the marker's corners in the reconstruction, and their median reprojection error, px."""
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, options.marker_dictionary))
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     detector = cv2.aruco.ArucoDetector(dictionary, parameters)
-    views: dict[int, list[tuple[Camera, Floats]]] = {}
+    views: dict[int, list[tuple[Camera, FloatArray]]] = {}
     for i in rec.reg_image_ids():
         image = rec.images[i]
         picture = cv2.imread(str(images / image.name), cv2.IMREAD_GRAYSCALE)
@@ -308,7 +307,7 @@ def _marker(rec: Any, images: Path, options: ScanOptions) -> tuple[Floats, float
     return corners, float(np.median(off))
 
 
-def _meeting_point(cameras: Sequence[Camera], px: Floats) -> Floats:
+def _meeting_point(cameras: Sequence[Camera], px: FloatArray) -> FloatArray:
     """(3,) where the rays of cameras meet, each weighed by how near it passes in the end."""
     rays = np.stack([c.rays(p) for c, p in zip(cameras, px, strict=True)])
     centers = np.stack([c.center_world for c in cameras])

@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import kabsch
 
-Floats = NDArray[np.float64]
 # Points are wrong that are off by so large a share of how far they extend; one is if the rest fit so many times better.
 _WRONG, _BETTER = 0.05, 3.0
 
 
-def moved(cameras: CameraGroup, new_from_old: Floats, scale: float = 1.0) -> CameraGroup:
+def moved(cameras: CameraGroup, new_from_old: FloatArray, scale: float = 1.0) -> CameraGroup:
     """The same cameras in another world.
 
     Args:
@@ -34,7 +34,7 @@ def moved(cameras: CameraGroup, new_from_old: Floats, scale: float = 1.0) -> Cam
     return CameraGroup(tuple(posed))
 
 
-def facing(cameras: CameraGroup, up: Floats, origin: Floats) -> Floats:
+def facing(cameras: CameraGroup, up: FloatArray, origin: FloatArray) -> FloatArray:
     """(3, 4) new_from_old with Z along the unit vector `up`, +Y where the first camera looks, `origin` at zero."""
     forward = cameras[0].rotation[2] - up * (cameras[0].rotation[2] @ up)
     if np.linalg.norm(forward) < 0.1:  # it looks straight down: the top of its image
@@ -44,7 +44,7 @@ def facing(cameras: CameraGroup, up: Floats, origin: Floats) -> Floats:
     return np.column_stack([rotation, -rotation @ origin])
 
 
-def on_board(cameras: CameraGroup, world_from_board: Floats) -> Floats:
+def on_board(cameras: CameraGroup, world_from_board: FloatArray) -> FloatArray:
     """(3, 4) new_from_old with the board as the floor: its first corner the origin, +X along its columns, Z up.
 
     Up is the side of the board on which the cameras are.
@@ -80,15 +80,15 @@ class Placement:
         points: (N, 3) metres, where the cameras see the points, in the new world; NaN where fewer than two do.
     """
 
-    new_from_old: Floats
+    new_from_old: FloatArray
     scale: float
-    errors: Floats
-    points: Floats
+    errors: FloatArray
+    points: FloatArray
 
 
-def marked(cameras: CameraGroup, pixels: Floats) -> Floats:
+def marked(cameras: CameraGroup, pixels: FloatArray) -> FloatArray:
     """(N, 3) points from their (C, N, 2) px, NaN where unseen; NaN for points that fewer than two cameras see."""
-    seen: NDArray[np.bool_] = np.isfinite(pixels[..., 0])
+    seen: BoolArray = np.isfinite(pixels[..., 0])
     enough = seen.sum(axis=0) >= 2
     out = np.full((pixels.shape[1], 3), np.nan)
     if not enough.any():
@@ -110,7 +110,7 @@ def marked(cameras: CameraGroup, pixels: Floats) -> Floats:
     return out
 
 
-def on_points(cameras: CameraGroup, pixels: Floats, known: Floats, keep_scale: bool = False) -> Placement:
+def on_points(cameras: CameraGroup, pixels: FloatArray, known: FloatArray, keep_scale: bool = False) -> Placement:
     """The world in which marked points have known coordinates.
 
     Args:
@@ -142,7 +142,7 @@ def on_points(cameras: CameraGroup, pixels: Floats, known: Floats, keep_scale: b
     return Placement(np.column_stack([rotation, shift]), scale, errors, points)
 
 
-def check_shape(found: Floats, known: Floats) -> None:
+def check_shape(found: FloatArray, known: FloatArray) -> None:
     """Raise where points do not lie to each other as they should.
 
     Args:
@@ -176,7 +176,7 @@ def check_shape(found: Floats, known: Floats) -> None:
     raise CalibrationError(f"{off}; check their coordinates, and that each row has a point and its own pixel")
 
 
-def _unlike(a: Floats, b: Floats) -> Floats:
+def _unlike(a: FloatArray, b: FloatArray) -> FloatArray:
     """(N,) how far points b are from points a, once those are turned, moved and made larger to fit best."""
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     turned = a @ kabsch(a, b, np.ones(len(a))).T

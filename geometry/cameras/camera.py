@@ -13,14 +13,14 @@ inverse.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras._pycolmap import pycolmap
 
 _HALF_PIXEL = 0.5
@@ -115,7 +115,7 @@ class Camera:
     width: int
     height: int
     params: tuple[float, ...]
-    cam_from_world: NDArray[np.float64]
+    cam_from_world: FloatArray
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "width", int(self.width))
@@ -137,7 +137,7 @@ class Camera:
         return self.name, self.model, self.width, self.height, self.params, pose
 
     @property
-    def camera_matrix(self) -> NDArray[np.float64]:
+    def camera_matrix(self) -> FloatArray:
         """(3, 3) with fx, fy, cx, cy in px, without distortion."""
         at = _principal_at(self.model)
         matrix = np.eye(3)
@@ -146,22 +146,22 @@ class Camera:
         return matrix
 
     @property
-    def rotation(self) -> NDArray[np.float64]:
+    def rotation(self) -> FloatArray:
         """(3, 3) rotation of `cam_from_world`."""
         return self.cam_from_world[:, :3]
 
     @property
-    def translation(self) -> NDArray[np.float64]:
+    def translation(self) -> FloatArray:
         """(3,) translation of `cam_from_world`, metres."""
         return self.cam_from_world[:, 3]
 
     @property
-    def center_world(self) -> NDArray[np.float64]:
+    def center_world(self) -> FloatArray:
         """(3,) centre of projection, metres."""
-        center: NDArray[np.float64] = -self.rotation.T @ self.translation
+        center: FloatArray = -self.rotation.T @ self.translation
         return center
 
-    def project(self, points_world: ArrayLike) -> NDArray[np.float64]:
+    def project(self, points_world: ArrayLike) -> FloatArray:
         """Pixels of world points, through the lens.
 
         Args:
@@ -173,7 +173,7 @@ class Camera:
         """
         return self._colmap_px(self._in_camera_axes(points_world))
 
-    def project_seen(self, points_world: ArrayLike) -> NDArray[np.float64]:
+    def project_seen(self, points_world: ArrayLike) -> FloatArray:
         """As `project`, but NaN for points that lie far outside of the picture: a lens' polynomial tells nothing there,
         and may lead back into it, or as far off as one likes."""
         points_cam = self._in_camera_axes(points_world)
@@ -181,7 +181,7 @@ class Camera:
         seen = np.hypot(points_cam[..., 0], points_cam[..., 1]) <= steepest * points_cam[..., 2]
         return np.where(seen[..., None], self._colmap_px(points_cam), np.nan)
 
-    def _in_camera_axes(self, points_world: ArrayLike) -> NDArray[np.float64]:
+    def _in_camera_axes(self, points_world: ArrayLike) -> FloatArray:
         """(..., 3) world points to (..., 3) in the camera's axes."""
         world = np.asarray(points_world, dtype=np.float64)
         if world.shape[-1:] != (3,):
@@ -190,7 +190,7 @@ class Camera:
         transposed = np.ascontiguousarray(self.rotation.T)
         return (world.reshape(-1, 3) @ transposed + self.translation).reshape(world.shape)
 
-    def unproject(self, points_px: ArrayLike) -> NDArray[np.float64]:
+    def unproject(self, points_px: ArrayLike) -> FloatArray:
         """Undistorted normalised image coordinates (x/z, y/z) of pixels.
 
         Args:
@@ -211,7 +211,7 @@ class Camera:
         slopes[there] = camera.cam_from_img(flat[there])
         return slopes.reshape(px.shape)
 
-    def rays(self, points_px: ArrayLike) -> NDArray[np.float64]:
+    def rays(self, points_px: ArrayLike) -> FloatArray:
         """Directions in which pixels look.
 
         Args:
@@ -224,7 +224,7 @@ class Camera:
         ones = np.ones((*slopes.shape[:-1], 1))
         rays_cam = np.concatenate([slopes, ones], axis=-1)
         rays_cam /= np.linalg.norm(rays_cam, axis=-1, keepdims=True)
-        rays: NDArray[np.float64] = rays_cam @ np.ascontiguousarray(self.rotation)
+        rays: FloatArray = rays_cam @ np.ascontiguousarray(self.rotation)
         return rays
 
     def posed(self, cam_from_world: ArrayLike) -> Camera:
@@ -305,10 +305,10 @@ class Camera:
             cam_from_world=turned_from_cam @ self.cam_from_world,
         )
 
-    def _colmap_px(self, points_cam: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _colmap_px(self, points_cam: FloatArray) -> FloatArray:
         """(..., 3) points in camera axes to (..., 2) px."""
         camera = _colmap_camera(self.model, self.width, self.height, self.params)
-        corner_px: NDArray[np.float64] = camera.img_from_cam(np.ascontiguousarray(points_cam.reshape(-1, 3)))
+        corner_px: FloatArray = camera.img_from_cam(np.ascontiguousarray(points_cam.reshape(-1, 3)))
         return corner_px.reshape(*points_cam.shape[:-1], 2) - _HALF_PIXEL
 
 
@@ -362,80 +362,3 @@ def colmap_camera(camera: Camera) -> Any:
     """A new `pycolmap.Camera` of the same lens, in pycolmap's pixel convention (for its solvers)."""
     cached = _colmap_camera(camera.model, camera.width, camera.height, camera.params)
     return pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=cached.params.copy())
-
-
-@dataclass(frozen=True)
-class CameraGroup:
-    """The cameras of one take, in the order of every array's `C` axis.
-
-    Raises:
-        ValueError: no camera, or two of one name.
-    """
-
-    cameras: tuple[Camera, ...]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "cameras", tuple(self.cameras))
-        if not self.cameras:
-            raise ValueError("a camera group needs at least one camera")
-        repeated = sorted({n for n in self.names if self.names.count(n) > 1})
-        if repeated:
-            raise ValueError(f"camera names repeat: {', '.join(repeated)}")
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The cameras' names, in order."""
-        return tuple(camera.name for camera in self.cameras)
-
-    def __len__(self) -> int:
-        return len(self.cameras)
-
-    def __iter__(self) -> Iterator[Camera]:
-        return iter(self.cameras)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.names
-
-    def __getitem__(self, key: str | int) -> Camera:
-        """A camera by name (KeyError lists the names) or by position."""
-        if isinstance(key, str):
-            for camera in self.cameras:
-                if camera.name == key:
-                    return camera
-            raise KeyError(f"no camera {key!r}; the cameras are {', '.join(self.names)}")
-        return self.cameras[key]
-
-    @property
-    def cam_from_world(self) -> NDArray[np.float64]:
-        """(C, 3, 4) poses, metres."""
-        return np.stack([camera.cam_from_world for camera in self.cameras])
-
-    @property
-    def centers_world(self) -> NDArray[np.float64]:
-        """(C, 3) centres of projection, metres."""
-        return np.stack([camera.center_world for camera in self.cameras])
-
-    def project(self, points_world: ArrayLike) -> NDArray[np.float64]:
-        """(..., 3) world points to (C, ..., 2) px, as `Camera.project`."""
-        world = np.asarray(points_world, dtype=np.float64)
-        return np.stack([camera.project(world) for camera in self.cameras])
-
-    def project_seen(self, points_world: ArrayLike) -> NDArray[np.float64]:
-        """(..., 3) world points to (C, ..., 2) px, as `Camera.project_seen`."""
-        world = np.asarray(points_world, dtype=np.float64)
-        return np.stack([camera.project_seen(world) for camera in self.cameras])
-
-    def unproject(self, points_px: ArrayLike) -> NDArray[np.float64]:
-        """(C, ..., 2) px to (C, ..., 2) normalised coordinates, as `Camera.unproject`.
-
-        Raises:
-            ValueError: the first axis is not the number of cameras.
-        """
-        px = np.asarray(points_px, dtype=np.float64)
-        if px.ndim < 2 or px.shape[0] != len(self):
-            raise ValueError(f"points_px must be ({len(self)}, ..., 2), not {px.shape}")
-        return np.stack([camera.unproject(p) for camera, p in zip(self.cameras, px, strict=True)])
-
-    def select(self, names: Sequence[str]) -> CameraGroup:
-        """The named cameras, in the order of `names`; KeyError for a name that is none of them."""
-        return CameraGroup(tuple(self[name] for name in names))

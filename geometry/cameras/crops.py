@@ -15,8 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras.camera import Camera
 
 BOX_PADDING = 1.25
@@ -42,18 +43,18 @@ class Crops:
     """
 
     size_px: int
-    crop_from_image: NDArray[np.float64]
+    crop_from_image: FloatArray
 
     def __len__(self) -> int:
         return len(self.crop_from_image)
 
     @property
-    def image_from_crop(self) -> NDArray[np.float64]:
+    def image_from_crop(self) -> FloatArray:
         """(N, 3, 3) homographies from crop pixels to original pixels."""
         return np.asarray(np.linalg.inv(self.crop_from_image), dtype=np.float64)
 
     @property
-    def image_px_per_crop_px(self) -> NDArray[np.float64]:
+    def image_px_per_crop_px(self) -> FloatArray:
         """(N,) original pixels a crop pixel, at the middle of the crop."""
         middle = np.full((len(self), 1, 2), (self.size_px - 1) / 2)
         return np.asarray(np.sqrt(np.abs(_area_scale(self.image_from_crop, middle)))[:, 0], dtype=np.float64)
@@ -62,15 +63,15 @@ class Crops:
         """The crops picked by an index array or mask over N."""
         return Crops(self.size_px, self.crop_from_image[np.asarray(index)])
 
-    def to_crop(self, points_px: ArrayLike) -> NDArray[np.float64]:
+    def to_crop(self, points_px: ArrayLike) -> FloatArray:
         """(N, K, 2) original pixels to (N, K, 2) crop pixels; NaN stays NaN."""
         return apply_homographies(self.crop_from_image, points_px)
 
-    def to_image(self, points_crop_px: ArrayLike) -> NDArray[np.float64]:
+    def to_image(self, points_crop_px: ArrayLike) -> FloatArray:
         """(N, K, 2) crop pixels to (N, K, 2) original pixels; NaN stays NaN."""
         return apply_homographies(self.image_from_crop, points_crop_px)
 
-    def variance_to_image(self, points_crop_px: ArrayLike, variance_crop_px2: ArrayLike) -> NDArray[np.float64]:
+    def variance_to_image(self, points_crop_px: ArrayLike, variance_crop_px2: ArrayLike) -> FloatArray:
         """Variances in original pixels of points that were measured in the crop.
 
         Args:
@@ -84,13 +85,13 @@ class Crops:
         scale = np.abs(_area_scale(self.image_from_crop, np.asarray(points_crop_px, dtype=np.float64)))
         return np.asarray(variance_crop_px2, dtype=np.float64) * scale
 
-    def variance_to_crop(self, points_px: ArrayLike, variance_px2: ArrayLike) -> NDArray[np.float64]:
+    def variance_to_crop(self, points_px: ArrayLike, variance_px2: ArrayLike) -> FloatArray:
         """The inverse of `variance_to_image`: (N, K, 2) original pixels and (N, K) to (N, K)."""
         scale = np.abs(_area_scale(self.crop_from_image, np.asarray(points_px, dtype=np.float64)))
         return np.asarray(variance_px2, dtype=np.float64) * scale
 
 
-def apply_homographies(homographies: NDArray[np.float64], points: ArrayLike) -> NDArray[np.float64]:
+def apply_homographies(homographies: FloatArray, points: ArrayLike) -> FloatArray:
     """(N, 3, 3) homographies on (N, K, 2) points; NaN where the point maps to infinity or beyond it."""
     points = np.asarray(points, dtype=np.float64)
     mapped = points @ homographies[:, :, :2].transpose(0, 2, 1) + homographies[:, None, :, 2]
@@ -98,10 +99,10 @@ def apply_homographies(homographies: NDArray[np.float64], points: ArrayLike) -> 
     return mapped[..., :2] / np.where(w > 0, w, np.nan)
 
 
-def _area_scale(homographies: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _area_scale(homographies: FloatArray, points: FloatArray) -> FloatArray:
     """(N, K) determinant of the homographies' Jacobians at (N, K, 2) points."""
     w = (points @ homographies[:, 2, :2, None])[..., 0] + homographies[:, 2, 2, None]
-    scale: NDArray[np.float64] = np.linalg.det(homographies)[:, None] / w**3
+    scale: FloatArray = np.linalg.det(homographies)[:, None] / w**3
     return scale
 
 
@@ -132,7 +133,7 @@ def crops_for_boxes(
     return Crops(size_px, crop_from_image)
 
 
-def _square_homographies(boxes: NDArray[np.float64], size_px: int, padding: float) -> NDArray[np.float64]:
+def _square_homographies(boxes: FloatArray, size_px: int, padding: float) -> FloatArray:
     """(N, 3, 3) scalings and shifts that put each box in the middle of its crop."""
     center = (boxes[:, :2] + boxes[:, 2:]) / 2
     scale = size_px / (padding * (boxes[:, 2:] - boxes[:, :2]).max(axis=1))
@@ -154,8 +155,8 @@ class VirtualViews:
             its principal point (size_px - 1) / 2.
     """
 
-    virtual_from_world: NDArray[np.float64]
-    half_extent: NDArray[np.float64]
+    virtual_from_world: FloatArray
+    half_extent: FloatArray
 
 
 def virtual_views(boxes_px: ArrayLike, camera: Camera, padding: float = BOX_PADDING) -> VirtualViews:
@@ -173,7 +174,7 @@ def virtual_views(boxes_px: ArrayLike, camera: Camera, padding: float = BOX_PADD
     return VirtualViews(virtual_from_world, padding * extents.max(axis=1) / 2)
 
 
-def level_rotations(directions_world: NDArray[np.float64], cam_rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+def level_rotations(directions_world: FloatArray, cam_rotation: FloatArray) -> FloatArray:
     """Rotations of cameras that look along given directions with no roll.
 
     Args:
@@ -192,9 +193,7 @@ def level_rotations(directions_world: NDArray[np.float64], cam_rotation: NDArray
     return np.stack([right, np.cross(forward, right), forward], axis=1)
 
 
-def _virtual_homographies(
-    boxes: NDArray[np.float64], size_px: int, camera: Camera, padding: float
-) -> NDArray[np.float64]:
+def _virtual_homographies(boxes: FloatArray, size_px: int, camera: Camera, padding: float) -> FloatArray:
     """(N, 3, 3) from image to crop through virtual cameras; NaN where the lens model does not reach."""
     views = virtual_views(boxes, camera, padding)
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * _FIT_AT
@@ -220,7 +219,7 @@ def _virtual_homographies(
     return crop_from_image
 
 
-def _homographies_from_corners(corners: NDArray[np.float64], targets: NDArray[np.float64]) -> NDArray[np.float64]:
+def _homographies_from_corners(corners: FloatArray, targets: FloatArray) -> FloatArray:
     """(N, 3, 3) homographies, last entry 1, that take (4, 2) corners to (N, 4, 2) targets; NaN for NaN."""
     count = len(targets)
     system = np.zeros((count, 4, 2, 8))

@@ -5,15 +5,16 @@ What tracking people needs every frame: rough, fast and robust. Results that lea
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.arrays import FloatArray
+from muybridge.geometry.cameras.group import CameraGroup
 
-_Floats = NDArray[np.float64]
 _ROBUST_ROUNDS = 2
 
 
-def midpoint(center_a: _Floats, ray_a: _Floats, center_b: _Floats, ray_b: _Floats) -> tuple[_Floats, _Floats]:
+def midpoint(
+    center_a: FloatArray, ray_a: FloatArray, center_b: FloatArray, ray_b: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """The classical triangulation from two rays: the middle of the shortest way from one to the other.
 
     With P = center_a + s ray_a and Q = center_b + t ray_b, that way is perpendicular to both rays,
@@ -42,11 +43,11 @@ def midpoint(center_a: _Floats, ray_a: _Floats, center_b: _Floats, ray_b: _Float
         t = (ab * along_a - aa * along_b) / determinant
     ahead = (determinant > 1e-12 * aa * bb) & (s > 0) & (t > 0)
     on_a, on_b = center_a + s[..., None] * ray_a, center_b + t[..., None] * ray_b
-    middle: _Floats = np.where(ahead[..., None], (on_a + on_b) / 2, np.nan)
+    middle: FloatArray = np.where(ahead[..., None], (on_a + on_b) / 2, np.nan)
     return middle, np.where(ahead, np.linalg.norm(on_a - on_b, axis=-1), np.nan)
 
 
-def ray_directions(cameras: CameraGroup, points_px: _Floats) -> _Floats:
+def ray_directions(cameras: CameraGroup, points_px: FloatArray) -> FloatArray:
     """(C, ..., 2) px to (C, ..., 3) unit vectors in the world, from the cameras' centres; NaN stays NaN."""
     slopes = cameras.unproject(points_px)
     rays = np.concatenate([slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1)
@@ -54,7 +55,7 @@ def ray_directions(cameras: CameraGroup, points_px: _Floats) -> _Floats:
     return np.stack([r @ camera.rotation for r, camera in zip(rays, cameras, strict=True)])
 
 
-def nearest_points(centers: _Floats, rays: _Floats, weights: _Floats) -> tuple[_Floats, _Floats]:
+def nearest_points(centers: FloatArray, rays: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Points nearest to bundles of rays: least squares of the weighted distances, outliers weighed down.
 
     Args:
@@ -78,15 +79,15 @@ def nearest_points(centers: _Floats, rays: _Floats, weights: _Floats) -> tuple[_
     return np.where(enough[..., None], points, np.nan), away
 
 
-def ray_distance(centers: _Floats, rays: _Floats, points: _Floats) -> _Floats:
+def ray_distance(centers: FloatArray, rays: FloatArray, points: FloatArray) -> FloatArray:
     """(C, N, J) distances of points (N, J, 3) from rays (C, N, J, 3)."""
     offset = points[None] - centers[:, None, None]
     along = np.sum(offset * rays, axis=-1, keepdims=True)
-    distance: _Floats = np.linalg.norm(offset - along * rays, axis=-1)
+    distance: FloatArray = np.linalg.norm(offset - along * rays, axis=-1)
     return distance
 
 
-def _meet(centers: _Floats, d: _Floats, weight: _Floats) -> _Floats:
+def _meet(centers: FloatArray, d: FloatArray, weight: FloatArray) -> FloatArray:
     """Solves sum w (I - d d') x = sum w (I - d d') c."""
     w = weight[..., None, None]
     projector = w * (np.eye(3) - d[..., :, None] * d[..., None, :])
@@ -94,18 +95,20 @@ def _meet(centers: _Floats, d: _Floats, weight: _Floats) -> _Floats:
     b = np.einsum("cnjxy,cy->njx", projector, centers)
     # Parallel rays and bundles of one meet nowhere: the system is kept solvable, the caller drops them.
     a += (1e-9 * np.trace(a, axis1=-2, axis2=-1)[..., None, None] + 1e-12) * np.eye(3)
-    solved: _Floats = np.linalg.solve(a, b[..., None])[..., 0]
+    solved: FloatArray = np.linalg.solve(a, b[..., None])[..., 0]
     return solved
 
 
-def _middle(away: _Floats) -> _Floats:
+def _middle(away: FloatArray) -> FloatArray:
     """(N,) medians over cameras and landmarks."""
     rows = np.sort(np.moveaxis(away, 1, 0).reshape(away.shape[1], -1), axis=1)  # NaN last
     count = np.isfinite(rows).sum(1)
     return np.where(count > 0, rows[np.arange(len(rows)), np.maximum(count - 1, 0) // 2], 0.0)
 
 
-def pair_points(center_a: _Floats, rays_a: _Floats, center_b: _Floats, rays_b: _Floats) -> tuple[_Floats, _Floats]:
+def pair_points(
+    center_a: FloatArray, rays_a: FloatArray, center_b: FloatArray, rays_b: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Midpoints between every detection of one camera and every one of another.
 
     Args:

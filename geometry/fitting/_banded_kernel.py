@@ -7,13 +7,14 @@ The band is stored with one row per unknown: `band[t N + i, k]` is the matrix at
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.fitting._chain_kernel import Array, Chain, compiled, misfit, normal_equations
+from muybridge.arrays import BoolArray, FloatArray
+from muybridge.geometry.fitting._chain_kernel import Chain, misfit, normal_equations
+from muybridge.geometry.numerics._numba import compiled
 
 
 @compiled
-def log_between(before: Array, after: Array, out: Array) -> None:
+def log_between(before: FloatArray, after: FloatArray, out: FloatArray) -> None:
     """Rotation vector of `after before^T`, which is taken to be a turn of less than pi."""
     r = np.empty((3, 3))
     for i in range(3):
@@ -40,7 +41,7 @@ def log_between(before: Array, after: Array, out: Array) -> None:
 
 
 @compiled
-def differences(chain: Chain, root: Array, turn: Array, angles: Array) -> Array:
+def differences(chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray) -> FloatArray:
     """(T - 1, N) from each frame to the next."""
     n = len(chain.above)
     out = np.empty((max(len(root) - 1, 0), n))
@@ -56,8 +57,8 @@ def differences(chain: Chain, root: Array, turn: Array, angles: Array) -> Array:
 
 @compiled
 def total_cost(
-    chain: Chain, root: Array, turn: Array, angles: Array, targets: Array, information: Array,
-    velocity: Array, acceleration: Array,
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray,
+    velocity: FloatArray, acceleration: FloatArray,
 ) -> float:  # fmt: skip
     """Half the weighted sum of squares of everything; `velocity` and `acceleration` are (N,)."""
     total = misfit(chain, root, turn, angles, targets, information)
@@ -76,9 +77,9 @@ def total_cost(
 
 @compiled
 def assemble(
-    chain: Chain, root: Array, turn: Array, angles: Array, targets: Array, information: Array,
-    velocity: Array, acceleration: Array,
-) -> tuple[Array, Array]:  # fmt: skip
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray,
+    velocity: FloatArray, acceleration: FloatArray,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Band (T N, 2 N + 1) and gradient (T, N) of everything."""
     t_count, n = len(root), len(chain.above)
     step = differences(chain, root, turn, angles)
@@ -121,7 +122,7 @@ def assemble(
 
 
 @compiled
-def hold(band: Array, slope: Array, held: NDArray[np.bool_], damping: float) -> tuple[Array, Array]:
+def hold(band: FloatArray, slope: FloatArray, held: BoolArray, damping: float) -> tuple[FloatArray, FloatArray]:
     """A damped copy of the band and the negative gradient with what is held taken out."""
     out, right = band.copy(), np.empty(len(band))
     size, width = band.shape

@@ -16,15 +16,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IndexArray, IntArray
+from muybridge.geometry.numerics._numba import compiled
 from muybridge.geometry.skeleton.skeleton import Skeleton
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
-compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Chain(NamedTuple):
@@ -34,21 +29,21 @@ class Chain(NamedTuple):
     """
 
     parents: IntArray  # (J,)
-    offsets: Array  # (J, 3)
+    offsets: FloatArray  # (J, 3)
     twist: IntArray  # (J,)
     open_joint: IntArray  # (K,) joint of each open angle
     open_axis: IntArray  # (K,) its axis
     first: IntArray  # (J + 1,) first open angle of each joint, counted from 6
     above: IntArray  # (N,) the unknown that is next on the way to the root, -1 for the first
-    lower: Array  # (K,)
-    upper: Array  # (K,)
-    rest: Array  # (K,) mean of the weak prior
-    prior: Array  # (K,) its inverse variance
+    lower: FloatArray  # (K,)
+    upper: FloatArray  # (K,)
+    rest: FloatArray  # (K,) mean of the weak prior
+    prior: FloatArray  # (K,) its inverse variance
     carrier: IntArray  # (L,) joint that carries each landmark
-    places: Array  # (L, 3) in that joint's axes
+    places: FloatArray  # (L, 3) in that joint's axes
 
 
-def open_angles(skeleton: Skeleton) -> NDArray[np.intp]:
+def open_angles(skeleton: Skeleton) -> IndexArray:
     """(K,) indices into the flattened (J, 3) of what may move, the root's left out."""
     moves = skeleton.upper - skeleton.lower > 1e-9
     moves[0] = False
@@ -56,7 +51,7 @@ def open_angles(skeleton: Skeleton) -> NDArray[np.intp]:
 
 
 def make_chain(
-    skeleton: Skeleton, landmark_joints: NDArray[np.intp], landmark_offsets: Array, rest: Array, prior: Array
+    skeleton: Skeleton, landmark_joints: IndexArray, landmark_offsets: FloatArray, rest: FloatArray, prior: FloatArray
 ) -> Chain:
     """A Chain; `rest` and `prior` are (J, 3)."""
     chosen = open_angles(skeleton)
@@ -88,7 +83,7 @@ def make_chain(
 
 
 @compiled
-def exp_one(x: float, y: float, z: float, out: Array) -> None:
+def exp_one(x: float, y: float, z: float, out: FloatArray) -> None:
     """Rotation matrix of a rotation vector (Rodrigues)."""
     square = x * x + y * y + z * z
     if square < 1e-12:
@@ -104,7 +99,7 @@ def exp_one(x: float, y: float, z: float, out: Array) -> None:
 
 
 @compiled
-def left_jacobian_one(x: float, y: float, z: float, out: Array) -> None:
+def left_jacobian_one(x: float, y: float, z: float, out: FloatArray) -> None:
     """`exp(v + dv) = exp(J dv) exp(v)` to first order."""
     square = x * x + y * y + z * z
     if square < 1e-8:
@@ -120,7 +115,7 @@ def left_jacobian_one(x: float, y: float, z: float, out: Array) -> None:
 
 
 @compiled
-def multiply(a: Array, b: Array, out: Array) -> None:
+def multiply(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     """3 x 3 product."""
     for i in range(3):
         for k in range(3):
@@ -129,7 +124,13 @@ def multiply(a: Array, b: Array, out: Array) -> None:
 
 @compiled
 def forward_one(
-    chain: Chain, turn: Array, angles: Array, turns: Array, places: Array, axes: Array, with_axes: bool
+    chain: Chain,
+    turn: FloatArray,
+    angles: FloatArray,
+    turns: FloatArray,
+    places: FloatArray,
+    axes: FloatArray,
+    with_axes: bool,
 ) -> None:
     """Joint orientations (J, 3, 3) and places (J, 3) about the root, and the world axis (K, 3) of each open angle."""
     swing, roll, local = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
@@ -169,21 +170,21 @@ def forward_one(
 
 
 @compiled
-def place_child(turn: Array, place: Array, offset: Array, out: Array) -> None:
+def place_child(turn: FloatArray, place: FloatArray, offset: FloatArray, out: FloatArray) -> None:
     """`place + turn offset`."""
     for i in range(3):
         out[i] = place[i] + turn[i, 0] * offset[0] + turn[i, 1] * offset[1] + turn[i, 2] * offset[2]
 
 
 @compiled
-def landmark_one(chain: Chain, turns: Array, places: Array, landmark: int, out: Array) -> None:
+def landmark_one(chain: Chain, turns: FloatArray, places: FloatArray, landmark: int, out: FloatArray) -> None:
     """(3,) a landmark about the root."""
     j = chain.carrier[landmark]
     place_child(turns[j], places[j], chain.places[landmark], out)
 
 
 @compiled
-def landmarks_of(chain: Chain, root: Array, turn: Array, angles: Array) -> Array:
+def landmarks_of(chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray) -> FloatArray:
     """(T, L, 3) landmarks of a pose: root (T, 3), turn (T, 3, 3), angles (T, J, 3)."""
     j_count = len(chain.parents)
     turns, places, axes = np.empty((j_count, 3, 3)), np.empty((j_count, 3)), np.empty((0, 3))
@@ -198,7 +199,7 @@ def landmarks_of(chain: Chain, root: Array, turn: Array, angles: Array) -> Array
 
 
 @compiled
-def add_landmark(r: Array, w: Array, e: Array, block: Array, force: Array) -> None:
+def add_landmark(r: FloatArray, w: FloatArray, e: FloatArray, block: FloatArray, force: FloatArray) -> None:
     """A landmark at `r` with information `w` and error `e`: its 6 x 6 block and its wrench are added."""
     wx, wy, wz = (w[0, 0] * e[0] + w[0, 1] * e[1] + w[0, 2] * e[2], w[1, 0] * e[0] + w[1, 1] * e[1] + w[1, 2] * e[2],
                   w[2, 0] * e[0] + w[2, 1] * e[1] + w[2, 2] * e[2])  # fmt: skip
@@ -232,7 +233,15 @@ def add_landmark(r: Array, w: Array, e: Array, block: Array, force: Array) -> No
 
 
 @compiled
-def gather(chain: Chain, places: Array, axes: Array, blocks: Array, forces: Array, matrix: Array, slope: Array) -> None:
+def gather(
+    chain: Chain,
+    places: FloatArray,
+    axes: FloatArray,
+    blocks: FloatArray,
+    forces: FloatArray,
+    matrix: FloatArray,
+    slope: FloatArray,
+) -> None:
     """From blocks (J, 6, 6; upper triangles) and wrenches (J, 6) of the joints' own landmarks: matrix and gradient.
 
     Only `matrix[k, m]` with `m` on the way from `k` to the root, and `k` itself, is written.
@@ -278,7 +287,7 @@ def gather(chain: Chain, places: Array, axes: Array, blocks: Array, forces: Arra
 
 
 @compiled
-def factor(above: IntArray, matrix: Array) -> bool:
+def factor(above: IntArray, matrix: FloatArray) -> bool:
     """`matrix = L^T L` in place, tree-sparse; whether it was positive definite."""
     for k in range(len(above) - 1, -1, -1):
         if not matrix[k, k] > 0:
@@ -301,7 +310,7 @@ def factor(above: IntArray, matrix: Array) -> bool:
 
 
 @compiled
-def substitute(above: IntArray, matrix: Array, vector: Array) -> None:
+def substitute(above: IntArray, matrix: FloatArray, vector: FloatArray) -> None:
     """Solve with the factor, in place."""
     n = len(above)
     for k in range(n - 1, -1, -1):
@@ -320,7 +329,7 @@ def substitute(above: IntArray, matrix: Array, vector: Array) -> None:
 
 
 @compiled
-def inverse_diagonal(above: IntArray, matrix: Array, rows: Array, out: Array) -> None:
+def inverse_diagonal(above: IntArray, matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:
     """Diagonal of the inverse from the factor; `rows` (N, N) is scratch, and becomes the inverse factor."""
     for k in range(len(above)):
         pivot = 1.0 / matrix[k, k]
@@ -345,8 +354,8 @@ def inverse_diagonal(above: IntArray, matrix: Array, rows: Array, out: Array) ->
 
 @compiled
 def normal_equations(
-    chain: Chain, root: Array, turn: Array, angles: Array, targets: Array, information: Array
-) -> tuple[Array, Array, float]:
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray
+) -> tuple[FloatArray, FloatArray, float]:
     """(T, N, N) tree-sparse lower parts of `J^T W J`, (T, N) gradients and half the sum of squares."""
     t_count, j_count, n = len(root), len(chain.parents), len(chain.above)
     turns, places, axes = np.empty((j_count, 3, 3)), np.empty((j_count, 3)), np.empty((n - 6, 3))
@@ -373,7 +382,9 @@ def normal_equations(
 
 
 @compiled
-def misfit(chain: Chain, root: Array, turn: Array, angles: Array, targets: Array, information: Array) -> float:
+def misfit(
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray
+) -> float:
     """Half the weighted sum of squared distances of the landmarks."""
     j_count = len(chain.parents)
     turns, places, axes = np.empty((j_count, 3, 3)), np.empty((j_count, 3)), np.empty((0, 3))

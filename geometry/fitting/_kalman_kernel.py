@@ -9,12 +9,11 @@ import math
 
 import numpy as np
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.fitting._banded_kernel import log_between
 from muybridge.geometry.fitting._chain_kernel import (
-    Array,
     Chain,
     add_landmark,
-    compiled,
     exp_one,
     factor,
     forward_one,
@@ -25,12 +24,13 @@ from muybridge.geometry.fitting._chain_kernel import (
     multiply,
     substitute,
 )
+from muybridge.geometry.numerics._numba import compiled
 
 
 @compiled
 def frame_equations(
-    chain: Chain, root: Array, turn: Array, angles: Array, targets: Array, information: Array,
-    freedom: float, widen: float, matrix: Array, slope: Array,
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray,
+    freedom: float, widen: float, matrix: FloatArray, slope: FloatArray,
 ) -> float:  # fmt: skip
     """One frame with scalar information (L,) and robust weights; the robust cost.
 
@@ -65,7 +65,7 @@ def frame_equations(
 
 
 @compiled
-def hold_at_limits(chain: Chain, angles: Array, matrix: Array, slope: Array) -> None:
+def hold_at_limits(chain: Chain, angles: FloatArray, matrix: FloatArray, slope: FloatArray) -> None:
     """Take the angles out that are pressed against a limit: unit rows, no gradient."""
     n = len(chain.above)
     held = np.zeros(n, dtype=np.bool_)
@@ -88,7 +88,9 @@ def hold_at_limits(chain: Chain, angles: Array, matrix: Array, slope: Array) -> 
 
 
 @compiled
-def move(chain: Chain, root: Array, turn: Array, angles: Array, step: Array, longest: float) -> float:
+def move(
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, step: FloatArray, longest: float
+) -> float:
     """Take a step in place, limits kept; the largest turn of it. No unknown turns by more than `longest`."""
     largest = 0.0
     for i in range(3, len(step)):
@@ -108,7 +110,7 @@ def move(chain: Chain, root: Array, turn: Array, angles: Array, step: Array, lon
 
 @compiled
 def settle(
-    chain: Chain, root: Array, turn: Array, angles: Array, targets: Array, information: Array,
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray,
     freedom: float, iterations: int,
 ) -> float:  # fmt: skip
     """Levenberg-Marquardt on one frame, in place and without a prediction; the cost reached."""
@@ -148,8 +150,8 @@ def settle(
 
 @compiled
 def track_one(
-    chain: Chain, root: Array, turn: Array, angles: Array, rate: Array, spread: Array, targets: Array,
-    information: Array, dt: float, jerkiness: Array, freedom: float, iterations: int,
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, rate: FloatArray, spread: FloatArray, targets: FloatArray,
+    information: FloatArray, dt: float, jerkiness: FloatArray, freedom: float, iterations: int,
 ) -> None:  # fmt: skip
     """One frame ahead, in place.
 
@@ -213,7 +215,14 @@ def track_one(
 
 @compiled
 def difference(
-    chain: Chain, root: Array, turn: Array, angles: Array, root2: Array, turn2: Array, angles2: Array, out: Array
+    chain: Chain,
+    root: FloatArray,
+    turn: FloatArray,
+    angles: FloatArray,
+    root2: FloatArray,
+    turn2: FloatArray,
+    angles2: FloatArray,
+    out: FloatArray,
 ) -> None:
     """(N,) from one pose to another."""
     for i in range(3):
@@ -226,7 +235,7 @@ def difference(
 
 @compiled
 def count_far(
-    chain: Chain, root: Array, turn: Array, angles: Array, targets: Array, information: Array
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray
 ) -> tuple[int, int]:
     """How many points there are, and how many are further than five standard deviations from the body."""
     at = landmarks_of(chain, root.reshape(1, 3), turn.reshape(1, 3, 3), angles.reshape((1, *angles.shape)))
@@ -243,9 +252,9 @@ def count_far(
 
 @compiled
 def track(
-    chain: Chain, root: Array, turn: Array, angles: Array, rate: Array, spread: Array, targets: Array,
-    information: Array, dt: float, jerkiness: Array, freedom: float, iterations: int, patience: int,
-    roots: Array, turns: Array, all_angles: Array,
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, rate: FloatArray, spread: FloatArray, targets: FloatArray,
+    information: FloatArray, dt: float, jerkiness: FloatArray, freedom: float, iterations: int, patience: int,
+    roots: FloatArray, turns: FloatArray, all_angles: FloatArray,
 ) -> int:  # fmt: skip
     """`track_one` over (T, L, 3) targets, until the body seems lost: a quarter of the points is far.
 

@@ -8,19 +8,18 @@ from all frames with published proportions as the prior. Lengths are one set for
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.skeleton.body import BODY, SHAPE_PRIOR, STATURE_M, STATURE_SD_M, Body, BodyModel, prior_shape
 from muybridge.geometry.fitting.bone_lengths import length_equations
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem, landmark_positions, solve_in_stretches
 from muybridge.geometry.fitting.initial_pose import start_pose
-from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.body import BODY, SHAPE_PRIOR, STATURE_M, STATURE_SD_M, Body, BodyModel, prior_shape
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.smoothing.kalman import SmoothOptions, clean_points, known_points, smooth_points
-
-Array = NDArray[np.float64]
 
 _CHI2_3_MEDIAN = 2.366
 
@@ -73,8 +72,8 @@ class BodyFit:
 
     motion: Motion
     body: Body
-    residual_m: Array
-    weight: Array
+    residual_m: FloatArray
+    weight: FloatArray
     noise_scale: float
 
 
@@ -117,7 +116,7 @@ def fit_body(points: Points3D, options: FitOptions | None = None) -> BodyFit:
     scale = 1.0
     weight = known.astype(np.float64)
     for k in range(options.rounds + 1):
-        problem = _problem(model, shape, targets, covariance, scale, known, weight, points.fps, options)
+        problem = fitting_problem(model, shape, targets, covariance, scale, known, weight, points.fps, options)
         pose = solve_in_stretches(problem, pose, options.steps)
         if k < options.rounds:
             shape = _fit_shape(model, problem, pose, options.shape_frames)
@@ -140,7 +139,7 @@ def fit_body(points: Points3D, options: FitOptions | None = None) -> BodyFit:
     return BodyFit(motion, body, residual, counted, float(np.sqrt(scale)))
 
 
-def landmarks_from_motion(motion: Motion, body: Body, landmarks: LandmarkSet) -> Array:
+def landmarks_from_motion(motion: Motion, body: Body, landmarks: LandmarkSet) -> FloatArray:
     """Where the body's landmarks are: consistent with constant bones, known in every frame.
 
     Args:
@@ -157,19 +156,19 @@ def landmarks_from_motion(motion: Motion, body: Body, landmarks: LandmarkSet) ->
     return _columns(at, _column_of(landmarks.names, body.landmark_names))
 
 
-def _column_of(wanted: tuple[str, ...], names: tuple[str, ...]) -> NDArray[np.intp]:
+def _column_of(wanted: tuple[str, ...], names: tuple[str, ...]) -> IndexArray:
     """For each wanted name its column in `names`, or -1."""
     return np.array([names.index(n) if n in names else -1 for n in wanted], dtype=np.intp)
 
 
-def _columns(values: Array, column: NDArray[np.intp]) -> Array:
+def _columns(values: FloatArray, column: IndexArray) -> FloatArray:
     """`values` (T, J, ...) reordered; NaN where the column is -1."""
     out = np.array(values[:, column], dtype=np.float64)
     out[:, column < 0] = np.nan
     return out
 
 
-def _check(model: BodyModel, points: Points3D) -> tuple[NDArray[np.intp], int, int]:
+def _check(model: BodyModel, points: Points3D) -> tuple[IndexArray, int, int]:
     """Columns of the model's landmarks, first and last frame with a point; errors where there is none."""
     if not points.fps > 0:
         raise ValueError(f"fps must be above zero, not {points.fps}")
@@ -190,7 +189,7 @@ def _check(model: BodyModel, points: Points3D) -> tuple[NDArray[np.intp], int, i
     return column, int(frames[0]), int(frames[-1])
 
 
-def _first_shape(model: BodyModel, filled: Array) -> Array:
+def _first_shape(model: BodyModel, filled: FloatArray) -> FloatArray:
     """Published proportions, with the stature that the median lengths of trunk and limbs ask for."""
     at = {name: filled[:, i] for i, name in enumerate(model.landmark_names)}
     pairs = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"),
@@ -208,7 +207,7 @@ def _first_shape(model: BodyModel, filled: Array) -> Array:
     return prior_shape(float(np.array(statures)[order][np.searchsorted(share, 0.5 * share[-1])]))
 
 
-def _stature(shape: Array) -> float:
+def _stature(shape: FloatArray) -> float:
     """The stature that the shape is most likely of, by the prior's proportions."""
     ratio, spread = np.array(list(SHAPE_PRIOR.values())).T
     information = np.sum((ratio / spread / STATURE_M) ** 2) + 1 / STATURE_SD_M**2
@@ -216,9 +215,9 @@ def _stature(shape: Array) -> float:
     return float(pull / information)
 
 
-def _problem(
-    model: BodyModel, shape: Array, targets: Array, covariance: Array, scale: float,
-    known: NDArray[np.bool_], weight: Array, fps: float, options: FitOptions,
+def fitting_problem(
+    model: BodyModel, shape: FloatArray, targets: FloatArray, covariance: FloatArray, scale: float,
+    known: BoolArray, weight: FloatArray, fps: float, options: FitOptions,
 ) -> Problem:  # fmt: skip
     noise = covariance * scale + np.eye(3) * options.model_sigma**2
     information = np.linalg.inv(noise) * (weight * known)[..., None, None]
@@ -244,16 +243,16 @@ def _problem(
 def _weights(
     problem: Problem,
     pose: Pose,
-    covariance: Array,
-    known: NDArray[np.bool_],
+    covariance: FloatArray,
+    known: BoolArray,
     scale: float,
     options: FitOptions,
-) -> tuple[float, Array]:
+) -> tuple[float, FloatArray]:
     """Scale of the covariances by the median squared distance, and Student's t weights (T, L)."""
     error = landmark_positions(problem, pose) - problem.targets
     floor = np.eye(3) * options.model_sigma**2
 
-    def far(factor: float) -> Array:
+    def far(factor: float) -> FloatArray:
         solved = np.linalg.solve(covariance * factor + floor, error[..., None])[..., 0]
         return np.asarray(np.sum(error * solved, axis=-1))
 
@@ -265,7 +264,7 @@ def _weights(
     return scale, np.where(known, np.minimum(weight, 1.0), 0.0)
 
 
-def _fit_shape(model: BodyModel, problem: Problem, pose: Pose, shape_frames: int) -> Array:
+def _fit_shape(model: BodyModel, problem: Problem, pose: Pose, shape_frames: int) -> FloatArray:
     """Lengths and landmark offsets by linear least squares, given the pose; the root's place is left free.
 
     Unknown are the shape and the stature; the stature's share of each length is the prior's mean.

@@ -1,16 +1,14 @@
 """Lengths by linear least squares: given the joints' orientations, every landmark is linear in them."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem
-
-Array = NDArray[np.float64]
 
 
 def length_equations(
-    problem: Problem, pose: Pose, joint_basis: Array, landmark_basis: Array, most: int = 1000
-) -> tuple[Array, Array]:
+    problem: Problem, pose: Pose, joint_basis: FloatArray, landmark_basis: FloatArray, most: int = 1000
+) -> tuple[FloatArray, FloatArray]:
     """Normal equations of the lengths, given the pose; the root's place is left free in every frame.
 
     Args:

@@ -10,15 +10,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, solveh_banded
 
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.fitting._banded_kernel import assemble, hold, total_cost
 from muybridge.geometry.fitting._chain_kernel import Chain, landmarks_of, make_chain, open_angles
 from muybridge.geometry.numerics.rotations import exp_so3, left_jacobian_so3
 from muybridge.geometry.skeleton.skeleton import Skeleton
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +24,9 @@ class Pose:
     """State of `T` frames: root (T, 3) metres and (T, 3, 3) world from root, angles (T, J, 3) swing and
     twist."""
 
-    root: Array
-    turn: Array
-    angles: Array
+    root: FloatArray
+    turn: FloatArray
+    angles: FloatArray
 
     def __len__(self) -> int:
         return len(self.root)
@@ -55,21 +53,21 @@ class Problem:
     """
 
     skeleton: Skeleton
-    landmark_joints: NDArray[np.intp]
-    landmark_offsets: Array
-    targets: Array
-    information: Array
-    rest: Array
-    prior: Array
-    acceleration: Array
-    velocity: Array
+    landmark_joints: IndexArray
+    landmark_offsets: FloatArray
+    targets: FloatArray
+    information: FloatArray
+    rest: FloatArray
+    prior: FloatArray
+    acceleration: FloatArray
+    velocity: FloatArray
 
     def frames(self, start: int, stop: int) -> "Problem":
         """The stretch from `start` to before `stop`."""
         return replace(self, targets=self.targets[start:stop], information=self.information[start:stop])
 
     @property
-    def open_angles(self) -> NDArray[np.intp]:
+    def open_angles(self) -> IndexArray:
         """(K,) indices into the flattened (J, 3) of what may move, the root's left out."""
         return open_angles(self.skeleton)
 
@@ -79,12 +77,12 @@ class Problem:
         return make_chain(self.skeleton, self.landmark_joints, self.landmark_offsets, self.rest, self.prior)
 
 
-def landmark_positions(problem: Problem, pose: Pose) -> Array:
+def landmark_positions(problem: Problem, pose: Pose) -> FloatArray:
     """(T, L, 3) metres: where the landmarks of a pose are."""
     return np.asarray(landmarks_of(problem.chain, *_state(pose)))
 
 
-def jacobian(problem: Problem, pose: Pose) -> tuple[Array, Array]:
+def jacobian(problem: Problem, pose: Pose) -> tuple[FloatArray, FloatArray]:
     """Landmarks (T, L, 3) and their derivative (T, L, 3, 6 + K) by root position, root turn and open
     angles.
     """
@@ -108,7 +106,7 @@ def jacobian(problem: Problem, pose: Pose) -> tuple[Array, Array]:
     return points, out
 
 
-def _axes_world(skeleton: Skeleton, pose: Pose, turns: Array) -> Array:
+def _axes_world(skeleton: Skeleton, pose: Pose, turns: FloatArray) -> FloatArray:
     """(T, J, 3, 3): column `k` is the world axis about which angle `k` of a joint turns what is below it."""
     out = np.empty_like(turns)
     parents = np.array(skeleton.parents)
@@ -127,17 +125,17 @@ def cost(problem: Problem, pose: Pose) -> float:
     return float(total_cost(problem.chain, *_state(pose), *_data(problem)))
 
 
-def _state(pose: Pose) -> tuple[Array, Array, Array]:
+def _state(pose: Pose) -> tuple[FloatArray, FloatArray, FloatArray]:
     return np.ascontiguousarray(pose.root), np.ascontiguousarray(pose.turn), np.ascontiguousarray(pose.angles)
 
 
-def _data(problem: Problem) -> tuple[Array, Array, Array, Array]:
+def _data(problem: Problem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     chosen = np.r_[np.arange(6), 6 + problem.open_angles]
     targets, information = np.ascontiguousarray(problem.targets), np.ascontiguousarray(problem.information)
     return targets, information, problem.velocity[chosen], problem.acceleration[chosen]
 
 
-def _held(problem: Problem, pose: Pose, gradient: Array, fixed_frames: int) -> NDArray[np.bool_]:
+def _held(problem: Problem, pose: Pose, gradient: FloatArray, fixed_frames: int) -> BoolArray:
     """(T, N) what does not move in this step: fixed frames, and angles pressed against a limit."""
     open_angles = problem.open_angles
     angles = pose.angles.reshape(len(pose), -1)[:, open_angles]
@@ -149,18 +147,18 @@ def _held(problem: Problem, pose: Pose, gradient: Array, fixed_frames: int) -> N
     return held
 
 
-def _step(band: Array, gradient: Array, held: NDArray[np.bool_], damping: float) -> Array:
+def _step(band: FloatArray, gradient: FloatArray, held: BoolArray, damping: float) -> FloatArray:
     """Solve for the damped step (T, N), zero where held."""
     matrix, right = hold(band, gradient, held, damping)
     step = solveh_banded(matrix.T, right, lower=True, overwrite_ab=True, overwrite_b=True, check_finite=False)
     return np.asarray(step.reshape(gradient.shape))
 
 
-def moved(problem: Problem, pose: Pose, step: Array) -> Pose:
+def moved(problem: Problem, pose: Pose, step: FloatArray) -> Pose:
     """The pose after a step (T, 6 + K), angles clipped to their limits."""
     flat = pose.angles.reshape(len(pose), -1).copy()
     flat[:, problem.open_angles] += step[:, 6:]
-    angles: Array = flat.reshape(pose.angles.shape)
+    angles: FloatArray = flat.reshape(pose.angles.shape)
     np.clip(angles[:, 1:], problem.skeleton.lower[1:], problem.skeleton.upper[1:], out=angles[:, 1:])
     return Pose(pose.root + step[:, :3], exp_so3(step[:, 3:6]) @ pose.turn, angles)
 

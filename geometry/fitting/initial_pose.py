@@ -5,9 +5,8 @@ would follow from it keep the prior's angle.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.skeleton.body import BodyModel
+from muybridge.arrays import FloatArray
 from muybridge.geometry.numerics.rotations import (
     exp_so3,
     kabsch,
@@ -15,11 +14,12 @@ from muybridge.geometry.numerics.rotations import (
     matrix_from_swing_twist,
     swing_twist_from_matrix,
 )
+from muybridge.geometry.skeleton.body import BodyModel
 
-Array = NDArray[np.float64]
 
-
-def start_pose(model: BodyModel, shape: Array, points_world: Array) -> tuple[Array, Array, Array]:
+def start_pose(
+    model: BodyModel, shape: FloatArray, points_world: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Root position, root rotation and joint angles of every frame.
 
     Args:
@@ -37,7 +37,7 @@ def start_pose(model: BodyModel, shape: Array, points_world: Array) -> tuple[Arr
     skeleton = model.skeleton(shape)
     joint = skeleton.names.index
 
-    def put(name: str, parent_world: Array, world: Array) -> Array:
+    def put(name: str, parent_world: FloatArray, world: FloatArray) -> FloatArray:
         """Set a joint to look like `world` as far as its limits allow; its orientation in the world."""
         j = joint(name)
         local = np.swapaxes(parent_world, -1, -2) @ world
@@ -71,16 +71,16 @@ def start_pose(model: BodyModel, shape: Array, points_world: Array) -> tuple[Arr
     return middle, root_rotation, angles
 
 
-def _unit(vectors: Array) -> Array:
+def _unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9))
 
 
-def _across(vectors: Array, axis: Array) -> Array:
+def _across(vectors: FloatArray, axis: FloatArray) -> FloatArray:
     """What of `vectors` is at right angles to the unit vectors `axis`."""
     return np.asarray(vectors - np.sum(vectors * axis, axis=-1, keepdims=True) * axis)
 
 
-def _frame(axis_index: int, axis: Array, back: Array) -> Array:
+def _frame(axis_index: int, axis: FloatArray, back: FloatArray) -> FloatArray:
     """(T, 3, 3) rotations with `axis` as x or z and y as near to `back` as possible."""
     y = _unit(_across(back, axis))
     if axis_index == 0:
@@ -88,7 +88,7 @@ def _frame(axis_index: int, axis: Array, back: Array) -> Array:
     return np.stack([np.cross(y, axis), y, axis], axis=-1)
 
 
-def _trunk(landmark: dict[str, Array]) -> tuple[Array, Array, Array]:
+def _trunk(landmark: dict[str, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """World from hips, world from shoulders, and the middle of the hips; hips or shoulders may be unknown."""
     known = {k: landmark[f"left_{k}"] + landmark[f"right_{k}"] for k in ("hip", "shoulder")}
     line = {k: landmark[f"left_{k}"] - landmark[f"right_{k}"] for k in ("hip", "shoulder")}
@@ -111,13 +111,13 @@ def _trunk(landmark: dict[str, Array]) -> tuple[Array, Array, Array]:
 
 
 def _limb(
-    landmark: dict[str, Array],
+    landmark: dict[str, FloatArray],
     side: str,
     names: tuple[str, str, str],
-    parent: Array,
+    parent: FloatArray,
     axis_index: int,
     sign: float,
-) -> tuple[Array | None, Array | None]:
+) -> tuple[FloatArray | None, FloatArray | None]:
     """World rotations of a limb's two bones, from the plane that they span.
 
     The plane of a nearly straight limb is noise, so the parent's own back direction takes over there. The
@@ -149,12 +149,12 @@ def _limb(
 
 def _rigid(
     model: BodyModel,
-    shape: Array,
+    shape: FloatArray,
     joint: str,
-    landmark: dict[str, Array],
+    landmark: dict[str, FloatArray],
     words: tuple[str, ...],
-    start: Array,
-) -> Array | None:
+    start: FloatArray,
+) -> FloatArray | None:
     """World rotation of a bone that carries several landmarks, or None where fewer than three were ever
     seen.
     """

@@ -3,11 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.fitting.bone_lengths import length_equations
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem, landmark_positions
-from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.geometry.fitting.skeleton_fit import (
     Rigging,
     SkeletonFit,
@@ -18,14 +17,13 @@ from muybridge.geometry.fitting.skeleton_fit import (
     take_problem,
     weighed,
 )
-
-Array = NDArray[np.float64]
+from muybridge.geometry.skeleton.skeleton import Skeleton
 
 _SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"), ("_l", "_r"), ("_L", "_R"), (".L", ".R"))
 
 
 def calibrate_skeleton(
-    skeleton: Skeleton, points_world: Array, fps: float, rigging: Rigging | None = None,
+    skeleton: Skeleton, points_world: FloatArray, fps: float, rigging: Rigging | None = None,
     options: SkeletonFitOptions | None = None, length_spread: float = 0.2, side_spread: float = 0.02,
     offset_spread: float = 0.0,
 ) -> tuple[Skeleton, Rigging]:  # fmt: skip
@@ -82,16 +80,16 @@ def calibrate_skeleton(
     return replace(given, offsets=current.offsets, tips=current.tips), rigged
 
 
-def _tips(template: Skeleton, scale: Array) -> Array:
+def _tips(template: Skeleton, scale: FloatArray) -> FloatArray:
     """The end of a chain grows with the bone before it."""
     return np.asarray(template.tips * scale[:, None])
 
 
-def _root_turns(fit: SkeletonFit) -> Array:
+def _root_turns(fit: SkeletonFit) -> FloatArray:
     return fit.motion.forward()[:, 0, :3, :3]
 
 
-def _calibration_span(points_world: Array, most: int = 600) -> slice:
+def _calibration_span(points_world: FloatArray, most: int = 600) -> slice:
     """The stretch of at most `most` frames with most points in it."""
     if len(points_world) <= most:
         return slice(None)
@@ -101,8 +99,8 @@ def _calibration_span(points_world: Array, most: int = 600) -> slice:
 
 
 def _of_fixed_offsets(
-    problem: Problem, pose: Pose, joint_basis: Array, landmark_basis: Array, rigging: Rigging
-) -> Array:
+    problem: Problem, pose: Pose, joint_basis: FloatArray, landmark_basis: FloatArray, rigging: Rigging
+) -> FloatArray:
     """What points away from joint centres add to the right-hand side when their offsets are not unknown."""
     still = replace(problem, skeleton=replace(problem.skeleton, offsets=0 * problem.skeleton.offsets))
     moved = replace(problem, targets=landmark_positions(still, Pose(0 * pose.root, pose.turn, pose.angles)))
@@ -110,7 +108,7 @@ def _of_fixed_offsets(
     return vector
 
 
-def _bone_scales(skeleton: Skeleton) -> tuple[NDArray[np.intp], list[tuple[int, int]]]:
+def _bone_scales(skeleton: Skeleton) -> tuple[IndexArray, list[tuple[int, int]]]:
     """(J,) number of the scale that each bone has, -1 where there is no length; and the pairs of both sides'."""
     long = skeleton.bone_lengths > 1e-6
     long[0] = False
@@ -124,7 +122,7 @@ def _bone_scales(skeleton: Skeleton) -> tuple[NDArray[np.intp], list[tuple[int, 
     return number, pairs
 
 
-def _common_scale(skeleton: Skeleton, rigging: Rigging, points_world: Array) -> float:
+def _common_scale(skeleton: Skeleton, rigging: Rigging, points_world: FloatArray) -> float:
     """Median of how much longer the points' distances are than at rest, over bones with points at both ends."""
     at = rest_positions(skeleton)[rigging.joints] + rigging.offsets
     ratios = []

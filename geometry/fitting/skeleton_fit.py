@@ -10,18 +10,20 @@ prior.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.fitting._chain_kernel import Chain, landmarks_of, make_chain
 from muybridge.geometry.fitting._kalman_kernel import count_far, settle, track, track_one
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem, landmark_positions, solve_in_stretches
 from muybridge.geometry.numerics.rotations import continuous_quat, exp_so3, kabsch, quat_from_matrix
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import with_limits
+from muybridge.geometry.skeleton.skeleton import Skeleton
 
-Array = NDArray[np.float64]
-State = tuple[Array, Array, Array, Array, Array]  # root, turn, angles, their rates, and how sure all are
+State = tuple[
+    FloatArray, FloatArray, FloatArray, FloatArray, FloatArray
+]  # root, turn, angles, their rates, and how sure all are
 
 _PATIENCE = 10  # frames until a body that could not be found again is looked for once more
 
@@ -67,10 +69,10 @@ class SkeletonFit:
     """
 
     motion: Motion
-    angles: Array
-    landmarks_world: Array
-    residual_m: Array
-    weight: Array
+    angles: FloatArray
+    landmarks_world: FloatArray
+    residual_m: FloatArray
+    weight: FloatArray
     sigma: float
 
 
@@ -83,8 +85,8 @@ class Rigging:
         offsets: (L, 3) metres in that joint's axes.
     """
 
-    joints: NDArray[np.intp]
-    offsets: Array
+    joints: IndexArray
+    offsets: FloatArray
 
 
 def joint_rigging(skeleton: Skeleton, names: tuple[str, ...] | None = None) -> Rigging:
@@ -93,7 +95,7 @@ def joint_rigging(skeleton: Skeleton, names: tuple[str, ...] | None = None) -> R
     return Rigging(joints.astype(np.intp), np.zeros((len(joints), 3)))
 
 
-def noise_of(points_world: Array, fps: float) -> float:
+def noise_of(points_world: FloatArray, fps: float) -> float:
     """Standard deviation of a coordinate of (T, L, 3) points, metres: from third differences, which motion hardly has.
 
     Slow takes only tell the noise between frames: at less than about 50 frames/s quick motion counts as noise.
@@ -107,7 +109,7 @@ def noise_of(points_world: Array, fps: float) -> float:
 
 
 def fit_online(
-    skeleton: Skeleton, points_world: Array, fps: float, rigging: Rigging | None = None,
+    skeleton: Skeleton, points_world: FloatArray, fps: float, rigging: Rigging | None = None,
     options: SkeletonFitOptions | None = None,
 ) -> SkeletonFit:  # fmt: skip
     """Fit frame by frame, each from itself and the frames before it.
@@ -134,7 +136,7 @@ def fit_online(
 
 
 def fit_take(
-    skeleton: Skeleton, points_world: Array, fps: float, rigging: Rigging | None = None,
+    skeleton: Skeleton, points_world: FloatArray, fps: float, rigging: Rigging | None = None,
     options: SkeletonFitOptions | None = None,
 ) -> SkeletonFit:  # fmt: skip
     """Fit all frames together; arguments, result and errors as of `fit_online`."""
@@ -168,7 +170,7 @@ class OnlineFit:
         self._patience = 0
         self._jerkiness = _jerkiness(self._chain, self.options)
 
-    def update(self, points_world: Array) -> tuple[Array, Array] | None:
+    def update(self, points_world: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """The next frame: (L, 3) metres, NaN where missing.
 
         Returns:
@@ -195,7 +197,9 @@ class OnlineFit:
         return root.copy(), rotations
 
 
-def checked(skeleton: Skeleton, points_world: Array, fps: float, rigging: Rigging | None) -> tuple[Skeleton, Rigging]:
+def checked(
+    skeleton: Skeleton, points_world: FloatArray, fps: float, rigging: Rigging | None
+) -> tuple[Skeleton, Rigging]:
     """The skeleton as it is solved, and the rigging."""
     rigging = rigging or joint_rigging(skeleton)
     if points_world.ndim != 3 or points_world.shape[1:] != (len(rigging.joints), 3):
@@ -227,7 +231,7 @@ def solvable(skeleton: Skeleton, rigging: Rigging, lever: float = 0.005) -> Skel
     return replace(skeleton, lower=lower, upper=upper)
 
 
-def rest_positions(skeleton: Skeleton) -> Array:
+def rest_positions(skeleton: Skeleton) -> FloatArray:
     """(J, 3) metres from the root in the rest pose."""
     out = np.zeros((len(skeleton), 3))
     for j, parent in enumerate(skeleton.parents[1:], start=1):
@@ -240,18 +244,18 @@ def _chain(skeleton: Skeleton, rigging: Rigging, options: SkeletonFitOptions) ->
     return make_chain(skeleton, rigging.joints, rigging.offsets, rest, prior)
 
 
-def _rest(skeleton: Skeleton, options: SkeletonFitOptions) -> tuple[Array, Array]:
+def _rest(skeleton: Skeleton, options: SkeletonFitOptions) -> tuple[FloatArray, FloatArray]:
     rest = np.clip(np.zeros((len(skeleton), 3)), skeleton.lower, skeleton.upper)
     return rest, np.full(rest.shape, options.rest_spread**-2.0)
 
 
-def _jerkiness(chain: Chain, options: SkeletonFitOptions) -> Array:
+def _jerkiness(chain: Chain, options: SkeletonFitOptions) -> FloatArray:
     out = np.full(len(chain.above), options.angular_acceleration**2)
     out[:3] = options.root_acceleration**2
     return out
 
 
-def _known(points_world: Array, sigma: float) -> tuple[Array, Array]:
+def _known(points_world: FloatArray, sigma: float) -> tuple[FloatArray, FloatArray]:
     points = np.ascontiguousarray(points_world)  # of one layout, or everything is compiled for each
     known = np.asarray(np.isfinite(points).all(axis=-1))
     return np.where(known[..., None], points, 0.0), np.where(known, sigma**-2.0, 0.0)
@@ -263,8 +267,8 @@ def _enough(chain: Chain) -> int:
 
 
 def _tracked(
-    chain: Chain, points_world: Array, sigma: float, fps: float, options: SkeletonFitOptions
-) -> tuple[Pose, NDArray[np.bool_]]:
+    chain: Chain, points_world: FloatArray, sigma: float, fps: float, options: SkeletonFitOptions
+) -> tuple[Pose, BoolArray]:
     """The pose of every frame, and (T,) where the body was lost."""
     targets, information = _known(points_world, sigma)
     count = np.count_nonzero(information, axis=1)
@@ -296,7 +300,7 @@ def _tracked(
 
 
 def _recovered(
-    chain: Chain, state: State, targets: Array, information: Array, options: SkeletonFitOptions
+    chain: Chain, state: State, targets: FloatArray, information: FloatArray, options: SkeletonFitOptions
 ) -> tuple[State, bool]:
     """The state anew from one frame alone, if that leaves at most half as many points far; whether it does."""
     _, far = count_far(chain, *state[:3], targets, information)
@@ -306,7 +310,7 @@ def _recovered(
     return new, True
 
 
-def _cuts(chain: Chain, pose: Pose, lost: NDArray[np.bool_], fps: float, top_speed: float = 12.0) -> list[int]:
+def _cuts(chain: Chain, pose: Pose, lost: BoolArray, fps: float, top_speed: float = 12.0) -> list[int]:
     """Frames at which the take jumps: the body was lost there, and a quarter of it is faster than any man."""
     at = landmarks_of(chain, pose.root, pose.turn, pose.angles)
     frames = np.flatnonzero(lost)
@@ -315,7 +319,7 @@ def _cuts(chain: Chain, pose: Pose, lost: NDArray[np.bool_], fps: float, top_spe
     return [int(t) for t in frames[way * fps > top_speed]]
 
 
-def _begun(chain: Chain, targets: Array, information: Array, options: SkeletonFitOptions) -> State:
+def _begun(chain: Chain, targets: FloatArray, information: FloatArray, options: SkeletonFitOptions) -> State:
     """The first frame without a frame before it: from several headings, the best."""
     j_count, n = len(chain.parents), len(chain.above)
     angles = np.zeros((j_count, 3))
@@ -339,7 +343,12 @@ def _begun(chain: Chain, targets: Array, information: Array, options: SkeletonFi
 
 
 def take_problem(
-    skeleton: Skeleton, rigging: Rigging, points_world: Array, sigma: float, fps: float, options: SkeletonFitOptions
+    skeleton: Skeleton,
+    rigging: Rigging,
+    points_world: FloatArray,
+    sigma: float,
+    fps: float,
+    options: SkeletonFitOptions,
 ) -> Problem:
     targets, information = _known(points_world, sigma)
     rest, prior = _rest(skeleton, options)
@@ -361,7 +370,7 @@ def take_problem(
     )
 
 
-def _student(square: Array, freedom: float) -> Array:
+def _student(square: FloatArray, freedom: float) -> FloatArray:
     """Weights from squared distances in units of the variance."""
     return np.minimum((freedom + 3) / (freedom + square), 1.0) if freedom > 0 else np.ones_like(square)
 
@@ -375,7 +384,7 @@ def weighed(problem: Problem, pose: Pose, sigma: float, options: SkeletonFitOpti
 
 
 def _result(
-    given: Skeleton, skeleton: Skeleton, chain: Chain, pose: Pose, points_world: Array, fps: float, sigma: float,
+    given: Skeleton, skeleton: Skeleton, chain: Chain, pose: Pose, points_world: FloatArray, fps: float, sigma: float,
     options: SkeletonFitOptions,
 ) -> SkeletonFit:  # fmt: skip
     rotations = skeleton.rotations_from_angles(pose.angles)

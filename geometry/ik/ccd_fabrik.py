@@ -13,19 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from muybridge.geometry.fitting._chain_kernel import compiled
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.geometry.ik.jacobian import good_enough, perturb, uniform
-from muybridge.geometry.ik.tree import (
-    Array,
-    IntArray,
-    KinematicTree,
-    Links,
-    Wishes,
-    errors,
-    forward,
-    forward_from,
-    turned,
-)
+from muybridge.geometry.ik.tree import KinematicTree, Links, Wishes, errors, forward, forward_from, turned
+from muybridge.geometry.numerics._numba import compiled
 
 _LATER = 0.1  # weight of what comes one link later
 
@@ -37,7 +28,7 @@ class Nodes(NamedTuple):
     first: IntArray  # (G,) first joint of each node
     last: IntArray  # (G,) last joint of each node
     parent: IntArray  # (G,) -1 on the base
-    length: Array  # (G,) metres from the parent's place
+    length: FloatArray  # (G,) metres from the parent's place
 
 
 def make_nodes(tree: KinematicTree) -> Nodes:
@@ -63,7 +54,7 @@ def make_nodes(tree: KinematicTree) -> Nodes:
 
 
 @compiled
-def add_pair(axis: Array, now: Array, wish: Array, weight: float, sums: Array) -> None:
+def add_pair(axis: FloatArray, now: FloatArray, wish: FloatArray, weight: float, sums: FloatArray) -> None:
     """Add to (2,) `a` and `b` what a vector that hangs on a hinge has to say about its angle."""
     along = (now[0] * axis[0] + now[1] * axis[1] + now[2] * axis[2]) * (
         wish[0] * axis[0] + wish[1] * axis[1] + wish[2] * axis[2]
@@ -77,7 +68,7 @@ def add_pair(axis: Array, now: Array, wish: Array, weight: float, sums: Array) -
 
 
 @compiled
-def best_angle(sums: Array, theta: float, lower: float, upper: float) -> float:
+def best_angle(sums: FloatArray, theta: float, lower: float, upper: float) -> float:
     """The angle within the limits at which `a cos + b sin` of the turn from `theta` is largest."""
     if sums[0] * sums[0] + sums[1] * sums[1] < 1e-24:
         return theta
@@ -97,7 +88,14 @@ def best_angle(sums: Array, theta: float, lower: float, upper: float) -> float:
 
 @compiled
 def turn_joint(
-    links: Links, wishes: Wishes, theta: Array, j: int, turns: Array, places: Array, axes: Array, sums: Array
+    links: Links,
+    wishes: Wishes,
+    theta: FloatArray,
+    j: int,
+    turns: FloatArray,
+    places: FloatArray,
+    axes: FloatArray,
+    sums: FloatArray,
 ) -> None:
     """Add to `sums` what the goals below hinge `j` say about its angle."""
     now, wish, point = np.empty(3), np.empty(3), np.empty(3)
@@ -122,9 +120,9 @@ def turn_joint(
 
 @compiled
 def cyclic_descent(
-    links: Links, wishes: Wishes, theta: Array, iterations: int, near: float, straight: float, patience: int,
+    links: Links, wishes: Wishes, theta: FloatArray, iterations: int, near: float, straight: float, patience: int,
     seed: int,
-) -> tuple[Array, int]:  # fmt: skip
+) -> tuple[FloatArray, int]:  # fmt: skip
     """Cyclic coordinate descent from the tips to the base; best angles and sweeps.
 
     A straight chain whose target is on its line gives no hinge anything to do: without progress the angles are
@@ -161,7 +159,9 @@ def cyclic_descent(
 
 
 @compiled
-def reach_back(nodes: Nodes, wishes: Wishes, places: Array, points: Array, wanted: Array, counts: Array) -> None:
+def reach_back(
+    nodes: Nodes, wishes: Wishes, places: FloatArray, points: FloatArray, wanted: FloatArray, counts: FloatArray
+) -> None:
     """FABRIK from the tips: (G, 3) where each node should be; where links meet, the middle of what they ask for."""
     wanted[:], counts[:] = 0.0, 0.0
     for e in range(len(wishes.joint)):
@@ -205,10 +205,10 @@ def reach_back(nodes: Nodes, wishes: Wishes, places: Array, points: Array, wante
 
 @compiled
 def wishes_of_node(
-    links: Links, nodes: Nodes, wishes: Wishes, g: int, j: int, wanted: Array, counts: Array, turns: Array,
-    places: Array, axes: Array,
+    links: Links, nodes: Nodes, wishes: Wishes, g: int, j: int, wanted: FloatArray, counts: FloatArray, turns: FloatArray,
+    places: FloatArray, axes: FloatArray,
     later: float,
-    sums: Array,
+    sums: FloatArray,
 ) -> None:  # fmt: skip
     """Add to `sums` what hangs on hinge `j` of node `g` says about its angle.
 
@@ -244,8 +244,8 @@ def wishes_of_node(
 
 @compiled
 def reach_forward(
-    links: Links, nodes: Nodes, wishes: Wishes, theta: Array, wanted: Array, counts: Array, turns: Array,
-    places: Array, axes: Array, later: float,
+    links: Links, nodes: Nodes, wishes: Wishes, theta: FloatArray, wanted: FloatArray, counts: FloatArray, turns: FloatArray,
+    places: FloatArray, axes: FloatArray, later: float,
 ) -> None:  # fmt: skip
     """FABRIK from the base: each node's hinges point its links at where the nodes after it should be, limits kept."""
     sums = np.empty(2)
@@ -267,9 +267,9 @@ def reach_forward(
 
 @compiled
 def fabrik(
-    links: Links, nodes: Nodes, wishes: Wishes, theta: Array, iterations: int, near: float, straight: float,
+    links: Links, nodes: Nodes, wishes: Wishes, theta: FloatArray, iterations: int, near: float, straight: float,
     patience: int, seed: int,
-) -> tuple[Array, int]:  # fmt: skip
+) -> tuple[FloatArray, int]:  # fmt: skip
     """Forward and backward reaching; best angles and iterations.
 
     Points on a line stay on it for ever, so without progress the angles are shaken a little, more each time.

@@ -12,8 +12,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.fitting._chain_kernel import compiled
-from muybridge.geometry.ik.tree import Array, Links, Wishes, errors, forward, turn_error, turned
+from muybridge.arrays import BoolArray, FloatArray
+from muybridge.geometry.ik.tree import Links, Wishes, errors, forward, turn_error, turned
+from muybridge.geometry.numerics._numba import compiled
 
 TRANSPOSE, PSEUDO_INVERSE, DAMPED, NULL_SPACE = range(4)
 
@@ -28,7 +29,9 @@ def rows_of(wishes: Wishes) -> int:
 
 
 @compiled
-def equations(links: Links, wishes: Wishes, theta: Array, longest: float, jacobian: Array, wanted: Array) -> None:
+def equations(
+    links: Links, wishes: Wishes, theta: FloatArray, longest: float, jacobian: FloatArray, wanted: FloatArray
+) -> None:
     """Weighted Jacobian (M, N) and how the effectors should move (M,), no goal by more than `longest` metres."""
     n = len(links.parents)
     turns, places, axes = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
@@ -77,7 +80,7 @@ def equations(links: Links, wishes: Wishes, theta: Array, longest: float, jacobi
 
 
 @compiled
-def inverses(jacobian: Array, damping: float, near: float) -> tuple[Array, Array]:
+def inverses(jacobian: FloatArray, damping: float, near: float) -> tuple[FloatArray, FloatArray]:
     """(N, M) pseudo-inverse of the Jacobian, damped where its smallest singular value falls below `near`, and plain.
 
     lambda^2 = (1 - (s_min / near)^2) damping^2 there, and zero elsewhere; the plain one only drops singular values of
@@ -97,9 +100,9 @@ def inverses(jacobian: Array, damping: float, near: float) -> tuple[Array, Array
 
 @compiled
 def step_of(
-    jacobian: Array, wanted: Array, theta: Array, method: int, damping: float, near: float, preferred: Array,
-    gains: Array, locked: NDArray[np.bool_],
-) -> Array:  # fmt: skip
+    jacobian: FloatArray, wanted: FloatArray, theta: FloatArray, method: int, damping: float, near: float, preferred: FloatArray,
+    gains: FloatArray, locked: BoolArray,
+) -> FloatArray:  # fmt: skip
     """(N,) how the angles should move; those that are locked stay."""
     free = jacobian.copy()
     for j in range(len(locked)):
@@ -125,9 +128,9 @@ def step_of(
 
 @compiled
 def limited_step(
-    links: Links, jacobian: Array, wanted: Array, theta: Array, method: int, damping: float, near: float,
-    preferred: Array, gains: Array, longest: float,
-) -> Array:  # fmt: skip
+    links: Links, jacobian: FloatArray, wanted: FloatArray, theta: FloatArray, method: int, damping: float, near: float,
+    preferred: FloatArray, gains: FloatArray, longest: float,
+) -> FloatArray:  # fmt: skip
     """(N,) new angles within the limits: a joint that would leave them is put there and locked, then solved again."""
     n = len(theta)
     locked, fixed = np.zeros(n, dtype=np.bool_), np.zeros(n)
@@ -162,7 +165,7 @@ def uniform(state: NDArray[np.uint64]) -> float:
 
 
 @compiled
-def perturb(links: Links, theta: Array, size: float, state: NDArray[np.uint64]) -> Array:
+def perturb(links: Links, theta: FloatArray, size: float, state: NDArray[np.uint64]) -> FloatArray:
     """Another start near by, within the limits. `state` (1,) is that of a linear congruential generator (Knuth)."""
     out = theta.copy()
     for j in range(len(theta)):
@@ -172,16 +175,16 @@ def perturb(links: Links, theta: Array, size: float, state: NDArray[np.uint64]) 
 
 
 @compiled
-def good_enough(place: Array, turn: Array, near: float, straight: float) -> bool:
+def good_enough(place: FloatArray, turn: FloatArray, near: float, straight: float) -> bool:
     """Whether all goals are within `near` metres and `straight` radians."""
     return bool(np.max(place) <= near and np.max(turn) <= straight)
 
 
 @compiled
 def follow_jacobian(
-    links: Links, wishes: Wishes, theta: Array, method: int, iterations: int, near: float, straight: float,
-    damping: float, singular: float, longest: float, preferred: Array, gains: Array, patience: int, seed: int,
-) -> tuple[Array, int]:  # fmt: skip
+    links: Links, wishes: Wishes, theta: FloatArray, method: int, iterations: int, near: float, straight: float,
+    damping: float, singular: float, longest: float, preferred: FloatArray, gains: FloatArray, patience: int, seed: int,
+) -> tuple[FloatArray, int]:  # fmt: skip
     """Steps until the goals are met; another start after `patience` steps without progress. Best angles and steps."""
     state = np.array([seed], dtype=np.uint64)
     uniform(state)

@@ -9,12 +9,13 @@ articulated figures", ACM Transactions on Graphics 13, 1994.
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, minimize
 
-from muybridge.geometry.fitting._chain_kernel import compiled
-from muybridge.geometry.ik.tree import Array, KinematicTree, Links, Wishes, forward, turned
+from muybridge.arrays import FloatArray
+from muybridge.geometry.ik.tree import KinematicTree, Links, Wishes, forward, turned
+from muybridge.geometry.numerics._numba import compiled
 
 
 @compiled
-def goal_function(links: Links, wishes: Wishes, theta: Array, gradient: Array) -> float:
+def goal_function(links: Links, wishes: Wishes, theta: FloatArray, gradient: FloatArray) -> float:
     """Half the sum of squares; fills its gradient (N,)."""
     n = len(theta)
     turns, places, axes = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
@@ -53,9 +54,9 @@ def goal_function(links: Links, wishes: Wishes, theta: Array, gradient: Array) -
 
 
 def solve_programme(
-    tree: KinematicTree, wishes: Wishes, theta: Array, iterations: int, tolerance: float,
+    tree: KinematicTree, wishes: Wishes, theta: FloatArray, iterations: int, tolerance: float,
     constraint: LinearConstraint | None = None,
-) -> tuple[Array, int]:  # fmt: skip
+) -> tuple[FloatArray, int]:  # fmt: skip
     """Angles and iterations.
 
     Bounds alone go to L-BFGS-B, linear constraints to SLSQP: both are the quasi-Newton methods with an active set that
@@ -63,7 +64,7 @@ def solve_programme(
     """
     gradient = np.empty(len(tree))
 
-    def value(x: Array) -> tuple[float, Array]:
+    def value(x: FloatArray) -> tuple[float, FloatArray]:
         return float(goal_function(tree.links, wishes, np.ascontiguousarray(x), gradient)), gradient.copy()
 
     bounds = Bounds(tree.lower, tree.upper)

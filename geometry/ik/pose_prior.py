@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from muybridge.geometry.fitting._chain_kernel import compiled
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.ik.jacobian import equations, good_enough, rows_of
-from muybridge.geometry.ik.tree import Array, KinematicTree, Links, Wishes, errors
+from muybridge.geometry.ik.tree import KinematicTree, Links, Wishes, errors
+from muybridge.geometry.numerics._numba import compiled
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +33,11 @@ class PosePrior:
     """
 
     names: tuple[str, ...]
-    means: Array
-    precisions: Array
-    log_scale: Array
+    means: FloatArray
+    precisions: FloatArray
+    log_scale: FloatArray
 
-    def log_density(self, theta: Array) -> Array:
+    def log_density(self, theta: FloatArray) -> FloatArray:
         """(T, N) radians -> (T,)."""
         off = theta[:, None] - self.means
         return np.asarray(
@@ -71,7 +71,7 @@ class PosePrior:
 
 
 def fit_prior(
-    names: tuple[str, ...], theta: Array, components: int = 12, floor: float = 0.05, seed: int = 0
+    names: tuple[str, ...], theta: FloatArray, components: int = 12, floor: float = 0.05, seed: int = 0
 ) -> PosePrior:
     """A prior from examples, by expectation maximisation from k-means.
 
@@ -126,8 +126,14 @@ def load_prior(path: Path | None = None) -> PosePrior:
 
 @compiled
 def likely_step(
-    jacobian: Array, wanted: Array, theta: Array, mean: Array, precision: Array, sigma: float, links: Links
-) -> Array:
+    jacobian: FloatArray,
+    wanted: FloatArray,
+    theta: FloatArray,
+    mean: FloatArray,
+    precision: FloatArray,
+    sigma: float,
+    links: Links,
+) -> FloatArray:
     """(N,) new angles: one Gauss-Newton step on goals and prior; what presses against a limit is held."""
     n = len(theta)
     matrix = jacobian.T @ jacobian / sigma**2 + precision
@@ -160,9 +166,9 @@ def likely_step(
 
 @compiled
 def descend(
-    links: Links, wishes: Wishes, theta: Array, mean: Array, precision: Array, iterations: int, near: float,
+    links: Links, wishes: Wishes, theta: FloatArray, mean: FloatArray, precision: FloatArray, iterations: int, near: float,
     straight: float, first_sigma: float,
-) -> tuple[Array, int, float]:  # fmt: skip
+) -> tuple[FloatArray, int, float]:  # fmt: skip
     """From one start with one component: angles, steps and the cost, goals at their last standard deviation."""
     e_count, m = len(wishes.joint), rows_of(wishes)
     jacobian, wanted = np.zeros((m, len(theta))), np.zeros(m)
@@ -182,13 +188,19 @@ def descend(
 
 
 def solve_by_examples(
-    tree: KinematicTree, wishes: Wishes, theta: Array, prior: PosePrior, iterations: int, near: float, straight: float
-) -> tuple[Array, int]:
+    tree: KinematicTree,
+    wishes: Wishes,
+    theta: FloatArray,
+    prior: PosePrior,
+    iterations: int,
+    near: float,
+    straight: float,
+) -> tuple[FloatArray, int]:
     """Angles and steps. Every component of the mixture is tried from its mean; the likeliest pose that meets the goals
     is taken, or the nearest to it."""
     prior = prior if prior.names == tree.names else prior.for_tree(tree)
     best, least, total = theta, np.inf, 0
-    order: NDArray[np.intp] = np.argsort(-prior.log_scale)
+    order: IndexArray = np.argsort(-prior.log_scale)
     for k in order:
         start = tree.clipped(prior.means[k])
         found, count, cost = descend(

@@ -4,16 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import LinearConstraint
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.ik.ccd_fabrik import cyclic_descent, fabrik, make_nodes
-from muybridge.geometry.ik.pose_prior import PosePrior, solve_by_examples
 from muybridge.geometry.ik.jacobian import DAMPED, NULL_SPACE, PSEUDO_INVERSE, TRANSPOSE, follow_jacobian
 from muybridge.geometry.ik.nonlinear import solve_programme
+from muybridge.geometry.ik.pose_prior import PosePrior, solve_by_examples
 from muybridge.geometry.ik.tree import Goal, KinematicTree, errors, make_wishes
-
-Array = NDArray[np.float64]
 
 _JACOBIAN = {"transpose": TRANSPOSE, "pseudo_inverse": PSEUDO_INVERSE, "damped": DAMPED, "null_space": NULL_SPACE}
 METHODS = (*_JACOBIAN, "ccd", "fabrik", "programme", "examples")
@@ -42,7 +40,7 @@ class IkOptions:
     singular: float = 0.1
     step: float = 0.4
     gain: float = 0.05
-    gains: Array | None = None
+    gains: FloatArray | None = None
     patience: int = 8
     seed: int = 1
     restarts: int = 5
@@ -60,15 +58,15 @@ class IkResult:
         success: whether every error is within its tolerance.
     """
 
-    theta: Array
-    position_error: Array
-    orientation_error: Array
+    theta: FloatArray
+    position_error: FloatArray
+    orientation_error: FloatArray
     iterations: int
     success: bool
 
 
 def solve_ik(
-    tree: KinematicTree, goals: Sequence[Goal], start: Array | None = None, method: str = "damped",
+    tree: KinematicTree, goals: Sequence[Goal], start: FloatArray | None = None, method: str = "damped",
     options: IkOptions | None = None, constraint: LinearConstraint | None = None, prior: PosePrior | None = None,
 ) -> IkResult:  # fmt: skip
     """Angles that bring the effectors where they should be.
@@ -121,7 +119,7 @@ def solve_ik(
     return _judged(tree, goals, theta, count, options)
 
 
-def _judged(tree: KinematicTree, goals: Sequence[Goal], theta: Array, count: int, options: IkOptions) -> IkResult:
+def _judged(tree: KinematicTree, goals: Sequence[Goal], theta: FloatArray, count: int, options: IkOptions) -> IkResult:
     place, turn = np.zeros(len(goals)), np.zeros(len(goals))
     errors(tree.links, make_wishes(tree, goals), theta, place, turn)
     good = place.max() <= options.position_tolerance and turn.max() <= options.orientation_tolerance
@@ -129,8 +127,12 @@ def _judged(tree: KinematicTree, goals: Sequence[Goal], theta: Array, count: int
 
 
 def _programme(
-    tree: KinematicTree, goals: Sequence[Goal], theta: Array, options: IkOptions, constraint: LinearConstraint | None
-) -> tuple[Array, int]:
+    tree: KinematicTree,
+    goals: Sequence[Goal],
+    theta: FloatArray,
+    options: IkOptions,
+    constraint: LinearConstraint | None,
+) -> tuple[FloatArray, int]:
     """Local minima are what a quasi-Newton method ends in: from several starts, the best."""
     rng = np.random.default_rng(options.seed)
     wishes = make_wishes(tree, goals)

@@ -13,37 +13,35 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from muybridge.geometry.fitting._chain_kernel import compiled, exp_one
+from muybridge.arrays import FloatArray, IndexArray, IntArray
+from muybridge.geometry.fitting._chain_kernel import exp_one
+from muybridge.geometry.numerics._numba import compiled
 from muybridge.geometry.skeleton.skeleton import Skeleton
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 class Links(NamedTuple):
     """A tree as the kernels want it."""
 
     parents: IntArray  # (N,)
-    offsets: Array  # (N, 3) from the parent's place, in the axes after the parent's turn
-    axes: Array  # (N, 3) unit, in the same axes
-    lower: Array  # (N,)
-    upper: Array  # (N,)
+    offsets: FloatArray  # (N, 3) from the parent's place, in the axes after the parent's turn
+    axes: FloatArray  # (N, 3) unit, in the same axes
+    lower: FloatArray  # (N,)
+    upper: FloatArray  # (N,)
 
 
 class Wishes(NamedTuple):
     """Goals as the kernels want them: places, and pairs of a local axis and the direction it should have."""
 
     joint: IntArray  # (E,)
-    offset: Array  # (E, 3)
-    place: Array  # (E, 3)
-    place_weight: Array  # (E,) 0: no place is asked for
-    local: Array  # (E, 3, 3) rows are axes in the effector's own axes
-    world: Array  # (E, 3, 3) rows are the directions they should have
+    offset: FloatArray  # (E, 3)
+    place: FloatArray  # (E, 3)
+    place_weight: FloatArray  # (E,) 0: no place is asked for
+    local: FloatArray  # (E, 3, 3) rows are axes in the effector's own axes
+    world: FloatArray  # (E, 3, 3) rows are the directions they should have
     pairs: IntArray  # (E,) how many rows count: 0, 1 (a direction) or 3 (an orientation)
-    turn_weight: Array  # (E,) metres a radian
+    turn_weight: FloatArray  # (E,) metres a radian
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +59,11 @@ class KinematicTree:
 
     names: tuple[str, ...]
     parents: tuple[int, ...]
-    offsets: Array
-    axes: Array
-    lower: Array
-    upper: Array
-    preferred: Array
+    offsets: FloatArray
+    axes: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    preferred: FloatArray
 
     def __post_init__(self) -> None:
         n = len(self.names)
@@ -93,18 +91,18 @@ class KinematicTree:
             np.array(self.upper, dtype=np.float64),
         )
 
-    def clipped(self, theta: Array) -> Array:
+    def clipped(self, theta: FloatArray) -> FloatArray:
         """(N,) within the limits."""
         return np.clip(np.asarray(theta, dtype=np.float64), self.lower, self.upper)
 
-    def forward(self, theta: Array) -> tuple[Array, Array]:
+    def forward(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(N, 3, 3) base from joint, after its turn, and (N, 3) places."""
         n = len(self)
         turns, places, axes = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
         forward(self.links, np.asarray(theta, dtype=np.float64), turns, places, axes)
         return turns, places
 
-    def reach(self, joint: int, offset: Array) -> float:
+    def reach(self, joint: int, offset: FloatArray) -> float:
         """Longest way from the base's end to a point on a joint: the sum of the links."""
         total = float(np.linalg.norm(offset))
         while joint >= 0:
@@ -113,7 +111,7 @@ class KinematicTree:
             joint = self.parents[joint]
         return total
 
-    def jacobian(self, theta: Array, goals: Sequence[Goal]) -> Array:
+    def jacobian(self, theta: FloatArray, goals: Sequence[Goal]) -> FloatArray:
         """(6 E, N) unweighted: place and turn of each effector by each angle."""
         wishes = make_wishes(self, goals)
         n = len(self)
@@ -145,10 +143,10 @@ class Goal:
     """
 
     joint: int
-    offset: Array
-    position: Array | None = None
-    orientation: Array | None = None
-    direction: tuple[Array, Array] | None = None
+    offset: FloatArray
+    position: FloatArray | None = None
+    orientation: FloatArray | None = None
+    direction: tuple[FloatArray, FloatArray] | None = None
     position_weight: float = 1.0
     orientation_weight: float = 0.2
 
@@ -184,7 +182,9 @@ def make_wishes(tree: KinematicTree, goals: Sequence[Goal]) -> Wishes:
     return out
 
 
-def chain_of_balls(lengths: Sequence[float], limit: float = np.inf, direction: Array | None = None) -> KinematicTree:
+def chain_of_balls(
+    lengths: Sequence[float], limit: float = np.inf, direction: FloatArray | None = None
+) -> KinematicTree:
     """A chain of ball joints; at rest it lies along `direction` (z). The last joint carries the last link."""
     along = np.array([0.0, 0, 1]) if direction is None else np.asarray(direction, dtype=np.float64)
     n = 3 * len(lengths)
@@ -197,7 +197,7 @@ def chain_of_balls(lengths: Sequence[float], limit: float = np.inf, direction: A
     )  # fmt: skip
 
 
-def tree_of_skeleton(skeleton: Skeleton, preferred: Array | None = None) -> tuple[KinematicTree, NDArray[np.intp]]:
+def tree_of_skeleton(skeleton: Skeleton, preferred: FloatArray | None = None) -> tuple[KinematicTree, IndexArray]:
     """A skeleton's open angles as hinges, its root fixed: swing axes first, then the twist.
 
     Args:
@@ -210,7 +210,7 @@ def tree_of_skeleton(skeleton: Skeleton, preferred: Array | None = None) -> tupl
     """
     names: list[str] = []
     parents: list[int] = []
-    rows: list[tuple[Array, Array, float, float, float]] = []
+    rows: list[tuple[FloatArray, FloatArray, float, float, float]] = []
     last = np.full(len(skeleton), -1, dtype=np.intp)
     carried = np.zeros((len(skeleton), 3))  # of joints without hinges, in the axes of their last hinge
     for j in range(1, len(skeleton)):
@@ -231,7 +231,7 @@ def tree_of_skeleton(skeleton: Skeleton, preferred: Array | None = None) -> tupl
     return KinematicTree(tuple(names), tuple(parents), offsets, axes, lower, upper, wished), last
 
 
-def theta_of_rotations(tree: KinematicTree, skeleton: Skeleton, rotations: Array) -> Array:
+def theta_of_rotations(tree: KinematicTree, skeleton: Skeleton, rotations: FloatArray) -> FloatArray:
     """(T, J, 3, 3) parent from joint of the skeleton -> (T, N) angles of its tree, within the limits."""
     out = np.zeros((len(rotations), len(tree)))
     for j in range(1, len(skeleton)):
@@ -245,7 +245,9 @@ def theta_of_rotations(tree: KinematicTree, skeleton: Skeleton, rotations: Array
 
 
 @compiled
-def forward_joint(links: Links, theta: Array, j: int, little: Array, turns: Array, places: Array, axes: Array) -> None:
+def forward_joint(
+    links: Links, theta: FloatArray, j: int, little: FloatArray, turns: FloatArray, places: FloatArray, axes: FloatArray
+) -> None:
     """Joint `j` from its parent; `little` (3, 3) is scratch."""
     up, a, o = links.parents[j], links.axes[j], links.offsets[j]
     exp_one(a[0] * theta[j], a[1] * theta[j], a[2] * theta[j], little)
@@ -264,13 +266,15 @@ def forward_joint(links: Links, theta: Array, j: int, little: Array, turns: Arra
 
 
 @compiled
-def forward(links: Links, theta: Array, turns: Array, places: Array, axes: Array) -> None:
+def forward(links: Links, theta: FloatArray, turns: FloatArray, places: FloatArray, axes: FloatArray) -> None:
     """Base from joint (N, 3, 3), places (N, 3) and the joints' axes (N, 3), all in the base's axes."""
     forward_from(links, theta, 0, turns, places, axes)
 
 
 @compiled
-def forward_from(links: Links, theta: Array, start: int, turns: Array, places: Array, axes: Array) -> None:
+def forward_from(
+    links: Links, theta: FloatArray, start: int, turns: FloatArray, places: FloatArray, axes: FloatArray
+) -> None:
     """`forward` where only angles from joint `start` on have changed."""
     little = np.empty((3, 3))
     for j in range(start, len(links.parents)):
@@ -278,14 +282,14 @@ def forward_from(links: Links, theta: Array, start: int, turns: Array, places: A
 
 
 @compiled
-def turned(r: Array, v: Array, out: Array) -> None:
+def turned(r: FloatArray, v: FloatArray, out: FloatArray) -> None:
     """`r v`."""
     for i in range(3):
         out[i] = r[i, 0] * v[0] + r[i, 1] * v[1] + r[i, 2] * v[2]
 
 
 @compiled
-def turn_error(r: Array, local: Array, world: Array, pairs: int, out: Array) -> float:
+def turn_error(r: FloatArray, local: FloatArray, world: FloatArray, pairs: int, out: FloatArray) -> float:
     """(3,) rotation vector that brings the effector's axes where they should be, in the base's axes; its length."""
     v = np.empty(3)
     out[:] = 0.0
@@ -323,7 +327,7 @@ def turn_error(r: Array, local: Array, world: Array, pairs: int, out: Array) -> 
 
 
 @compiled
-def errors(links: Links, wishes: Wishes, theta: Array, place: Array, turn: Array) -> float:
+def errors(links: Links, wishes: Wishes, theta: FloatArray, place: FloatArray, turn: FloatArray) -> float:
     """Fills (E,) metres and (E,) radians of how far the goals are off (0 where not asked for); the weighted sum of
     squares."""
     n = len(links.parents)

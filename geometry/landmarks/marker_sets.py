@@ -1,13 +1,78 @@
 """Marker sets by name: what laboratories put where."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE, MarkerSet
+from muybridge.arrays import BoolArray, FloatArray
+from muybridge.geometry.landmarks.sets import LandmarkSet, both
 
+# Landmarks of the skin, defined on the body model's mesh by `train.markers`; each once, whatever sets use it.
+SURFACE = LandmarkSet(
+    name="surface",
+    names=(
+        "crown", "left_front_head", "right_front_head", "left_back_head", "right_back_head", "c7", "t10",
+        "sternal_notch", "xiphoid", "left_scapula", "right_scapula", "left_asis", "right_asis", "left_psis",
+        "right_psis", "sacrum", "left_iliac_crest", "right_iliac_crest", "left_trochanter", "right_trochanter",
+        "left_acromion", "right_acromion", "left_upper_arm_proximal", "right_upper_arm_proximal",
+        "left_upper_arm_distal", "right_upper_arm_distal", "left_elbow_lateral", "right_elbow_lateral",
+        "left_elbow_medial", "right_elbow_medial", "left_forearm_proximal", "right_forearm_proximal",
+        "left_forearm_distal", "right_forearm_distal", "left_radial_styloid", "right_radial_styloid",
+        "left_ulnar_styloid", "right_ulnar_styloid", "left_metacarpal_2", "right_metacarpal_2", "left_metacarpal_5",
+        "right_metacarpal_5", "left_thigh_proximal", "right_thigh_proximal", "left_thigh_distal",
+        "right_thigh_distal", "left_knee_lateral", "right_knee_lateral", "left_knee_medial", "right_knee_medial",
+        "left_patella", "right_patella", "left_tibial_tuberosity", "right_tibial_tuberosity", "left_shank_proximal",
+        "right_shank_proximal", "left_shank_distal", "right_shank_distal", "left_malleolus_lateral",
+        "right_malleolus_lateral", "left_malleolus_medial", "right_malleolus_medial", "left_heel", "right_heel",
+        "left_metatarsal_1", "right_metatarsal_1", "left_toe", "right_toe", "left_metatarsal_5",
+        "right_metatarsal_5", "left_hallux", "right_hallux",
+    ),
+    edges=(
+        ("c7", "t10"), ("sternal_notch", "xiphoid"), ("left_asis", "right_asis"), ("left_psis", "right_psis"),
+        ("left_front_head", "right_front_head"), ("left_back_head", "right_back_head"),
+        *both("front_head", "back_head"), *both("acromion", "upper_arm_proximal"),
+        *both("upper_arm_proximal", "upper_arm_distal"), *both("upper_arm_distal", "elbow_lateral"),
+        *both("elbow_lateral", "elbow_medial"), *both("elbow_lateral", "forearm_proximal"),
+        *both("forearm_proximal", "forearm_distal"), *both("forearm_distal", "radial_styloid"),
+        *both("radial_styloid", "ulnar_styloid"), *both("radial_styloid", "metacarpal_2"),
+        *both("ulnar_styloid", "metacarpal_5"), *both("metacarpal_2", "metacarpal_5"),
+        *both("asis", "iliac_crest"), *both("iliac_crest", "psis"), *both("trochanter", "thigh_proximal"),
+        *both("thigh_proximal", "thigh_distal"), *both("thigh_distal", "knee_lateral"),
+        *both("knee_lateral", "patella"), *both("patella", "knee_medial"), *both("patella", "tibial_tuberosity"),
+        *both("knee_lateral", "shank_proximal"), *both("shank_proximal", "shank_distal"),
+        *both("shank_distal", "malleolus_lateral"), *both("knee_medial", "malleolus_medial"),
+        *both("malleolus_lateral", "heel"), *both("malleolus_medial", "heel"), *both("toe", "hallux"),
+        *both("metatarsal_1", "toe"), *both("toe", "metatarsal_5"), *both("heel", "metatarsal_1"),
+        *both("heel", "metatarsal_5"),
+    ),
+)  # fmt: skip
+MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
 JITTER_MM = 15.0
+_MEDIAL = {"LKNM": "left_knee_medial", "RKNM": "right_knee_medial", "LANM": "left_malleolus_medial",
+           "RANM": "right_malleolus_medial"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class MarkerSet(LandmarkSet):
+    """A laboratory's marker set: `names` are those of `SURFACE`, `labels` what the laboratory writes (``LASI``).
+
+    Left and right markers of a limb may stand at unequal heights on purpose; twins are told by their labels.
+    """
+
+    labels: tuple[str, ...]
+
+    @property
+    def mirror(self) -> tuple[int, ...]:
+        """For each marker the index of its left/right twin by label (itself where there is none)."""
+        swap = {"L": "R", "R": "L"}
+        twins = [swap.get(label[0], label[0]) + label[1:] for label in self.labels]
+        return tuple(self.labels.index(t) if t in self.labels else i for i, t in enumerate(twins))
+
+    @property
+    def surface_indices(self) -> tuple[int, ...]:
+        """Position of each marker in `SURFACE`: ``points[:, PLUG_IN_GAIT.surface_indices]`` are the set's."""
+        return tuple(SURFACE.index(n) for n in self.names)
 
 
 @dataclass(frozen=True)
@@ -22,9 +87,15 @@ class MarkerPlan:
     """
 
     markers: MarkerSet
-    jitter_m: NDArray[np.float64]
-    optional: NDArray[np.bool_]
+    jitter_m: FloatArray
+    optional: BoolArray
     twins: tuple[int, ...]
+
+
+def _set(name: str, by_label: dict[str, str]) -> MarkerSet:
+    chosen = set(by_label.values())
+    edges = tuple((a, b) for a, b in SURFACE.edges if a in chosen and b in chosen)
+    return MarkerSet(name, tuple(by_label.values()), edges, tuple(by_label))
 
 
 def _subset(markers: MarkerSet, name: str, without: tuple[str, ...] = (), only: tuple[str, ...] = ()) -> MarkerSet:
@@ -39,20 +110,6 @@ def _more(markers: MarkerSet, name: str, more: dict[str, str]) -> MarkerSet:
     names = (*markers.names, *more.values())
     edges = tuple(e for e in SURFACE.edges if e[0] in names and e[1] in names)
     return MarkerSet(name, names, edges, (*markers.labels, *more))
-
-
-_LEGS = _subset(PLUG_IN_GAIT, "lower16", only=("ASI", "PSI", "THI", "KNE", "TIB", "ANK", "HEE", "TOE"))
-_MEDIAL = {"LKNM": "left_knee_medial", "RKNM": "right_knee_medial", "LANM": "left_malleolus_medial",
-           "RANM": "right_malleolus_medial"}  # fmt: skip
-SETS: dict[str, MarkerSet] = {
-    "pig39": PLUG_IN_GAIT,
-    "pig37": _subset(PLUG_IN_GAIT, "pig37", without=("FIN",)),
-    "pig35": _subset(PLUG_IN_GAIT, "pig35", without=("UPA", "FRM")),
-    "pig43": _more(PLUG_IN_GAIT, "pig43", _MEDIAL),
-    "cmu41": CMU,
-    "lower16": _LEGS,
-    "lower22": _more(_LEGS, "lower22", _MEDIAL | {"LMT5": "left_metatarsal_5", "RMT5": "right_metatarsal_5"}),
-}
 
 
 def plan_of(markers: MarkerSet) -> MarkerPlan:
@@ -70,3 +127,56 @@ def twins_of(markers: MarkerSet) -> tuple[int, ...]:
         other = SURFACE.names[SURFACE.mirror[SURFACE.index(name)]]
         twins.append(names.index(other) if other in names and other != name else by_label[i])
     return tuple(twins)
+
+
+# Vicon's Plug-in Gait, whole body, 39 markers.
+PLUG_IN_GAIT = _set(
+    "plug_in_gait",
+    {
+        "LFHD": "left_front_head", "RFHD": "right_front_head", "LBHD": "left_back_head", "RBHD": "right_back_head",
+        "C7": "c7", "T10": "t10", "CLAV": "sternal_notch", "STRN": "xiphoid", "RBAK": "right_scapula",
+        "LSHO": "left_acromion", "LUPA": "left_upper_arm_proximal", "LELB": "left_elbow_lateral",
+        "LFRM": "left_forearm_distal", "LWRA": "left_radial_styloid", "LWRB": "left_ulnar_styloid",
+        "LFIN": "left_metacarpal_2", "RSHO": "right_acromion", "RUPA": "right_upper_arm_distal",
+        "RELB": "right_elbow_lateral", "RFRM": "right_forearm_proximal", "RWRA": "right_radial_styloid",
+        "RWRB": "right_ulnar_styloid", "RFIN": "right_metacarpal_2", "LASI": "left_asis", "RASI": "right_asis",
+        "LPSI": "left_psis", "RPSI": "right_psis", "LTHI": "left_thigh_distal", "LKNE": "left_knee_lateral",
+        "LTIB": "left_shank_distal", "LANK": "left_malleolus_lateral", "LHEE": "left_heel", "LTOE": "left_toe",
+        "RTHI": "right_thigh_proximal", "RKNE": "right_knee_lateral", "RTIB": "right_shank_proximal",
+        "RANK": "right_malleolus_lateral", "RHEE": "right_heel", "RTOE": "right_toe",
+    },
+)  # fmt: skip
+
+
+# The 41 markers of the Carnegie Mellon motion capture database.
+CMU = _set(
+    "cmu",
+    {
+        "LFHD": "left_front_head", "RFHD": "right_front_head", "LBHD": "left_back_head", "RBHD": "right_back_head",
+        "C7": "c7", "T10": "t10", "CLAV": "sternal_notch", "STRN": "xiphoid", "RBAC": "right_scapula",
+        "LSHO": "left_acromion", "LUPA": "left_upper_arm_proximal", "LELB": "left_elbow_lateral",
+        "LFRM": "left_forearm_distal", "LWRA": "left_radial_styloid", "LWRB": "left_ulnar_styloid",
+        "LFIN": "left_metacarpal_2", "RSHO": "right_acromion", "RUPA": "right_upper_arm_distal",
+        "RELB": "right_elbow_lateral", "RFRM": "right_forearm_proximal", "RWRA": "right_radial_styloid",
+        "RWRB": "right_ulnar_styloid", "RFIN": "right_metacarpal_2", "LFWT": "left_asis", "RFWT": "right_asis",
+        "LBWT": "left_psis", "RBWT": "right_psis", "LTHI": "left_thigh_distal", "LKNE": "left_knee_lateral",
+        "LSHN": "left_shank_distal", "LANK": "left_malleolus_lateral", "LHEE": "left_heel", "LTOE": "left_toe",
+        "LMT5": "left_metatarsal_5", "RTHI": "right_thigh_proximal", "RKNE": "right_knee_lateral",
+        "RSHN": "right_shank_proximal", "RANK": "right_malleolus_lateral", "RHEE": "right_heel", "RTOE": "right_toe",
+        "RMT5": "right_metatarsal_5",
+    },
+)  # fmt: skip
+
+
+_LEGS = _subset(PLUG_IN_GAIT, "lower16", only=("ASI", "PSI", "THI", "KNE", "TIB", "ANK", "HEE", "TOE"))
+
+
+SETS: dict[str, MarkerSet] = {
+    "pig39": PLUG_IN_GAIT,
+    "pig37": _subset(PLUG_IN_GAIT, "pig37", without=("FIN",)),
+    "pig35": _subset(PLUG_IN_GAIT, "pig35", without=("UPA", "FRM")),
+    "pig43": _more(PLUG_IN_GAIT, "pig43", _MEDIAL),
+    "cmu41": CMU,
+    "lower16": _LEGS,
+    "lower22": _more(_LEGS, "lower22", _MEDIAL | {"LMT5": "left_metatarsal_5", "RMT5": "right_metatarsal_5"}),
+}

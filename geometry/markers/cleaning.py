@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from muybridge.arrays import BoolArray, ByteArray, FloatArray, IndexArray
 
 
 class Sample(IntEnum):
@@ -62,14 +61,14 @@ class Cleaned:
         error_m: (T, M) what the way of filling missed by in the frames beside the gap, NaN elsewhere.
     """
 
-    points: Float
-    sample: NDArray[np.uint8]
-    spikes: NDArray[np.bool_]
-    error_m: Float
+    points: FloatArray
+    sample: ByteArray
+    spikes: BoolArray
+    error_m: FloatArray
 
 
-def clean_markers(points: Float, fps: float, options: CleanOptions = CleanOptions(),
-                  settled: NDArray[np.bool_] | None = None) -> Cleaned:  # fmt: skip
+def clean_markers(points: FloatArray, fps: float, options: CleanOptions = CleanOptions(),
+                  settled: BoolArray | None = None) -> Cleaned:  # fmt: skip
     """Spikes out, gaps filled.
 
     Args:
@@ -92,7 +91,7 @@ def clean_markers(points: Float, fps: float, options: CleanOptions = CleanOption
     return Cleaned(filled, sample, spikes, error)
 
 
-def find_spikes(points: Float, partners: NDArray[np.intp], options: CleanOptions = CleanOptions()) -> NDArray[np.bool_]:
+def find_spikes(points: FloatArray, partners: IndexArray, options: CleanOptions = CleanOptions()) -> BoolArray:
     """(T, M) samples that are off for a frame or two: from the line through those around them, as the marker's own
     motion nearby is not, and from where the rigid body of its partners has it, so that an impact is no spike."""
     out = np.zeros(points.shape[:2], bool)
@@ -116,7 +115,7 @@ def find_spikes(points: Float, partners: NDArray[np.intp], options: CleanOptions
     return out
 
 
-def _outdone(points: Float, spikes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _outdone(points: FloatArray, spikes: BoolArray) -> BoolArray:
     """Spikes beside a worse one."""
     off = np.full(points.shape[:2], np.nan)
     off[1:-1] = np.linalg.norm(points[1:-1] - (points[:-2] + points[2:]) / 2, axis=-1)
@@ -127,18 +126,18 @@ def _outdone(points: Float, spikes: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return spikes & (nearby > 1.5 * off)
 
 
-def _median(values: Float) -> Float:
+def _median(values: FloatArray) -> FloatArray:
     filled = np.where(np.isfinite(values).any(0), values, 0.0)
     return np.asarray(np.nanmedian(filled, 0) + 1e-4)
 
 
-def gaps_of(known: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def gaps_of(known: BoolArray) -> list[tuple[int, int]]:
     """Spans [first, last) of a (T,) marker's missing frames."""
     edges = np.diff(np.concatenate([[True], known, [True]]).astype(int))
     return list(zip(np.nonzero(edges == -1)[0].tolist(), np.nonzero(edges == 1)[0].tolist(), strict=True))
 
 
-def _partners(points: Float) -> NDArray[np.intp]:
+def _partners(points: FloatArray) -> IndexArray:
     """(M, M - 1) the other markers, those first whose distance varies least over the recording."""
     some = points[:: max(1, len(points) // 400)]
     count = points.shape[1]
@@ -153,8 +152,8 @@ def _partners(points: Float) -> NDArray[np.intp]:
     return np.argsort(spread, 1, kind="stable")[:, : count - 1]
 
 
-def _fill_marker(marker: int, known: Float, partners: NDArray[np.intp], fps: float, options: CleanOptions,
-                 filled: Float, sample: NDArray[np.uint8], error: Float) -> None:  # fmt: skip
+def _fill_marker(marker: int, known: FloatArray, partners: IndexArray, fps: float, options: CleanOptions,
+                 filled: FloatArray, sample: ByteArray, error: FloatArray) -> None:  # fmt: skip
     there = np.isfinite(known[:, marker, 0])
     if there.all() or there.sum() < 4:
         return
@@ -178,8 +177,8 @@ def _fill_marker(marker: int, known: Float, partners: NDArray[np.intp], fps: flo
             error[a:b, marker] = fitting[best]
 
 
-def _sure_curve(marker: int, a: int, b: int, known: Float, options: CleanOptions, filled: Float,
-                sample: NDArray[np.uint8], error: Float) -> bool:  # fmt: skip
+def _sure_curve(marker: int, a: int, b: int, known: FloatArray, options: CleanOptions, filled: FloatArray,
+                sample: ByteArray, error: FloatArray) -> bool:  # fmt: skip
     """Fills a gap by a curve, if that is as good as can be in the frames beside it."""
     curve = fill_curve(known[:, marker], a, b)
     if curve is None:
@@ -191,10 +190,10 @@ def _sure_curve(marker: int, a: int, b: int, known: Float, options: CleanOptions
     return True
 
 
-def _ways(marker: int, a: int, b: int, known: Float, partners: NDArray[np.intp],
-          options: CleanOptions) -> dict[Sample, tuple[Float, NDArray[np.intp]]]:  # fmt: skip
+def _ways(marker: int, a: int, b: int, known: FloatArray, partners: IndexArray,
+          options: CleanOptions) -> dict[Sample, tuple[FloatArray, IndexArray]]:  # fmt: skip
     """Each way that can fill the gap, with what it fills it with and the partners that it goes by."""
-    out: dict[Sample, tuple[Float, NDArray[np.intp]]] = {}
+    out: dict[Sample, tuple[FloatArray, IndexArray]] = {}
     none = np.zeros(0, np.intp)
     if b - a <= options.curve_frames:
         curve = fill_curve(known[:, marker], a, b)
@@ -211,7 +210,7 @@ def _ways(marker: int, a: int, b: int, known: Float, partners: NDArray[np.intp],
     return out
 
 
-def _trial(way: Sample, marker: int, a: int, b: int, known: Float, body: NDArray[np.intp],
+def _trial(way: Sample, marker: int, a: int, b: int, known: FloatArray, body: IndexArray,
            options: CleanOptions) -> float:  # fmt: skip
     """Median distance by which a way misses gaps as long as this one, put beside it (shorter ones, where there is no
     room); infinite where none fits."""
@@ -233,13 +232,13 @@ def _trial(way: Sample, marker: int, a: int, b: int, known: Float, body: NDArray
     return float("inf")
 
 
-def _fill(way: Sample, path: Float, body: Float, a: int, b: int) -> Float | None:
+def _fill(way: Sample, path: FloatArray, body: FloatArray, a: int, b: int) -> FloatArray | None:
     if way == Sample.CURVE:
         return fill_curve(path, a, b)
     return fill_rigid(path, body, a, b) if way == Sample.RIGID else fill_pattern(path, body, a, b)
 
 
-def fill_curve(path: Float, a: int, b: int, support: int = 4) -> Float | None:
+def fill_curve(path: FloatArray, a: int, b: int, support: int = 4) -> FloatArray | None:
     """(b - a, 3) a cubic curve over the gap, by place and velocity at its ends; None at the ends of a recording."""
     before, after = path[max(a - support, 0) : a], path[b : b + support]
     if len(before) < 2 or len(after) < 2 or not (np.isfinite(before[-2:]).all() and np.isfinite(after[:2]).all()):
@@ -253,7 +252,7 @@ def fill_curve(path: Float, a: int, b: int, support: int = 4) -> Float | None:
     )  # fmt: skip
 
 
-def _velocity(piece: Float, last: bool) -> Float:
+def _velocity(piece: FloatArray, last: bool) -> FloatArray:
     """Metres a frame at the last or first of a few samples: a parabola through those that are known."""
     time = np.arange(len(piece)) - (len(piece) - 1 if last else 0)
     good = np.isfinite(piece[:, 0])
@@ -262,7 +261,7 @@ def _velocity(piece: Float, last: bool) -> Float:
     return np.asarray(fit[1])
 
 
-def fill_rigid(path: Float, body: Float, a: int, b: int) -> Float | None:
+def fill_rigid(path: FloatArray, body: FloatArray, a: int, b: int) -> FloatArray | None:
     """(b - a, 3) the gap filled from the rigid body that `body` (T, B, 3), B >= 3, makes: carried there from either
     end of the gap and blended."""
     carried, weights = [], []
@@ -278,7 +277,9 @@ def fill_rigid(path: Float, body: Float, a: int, b: int) -> Float | None:
     return np.asarray(sum(c * w for c, w in zip(carried, weights, strict=True)) / total)
 
 
-def fill_pattern(path: Float, body: Float, a: int, b: int, ridge: float = 1e-3, most: int = 600) -> Float | None:
+def fill_pattern(
+    path: FloatArray, body: FloatArray, a: int, b: int, ridge: float = 1e-3, most: int = 600
+) -> FloatArray | None:
     """(b - a, 3) the gap filled by regression: in the body's frame the marker's place is a linear function of its
     partners', learnt from the frames around where all are known (Gloersen and Federolf 2016 use principal components
     to the same end); what it misses at the gap's ends is taken off along the gap."""
@@ -307,7 +308,7 @@ def fill_pattern(path: Float, body: Float, a: int, b: int, ridge: float = 1e-3, 
     return np.asarray(out + before if after is None else out + before * (1 - share) + after * share)
 
 
-def _bodies(body: Float, shape: Float) -> tuple[Float, Float]:
+def _bodies(body: FloatArray, shape: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotations (T, 3, 3) and middles (T, 3) that carry `shape` (B, 3) to the bodies (T, B, 3) best (Kabsch)."""
     middle = body.mean(1)
     covariance = np.einsum("bi,tbj->tij", shape - shape.mean(0), body - middle[:, None])

@@ -9,13 +9,10 @@ just before, or where neither has anything else that the point could be.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.rays import ray_directions
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -48,12 +45,12 @@ class Matched:
         error_px: (N,) root mean square distance of the 2D points from the projection.
     """
 
-    points: Array
-    members: Index
-    error_px: Array
+    points: FloatArray
+    members: IndexArray
+    error_px: FloatArray
 
 
-def match_points(cameras: CameraGroup, seen: list[Array], known: Array | None = None,
+def match_points(cameras: CameraGroup, seen: list[FloatArray], known: FloatArray | None = None,
                  options: MatchOptions = MatchOptions()) -> Matched:  # fmt: skip
     """The 3D points of one frame.
 
@@ -90,8 +87,13 @@ def match_points(cameras: CameraGroup, seen: list[Array], known: Array | None = 
 
 
 def _best(
-    points: Array, members: Index, error: Array, used: NDArray[np.bool_], known: Array | None, options: MatchOptions
-) -> tuple[Index, Index]:
+    points: FloatArray,
+    members: IndexArray,
+    error: FloatArray,
+    used: BoolArray,
+    known: FloatArray | None,
+    options: MatchOptions,
+) -> tuple[IndexArray, IndexArray]:
     """Points whose 2D points are nobody else's, best first, which marks those as used; and the members, without what is
     used, of those that lost some and may still be points."""
     views = (members >= 0).sum(1)
@@ -128,7 +130,7 @@ def _joined(one: Matched, other: Matched) -> Matched:
                    np.concatenate([one.error_px, other.error_px]))  # fmt: skip
 
 
-def _lonely_pairs(members: Index, error: Array, used: NDArray[np.bool_], options: MatchOptions) -> list[int]:
+def _lonely_pairs(members: IndexArray, error: FloatArray, used: BoolArray, options: MatchOptions) -> list[int]:
     """Points of two cameras alone, whose 2D points are no other's and could be no other's; marks them as used."""
     own = [np.nonzero(m >= 0)[0] for m in members]
     left = [k for k in range(len(members)) if len(own[k]) >= 2 and not used[own[k], members[k, own[k]]].any()]
@@ -143,7 +145,7 @@ def _lonely_pairs(members: Index, error: Array, used: NDArray[np.bool_], options
     return out
 
 
-def _meeting(centres: Array, rays: Array, a: int, b: int, near: float) -> Array:
+def _meeting(centres: FloatArray, rays: FloatArray, a: int, b: int, near: float) -> FloatArray:
     """(N, 3) middles between the rays of two cameras that pass near one another, in front of both."""
     first, second = rays[a][np.isfinite(rays[a, :, 0])], rays[b][np.isfinite(rays[b, :, 0])]
     base = centres[b] - centres[a]
@@ -158,7 +160,7 @@ def _meeting(centres: Array, rays: Array, a: int, b: int, near: float) -> Array:
     return np.asarray((one + two)[good] / 2)
 
 
-def _members(cameras: CameraGroup, px: Array, points: Array, reach: float) -> Index:
+def _members(cameras: CameraGroup, px: FloatArray, points: FloatArray, reach: float) -> IndexArray:
     """(N, C) nearest 2D point of each camera to the projections of (N, 3) points within `reach` pixels, else -1."""
     out = np.full((len(points), len(cameras)), -1, dtype=np.intp)
     if not len(points):
@@ -173,8 +175,8 @@ def _members(cameras: CameraGroup, px: Array, points: Array, reach: float) -> In
     return out
 
 
-def _located(cameras: CameraGroup, centres: Array, px: Array, rays: Array, members: Index, reach: float
-             ) -> tuple[Array, Index, Array]:  # fmt: skip
+def _located(cameras: CameraGroup, centres: FloatArray, px: FloatArray, rays: FloatArray, members: IndexArray, reach: float
+             ) -> tuple[FloatArray, IndexArray, FloatArray]:  # fmt: skip
     """Points (N, 3) where their rays meet, without 2D points farther than `reach`; members again and errors."""
     count, members = len(cameras), members.copy()
     points, error = np.full((len(members), 3), np.nan), np.full(len(members), np.inf)
@@ -197,7 +199,7 @@ def _located(cameras: CameraGroup, centres: Array, px: Array, rays: Array, membe
     return points[first], members, error[first]
 
 
-def meet(centres: Array, rays: Array, known: NDArray[np.bool_]) -> Array:
+def meet(centres: FloatArray, rays: FloatArray, known: BoolArray) -> FloatArray:
     """(N, 3) points nearest to their rays (N, C, 3), those of `known` (N, C); near cameras count more."""
     weight = known.astype(np.float64)
     out = np.zeros((len(rays), 3))
@@ -209,8 +211,8 @@ def meet(centres: Array, rays: Array, known: NDArray[np.bool_]) -> Array:
     return out
 
 
-def follow_points(cameras: CameraGroup, seen: list[list[Array]], fps: float,
-                  options: MatchOptions = MatchOptions()) -> tuple[Array, list[Matched]]:  # fmt: skip
+def follow_points(cameras: CameraGroup, seen: list[list[FloatArray]], fps: float,
+                  options: MatchOptions = MatchOptions()) -> tuple[FloatArray, list[Matched]]:  # fmt: skip
     """All frames, each with where the points of those before, and then of those after, are going.
 
     Args:
@@ -244,11 +246,11 @@ class _Memory:
         self.at, self.step, self.age = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
         self.longest, self.reach = max(longest_s * fps, 2.0), max(fastest / fps, 0.02)
 
-    def expected(self) -> Array:
+    def expected(self) -> FloatArray:
         """(P, 3) metres."""
         return self.at + self.step
 
-    def update(self, points: Array) -> None:
+    def update(self, points: FloatArray) -> None:
         """The points of the frame that has come."""
         ahead = self.expected()
         step, alone = np.zeros((len(points), 3)), np.ones(len(ahead), bool)
@@ -265,7 +267,7 @@ class _Memory:
         self.age = np.concatenate([np.zeros(len(points)), self.age[alone] + 1])
 
 
-def without_ghosts(points: Array, track: Index, least: int, fps: float) -> NDArray[np.bool_]:
+def without_ghosts(points: FloatArray, track: IndexArray, least: int, fps: float) -> BoolArray:
     """(T, S) which samples of trajectories belong to markers on somebody: not to flickers nor to lamps.
 
     Args:
@@ -294,7 +296,7 @@ def without_ghosts(points: Array, track: Index, least: int, fps: float) -> NDArr
     return good
 
 
-def _apart(points: Array, track: Index, numbers: list[int], samples: int = 60) -> Array:
+def _apart(points: FloatArray, track: IndexArray, numbers: list[int], samples: int = 60) -> FloatArray:
     """(N, N) least distance of trajectories at common frames, some of the take's; infinite where there are none."""
     place = {n: i for i, n in enumerate(numbers)}
     out = np.full((len(numbers), len(numbers)), np.inf)

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-Float = NDArray[np.float64]
-Int = NDArray[np.intp]
+from muybridge.arrays import FloatArray, IndexArray
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,9 @@ class RecoverOptions:
     sure: float = 1.5
 
 
-def recover_points(points: Float, label: Int, gain: Float, options: RecoverOptions = RecoverOptions()) -> Int:
+def recover_points(
+    points: FloatArray, label: IndexArray, gain: FloatArray, options: RecoverOptions = RecoverOptions()
+) -> IndexArray:
     """Labels (T, S) with names for points that lie where a missing marker must be.
 
     Args:
@@ -56,7 +56,7 @@ def recover_points(points: Float, label: Int, gain: Float, options: RecoverOptio
     return out
 
 
-def _expected(named: Float, options: RecoverOptions) -> tuple[Float, Float]:
+def _expected(named: FloatArray, options: RecoverOptions) -> tuple[FloatArray, FloatArray]:
     """Where missing markers (T, A, 3) must be, by a straight line across short gaps, and how far off (T, A) they may be
     found; NaN where nothing is known."""
     count, size = named.shape[:2]

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
-Int = NDArray[np.intp]
+from muybridge.arrays import FloatArray, IndexArray
+
 # Distances are measured in this many frames, spread over the recording, up to twice as many.
 _MOST_FRAMES = 300
 
@@ -46,12 +45,12 @@ class Rigidity:
         sigma_m: (A, L) its standard deviation, metres.
     """
 
-    partners: Int
-    mean_m: Float
-    sigma_m: Float
+    partners: IndexArray
+    mean_m: FloatArray
+    sigma_m: FloatArray
 
 
-def prior_rigidity(distance_m: Float, motion_m: Float, bodies_m: Float, links: int) -> Rigidity:
+def prior_rigidity(distance_m: FloatArray, motion_m: FloatArray, bodies_m: FloatArray, links: int) -> Rigidity:
     """What is known before the person is: partners, distances and their spread by motion and between bodies, all
     (A, A)."""
     spread = motion_m + 1e6 * np.eye(len(motion_m))
@@ -61,7 +60,7 @@ def prior_rigidity(distance_m: Float, motion_m: Float, bodies_m: Float, links: i
     return Rigidity(partners, distance_m[rows, partners], np.maximum(sigma, 0.01))
 
 
-def measured_rigidity(points: Float, prior: Rigidity, options: RigidityOptions) -> Rigidity:
+def measured_rigidity(points: FloatArray, prior: Rigidity, options: RigidityOptions) -> Rigidity:
     """Distances on the person at hand, from named points (T, A, 3); the prior where a pair was hardly seen.
 
     Medians and quartiles: a quarter of the names may be wrong.
@@ -82,7 +81,7 @@ def measured_rigidity(points: Float, prior: Rigidity, options: RigidityOptions) 
                     np.where(few, prior.sigma_m, np.minimum(sigma, prior.sigma_m + 0.02)))  # fmt: skip
 
 
-def distance_scores(points: Float, named: Float, owner: Int, rigidity: Rigidity) -> Float:
+def distance_scores(points: FloatArray, named: FloatArray, owner: IndexArray, rigidity: Rigidity) -> FloatArray:
     """(T, S, A) how well points fit as markers: from -1 (no partner is where it should be) to 1.
 
     Args:
@@ -97,7 +96,15 @@ def distance_scores(points: Float, named: Float, owner: Int, rigidity: Rigidity)
 
 
 @numba.njit(cache=True)
-def _fit(points: Float, named: Float, owner: Int, partners: Int, mean: Float, sigma: Float, out: Float) -> None:
+def _fit(
+    points: FloatArray,
+    named: FloatArray,
+    owner: IndexArray,
+    partners: IndexArray,
+    mean: FloatArray,
+    sigma: FloatArray,
+    out: FloatArray,
+) -> None:
     count, slots = points.shape[:2]
     labels, links = partners.shape
     away = np.empty(labels)

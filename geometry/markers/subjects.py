@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.markers.tracking import Tracks
 
 # From this many points for every marker of the set on, a second person is looked for; each must have this share of
@@ -44,7 +45,7 @@ def split_people(tracks: Tracks, size: int) -> list[Tracks]:
     return sorted(people, key=lambda p: -int((p.track >= 0).sum()))
 
 
-def _long_tracks(tracks: Tracks, frames: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+def _long_tracks(tracks: Tracks, frames: IndexArray) -> tuple[IndexArray, FloatArray]:
     """Numbers (P,) of the trajectories that are seen most, and their places (P, F, 3) in some frames."""
     track = tracks.track[frames]
     number, count = np.unique(track[track >= 0], return_counts=True)
@@ -60,7 +61,7 @@ def _long_tracks(tracks: Tracks, frames: NDArray[np.intp]) -> tuple[NDArray[np.i
     return number, place
 
 
-def _distances(place: NDArray[np.float64]) -> NDArray[np.float64]:
+def _distances(place: FloatArray) -> FloatArray:
     """(P, P) mean distance while both are there; where they never are, that of the frames' middle markers."""
     out = np.empty((len(place), len(place)))
     for i, one in enumerate(place):
@@ -78,7 +79,7 @@ def _distances(place: NDArray[np.float64]) -> NDArray[np.float64]:
     return out
 
 
-def _owners(tracks: Tracks, number: NDArray[np.intp], group: NDArray[np.int32]) -> NDArray[np.intp]:
+def _owners(tracks: Tracks, number: IndexArray, group: NDArray[np.int32]) -> IndexArray:
     """(T, S) the person of every point, 0 where none is; short trajectories go to whom they are nearest."""
     of_track = np.zeros(tracks.count + 1, np.intp)
     of_track[number] = group
@@ -89,7 +90,7 @@ def _owners(tracks: Tracks, number: NDArray[np.intp], group: NDArray[np.int32]) 
     return np.where((tracks.track >= 0) & (owner == 0), nearest, owner)
 
 
-def _middle(points: NDArray[np.float64], own: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _middle(points: FloatArray, own: BoolArray) -> FloatArray:
     """(T, 3) median of a person's points; where none is seen, over the whole recording."""
     seen = np.where(own[..., None], points, np.nan)
     empty = ~own.any(1)

@@ -7,10 +7,9 @@ predictions within a gate, all at once; a marker that is out of sight is carried
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-Float = NDArray[np.float64]
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 
 
 @dataclass(frozen=True)
@@ -46,9 +45,9 @@ class Tracks:
         tracked: whether they were made anew.
     """
 
-    points: Float
-    track: NDArray[np.intp]
-    column: NDArray[np.intp]
+    points: FloatArray
+    track: IndexArray
+    column: IndexArray
     tracked: bool
 
     @property
@@ -57,7 +56,7 @@ class Tracks:
         return int(self.track.max(initial=-1)) + 1
 
 
-def find_tracks(points: Float, fps: float, options: TrackOptions = TrackOptions()) -> Tracks:
+def find_tracks(points: FloatArray, fps: float, options: TrackOptions = TrackOptions()) -> Tracks:
     """A file's columns cut at gaps and jumps; or, where its columns are no trajectories, its points tracked.
 
     Args:
@@ -82,7 +81,7 @@ def find_tracks(points: Float, fps: float, options: TrackOptions = TrackOptions(
     return Tracks(points, track, column, False)
 
 
-def _exchanged(points: Float, most: int = 150) -> float:
+def _exchanged(points: FloatArray, most: int = 150) -> float:
     """Share of steps that lead to where another column's point would go more easily: near 1 where points are shuffled
     in every frame, however few frames a second there are."""
     exchanged = steps = 0
@@ -98,7 +97,7 @@ def _exchanged(points: Float, most: int = 150) -> float:
     return exchanged / max(steps, 1)
 
 
-def _jumps(points: Float, fps: float, options: TrackOptions) -> NDArray[np.bool_]:
+def _jumps(points: FloatArray, fps: float, options: TrackOptions) -> BoolArray:
     """(T, K) where a column is elsewhere than its motion before lets expect."""
     count, columns = points.shape[:2]
     jumps = np.zeros((count, columns), bool)
@@ -119,7 +118,7 @@ def _jumps(points: Float, fps: float, options: TrackOptions) -> NDArray[np.bool_
     return jumps
 
 
-def track_points(points: Float, fps: float, options: TrackOptions = TrackOptions()) -> Tracks:
+def track_points(points: FloatArray, fps: float, options: TrackOptions = TrackOptions()) -> Tracks:
     """Trajectories of points whose columns say nothing; arguments as `find_tracks`."""
     count, columns = points.shape[:2]
     slots = 2 * columns + 8
@@ -161,8 +160,8 @@ def track_points(points: Float, fps: float, options: TrackOptions = TrackOptions
     return Tracks(at[:, used], track[:, used], column[:, used], True)
 
 
-def _assign(filters: "_Filters", alive: NDArray[np.intp], points: Float, options: TrackOptions,
-            missed: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:  # fmt: skip
+def _assign(filters: "_Filters", alive: IndexArray, points: FloatArray, options: TrackOptions,
+            missed: IndexArray) -> tuple[IndexArray, IndexArray]:  # fmt: skip
     """Pairs of rows of `alive` and of `points` that belong together."""
     if not len(alive) or not len(points):
         return np.zeros(0, np.intp), np.zeros(0, np.intp)
@@ -192,7 +191,7 @@ class _Filters:
         self.position += self.velocity * self.dt
         self.variance = self.move @ self.variance @ self.move.T + self.process
 
-    def update(self, which: NDArray[np.bool_], points: Float) -> None:
+    def update(self, which: BoolArray, points: FloatArray) -> None:
         """Measurements `points` (S, 3) of the slots in `which`."""
         v = self.variance[which]
         gain = v[:, :, 0] / (v[:, 0, 0] + self.options.noise_m**2)[:, None]
@@ -201,7 +200,7 @@ class _Filters:
         self.velocity[which] += gain[:, 1:] * off
         self.variance[which] = v - gain[:, :, None] * v[:, :1, :]
 
-    def start(self, which: NDArray[np.bool_], points: Float) -> None:
+    def start(self, which: BoolArray, points: FloatArray) -> None:
         """New trajectories at `points` (S, 3) in the slots in `which`: at rest, give or take 2 m/s."""
         self.position[which], self.velocity[which] = points[which], 0.0
         self.variance[which] = np.diag([self.options.noise_m**2, 4.0])

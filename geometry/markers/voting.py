@@ -8,11 +8,9 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-Float = NDArray[np.float64]
-Int = NDArray[np.intp]
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 
 
 @dataclass(frozen=True)
@@ -33,7 +31,7 @@ class VoteOptions:
     smooth: float = 40.0
 
 
-def assign_frames(scores: Float, floor: float = -9.0) -> Int:
+def assign_frames(scores: FloatArray, floor: float = -9.0) -> IndexArray:
     """Labels (T, S) of points by every frame's scores (T, S, L + 1) alone, -1 for none: the best assignment in which
     a label is given once. Points that are not there have NaN scores."""
     count, slots, columns = scores.shape
@@ -50,7 +48,9 @@ def assign_frames(scores: Float, floor: float = -9.0) -> Int:
     return out
 
 
-def cut_tracks(scores: Float, track: Int, points: Float, fps: float, options: VoteOptions = VoteOptions()) -> Int:
+def cut_tracks(
+    scores: FloatArray, track: IndexArray, points: FloatArray, fps: float, options: VoteOptions = VoteOptions()
+) -> IndexArray:
     """Track numbers (T, S) with trajectories cut where their label changes for good.
 
     Args:
@@ -69,7 +69,7 @@ def cut_tracks(scores: Float, track: Int, points: Float, fps: float, options: Vo
     return out
 
 
-def exchangeable(points: Float, track: Int, slack: float = 0.03) -> NDArray[np.bool_]:
+def exchangeable(points: FloatArray, track: IndexArray, slack: float = 0.03) -> BoolArray:
     """(T, S) where a trajectory may go on as another marker: the step there is a jump, or the path of another
     trajectory leads there as well as its own, give or take `slack` metres; arguments as `cut_tracks`."""
     out = np.zeros(track.shape, np.bool_)
@@ -78,7 +78,7 @@ def exchangeable(points: Float, track: Int, slack: float = 0.03) -> NDArray[np.b
 
 
 @numba.njit(cache=True)
-def _exchangeable(points: Float, track: Int, slack: float, out: NDArray[np.bool_]) -> None:
+def _exchangeable(points: FloatArray, track: IndexArray, slack: float, out: BoolArray) -> None:
     count, slots = track.shape
     ahead = np.empty((slots, 3))
     for t in range(1, count):
@@ -109,7 +109,9 @@ def _exchangeable(points: Float, track: Int, slack: float, out: NDArray[np.bool_
                         break
 
 
-def vote(scores: Float, track: Int, fps: float, options: VoteOptions = VoteOptions()) -> tuple[Float, Int]:
+def vote(
+    scores: FloatArray, track: IndexArray, fps: float, options: VoteOptions = VoteOptions()
+) -> tuple[FloatArray, IndexArray]:
     """Votes (P, L + 1) of every trajectory, and its first and last frame (P, 2); arguments as `cut_tracks`."""
     t, s, starts = ordered(track)
     if not len(t):
@@ -118,7 +120,7 @@ def vote(scores: Float, track: Int, fps: float, options: VoteOptions = VoteOptio
     return votes * _weight(fps, options), np.stack([t[starts[:-1]], t[starts[1:] - 1]], 1)
 
 
-def elect(votes: Float, span: Int, rounds: int = 8) -> Int:
+def elect(votes: FloatArray, span: IndexArray, rounds: int = 8) -> IndexArray:
     """Labels (P,) of trajectories, -1 for none.
 
     Args:
@@ -143,7 +145,7 @@ def elect(votes: Float, span: Int, rounds: int = 8) -> Int:
     return label
 
 
-def _assign_at(frame: int, gain: Float, first: Int, last: Int, label: Int) -> None:
+def _assign_at(frame: int, gain: FloatArray, first: IndexArray, last: IndexArray, label: IndexArray) -> None:
     """The best labels of all trajectories that are there in a frame, as far as the others leave them free."""
     here = np.nonzero((first <= frame) & (last >= frame))[0]
     allowed = gain[here].copy()
@@ -156,7 +158,7 @@ def _assign_at(frame: int, gain: Float, first: Int, last: Int, label: Int) -> No
 
 
 @numba.njit(cache=True)
-def _overlaps(first: Int, last: Int) -> tuple[Int, Int]:
+def _overlaps(first: IndexArray, last: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Who shares a frame with whom: beside[starts[p] : starts[p + 1]] are those beside p."""
     order = np.argsort(first)
     begin = first[order]
@@ -182,7 +184,15 @@ def _overlaps(first: Int, last: Int) -> tuple[Int, Int]:
 
 
 @numba.njit(cache=True)
-def _elect(gain: Float, beside: Int, starts: Int, order: Int, label: Int, rounds: int, fresh: bool) -> None:
+def _elect(
+    gain: FloatArray,
+    beside: IndexArray,
+    starts: IndexArray,
+    order: IndexArray,
+    label: IndexArray,
+    rounds: int,
+    fresh: bool,
+) -> None:
     for p in order:
         if fresh or label[p] < 0:
             label[p] = _free(p, gain, beside, starts, label)
@@ -195,7 +205,7 @@ def _elect(gain: Float, beside: Int, starts: Int, order: Int, label: Int, rounds
 
 
 @numba.njit(cache=True)
-def _free(p: int, gain: Float, beside: Int, starts: Int, label: Int) -> int:
+def _free(p: int, gain: FloatArray, beside: IndexArray, starts: IndexArray, label: IndexArray) -> int:
     """The best label that no trajectory beside `p` has, -1 where none wins votes."""
     taken = np.zeros(gain.shape[1], np.bool_)
     for q in beside[starts[p] : starts[p + 1]]:
@@ -209,7 +219,7 @@ def _free(p: int, gain: Float, beside: Int, starts: Int, label: Int) -> int:
 
 
 @numba.njit(cache=True)
-def _improve(p: int, gain: Float, beside: Int, starts: Int, label: Int) -> bool:
+def _improve(p: int, gain: FloatArray, beside: IndexArray, starts: IndexArray, label: IndexArray) -> bool:
     """Gives `p` a label that it wins more votes with, if whoever stands there can be placed at less loss."""
     old = label[p]
     now = gain[p, old] if old >= 0 else 0.0
@@ -239,7 +249,7 @@ def _weight(fps: float, options: VoteOptions) -> float:
     return 1.0 / (1.0 + fps * options.memory)
 
 
-def ordered(track: Int) -> tuple[Int, Int, Int]:
+def ordered(track: IndexArray) -> tuple[IndexArray, IndexArray, IndexArray]:
     """Frames and slots of all points, trajectory by trajectory, and where each begins (P + 1)."""
     t, s = np.nonzero(track >= 0)
     number = track[t, s]
@@ -249,7 +259,7 @@ def ordered(track: Int) -> tuple[Int, Int, Int]:
 
 
 @numba.njit(cache=True)
-def _cut(votes: Float, starts: Int, switch: Float) -> Int:
+def _cut(votes: FloatArray, starts: IndexArray, switch: FloatArray) -> IndexArray:
     """A number for every piece of every trajectory, (N,)."""
     out = np.empty(len(votes), np.intp)
     number = -1
@@ -265,7 +275,7 @@ def _cut(votes: Float, starts: Int, switch: Float) -> Int:
 
 
 @numba.njit(cache=True)
-def _best_path(votes: Float, switch: Float) -> Int:
+def _best_path(votes: FloatArray, switch: FloatArray) -> IndexArray:
     """The labels (N,) of the best course through votes (N, L), a change at i costing `switch[i]` (Viterbi)."""
     count, labels = votes.shape
     came = np.empty((count, labels), np.intp)

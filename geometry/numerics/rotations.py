@@ -4,13 +4,12 @@ Every function works on any leading shape. Quaternions are `wxyz`, unit length. 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from muybridge.arrays import FloatArray
 
 
-def _cross_matrix(vectors: Array) -> Array:
+def _cross_matrix(vectors: FloatArray) -> FloatArray:
     """(..., 3) -> (..., 3, 3), the matrix of `v x`."""
     out = np.zeros((*vectors.shape[:-1], 3, 3))
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
@@ -19,7 +18,7 @@ def _cross_matrix(vectors: Array) -> Array:
     return out
 
 
-def exp_so3(rotvec: Array) -> Array:
+def exp_so3(rotvec: FloatArray) -> FloatArray:
     """(..., 3) rotation vectors -> (..., 3, 3) matrices (Rodrigues)."""
     angle = np.sqrt(np.sum(rotvec * rotvec, axis=-1))[..., None, None]
     out = np.sinc(angle / np.pi) * _cross_matrix(rotvec)
@@ -28,7 +27,7 @@ def exp_so3(rotvec: Array) -> Array:
     return np.asarray(out)
 
 
-def left_jacobian_so3(rotvec: Array) -> Array:
+def left_jacobian_so3(rotvec: FloatArray) -> FloatArray:
     """(..., 3) -> (..., 3, 3): `exp(v + dv) = exp(J dv) exp(v)` to first order.
 
     Source: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics", equation 145.
@@ -43,19 +42,19 @@ def left_jacobian_so3(rotvec: Array) -> Array:
     return np.asarray(np.eye(3) + b * cross + c * (cross @ cross))
 
 
-def log_so3(matrices: Array) -> Array:
+def log_so3(matrices: FloatArray) -> FloatArray:
     """(..., 3, 3) -> (..., 3) rotation vectors of at most pi; the matrices need only be nearly orthogonal."""
     flat = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_rotvec()
     return np.asarray(flat.reshape(*matrices.shape[:-2], 3))
 
 
-def quat_from_matrix(matrices: Array) -> Array:
+def quat_from_matrix(matrices: FloatArray) -> FloatArray:
     """(..., 3, 3) -> (..., 4) wxyz."""
     xyzw = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_quat()
     return np.asarray(np.roll(xyzw, 1, axis=-1).reshape(*matrices.shape[:-2], 4))
 
 
-def matrix_from_quat(quat_wxyz: Array) -> Array:
+def matrix_from_quat(quat_wxyz: FloatArray) -> FloatArray:
     """(..., 4) wxyz, normalised here -> (..., 3, 3)."""
     q = quat_wxyz / np.linalg.norm(quat_wxyz, axis=-1, keepdims=True)
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
@@ -72,7 +71,7 @@ def matrix_from_quat(quat_wxyz: Array) -> Array:
     return out
 
 
-def continuous_quat(quat_wxyz: Array) -> Array:
+def continuous_quat(quat_wxyz: FloatArray) -> FloatArray:
     """(T, ..., 4): the same rotations, with signs such that successive ones are on the same side.
 
     The first frame gets a non-negative w.
@@ -85,7 +84,7 @@ def continuous_quat(quat_wxyz: Array) -> Array:
     return np.asarray(quat_wxyz * signs[..., None])
 
 
-def matrix_from_swing_twist(coordinates: Array, twist_axis: int) -> Array:
+def matrix_from_swing_twist(coordinates: FloatArray, twist_axis: int) -> FloatArray:
     """(..., 3) angles about x, y, z -> (..., 3, 3): the twist about `twist_axis` first, then the swing.
 
     The two other components are a rotation vector at right angles to the twist axis (the swing); so a bone
@@ -96,7 +95,7 @@ def matrix_from_swing_twist(coordinates: Array, twist_axis: int) -> Array:
     return np.asarray(exp_so3(coordinates - twist) @ exp_so3(twist))
 
 
-def swing_twist_from_matrix(matrices: Array, twist_axis: int) -> Array:
+def swing_twist_from_matrix(matrices: FloatArray, twist_axis: int) -> FloatArray:
     """Inverse of `matrix_from_swing_twist`: (..., 3, 3) -> (..., 3), each angle in -pi..pi.
 
     A swing of exactly pi has no defined twist; what comes out still composes to the matrix.
@@ -112,7 +111,7 @@ def swing_twist_from_matrix(matrices: Array, twist_axis: int) -> Array:
     return swing
 
 
-def kabsch(source: Array, target: Array, weights: Array) -> Array:
+def kabsch(source: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
     """Rotations that best turn `source` onto `target` about the origin (no shift).
 
     Args:

@@ -10,7 +10,8 @@ and BODY_25B; Vicon, Plug-in Gait reference guide.
 import re
 from collections.abc import Callable, Sequence
 
-from muybridge.geometry.landmarks.arrays import BODY23, CMU, PLUG_IN_GAIT, SURFACE
+from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT, SURFACE
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.skeleton.profiles import roles_of
 
 _PARTS = {

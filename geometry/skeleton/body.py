@@ -15,11 +15,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.skeleton.skeleton import Skeleton
-
-Array = NDArray[np.float64]
 
 # name: (share of stature, standard deviation as a share of stature)
 SHAPE_PRIOR: dict[str, tuple[float, float]] = {
@@ -154,17 +152,17 @@ class BodyModel:
     joint_names: tuple[str, ...]
     parents: tuple[int, ...]
     twist_axis: tuple[int, ...]
-    lower: Array
-    upper: Array
-    rest: Array
-    spread: Array
-    joint_basis: Array
-    tip_basis: Array
+    lower: FloatArray
+    upper: FloatArray
+    rest: FloatArray
+    spread: FloatArray
+    joint_basis: FloatArray
+    tip_basis: FloatArray
     landmark_names: tuple[str, ...]
-    landmark_joints: NDArray[np.intp]
-    landmark_basis: Array
+    landmark_joints: IndexArray
+    landmark_basis: FloatArray
 
-    def skeleton(self, shape: Array) -> Skeleton:
+    def skeleton(self, shape: FloatArray) -> Skeleton:
         """The skeleton of a person with this shape, (S,) metres."""
         return Skeleton(
             names=self.joint_names,
@@ -176,7 +174,7 @@ class BodyModel:
             upper=self.upper,
         )
 
-    def landmark_offsets(self, shape: Array) -> Array:
+    def landmark_offsets(self, shape: FloatArray) -> FloatArray:
         """(L, 3) metres, each in the axes of the joint that it moves with."""
         return np.asarray(self.landmark_basis @ shape)
 
@@ -195,17 +193,17 @@ class Body:
 
     skeleton: Skeleton
     landmark_names: tuple[str, ...]
-    landmark_joints: NDArray[np.intp]
-    landmark_offsets: Array
+    landmark_joints: IndexArray
+    landmark_offsets: FloatArray
     stature_m: float
 
 
-def prior_shape(stature_m: float) -> Array:
+def prior_shape(stature_m: float) -> FloatArray:
     """(S,) metres: published proportions of a person of that stature, in the order of SHAPE_NAMES."""
     return np.array([ratio for ratio, _ in SHAPE_PRIOR.values()]) * stature_m
 
 
-def _basis(offset: _Offset, side: float) -> Array:
+def _basis(offset: _Offset, side: float) -> FloatArray:
     out = np.zeros((3, len(SHAPE_NAMES)))
     for axis, terms in offset.items():
         for name, factor in terms:

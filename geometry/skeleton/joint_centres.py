@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from muybridge.arrays import FloatArray
+from muybridge.geometry.skeleton.functional_centres import segment_poses, sphere_centre
 
 HipMethod = Literal["harrington", "bell", "davis"]
 
@@ -31,35 +31,18 @@ class JointCentres:
     """
 
     names: tuple[str, ...] = ()
-    points_world: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
-    sigma: Array = field(default_factory=lambda: np.zeros(0))
+    points_world: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    sigma: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
-@dataclass(frozen=True, eq=False)
-class Centre:
-    """A centre of rotation between two bones.
-
-    Attributes:
-        in_first, in_second: (3,) metres in each bone's axes.
-        residual_m: root mean square distance between the two over the take.
-        sigma_m: (3,) standard deviation of `in_first` by the residual and how far the motion reaches; large about an
-            axis that the bones hardly turn across.
-    """
-
-    in_first: Array
-    in_second: Array
-    residual_m: float
-    sigma_m: Array
-
-
-def midpoint(one: Array, other: Array) -> Array:
+def midpoint(one: FloatArray, other: FloatArray) -> FloatArray:
     """(T, 3) metres: the middle of two markers, NaN where one is missing."""
     return np.asarray((one + other) / 2)
 
 
 def plane_centre(
-    above: Array, marker: Array, below: Array, half_width: float, inward: Array, bent: float = 0.25
-) -> Array:
+    above: FloatArray, marker: FloatArray, below: FloatArray, half_width: float, inward: FloatArray, bent: float = 0.25
+) -> FloatArray:
     """The centre behind a marker beside a hinge, along the normal of the plane through three markers.
 
     Args:
@@ -78,7 +61,9 @@ def plane_centre(
     return np.where(sine >= bent, marker + half_width * normal, np.nan)
 
 
-def pelvis_frame(left_asis: Array, right_asis: Array, back: Array) -> tuple[Array, Array, float, float]:
+def pelvis_frame(
+    left_asis: FloatArray, right_asis: FloatArray, back: FloatArray
+) -> tuple[FloatArray, FloatArray, float, float]:
     """Middle of the front spines (T, 3), axes forward, left, up as columns (T, 3, 3); width and depth in metres.
 
     Args:
@@ -101,7 +86,7 @@ def pelvis_frame(left_asis: Array, right_asis: Array, back: Array) -> tuple[Arra
 def hip_in_pelvis(
     method: HipMethod, width: float, depth: float, leg_length: float | None = None, marker_radius: float = 0.007,
     asis_depth: float | None = None,
-) -> Array:  # fmt: skip
+) -> FloatArray:  # fmt: skip
     """The left hip's centre from the middle of the front spines: forward, left, up, metres.
 
     Args:
@@ -133,136 +118,6 @@ def hip_in_pelvis(
     ])  # fmt: skip
 
 
-def segment_poses(points: Array, reference: Array | None = None) -> tuple[Array, Array, Array]:
-    """How a rigid cluster of markers moves: rotations (T, 3, 3), origins (T, 3), reference (K, 3); NaN where fewer than
-    three of its markers are known.
-
-    Args:
-        points: (T, K, 3) metres.
-        reference: (K, 3) the cluster at rest; None takes the frame with most markers, refined over the take.
-    """
-    if reference is None:
-        best = int(np.argmax(np.isfinite(points[..., 0]).sum(1)))
-        reference = points[best]
-        for _ in range(4):
-            turns, places = _rigid(points, reference)
-            back = np.einsum("tij,tki->tkj", turns, points - places[:, None])
-            with np.errstate(invalid="ignore"):
-                reference = np.where(np.isfinite(back).any(0), _nanmean(back), np.nan)
-        reference = reference - np.nanmean(reference, 0)
-    return *_rigid(points, reference), reference
-
-
-def _nanmean(values: Array) -> Array:
-    known = np.isfinite(values)
-    return np.asarray(np.where(known, values, 0.0).sum(0) / np.maximum(known.sum(0), 1))
-
-
-def _rigid(points: Array, reference: Array) -> tuple[Array, Array]:
-    known = np.isfinite(points[..., 0]) & np.isfinite(reference[:, 0])
-    weight = known / np.maximum(known.sum(1), 1)[:, None]
-    p, q = np.where(known[..., None], points, 0.0), np.where(np.isfinite(reference), reference, 0.0)
-    mean_p, mean_q = np.einsum("tk,tki->ti", weight, p), weight @ q
-    covariance = np.einsum("tk,tki,tkj->tij", weight, p - mean_p[:, None], q[None] - mean_q[:, None])
-    u, _, vt = np.linalg.svd(covariance)
-    sign = np.ones((len(points), 3))
-    sign[:, 2] = np.sign(np.linalg.det(u @ vt))
-    turns = (u * sign[:, None]) @ vt
-    places = mean_p - np.einsum("tij,tj->ti", turns, mean_q)
-    enough = known.sum(1) >= 3
-    turns[~enough], places[~enough] = np.nan, np.nan
-    return turns, places
-
-
-def score_centre(
-    turns: Array, places: Array, turns_other: Array, places_other: Array, rounds: int = 8, freedom: float = 4.0
-) -> Centre:
-    """The point that two moving bones share (SCoRE), robust against frames in which they do not.
-
-    Args:
-        turns, places: (T, 3, 3) and (T, 3) metres, world from the first bone; NaN where unknown.
-        turns_other, places_other: of the second.
-        rounds: of robust weights (Student's t with `freedom`).
-
-    Raises:
-        ValueError: fewer than four frames are known.
-    """
-    known = np.isfinite(places).all(-1) & np.isfinite(places_other).all(-1)
-    if known.sum() < 4:
-        raise ValueError(f"a centre of rotation needs at least 4 frames that know both bones, not {known.sum()}")
-    design = np.concatenate([turns[known], -turns_other[known]], axis=-1)
-    target = places_other[known] - places[known]
-    weight = np.ones(len(target))
-    for _ in range(rounds):
-        matrix = np.einsum("t,tki,tkj->ij", weight, design, design)
-        value = np.linalg.lstsq(matrix, np.einsum("t,tki,tk->i", weight, design, target), rcond=1e-9)[0]
-        square = np.sum((design @ value - target) ** 2, axis=-1)
-        scale = max(float(np.median(square)) / 2.366, 1e-12)
-        weight = np.minimum((freedom + 3) / (freedom + square / scale), 1.0)
-    spread = np.linalg.pinv(matrix, rcond=1e-12) * scale
-    residual = float(np.sqrt(np.sum(weight * square) / np.sum(weight)))
-    return Centre(value[:3], value[3:], residual, np.sqrt(np.maximum(np.diag(spread)[:3], 0.0)))
-
-
-def sphere_centre(points: Array, rounds: int = 30, freedom: float = 4.0) -> tuple[Array, float]:
-    """The common centre of the spheres that markers move on.
-
-    The start is Gamage and Lasenby's closed form, which noise draws towards the markers where the motion is small; from
-    there Gauss-Newton on the distances themselves, which hardly has that bias, with robust weights.
-
-    Args:
-        points: (T, K, 3) metres in the axes of the bone that holds the centre; NaN where missing.
-        rounds: of Gauss-Newton; 0 is the closed form alone.
-        freedom: of Student's t.
-
-    Returns:
-        (3,) metres, and the standard deviation of the markers' distances from it, metres.
-
-    Raises:
-        ValueError: no marker is known in four frames, or they hardly move.
-    """
-    tracks = [points[np.isfinite(points[:, k]).all(-1), k] for k in range(points.shape[1])]
-    tracks = [p for p in tracks if len(p) >= 4]
-    if not tracks:
-        raise ValueError("no marker is known in four frames or more, so it tells no centre")
-    matrix, fixed = np.zeros((3, 3)), np.zeros(3)
-    origin = np.concatenate(tracks).mean(0)
-    for p in tracks:
-        off, square = p - p.mean(0), np.sum((p - origin) ** 2, axis=-1)
-        matrix += 2 * off.T @ off / len(p)
-        fixed += (square - square.mean()) @ off / len(p)
-    if np.linalg.cond(matrix) > 1e7:
-        raise ValueError("the markers hardly move about the centre: it cannot be told")
-    centre = origin + np.linalg.solve(matrix, fixed)
-    if not rounds:
-        return centre, float(np.sqrt(np.mean([np.var(np.linalg.norm(p - centre, axis=-1)) for p in tracks])))
-    # The closed form may be so near to the markers that distances lead nowhere: from farther out as well.
-    away = centre - origin
-    found = [_by_distances(tracks, origin + k * away, rounds, freedom) for k in (1.0, 2.5, 6.0)]
-    return min(found, key=lambda f: f[1])
-
-
-def _by_distances(tracks: list[Array], centre: Array, rounds: int, freedom: float) -> tuple[Array, float]:
-    scale, weights = 0.0, [np.ones(len(p)) for p in tracks]
-    for _ in range(rounds):
-        matrix, fixed, squares = np.zeros((3, 3)), np.zeros(3), []
-        for k, p in enumerate(tracks):
-            far = np.linalg.norm(p - centre, axis=-1)
-            off = far - np.average(far, weights=weights[k])
-            towards = (p - centre) / np.maximum(far, 1e-9)[:, None]
-            towards -= np.average(towards, axis=0, weights=weights[k])
-            matrix += (towards * weights[k][:, None]).T @ towards
-            fixed += (towards * weights[k][:, None]).T @ off
-            squares.append(off**2)
-        scale = max(float(np.median(np.concatenate(squares))) / 0.4549, 1e-14)
-        weights = [np.minimum((freedom + 1) / (freedom + s / scale), 1.0) for s in squares]
-        step = np.linalg.solve(matrix + 1e-9 * np.trace(matrix) * np.eye(3), fixed)
-        centre = centre + step * min(1.0, 0.1 / max(float(np.linalg.norm(step)), 1e-12))
-        if np.linalg.norm(step) < 1e-7:
-            break
-    return centre, float(np.sqrt(scale))
-
-
 # Half widths of adults from the middle of a marker (7 mm above the skin) to the middle of the joint, metres:
 # C. C. Gordon and others, 2012 Anthropometric Survey of U.S. Army Personnel.
 _HALF_WIDTH = {"forearm": 0.042, "shin": 0.062, "foot": 0.044}
@@ -277,7 +132,7 @@ _SIGMA = {"midpoint": 0.006, "plane": 0.012, "harrington": 0.009, "bell": 0.015,
 METHODS = ("midpoint", "plane", "harrington", "bell", "davis", "functional")
 
 
-def centres_from_markers(points_world: Array, index: dict[str, int], methods: tuple[str, ...]) -> JointCentres:
+def centres_from_markers(points_world: FloatArray, index: dict[str, int], methods: tuple[str, ...]) -> JointCentres:
     """Every joint centre that the markers and the methods tell; of two methods for one joint the first counts.
 
     Args:
@@ -290,7 +145,7 @@ def centres_from_markers(points_world: Array, index: dict[str, int], methods: tu
     """
     if unknown := [m for m in methods if m not in METHODS]:
         raise ValueError(f"unknown method {unknown[0]!r}: choose of {', '.join(METHODS)}")
-    found: dict[str, tuple[Array, float]] = {}
+    found: dict[str, tuple[FloatArray, float]] = {}
     for method in methods:
         for side in ("left", "right"):
             at = {n.removeprefix(f"{side}_"): points_world[:, i] for n, i in index.items() if n.startswith(side)}
@@ -309,8 +164,8 @@ def centres_from_markers(points_world: Array, index: dict[str, int], methods: tu
                         np.array([s for _, s in found.values()]))  # fmt: skip
 
 
-def _hinges(at: dict[str, Array], points: Array, index: dict[str, int], side: str, method: str
-            ) -> dict[str, tuple[Array, float]]:  # fmt: skip
+def _hinges(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int], side: str, method: str
+            ) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
     out = {}
     for joint, (outside, inside, above, below) in _HINGES.items():
         if method == "midpoint" and outside in at and inside in at:
@@ -329,7 +184,7 @@ def _hinges(at: dict[str, Array], points: Array, index: dict[str, int], side: st
 _OTHER = {"left": "right", "right": "left"}
 
 
-def _pelvis(points: Array, index: dict[str, int]) -> tuple[Array, Array, float, float] | None:
+def _pelvis(points: FloatArray, index: dict[str, int]) -> tuple[FloatArray, FloatArray, float, float] | None:
     if not {"left_asis", "right_asis"} <= set(index):
         return None
     if {"left_psis", "right_psis"} <= set(index):
@@ -341,8 +196,8 @@ def _pelvis(points: Array, index: dict[str, int]) -> tuple[Array, Array, float, 
     return pelvis_frame(points[:, index["left_asis"]], points[:, index["right_asis"]], back)
 
 
-def _regressed(at: dict[str, Array], points: Array, index: dict[str, int], side: str, method: HipMethod
-               ) -> dict[str, tuple[Array, float]]:  # fmt: skip
+def _regressed(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int], side: str, method: HipMethod
+               ) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
     pelvis = _pelvis(points, index)
     if pelvis is None:
         return {}
@@ -363,8 +218,8 @@ def _regressed(at: dict[str, Array], points: Array, index: dict[str, int], side:
     return {"thigh": (front + axes @ local, _SIGMA[method])}
 
 
-def _functional(at: dict[str, Array], points: Array, index: dict[str, int], side: str
-                ) -> dict[str, tuple[Array, float]]:  # fmt: skip
+def _functional(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int], side: str
+                ) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
     """Hip, shoulder and the like by motion: spheres in the axes of the bone above."""
     out = {}
     pelvis = [index[n] for n in ("left_asis", "right_asis", "left_psis", "right_psis", "sacrum") if n in index]
@@ -394,5 +249,5 @@ def _functional(at: dict[str, Array], points: Array, index: dict[str, int], side
     return out
 
 
-def _unit(vectors: Array) -> Array:
+def _unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9))

@@ -15,11 +15,10 @@ Personnel.
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks.arrays import BODY23, Points3D
-
-Array = NDArray[np.float64]
+from muybridge.arrays import FloatArray
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23
 
 # Metres from the middle of a marker (7 mm above the skin) to the middle of the joint.
 _HALF_WIDTH = {"knee": 0.062, "ankle": 0.044, "elbow": 0.042}
@@ -32,15 +31,15 @@ _SIGMA = {"hip": 0.015, "shoulder": 0.015, "elbow": 0.012, "wrist": 0.008, "knee
 class _Markers:
     """Markers by their name in SURFACE; what the set does not have is NaN."""
 
-    points: Array
+    points: FloatArray
     index: dict[str, int]
-    found: dict[str, Array] = field(default_factory=dict)
+    found: dict[str, FloatArray] = field(default_factory=dict)
 
-    def __getitem__(self, name: str) -> Array:
+    def __getitem__(self, name: str) -> FloatArray:
         i = self.index.get(name)
         return np.full((len(self.points), 3), np.nan) if i is None else self.points[:, i]
 
-    def middle(self, *names: str) -> Array:
+    def middle(self, *names: str) -> FloatArray:
         """The mean of several, all of which must be there."""
         return np.asarray(np.mean([self[n] for n in names], axis=0))
 
@@ -70,20 +69,20 @@ def landmarks_from_markers(points: Points3D, index: dict[str, int]) -> Points3D:
     return Points3D(BODY23, xyz, covariance, np.empty(none), np.empty(none, dtype=np.bool_), points.fps)
 
 
-def _unit(vectors: Array) -> Array:
+def _unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9))
 
 
-def _across(vectors: Array, axis: Array) -> Array:
+def _across(vectors: FloatArray, axis: FloatArray) -> FloatArray:
     """What of `vectors` is at right angles to the unit vectors `axis`."""
     return np.asarray(vectors - np.sum(vectors * axis, axis=-1, keepdims=True) * axis)
 
 
-def _or(first: Array, second: Array) -> Array:
+def _or(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.where(np.isfinite(first), first, second)
 
 
-def _pelvis(markers: _Markers) -> tuple[Array, Array, Array, Array]:
+def _pelvis(markers: _Markers) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Middle of the front spines (T, 3), axes left, up, forward as columns (T, 3, 3), width and depth (T,)."""
     left, right = markers["left_asis"], markers["right_asis"]
     back = _or(markers.middle("left_psis", "right_psis"), markers["sacrum"])
@@ -97,13 +96,13 @@ def _pelvis(markers: _Markers) -> tuple[Array, Array, Array, Array]:
     return front, axes, np.asarray(width), np.asarray(depth)
 
 
-def _hip(pelvis: tuple[Array, Array, Array, Array], sign: float) -> Array:
+def _hip(pelvis: tuple[FloatArray, FloatArray, FloatArray, FloatArray], sign: float) -> FloatArray:
     front, axes, width, depth = pelvis
     local = np.array([sign * (0.33 * width + 0.0073), -0.30 * width - 0.0109, -0.24 * depth - 0.0099])
     return np.asarray(front + axes @ local)
 
 
-def _chord(above: Array, marker: Array, outward: Array, half_width: float) -> Array:
+def _chord(above: FloatArray, marker: FloatArray, outward: FloatArray, half_width: float) -> FloatArray:
     """The joint's centre: half a width inward from the marker, at right angles to the line to the joint above."""
     reach = marker - above
     length = np.linalg.norm(reach, axis=-1, keepdims=True)
@@ -113,7 +112,7 @@ def _chord(above: Array, marker: Array, outward: Array, half_width: float) -> Ar
     return np.asarray(marker - half_width * (np.sqrt(1 - sine**2) * out + sine * along))
 
 
-def _leg(markers: _Markers, out: dict[str, Array], side: str, outward: Array) -> None:
+def _leg(markers: _Markers, out: dict[str, FloatArray], side: str, outward: FloatArray) -> None:
     hip, knee_marker = out[f"{side}_hip"], markers[f"{side}_knee_lateral"]
     thigh = _or(markers[f"{side}_thigh_distal"], markers[f"{side}_thigh_proximal"])
     shank = _or(markers[f"{side}_shank_distal"], markers[f"{side}_shank_proximal"])
@@ -136,7 +135,7 @@ def _leg(markers: _Markers, out: dict[str, Array], side: str, outward: Array) ->
     out[f"{side}_small_toe"] = fifth + 0.30 * (fifth - heel)
 
 
-def _arm(markers: _Markers, out: dict[str, Array], side: str, sign: float) -> None:
+def _arm(markers: _Markers, out: dict[str, FloatArray], side: str, sign: float) -> None:
     left, right = markers["left_acromion"], markers["right_acromion"]
     trunk_up = _unit(
         _or(markers.middle("c7", "sternal_notch"), (left + right) / 2)
@@ -155,7 +154,7 @@ def _arm(markers: _Markers, out: dict[str, Array], side: str, sign: float) -> No
     out[f"{side}_elbow"] = _or((outside + inside) / 2, _or(elbow, outside))
 
 
-def _head(markers: _Markers, out: dict[str, Array]) -> None:
+def _head(markers: _Markers, out: dict[str, FloatArray]) -> None:
     """From four markers of a band about the forehead; how high it sits is not known."""
     front, back = (markers.middle(f"left_{end}_head", f"right_{end}_head") for end in ("front", "back"))
     to_left = _unit(markers["left_front_head"] - markers["right_front_head"])

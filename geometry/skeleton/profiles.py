@@ -18,12 +18,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.skeleton.skeleton import Skeleton
-
-Array = NDArray[np.float64]
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 _TRUNK = ("hips", "spine", "chest", "upper_chest", "neck", "head")
@@ -192,7 +190,7 @@ _FINGER = {
 _TWIST = {"upper_arm": 0, "forearm": 0, "hand": 0, "clavicle": 0, "foot": 1, "toe": 1}
 
 
-def role_limits(role: str) -> tuple[Array, Array, int]:
+def role_limits(role: str) -> tuple[FloatArray, FloatArray, int]:
     """(3,) lower and (3,) upper in radians about x, y, z of the T-pose, and the twist axis.
 
     Raises:
@@ -245,7 +243,7 @@ def with_limits(skeleton: Skeleton, profile: str | None = None) -> Skeleton:
     return replace(skeleton, lower=lower, upper=upper, twist_axis=tuple(twist))
 
 
-def _lean(skeleton: Skeleton, by_joint: dict[int, str]) -> Array:
+def _lean(skeleton: Skeleton, by_joint: dict[int, str]) -> FloatArray:
     """(J, 3) radians: the swing from where the T-pose has a limb's bone to where the rest pose has it."""
     out = np.zeros((len(skeleton), 3))
     for j in range(1, len(skeleton)):

@@ -3,12 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.numerics.rotations import exp_so3, log_so3
 from muybridge.geometry.skeleton.skeleton import Skeleton
-
-Array = NDArray[np.float64]
 
 # What a joint's told place and rotation are off, metres and radians: how far each yields to the other.
 PLACE, TURN = 0.004, 0.03
@@ -16,7 +14,7 @@ _ROUNDS = 3
 _STRETCH = 1000
 
 
-def body_through(skeleton: Skeleton, turns: Array, places: Array) -> tuple[Skeleton, Array, Array]:
+def body_through(skeleton: Skeleton, turns: FloatArray, places: FloatArray) -> tuple[Skeleton, FloatArray, FloatArray]:
     """The skeleton, root and rotations that come nearest to joints told in the world.
 
     Least squares over each frame's root and rotations, in turn with the bones, which are one for the take
@@ -43,7 +41,7 @@ def body_through(skeleton: Skeleton, turns: Array, places: Array) -> tuple[Skele
     return replace(skeleton, offsets=offsets), root, local
 
 
-def _bones(offsets: Array, parents: NDArray[np.intp], turns: Array, places: Array) -> Array:
+def _bones(offsets: FloatArray, parents: IndexArray, turns: FloatArray, places: FloatArray) -> FloatArray:
     """(J, 3) each joint in its parent's axes, the median of all frames."""
     out = offsets.copy()
     bone = places[:, 1:] - places[:, parents[1:]]
@@ -52,8 +50,13 @@ def _bones(offsets: Array, parents: NDArray[np.intp], turns: Array, places: Arra
 
 
 def _nearer(
-    offsets: Array, parents: NDArray[np.intp], turns: Array, root: Array, told_turns: Array, told_places: Array
-) -> tuple[Array, Array]:
+    offsets: FloatArray,
+    parents: IndexArray,
+    turns: FloatArray,
+    root: FloatArray,
+    told_turns: FloatArray,
+    told_places: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
     """One Gauss-Newton step: rotations (T, J, 3, 3) and root (T, 3)."""
     t, size = turns.shape[:2]
     bone = np.einsum("tjik,jk->tji", turns[:, parents[1:]], offsets[1:])

@@ -7,11 +7,9 @@ in the rest pose; a joint's rotation is relative to its parent, and turns everyt
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.numerics.rotations import matrix_from_quat, matrix_from_swing_twist, swing_twist_from_matrix
-
-Array = NDArray[np.float64]
+from muybridge.arrays import BoolArray, FloatArray
+from muybridge.geometry.numerics.rotations import matrix_from_swing_twist, swing_twist_from_matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +32,11 @@ class Skeleton:
 
     names: tuple[str, ...]
     parents: tuple[int, ...]
-    offsets: Array
-    tips: Array
+    offsets: FloatArray
+    tips: FloatArray
     twist_axis: tuple[int, ...]
-    lower: Array
-    upper: Array
+    lower: FloatArray
+    upper: FloatArray
 
     def __post_init__(self) -> None:
         j = len(self.names)
@@ -60,12 +58,12 @@ class Skeleton:
         return self.names.index(name)
 
     @property
-    def bone_lengths(self) -> Array:
+    def bone_lengths(self) -> FloatArray:
         """(J,) metres from the parent to each joint; zero for the root."""
         return np.asarray(np.linalg.norm(self.offsets, axis=1))
 
     @property
-    def is_ancestor(self) -> NDArray[np.bool_]:
+    def is_ancestor(self) -> BoolArray:
         """(J, J): `[a, j]` is whether joint `a` is `j` or above it."""
         above = np.eye(len(self), dtype=np.bool_)
         for j, parent in enumerate(self.parents):
@@ -73,7 +71,7 @@ class Skeleton:
                 above[:, j] |= above[:, parent]
         return above
 
-    def forward(self, root_positions_world: Array, rotations: Array) -> tuple[Array, Array]:
+    def forward(self, root_positions_world: FloatArray, rotations: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Joint orientations and positions in the world.
 
         Args:
@@ -92,7 +90,7 @@ class Skeleton:
                 places[:, j] = places[:, parent] + turns[:, parent] @ self.offsets[j]
         return turns, places
 
-    def rotations_from_angles(self, angles: Array) -> Array:
+    def rotations_from_angles(self, angles: FloatArray) -> FloatArray:
         """(T, J, 3) swing and twist angles -> (T, J, 3, 3) parent from joint."""
         out = np.empty((*angles.shape, 3))
         for axis in range(3):
@@ -100,52 +98,10 @@ class Skeleton:
             out[:, chosen] = matrix_from_swing_twist(angles[:, chosen], axis)
         return out
 
-    def angles_from_rotations(self, rotations: Array) -> Array:
+    def angles_from_rotations(self, rotations: FloatArray) -> FloatArray:
         """(T, J, 3, 3) parent from joint -> (T, J, 3) swing and twist angles."""
         out = np.empty(rotations.shape[:-1])
         for axis in range(3):
             chosen = [j for j in range(len(self)) if self.twist_axis[j] == axis]
             out[:, chosen] = swing_twist_from_matrix(rotations[:, chosen], axis)
         return out
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """A skeleton over time.
-
-    Attributes:
-        skeleton: its bones have one length for the whole take.
-        fps: frames a second.
-        root_positions_world: (T, 3) metres, Z up.
-        quat_wxyz: (T, J, 4) rotation of each joint relative to its parent (the root's: to the world), unit
-            length, without sign flips from frame to frame.
-    """
-
-    skeleton: Skeleton
-    fps: float
-    root_positions_world: Array
-    quat_wxyz: Array
-
-    def __post_init__(self) -> None:
-        t = len(self.root_positions_world)
-        if self.root_positions_world.shape != (t, 3):
-            raise ValueError(f"root_positions_world must be (T, 3), not {self.root_positions_world.shape}")
-        if self.quat_wxyz.shape != (t, len(self.skeleton), 4):
-            raise ValueError(
-                f"quat_wxyz must be {(t, len(self.skeleton), 4)}, as root_positions_world and the skeleton "
-                f"say, not {self.quat_wxyz.shape}"
-            )
-
-    def __len__(self) -> int:
-        return len(self.root_positions_world)
-
-    def forward(self) -> Array:
-        """world_from_joints: (T, J, 4, 4)."""
-        turns, places = self.skeleton.forward(self.root_positions_world, matrix_from_quat(self.quat_wxyz))
-        out = np.zeros((*places.shape[:2], 4, 4))
-        out[..., :3, :3], out[..., :3, 3], out[..., 3, 3] = turns, places, 1.0
-        return out
-
-    def joint_positions_world(self) -> Array:
-        """(T, J, 3) metres."""
-        return np.asarray(self.forward()[..., :3, 3])

@@ -1,7 +1,7 @@
 """The body that skin markers are fitted to: joints, and every marker of SURFACE on the bone that carries it.
 
 Its numbers are the mean and principal components of a statistical body over people of all ages and builds
-(`scripts/make_marker_body.py`). Joints are `body.BODY`'s and a roll in each forearm: pronation turns the wrist's
+(`scripts/assets/marker_body.py`). Joints are `body.BODY`'s and a roll in each forearm: pronation turns the wrist's
 markers and not the elbow's.
 """
 
@@ -10,13 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IndexArray
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.skeleton.body import BODY, Body
-from muybridge.geometry.landmarks.arrays import SURFACE
 from muybridge.geometry.skeleton.skeleton import Skeleton
-
-Array = NDArray[np.float64]
 
 _TABLE = Path(__file__).parent / "marker_body.npz"
 
@@ -39,26 +37,26 @@ class MarkerBody:
     names: tuple[str, ...]
     parents: tuple[int, ...]
     twist_axis: tuple[int, ...]
-    lower: Array
-    upper: Array
-    rest: Array
-    spread: Array
-    mean: Array
-    basis: Array
-    carrier: NDArray[np.intp]
-    soft: Array
-    tolerance: Array
+    lower: FloatArray
+    upper: FloatArray
+    rest: FloatArray
+    spread: FloatArray
+    mean: FloatArray
+    basis: FloatArray
+    carrier: IndexArray
+    soft: FloatArray
+    tolerance: FloatArray
     landmark_names: tuple[str, ...]
-    landmark_joint: NDArray[np.intp]
+    landmark_joint: IndexArray
 
-    def parts(self, vector: Array) -> tuple[Array, Array, Array]:
+    def parts(self, vector: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(..., D) -> joints' offsets (..., J, 3), markers (..., M, 3), landmarks (..., 23, 3)."""
         j, m = 3 * len(self.names), 3 * len(SURFACE)
         shape = vector.shape[:-1]
         return (vector[..., :j].reshape(*shape, -1, 3), vector[..., j : j + m].reshape(*shape, -1, 3),
                 vector[..., j + m :].reshape(*shape, -1, 3))  # fmt: skip
 
-    def skeleton(self, offsets: Array) -> Skeleton:
+    def skeleton(self, offsets: FloatArray) -> Skeleton:
         """The skeleton with joints' offsets (J, 3) metres."""
         ends = [j for j in range(len(self.names)) if j not in self.parents]
         tips = np.full(offsets.shape, np.nan)
@@ -96,7 +94,7 @@ def marker_body() -> MarkerBody:
         )
 
 
-def without_rolls(skeleton: Skeleton, rotations: Array) -> tuple[Skeleton, Array]:
+def without_rolls(skeleton: Skeleton, rotations: FloatArray) -> tuple[Skeleton, FloatArray]:
     """The same motion with BODY's joints alone: a forearm's roll goes to the hand, which it turns about its own line.
 
     Args:
@@ -119,7 +117,7 @@ def without_rolls(skeleton: Skeleton, rotations: Array) -> tuple[Skeleton, Array
                     lower, upper), out  # fmt: skip
 
 
-def body_of(skeleton: Skeleton, landmarks: Array, stature_m: float) -> Body:
+def body_of(skeleton: Skeleton, landmarks: FloatArray, stature_m: float) -> Body:
     """BODY's skeleton with landmarks (23, 3) metres on the joints of `MarkerBody.landmark_joint`."""
     table = marker_body()
     joints = np.array([skeleton.index(table.names[j]) for j in table.landmark_joint], dtype=np.intp)

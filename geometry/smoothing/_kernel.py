@@ -7,13 +7,13 @@ Source: G. J. Bierman, "Fixed interval smoothing with discrete measurements", In
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.fitting._chain_kernel import Array, IntArray, compiled
+from muybridge.arrays import BoolArray, FloatArray, IntArray
+from muybridge.geometry.numerics._numba import compiled
 
 
 @compiled
-def _inverse3(a: Array, out: Array) -> None:
+def _inverse3(a: FloatArray, out: FloatArray) -> None:
     c00 = a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1]
     c01 = a[1, 2] * a[2, 0] - a[1, 0] * a[2, 2]
     c02 = a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0]
@@ -28,7 +28,7 @@ def _inverse3(a: Array, out: Array) -> None:
 
 
 @compiled
-def _predict(mean: Array, spread: Array, dt: float, acceleration: float) -> None:
+def _predict(mean: FloatArray, spread: FloatArray, dt: float, acceleration: float) -> None:
     """One frame ahead, in place."""
     for i in range(3):
         mean[i] += dt * mean[3 + i]
@@ -47,7 +47,15 @@ def _predict(mean: Array, spread: Array, dt: float, acceleration: float) -> None
 
 
 @compiled
-def _update(mean: Array, spread: Array, point: Array, noise: Array, off: Array, inverse: Array, gain: Array) -> float:
+def _update(
+    mean: FloatArray,
+    spread: FloatArray,
+    point: FloatArray,
+    noise: FloatArray,
+    off: FloatArray,
+    inverse: FloatArray,
+    gain: FloatArray,
+) -> float:
     """One measurement, in place; its squared Mahalanobis distance. Fills innovation, its information and the gain."""
     total = np.empty((3, 3))
     for i in range(3):
@@ -74,7 +82,7 @@ def _update(mean: Array, spread: Array, point: Array, noise: Array, off: Array, 
 
 
 @compiled
-def _add_back(off: Array, inverse: Array, gain: Array, adjoint: Array, weight: Array) -> None:
+def _add_back(off: FloatArray, inverse: FloatArray, gain: FloatArray, adjoint: FloatArray, weight: FloatArray) -> None:
     """A measurement's share of the backward recursion, in place on (6,) and (6, 6)."""
     # (I - K H)^T v = v - H^T K^T v: only the position rows change.
     for i in range(3):
@@ -109,7 +117,7 @@ def _add_back(off: Array, inverse: Array, gain: Array, adjoint: Array, weight: A
 
 
 @compiled
-def _step_back(adjoint: Array, weight: Array, dt: float) -> None:
+def _step_back(adjoint: FloatArray, weight: FloatArray, dt: float) -> None:
     """`F^T v` and `F^T W F`, in place."""
     for i in range(3):
         adjoint[3 + i] += dt * adjoint[i]
@@ -122,8 +130,8 @@ def _step_back(adjoint: Array, weight: Array, dt: float) -> None:
 
 @compiled
 def smooth_all(
-    xyz: Array, noise: Array, known: NDArray[np.bool_], dt: float, acceleration: float
-) -> tuple[Array, Array, Array]:
+    xyz: FloatArray, noise: FloatArray, known: BoolArray, dt: float, acceleration: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Constant velocity with white-noise acceleration, each landmark for itself.
 
     Args:
@@ -174,7 +182,9 @@ def smooth_all(
 
 
 @compiled
-def _smoothed(mean: Array, cover: Array, adjoint: Array, weight: Array, place: Array, spread: Array) -> None:
+def _smoothed(
+    mean: FloatArray, cover: FloatArray, adjoint: FloatArray, weight: FloatArray, place: FloatArray, spread: FloatArray
+) -> None:
     """Position and its covariance from the filter's state and what the frames after it say."""
     rows = np.empty((3, 6))
     for i in range(3):
@@ -194,7 +204,7 @@ def _smoothed(mean: Array, cover: Array, adjoint: Array, weight: Array, place: A
 
 
 @compiled
-def exchanged_path(costs: Array, known: NDArray[np.bool_], group: IntArray, prior: Array) -> NDArray[np.bool_]:
+def exchanged_path(costs: FloatArray, known: BoolArray, group: IntArray, prior: FloatArray) -> BoolArray:
     """(T, G) whether each group of pairs is exchanged: the likeliest two-state path (Viterbi 1967).
 
     A pair that is missing for a while is compared with its last known frame, so every surviving path remembers

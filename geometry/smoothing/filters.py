@@ -11,14 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, median_filter
 
-from muybridge.geometry.fitting._chain_kernel import compiled
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
+from muybridge.geometry.numerics._numba import compiled
 from muybridge.geometry.numerics.rotations import continuous_quat
 from muybridge.geometry.smoothing._kernel import smooth_all
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ class FilterOptions:
     acceleration: float = 12.0
 
 
-def smooth(values: Array, fps: float, method: str, options: FilterOptions | None = None) -> Array:
+def smooth(values: FloatArray, fps: float, method: str, options: FilterOptions | None = None) -> FloatArray:
     """Filter (T, ...) values along time.
 
     Args:
@@ -80,7 +78,9 @@ def smooth(values: Array, fps: float, method: str, options: FilterOptions | None
     return out.reshape(np.shape(values))
 
 
-def smooth_rotations(quat_wxyz: Array, fps: float, method: str, options: FilterOptions | None = None) -> Array:
+def smooth_rotations(
+    quat_wxyz: FloatArray, fps: float, method: str, options: FilterOptions | None = None
+) -> FloatArray:
     """Filter (T, ..., 4) rotations: signs made continuous, the four components filtered, the length restored.
 
     On the unit sphere a smooth motion is a smooth curve, so there are no jumps at half a turn, as angles have.
@@ -101,7 +101,7 @@ def smooth_rotations(quat_wxyz: Array, fps: float, method: str, options: FilterO
         return np.asarray(out / np.linalg.norm(out, axis=-1, keepdims=True))
 
 
-def hampel(values: Array, half: int, sigmas: float = 3.0) -> tuple[Array, NDArray[np.bool_]]:
+def hampel(values: FloatArray, half: int, sigmas: float = 3.0) -> tuple[FloatArray, BoolArray]:
     """Outliers out: (T, ...) values further than `sigmas` robust standard deviations from their running median become
     NaN (Hampel 1974).
 
@@ -126,7 +126,7 @@ def hampel(values: Array, half: int, sigmas: float = 3.0) -> tuple[Array, NDArra
     return flat.reshape(np.shape(values)), far.reshape(np.shape(values))
 
 
-def residual_cutoff(values: Array, fps: float) -> float:
+def residual_cutoff(values: FloatArray, fps: float) -> float:
     """The cut-off that residual analysis chooses for a Butterworth filter, Hz.
 
     The residual of white noise falls linearly with the cut-off; its line, drawn back to 0 Hz, tells how much noise
@@ -156,7 +156,7 @@ def residual_cutoff(values: Array, fps: float) -> float:
     return float(cutoffs[k - 1] + min(max(share, 0.0), 1.0) * (cutoffs[k] - cutoffs[k - 1]))
 
 
-def _columns(values: Array) -> Array:
+def _columns(values: FloatArray) -> FloatArray:
     """(T, ...) -> a copy as (T, N)."""
     return np.array(values, dtype=np.float64).reshape(len(values), math.prod(np.shape(values)[1:]))
 
@@ -165,7 +165,7 @@ def _with_cutoff(options: FilterOptions, cutoff: float) -> FilterOptions:
     return FilterOptions(**{**vars(options), "cutoff_hz": cutoff})
 
 
-def _stretches(known: NDArray[np.bool_]) -> list[tuple[int, int, NDArray[np.intp]]]:
+def _stretches(known: BoolArray) -> list[tuple[int, int, IndexArray]]:
     """Runs without a gap: (start, stop, columns that share it)."""
     runs: dict[tuple[int, int], list[int]] = {}
     for column in range(known.shape[1]):
@@ -183,7 +183,7 @@ def _odd_frames(seconds: float, fps: float, least: int) -> int:
 # every command loads this module.
 
 
-def _butterworth(x: Array, fps: float, o: FilterOptions) -> Array:
+def _butterworth(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
     from scipy.signal import butter, sosfiltfilt
 
     assert o.cutoff_hz is not None
@@ -198,14 +198,14 @@ def _butterworth(x: Array, fps: float, o: FilterOptions) -> Array:
     return np.asarray(sosfiltfilt(sections, x, axis=0, padlen=pad)) if len(x) > 3 else x
 
 
-def _savgol(x: Array, fps: float, o: FilterOptions) -> Array:
+def _savgol(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
     from scipy.signal import savgol_filter
 
     window = _odd_frames(o.window, fps, o.degree + 1)
     return np.asarray(savgol_filter(x, window, o.degree, axis=0, mode="interp")) if len(x) >= window else x
 
 
-def _gcv_spline(x: Array, fps: float, o: FilterOptions) -> Array:
+def _gcv_spline(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
     from scipy.interpolate import make_smoothing_spline
 
     if len(x) < 5:
@@ -216,15 +216,15 @@ def _gcv_spline(x: Array, fps: float, o: FilterOptions) -> Array:
     return np.stack([make_smoothing_spline(time, column, lam=lam)(time) for column in x.T], axis=1)
 
 
-def _gaussian(x: Array, fps: float, o: FilterOptions) -> Array:
+def _gaussian(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
     return np.asarray(gaussian_filter1d(x, o.sigma * fps, axis=0, mode="nearest"))
 
 
-def _median(x: Array, fps: float, o: FilterOptions) -> Array:
+def _median(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
     return np.asarray(median_filter(x, size=(_odd_frames(o.window, fps, 1), 1), mode="nearest"))
 
 
-def _loess(x: Array, fps: float, o: FilterOptions) -> Array:
+def _loess(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
     """Local polynomials with tricube weights (Cleveland 1979); evenly spaced, so each is a fixed set of weights."""
     window = _odd_frames(o.window, fps, o.degree + 2)
     if len(x) < window:
@@ -240,7 +240,7 @@ def _loess(x: Array, fps: float, o: FilterOptions) -> Array:
     return out
 
 
-def _loess_kernel(window: int, at: int, degree: int) -> Array:
+def _loess_kernel(window: int, at: int, degree: int) -> FloatArray:
     """(window,) weights with which the values give the local polynomial's value at frame `at`."""
     frames = np.arange(window) - at
     weight = (1 - (np.abs(frames) / (np.abs(frames).max() + 1)) ** 3) ** 3
@@ -249,12 +249,12 @@ def _loess_kernel(window: int, at: int, degree: int) -> Array:
     return np.asarray(np.linalg.solve(design.T @ weighted, weighted.T)[0])
 
 
-def _one_euro(x: Array, fps: float, o: FilterOptions) -> Array:
+def _one_euro(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
     return np.asarray(one_euro(np.ascontiguousarray(x), 1 / fps, o.min_cutoff_hz, o.beta, 1.0))
 
 
 @compiled
-def one_euro(x: Array, dt: float, min_cutoff: float, beta: float, rate_cutoff: float) -> Array:
+def one_euro(x: FloatArray, dt: float, min_cutoff: float, beta: float, rate_cutoff: float) -> FloatArray:
     """(T, N): a low-pass filter for live use whose cut-off rises with the speed (Casiez, Roussel, Vogel 2012)."""
     out = np.empty_like(x)
     rate = np.zeros(x.shape[1])
@@ -271,7 +271,7 @@ def one_euro(x: Array, dt: float, min_cutoff: float, beta: float, rate_cutoff: f
     return out
 
 
-def _kalman(x: Array, fps: float, o: FilterOptions) -> Array:
+def _kalman(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
     """Position and velocity with white-noise acceleration, forwards and backwards (Rauch, Tung, Striebel 1965)."""
     noise = o.noise
     if noise is None:
@@ -286,7 +286,7 @@ def _kalman(x: Array, fps: float, o: FilterOptions) -> Array:
     return np.asarray(out.reshape(len(x), -1)[:, : x.shape[1]])
 
 
-METHODS: dict[str, Callable[[Array, float, FilterOptions], Array]] = {
+METHODS: dict[str, Callable[[FloatArray, float, FilterOptions], FloatArray]] = {
     "butterworth": _butterworth,
     "kalman": _kalman,
     "savgol": _savgol,

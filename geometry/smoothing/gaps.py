@@ -9,12 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.numerics.rotations import kabsch
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class GapOptions:
     ridge: float = 0.003
 
 
-def fill_gaps(xyz: Array, fps: float, method: str = "auto", options: GapOptions | None = None) -> Array:
+def fill_gaps(xyz: FloatArray, fps: float, method: str = "auto", options: GapOptions | None = None) -> FloatArray:
     """Fill gaps between known frames.
 
     Args:
@@ -73,7 +71,7 @@ def fill_gaps(xyz: Array, fps: float, method: str = "auto", options: GapOptions 
     return out
 
 
-def _gaps(known: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
+def _gaps(known: BoolArray) -> list[tuple[int, int, int]]:
     """(landmark, first missing frame, first known frame after) of every gap between known frames."""
     out = []
     for j in range(known.shape[1]):
@@ -83,7 +81,7 @@ def _gaps(known: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
     return out
 
 
-def _velocity(path: Array, at: int, towards: int) -> Array:
+def _velocity(path: FloatArray, at: int, towards: int) -> FloatArray:
     """Velocity per frame at an edge of a gap, from up to four known frames on its outer side."""
     frames = [f for f in range(at, at + 5 * towards, towards) if 0 <= f < len(path) and np.isfinite(path[f, 0])]
     if len(frames) < 2:
@@ -91,7 +89,7 @@ def _velocity(path: Array, at: int, towards: int) -> Array:
     return np.asarray(np.polyfit(frames, path[frames], 1)[0])
 
 
-def _spline(xyz: Array, j: int, start: int, stop: int, _: GapOptions) -> Array:
+def _spline(xyz: FloatArray, j: int, start: int, stop: int, _: GapOptions) -> FloatArray:
     """A cubic from edge to edge with the velocities on both sides."""
     path, edges = xyz[:, j], [start - 1, stop]
     # Slower where the gap is long: a velocity says little about what happens seconds later.
@@ -100,14 +98,14 @@ def _spline(xyz: Array, j: int, start: int, stop: int, _: GapOptions) -> Array:
     return np.asarray(CubicHermiteSpline(edges, path[edges], speeds, axis=0)(np.arange(start, stop)))
 
 
-def _through(xyz: Array, j: int, start: int, stop: int) -> NDArray[np.intp]:
+def _through(xyz: FloatArray, j: int, start: int, stop: int) -> IndexArray:
     """Other landmarks that are known in the gap and at its edges."""
     known = np.asarray(np.isfinite(xyz[start - 1 : stop + 1, :, 0]).all(axis=0))
     known[j] = False
     return np.flatnonzero(known)
 
 
-def _spreads(xyz: Array, j: int, others: NDArray[np.intp], start: int, stop: int) -> Array:
+def _spreads(xyz: FloatArray, j: int, others: IndexArray, start: int, stop: int) -> FloatArray:
     """(K,) standard deviation of the distance to each other landmark, about the gap."""
     near = slice(max(start - 250, 0), stop + 250)
     distance = np.linalg.norm(xyz[near, others] - xyz[near, j : j + 1], axis=-1)
@@ -115,7 +113,7 @@ def _spreads(xyz: Array, j: int, others: NDArray[np.intp], start: int, stop: int
     return np.where(count > 5, np.nanstd(np.where(count > 5, distance, 0.0), axis=0), np.inf)
 
 
-def _rigid(xyz: Array, j: int, start: int, stop: int, options: GapOptions) -> Array | None:
+def _rigid(xyz: FloatArray, j: int, start: int, stop: int, options: GapOptions) -> FloatArray | None:
     """With three or more points that keep their distances: where the body that they are part of carries the point."""
     others = _through(xyz, j, start, stop)
     if len(others) < 3:
@@ -136,7 +134,7 @@ def _rigid(xyz: Array, j: int, start: int, stop: int, options: GapOptions) -> Ar
     return np.asarray((1 - share) * parts[0] + share * parts[1])
 
 
-def _pattern(xyz: Array, j: int, start: int, stop: int, _: GapOptions) -> Array | None:
+def _pattern(xyz: FloatArray, j: int, start: int, stop: int, _: GapOptions) -> FloatArray | None:
     """The path of the point that keeps its distance best, shifted to meet both edges."""
     others = _through(xyz, j, start, stop)
     if not len(others):
@@ -145,7 +143,7 @@ def _pattern(xyz: Array, j: int, start: int, stop: int, _: GapOptions) -> Array 
     return _joined(xyz, xyz[:, donor : donor + 1].repeat(xyz.shape[1], 1), j, start, stop)
 
 
-def _joined(xyz: Array, guess: Array, j: int, start: int, stop: int) -> Array:
+def _joined(xyz: FloatArray, guess: FloatArray, j: int, start: int, stop: int) -> FloatArray:
     """A guess (T, J, 3) over the gap, shifted linearly in time so that it meets what is known at the edges."""
     frames = np.arange(start, stop)
     share = ((frames - start + 1) / (stop - start + 1))[:, None]
@@ -153,7 +151,7 @@ def _joined(xyz: Array, guess: Array, j: int, start: int, stop: int) -> Array:
     return np.asarray(guess[frames, j] + (1 - share) * off[0] + share * off[1])
 
 
-def _low_rank(xyz: Array, j: int, start: int, stop: int, options: GapOptions) -> Array | None:
+def _low_rank(xyz: FloatArray, j: int, start: int, stop: int, options: GapOptions) -> FloatArray | None:
     """Where the other points' principal components put it: regression over the frames that have all of them."""
     others = _through(xyz, j, start, stop)
     rows = np.flatnonzero(np.isfinite(xyz[:, others, 0]).all(axis=1))
@@ -178,7 +176,7 @@ def _low_rank(xyz: Array, j: int, start: int, stop: int, options: GapOptions) ->
     return _joined(xyz[:, j : j + 1], out, 0, start, stop)
 
 
-def _heading(local: Array, at: int) -> Array:
+def _heading(local: FloatArray, at: int) -> FloatArray:
     """(T, 3, 3) turns about z to the heading in which the body looks most like it does in frame `at`."""
     a, b = local[at, :, :2], local[:, :, :2]
     angle = np.unwrap(np.arctan2(
@@ -190,7 +188,7 @@ def _heading(local: Array, at: int) -> Array:
     return out
 
 
-GAP_METHODS: dict[str, Callable[[Array, int, int, int, GapOptions], Array | None]] = {
+GAP_METHODS: dict[str, Callable[[FloatArray, int, int, int, GapOptions], FloatArray | None]] = {
     "spline": _spline,
     "rigid": _rigid,
     "pattern": _pattern,

@@ -6,22 +6,20 @@ with growing uncertainty and gives a covariance for what comes out. Its bandwidt
 `sqrt(acceleration / noise) / 2 pi` Hz.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray
 from muybridge.errors import MuybridgeError
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.numerics.robust import CHI2_3_MEDIAN, median_known
+from muybridge.geometry.smoothing._kernel import smooth_all
 from muybridge.geometry.smoothing.filters import FilterOptions, smooth
-from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
-from muybridge.geometry.smoothing._kernel import exchanged_path, smooth_all
+from muybridge.geometry.smoothing.left_right import undo_flips
 
-Array = NDArray[np.float64]
 Method = Literal["kalman", "butterworth", "savgol", "gcv_spline", "gaussian", "median", "loess"]
-
-_CHI2_3_MEDIAN = 2.366  # median of the squared length of a standard normal vector in 3D
 
 
 @dataclass(frozen=True)
@@ -108,12 +106,12 @@ def clean_points(points: Points3D, options: SmoothOptions | None = None) -> Poin
         raise ValueError(f"fps must be above zero, not {points.fps}")
     xyz, covariance = known_points(points, options.default_sigma)
     if options.unswap:
-        xyz, covariance = _unswap(points.landmarks, xyz, covariance, points.fps, options.swap_share)
+        xyz, covariance = undo_flips(points.landmarks, xyz, covariance, points.fps, options.swap_share)
     xyz = np.where(_outliers(xyz, points.fps, options)[..., None], np.nan, xyz)
     return replace(points, points_world=xyz, covariance_world=covariance)
 
 
-def known_points(points: Points3D, default_sigma: float) -> tuple[Array, Array]:
+def known_points(points: Points3D, default_sigma: float) -> tuple[FloatArray, FloatArray]:
     """Positions (T, J, 3), NaN in all coordinates where missing, and a usable covariance (T, J, 3, 3) for
     each.
 
@@ -132,125 +130,7 @@ def known_points(points: Points3D, default_sigma: float) -> tuple[Array, Array]:
     return xyz, (vectors * values[..., None, :]) @ np.swapaxes(vectors, -1, -2)
 
 
-def _unswap(
-    landmarks: LandmarkSet, xyz: Array, covariance: Array, fps: float, swap_share: float
-) -> tuple[Array, Array]:
-    """Exchange sides where that makes both paths smoother, first of the whole body, then limbs, then pairs.
-
-    A network that takes the front for the back exchanges everything at once, and all pairs together show the
-    jump far better than one of them; what is left are crossed legs and single joints.
-    """
-    names = landmarks.names
-    pairs = [
-        (i, names.index("right_" + name[5:]))
-        for i, name in enumerate(names)
-        if name.startswith("left_") and "right_" + name[5:] in names
-    ]
-    if len(xyz) < 3 or not pairs:
-        return xyz, covariance
-    xyz, covariance = xyz.copy(), covariance.copy()
-    left, right = np.array(pairs, dtype=np.intp).T
-    limb = np.array([_limb_of(names[i]) for i in left])
-    rare = float(np.log((1 - swap_share) / swap_share))
-    # The body tells where its front is, and so which leg is which by its hips and which arm by its shoulders.
-    hips, shoulders = _facing(landmarks, xyz, ("hip",)), _facing(landmarks, xyz, ("shoulder",))
-    of_limb = np.stack([hips, shoulders, np.zeros_like(hips)], axis=1)[:, np.unique(limb)]
-    # All at once is the network's own mistake and not rare.
-    whole = 0.4 * rare + _facing(landmarks, xyz, ("hip", "shoulder"))[:, None]
-    for group, prior in (
-        (np.zeros(len(left), dtype=np.intp), whole),
-        (limb, rare + of_limb),
-        (np.arange(len(left)), np.full((1, 1), rare)),
-    ):
-        swapped = _swap_paths(xyz[:, left], xyz[:, right], covariance[:, left], group, fps, prior)
-        t, k = np.nonzero(swapped)
-        for array in (xyz, covariance):
-            array[t, left[k]], array[t, right[k]] = array[t, right[k]], array[t, left[k]]
-    return xyz, covariance
-
-
-def _facing(landmarks: LandmarkSet, xyz: Array, across: Sequence[str]) -> Array:
-    """(T,) log odds that left is left of the pairs `across`, from where nose and toes point: left is up x forward. 0
-    where unknown."""
-
-    def at(name: str) -> Array:
-        return xyz[:, landmarks.names.index(name)] if name in landmarks.names else np.full_like(xyz[:, 0], np.nan)
-
-    up = at("left_shoulder") + at("right_shoulder") - at("left_hip") - at("right_hip")
-    head = 2 * at("nose") - at("left_ear") - at("right_ear")
-    feet = [at(f"{side}_big_toe") - at(f"{side}_heel") for side in ("left", "right")]
-    forward = np.nansum([head, *feet], axis=0)
-    left = np.cross(up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-9), forward)
-    reach = np.linalg.norm(left, axis=-1)
-    wide = np.sum([at(f"left_{pair}") - at(f"right_{pair}") for pair in across], axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        width = np.sum(left * wide, axis=-1) / reach
-    # Hips and shoulders are each a quarter of a metre wide, and nose and feet reach half a metre to the front; noise
-    # alone makes about half of that.
-    usual = 0.125 * len(across)
-    return np.asarray(np.nan_to_num(np.clip(width / usual, -2.0, 2.0) * np.minimum(reach / 0.3, 1.0)))
-
-
-def _limb_of(name: str) -> int:
-    words = (("hip", "knee", "ankle", "heel", "toe", "foot"), ("shoulder", "elbow", "wrist", "hand"))
-    return next((i for i, limb in enumerate(words) if name.endswith(limb)), len(words))
-
-
-def _swap_paths(
-    a: Array, b: Array, covariance: Array, group: NDArray[np.intp], fps: float, prior: Array
-) -> NDArray[np.bool_]:
-    """Per group of pairs the most likely two-state path (Viterbi 1967).
-
-    Args:
-        a, b: (T, N, 3) the left and the right landmark of each pair.
-        covariance: (T, N, 3, 3) of the left ones.
-        group: (N,) pairs with the same number are exchanged together.
-        prior: (T, G) or what broadcasts to it, what a frame in exchanged state costs (log odds).
-
-    Returns:
-        (T, N) whether a pair is exchanged.
-    """
-    known = np.isfinite(a[..., 0]) & np.isfinite(b[..., 0])
-    t_count = len(a)
-    latest = np.maximum.accumulate(np.where(known, np.arange(t_count)[:, None], -1), axis=0)
-    before = np.concatenate([np.full((1, a.shape[1]), -1), latest[:-1]])
-    usable = known & (before >= 0)
-    column = np.arange(a.shape[1])
-    # What the covariance claims, or the noise that is seen where that is more: points that are jumpy anyway
-    # say little about sides.
-    claimed = np.trace(covariance, axis1=-2, axis2=-1) / 3
-    variance = np.maximum(claimed, np.fmax(_jump_variance(a), _jump_variance(b)))
-    # How far a landmark gets between two frames without a swap: its noise and 1.5 m/s; more than the cap
-    # of a mistaken step says nothing more.
-    seconds = (np.arange(t_count)[:, None] - before) / fps
-    moves = (1.5 * seconds) ** 2
-    scale = np.where(usable, variance + variance[before, column], 1.0) + moves
-    number = np.unique(group, return_inverse=True)[1]
-    # Noise is every landmark's own, movement the limb's: what a foot says of it, heel and toes don't say again.
-    worth = 1 / (1 + (np.bincount(number)[number] - 1) * moves / scale)
-
-    def step(now: Array, then: Array) -> Array:
-        far = np.sum((now - then[before, column]) ** 2, axis=-1) / (2 * scale)
-        return np.where(usable, worth * np.minimum(far, 8.0), 0.0)
-
-    costs = np.stack([step(a, a) + step(b, b), step(b, a) + step(a, b)], axis=-1)
-    member = (number == np.arange(number.max() + 1)[:, None]).astype(np.float64)
-    prior = np.broadcast_to(prior, (t_count, len(member))) * (known @ member.T > 0)
-    path = exchanged_path(np.ascontiguousarray(costs), known, number.astype(np.int64), np.ascontiguousarray(prior))
-    return np.asarray(path[:, number] & known)
-
-
-def _jump_variance(xyz: Array) -> Array:
-    """(T, N, 3) -> (N,) variance of a coordinate, robustly from each point's distance to its neighbours' middle.
-
-    Zero where there are no three frames in a row.
-    """
-    off = xyz[1:-1] - 0.5 * (xyz[2:] + xyz[:-2])
-    median = _median_known(np.sum(off**2, axis=-1))
-    return np.nan_to_num(median / (1.5 * _CHI2_3_MEDIAN))
-
-
-def _outliers(xyz: Array, fps: float, options: SmoothOptions) -> NDArray[np.bool_]:
+def _outliers(xyz: FloatArray, fps: float, options: SmoothOptions) -> BoolArray:
     """(T, J) points far from their running median (Hampel 1974) that no possible motion leads to.
 
     Far is meant in units of the running median distance. A quick blow is far from the median too, but it comes
@@ -278,7 +158,7 @@ def _outliers(xyz: Array, fps: float, options: SmoothOptions) -> NDArray[np.bool
     return np.asarray(far)
 
 
-def _reached(xyz: Array, near: NDArray[np.bool_], sigma: Array, fps: float, top_speed: float) -> NDArray[np.bool_]:
+def _reached(xyz: FloatArray, near: BoolArray, sigma: FloatArray, fps: float, top_speed: float) -> BoolArray:
     """(T, J) whether `top_speed` and the noise explain the way from the latest `near` point before."""
     frames, columns = np.arange(len(xyz))[:, None], np.arange(xyz.shape[1])
     latest = np.maximum.accumulate(np.where(near, frames, -1), axis=0)
@@ -287,7 +167,7 @@ def _reached(xyz: Array, near: NDArray[np.bool_], sigma: Array, fps: float, top_
     return np.asarray((latest >= 0) & (way <= allowed) & ((frames - latest) / fps < 0.1))
 
 
-def _running_median(values: Array, half: int) -> Array:
+def _running_median(values: FloatArray, half: int) -> FloatArray:
     """(T, J, K): median over 2 half + 1 frames of what is not NaN; in blocks, for the windows are large."""
     padded = np.pad(values, ((half, half), (0, 0), (0, 0)), constant_values=np.nan)
     block = 1000
@@ -295,7 +175,7 @@ def _running_median(values: Array, half: int) -> Array:
     return np.concatenate(parts)
 
 
-def _window_median(padded: Array, half: int) -> Array:
+def _window_median(padded: FloatArray, half: int) -> FloatArray:
     windows = np.sort(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0), axis=-1)
     count = np.isfinite(windows).sum(axis=-1)
     low, high = np.maximum(count - 1, 0) // 2, count // 2
@@ -304,7 +184,9 @@ def _window_median(padded: Array, half: int) -> Array:
     return np.where(count > 0, 0.5 * (picked[0] + picked[1]), np.nan)
 
 
-def _smooth(xyz: Array, covariance: Array, fps: float, options: SmoothOptions) -> tuple[Array, Array]:
+def _smooth(
+    xyz: FloatArray, covariance: FloatArray, fps: float, options: SmoothOptions
+) -> tuple[FloatArray, FloatArray]:
     """The smoother in `passes`, with the noise's scale measured and far points weighed down between them.
 
     The scale is one factor a landmark, by which the squared distance from what the filter predicts exceeds
@@ -322,7 +204,7 @@ def _smooth(xyz: Array, covariance: Array, fps: float, options: SmoothOptions) -
         if k == options.passes - 1:
             break
         with np.errstate(invalid="ignore"):
-            ratio = _median_known(surprise) / _CHI2_3_MEDIAN
+            ratio = median_known(surprise) / CHI2_3_MEDIAN
         scale = np.clip(scale * np.where(np.isfinite(ratio), ratio, 1.0), 0.02, 400.0)
         error = np.where(known[..., None], xyz - out, 0.0)
         solved = np.linalg.solve(covariance * scale[:, None, None], error[..., None])[..., 0]
@@ -330,15 +212,7 @@ def _smooth(xyz: Array, covariance: Array, fps: float, options: SmoothOptions) -
     return out, out_covariance
 
 
-def _median_known(values: Array) -> Array:
-    """(T, J) -> (J,) median of what is finite; NaN where nothing is."""
-    ordered = np.sort(values, axis=0)
-    count = np.isfinite(ordered).sum(axis=0)
-    middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[None] // 2, axis=0)[0]
-    return np.where(count > 0, middle, np.nan)
-
-
-def _hold_ends(positions: Array, known: NDArray[np.bool_]) -> Array:
+def _hold_ends(positions: FloatArray, known: BoolArray) -> FloatArray:
     """Before the first and after the last known point a path holds still: constant velocity would fly off."""
     out = positions.copy()
     frames, columns = np.arange(len(known))[:, None], np.arange(known.shape[1])
@@ -347,7 +221,7 @@ def _hold_ends(positions: Array, known: NDArray[np.bool_]) -> Array:
     return np.asarray(out[np.clip(frames, first, last), columns])
 
 
-def _within_reach(known: NDArray[np.bool_], fps: float, options: SmoothOptions) -> NDArray[np.bool_]:
+def _within_reach(known: BoolArray, fps: float, options: SmoothOptions) -> BoolArray:
     """(T, J): known, or in a gap of at most `max_gap`, or at an end that is to be extrapolated."""
     t_count = len(known)
     frames = np.arange(t_count)[:, None]

@@ -10,11 +10,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.sync.clocks import MAD_SIGMA, UNKNOWN, Clock, Delays, clock_from_delays, parabola
-
-Floats = NDArray[np.float64]
 
 _ENVELOPE_RATE = 500.0
 _FINE_SEARCH = 0.02  # seconds about the envelopes' delay in which waveforms are compared
@@ -25,7 +23,7 @@ _APART = 0.05  # seconds between rivals
 
 
 def audio_clock(
-    reference: Floats, other: Floats, rate: float, max_offset: float | None = None, window: float = 20.0
+    reference: FloatArray, other: FloatArray, rate: float, max_offset: float | None = None, window: float = 20.0
 ) -> Clock:
     """A camera's clock by sound.
 
@@ -59,13 +57,17 @@ def audio_clock(
     return replace(clock, offset_sd=float(np.hypot(clock.offset_sd, doubt)))
 
 
-def _overlap(reference: Floats, other: Floats, rate: float, delay: float, window: float) -> tuple[int, int, int]:
+def _overlap(
+    reference: FloatArray, other: FloatArray, rate: float, delay: float, window: float
+) -> tuple[int, int, int]:
     """First and last sample of the reference that the other has too, and how many a window of it has."""
     lowest, highest = max(0, int(-delay * rate)), min(len(reference), int(len(other) - delay * rate))
     return lowest, highest, min(int(min(window * rate, len(reference), len(other))), highest - lowest)
 
 
-def _clearest(reference: Floats, other: Floats, rate: float, delays: list[float], window: float) -> tuple[float, float]:
+def _clearest(
+    reference: FloatArray, other: FloatArray, rate: float, delays: list[float], window: float
+) -> tuple[float, float]:
     """Of delays at which the envelopes agree, the one at which the waveforms do, seconds, and how far others are that
     fit as well: 0 where none does."""
     strengths = []
@@ -81,7 +83,7 @@ def _clearest(reference: Floats, other: Floats, rate: float, delays: list[float]
     return delays[best], max(abs(d - delays[best]) for d in rivals)
 
 
-def _envelope(samples: Floats, rate: float) -> tuple[Floats, float]:
+def _envelope(samples: FloatArray, rate: float) -> tuple[FloatArray, float]:
     """Loudness that stands out, about `_ENVELOPE_RATE` times a second, and its rate."""
     step = max(1, int(rate / _ENVELOPE_RATE))
     kept = samples[: len(samples) // step * step].reshape(-1, step)
@@ -90,7 +92,7 @@ def _envelope(samples: Floats, rate: float) -> tuple[Floats, float]:
     return np.asarray(rise - rise.mean()), rate / step
 
 
-def _coarse_delays(reference: Floats, other: Floats, rate: float, max_offset: float | None) -> list[float]:
+def _coarse_delays(reference: FloatArray, other: FloatArray, rate: float, max_offset: float | None) -> list[float]:
     """Delays at which the envelopes agree best, or nearly so, seconds, the best first."""
     from scipy.signal import correlate, correlation_lags, find_peaks  # slow to load, as every command loads this module
 
@@ -109,7 +111,7 @@ def _coarse_delays(reference: Floats, other: Floats, rate: float, max_offset: fl
 
 
 def _phat_delay(
-    reference: Floats, other: Floats, rate: float, start: int, length: int, guess: float
+    reference: FloatArray, other: FloatArray, rate: float, start: int, length: int, guess: float
 ) -> tuple[float, float, float]:
     """(delay, standard deviation, strength) of one window by GCC-PHAT, near a guess; seconds."""
     shift = int(round(guess * rate))

@@ -12,11 +12,9 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.landmarks.arrays import Keypoints2D
-
-Floats = NDArray[np.float64]
 
 MAD_SIGMA = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
 
@@ -39,7 +37,7 @@ class Clock:
     drift_sd: float
     strength: float
 
-    def at(self, times: Floats) -> Floats:
+    def at(self, times: FloatArray) -> FloatArray:
         """The camera's own times of what the reference sees at `times`, seconds."""
         return np.asarray(times + self.offset + self.drift * times)
 
@@ -47,9 +45,7 @@ class Clock:
 UNKNOWN = Clock(0.0, 0.0, np.inf, np.inf, 0.0)
 
 
-def own_frames(
-    clocks: Sequence[Clock] | None, c: int, frames: NDArray[np.intp], fps: float, count: int
-) -> NDArray[np.intp]:
+def own_frames(clocks: Sequence[Clock] | None, c: int, frames: IndexArray, fps: float, count: int) -> IndexArray:
     """A camera's own frames nearest to frames of the take.
 
     Args:
@@ -68,10 +64,10 @@ def own_frames(
 class Delays:
     """Delays in windows over a take: `delay[k]` seconds with `sd[k]` about the reference's time `at[k]`."""
 
-    at: Floats
-    delay: Floats
-    sd: Floats
-    strength: Floats
+    at: FloatArray
+    delay: FloatArray
+    sd: FloatArray
+    strength: FloatArray
 
 
 def clock_from_delays(delays: Delays, with_drift: bool) -> Clock:
@@ -111,7 +107,7 @@ def clock_from_delays(delays: Delays, with_drift: bool) -> Clock:
     )
 
 
-def parabola(values: Floats, at: int) -> float:
+def parabola(values: FloatArray, at: int) -> float:
     """Where between its neighbours the peak at `at` lies, in -0.5..0.5."""
     if at <= 0 or at >= len(values) - 1:
         return 0.0
@@ -122,7 +118,9 @@ def parabola(values: Floats, at: int) -> float:
     return float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend < 0 else 0.0
 
 
-def resample(points_px: Floats, variance_px2: Floats, fps: float, times: Floats) -> tuple[Floats, Floats]:
+def resample(
+    points_px: FloatArray, variance_px2: FloatArray, fps: float, times: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Landmarks between frames, linearly.
 
     Args:

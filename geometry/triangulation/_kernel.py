@@ -19,17 +19,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from muybridge.arrays import BoolArray, FloatArray, IntArray
 
 _BEHIND = 1e6  # u of a point that is not in front of a camera
 _MIN_DEPTH = 1e-6
 _MAX_ITERATIONS = 20
 
-_compiled = njit(cache=True, nogil=True, error_model="numpy")
+compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Limits(NamedTuple):
@@ -48,41 +45,41 @@ class Limits(NamedTuple):
 class Rig(NamedTuple):
     """What does not change from point to point."""
 
-    poses: Array  # (C, 3, 4) cam_from_world
-    centers: Array  # (C, 3)
-    px2_per_unit2: Array  # (C,) squared focal lengths
+    poses: FloatArray  # (C, 3, 4) cam_from_world
+    centers: FloatArray  # (C, 3)
+    px2_per_unit2: FloatArray  # (C,) squared focal lengths
     pairs: IntArray  # (Q, 2) pairs of cameras in the order in which they propose
 
 
 class Views(NamedTuple):
     """One landmark in one frame, as the cameras see it."""
 
-    poses: Array  # (C, 3, 4) cam_from_world
-    centers: Array  # (C, 3)
-    seen: Array  # (C, 2) normalised image coordinates
-    info: Array  # (C,) one over the variance, normalised units; zero where the camera has no 2D point
-    rays: Array  # (C, 3) directions, of any length
+    poses: FloatArray  # (C, 3, 4) cam_from_world
+    centers: FloatArray  # (C, 3)
+    seen: FloatArray  # (C, 2) normalised image coordinates
+    info: FloatArray  # (C,) one over the variance, normalised units; zero where the camera has no 2D point
+    rays: FloatArray  # (C, 3) directions, of any length
     use: IntArray  # (n,) the cameras that have a 2D point
 
 
 class Scratch(NamedTuple):
     """Memory that is used again for every point."""
 
-    starts: Array  # (2, 3) the two best proposals, then the points refined from them
-    normal: Array  # (3, 3)
-    damped: Array  # (3, 3)
-    inverse: Array  # (3, 3)
-    gradient: Array  # (3,)
-    trial: Array  # (3,)
+    starts: FloatArray  # (2, 3) the two best proposals, then the points refined from them
+    normal: FloatArray  # (3, 3)
+    damped: FloatArray  # (3, 3)
+    inverse: FloatArray  # (3, 3)
+    gradient: FloatArray  # (3,)
+    trial: FloatArray  # (3,)
 
 
-@_compiled
+@compiled
 def _loss(u: float, limits: Limits) -> float:
     v = 1.0 + u / limits.tail2
     return -2.0 * math.log(math.exp(-0.5 * u) + limits.kappa / (v * math.sqrt(v)))
 
 
-@_compiled
+@compiled
 def _weight(u: float, limits: Limits) -> float:
     """d loss / d u: the factor by which a camera's equations are scaled."""
     v = 1.0 + u / limits.tail2
@@ -91,8 +88,8 @@ def _weight(u: float, limits: Limits) -> float:
     return (right + wrong * 3.0 / (limits.tail2 * v)) / (right + wrong)
 
 
-@_compiled
-def _error_u(views: Views, c: int, point: Array) -> float:
+@compiled
+def _error_u(views: Views, c: int, point: FloatArray) -> float:
     """Squared distance of the projection to the 2D point, in variances; `_BEHIND` if it is behind."""
     p = views.poses[c]
     z = p[2, 0] * point[0] + p[2, 1] * point[1] + p[2, 2] * point[2] + p[2, 3]
@@ -104,8 +101,8 @@ def _error_u(views: Views, c: int, point: Array) -> float:
     return u
 
 
-@_compiled
-def _score(views: Views, point: Array, limits: Limits) -> tuple[float, int]:
+@compiled
+def score_of_point(views: Views, point: FloatArray, limits: Limits) -> tuple[float, int]:
     """Sum of the cameras' losses, and how many of them agree."""
     total = 0.0
     agree = 0
@@ -117,8 +114,8 @@ def _score(views: Views, point: Array, limits: Limits) -> tuple[float, int]:
     return total, agree
 
 
-@_compiled
-def _midpoint(views: Views, a: int, b: int, min_sin2: float, out: Array) -> bool:
+@compiled
+def _midpoint(views: Views, a: int, b: int, min_sin2: float, out: FloatArray) -> bool:
     """The point nearest to two rays, nearer to the surer one; False if they are parallel or meet behind."""
     ray_a, ray_b = views.rays[a], views.rays[b]
     center_a, center_b = views.centers[a], views.centers[b]
@@ -148,8 +145,8 @@ def _midpoint(views: Views, a: int, b: int, min_sin2: float, out: Array) -> bool
     return True
 
 
-@_compiled
-def _inverse3(a: Array, out: Array) -> bool:
+@compiled
+def inverse3(a: FloatArray, out: FloatArray) -> bool:
     """Inverse of a symmetric positive definite 3x3 matrix; False if it is singular."""
     c00 = a[1, 1] * a[2, 2] - a[1, 2] * a[1, 2]
     c01 = a[0, 2] * a[1, 2] - a[0, 1] * a[2, 2]
@@ -170,8 +167,10 @@ def _inverse3(a: Array, out: Array) -> bool:
     return True
 
 
-@_compiled
-def _normal_equations(views: Views, point: Array, limits: Limits, normal: Array, gradient: Array) -> float:
+@compiled
+def normal_equations(
+    views: Views, point: FloatArray, limits: Limits, normal: FloatArray, gradient: FloatArray
+) -> float:
     """Gauss-Newton's matrix and gradient at `point`, reweighted by the loss; returns the loss."""
     normal[:] = 0.0
     gradient[:] = 0.0
@@ -202,19 +201,19 @@ def _normal_equations(views: Views, point: Array, limits: Limits, normal: Array,
     return total
 
 
-@_compiled
-def _refine(views: Views, point: Array, limits: Limits, scratch: Scratch) -> float:
+@compiled
+def _refine(views: Views, point: FloatArray, limits: Limits, scratch: Scratch) -> float:
     """Damped Gauss-Newton on the robust loss, in place; returns the loss."""
     normal, damped, inverse = scratch.normal, scratch.damped, scratch.inverse
     gradient, trial = scratch.gradient, scratch.trial
     damping = 1e-6
-    best = _normal_equations(views, point, limits, normal, gradient)
+    best = normal_equations(views, point, limits, normal, gradient)
     for _ in range(_MAX_ITERATIONS):
         for k in range(3):
             for m in range(3):
                 damped[k, m] = normal[k, m]
             damped[k, k] += damping * (normal[0, 0] + normal[1, 1] + normal[2, 2])
-        if not _inverse3(damped, inverse):
+        if not inverse3(damped, inverse):
             break
         decrease = 0.0
         for k in range(3):
@@ -224,11 +223,11 @@ def _refine(views: Views, point: Array, limits: Limits, scratch: Scratch) -> flo
         # The expected fall of the loss, in squared sigmas: below this, the point no longer moves visibly.
         if decrease < 1e-4:
             break
-        loss, _ = _score(views, trial, limits)
+        loss, _ = score_of_point(views, trial, limits)
         if loss <= best:
             for k in range(3):
                 point[k] = trial[k]
-            best = _normal_equations(views, point, limits, normal, gradient)
+            best = normal_equations(views, point, limits, normal, gradient)
             damping = max(damping * 0.1, 1e-9)
         else:
             damping *= 100.0
@@ -237,8 +236,8 @@ def _refine(views: Views, point: Array, limits: Limits, scratch: Scratch) -> flo
     return best
 
 
-@_compiled
-def _widest_sin2(rays: Array, use: IntArray) -> float:
+@compiled
+def _widest_sin2(rays: FloatArray, use: IntArray) -> float:
     """Largest squared sine of the angle between two rays (found in two sweeps, so linear in cameras)."""
     first = use[0]
     widest = 0.0
@@ -260,7 +259,7 @@ def _widest_sin2(rays: Array, use: IntArray) -> float:
     return widest
 
 
-@_compiled
+@compiled
 def _two_best_pairs(views: Views, pairs: IntArray, limits: Limits, scratch: Scratch) -> int:
     """Points of the two pairs of cameras that all cameras like best, into `starts`; returns how many."""
     starts, trial = scratch.starts, scratch.trial
@@ -276,7 +275,7 @@ def _two_best_pairs(views: Views, pairs: IntArray, limits: Limits, scratch: Scra
         if not _midpoint(views, a, b, limits.min_sin2, trial):
             continue
         tried += 1
-        score, agree = _score(views, trial, limits)
+        score, agree = score_of_point(views, trial, limits)
         if score < scores[0]:
             starts[1, :] = starts[0]
             starts[0, :] = trial
@@ -291,7 +290,7 @@ def _two_best_pairs(views: Views, pairs: IntArray, limits: Limits, scratch: Scra
     return min(tried, 2)
 
 
-@_compiled
+@compiled
 def _two_best_points(views: Views, rig: Rig, limits: Limits, scratch: Scratch) -> tuple[int, float]:
     """Puts the best point first and its rival second in `starts`.
 
@@ -305,7 +304,7 @@ def _two_best_points(views: Views, rig: Rig, limits: Limits, scratch: Scratch) -
     loss = _refine(views, starts[0], limits, scratch)
     if found == 1 or views.use.size == 2:
         return 1, 0.0
-    _, agree = _score(views, starts[0], limits)
+    _, agree = score_of_point(views, starts[0], limits)
     if agree >= 3 and 2 * agree > views.use.size:
         return 1, 0.0  # a majority beyond what two cameras can always be made to agree on: no rival
     rival_loss = _refine(views, starts[1], limits, scratch)
@@ -315,8 +314,10 @@ def _two_best_points(views: Views, rig: Rig, limits: Limits, scratch: Scratch) -
     return 2, math.exp(-0.5 * abs(rival_loss - loss))
 
 
-@_compiled
-def _solve_one(views: Views, rig: Rig, limits: Limits, scratch: Scratch, covariance: Array, inlier: BoolArray) -> bool:
+@compiled
+def _solve_one(
+    views: Views, rig: Rig, limits: Limits, scratch: Scratch, covariance: FloatArray, inlier: BoolArray
+) -> bool:
     """One point, into `scratch.starts[0]`, with its covariance and inliers; False if there is none."""
     found, odds = _two_best_points(views, rig, limits, scratch)
     if found == 0:
@@ -337,8 +338,8 @@ def _solve_one(views: Views, rig: Rig, limits: Limits, scratch: Scratch, covaria
     agreeing = Views(views.poses, views.centers, views.seen, views.info, views.rays, views.use[:count])
     if _widest_sin2(agreeing.rays, agreeing.use) < limits.min_sin2:
         return False
-    _normal_equations(agreeing, point, limits, scratch.normal, scratch.gradient)
-    if not _inverse3(scratch.normal, covariance):
+    normal_equations(agreeing, point, limits, scratch.normal, scratch.gradient)
+    if not inverse3(scratch.normal, covariance):
         return False
     # The stated variances count as four observations: with two cameras the residual alone says little.
     factor = (4.0 + chi2) / (4.0 + 2.0 * count - 3.0)
@@ -352,10 +353,10 @@ def _solve_one(views: Views, rig: Rig, limits: Limits, scratch: Scratch, covaria
     return True
 
 
-@_compiled
+@compiled
 def solve_points(
-    rig: Rig, limits: Limits, seen: Array, info: Array, begin: int, end: int,
-    points: Array, covariances: Array, inliers: BoolArray,
+    rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, begin: int, end: int,
+    points: FloatArray, covariances: FloatArray, inliers: BoolArray,
 ) -> None:  # fmt: skip
     """Robust points `begin` to `end`, into the arrays of results, which come filled with NaN and False.
 

@@ -12,14 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.arrays import BoolArray, FloatArray, IntArray
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.robust import extent, row_median
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, take_noise, usable_points
 
-_Floats = NDArray[np.float64]
 _BODY_PARTS = (
     ("shoulder", "elbow", "wrist"),
     ("hip", "knee", "ankle", "heel", "big_toe", "small_toe"),
@@ -53,7 +53,7 @@ def repair_swaps(
     variance_px2: ArrayLike,
     landmarks: LandmarkSet,
     options: SwapOptions | None = None,
-) -> tuple[_Floats, _Floats, NDArray[np.bool_]]:
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Puts left and right back where one camera contradicts the others.
 
     Args:
@@ -79,7 +79,7 @@ def repair_swaps(
     noise_px, scale = take_noise(cameras, px, variance, TriangulateOptions())
     total = scale * variance + noise_px**2
 
-    def exchange(twins: NDArray[np.int64], flips: NDArray[np.bool_]) -> None:
+    def exchange(twins: IntArray, flips: BoolArray) -> None:
         order = np.arange(len(landmarks))
         order[twins[:, 0]], order[twins[:, 1]] = twins[:, 1], twins[:, 0]
         for array in (px, variance, total):
@@ -101,7 +101,7 @@ def repair_swaps(
     return px, variance, swapped
 
 
-def _twins(landmarks: LandmarkSet, part: Sequence[str] | None) -> NDArray[np.int64]:
+def _twins(landmarks: LandmarkSet, part: Sequence[str] | None) -> IntArray:
     """(K, 2) indices of left and right of the twins in a part (None: of all)."""
     pairs = [
         (i, twin)
@@ -112,8 +112,8 @@ def _twins(landmarks: LandmarkSet, part: Sequence[str] | None) -> NDArray[np.int
 
 
 def _flips(
-    cameras: CameraGroup, px: _Floats, variance: _Floats, twins: NDArray[np.int64], options: SwapOptions
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    cameras: CameraGroup, px: FloatArray, variance: FloatArray, twins: IntArray, options: SwapOptions
+) -> tuple[BoolArray, BoolArray]:
     """(C, T) whether a camera's twins should be exchanged, and (C, T) whether that could be told."""
     evidence = _view_evidence(cameras, px, variance, twins, options)
     signs = _best_signs(evidence, options.prior)
@@ -124,18 +124,18 @@ def _flips(
     certain = gain >= options.min_gain
     in_time = _time_evidence(px, variance, twins, options)
     overall = _overall_signs(signs, np.where(certain, 1.0, 0.0), in_time, options.prior)
-    flips: NDArray[np.bool_] = (signs * overall[:, None] < 0) & certain
+    flips: BoolArray = (signs * overall[:, None] < 0) & certain
     return flips.T, certain.T
 
 
-def _bounded(u: _Floats, bound_sigma: float) -> _Floats:
-    result: _Floats = u / (1.0 + u / bound_sigma**2)
+def _bounded(u: FloatArray, bound_sigma: float) -> FloatArray:
+    result: FloatArray = u / (1.0 + u / bound_sigma**2)
     return result
 
 
 def _view_evidence(
-    cameras: CameraGroup, px: _Floats, variance: _Floats, twins: NDArray[np.int64], options: SwapOptions
-) -> _Floats:
+    cameras: CameraGroup, px: FloatArray, variance: FloatArray, twins: IntArray, options: SwapOptions
+) -> FloatArray:
     """(T, C, C) half of what crossed labels cost more than matching ones, in squared sigmas; symmetric."""
     count, frames = px.shape[:2]
     slopes = cameras.unproject(px)
@@ -146,7 +146,7 @@ def _view_evidence(
         for b in range(a):
             essential = _essential(cameras, a, b)
 
-            def cost(i: int, k: int, a: int = a, b: int = b, essential: _Floats = essential) -> _Floats:
+            def cost(i: int, k: int, a: int = a, b: int = b, essential: FloatArray = essential) -> FloatArray:
                 at_a, at_b = twins[:, i], twins[:, k]
                 u = _epipolar_u(essential, slopes[a][:, at_a], slopes[b][:, at_b], noise[a][:, at_a], noise[b][:, at_b])
                 return _bounded(u, options.bound_sigma)
@@ -156,50 +156,52 @@ def _view_evidence(
     return evidence
 
 
-def _essential(cameras: CameraGroup, a: int, b: int) -> _Floats:
+def _essential(cameras: CameraGroup, a: int, b: int) -> FloatArray:
     """(3, 3) E with x_b' E x_a = 0 for normalised homogeneous coordinates."""
     pose_a, pose_b = cameras[a].cam_from_world, cameras[b].cam_from_world
     rotation = pose_b[:, :3] @ pose_a[:, :3].T
     x, y, z = pose_b[:, 3] - rotation @ pose_a[:, 3]
-    essential: _Floats = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ rotation
+    essential: FloatArray = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ rotation
     return essential
 
 
-def _epipolar_u(essential: _Floats, a: _Floats, b: _Floats, noise_a: _Floats, noise_b: _Floats) -> _Floats:
+def _epipolar_u(
+    essential: FloatArray, a: FloatArray, b: FloatArray, noise_a: FloatArray, noise_b: FloatArray
+) -> FloatArray:
     """Squared epipolar distance in units of its variance; points (..., 2), variances (...)."""
     ray_a = np.concatenate([a, np.ones((*a.shape[:-1], 1))], axis=-1)
     ray_b = np.concatenate([b, np.ones((*b.shape[:-1], 1))], axis=-1)
     line_b, line_a = ray_a @ essential.T, ray_b @ essential
     error = np.sum(ray_b * line_b, axis=-1)
     spread = np.sum(line_a[..., :2] ** 2, axis=-1) * noise_a + np.sum(line_b[..., :2] ** 2, axis=-1) * noise_b
-    u: _Floats = error**2 / np.maximum(spread, 1e-30)
+    u: FloatArray = error**2 / np.maximum(spread, 1e-30)
     return u
 
 
-def _time_evidence(px: _Floats, variance: _Floats, twins: NDArray[np.int64], options: SwapOptions) -> _Floats:
+def _time_evidence(px: FloatArray, variance: FloatArray, twins: IntArray, options: SwapOptions) -> FloatArray:
     """(T - 1, C) the same for one camera's consecutive frames."""
     if px.shape[1] < 2:
         return np.zeros((0, len(px)))
 
-    def moved2(i: int, k: int) -> _Floats:
+    def moved2(i: int, k: int) -> FloatArray:
         return np.asarray(np.sum((px[:, 1:, twins[:, i]] - px[:, :-1, twins[:, k]]) ** 2, axis=-1))
 
     # At ease, or as far as these landmarks mostly do in this take: few frames a second are long strides.
     mostly = np.nan_to_num(row_median(row_median(np.concatenate([moved2(0, 0), moved2(1, 1)], axis=-1))))[:, None, None]
     stride2 = np.fmax((options.stride_share * extent(px)[:, 1:, None]) ** 2, mostly)
 
-    def cost(i: int, k: int) -> _Floats:
+    def cost(i: int, k: int) -> FloatArray:
         spread = variance[:, 1:, twins[:, i]] + variance[:, :-1, twins[:, k]] + stride2
         # Noise is each landmark's own in each camera, a stride is one thing that all of them see.
         worth = 1 / (1 + (len(px) * len(twins) - 1) * mostly / (spread + mostly))
         return worth * _bounded(moved2(i, k) / spread, options.bound_sigma)
 
     difference = cost(0, 1) + cost(1, 0) - cost(0, 0) - cost(1, 1)
-    evidence: _Floats = 0.5 * np.nansum(difference, axis=-1).T
+    evidence: FloatArray = 0.5 * np.nansum(difference, axis=-1).T
     return evidence
 
 
-def _best_signs(evidence: _Floats, prior: float) -> _Floats:
+def _best_signs(evidence: FloatArray, prior: float) -> FloatArray:
     """(T, C) signs s, 1 or -1, for which the sum of E_ab s_a s_b (a < b) plus the prior is largest."""
     frames, count = evidence.shape[:2]
     _, vectors = np.linalg.eigh(evidence)
@@ -223,7 +225,7 @@ def _best_signs(evidence: _Floats, prior: float) -> _Floats:
     return best
 
 
-def _overall_signs(signs: _Floats, certain: _Floats, in_time: _Floats, prior: float) -> _Floats:
+def _overall_signs(signs: FloatArray, certain: FloatArray, in_time: FloatArray, prior: float) -> FloatArray:
     """(T,) the sign to give to each frame as a whole: the cheapest path through the take."""
     frames = signs.shape[0]
     own = prior * (signs * certain).sum(axis=1)

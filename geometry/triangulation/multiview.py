@@ -17,9 +17,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.arrays import BoolArray, FloatArray, IntArray
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation._kernel import Limits, Rig, solve_points
 
 _RAYLEIGH_MEDIAN = 1.1774  # median length of a 2D Gaussian of unit variance
@@ -75,10 +77,10 @@ class Triangulation:
         variance_scale: factor on the 2D variances (below one where the take shows them to be too large).
     """
 
-    points_world: NDArray[np.float64]
-    covariance_world: NDArray[np.float64]
-    residual_px: NDArray[np.float64]
-    inlier: NDArray[np.bool_]
+    points_world: FloatArray
+    covariance_world: FloatArray
+    residual_px: FloatArray
+    inlier: BoolArray
     noise_px: float
     variance_scale: float
 
@@ -88,9 +90,9 @@ class _Views:
     """The 2D points of N landmarks as the kernel takes them."""
 
     rig: Rig
-    seen: NDArray[np.float64]  # (N, C, 2) normalised
-    variance_px2: NDArray[np.float64]  # (N, C), NaN where missing
-    px2_per_unit2: NDArray[np.float64]  # (N, C) or (1, C) pixels to normalised units, areas
+    seen: FloatArray  # (N, C, 2) normalised
+    variance_px2: FloatArray  # (N, C), NaN where missing
+    px2_per_unit2: FloatArray  # (N, C) or (1, C) pixels to normalised units, areas
     longer_side_px: float
 
 
@@ -116,11 +118,11 @@ def triangulate(
         ValueError: shapes that do not match, a variance that is not positive, options out of range.
     """
     options = options or TriangulateOptions()
-    px, variance = _checked(cameras, points_px, variance_px2, options)
-    views = _views(cameras, px, variance)
+    px, variance = checked(cameras, points_px, variance_px2, options)
+    views = kernel_views(cameras, px, variance)
     noise_px, scale = take_noise(cameras, px, variance, options)
-    info = _information(views, noise_px, scale)
-    points, covariances, inliers = _solve(views, info, options)
+    info = information(views, noise_px, scale)
+    points, covariances, inliers = solve(views, info, options)
     shape = px.shape[1:3]
     points_world = points.reshape(*shape, 3)
     residual_px = np.linalg.norm(cameras.project(points_world) - px, axis=-1)
@@ -156,7 +158,7 @@ def take_noise(
         (standard deviation to add, px; factor on the variances, in 0.01..1).
     """
     options = options or TriangulateOptions()
-    px, variance = _checked(cameras, points_px, variance_px2, options)
+    px, variance = checked(cameras, points_px, variance_px2, options)
     if options.noise_px is not None:
         return options.noise_px, 1.0
     # Evenly spread over the take; three views if there are enough of them, because two always nearly meet.
@@ -169,103 +171,19 @@ def take_noise(
     chosen = chosen[:: max(1, chosen.size // _NOISE_SAMPLE)]
     flat_px = px.reshape(len(cameras), -1, 2)[:, chosen]
     flat_variance = variance.reshape(len(cameras), -1)[:, chosen]
-    views = _views(cameras, flat_px[:, :, None], flat_variance[:, :, None])
+    views = kernel_views(cameras, flat_px[:, :, None], flat_variance[:, :, None])
     # From generous to strict: started too strictly, the few points that happen to agree would set the level.
     noise_px, scale = 0.01 * views.longer_side_px, 1.0
     for _ in range(4):
-        points, _, _ = _solve(views, _information(views, noise_px, scale), options)
+        points, _, _ = solve(views, information(views, noise_px, scale), options)
         error2 = np.sum((cameras.project(points) - flat_px) ** 2, axis=-1)
         noise_px, scale = _fit_noise(error2, flat_variance)
     return noise_px, scale
 
 
-def leave_one_out_error(
-    cameras: CameraGroup,
-    points_px: ArrayLike,
-    variance_px2: ArrayLike,
-    options: TriangulateOptions | None = None,
-) -> NDArray[np.float64]:
-    """How far each camera's 2D points are from what the other cameras say: a quality figure without truth.
-
-    For every frame, landmark and camera with a usable 2D point, the point is triangulated robustly from the
-    *other* cameras and projected into this one. (The one number shared with the camera left out is the level
-    of the noise, see `take_noise`.)
-
-    Args:
-        cameras: C calibrated cameras.
-        points_px: (C, T, J, 2) px.
-        variance_px2: (C, T, J).
-        options: see `TriangulateOptions`.
-
-    Returns:
-        (C, T, J) px; NaN where the camera has no 2D point or the others gave no point.
-    """
-    options = options or TriangulateOptions()
-    px, variance = _checked(cameras, points_px, variance_px2, options)
-    views = _views(cameras, px, variance)
-    info = _information(views, *take_noise(cameras, px, variance, options))
-    error_px = np.full(variance.shape, np.nan)
-    for c, camera in enumerate(cameras):
-        others = info.copy()
-        others[:, c] = 0.0
-        points, _, _ = _solve(views, others, options)
-        projected = camera.project(points.reshape(*px.shape[1:3], 3))
-        error_px[c] = np.linalg.norm(projected - px[c], axis=-1)
-    error_px[~np.isfinite(variance)] = np.nan
-    return error_px
-
-
-@dataclass(frozen=True)
-class LeaveOneOutSummary:
-    """Figures from `leave_one_out_error`; NaN where there is nothing to take a median of.
-
-    Attributes:
-        median_px: over all cameras, frames and landmarks.
-        camera_median_px: (C,) for each camera.
-        no_point_share: share of the usable 2D points for which the other cameras gave no point.
-        camera_no_point_share: (C,) for each camera.
-    """
-
-    median_px: float
-    camera_median_px: NDArray[np.float64]
-    no_point_share: float
-    camera_no_point_share: NDArray[np.float64]
-
-
-def leave_one_out_summary(error_px: NDArray[np.float64], usable: NDArray[np.bool_]) -> LeaveOneOutSummary:
-    """Medians and shares of a leave-one-camera-out error.
-
-    Args:
-        error_px: (C, T, J) from `leave_one_out_error`.
-        usable: (C, T, J) where the camera has a 2D point (finite point and variance).
-    """
-
-    def median(values: NDArray[np.float64]) -> float:
-        known = values[np.isfinite(values)]
-        return float(np.median(known)) if known.size else float("nan")
-
-    def share(values: NDArray[np.float64], counted: NDArray[np.bool_]) -> float:
-        return float(np.isnan(values[counted]).mean()) if counted.any() else float("nan")
-
-    return LeaveOneOutSummary(
-        median_px=median(error_px),
-        camera_median_px=np.array([median(e) for e in error_px]),
-        no_point_share=share(error_px, usable),
-        camera_no_point_share=np.array([share(e, u) for e, u in zip(error_px, usable, strict=True)]),
-    )
-
-
-def usable_points(points_px: ArrayLike, variance_px2: ArrayLike) -> NDArray[np.bool_]:
-    """(C, T, J) where a 2D point can be used: its pixels and its variance are finite."""
-    point: NDArray[np.bool_] = np.isfinite(np.asarray(points_px)).all(axis=-1)
-    variance: NDArray[np.bool_] = np.isfinite(np.asarray(variance_px2))
-    usable: NDArray[np.bool_] = point & variance
-    return usable
-
-
-def _checked(
+def checked(
     cameras: CameraGroup, points_px: ArrayLike, variance_px2: ArrayLike, options: TriangulateOptions
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[FloatArray, FloatArray]:
     """The arrays as float64, both NaN wherever one of them is; ValueError if they cannot be triangulated."""
     px = np.asarray(points_px, dtype=np.float64)
     variance = np.asarray(variance_px2, dtype=np.float64)
@@ -283,7 +201,7 @@ def _checked(
     return np.where(usable[..., None], px, np.nan), np.where(usable, variance, np.nan)
 
 
-def _views(cameras: CameraGroup, px: NDArray[np.float64], variance: NDArray[np.float64]) -> _Views:
+def kernel_views(cameras: CameraGroup, px: FloatArray, variance: FloatArray) -> _Views:
     """Checked (C, T, J, 2) and (C, T, J) arrays as the kernel takes them; N = T J."""
     count = len(cameras)
     flat_px = px.reshape(count, -1, 2)
@@ -314,15 +232,15 @@ def _views(cameras: CameraGroup, px: NDArray[np.float64], variance: NDArray[np.f
     )
 
 
-def _local_scale(camera: Camera, points_px: NDArray[np.float64], slopes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _local_scale(camera: Camera, points_px: FloatArray, slopes: FloatArray) -> FloatArray:
     """(N,) or (1,) area of an image patch in px^2 over its area in normalised units, at each point.
 
     It is the squared focal length in the middle of every image and, unless the lens is wide, everywhere.
     """
 
-    def scale(px: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+    def scale(px: FloatArray, at: FloatArray) -> FloatArray:
         right, down = camera.unproject(px + [1.0, 0.0]) - at, camera.unproject(px + [0.0, 1.0]) - at
-        area: NDArray[np.float64] = np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0])
+        area: FloatArray = np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0])
         return 1.0 / np.maximum(area, 1e-18)
 
     focal2 = camera.camera_matrix[0, 0] * camera.camera_matrix[1, 1]
@@ -334,7 +252,7 @@ def _local_scale(camera: Camera, points_px: NDArray[np.float64], slopes: NDArray
     return scale(points_px, slopes)
 
 
-def _pair_order(cameras: CameraGroup) -> NDArray[np.int64]:
+def _pair_order(cameras: CameraGroup) -> IntArray:
     """(Q, 2) all pairs of cameras: those with wide angles first, and every camera early.
 
     The angle is taken at the point nearest to all optical axes, about where the subject is.
@@ -359,15 +277,13 @@ def _pair_order(cameras: CameraGroup) -> NDArray[np.int64]:
     return np.stack([first[order], second[order]], axis=1).astype(np.int64)
 
 
-def _information(views: _Views, noise_px: float, scale: float) -> NDArray[np.float64]:
+def information(views: _Views, noise_px: float, scale: float) -> FloatArray:
     """(N, C) one over the variance in normalised units, zero where there is no 2D point."""
     total_px2 = scale * views.variance_px2 + noise_px**2
     return np.where(np.isfinite(total_px2), views.px2_per_unit2 / total_px2, 0.0)
 
 
-def _solve(
-    views: _Views, info: NDArray[np.float64], options: TriangulateOptions
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+def solve(views: _Views, info: FloatArray, options: TriangulateOptions) -> tuple[FloatArray, FloatArray, BoolArray]:
     """(N, 3) points, (N, 3, 3) covariances and (N, C) inliers; the kernel over chunks in threads."""
     count, cameras = info.shape
     points = np.full((count, 3), np.nan)
@@ -416,13 +332,13 @@ def in_chunks(count: int, options: TriangulateOptions, work: Callable[[int, int]
 def views_of(
     cameras: CameraGroup, points_px: ArrayLike, variance_px2: ArrayLike, found: Triangulation,
     options: TriangulateOptions,
-) -> tuple[_Views, NDArray[np.float64]]:  # fmt: skip
+) -> tuple[_Views, FloatArray]:  # fmt: skip
     """The take as the kernel takes it, and (N, C) how much each 2D point is worth, at the noise that was found."""
-    views = _views(cameras, *_checked(cameras, points_px, variance_px2, options))
-    return views, _information(views, found.noise_px, found.variance_scale)
+    views = kernel_views(cameras, *checked(cameras, points_px, variance_px2, options))
+    return views, information(views, found.noise_px, found.variance_scale)
 
 
-def _fit_noise(error2: NDArray[np.float64], variance: NDArray[np.float64]) -> tuple[float, float]:
+def _fit_noise(error2: FloatArray, variance: FloatArray) -> tuple[float, float]:
     """What to add to the variances, or how to scale them, so that the median error is as large as promised.
 
     Args:
@@ -447,3 +363,11 @@ def _fit_noise(error2: NDArray[np.float64], variance: NDArray[np.float64]) -> tu
         middle = 0.5 * (low + high)
         low, high = (middle, high) if level(middle) > 1.0 else (low, middle)
     return float(np.sqrt(high)), 1.0
+
+
+def usable_points(points_px: ArrayLike, variance_px2: ArrayLike) -> BoolArray:
+    """(C, T, J) where a 2D point can be used: its pixels and its variance are finite."""
+    point: BoolArray = np.isfinite(np.asarray(points_px)).all(axis=-1)
+    variance: BoolArray = np.isfinite(np.asarray(variance_px2))
+    usable: BoolArray = point & variance
+    return usable

@@ -4,9 +4,9 @@ person's (an elbow that two views put where a hand of somebody else was)."""
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.arrays import BoolArray, FloatArray
+from muybridge.geometry.landmarks.sets import LandmarkSet
 
 _LIMBS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
 # A bone so many times as long as this person's is none; noise and a trunk's landmark that is off do not do that. Two
@@ -20,7 +20,7 @@ _LEAST = 8
 _VAGUE = 0.3
 
 
-def trunk_of(points_world: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.float64]:
+def trunk_of(points_world: FloatArray, landmarks: LandmarkSet) -> FloatArray:
     """(T, 3) from the middle of the hips to that of the shoulders of points (T, J, 3); NaN where one of the four is not
     known, or not in the set."""
     ends = [[f"{side}_{name}" for side in ("left", "right")] for name in ("shoulder", "hip")]
@@ -30,9 +30,7 @@ def trunk_of(points_world: NDArray[np.float64], landmarks: LandmarkSet) -> NDArr
     return np.asarray(top - bottom)
 
 
-def vague_points(
-    points_world: NDArray[np.float64], covariance_world: NDArray[np.float64], landmarks: LandmarkSet
-) -> NDArray[np.bool_]:
+def vague_points(points_world: FloatArray, covariance_world: FloatArray, landmarks: LandmarkSet) -> BoolArray:
     """Points of which a take says next to nothing: two views that were both unsure, or one, of which depth is a guess.
 
     Args:
@@ -51,7 +49,7 @@ def vague_points(
     return np.asarray(variance > (_VAGUE * np.nanmedian(length)) ** 2)
 
 
-def stretched_limbs(points_world: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.bool_]:
+def stretched_limbs(points_world: FloatArray, landmarks: LandmarkSet) -> BoolArray:
     """Elbows, wrists, knees and ankles that lie too far from the trunk.
 
     A bone's length is the median over the take and both sides; where it varies too much to be known, only what is

@@ -20,16 +20,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
+from muybridge.arrays import BoolArray, FloatArray
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.robust import row_median
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
-from muybridge.geometry.triangulation.multiview import TriangulateOptions, Triangulation, limits_of, views_of
 from muybridge.geometry.triangulation._kernel import Limits
+from muybridge.geometry.triangulation.multiview import TriangulateOptions, Triangulation, limits_of, views_of
 
-Array = NDArray[np.float64]
 # Fewer show no body.
 _LEAST_FRAMES, _LEAST_LANDMARKS = 30, 8
 # A landmark that two cameras see in fewer frames than these, or than this share of those in which the body is learned,
@@ -68,18 +69,18 @@ class PosePriorOptions:
 class PosePrior:
     """A body as it moved in a take: `mean` (J, 3), `ways` (J, 3, K) scaled to unit variance, `tau` (J,) metres."""
 
-    mean: Array
-    ways: Array
-    tau: Array
+    mean: FloatArray
+    ways: FloatArray
+    tau: FloatArray
 
 
 @dataclass
 class _Poses:
     """Where the body is in every frame: R (T, 3, 3), c (T, 3), a (T, K)."""
 
-    rotation: Array
-    center: Array
-    share: Array
+    rotation: FloatArray
+    center: FloatArray
+    share: FloatArray
 
 
 def with_pose_prior(
@@ -147,15 +148,13 @@ def with_pose_prior(
     )  # fmt: skip
 
 
-def _learned(raw: Array, full: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _learned(raw: FloatArray, full: BoolArray) -> BoolArray:
     """(J,) landmarks that the take shows often enough."""
     shown = np.isfinite(raw[full]).all(-1).sum(0)
     return np.asarray(shown >= max(_LEAST_SHOWN, _SHARE_SHOWN * full.sum()))
 
 
-def _worth_keeping(
-    inlier: NDArray[np.bool_], full: NDArray[np.bool_], learned: NDArray[np.bool_], options: PosePriorOptions
-) -> NDArray[np.bool_]:
+def _worth_keeping(inlier: BoolArray, full: BoolArray, learned: BoolArray, options: PosePriorOptions) -> BoolArray:
     """(T, J) points that two cameras agree on, or one near frames in which the whole person was known."""
     frames = np.arange(len(full))
     at = np.flatnonzero(full)
@@ -172,9 +171,9 @@ def _worth_keeping(
 class _Sight:
     """The 2D points: poses (C, 3, 4), seen (T, J, C, 2) normalised, info (T, J, C), zero where there is none."""
 
-    poses: Array
-    seen: Array
-    info: Array
+    poses: FloatArray
+    seen: FloatArray
+    info: FloatArray
     limits: Limits
 
     def part(self, rows: slice) -> _Sight:
@@ -182,7 +181,7 @@ class _Sight:
 
 
 def learn_prior(
-    raw: Array, covariance: Array, smooth: Array, full: NDArray[np.bool_], learned: NDArray[np.bool_],
+    raw: FloatArray, covariance: FloatArray, smooth: FloatArray, full: BoolArray, learned: BoolArray,
     poses: _Poses | None, options: PosePriorOptions,
 ) -> tuple[PosePrior, _Poses]:  # fmt: skip
     """The body that a take shows.
@@ -219,7 +218,9 @@ def learn_prior(
     return PosePrior(mean, ways, tau), _Poses(rotation, center, np.zeros((len(raw), ways.shape[-1])))
 
 
-def _ways(off: Array, full: NDArray[np.bool_], noise2: Array, options: PosePriorOptions) -> tuple[Array, Array]:
+def _ways(
+    off: FloatArray, full: BoolArray, noise2: FloatArray, options: PosePriorOptions
+) -> tuple[FloatArray, FloatArray]:
     """(J, 3, K) the ways to move and (J,) what they leave, from deviations (T, J, 3) of consecutive frames."""
     frames, landmarks = off.shape[:2]
     pairs = np.flatnonzero(full[1:] & full[:-1])
@@ -237,11 +238,11 @@ def _ways(off: Array, full: NDArray[np.bool_], noise2: Array, options: PosePrior
     return ways.reshape(landmarks, 3, -1), np.sqrt(np.maximum(tau2, options.least_tau**2))
 
 
-def _centred(points: Array) -> Array:
+def _centred(points: FloatArray) -> FloatArray:
     return np.asarray(points - points.mean(axis=-2, keepdims=True))
 
 
-def _aligned(mean: Array, points: Array, weight: Array) -> tuple[Array, Array]:
+def _aligned(mean: FloatArray, points: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotations (T, 3, 3) and places (T, 3) that bring `mean` (J, 3) onto points (T, J, 3) (Kabsch 1976)."""
     share = weight / weight.sum()
     middle, centers = share @ mean, np.einsum("j,tja->ta", share, points)
@@ -254,8 +255,8 @@ def _aligned(mean: Array, points: Array, weight: Array) -> tuple[Array, Array]:
 
 
 def _fitted(
-    prior: PosePrior, poses: _Poses, sight: _Sight, sure: Array, steps: int
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+    prior: PosePrior, poses: _Poses, sight: _Sight, sure: FloatArray, steps: int
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Points (T, J, 3), covariance (T, J, 3, 3) and inliers (T, J, C); `poses` move to where the frames put them."""
     parts = []
     for begin in range(0, len(poses.center), _CHUNK):
@@ -272,13 +273,13 @@ _START = np.array([0.2, 0.2, 0.2, 0.3, 0.3, 0.3])
 
 
 def _fit_chunk(
-    prior: PosePrior, poses: _Poses, sight: _Sight, sure: Array, steps: int
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+    prior: PosePrior, poses: _Poses, sight: _Sight, sure: FloatArray, steps: int
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     ways = prior.ways.shape[-1]
     eye = np.eye(3)
     started = poses.center.copy()
-    points: Array = np.empty(0)
-    spread: Array
+    points: FloatArray = np.empty(0)
+    spread: FloatArray
     spread = alone = design = tau2 = weight = np.empty(0)
     for k in range(steps):
         shape = np.einsum("tab,jb->tja", poses.rotation, prior.mean)
@@ -316,12 +317,12 @@ def _fit_chunk(
     return points, covariance, weight > 0.5
 
 
-def _wider(off2: Array, dimensions: int, freedom: float = 4.0) -> Array:
+def _wider(off2: FloatArray, dimensions: int, freedom: float = 4.0) -> FloatArray:
     """By how much Student's t widens a variance for a deviation of square `off2`, in variances."""
     return np.maximum((freedom + off2) / (freedom + dimensions), 1.0)
 
 
-def _evidence(points: Array, sight: _Sight, tau: Array) -> tuple[Array, Array, Array]:
+def _evidence(points: FloatArray, sight: _Sight, tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """What the pixels say near points (T, J, 3): weights (T, J, C), information (T, J, 3, 3), and that times the
     point (T, J, 3)."""
     turned = np.einsum("cab,tjb->tjca", sight.poses[:, :, :3], points) + sight.poses[:, :, 3]
@@ -340,7 +341,7 @@ def _evidence(points: Array, sight: _Sight, tau: Array) -> tuple[Array, Array, A
     return weight, total, pull
 
 
-def _inverse(a: Array) -> Array:
+def _inverse(a: FloatArray) -> FloatArray:
     """Of symmetric positive definite (..., 3, 3) matrices, several times faster than numpy's."""
     first = np.cross(a[..., 1, :], a[..., 2, :])
     second = np.cross(a[..., 2, :], a[..., 0, :])
@@ -349,7 +350,7 @@ def _inverse(a: Array) -> Array:
     return np.asarray(np.stack([first, second, third], axis=-1) / scale[..., None, None])
 
 
-def _weight(u: Array, limits: Limits) -> Array:
+def _weight(u: FloatArray, limits: Limits) -> FloatArray:
     """The slope of triangulation's robust loss."""
     v = 1 + u / limits.tail2
     right = np.exp(-0.5 * u)
@@ -357,7 +358,7 @@ def _weight(u: Array, limits: Limits) -> Array:
     return np.asarray((right + wrong * 3 / (limits.tail2 * v)) / (right + wrong))
 
 
-def _minus_cross(points: Array) -> Array:
+def _minus_cross(points: FloatArray) -> FloatArray:
     """(..., 3, 3) that turn a small rotation vector into how points (..., 3) move."""
     x, y, z = np.moveaxis(points, -1, 0)
     zero = np.zeros_like(x)
@@ -365,7 +366,7 @@ def _minus_cross(points: Array) -> Array:
     return np.stack(rows, axis=-1).reshape(*x.shape, 3, 3)
 
 
-def _turns(vector: Array) -> Array:
+def _turns(vector: FloatArray) -> FloatArray:
     """(T, 3, 3) rotations by vectors (T, 3) (Rodrigues)."""
     angle = np.linalg.norm(vector, axis=-1)[:, None, None]
     cross = -_minus_cross(vector)

@@ -16,13 +16,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.arrays import BoolArray, FloatArray
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, Triangulation, triangulate
-
-Array = NDArray[np.float64]
 
 # Standard deviations of B_j's entries that are tried, metres: from what no network reaches to a hand's breadth.
 _SIZES = np.array([0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03])
@@ -66,11 +66,11 @@ class ViewOffsets:
     """
 
     landmarks: LandmarkSet
-    by_view: Array
-    common: Array
+    by_view: FloatArray
+    common: FloatArray
     size_m: float
 
-    def px(self, cameras: CameraGroup, points_world: Array, axes: Array) -> Array:
+    def px(self, cameras: CameraGroup, points_world: FloatArray, axes: FloatArray) -> FloatArray:
         """(C, T, J, 2) px that 2D points lie off, for (T, J, 3) points; 0 where nothing is known.
 
         Args:
@@ -86,7 +86,7 @@ class ViewOffsets:
         return np.nan_to_num(off)
 
 
-def trunk_axes(points_world: Array, landmarks: LandmarkSet) -> Array | None:
+def trunk_axes(points_world: FloatArray, landmarks: LandmarkSet) -> FloatArray | None:
     """(T, 3, 3) axes of the trunk as columns (to its left, back and up), from shoulders and hips; of the nearest frame
     where these are missing, None where they are missing in all frames or in the set."""
     if any(name not in landmarks.names for name in _TRUNK):
@@ -99,7 +99,7 @@ def trunk_axes(points_world: Array, landmarks: LandmarkSet) -> Array | None:
     if not known.size:
         return None
     middles = (known[1:] + known[:-1]) / 2
-    nearest: Array = axes[known[np.searchsorted(middles, np.arange(len(axes)))]]
+    nearest: FloatArray = axes[known[np.searchsorted(middles, np.arange(len(axes)))]]
     return nearest
 
 
@@ -157,21 +157,26 @@ def learn_view_offsets(
     return ViewOffsets(landmarks, solved, common, size)
 
 
-def _unit(vector: Array) -> Array:
+def _unit(vector: FloatArray) -> FloatArray:
     with np.errstate(invalid="ignore", divide="ignore"):
-        unit: Array = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+        unit: FloatArray = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
     return unit
 
 
-def _directions(camera: Camera, points_world: Array, axes: Array) -> Array:
+def _directions(camera: Camera, points_world: FloatArray, axes: FloatArray) -> FloatArray:
     """(T, J, 3) unit vectors from the camera to the points, in the trunk's axes."""
-    along: Array = np.einsum("tba,tjb->tja", axes, _unit(points_world - camera.center_world))
+    along: FloatArray = np.einsum("tba,tjb->tja", axes, _unit(points_world - camera.center_world))
     return along
 
 
 def _normal_equations(
-    cameras: CameraGroup, px: Array, variance: Array, inlier: NDArray[np.bool_], points_world: Array, axes: Array
-) -> tuple[Array, Array]:
+    cameras: CameraGroup,
+    px: FloatArray,
+    variance: FloatArray,
+    inlier: BoolArray,
+    points_world: FloatArray,
+    axes: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
     """(J, 9, 9) and (J, 9): least squares for B_j, with every frame's point free to move."""
     at = cameras.project(points_world)
     steps = [(cameras.project(points_world + step) - at) / _STEP for step in _STEP * np.eye(3)]
@@ -191,7 +196,7 @@ def _normal_equations(
     return normal, right
 
 
-def _most_likely(normal: Array, right: Array) -> tuple[float, Array]:
+def _most_likely(normal: FloatArray, right: FloatArray) -> tuple[float, FloatArray]:
     """The size of B_j's entries that is the most likely, and the posterior means (J, 3, 3)."""
     values, vectors = np.linalg.eigh(normal)
     values, along = np.maximum(values, 0.0), np.einsum("jmn,jm->jn", vectors, right)
@@ -210,7 +215,7 @@ def without_view_offsets(
     found: Triangulation,
     offsets: ViewOffsets,
     options: TriangulateOptions | None = None,
-) -> tuple[Array, Triangulation]:
+) -> tuple[FloatArray, Triangulation]:
     """2D points as they would be without the habits, and what they are triangulated to.
 
     Args:

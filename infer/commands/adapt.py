@@ -14,17 +14,17 @@ from typing import Annotated, Any
 import tyro
 
 from muybridge.errors import MissingExtraError, ModelError
-from muybridge.infer.commands.app import extra_of
+from muybridge.extras import extra_of
 from muybridge.infer.detection.detect import DetectOptions, open_models
 from muybridge.infer.pipelines.pseudo_labels import collect
-from muybridge.infer.results.folder import open_output
 from muybridge.infer.pipelines.videos import ADAPTED, RunOptions, follow
-from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.session.session import SessionOptions, open_session
 from muybridge.infer.reconstruction.landmarks import SolveOptions
+from muybridge.infer.results.folder import open_output
+from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore
-from muybridge.models.pseudo_labels import save_footage
+from muybridge.infer.session.session import SessionOptions, open_session
 from muybridge.models.keypoints.metadata import keypoint_card
+from muybridge.models.pseudo_labels import save_footage
 
 RESULTS = ("keypoints.onnx", ADAPTED.name, "adapt.json")
 _NEEDED = ("torch", "kornia", "onnx")

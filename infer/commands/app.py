@@ -15,7 +15,6 @@ import functools
 import importlib.metadata
 import importlib.util
 import os
-import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -23,6 +22,8 @@ from typing import Any, NoReturn
 
 from muybridge import __version__
 from muybridge.errors import MissingExtraError, MuybridgeError
+from muybridge.extras import extra_of
+from muybridge.infer.runtime.wording import one_line
 
 GROUP = "muybridge.commands"
 _FIRST = ("run", "demo")
@@ -47,11 +48,6 @@ def run_command(argv: Sequence[str]) -> int:
         # The reader (`| head`) has gone; nothing may be flushed to it at exit either.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-
-
-def one_line(error: BaseException) -> str:
-    """An error's message with line breaks taken out."""
-    return " ".join(str(error).split())
 
 
 def _dispatch(argv: Sequence[str]) -> int:
@@ -116,20 +112,6 @@ def _parsed(entry: importlib.metadata.EntryPoint, arguments: list[str]) -> Calla
     except ValueError as error:  # an options class refused what it was given
         raise MuybridgeError(f"{error}; `muybridge {entry.name} --help` lists the options") from None
     return call
-
-
-def extra_of(module: str) -> str | None:
-    """The extra of muybridge that brings a module, by the installed package's own requirements."""
-    wanted = module.split(".")[0].lower().replace("_", "-")
-    try:
-        requirements = importlib.metadata.requires("muybridge") or []
-    except importlib.metadata.PackageNotFoundError:
-        return None
-    for line in requirements:
-        found = re.match(r"\s*([\w.-]+).*;.*extra\s*==\s*['\"]([\w.-]+)['\"]", line)
-        if found and found[1].lower().replace("_", "-") == wanted:
-            return found[2]
-    return None
 
 
 def _help(commands: dict[str, importlib.metadata.EntryPoint], usage: str = "COMMAND") -> str:

@@ -7,12 +7,11 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray
 from muybridge.errors import FormatError, OutputError
 from muybridge.files import check_free
 
-Floats = NDArray[np.float64]
 Align = Literal["none", "root", "rigid", "similarity"]
 Up = Literal["y", "z"]
 
@@ -31,8 +30,8 @@ class Comparison:
     """
 
     names: tuple[str, ...]
-    distance_m: Floats
-    times: Floats
+    distance_m: FloatArray
+    times: FloatArray
     scale: float
     how: str
     notices: tuple[str, ...] = ()
@@ -170,8 +169,8 @@ def _match(first: Any, second: Any, called: tuple[str, str]) -> tuple[tuple[str,
 
 
 def _common_time(
-    a: Floats, b: Floats, fps_a: float, fps_b: float, shift: float, called: tuple[str, str]
-) -> tuple[Floats, Floats, Floats]:
+    a: FloatArray, b: FloatArray, fps_a: float, fps_b: float, shift: float, called: tuple[str, str]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Times of A's frames that B covers, and both there; B between its frames is interpolated, never across gaps."""
     times = np.arange(len(a)) / fps_a
     at = (times - shift) * fps_b
@@ -189,7 +188,7 @@ def _common_time(
     return times[inside], a[inside], between
 
 
-def _by_root(a: Floats, b: Floats, names: tuple[str, ...], called: tuple[str, str]) -> Floats:
+def _by_root(a: FloatArray, b: FloatArray, names: tuple[str, ...], called: tuple[str, str]) -> FloatArray:
     """`b` moved so that the roots coincide: the middle of the hips, or the hips' joint."""
     pairs = (("left_hip", "right_hip"), ("hips",), ("root",), ("left_thigh", "right_thigh"))
     for pair in pairs:
@@ -199,7 +198,7 @@ def _by_root(a: Floats, b: Floats, names: tuple[str, ...], called: tuple[str, st
     raise FormatError(f"{called[1]}: has no hips in common with {called[0]} to align the root by; use --align rigid")
 
 
-def _moved(a: Floats, b: Floats, both: NDArray[np.bool_], with_scale: bool) -> tuple[Floats, float]:
+def _moved(a: FloatArray, b: FloatArray, both: BoolArray, with_scale: bool) -> tuple[FloatArray, float]:
     """`b` moved as a whole onto `a` by least squares (Kabsch; Umeyama with scale)."""
     from muybridge.geometry.numerics.rotations import kabsch
 
@@ -212,7 +211,7 @@ def _moved(a: Floats, b: Floats, both: NDArray[np.bool_], with_scale: bool) -> t
     return np.asarray(scale * (b - middle_b) @ turn.T + middle_a), scale
 
 
-def _figures(distance: Floats) -> tuple[float, float, float, float]:
+def _figures(distance: FloatArray) -> tuple[float, float, float, float]:
     """Mean, median, 95th percentile and root mean square, in millimetres."""
     known = distance[np.isfinite(distance)] * 1e3
     if not known.size:

@@ -66,7 +66,7 @@ def convert(
 def _check_free(source: Path, asf: Path | None, target: Path, overwrite: bool) -> None:
     """OutputError where the target, or the skeleton that goes with it, would replace what is there."""
     from muybridge.files import check_free
-    from muybridge.motion.formats.skeletal.asf_amc import find_asf
+    from muybridge.motion.formats.skeletal.asf import find_asf
 
     read = [source]
     if source.suffix.lower() == ".amc" and source.is_file():

@@ -31,8 +31,7 @@ def markerset(
         overwrite: replace the file if it is there.
     """
     from muybridge.errors import MuybridgeError
-    from muybridge.geometry.landmarks.arrays import SURFACE
-    from muybridge.geometry.landmarks.marker_sets import SETS
+    from muybridge.geometry.landmarks.marker_sets import SETS, SURFACE
 
     if what == "list":
         print("\n".join(f"{key:<8} {len(s)} markers: {' '.join(s.labels)}" for key, s in SETS.items()))

@@ -13,21 +13,22 @@ import tyro
 from muybridge.errors import MuybridgeError, SessionError
 from muybridge.geometry.association.select import AssociateOptions
 from muybridge.geometry.fitting.body_fit import FitOptions
-from muybridge.geometry.triangulation.shape_prior import PosePriorOptions
 from muybridge.geometry.smoothing.kalman import SmoothOptions
 from muybridge.geometry.triangulation.left_right import SwapOptions
 from muybridge.geometry.triangulation.multiview import TriangulateOptions
+from muybridge.geometry.triangulation.shape_prior import PosePriorOptions
 from muybridge.geometry.triangulation.view_bias import ViewOffsetOptions
-from muybridge.infer.commands.app import one_line
-from muybridge.infer.pipelines.demo import run_demo
 from muybridge.infer.detection.detect import DetectOptions
-from muybridge.infer.reconstruction.marker_videos import MarkerVideoOptions, run_marker_session
-from muybridge.infer.results.overlay import OverlayOptions
-from muybridge.infer.pipelines.videos import RunOptions, run_session, summary
-from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.detection.refine import SecondLookOptions
-from muybridge.infer.session.session import SessionOptions
+from muybridge.infer.pipelines.demo import run_demo
+from muybridge.infer.pipelines.marker_videos import run_marker_session
+from muybridge.infer.pipelines.videos import RunOptions, run_session, summary
 from muybridge.infer.reconstruction.landmarks import SolveOptions
+from muybridge.infer.reconstruction.marker_videos import MarkerVideoOptions
+from muybridge.infer.results.overlay import OverlayOptions
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.runtime.wording import one_line
+from muybridge.infer.session.session import SessionOptions
 
 _Flat = tyro.conf.arg(name="")
 

@@ -1,58 +1,33 @@
 """The command `solve`: a body fitted to anyone's labelled points."""
 
-import json
 import sys
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import tyro
-from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
 from muybridge.geometry.fitting.body_fit import BodyFit, FitOptions
-from muybridge.geometry.triangulation.plausibility import trunk_of
-from muybridge.geometry.fitting.marker_fit import MarkerFit, MarkerFitOptions
+from muybridge.geometry.fitting.marker_fit import MarkerFit
+from muybridge.geometry.fitting.subject import MarkerFitOptions
+from muybridge.infer.pipelines.solve_points import (
+    MARKERS,
+    RESULTS,
+    Centres,
+    Method,
+    Units,
+    Up,
+    check_size,
+    fit_marker_file,
+    open_corrector,
+    solve_facts,
+    tilt_deg,
+    understand,
+    write,
+)
 
 if TYPE_CHECKING:
-    from muybridge.infer.networks.correction import SolverNetwork
-
-Units = Literal["m", "cm", "mm"]
-Up = Literal["y", "z"]
-Method = Literal["auto", "markers", "landmarks"]
-Centres = Literal["midpoint", "plane", "harrington", "bell", "davis", "functional"]
-Floats = NDArray[np.float64]
-
-MOTION_BVH, MOTION_GLB, MOTION_MOT = "motion.bvh", "motion.glb", "motion.mot"
-LANDMARKS_TRC, LANDMARKS_C3D, FACTS = "landmarks.trc", "landmarks.c3d", "solve.json"
-RESULTS = (MOTION_BVH, MOTION_GLB, MOTION_MOT, LANDMARKS_TRC, LANDMARKS_C3D, FACTS)
-# Metres: nobody who stands is outside; children from two years on are inside.
-_STATURES = (0.75, 2.60)
-_FEWEST = 6
-# So many markers tell a body by themselves.
-_MARKERS = 12
-
-
-@dataclass(frozen=True, eq=False)
-class Labelled:
-    """Points as the body knows them.
-
-    Attributes:
-        points: of BODY23.
-        used: what the file calls the points that were used.
-        unused: the others.
-        how: one sentence on how they were understood.
-        columns: marker of SURFACE -> column of the file's points; empty where these are landmarks.
-        whose: one sentence on whose they are, where the file has several people's.
-    """
-
-    points: Any
-    used: tuple[str, ...]
-    unused: tuple[str, ...]
-    how: str
-    columns: dict[str, int] = field(default_factory=dict)
-    whose: str = ""
+    pass
 
 
 def solve(
@@ -103,26 +78,26 @@ def solve(
     labelled = understand(points, take.positions)
     notices += [labelled.whose] if labelled.whose else []
     stature = check_size(points, labelled, ReadOptions(units, up, fps))
-    tilt = _tilt_deg(labelled.points.points_world)
+    tilt = tilt_deg(labelled.points.points_world)
     if tilt > 60:
         notices.append(f"the trunk is {tilt:.0f} degrees from upright in most frames: does the person lie? If not, "
                        "the file's up axis is another one: see --up")  # fmt: skip
     output = open_output(out, RESULTS, [points.resolve()], overwrite)
     for notice in notices:
         print(f"note: {notice}", file=sys.stderr)
-    by_markers = method == "markers" or (method == "auto" and len(labelled.columns) >= _MARKERS)
+    by_markers = method == "markers" or (method == "auto" and len(labelled.columns) >= MARKERS)
     if by_markers:
-        corrector = _corrector(network, correct, centres)
-        fitted: BodyFit | MarkerFit = _fit_markers(points, labelled, take.positions, centres, markers, corrector)
+        corrector = open_corrector(network, correct, centres)
+        fitted: BodyFit | MarkerFit = fit_marker_file(points, labelled, take.positions, centres, markers, corrector)
     elif centres or network:
         what = "--centres" if centres else "--network"
         raise FormatError(f"{points}: {what} is for markers on the skin, and {labelled.how}; leave it out")
     else:
         fitted = fit_body(labelled.points, fit)
     names = tuple(labelled.columns) if by_markers else labelled.points.landmarks.names
-    facts = _facts(points, labelled, fitted, stature, notices, names, centres)
+    facts = solve_facts(points, labelled, fitted, stature, notices, names, centres)
     facts["network"] = corrector.version if by_markers and corrector else None
-    _write(output, fitted, facts)
+    write(output, fitted, facts)
     error = facts["residual_mm"]
     print(
         f"{out}: {len(fitted.motion)} frames at {fitted.motion.fps:.6g} fps; {labelled.how}; stature "
@@ -130,188 +105,3 @@ def solve(
         f"(median) and {error['p95']:.1f} mm (95 %) from the body's"
     )
     return 0
-
-
-def _corrector(network: Path | None, correct: bool, centres: tuple[str, ...]) -> "SolverNetwork | None":
-    """The network that corrects, if one does: what `centres` say about joints is not corrected unasked."""
-    from muybridge.infer.networks.correction import SolverNetwork
-    from muybridge.models.keypoints.metadata import shipped_model
-
-    if not correct or (centres and network is None):
-        return None
-    return SolverNetwork(network or shipped_model("solver"))
-
-
-def _fit_markers(
-    path: Path, labelled: Labelled, points: Any, centres: tuple[str, ...], options: MarkerFitOptions,
-    corrector: "SolverNetwork | None",
-) -> MarkerFit:  # fmt: skip
-    from muybridge.geometry.skeleton.joint_centres import centres_from_markers
-    from muybridge.geometry.landmarks.arrays import SURFACE
-    from muybridge.geometry.fitting.marker_fit import fit_markers
-    from muybridge.infer.networks.correction import corrected
-
-    if not labelled.columns:
-        raise FormatError(f"{path}: --method markers needs labelled markers on the skin, and {labelled.how}")
-    chosen = points.points_world[:, list(labelled.columns.values())]
-    surface = np.array([SURFACE.index(n) for n in labelled.columns])
-    known = centres_from_markers(points.points_world, labelled.columns, centres)
-    fit = fit_markers(chosen, surface, points.fps, options, known)
-    return fit if corrector is None else corrected(fit, chosen, corrector)
-
-
-def understand(path: Path, points: Any) -> Labelled:
-    """Landmarks of BODY23 out of a file's points, by their names.
-
-    Raises:
-        FormatError: too few names are understood; the message lists what is there.
-    """
-    from dataclasses import replace
-
-    from muybridge.geometry.skeleton.aliases import map_body, map_surface, one_of_several
-    from muybridge.geometry.landmarks.arrays import BODY23
-    from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
-
-    names = points.landmarks.names
-    body, surface = ({n: i for n, i in known(names).items() if _ever(points, i)} for known in (map_body, map_surface))
-    if len(body) < _FEWEST and len(surface) < _FEWEST:
-        known = "nose, LShoulder, left_hip, RKnee, ...; LASI, RKNE, ..."
-        raise FormatError(
-            f"{path}: of {len(names)} labels ({', '.join(names[:6])}, ...) only {max(len(body), len(surface))} are "
-            f"landmarks or markers we know ({known}); rename them, or name unlabelled points with `muybridge label`"
-        )
-    if len(body) >= len(surface):
-        shape = (len(points.points_world), len(BODY23), 3)
-        xyz, covariance = np.full(shape, np.nan), np.full((*shape, 3), np.nan)
-        for landmark, column in body.items():
-            xyz[:, BODY23.index(landmark)] = points.points_world[:, column]
-            covariance[:, BODY23.index(landmark)] = points.covariance_world[:, column]
-        none = (0, *shape[:2])
-        mapped = replace(points, landmarks=BODY23, points_world=xyz, covariance_world=covariance,
-                         residual_px=np.empty(none), inlier=np.empty(none, dtype=np.bool_))  # fmt: skip
-        columns, how = set(body.values()), f"{len(body)} landmarks by their names"
-    else:
-        mapped = landmarks_from_markers(points, surface)
-        told = int(np.isfinite(mapped.points_world).any(axis=(0, 2)).sum())
-        columns, how = set(surface.values()), f"{told} landmarks from {len(surface)} markers"
-    used = tuple(n for i, n in enumerate(names) if i in columns)
-    skin = {} if len(body) >= len(surface) else surface
-    unused = tuple(n for i, n in enumerate(names) if i not in columns)
-    return Labelled(mapped, used, unused, how, skin, one_of_several(names, sorted(columns)))
-
-
-def _ever(points: Any, column: int) -> bool:
-    return bool(np.isfinite(points.points_world[:, column, 0]).any())
-
-
-def stature_of(points_world: Floats) -> float:
-    """Metres: the height that the median lengths of trunk and limbs ask for; NaN where none is known.
-
-    Args:
-        points_world: (T, 23, 3) of BODY23.
-    """
-    from muybridge.geometry.skeleton.body import SHAPE_PRIOR
-    from muybridge.geometry.landmarks.arrays import BODY23
-
-    pairs = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"),
-             "shin": ("knee", "ankle"), "trunk": ("hip", "shoulder")}  # fmt: skip
-    found = []
-    for part, (a, b) in pairs.items():
-        for side in ("left", "right"):
-            bone = points_world[:, BODY23.index(f"{side}_{a}")] - points_world[:, BODY23.index(f"{side}_{b}")]
-            length = np.linalg.norm(bone, axis=-1)
-            if np.isfinite(length).any():
-                found.append(float(np.nanmedian(length)) / SHAPE_PRIOR[part][0])
-    return float(np.median(found)) if found else float("nan")
-
-
-def check_size(path: Path, labelled: Labelled, options: Any) -> float:
-    """The person's stature in metres, if it can be one.
-
-    Raises:
-        FormatError: nobody is as tall; the message has the unit that the file's numbers are likely in.
-    """
-    from dataclasses import replace
-
-    from muybridge.motion.formats.registry import can_use, read_file
-
-    stature = stature_of(labelled.points.points_world)
-    if not np.isfinite(stature) or _STATURES[0] <= stature <= _STATURES[1]:
-        return stature
-    likely = []
-    for unit in ("m", "cm", "mm") if can_use(path, "units") else ():
-        other = read_file(path, replace(options, units=unit)).positions
-        if _STATURES[0] <= stature_of(understand(path, other).points.points_world) <= _STATURES[1]:
-            likely.append(unit)
-    words = {"m": "metres", "cm": "centimetres", "mm": "millimetres"}
-    hint = (f"the file's numbers are likely {words[likely[0]]}: give --units {likely[0]}" if likely
-            else "no usual unit makes that a person: are the labels right?")  # fmt: skip
-    raise FormatError(f"{path}: the person would be {stature:,.4g} m tall; {hint}")
-
-
-def _tilt_deg(points_world: Floats) -> float:
-    """Median angle between the trunk and up; 0 where it is not known."""
-    from muybridge.geometry.landmarks.arrays import BODY23
-
-    trunk = trunk_of(points_world, BODY23)
-    length = np.linalg.norm(trunk, axis=-1)
-    known = np.isfinite(length) & (length > 1e-6)
-    if not known.any():
-        return 0.0
-    return float(np.degrees(np.median(np.arccos(np.clip(trunk[known, 2] / length[known], -1, 1)))))
-
-
-def _facts(
-    path: Path, labelled: Labelled, fitted: BodyFit | MarkerFit, stature: float, notices: list[str],
-    names: tuple[str, ...], centres: tuple[str, ...],
-) -> dict[str, Any]:  # fmt: skip
-    from muybridge import __version__
-
-    def percentiles(residual: Floats) -> dict[str, float | None]:
-        known = residual[np.isfinite(residual)] * 1e3
-        return {
-            "median": round(float(np.median(known)), 3) if known.size else None,
-            "p95": round(float(np.percentile(known, 95)), 3) if known.size else None,
-        }
-
-    skeleton = fitted.motion.skeleton
-    return {
-        "muybridge": __version__,
-        "points": path.name,
-        "understood": labelled.how,
-        "method": "markers" if isinstance(fitted, MarkerFit) else "landmarks",
-        "joint_centres": list(centres),
-        "labels_used": labelled.used,
-        "labels_unused": labelled.unused,
-        "notices": notices,
-        "frames": len(fitted.motion),
-        "fps": fitted.motion.fps,
-        "stature_m": round(fitted.body.stature_m, 4),
-        "stature_of_points_m": round(stature, 4) if np.isfinite(stature) else None,
-        "bone_lengths_m": {n: round(float(v), 5) for n, v in zip(skeleton.names, skeleton.bone_lengths, strict=True)},
-        "noise_scale": round(fitted.noise_scale, 4),
-        "coverage": round(float(np.isfinite(fitted.residual_m).mean()), 4),
-        "residual_mm": percentiles(fitted.residual_m),
-        "residual_mm_by_landmark": {n: percentiles(fitted.residual_m[:, j]) for j, n in enumerate(names)},
-    }
-
-
-def _write(output: Any, fitted: BodyFit | MarkerFit, facts: dict[str, Any]) -> None:
-    from muybridge.geometry.fitting.body_fit import landmarks_from_motion
-    from muybridge.geometry.landmarks.arrays import BODY23, Points3D
-    from muybridge.motion.formats.skeletal.bvh import write_bvh
-    from muybridge.motion.formats.points.c3d import write_c3d
-    from muybridge.motion.formats.gltf.write import write_glb
-    from muybridge.motion.formats.skeletal.mot import write_mot
-    from muybridge.motion.formats.points.trc import write_trc
-
-    places = landmarks_from_motion(fitted.motion, fitted.body, BODY23)
-    none = (0, *places.shape[:2])
-    body = Points3D(BODY23, places, np.full((*places.shape, 3), np.nan), np.empty(none),
-                    np.empty(none, dtype=np.bool_), fitted.motion.fps)  # fmt: skip
-    output.write(MOTION_BVH, lambda path: write_bvh(path, fitted.motion))
-    output.write(MOTION_GLB, lambda path: write_glb(path, fitted.motion))
-    output.write(MOTION_MOT, lambda path: write_mot(path, fitted.motion))
-    output.write(LANDMARKS_TRC, lambda path: write_trc(path, body))
-    output.write(LANDMARKS_C3D, lambda path: write_c3d(path, body))
-    output.write_text(FACTS, json.dumps(facts, indent=2, ensure_ascii=False, allow_nan=False) + "\n")

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IndexArray
 from muybridge.geometry.cameras.crops import Crops
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.infer.detection.crop_pixels import extract_crops
 from muybridge.infer.detection.orientation import Letterbox
 
@@ -35,17 +35,17 @@ class BackgroundPlate:
         if max_frames < _PLATE_MIN_FRAMES:
             raise ValueError(f"max_frames must be at least {_PLATE_MIN_FRAMES}")
         self._max_frames = max_frames
-        self._kept: list[NDArray[np.uint8]] = []
+        self._kept: list[ByteArray] = []
         self._spacing = 1
         self._seen = 0
-        self._plate: NDArray[np.uint8] | None = None
+        self._plate: ByteArray | None = None
 
     @property
-    def frames(self) -> NDArray[np.intp]:
+    def frames(self) -> IndexArray:
         """(K,) the numbers of the frames that are kept."""
         return self._spacing * np.arange(len(self._kept))
 
-    def add(self, frames: NDArray[np.uint8]) -> None:
+    def add(self, frames: ByteArray) -> None:
         """Take note of the next (n, h, w, 3) frames, in order."""
         for frame in frames:
             if self._seen % self._spacing == 0:
@@ -57,14 +57,14 @@ class BackgroundPlate:
             self._seen += 1
 
     @property
-    def plate(self) -> NDArray[np.uint8] | None:
+    def plate(self) -> ByteArray | None:
         """(h, w, 3), or None while too few frames were seen."""
         if self._plate is None and len(self._kept) >= _PLATE_MIN_FRAMES:
             middle = len(self._kept) // 2
             self._plate = np.partition(np.stack(self._kept, axis=-1), middle, axis=-1)[..., middle]
         return self._plate
 
-    def without(self, people: NDArray[np.bool_]) -> NDArray[np.uint8] | None:
+    def without(self, people: BoolArray) -> ByteArray | None:
         """(h, w, 3) the same of what is not people in the kept frames, (K, h, w): who sways or steps about in one place
         is in most frames' way and not in all. Where too few frames are free it is as before."""
         plate = self.plate
@@ -88,14 +88,14 @@ class SmallFrames(NamedTuple):
         difference: (n, h, w) to the background plate, 0..1; zero while there is none.
     """
 
-    pixels: NDArray[np.uint8]
-    difference: NDArray[np.float32]
+    pixels: ByteArray
+    difference: Float32Array
 
 
 class Backdrop:
     """One camera's background plate, which grows with the frames that it is shown in order, or is known already."""
 
-    def __init__(self, letterbox: Letterbox, enabled: bool = True, known: NDArray[np.uint8] | None = None) -> None:
+    def __init__(self, letterbox: Letterbox, enabled: bool = True, known: ByteArray | None = None) -> None:
         """A backdrop for frames that `letterbox` makes small.
 
         Args:
@@ -109,20 +109,20 @@ class Backdrop:
         self._plate = BackgroundPlate()
 
     @property
-    def plate(self) -> NDArray[np.uint8] | None:
+    def plate(self) -> ByteArray | None:
         """(h, w, 3), or None where there is none (yet)."""
         if not self._enabled:
             return None
         return self._plate.plate if self._known is None else self._known
 
-    def __call__(self, frames: NDArray[np.uint8]) -> SmallFrames:
+    def __call__(self, frames: ByteArray) -> SmallFrames:
         """The next (n, H, W, 3) RGB frames made small."""
         small = np.stack([self._letterbox.apply(frame) for frame in frames])
         if self._enabled and self._known is None:
             self._plate.add(small)
         return SmallFrames(small, _difference(small, self.plate))
 
-    def without(self, tracks: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.uint8] | None:
+    def without(self, tracks: FloatArray, landmarks: LandmarkSet) -> ByteArray | None:
         """(h, w, 3) the background of the frames so far without the people who were found in them.
 
         Args:
@@ -135,13 +135,13 @@ class Backdrop:
         px = tracks[self._plate.frames] @ canvas_from_frame[:2, :2].T + canvas_from_frame[:2, 2]
         return self._plate.without(silhouettes(px, landmarks, self._letterbox.canvas))
 
-    def difference_in(self, crops: Crops, small: SmallFrames, index: int) -> NDArray[np.uint8]:
+    def difference_in(self, crops: Crops, small: SmallFrames, index: int) -> ByteArray:
         """(N, S, S) the difference of one of the frames in crops of it, 255 for 1."""
         in_small = Crops(crops.size_px, crops.crop_from_image @ self._letterbox.frame_from_canvas)
         return extract_crops(np.round(255 * small.difference[index]).astype(np.uint8), in_small)
 
 
-def _difference(frames: NDArray[np.uint8], plate: NDArray[np.uint8] | None) -> NDArray[np.float32]:
+def _difference(frames: ByteArray, plate: ByteArray | None) -> Float32Array:
     """(n, h, w) mean over RGB of |frame - plate| in 0..1, of frames exposed as the plate; zero without a plate."""
     result = np.zeros(frames.shape[:3], dtype=np.float32)
     if plate is not None:
@@ -152,14 +152,14 @@ def _difference(frames: NDArray[np.uint8], plate: NDArray[np.uint8] | None) -> N
     return result
 
 
-def _exposure(frame: NDArray[np.uint8], plate: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _exposure(frame: ByteArray, plate: ByteArray) -> ByteArray:
     """(256, 1, 3) what the frame's values are in the plate's exposure, since cameras set themselves: by what most of
     the picture agrees on, as they are where that is not so."""
     values = np.arange(256.0)[:, None, None] * _gain(frame, plate)
     return np.asarray(values.round().clip(0, 255), dtype=np.uint8)
 
 
-def _gain(frame: NDArray[np.uint8], plate: NDArray[np.uint8]) -> NDArray[np.float64]:
+def _gain(frame: ByteArray, plate: ByteArray) -> FloatArray:
     """(3,) of the channels, from the frame to the plate."""
     some = plate[::_EVERY, ::_EVERY].reshape(-1, 3), frame[::_EVERY, ::_EVERY].reshape(-1, 3)
     usable = ((some[0] > _DARK) & (some[0] < _BRIGHT) & (some[1] > _DARK) & (some[1] < _BRIGHT)).all(axis=1)
@@ -171,7 +171,7 @@ def _gain(frame: NDArray[np.uint8], plate: NDArray[np.uint8]) -> NDArray[np.floa
     return np.asarray(gain if agree > 0.5 else np.ones(3), dtype=np.float64)
 
 
-def silhouettes(points_px: NDArray[np.float64], landmarks: LandmarkSet, size: tuple[int, int]) -> NDArray[np.bool_]:
+def silhouettes(points_px: FloatArray, landmarks: LandmarkSet, size: tuple[int, int]) -> BoolArray:
     """Where people are, roughly and rather too wide.
 
     Args:

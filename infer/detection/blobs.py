@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from skimage.filters import threshold_otsu
 from skimage.measure import label, regionprops
 
-Array = NDArray[np.float64]
-U8 = NDArray[np.uint8]
+from muybridge.arrays import BoolArray, ByteArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,7 @@ class BlobOptions:
     roundness: float = 0.80
 
 
-def find_threshold(images: list[U8]) -> float:
+def find_threshold(images: list[ByteArray]) -> float:
     """A grey level between dark picture and bright markers, from some images of one video.
 
     Above the background's noise there are markers and their glow; Otsu's threshold parts the two.
@@ -49,7 +47,7 @@ def find_threshold(images: list[U8]) -> float:
     return float(np.median(levels)) if levels else 128.0
 
 
-def find_blobs(image: U8, threshold: float, options: BlobOptions = BlobOptions()) -> Array:
+def find_blobs(image: ByteArray, threshold: float, options: BlobOptions = BlobOptions()) -> FloatArray:
     """(K, 3): x, y in pixels and area of every marker.
 
     The centre is the mean of the pixels' places weighed by how far they are above the threshold; blobs that are no
@@ -76,7 +74,7 @@ def find_blobs(image: U8, threshold: float, options: BlobOptions = BlobOptions()
     return np.array(out, dtype=np.float64).reshape(-1, 3)
 
 
-def _parts(own: NDArray[np.bool_], level: Array, area: int, options: BlobOptions) -> list[tuple[Array, int]]:
+def _parts(own: BoolArray, level: FloatArray, area: int, options: BlobOptions) -> list[tuple[FloatArray, int]]:
     """The markers that one blob is made of: their levels and areas."""
     if area < 12:
         return [(level, area)]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, FloatArray, IndexArray
 from muybridge.geometry.cameras.crops import Crops
 
 # A crop that is this many times coarser than the frame is cut from a frame that was averaged down first.
@@ -15,7 +15,7 @@ _COARSE = 4
 _MAX_FOLD = 128
 
 
-def extract_crops(frame: NDArray[np.uint8], crops: Crops) -> NDArray[np.uint8]:
+def extract_crops(frame: ByteArray, crops: Crops) -> ByteArray:
     """Cut crops out of a frame, without aliasing.
 
     Where the crop is coarser than the frame it is sampled at a whole multiple of its resolution, at least as
@@ -49,14 +49,12 @@ def extract_crops(frame: NDArray[np.uint8], crops: Crops) -> NDArray[np.uint8]:
     return pixels
 
 
-def _scaling(factor_x: float, factor_y: float) -> NDArray[np.float64]:
+def _scaling(factor_x: float, factor_y: float) -> FloatArray:
     """(3, 3) what scaling an image by these factors does to its pixels, whose centres are whole numbers."""
     return np.array([[factor_x, 0, (factor_x - 1) / 2], [0, factor_y, (factor_y - 1) / 2], [0, 0, 1.0]])
 
 
-def _shrunk(
-    frame: NDArray[np.uint8], bounds: NDArray[np.intp], shrink: int
-) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+def _shrunk(frame: ByteArray, bounds: IndexArray, shrink: int) -> tuple[ByteArray, FloatArray]:
     """The part of the frame within bounds, averaged down, and the (3, 3) from its pixels to the frame's."""
     if shrink == 1:
         return frame, np.eye(3)
@@ -73,7 +71,7 @@ def _shrunk(
     return np.asarray(small), to_frame
 
 
-def _image_bounds(crops: Crops, width: int, height: int) -> NDArray[np.intp]:
+def _image_bounds(crops: Crops, width: int, height: int) -> IndexArray:
     """(N, 4) left, top, right, bottom (exclusive) of what the crops can see of a frame, never empty."""
     edge = crops.size_px - 0.5
     corners = np.array([[-0.5, -0.5], [edge, -0.5], [edge, edge], [-0.5, edge]])
@@ -87,7 +85,7 @@ def _image_bounds(crops: Crops, width: int, height: int) -> NDArray[np.intp]:
     return np.concatenate([low, high], axis=1).astype(np.intp)
 
 
-def _blacken_behind(pixels: NDArray[np.uint8], crops: Crops) -> None:
+def _blacken_behind(pixels: ByteArray, crops: Crops) -> None:
     """Paint black what a wide crop sees behind the real camera, where the homography would fold the image."""
     edge = crops.size_px - 0.5
     corners = np.array([[-0.5, -0.5, 1], [edge, -0.5, 1], [edge, edge, 1], [-0.5, edge, 1]])

@@ -5,20 +5,20 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
+from muybridge.arrays import BoolArray, ByteArray, FloatArray, IndexArray, IntArray
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.crops import Crops, crops_for_boxes
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.robust import row_median
+from muybridge.infer.detection.background import Backdrop, SmallFrames
 from muybridge.infer.detection.crop_pixels import extract_crops
 from muybridge.infer.detection.exposure import light_up
-from muybridge.infer.networks.keypoints import Expectation, KeypointNetwork, Located
-from muybridge.infer.networks.external import OtherNetwork
-from muybridge.infer.detection.background import Backdrop, SmallFrames
-from muybridge.infer.detection.tracker import filled_boxes, smoothed_boxes, smoothing_frames
 from muybridge.infer.detection.orientation import Upright
+from muybridge.infer.detection.tracker import filled_boxes, smoothed_boxes, smoothing_frames
+from muybridge.infer.networks.external import OtherNetwork
+from muybridge.infer.networks.keypoints import Expectation, KeypointNetwork, Located
 from muybridge.models.keypoints.decode import DecodedHeatmaps, sigmoid
 from muybridge.models.keypoints.test_time import Series
 
@@ -58,23 +58,23 @@ class Poses(NamedTuple):
         markers_score: (K, M).
     """
 
-    points_px: NDArray[np.float64]
-    variance_px2: NDArray[np.float64]
-    score: NDArray[np.float64]
-    visibility: NDArray[np.float64]
-    boxes_px: NDArray[np.float64]
-    markers_px: NDArray[np.float64]
-    markers_variance_px2: NDArray[np.float64]
-    markers_score: NDArray[np.float64]
+    points_px: FloatArray
+    variance_px2: FloatArray
+    score: FloatArray
+    visibility: FloatArray
+    boxes_px: FloatArray
+    markers_px: FloatArray
+    markers_variance_px2: FloatArray
+    markers_score: FloatArray
 
     @property
-    def sureness(self) -> NDArray[np.float64]:
+    def sureness(self) -> FloatArray:
         """(K,) mean score of the landmarks that are there: others may be outside of the picture, or other people's
         models may not know them. As of a third of them where there are fewer: an accident has one or two."""
         there = np.isfinite(self.points_px).all(axis=-1).sum(axis=1)
         return np.asarray(self.score.sum(axis=1) / np.maximum(there, self.score.shape[1] / 3), dtype=np.float64)
 
-    def select(self, index: NDArray[np.intp]) -> Poses:
+    def select(self, index: IndexArray) -> Poses:
         """The poses picked by an index array over K."""
         return Poses(*(values[index] for values in self))
 
@@ -87,7 +87,7 @@ class Pictures(NamedTuple):
         small: the same as its `Backdrop` sees them; None for networks that do not see the background.
     """
 
-    frames: NDArray[np.uint8]
+    frames: ByteArray
     small: SmallFrames | None
 
 
@@ -109,9 +109,7 @@ class PoseReader:
         self._smoothing = smoothing_frames(_OWN_BOX_SMOOTHING, fps)
         self._try_every = max(1, round(_TRY_EVERY * fps))
 
-    def __call__(
-        self, pictures: Pictures, frame: NDArray[np.intp], track: NDArray[np.int64], boxes_px: NDArray[np.float64]
-    ) -> Poses:
+    def __call__(self, pictures: Pictures, frame: IndexArray, track: IntArray, boxes_px: FloatArray) -> Poses:
         """Landmarks in boxes.
 
         Args:
@@ -126,7 +124,7 @@ class PoseReader:
         return _poses(found, crops, boxes_px)
 
     def expecting(
-        self, pictures: Pictures, frame: NDArray[np.intp], boxes_px: NDArray[np.float64], expected: Expectation
+        self, pictures: Pictures, frame: IndexArray, boxes_px: FloatArray, expected: Expectation
     ) -> tuple[Poses, Poses]:
         """Landmarks in boxes of one person, where they are expected if need be; and the same without the expectation.
 
@@ -145,23 +143,23 @@ class PoseReader:
         alone = _in_frame(located.alone, crops)
         return poses, poses._replace(points_px=alone[0], variance_px2=alone[1], score=alone[2])
 
-    def _crops(self, boxes_px: NDArray[np.float64]) -> Crops:
+    def _crops(self, boxes_px: FloatArray) -> Crops:
         network = self._network
         in_frame = network.fitted_boxes(self.upright.centered_in_frame(boxes_px))
         return crops_for_boxes(in_frame, network.crop_size, self._camera, network.box_padding)
 
-    def _pixels(self, pictures: Pictures, frame: NDArray[np.intp], crops: Crops) -> NDArray[np.uint8]:
+    def _pixels(self, pictures: Pictures, frame: IndexArray, crops: Crops) -> ByteArray:
         return crop_pixels(pictures, self._backdrop, frame, crops, self._network.channels)
 
-    def own_boxes(self, poses: Poses) -> NDArray[np.float64]:
+    def own_boxes(self, poses: Poses) -> FloatArray:
         """(K, 4) boxes that the landmarks themselves suggest, upright px; NaN where there are none."""
         return body_boxes(self.upright.to_upright(poses.points_px), self._network.landmarks)
 
     def refined(
         self,
         pictures: Pictures,
-        frame: NDArray[np.intp],
-        track: NDArray[np.int64],
+        frame: IndexArray,
+        track: IntArray,
         poses: Poses,
         min_sure: float,
         change: float,
@@ -206,7 +204,7 @@ class PoseReader:
                 values[redo[here]] = new[here]
         return poses
 
-    def duplicates(self, frame: NDArray[np.intp], track: NDArray[np.int64], poses: Poses) -> NDArray[np.int64]:
+    def duplicates(self, frame: IndexArray, track: IntArray, poses: Poses) -> IntArray:
         """Tracks whose landmarks lie on the person of another track in most frames that both are in."""
         own = self.own_boxes(poses)
         side = (own[:, 2:] - own[:, :2]).max(axis=1)
@@ -231,9 +229,7 @@ class PoseReader:
         return np.array(sorted(gone), dtype=np.int64)
 
 
-def crop_pixels(
-    pictures: Pictures, backdrop: Backdrop, frame: NDArray[np.intp], crops: Crops, channels: int
-) -> NDArray[np.uint8]:
+def crop_pixels(pictures: Pictures, backdrop: Backdrop, frame: IndexArray, crops: Crops, channels: int) -> ByteArray:
     """(K, S, S, channels) what crops show of their frames (K,): RGB and, of 4 channels, the difference to the
     background."""
     pixels = np.zeros((len(crops), crops.size_px, crops.size_px, channels), dtype=np.uint8)
@@ -246,7 +242,7 @@ def crop_pixels(
     return pixels
 
 
-def _poses(located: Located, crops: Crops, boxes_px: NDArray[np.float64]) -> Poses:
+def _poses(located: Located, crops: Crops, boxes_px: FloatArray) -> Poses:
     """What was located in crops of these boxes (K, 4), upright px."""
     seen = sigmoid(located.visibility)
     if located.markers is None:
@@ -258,9 +254,7 @@ def _poses(located: Located, crops: Crops, boxes_px: NDArray[np.float64]) -> Pos
     return Poses(points, variance, score, seen, boxes_px, *marked)
 
 
-def _in_frame(
-    found: DecodedHeatmaps, crops: Crops
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _in_frame(found: DecodedHeatmaps, crops: Crops) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Points (K, J, 2), variances (K, J) and scores (K, J) in px of the frame."""
     points_crop, variance_crop, score = found
     points = crops.to_image(points_crop)
@@ -268,20 +262,20 @@ def _in_frame(
     return points, crops.variance_to_image(points_crop, variance_crop), score
 
 
-def _between(known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _between(known: BoolArray) -> BoolArray:
     """(n,) from the first to the last True."""
-    inside: NDArray[np.bool_] = np.logical_or.accumulate(known)
+    inside: BoolArray = np.logical_or.accumulate(known)
     return inside & np.logical_or.accumulate(known[::-1])[::-1]
 
 
-def _differs(a: NDArray[np.float64], b: NDArray[np.float64], change: float) -> NDArray[np.bool_]:
+def _differs(a: FloatArray, b: FloatArray, change: float) -> BoolArray:
     """(K,) whether boxes differ in centre or size by more than `change` of b's longer side."""
     side_a, side_b = (np.maximum((box[:, 2:] - box[:, :2]).max(axis=1), _MIN_BOX_PX) for box in (a, b))
     moved = np.linalg.norm((a[:, :2] + a[:, 2:] - b[:, :2] - b[:, 2:]) / 2, axis=1) / side_b
     return np.asarray((moved > change) | (np.abs(np.log(side_a / side_b)) > np.log1p(change)), dtype=np.bool_)
 
 
-def body_boxes(points_px: NDArray[np.float64], landmarks: LandmarkSet) -> NDArray[np.float64]:
+def body_boxes(points_px: FloatArray, landmarks: LandmarkSet) -> FloatArray:
     """Boxes of whole bodies from their landmarks.
 
     Args:
@@ -299,12 +293,12 @@ def body_boxes(points_px: NDArray[np.float64], landmarks: LandmarkSet) -> NDArra
     return np.concatenate([low, high], axis=1)
 
 
-def _nan_extreme(points: NDArray[np.float64], extreme: np.ufunc) -> NDArray[np.float64]:
+def _nan_extreme(points: FloatArray, extreme: np.ufunc) -> FloatArray:
     """(K, J, 2) to (K, 2) by np.fmin or np.fmax, which pass NaN over without a warning."""
     return np.asarray(extreme.reduce(points, axis=1), dtype=np.float64)
 
 
-def _at_least(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _at_least(boxes: FloatArray) -> FloatArray:
     """The boxes, widened about their middle to a least side."""
     center = (boxes[:, :2] + boxes[:, 2:]) / 2
     half = np.maximum(boxes[:, 2:] - boxes[:, :2], _MIN_BOX_PX) / 2

@@ -6,34 +6,35 @@ encoder all leave Python's lock alone), each in bounded memory.
 
 import threading
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, ByteArray
 from muybridge.errors import ModelError
-from muybridge.geometry.landmarks.arrays import LandmarkSet
-from muybridge.infer.detection.exposure import stretch
-from muybridge.infer.detection.pose_estimator import CameraTracks, KeypointOptions, PoseEstimator
-from muybridge.infer.networks.keypoints import SIZES, PeopleNetwork
-from muybridge.infer.networks.external import open_keypoints
-from muybridge.infer.detection.resample import Repeats, hangs
+from muybridge.geometry.landmarks.marker_sets import MarkerChoice
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.infer.detection.background import Backdrop
-from muybridge.infer.runtime.progress import Progress, Task
-from muybridge.infer.session.session import Session
-from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest, file_digest
+from muybridge.infer.detection.exposure import stretch
 from muybridge.infer.detection.orientation import Letterbox, Upright, upright_for
-from muybridge.infer.session.video import VideoWriter, fit_inside, read_chunks
+from muybridge.infer.detection.pose_estimator import CameraTracks, KeypointOptions, PoseEstimator
+from muybridge.infer.detection.resample import Repeats, hangs
+from muybridge.infer.networks.external import open_keypoints
+from muybridge.infer.networks.keypoints import SIZES, PeopleNetwork
+from muybridge.infer.runtime.progress import Progress, Task
+from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest, file_digest
+from muybridge.infer.runtime.threads import Stopped, in_threads
+from muybridge.infer.session.session import Session
+from muybridge.infer.session.video import read_chunks
+from muybridge.infer.session.write_video import VideoWriter, fit_inside
 from muybridge.models.keypoints.external import find_card
 from muybridge.models.keypoints.rescale import FIRST_LOOK
-from muybridge.models.keypoints.metadata import Precision, shipped_model
+from muybridge.models.shipped import Precision, shipped_model
 
-_T = TypeVar("_T")
-MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
 PROXY_LONG_SIDE_PX = 960
 # Of a camera's name within a file's, which may have 255.
 _NAME_BYTES = 150
@@ -143,17 +144,17 @@ class CameraResult:
     hangs_from: int | None = None
 
     @property
-    def plate(self) -> NDArray[np.uint8] | None:
+    def plate(self) -> ByteArray | None:
         """(h, w, 3) the background of the whole video, at the detector's resolution; None where there is none."""
         return self.stage.arrays.get(_PLATE)
 
     @property
-    def own_repeats(self) -> NDArray[np.bool_]:
+    def own_repeats(self) -> BoolArray:
         """(T,) which frames of the video are the one before once more, by what the camera itself has seen."""
         return self.stage.arrays[_REPEATS]
 
     @property
-    def repeats(self) -> NDArray[np.bool_]:
+    def repeats(self) -> BoolArray:
         """(T,) the same, and those in which it hangs to its end, which the other cameras tell."""
         own = self.own_repeats
         return own if self.hangs_from is None else own | (np.arange(len(own)) >= self.hangs_from)
@@ -252,28 +253,6 @@ def first_look(options: DetectOptions) -> DetectOptions:
     return replace(options, keypoints=replace(keypoints, onnx=onnx))
 
 
-def in_threads(jobs: Sequence[Callable[[], _T]], workers: int, stop: threading.Event) -> list[_T]:
-    """The jobs' results; the first failure, or Ctrl-C, stops the others at their next chunk, where they raise
-    `Stopped` if they see `stop` set."""
-    with ThreadPoolExecutor(max_workers=workers) as pool:
-        futures: list[Future[_T]] = [pool.submit(job) for job in jobs]
-        try:
-            wait(futures, return_when=FIRST_EXCEPTION)
-        finally:
-            stop.set()
-            for future in futures:
-                future.cancel()
-    errors = [f.exception() for f in futures if f.done() and not f.cancelled()]
-    for error in errors:
-        if error is not None and not isinstance(error, Stopped):
-            raise error
-    return [future.result() for future in futures]
-
-
-class Stopped(Exception):
-    """Another camera failed, or the user stopped the run."""
-
-
 def _stage(name: str) -> str:
     return f"landmarks-{name}"
 
@@ -337,7 +316,7 @@ class _CameraWork:
         result = self.store.save(stage, key, arrays, facts, time.perf_counter() - start)
         return CameraResult(_tracks(result, self.models.landmarks), self.proxy, result)
 
-    def _compute(self) -> tuple[CameraTracks, NDArray[np.uint8] | None, NDArray[np.bool_], int]:
+    def _compute(self) -> tuple[CameraTracks, ByteArray | None, BoolArray, int]:
         video, camera = self.session.videos[self.index], self.session.level_cameras[self.index]
         models = self.models
         estimator = PoseEstimator(

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Iterator
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from muybridge.arrays import ByteArray
 
 # What a picture's values span, where they span less, and how far they are drawn apart at most.
 _SPAN, _MOST = 150.0, 6.0
@@ -20,7 +21,7 @@ _DIM, _LIT, _BUT, _GLARING = 75.0, 150.0, 0.01, 250
 _ENOUGH = 160
 
 
-def well_exposed(chunks: Iterable[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:
+def well_exposed(chunks: Iterable[ByteArray]) -> Iterator[ByteArray]:
     """Chunks of (n, H, W, 3) frames, of which those that are too dark or too flat are stretched; each by itself, in
     place."""
     for frames in chunks:
@@ -29,7 +30,7 @@ def well_exposed(chunks: Iterable[NDArray[np.uint8]]) -> Iterator[NDArray[np.uin
         yield frames
 
 
-def stretch(frame: NDArray[np.uint8]) -> None:
+def stretch(frame: ByteArray) -> None:
     """Draws the values of a frame (H, W, 3) apart, in place, where they span too little: all channels alike, and from
     the brightest down, or up from black where that leaves no room."""
     few = frame[:: max(1, frame.shape[0] // _ENOUGH), :: max(1, frame.shape[1] // _ENOUGH)]
@@ -42,7 +43,7 @@ def stretch(frame: NDArray[np.uint8]) -> None:
     cv2.LUT(frame, values.round().clip(0, 255).astype(np.uint8), dst=frame)
 
 
-def light_up(crops: NDArray[np.uint8]) -> None:
+def light_up(crops: ByteArray) -> None:
     """Draws the values of dim crops (K, S, S, 3 or 4) apart, in place: from black up, all channels alike, also the
     fourth, which is a difference of values."""
     for crop in crops:

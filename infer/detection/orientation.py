@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, FloatArray
 from muybridge.geometry.cameras.camera import Camera
 
 # A camera whose up is closer to its axis than this (sine) looks down on people: no side of its image is up.
@@ -39,37 +39,37 @@ class Upright:
     angle: float = 0.0
 
     @property
-    def upright_from_frame(self) -> NDArray[np.float64]:
+    def upright_from_frame(self) -> FloatArray:
         """(2, 3) affine map of pixels."""
         cos, sin = np.cos(self.angle), np.sin(self.angle)
         turn = np.array([[cos, -sin], [sin, cos]])
         middle = np.array([self.width - 1, self.height - 1]) / 2
         return np.column_stack([turn, middle - turn @ middle])
 
-    def to_upright(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    def to_upright(self, points_px: FloatArray) -> FloatArray:
         """(..., 2) frame px to upright px."""
         affine = self.upright_from_frame
         return np.asarray(points_px @ affine[:, :2].T + affine[:, 2])
 
-    def to_frame(self, points_upright_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    def to_frame(self, points_upright_px: FloatArray) -> FloatArray:
         """(..., 2) upright px to frame px."""
         affine = self.upright_from_frame
         return np.asarray((points_upright_px - affine[:, 2]) @ affine[:, :2])
 
     @property
-    def bounds(self) -> NDArray[np.float64]:
+    def bounds(self) -> FloatArray:
         """(4,) left, top, right, bottom of the frame's edges in upright px."""
         right, bottom = self.width - 0.5, self.height - 0.5
         corners = self.to_upright(np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]]))
         return np.concatenate([corners.min(axis=0), corners.max(axis=0)])
 
-    def centered_in_frame(self, boxes_upright_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    def centered_in_frame(self, boxes_upright_px: FloatArray) -> FloatArray:
         """(K, 4) boxes of the same size in frame px, about the same middles: what a level crop needs."""
         center = self.to_frame((boxes_upright_px[:, :2] + boxes_upright_px[:, 2:]) / 2)
         half = (boxes_upright_px[:, 2:] - boxes_upright_px[:, :2]) / 2
         return np.concatenate([center - half, center + half], axis=1)
 
-    def around_in_frame(self, boxes_upright_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    def around_in_frame(self, boxes_upright_px: FloatArray) -> FloatArray:
         """(K, 4) boxes in frame px around the turned ones."""
         left, top, right, bottom = boxes_upright_px.T
         corners = np.stack([left, top, right, top, right, bottom, left, bottom], axis=1).reshape(-1, 4, 2)
@@ -111,7 +111,7 @@ class Letterbox:
         return max(1, round(self.upright.width * scale)), max(1, round(self.upright.height * scale))
 
     @property
-    def _canvas_px_per_px(self) -> NDArray[np.float64]:
+    def _canvas_px_per_px(self) -> FloatArray:
         """(2,) scale along x and y; a frame that is not turned is not resampled to make them equal."""
         if self.upright.angle == 0.0:
             return np.array(self._scaled) / [self.upright.width, self.upright.height]
@@ -125,7 +125,7 @@ class Letterbox:
         width, height = (np.ceil((size - 1e-6) / _GRID_PX) * _GRID_PX).astype(int)
         return int(width), int(height)
 
-    def apply(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def apply(self, frame: ByteArray) -> ByteArray:
         """(H, W, 3) to the canvas."""
         shrinks = max(self.upright.width, self.upright.height) >= self.long_side
         method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
@@ -147,14 +147,14 @@ class Letterbox:
         turned = cv2.warpAffine(small, canvas_from_small, (width, height), flags=cv2.INTER_LINEAR)
         return np.asarray(turned, dtype=np.uint8)
 
-    def boxes_to_upright(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    def boxes_to_upright(self, boxes: FloatArray) -> FloatArray:
         """(K, 4) boxes in canvas px to upright px."""
         left, top = self.upright.bounds[:2]
         scale = np.tile(self._canvas_px_per_px, 2)
         return np.asarray((boxes + 0.5) / scale + [left, top, left, top])
 
     @property
-    def frame_from_canvas(self) -> NDArray[np.float64]:
+    def frame_from_canvas(self) -> FloatArray:
         """(3, 3) affine map of pixels."""
         left, top = self.upright.bounds[:2]
         per_x, per_y = 1 / self._canvas_px_per_px
@@ -163,7 +163,7 @@ class Letterbox:
         return np.asarray(np.linalg.inv(upright_from_frame) @ upright_from_canvas)
 
 
-def _halved(frame: NDArray[np.uint8], long_side: int) -> NDArray[np.uint8]:
+def _halved(frame: ByteArray, long_side: int) -> ByteArray:
     """The frame halved while its long side stays twice as long as `long_side`: OpenCV averages two by two pixels seven
     times as fast as six by six."""
     while max(frame.shape[:2]) >= 4 * long_side and not (frame.shape[0] % 2 or frame.shape[1] % 2):

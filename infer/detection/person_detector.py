@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from muybridge.infer.networks.keypoints import PeopleNetwork
 from muybridge.infer.detection.background import SmallFrames
 from muybridge.infer.detection.orientation import Letterbox
-from muybridge.models.keypoints.decode import DetectedPeople, decode_people
+from muybridge.infer.networks.keypoints import PeopleNetwork
+from muybridge.models.people.decode import DetectedPeople, decode_people
 
 
 @dataclass(frozen=True)

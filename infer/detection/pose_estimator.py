@@ -8,17 +8,19 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from muybridge.geometry.cameras.camera import Camera
-from muybridge.geometry.landmarks.arrays import SURFACE, Keypoints2D, LandmarkSet
-from muybridge.infer.networks.keypoints import OnnxOptions, PeopleNetwork
-from muybridge.infer.networks.external import open_keypoints
-from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.infer.detection.background import Backdrop
 from muybridge.infer.detection.crop_reader import Pictures, PoseReader
-from muybridge.infer.detection.tracker import BoxSmoother, Tracker, TrackOptions
 from muybridge.infer.detection.orientation import Letterbox, upright_for
+from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
+from muybridge.infer.detection.tracker import BoxSmoother, Tracker, TrackOptions
+from muybridge.infer.networks.external import open_keypoints
+from muybridge.infer.networks.keypoints import OnnxOptions, PeopleNetwork
 
 # Frames worked on together: it bounds memory and is how far the boxes' smoothing may look ahead.
 _FRAMES_AT_ONCE = 16
@@ -64,15 +66,15 @@ class CameraTracks:
     """
 
     landmarks: LandmarkSet
-    points_px: NDArray[np.float64]
-    variance_px2: NDArray[np.float64]
-    score: NDArray[np.float64]
-    visibility: NDArray[np.float64]
-    boxes_px: NDArray[np.float64]
-    ids: NDArray[np.int64]
-    markers_px: NDArray[np.float64] | None = None
-    markers_variance_px2: NDArray[np.float64] | None = None
-    markers_score: NDArray[np.float64] | None = None
+    points_px: FloatArray
+    variance_px2: FloatArray
+    score: FloatArray
+    visibility: FloatArray
+    boxes_px: FloatArray
+    ids: IntArray
+    markers_px: FloatArray | None = None
+    markers_variance_px2: FloatArray | None = None
+    markers_score: FloatArray | None = None
 
 
 class _Found(NamedTuple):
@@ -81,12 +83,12 @@ class _Found(NamedTuple):
     Boxes are in px of the frame here, those around the upright ones.
     """
 
-    frame: NDArray[np.int64]
-    slot: NDArray[np.int64]
-    track: NDArray[np.int64]
-    seen: NDArray[np.bool_]
-    sure: NDArray[np.float64]
-    poses: tuple[NDArray[np.float32], ...]
+    frame: IntArray
+    slot: IntArray
+    track: IntArray
+    seen: BoolArray
+    sure: FloatArray
+    poses: tuple[Float32Array, ...]
 
 
 class PoseEstimator:
@@ -136,7 +138,7 @@ class PoseEstimator:
         """What the network finds."""
         return self._network.landmarks
 
-    def process(self, frames: NDArray[np.uint8]) -> None:
+    def process(self, frames: ByteArray) -> None:
         """Work on the next frames.
 
         Args:
@@ -174,7 +176,7 @@ class PoseEstimator:
             PoseReader(self._network, camera, upright, backdrop, self._fps),
         )
 
-    def background(self, tracks: CameraTracks) -> NDArray[np.uint8] | None:
+    def background(self, tracks: CameraTracks) -> ByteArray | None:
         """(h, w, 3) what the frames so far show without the people of `tracks`, at the detector's resolution; None
         where too few frames tell, or a moving camera has none."""
         return None if self._parts is None else self._parts.backdrop.without(tracks.points_px, tracks.landmarks)
@@ -186,7 +188,7 @@ class PoseEstimator:
         least = min_seen, self._options.min_sure
         return _assemble(self._found, self._frames, self.landmarks, self._markers, least)
 
-    def _process_part(self, frames: NDArray[np.uint8], parts: _Parts) -> None:
+    def _process_part(self, frames: ByteArray, parts: _Parts) -> None:
         backdrop, detector, tracker, reader = parts
         small = backdrop(frames)
         pictures = Pictures(frames, small)
@@ -229,7 +231,7 @@ class _Parts(NamedTuple):
     reader: PoseReader
 
 
-def _seen_later(ids: NDArray[np.int64], seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _seen_later(ids: IntArray, seen: BoolArray) -> BoolArray:
     """(n, P) whether a slot's track is detected in this or a later one of the n frames."""
     later = seen.copy()
     for index in range(len(ids) - 2, -1, -1):
@@ -255,7 +257,7 @@ def _assemble(
     used, slot = np.unique(slot, return_inverse=True)
     count, slots = len(landmarks), max(1, len(used))
 
-    def dense(which: int, shape: tuple[int, ...], missing: float) -> NDArray[np.float64]:
+    def dense(which: int, shape: tuple[int, ...], missing: float) -> FloatArray:
         values = np.full((frames, slots, *shape), missing)
         if found:
             values[frame, slot] = np.concatenate([f.poses[which] for f in found])[keep]
@@ -313,7 +315,7 @@ def merge_markers(tracks: Sequence[CameraTracks]) -> Keypoints2D | None:
     return Keypoints2D(SURFACE, _merged(points, np.nan), _merged(variances, np.nan), _merged(scores, 0.0))
 
 
-def _merged(parts: list[NDArray[np.float64]], missing: float) -> NDArray[np.float64]:
+def _merged(parts: list[FloatArray], missing: float) -> FloatArray:
     """(C, T, P, ...) of the cameras' (T, p, ...), p padded to the most that one has."""
     slots = max(part.shape[1] for part in parts)
     result = np.full((len(parts), len(parts[0]), slots, *parts[0].shape[2:]), missing)

@@ -16,23 +16,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.sync.clocks import own_frames, synchronised
+from muybridge.arrays import BoolArray, IndexArray, IntArray
 from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
 from muybridge.geometry.numerics.robust import row_median
-from muybridge.infer.detection.detect import READING_CODE, CameraResult, DetectOptions, Models, Stopped, in_threads
-from muybridge.infer.detection.exposure import well_exposed
-from muybridge.infer.detection.pose_estimator import CameraTracks, first_frames, merge_markers, merge_tracks
-from muybridge.infer.networks.keypoints import Expectation
-from muybridge.infer.networks.external import open_keypoints
-from muybridge.infer.detection.resample import in_time
+from muybridge.geometry.sync.clocks import own_frames, synchronised
 from muybridge.infer.detection.crop_reader import Pictures, PoseReader, Poses, body_boxes
-from muybridge.infer.runtime.progress import Progress, Task
-from muybridge.infer.session.session import Session
-from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.detection.detect import READING_CODE, CameraResult, DetectOptions, Models
+from muybridge.infer.detection.exposure import well_exposed
 from muybridge.infer.detection.orientation import upright_for
+from muybridge.infer.detection.pose_estimator import CameraTracks, first_frames, merge_markers, merge_tracks
+from muybridge.infer.detection.resample import in_time
+from muybridge.infer.networks.external import open_keypoints
+from muybridge.infer.networks.keypoints import Expectation
+from muybridge.infer.runtime.progress import Progress, Task
+from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.runtime.threads import Stopped, in_threads
+from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import read_chunks
 
-_Floats = NDArray[np.float64]
 _CODE = (
     *READING_CODE, "muybridge.infer.detection.refine", "muybridge.infer.detection.crop_reader", "muybridge.infer.detection.crop_pixels",
     "muybridge.infer.detection.exposure", "muybridge.infer.detection.background",
@@ -83,11 +84,11 @@ class Again(NamedTuple):
     keypoints: Keypoints2D
     alone: Keypoints2D
     markers: Keypoints2D | None
-    slots: NDArray[np.int64]
+    slots: IntArray
     stages: dict[str, StageResult]
 
 
-def seeing_views(session: Session, points: Points3D, options: SecondLookOptions) -> NDArray[np.bool_]:
+def seeing_views(session: Session, points: Points3D, options: SecondLookOptions) -> BoolArray:
     """(C, T) whether a camera should see enough of the person's landmarks."""
     known = np.isfinite(points.points_world).all(-1)
     result = np.zeros((len(session.cameras), points.points_world.shape[0]), dtype=np.bool_)
@@ -98,9 +99,7 @@ def seeing_views(session: Session, points: Points3D, options: SecondLookOptions)
     return result
 
 
-def missing_views(
-    session: Session, slots: NDArray[np.int64], points: Points3D, options: SecondLookOptions
-) -> NDArray[np.bool_]:
+def missing_views(session: Session, slots: IntArray, points: Points3D, options: SecondLookOptions) -> BoolArray:
     """(C, T) whether a camera should see the person and has nobody, or somebody else.
 
     Args:
@@ -143,7 +142,7 @@ class SecondLook:
     progress: Progress
 
     def __call__(
-        self, slots: NDArray[np.int64], points: Points3D, expected: Points3D | None = None, number: str = ""
+        self, slots: IntArray, points: Points3D, expected: Points3D | None = None, number: str = ""
     ) -> Again | None:
         """What the cameras find where the person is known to be; None where nothing is new.
 
@@ -168,7 +167,7 @@ class SecondLook:
         return self._taken_in(slots, missing, wanted, dict(zip(cameras, looks, strict=True)), number)
 
     def _taken_in(
-        self, slots: NDArray[np.int64], missing: NDArray[np.bool_], wanted: NDArray[np.bool_],
+        self, slots: IntArray, missing: BoolArray, wanted: BoolArray,
         looks: dict[int, StageResult], number: str,
     ) -> Again | None:  # fmt: skip
         """The take with what the cameras' stages `looks` found."""
@@ -208,12 +207,12 @@ class SecondLook:
         """Landmarks of cameras that run apart, in step."""
         return synchronised(found, self.session.clocks, self.session.fps)
 
-    def _own(self, c: int, frames: NDArray[np.intp]) -> NDArray[np.intp]:
+    def _own(self, c: int, frames: IndexArray) -> IndexArray:
         """The camera's own frames at the session's."""
         return own_frames(self.session.clocks, c, frames, self.session.fps, len(self.detected[c].tracks.points_px))
 
     def _look(
-        self, c: int, wanted: NDArray[np.intp], expected: Points3D, number: str, task: Task, stop: threading.Event
+        self, c: int, wanted: IndexArray, expected: Points3D, number: str, task: Task, stop: threading.Event
     ) -> StageResult:
         """One camera's stage: `found` (n,) and the arrays of `CameraTracks` for the frames `wanted` (n,); those read
         with nothing expected begin with `alone_`."""

@@ -12,8 +12,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, ByteArray, FloatArray, IndexArray
 from muybridge.geometry.numerics.robust import row_median
 from muybridge.infer.detection.pose_estimator import CameraTracks
 from muybridge.infer.session.session import Session
@@ -45,10 +45,10 @@ class Repeats:
     """
 
     def __init__(self) -> None:
-        self._last: NDArray[np.uint8] | None = None
+        self._last: ByteArray | None = None
         self._told: list[bool] = []
 
-    def see(self, frame: NDArray[np.uint8]) -> None:
+    def see(self, frame: ByteArray) -> None:
         """Looks at the next frame, (H, W, 3)."""
         height, width = (max(1, side // _BLOCK_PX) for side in frame.shape[:2])
         coarse = np.asarray(cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
@@ -62,7 +62,7 @@ class Repeats:
         told = np.array(self._told, dtype=np.bool_)
         return int(len(told) - np.argmin(np.append(told[::-1], False)))
 
-    def confirmed(self, tracks: CameraTracks) -> NDArray[np.bool_]:
+    def confirmed(self, tracks: CameraTracks) -> BoolArray:
         """(T,) which of the frames seen so far are repeated while somebody moves. None are if people moved in them:
         then the pictures are only alike, dark or flat as they are. Nor are any if nobody tells.
 
@@ -86,7 +86,7 @@ class Repeats:
         return np.asarray(told & (same & (_moved(tracks, low, high) > _STILL)).any(1))
 
 
-def _pictures_around(new: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _pictures_around(new: BoolArray) -> tuple[IndexArray, IndexArray]:
     """(T,) the last new picture up to each frame, the first of which is new, and the first after that; the last of all
     again where none is."""
     pictures = np.flatnonzero(new)
@@ -125,14 +125,14 @@ def _all_went(tracks: CameraTracks, start: int, end: int) -> bool | None:
     return bool((farthest[there] > _GOES).all()) if there.any() else None
 
 
-def on_time(session: Session, c: int, repeats: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def on_time(session: Session, c: int, repeats: BoolArray) -> BoolArray:
     """(T,) in which of the take's frames, of which `repeats` has all that the camera had, people are where they are at
     that moment."""
     late = 0.0 if session.late is None else session.late[c, : len(repeats)] * session.fps
     return np.asarray(~repeats[: session.frame_indices.shape[1]] & (np.abs(late) <= _ON_TIME))
 
 
-def in_time(session: Session, c: int, tracks: CameraTracks, repeats: NDArray[np.bool_]) -> CameraTracks:
+def in_time(session: Session, c: int, tracks: CameraTracks, repeats: BoolArray) -> CameraTracks:
     """A camera's tracks at the take's moments.
 
     Args:
@@ -183,7 +183,7 @@ def in_time(session: Session, c: int, tracks: CameraTracks, repeats: NDArray[np.
     return replace(tracks, **values)
 
 
-def _moved(tracks: CameraTracks, low: NDArray[np.intp], high: NDArray[np.intp]) -> NDArray[np.float64]:
+def _moved(tracks: CameraTracks, low: IndexArray, high: IndexArray) -> FloatArray:
     """(n, P) how far people moved from frames `low` (n,) to `high` (n,), in sides of their box: the mean of what moved
     and what did not; infinite where they are not in both."""
     away = np.linalg.norm(tracks.points_px[high] - tracks.points_px[low], axis=-1)
@@ -192,13 +192,13 @@ def _moved(tracks: CameraTracks, low: NDArray[np.intp], high: NDArray[np.intp]) 
     return np.where(there.any(-1) & np.isfinite(mean), mean, np.inf)
 
 
-def _side(tracks: CameraTracks, frames: NDArray[np.intp]) -> NDArray[np.float64]:
+def _side(tracks: CameraTracks, frames: IndexArray) -> FloatArray:
     """(n, P) the longer side of people's boxes in these frames, px; NaN where nobody is."""
     boxes = tracks.boxes_px[frames]
     return np.asarray((boxes[..., 2:] - boxes[..., :2]).max(-1))
 
 
-def repeats_notice(session: Session, c: int, repeats: NDArray[np.bool_]) -> str | None:
+def repeats_notice(session: Session, c: int, repeats: BoolArray) -> str | None:
     """What is said of a film some of whose pictures, `repeats` (T,) or more, are shown once more; None of others."""
     index = session.frame_indices[c, : len(repeats)]
     repeats = repeats[: len(index)]

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, median_filter
 from scipy.optimize import linear_sum_assignment
 
-from muybridge.models.keypoints.decode import DetectedPeople, box_overlap
+from muybridge.arrays import BoolArray, FloatArray, IndexArray, IntArray
+from muybridge.models.people.decode import DetectedPeople, box_overlap
 
 # How fast a track believes in a change of its velocity, and forgets it while nothing is seen.
 _VELOCITY_GAIN = 0.3
@@ -80,18 +80,16 @@ class TrackedFrame(NamedTuple):
         missed: (P,) whether the track was looked for in vain, here or when last looked for.
     """
 
-    boxes_px: NDArray[np.float64]
-    ids: NDArray[np.int64]
-    seen: NDArray[np.bool_]
-    missed: NDArray[np.bool_]
+    boxes_px: FloatArray
+    ids: IntArray
+    seen: BoolArray
+    missed: BoolArray
 
 
 class Tracker:
     """Assigns detections to slots. A slot is reused only after its track has ended."""
 
-    def __init__(
-        self, bounds_px: NDArray[np.float64], options: TrackOptions = TrackOptions(), fps: float = 30.0
-    ) -> None:
+    def __init__(self, bounds_px: FloatArray, options: TrackOptions = TrackOptions(), fps: float = 30.0) -> None:
         """A tracker for images with the edges (left, top, right, bottom), `fps` of them a second."""
         self._bounds = np.asarray(bounds_px, dtype=np.float64)
         self._options = options
@@ -130,7 +128,7 @@ class Tracker:
         active = self._ids >= 0
         return TrackedFrame(self._boxes.copy(), self._ids.copy(), seen & active, active & (self._misses > 0))
 
-    def confirm(self, slot: int, box_px: NDArray[np.float64]) -> None:
+    def confirm(self, slot: int, box_px: FloatArray) -> None:
         """Other evidence (its keypoints) says that the track of a slot is at this box now."""
         self._boxes[slot] = box_px
         self._misses[slot] = self._gap[slot] = 0
@@ -139,7 +137,7 @@ class Tracker:
         """End a slot's track."""
         self._end(np.arange(len(self._ids)) == slot)
 
-    def _assign(self, detected: DetectedPeople) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _assign(self, detected: DetectedPeople) -> tuple[IndexArray, IndexArray]:
         """Pairs (slots, detections) of least total cost within the gate."""
         active = np.flatnonzero(self._ids >= 0)
         tracks, boxes = self._boxes[active], detected.boxes_px
@@ -153,7 +151,7 @@ class Tracker:
         good = allowed[rows, columns]
         return active[rows[good]], columns[good]
 
-    def _observe(self, slots: NDArray[np.intp], boxes: NDArray[np.float64], scores: NDArray[np.float64]) -> None:
+    def _observe(self, slots: IndexArray, boxes: FloatArray, scores: FloatArray) -> None:
         surprise = _centers(boxes) - _centers(self._boxes[slots])
         # A step after a gap is spread over the gap; a young track learns faster.
         gain = np.maximum(_VELOCITY_GAIN, 1 / (1 + self._hits[slots])) / self._gap[slots]
@@ -163,13 +161,13 @@ class Tracker:
         self._hits[slots] += 1
         self._misses[slots] = self._gap[slots] = 0
 
-    def _miss(self, slots: NDArray[np.bool_]) -> None:
+    def _miss(self, slots: BoolArray) -> None:
         self._misses[slots] += 1
         self._score[slots] *= 1 - _SCORE_GAIN
         self._velocity[slots] *= _VELOCITY_DECAY
         self._end(slots & (self._misses > np.minimum(self._coast, self._hits)))
 
-    def _start(self, box: NDArray[np.float64], score: float) -> int | None:
+    def _start(self, box: FloatArray, score: float) -> int | None:
         """Begin a track in the slot that was free longest; None if there is none or it is a duplicate.
 
         Where all slots are taken the weakest track ends if it is much weaker than this detection.
@@ -190,21 +188,21 @@ class Tracker:
         self._started += 1
         return slot
 
-    def _end(self, slots: NDArray[np.bool_]) -> None:
+    def _end(self, slots: BoolArray) -> None:
         self._ids[slots] = -1
         self._boxes[slots] = np.nan
         self._velocity[slots] = 0.0
         self._ended_at[slots] = self._clock
 
-    def _outside(self) -> NDArray[np.bool_]:
+    def _outside(self) -> BoolArray:
         low = np.clip(self._boxes[:, :2], self._bounds[:2], self._bounds[2:])
         high = np.clip(self._boxes[:, 2:], self._bounds[:2], self._bounds[2:])
         area = (self._boxes[:, 2:] - self._boxes[:, :2]).prod(axis=1)
-        outside: NDArray[np.bool_] = (high - low).prod(axis=1) < _MIN_INSIDE * area
+        outside: BoolArray = (high - low).prod(axis=1) < _MIN_INSIDE * area
         return outside
 
 
-def _centers(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _centers(boxes: FloatArray) -> FloatArray:
     return (boxes[:, :2] + boxes[:, 2:]) / 2
 
 
@@ -215,9 +213,9 @@ class BoxSmoother:
 
     def __init__(self, options: TrackOptions = TrackOptions(), fps: float = 30.0) -> None:
         self._sigma = smoothing_frames(options.smooth, fps)
-        self._memory: dict[int, NDArray[np.float64]] = {}
+        self._memory: dict[int, FloatArray] = {}
 
-    def __call__(self, frames: list[TrackedFrame]) -> NDArray[np.float64]:
+    def __call__(self, frames: list[TrackedFrame]) -> FloatArray:
         """(n, P, 4) smoothed boxes of n frames, NaN in free slots.
 
         Frames in which a track was not seen are interpolated between those in which it was; after the last of
@@ -227,7 +225,7 @@ class BoxSmoother:
         ids = np.stack([frame.ids for frame in frames])
         seen = np.stack([frame.seen for frame in frames])
         smooth = np.full_like(boxes, np.nan)
-        memory: dict[int, NDArray[np.float64]] = {}
+        memory: dict[int, FloatArray] = {}
         for track in np.unique(ids[ids >= 0]):
             rows, slots = np.nonzero(ids == track)
             past = self._memory.get(int(track), np.empty((0, 4)))
@@ -239,7 +237,7 @@ class BoxSmoother:
         return smooth
 
 
-def filled_boxes(series: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
+def filled_boxes(series: FloatArray, known: BoolArray) -> FloatArray:
     """(n, 4) with the boxes between known ones interpolated."""
     result = series.copy()
     at = np.flatnonzero(known)
@@ -255,7 +253,7 @@ def smoothing_frames(seconds: float, fps: float) -> float:
     return seconds * min(fps, 30.0)
 
 
-def smoothed_boxes(series: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
+def smoothed_boxes(series: FloatArray, sigma: float) -> FloatArray:
     """(n, 4) boxes of consecutive frames without single outliers, centres and sizes smoothed over time.
 
     Args:

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import IndexArray
 from muybridge.errors import FormatError
 
 DELETE = "delete"
@@ -67,9 +67,9 @@ def _frames(path: Path, number: int, text: str) -> tuple[int, int]:
 
 
 def apply_corrections(
-    label: NDArray[np.intp], column: NDArray[np.intp], corrections: list[Correction], labels: tuple[str, ...],
+    label: IndexArray, column: IndexArray, corrections: list[Correction], labels: tuple[str, ...],
     names: tuple[str, ...], path: Path,
-) -> tuple[NDArray[np.intp], list[str]]:  # fmt: skip
+) -> tuple[IndexArray, list[str]]:  # fmt: skip
     """Labels of slots with a person's corrections.
 
     Args:

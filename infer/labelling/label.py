@@ -6,18 +6,17 @@ import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks.arrays import MarkerSet
-from muybridge.geometry.markers.subjects import split_people
+from muybridge.geometry.landmarks.marker_sets import MarkerSet
 from muybridge.geometry.markers.recovery import RecoverOptions, recover_points
 from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
+from muybridge.geometry.markers.subjects import split_people
 from muybridge.geometry.markers.tracking import TrackOptions, Tracks, find_tracks
 from muybridge.geometry.markers.voting import VoteOptions, assign_frames, cut_tracks, elect, ordered, vote
 from muybridge.infer.networks.labelling import LabelNetwork
 
-Float = NDArray[np.float64]
 # How far a marker's third neighbour is in the median, metres: 0.15 to 0.37 on bodies of all sizes and poses in the
 # known sets, more where few markers are worn; whoever else is there changes little.
 APART_M = (0.06, 1.0)
@@ -63,17 +62,17 @@ class Labelled:
     """
 
     markers: MarkerSet
-    points: Float
-    confidence: Float
-    column: NDArray[np.intp]
-    turn: Float
+    points: FloatArray
+    confidence: FloatArray
+    column: IndexArray
+    turn: FloatArray
     factor: float
     tracks: Tracks
-    label: NDArray[np.intp]
+    label: IndexArray
     notes: list[str] = field(default_factory=list)
 
 
-def label_points(points: Float, fps: float, markers: MarkerSet, network: LabelNetwork,
+def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: LabelNetwork,
                  options: LabelOptions = LabelOptions()) -> Labelled:  # fmt: skip
     """Names the points of a recording.
 
@@ -111,7 +110,7 @@ def label_points(points: Float, fps: float, markers: MarkerSet, network: LabelNe
     return _labelled(markers, label, sure, turn, scale, tracks, notes)
 
 
-def _over_time(scores: Float, track: NDArray[np.intp], fps: float, options: LabelOptions) -> Float:
+def _over_time(scores: FloatArray, track: IndexArray, fps: float, options: LabelOptions) -> FloatArray:
     """Scores in which half a second to either side has a say, and the whole trajectory has some: what a name's
     confidence is measured by."""
     out = scores.copy()
@@ -127,7 +126,7 @@ def _over_time(scores: Float, track: NDArray[np.intp], fps: float, options: Labe
     return out
 
 
-def _labelled(markers: MarkerSet, label: NDArray[np.intp], scores: Float, turn: Float, factor: float, tracks: Tracks,
+def _labelled(markers: MarkerSet, label: IndexArray, scores: FloatArray, turn: FloatArray, factor: float, tracks: Tracks,
               notes: list[str]) -> Labelled:  # fmt: skip
     shape = (len(label), len(markers))
     out, confidence, column = np.full((*shape, 3), np.nan), np.zeros(shape), np.full(shape, -1, np.intp)
@@ -139,7 +138,7 @@ def _labelled(markers: MarkerSet, label: NDArray[np.intp], scores: Float, turn: 
     return Labelled(markers, out, confidence, column, turn, factor, tracks, label, notes)
 
 
-def relabelled(labelled: Labelled, label: NDArray[np.intp]) -> Labelled:
+def relabelled(labelled: Labelled, label: IndexArray) -> Labelled:
     """The same with labels (T, S) that a person settled: those are certain."""
     sure = np.zeros((*label.shape, len(labelled.markers) + 1))
     changed = label != labelled.label
@@ -151,7 +150,7 @@ def relabelled(labelled: Labelled, label: NDArray[np.intp]) -> Labelled:
     return _labelled(labelled.markers, label, sure, labelled.turn, labelled.factor, labelled.tracks, labelled.notes)
 
 
-def _elect(scores: Float, tracks: Tracks, fps: float, options: LabelOptions) -> NDArray[np.intp]:
+def _elect(scores: FloatArray, tracks: Tracks, fps: float, options: LabelOptions) -> IndexArray:
     if not options.votes:
         return assign_frames(scores)
     pieces = cut_tracks(scores, tracks.track, tracks.points, fps, options.vote)
@@ -159,8 +158,8 @@ def _elect(scores: Float, tracks: Tracks, fps: float, options: LabelOptions) -> 
     return np.where(pieces >= 0, label[pieces], -1)
 
 
-def _repair(scores: Float, label: NDArray[np.intp], tracks: Tracks, turn: Float, fps: float, asked: NDArray[np.intp],
-            network: LabelNetwork, options: LabelOptions) -> tuple[Float, NDArray[np.intp]]:  # fmt: skip
+def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, turn: FloatArray, fps: float, asked: IndexArray,
+            network: LabelNetwork, options: LabelOptions) -> tuple[FloatArray, IndexArray]:  # fmt: skip
     """Scores to which distances have contributed, and the labels that follow."""
     card, choice = network.card, np.ix_(asked, asked)
     how = options.rigidity
@@ -178,7 +177,7 @@ def _repair(scores: Float, label: NDArray[np.intp], tracks: Tracks, turn: Float,
     return fitted, label
 
 
-def _named(label: NDArray[np.intp], points: Float, count: int) -> tuple[Float, NDArray[np.intp]]:
+def _named(label: IndexArray, points: FloatArray, count: int) -> tuple[FloatArray, IndexArray]:
     """Markers (T, A, 3) and the slots (T, A) they come from, by the slots' labels (T, S)."""
     named, owner = np.full((len(points), count, 3), np.nan), np.full((len(points), count), -1, np.intp)
     t, s = np.nonzero(label >= 0)
@@ -187,7 +186,7 @@ def _named(label: NDArray[np.intp], points: Float, count: int) -> tuple[Float, N
     return named, owner
 
 
-def metres_of(points: Float, notes: list[str]) -> float:
+def metres_of(points: FloatArray, notes: list[str]) -> float:
     """The factor to metres: 1 where the points are as near each other as a person's markers, else the power of ten that
     makes them so."""
     count = np.isfinite(points[..., 0]).sum(1)
@@ -206,7 +205,7 @@ def metres_of(points: Float, notes: list[str]) -> float:
     raise FormatError(f"neighbouring points are {usual:.3g} m apart: no person in any unit; check the file's unit")
 
 
-def upright(tracks: Tracks, fps: float, asked: NDArray[np.intp], network: LabelNetwork) -> Float:
+def upright(tracks: Tracks, fps: float, asked: IndexArray, network: LabelNetwork) -> FloatArray:
     """The rotation, of the six that turn an axis of the file up, that the network recognises most with."""
     full = (tracks.track >= 0).sum(1)
     frames = np.linspace(0, len(full) - 1, min(24, len(full))).astype(int)
@@ -224,7 +223,7 @@ def upright(tracks: Tracks, fps: float, asked: NDArray[np.intp], network: LabelN
     return best
 
 
-def _up(axis: int, sign: float) -> Float:
+def _up(axis: int, sign: float) -> FloatArray:
     """A rotation that turns the signed axis of the file to +Z."""
     up = np.zeros(3)
     up[axis] = sign

@@ -5,19 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks.arrays import SURFACE, MarkerSet
-from muybridge.geometry.landmarks.marker_sets import SETS, MarkerPlan, plan_of
+from muybridge.geometry.landmarks.marker_sets import SETS, SURFACE, MarkerPlan, MarkerSet, plan_of
 from muybridge.geometry.markers.tracking import Tracks
-from muybridge.infer.networks.labelling import LabelNetwork
 from muybridge.infer.labelling.label import metres_of, upright
-from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.infer.networks.labelling import LabelNetwork
+from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud
 
-Float = NDArray[np.float64]
 _FRAMES = 200
 # From this many names on that well-known sets use, they tell what kind of set it is.
 _FEW = 6
@@ -78,7 +76,7 @@ class _View:
         notes: what the user should know.
     """
 
-    def __init__(self, points: Float, fps: float, network: LabelNetwork) -> None:
+    def __init__(self, points: FloatArray, fps: float, network: LabelNetwork) -> None:
         self.notes: list[str] = []
         column = np.where(np.isfinite(points[..., 0]), np.arange(points.shape[1]), -1)
         self.tracks = Tracks(points * metres_of(points, self.notes), column, column, False)
@@ -86,7 +84,7 @@ class _View:
         self.turn = upright(self.tracks, fps, np.arange(len(SURFACE)), network)
         self.frames = np.linspace(0, len(points) - 1, min(_FRAMES, len(points))).astype(int)
 
-    def says(self, names: list[str]) -> Float:
+    def says(self, names: list[str]) -> FloatArray:
         """(K, N) mean probability of the trajectories for some points of the body."""
         asked = np.array([SURFACE.index(name) for name in names])
         scores = self.network.scores(self.tracks, self.fps, asked, self.frames, self.turn)

@@ -7,19 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import ModelError
-from muybridge.geometry.skeleton.body import BODY
-from muybridge.geometry.landmarks.arrays import SURFACE
 from muybridge.geometry.fitting.marker_fit import MarkerFit
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.rigid_bones import body_through
-from muybridge.models.correction.features import apply_corrections, solver_input
 from muybridge.infer.networks.keypoints import OnnxOptions, open_session
-
-Array = NDArray[np.float64]
+from muybridge.models.correction.features import apply_corrections, solver_input
 
 # So much of an answer is taken: the most with which no held-out take became worse than its fit. People differ from
 # those who were trained on, and half a right answer is most of the gain where a whole one is too much.
@@ -49,7 +47,7 @@ class SolverNetwork:
         if tuple(names) != SURFACE.names or tuple(joints) != BODY.joint_names:
             raise ModelError(f"{path}: is of other markers or joints; train it again with this version of muybridge")
 
-    def joints(self, fit: MarkerFit, points_world: Array) -> tuple[Array, Array]:
+    def joints(self, fit: MarkerFit, points_world: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Corrected rotations (T, J, 3, 3) and places (T, J, 3) in the world of BODY's joints.
 
         Args:
@@ -65,7 +63,7 @@ class SolverNetwork:
         return apply_corrections(given, SHARE * np.concatenate(answers))
 
 
-def corrected(fit: MarkerFit, points_world: Array, network: SolverNetwork) -> MarkerFit:
+def corrected(fit: MarkerFit, points_world: FloatArray, network: SolverNetwork) -> MarkerFit:
     """The fit with the network's corrections, its bones again of one length for the take."""
     turns, places = network.joints(fit, points_world)
     bones, root, local = body_through(fit.motion.skeleton, turns, places)

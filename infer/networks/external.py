@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import onnxruntime
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, Float32Array, FloatArray
 from muybridge.errors import ModelError
-from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet
+from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.infer.networks.keypoints import (
     Expectation,
     KeypointNetwork,
@@ -20,8 +20,8 @@ from muybridge.infer.networks.keypoints import (
     run_session,
 )
 from muybridge.models.keypoints.decode import DecodedHeatmaps
-from muybridge.models.keypoints.simcc import decode_simcc, decode_value_heatmaps
 from muybridge.models.keypoints.external import ModelCard, find_card, load_card
+from muybridge.models.keypoints.simcc import decode_simcc, decode_value_heatmaps
 from muybridge.models.keypoints.test_time import Series
 
 # How near a coordinate counts as there, for the score: a part of the crop's longer side.
@@ -104,7 +104,7 @@ class OtherNetwork:
         """Side of a crop over the longer side of the box."""
         return self.card.box_padding
 
-    def fitted_boxes(self, boxes_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    def fitted_boxes(self, boxes_px: FloatArray) -> FloatArray:
         """(N, 4) boxes widened about their middles to the shape of the model's input."""
         aspect = self.card.width / self.card.height
         middle = (boxes_px[:, :2] + boxes_px[:, 2:]) / 2
@@ -112,9 +112,7 @@ class OtherNetwork:
         half = np.stack([np.maximum(width, height * aspect), np.maximum(height, width / aspect)], axis=1) / 2
         return np.concatenate([middle - half, middle + half], axis=1)
 
-    def locate(
-        self, crops: NDArray[np.uint8], expected: Expectation | None = None, series: Series | None = None
-    ) -> Located:
+    def locate(self, crops: ByteArray, expected: Expectation | None = None, series: Series | None = None) -> Located:
         """Landmarks in (N, S, S, 3) RGB crops, S the `crop_size`; the input is the crops' middle. What is `expected`,
         and which of them follow each other, is not looked at: nobody knows how sure another model's maps are.
 
@@ -137,12 +135,12 @@ class OtherNetwork:
         visibility = np.full((len(crops), count), _UNKNOWN_LOGIT, dtype=np.float32)
         return Located(DecodedHeatmaps(points, variance, score), visibility)
 
-    def _run(self, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+    def _run(self, crops: ByteArray) -> list[Float32Array]:
         card, count = self.card, len(crops)
         pixels = crops if card.colour == "rgb" else crops[..., ::-1]
         mean, std = (np.array(values, dtype=np.float32) for values in (card.mean, card.std))
         normalised = (pixels * np.float32(card.white / 255) - mean) / std
-        image: NDArray[np.float32] = np.ascontiguousarray(normalised.transpose(0, 3, 1, 2)).astype(np.float32)
+        image: Float32Array = np.ascontiguousarray(normalised.transpose(0, 3, 1, 2)).astype(np.float32)
         if self._fixed_batch and count < self._fixed_batch:
             filled = np.zeros((self._fixed_batch, *image.shape[1:]), dtype=np.float32)
             filled[:count] = image
@@ -157,7 +155,7 @@ class OtherNetwork:
                 )
         return [values[:count] for values in outputs]
 
-    def _decoded(self, outputs: list[NDArray[np.float32]]) -> DecodedHeatmaps:
+    def _decoded(self, outputs: list[Float32Array]) -> DecodedHeatmaps:
         card = self.card
         if card.decode == "heatmaps":
             return decode_value_heatmaps(outputs[0], card.stride, card.origin_px, card.spread, card.logits)

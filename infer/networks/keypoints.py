@@ -13,24 +13,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import onnxruntime
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray
 from muybridge.errors import ModelError
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.models.keypoints.decode import NO_IDEA, DecodedHeatmaps, with_expectation
-from muybridge.models.keypoints.mirroring import mean_of_mirrored
 from muybridge.models.keypoints.metadata import (
     BODY_OUTPUTS,
     MARKER_OUTPUTS,
     SIDE_MULTIPLE,
     KeypointModelCard,
-    PeopleModelCard,
     crop_side,
     keypoint_card,
-    people_card,
 )
-from muybridge.models.onnx_files.prune_outputs import without_outputs
+from muybridge.models.keypoints.mirroring import mean_of_mirrored
 from muybridge.models.keypoints.test_time import Series, turn_where_unsure
+from muybridge.models.onnx_files.prune_outputs import without_outputs
+from muybridge.models.people.metadata import PeopleModelCard, people_card
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
 # Least and most that `OnnxOptions.size` may be.
@@ -71,7 +70,7 @@ class Located(NamedTuple):
     virtual markers, where they were asked for; and what was found without the expectation, where there was one."""
 
     found: DecodedHeatmaps
-    visibility: NDArray[np.float32]
+    visibility: Float32Array
     markers: DecodedHeatmaps | None = None
     alone: DecodedHeatmaps | None = None
 
@@ -85,7 +84,7 @@ class Expectation(NamedTuple):
         most: that it can say against a place, nats.
     """
 
-    points_px: NDArray[np.float64]
+    points_px: FloatArray
     sd: float
     most: float
 
@@ -152,13 +151,11 @@ class KeypointNetwork:
         """Side of a crop over the longer side of the box."""
         return self.card.box_padding
 
-    def fitted_boxes(self, boxes_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    def fitted_boxes(self, boxes_px: FloatArray) -> FloatArray:
         """(N, 4) boxes as the crops want them: as they are, since the crops are square."""
         return boxes_px
 
-    def locate(
-        self, crops: NDArray[np.uint8], expected: Expectation | None = None, series: Series | None = None
-    ) -> Located:
+    def locate(self, crops: ByteArray, expected: Expectation | None = None, series: Series | None = None) -> Located:
         """Landmarks in (N, S, S, C) crops, see `__call__`, where they are expected if need be; of crops that show the
         same at one moment after another not all are turned in vain."""
         card, marked = self.card, None
@@ -180,7 +177,7 @@ class KeypointNetwork:
         # A map that says nothing would otherwise say what was expected.
         return Located(_known(found, nothing), visibility, marked, _known(alone, nothing))
 
-    def __call__(self, crops: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+    def __call__(self, crops: ByteArray) -> list[Float32Array]:
         """Run the network.
 
         Args:
@@ -209,11 +206,11 @@ class KeypointNetwork:
                     out[part] = mean_of_mirrored(out[part], other[k], np.array(self._sets[k // 2].mirror))
         return maps
 
-    def _views(self, crops: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+    def _views(self, crops: ByteArray) -> list[ByteArray]:
         """The crops, and mirrored if so wished."""
         return [crops, crops[:, :, ::-1]] if self._flip else [crops]
 
-    def _run(self, crops: NDArray[np.uint8]) -> Sequence[NDArray[np.float32]]:
+    def _run(self, crops: ByteArray) -> Sequence[Float32Array]:
         # Put in order as bytes, a quarter of what they are as numbers.
         planes = np.ascontiguousarray(crops.transpose(0, 3, 1, 2))
         inputs = {name: np.multiply(part, np.float32(1 / 255)) for name, part in self.card.inputs(planes).items()}
@@ -221,7 +218,7 @@ class KeypointNetwork:
         return run_session(self._session, self.path, outputs, inputs)
 
 
-def _known(found: DecodedHeatmaps, nothing: NDArray[np.bool_] | None = None) -> DecodedHeatmaps:
+def _known(found: DecodedHeatmaps, nothing: BoolArray | None = None) -> DecodedHeatmaps:
     """The landmarks without those of which the network knows nothing (N, J)."""
     points, variance, score = found
     nothing = score < NO_IDEA if nothing is None else nothing
@@ -245,9 +242,7 @@ class PeopleNetwork:
         self.card: PeopleModelCard = people_card(_metadata(self._session), path)
         _check_signature(self._session, path, channels=4, outputs={"heatmap": (4, 1), "box": (4, 4)})
 
-    def __call__(
-        self, frames: NDArray[np.uint8], difference: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def __call__(self, frames: ByteArray, difference: Float32Array) -> tuple[Float32Array, Float32Array]:
         """Run the network.
 
         Args:
@@ -326,11 +321,11 @@ def _check_signature(
 
 
 def run_session(
-    session: onnxruntime.InferenceSession, path: Path, outputs: list[str], inputs: dict[str, NDArray[np.float32]]
-) -> Sequence[NDArray[np.float32]]:
+    session: onnxruntime.InferenceSession, path: Path, outputs: list[str], inputs: dict[str, Float32Array]
+) -> Sequence[Float32Array]:
     """The named outputs for named inputs; a ModelError in one line where the network fails."""
     try:
-        result: Sequence[NDArray[np.float32]] = session.run(outputs, inputs)
+        result: Sequence[Float32Array] = session.run(outputs, inputs)
     except Exception as error:  # onnxruntime's exceptions share no base but Exception
         shapes = ", ".join(str(values.shape) for values in inputs.values())
         raise ModelError(

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.arrays import Float32Array, FloatArray, IndexArray
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.markers.tracking import Tracks
 from muybridge.infer.networks.keypoints import OnnxOptions, open_session
 from muybridge.models.labelling.metadata import LabelModelCard, label_card
 
-Float = NDArray[np.float64]
 LEAST_POINTS = 16
 
 
@@ -27,9 +26,9 @@ class Cloud:
         slot: (B, N) slot of the trajectories that a point comes from, -1 for padding.
     """
 
-    points: NDArray[np.float32]
-    seen: NDArray[np.float32]
-    slot: NDArray[np.intp]
+    points: Float32Array
+    seen: Float32Array
+    slot: IndexArray
 
 
 class LabelNetwork:
@@ -48,8 +47,8 @@ class LabelNetwork:
         self._session = open_session(path, OnnxOptions(1, batch))
         self.card: LabelModelCard = label_card(dict(self._session.get_modelmeta().custom_metadata_map), path)
 
-    def scores(self, tracks: Tracks, fps: float, asked: NDArray[np.intp], frames: NDArray[np.intp] | None = None,
-               turn: Float | None = None, windowed: bool = True) -> NDArray[np.float32]:  # fmt: skip
+    def scores(self, tracks: Tracks, fps: float, asked: IndexArray, frames: IndexArray | None = None,
+               turn: FloatArray | None = None, windowed: bool = True) -> Float32Array:  # fmt: skip
         """(F, S, A + 1) logarithm of the assignment of slots to the labels asked for, the last column for none; NaN
         where a slot holds no point.
 
@@ -81,7 +80,7 @@ class LabelNetwork:
         return out
 
 
-def pack(tracks: Tracks, frames: NDArray[np.intp], fps: float, window: tuple[float, ...], size: int) -> Cloud:
+def pack(tracks: Tracks, frames: IndexArray, fps: float, window: tuple[float, ...], size: int) -> Cloud:
     """The network's input of some frames; `size` is the width of the window, of which `window` (seconds) is known."""
     there = tracks.track[frames] >= 0
     fullest = max(LEAST_POINTS, int(there.sum(1).max(initial=0)))

@@ -2,21 +2,19 @@
 
 from dataclasses import dataclass
 from functools import partial
-from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.errors import OutputError, SessionError
+from muybridge.arrays import FloatArray
+from muybridge.errors import OutputError
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.infer.results.folder import is_ours
+from muybridge.infer.demo_take.take import TAKE, demo_folder, true_points
 from muybridge.infer.pipelines.videos import RunOptions, RunResult, run_session
+from muybridge.infer.results.folder import is_ours
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import write_whole
-
-TAKE, TRUTH = "take", "truth.npz"
 
 
 @dataclass(frozen=True)
@@ -30,24 +28,6 @@ class Score:
 
     mpjpe_mm: float
     coverage: float
-
-
-def demo_folder() -> Traversable:
-    """The take inside the package: `videos/`, `calibration.toml` and `truth.npz`.
-
-    Raises:
-        SessionError: the installation has none.
-    """
-    folder = resources.files("muybridge.infer").joinpath("demo_take")
-    if not folder.joinpath(TRUTH).is_file():
-        raise SessionError(f"{folder}: the demo's take is missing; reinstall muybridge")
-    return folder
-
-
-def true_points(folder: Traversable) -> tuple[NDArray[np.float64], list[str]]:
-    """(T, K, 3) metres, and the (K,) landmarks' names, of a take like the demo's."""
-    with folder.joinpath(TRUTH).open("rb") as file, np.load(file) as truth:
-        return truth["points_world"], [str(n) for n in truth["names"]]
 
 
 def run_demo(
@@ -96,7 +76,7 @@ def _copy(folder: Traversable, take: Path, ours: bool) -> None:
         write_whole(target, partial(Path.write_bytes, data=data))
 
 
-def score(points: Points3D, truth_world: NDArray[np.float64], names: list[str]) -> Score:
+def score(points: Points3D, truth_world: FloatArray, names: list[str]) -> Score:
     """Mean distance to the truth, in the world as it is: nothing is aligned.
 
     Args:

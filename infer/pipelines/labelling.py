@@ -11,20 +11,21 @@ from typing import Any
 import numpy as np
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
-from muybridge.geometry.markers.cleaning import Cleaned, CleanOptions, Sample, clean_markers
+from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.marker_sets import MarkerPlan
+from muybridge.geometry.landmarks.sets import LandmarkSet
+from muybridge.geometry.markers.cleaning import Cleaned, CleanOptions, Sample, clean_markers
 from muybridge.infer.labelling.corrections import apply_corrections, read_corrections
+from muybridge.infer.labelling.label import Labelled, LabelOptions, label_points, relabelled
 from muybridge.infer.networks.labelling import LabelNetwork
 from muybridge.infer.report.labelling_facts import label_json
 from muybridge.infer.report.labelling_page import render_label_report
-from muybridge.infer.labelling.label import Labelled, LabelOptions, label_points, relabelled
 from muybridge.infer.results.folder import open_output
-from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.points.c3d import C3DTake, take_of, write_c3d
-from muybridge.motion.formats.points.unlabelled import MarkerCloud, read_marker_cloud
-from muybridge.motion.formats.points.marker_protocol import find_marker_set
 from muybridge.motion.formats.points.common import check_fps
+from muybridge.motion.formats.points.marker_protocol import find_marker_set
+from muybridge.motion.formats.points.unlabelled import MarkerCloud, read_marker_cloud
 
 FILES = ("labelled.c3d", "label.json", "report.html")
 CORRECTIONS = "corrections.txt"

@@ -13,22 +13,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.errors import SessionError
 from muybridge.geometry.cameras.camera import Camera
-from muybridge.geometry.sync.clocks import own_frames
 from muybridge.geometry.cameras.crops import crops_for_boxes
+from muybridge.geometry.sync.clocks import own_frames
+from muybridge.infer.detection.crop_reader import Pictures, body_boxes, crop_pixels
 from muybridge.infer.detection.exposure import well_exposed
+from muybridge.infer.detection.orientation import upright_for
 from muybridge.infer.detection.resample import on_time
 from muybridge.infer.pipelines.videos import Followed
-from muybridge.infer.detection.crop_reader import Pictures, body_boxes, crop_pixels
-from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.reconstruction.landmarks import Solution
-from muybridge.infer.detection.orientation import upright_for
+from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.video import read_chunks
-from muybridge.models.pseudo_labels import Footage
 from muybridge.models.keypoints.metadata import KeypointModelCard
-
-_Floats = NDArray[np.float64]
+from muybridge.models.pseudo_labels import Footage
 
 # Blocks of frames that what is kept of a take is cut into, and every how manieth is kept from training.
 _BLOCKS, _HELD_OUT = 50, 10
@@ -122,12 +121,12 @@ class _View(NamedTuple):
     standard deviations (n, J) in shares of a crop, and whether the camera agrees (n, J)."""
 
     camera: int
-    frames: NDArray[np.intp]
-    boxes_px: _Floats
-    landmarks_px: _Floats
-    agreed: NDArray[np.bool_]
+    frames: IndexArray
+    boxes_px: FloatArray
+    landmarks_px: FloatArray
+    agreed: BoolArray
 
-    def select(self, chosen: NDArray[np.bool_]) -> _View:
+    def select(self, chosen: BoolArray) -> _View:
         """Some of the frames."""
         return _View(
             self.camera, self.frames[chosen], self.boxes_px[chosen], self.landmarks_px[chosen], self.agreed[chosen]
@@ -152,7 +151,7 @@ def _views(followed: Followed, c: int, person: _Person, shape: _Shape, options: 
     return _View(c, frames, boxes[frames], px[frames], person.agreed[c, frames])
 
 
-def _sigma_px(camera: Camera, points: _Floats, covariance: _Floats) -> _Floats:
+def _sigma_px(camera: Camera, points: FloatArray, covariance: FloatArray) -> FloatArray:
     """(T, J) standard deviation in the image of points (T, J, 3) with covariances (T, J, 3, 3), px."""
     at = camera.project(points)
     jacobian = np.stack([camera.project(points + _STEP_M * axis) - at for axis in np.eye(3)], axis=-1) / _STEP_M
@@ -160,13 +159,13 @@ def _sigma_px(camera: Camera, points: _Floats, covariance: _Floats) -> _Floats:
     return np.asarray(np.sqrt(np.maximum(variance, 0)))
 
 
-def _held_out(count: int) -> NDArray[np.bool_]:
+def _held_out(count: int) -> BoolArray:
     """(count,) which of so many frames are kept from training; some of every take."""
     block = np.arange(count) // max(1, count // _BLOCKS)
     return np.asarray(block % _HELD_OUT == min(_HELD_OUT // 2, block[-1]))
 
 
-def _cut(followed: Followed, view: _View, apart: NDArray[np.intp], shape: _Shape) -> Iterator[tuple[NDArray[Any], ...]]:
+def _cut(followed: Followed, view: _View, apart: IndexArray, shape: _Shape) -> Iterator[tuple[NDArray[Any], ...]]:
     """The first arrays of `Footage` of a view, chunk by chunk; the frames `apart` are held out."""
     session, c = followed.session, view.camera
     camera, count = session.level_cameras[c], len(followed.detected[c].tracks.points_px)

@@ -1,10 +1,5 @@
 """The whole chain for one session: videos to 2D landmarks, to 3D points, to motion, to files."""
 
-import importlib.metadata
-import os
-import platform
-import re
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -17,11 +12,8 @@ import numpy as np
 from muybridge import __version__
 from muybridge.errors import SessionError
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
-from muybridge.geometry.sync.clocks import synchronised
 from muybridge.geometry.landmarks.arrays import Keypoints2D
-from muybridge.infer.reconstruction import judge_calibration as calibration_stage, refine_cameras
-from muybridge.infer.results import write as exports
-from muybridge.infer.pipelines.warm_up import CompiledAhead
+from muybridge.geometry.sync.clocks import synchronised
 from muybridge.infer.detection.detect import (
     CameraResult,
     DetectOptions,
@@ -32,32 +24,27 @@ from muybridge.infer.detection.detect import (
     open_models,
 )
 from muybridge.infer.detection.pose_estimator import first_frames, merge_markers, merge_tracks
+from muybridge.infer.detection.refine import SecondLook, SecondLookOptions
+from muybridge.infer.detection.resample import in_time, repeats_notice
+from muybridge.infer.pipelines.warm_up import CompiledAhead
+from muybridge.infer.reconstruction import judge_calibration as calibration_stage
+from muybridge.infer.reconstruction import refine_cameras
+from muybridge.infer.reconstruction.gravity import stood_up
+from muybridge.infer.reconstruction.landmarks import Solution, SolveOptions, solve
+from muybridge.infer.reconstruction.quality import Quality, assess, unsure_landmarks
+from muybridge.infer.results import write as exports
 from muybridge.infer.results.folder import WORK, OutputFolder, open_output
 from muybridge.infer.results.overlay import OverlayOptions
-from muybridge.infer.detection.resample import in_time, repeats_notice
+from muybridge.infer.results.provenance import calibration_facts, machine, session_facts, stage_facts, versions
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.reconstruction.quality import Quality, assess, unsure_landmarks
-from muybridge.infer.detection.refine import SecondLook, SecondLookOptions
-from muybridge.infer.session.session import Session, SessionOptions, open_session, with_frames, with_notice
-from muybridge.infer.reconstruction.landmarks import Solution, SolveOptions, solve
 from muybridge.infer.runtime.stages import StageResult, StageStore, digest
+from muybridge.infer.session.session import Session, SessionOptions, open_session, with_frames, with_notice
 from muybridge.infer.session.sync_file import SYNC_FILE
-from muybridge.infer.reconstruction.gravity import stood_up
 
 RUN_FORMAT = 1
 DEFAULT_OUT = "muybridge"
 # Where `muybridge adapt` leaves a session's own network.
 ADAPTED = Path("adapted") / "keypoints-int8.onnx"
-_PACKAGES = (
-    "numpy",
-    "scipy",
-    "numba",
-    "opencv-contrib-python-headless",
-    "onnxruntime",
-    "pycolmap",
-    "av",
-    "ezc3d",
-)
 
 
 @dataclass(frozen=True)
@@ -317,82 +304,6 @@ def _common(
     if markers is not None:
         markers = synchronised(markers, session.clocks, session.fps)
     return session, synchronised(merge_tracks(tracks), session.clocks, session.fps), markers
-
-
-def session_facts(session: Session) -> dict[str, Any]:
-    """What went in, for `run.json`."""
-    return {
-        "name": session.name,
-        "path": session.path.resolve(),
-        "calibration": session.calibration,
-        "frames": session.frames,
-        "fps": session.fps,
-        "cameras": {
-            name: {
-                "video": video.path.name,
-                "width": video.width,
-                "height": video.height,
-                "fps": video.fps,
-                "frames": video.frames,
-                "codec": video.codec,
-                "container": video.container,
-                "rotation_deg": video.rotation_deg,
-                "size_bytes": video.size_bytes,
-            }
-            for name, video in zip(session.cameras.names, session.videos, strict=True)
-        },
-    }
-
-
-def calibration_facts(calibration: CalibrationQuality | None) -> dict[str, Any] | None:
-    """What `run.json` says of the calibration: which camera is wrong, and how."""
-    if calibration is None or calibration.culprits is None:
-        return None
-    report = calibration.culprits
-    return {
-        "sentence": report.sentence,
-        "faults": [asdict(f) for f in report.faults],
-        "probability": dict(zip(report.names, report.probability.tolist(), strict=True)),
-    }
-
-
-def stage_facts(stages: Mapping[str, StageResult]) -> dict[str, dict[str, Any]]:
-    """Seconds by stage, and whether this run found it finished."""
-    return {name: {"seconds": s.seconds, "resumed": s.resumed} for name, s in stages.items()}
-
-
-def versions() -> dict[str, str]:
-    """Of everything that computes."""
-    found = {"muybridge": __version__, "python": platform.python_version()}
-    for package in _PACKAGES:
-        try:
-            found[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return found
-
-
-def machine() -> dict[str, Any]:
-    """Where it ran: system, processors, and the most memory that the process has used so far."""
-    facts: dict[str, Any] = {"system": platform.platform(), "processors": os.cpu_count()}
-    peak = _peak_memory_mb()
-    return facts if peak is None else facts | {"peak_memory_mb": peak}
-
-
-def _peak_memory_mb() -> int | None:
-    """The most memory that this process has held; None where the system does not say."""
-    # On Linux `getrusage` counts what the parent held when it started this process.
-    status = Path("/proc/self/status")
-    if status.exists():
-        found = re.search(r"VmHWM:\s*(\d+) kB", status.read_text())
-        if found:
-            return int(found[1]) // 2**10
-    if sys.platform == "win32":
-        return None
-    import resource
-
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit // 2**20
 
 
 def summary(result: RunResult) -> str:

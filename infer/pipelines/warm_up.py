@@ -17,14 +17,15 @@ from typing import Any
 
 import numpy as np
 
+from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.fitting import _banded_kernel as ik_band
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.smoothing import _kernel as smoothing_kernel
 from muybridge.geometry.triangulation import _kernel as triangulation_kernel
-from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D
 from muybridge.infer.reconstruction import judge_calibration as calibration_stage
-from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.reconstruction.landmarks import SolveOptions, solve
+from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore
 
 # One of each stage, the last of it to be compiled.
@@ -72,7 +73,10 @@ def is_compiled(loop: Any) -> bool:
 
 def compile_now() -> None:
     """Solves a second of the demo's take, from where its landmarks truly are."""
-    from muybridge.infer.pipelines.demo import demo_folder, true_points  # which imports the pipeline, which imports this
+    from muybridge.infer.demo_take.take import (  # which imports the pipeline, which imports this
+        demo_folder,
+        true_points,
+    )
 
     cameras = load_calibration(Path(str(demo_folder().joinpath("calibration.toml"))))
     truth, names = true_points(demo_folder())

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.association.select import find_people, take_person
 from muybridge.geometry.calibration.gravity import lean_note, levelled, on_their_heads, standing_axes
 from muybridge.geometry.landmarks.arrays import Keypoints2D
@@ -20,8 +20,8 @@ from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.infer.detection.detect import DetectOptions, Models, detect
 from muybridge.infer.detection.pose_estimator import first_frames, merge_tracks
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.session.session import Session, with_notice
 from muybridge.infer.runtime.stages import StageStore, code_digest, digest
+from muybridge.infer.session.session import Session, with_notice
 
 STAGE = "up"
 # Three windows of two seconds, at this many frames a second, in the first half minute: films are decoded from their
@@ -78,7 +78,7 @@ def stood_up(
     return replace(session, cameras=upright if turn else session.cameras, upright=upright)
 
 
-def _moments(frames: int, fps: float) -> tuple[NDArray[np.intp], float]:
+def _moments(frames: int, fps: float) -> tuple[IndexArray, float]:
     """Which frames are looked at, and how many a second."""
     step = max(1, round(fps / _FPS))
     every = np.arange(0, min(frames, max(1, round(_WITHIN * fps))), step)
@@ -89,7 +89,7 @@ def _moments(frames: int, fps: float) -> tuple[NDArray[np.intp], float]:
     return np.concatenate([every[b : b + length] for b in begin]), fps / step
 
 
-def _axes(session: Session, keypoints: Keypoints2D) -> NDArray[np.float64]:
+def _axes(session: Session, keypoints: Keypoints2D) -> FloatArray:
     """(N, 3) from feet to shoulders of everybody whom two cameras see, where they are stretched out."""
     axes = [np.empty((0, 3))]
     frames = keypoints.points_px.shape[1]

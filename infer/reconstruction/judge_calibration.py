@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions, CulpritReport, Fault
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, ImagePicture, Plan
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
-from muybridge.infer.commands.calibrate.check import check_keypoints
+from muybridge.infer.reconstruction.judge import check_keypoints
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
 

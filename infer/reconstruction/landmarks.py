@@ -11,21 +11,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.association.select import AssociateOptions, select_person, take_slots
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.fitting.body_fit import FitOptions, fit_body, landmarks_from_motion
-from muybridge.geometry.landmarks.arrays import Keypoints2D, LandmarkSet, Points3D
-from muybridge.geometry.triangulation.plausibility import stretched_limbs, vague_points
-from muybridge.geometry.triangulation.shape_prior import PosePriorOptions, with_pose_prior
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
+from muybridge.geometry.landmarks.sets import LandmarkSet
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.geometry.triangulation.left_right import SwapOptions, repair_swaps
-from muybridge.geometry.triangulation.multiview import TriangulateOptions, leave_one_out_error, triangulate
+from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
+from muybridge.geometry.triangulation.plausibility import stretched_limbs, vague_points
+from muybridge.geometry.triangulation.shape_prior import PosePriorOptions, with_pose_prior
+from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.geometry.triangulation.view_bias import ViewOffsetOptions, learn_view_offsets, without_view_offsets
+from muybridge.infer.detection.refine import Again, SecondLook
 from muybridge.infer.reconstruction.virtual_markers import triangulate_markers
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.detection.refine import Again, SecondLook
 from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
 
 # Appended to the names of stages that follow a second look.
@@ -35,7 +39,6 @@ _NOW_AND_THEN = 0.2
 # And of these a camera has to be sure in this share.
 _MOSTLY_SURE = 0.5
 
-Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]
 
 
@@ -110,13 +113,13 @@ class Solution:
     """
 
     person: str
-    points_px: Floats
-    variance_px2: Floats
+    points_px: FloatArray
+    variance_px2: FloatArray
     measured: Points3D
-    unsure: NDArray[np.bool_]
+    unsure: BoolArray
     points: Points3D
-    swapped: NDArray[np.bool_]
-    leave_one_out_px: Floats
+    swapped: BoolArray
+    leave_one_out_px: FloatArray
     noise_px: float
     motion: Motion | None
     no_motion: str
@@ -300,13 +303,13 @@ def _to_points(take: _Take, suffix: str, person: StageResult) -> tuple[StageResu
     return sides, cloud
 
 
-def _taken(keypoints: Keypoints2D, slots: NDArray[np.int64]) -> Arrays:
+def _taken(keypoints: Keypoints2D, slots: IntArray) -> Arrays:
     """The landmarks in the slots (C, T) of one person."""
     points_px, variance_px2, score = take_slots(keypoints, slots)
     return {"slots": slots, "points_px": points_px, "variance_px2": variance_px2, "score": score}
 
 
-def _further(keypoints: Keypoints2D, slots: NDArray[np.int64]) -> tuple[Arrays, dict[str, Any]]:
+def _further(keypoints: Keypoints2D, slots: IntArray) -> tuple[Arrays, dict[str, Any]]:
     return _taken(keypoints, slots), {"reason": ""}
 
 
@@ -341,7 +344,7 @@ def _sides(
 
 
 def _points(
-    cameras: CameraGroup, points_px: Floats, variance_px2: Floats, landmarks: LandmarkSet, fps: float,
+    cameras: CameraGroup, points_px: FloatArray, variance_px2: FloatArray, landmarks: LandmarkSet, fps: float,
     options: SolveOptions,
 ) -> tuple[Arrays, Mapping[str, Any]]:  # fmt: skip
     found = triangulate(cameras, points_px, variance_px2, options.triangulate)
@@ -368,7 +371,7 @@ def _points(
     return _only(arrays, ~wrong), facts
 
 
-def _only(measured: Arrays, there: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
+def _only(measured: Arrays, there: BoolArray) -> dict[str, NDArray[Any]]:
     """The arrays of triangulated points, of those that are `there` (T, J)."""
     return {
         "points_world": np.where(there[..., None], measured["points_world"], np.nan),
@@ -378,7 +381,7 @@ def _only(measured: Arrays, there: NDArray[np.bool_]) -> dict[str, NDArray[Any]]
     }
 
 
-def _sure(score: Floats, swapped: NDArray[np.bool_], landmarks: LandmarkSet, least: float) -> NDArray[np.bool_]:
+def _sure(score: FloatArray, swapped: BoolArray, landmarks: LandmarkSet, least: float) -> BoolArray:
     """(T, J) whether a camera is sure of a landmark, by scores (C, T, J) as they were before sides were put back."""
     own = np.where(swapped, score[..., list(landmarks.mirror)], score)
     return np.asarray(own.max(axis=0) >= least)
@@ -417,7 +420,7 @@ def _fit(points: Points3D, options: FitOptions) -> tuple[Arrays, Mapping[str, An
     return {**arrays, **on_body}, facts
 
 
-def _filled(points: Points3D, measured: Points3D, sure: NDArray[np.bool_], body: Arrays, share: float) -> Points3D:
+def _filled(points: Points3D, measured: Points3D, sure: BoolArray, body: Arrays, share: float) -> Points3D:
     """`points` with what is missing taken from the fitted body, in frames where the body is well known: landmarks that
     are measured now and then, or sit on one bone with what is measured. Legs under a desk are not made up: what no
     camera is `sure` (T, J) of, most of the time, stays unknown."""
@@ -436,7 +439,7 @@ def _filled(points: Points3D, measured: Points3D, sure: NDArray[np.bool_], body:
     return replace(points, points_world=position, covariance_world=covariance)
 
 
-def _on_one_bone(names: Sequence[str]) -> NDArray[np.bool_]:
+def _on_one_bone(names: Sequence[str]) -> BoolArray:
     """(J, J) whether two landmarks keep their distance whatever the pose."""
     bones = []
     for name in names:

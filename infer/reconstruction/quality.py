@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.triangulation.multiview import leave_one_out_summary, usable_points
-from muybridge.infer.report.figures import listed, readable
+from muybridge.arrays import FloatArray
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.triangulation.multiview import usable_points
+from muybridge.geometry.triangulation.validation import leave_one_out_summary
 from muybridge.infer.reconstruction.landmarks import Solution
+from muybridge.infer.runtime.wording import listed, readable
 
 # Landmarks that no camera is sure of in this share of the frames are worth a word.
 _OFTEN_UNSURE = 0.25
@@ -43,7 +44,7 @@ class Quality:
     landmarks: Mapping[str, Mapping[str, float]]
 
 
-def median(values: NDArray[np.float64]) -> float:
+def median(values: FloatArray) -> float:
     """Median of what is not NaN; NaN if nothing is."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else float("nan")

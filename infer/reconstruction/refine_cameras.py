@@ -7,15 +7,15 @@ import numpy as np
 
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.association.select import PersonSelection, select_person, take_person
-from muybridge.geometry.calibration.people.calibrate import PeopleCalibrationOptions, refine_people
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.association.tracker import AssociateOptions
+from muybridge.geometry.calibration.people.calibrate import PeopleCalibrationOptions, refine_people
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.triangulation.left_right import repair_swaps
-from muybridge.geometry.triangulation.multiview import leave_one_out_error
+from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.session.session import Session, with_notice
 from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.session.session import Session, with_notice
 
 STAGE = "refine"
 # A view's landmarks are off in the same way in both halves of a take, so that poses which make up for that seem better

@@ -6,21 +6,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import (
-    CMU,
-    PLUG_IN_GAIT,
-    SURFACE,
-    LandmarkSet,
-    MarkerSet,
-    Points3D,
-    select_markers,
-)
+from muybridge.arrays import FloatArray
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Points3D, select_markers
+from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT, SURFACE, MarkerChoice, MarkerSet
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.triangulation.left_right import SwapOptions, repair_swaps
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
-from muybridge.infer.detection.detect import MarkerChoice
 
-_Floats = NDArray[np.float64]
 _SETS: dict[MarkerChoice, MarkerSet] = {"plug-in-gait": PLUG_IN_GAIT, "cmu": CMU}
 # Which markers change sides together, beside the body's own parts.
 _ARM = ("acromion", "upper_arm", "elbow", "forearm", "radial", "ulnar", "metacarpal")
@@ -29,8 +22,8 @@ _LEG = ("trochanter", "thigh", "knee", "patella", "tibial", "shank", "malleolus"
 
 def triangulate_markers(
     cameras: CameraGroup,
-    body: tuple[_Floats, _Floats, LandmarkSet],
-    markers: tuple[_Floats, _Floats],
+    body: tuple[FloatArray, FloatArray, LandmarkSet],
+    markers: tuple[FloatArray, FloatArray],
     swaps: SwapOptions,
     options: TriangulateOptions,
 ) -> dict[str, NDArray[Any]]:

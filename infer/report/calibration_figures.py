@@ -4,14 +4,13 @@ import html
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.diagnosis.faults import KINDS, CulpritReport
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, ImagePicture, Plan
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.report.sections import number_text, percent_text, table_of
-
-Floats = NDArray[np.float64]
 
 _KIND_NAMES = {
     "turned": "turned", "moved": "moved", "focal": "focal length", "shifted": "out of step",
@@ -126,7 +125,7 @@ def pictures_figure(quality: CalibrationQuality) -> str:
     )
 
 
-def _usual(quality: CalibrationQuality, values: Sequence[Floats]) -> float:
+def _usual(quality: CalibrationQuality, values: Sequence[FloatArray]) -> float:
     """What nineteen of twenty points lie in cells of no more than."""
     count = np.concatenate([p.count.ravel() for p in quality.pictures])
     every = np.concatenate([v.ravel() for v in values])
@@ -171,7 +170,7 @@ def _picture(camera: Camera, picture: ImagePicture, full: float, longest: float)
     )
 
 
-def _arrow(x: float, y: float, by: Floats) -> str:
+def _arrow(x: float, y: float, by: FloatArray) -> str:
     length = float(np.hypot(*by))
     if not length > 0.5:
         return f'<circle class="tip" cx="{x:.1f}" cy="{y:.1f}" r="1.2"/>'
@@ -192,7 +191,7 @@ def plan_figure(cameras: CameraGroup, plan: Plan, faulty: Sequence[str]) -> str:
     scale = 10.0
     most = max(len(cameras), 1)
 
-    def at(xy: Floats) -> tuple[float, float]:
+    def at(xy: FloatArray) -> tuple[float, float]:
         place = (np.asarray(xy) - plan.low) / plan.cell * scale
         return float(place[0]), float(rows * scale - place[1])
 

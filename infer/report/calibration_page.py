@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.files import replacing
-from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, check_solved
 from muybridge.geometry.calibration.bundle_adjustment.result import Solved
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, check_solved
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.report.calibration_figures import (
     cameras_table,
     evidence_table,
@@ -18,8 +18,8 @@ from muybridge.infer.report.calibration_figures import (
     pixels,
     plan_figure,
 )
-from muybridge.infer.report.packing import fill_page, read_asset
 from muybridge.infer.report.findings import Finding
+from muybridge.infer.report.packing import fill_page, read_asset
 from muybridge.infer.report.sections import findings_section, percent_text, run_section, tile
 
 # A focal length known less well than this makes depth and size a guess.

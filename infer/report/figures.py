@@ -5,17 +5,16 @@ came from. Shapes: `C` cameras, `T` frames, `J` landmarks.
 """
 
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from muybridge.arrays import BoolArray, FloatArray, IntArray
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import LandmarkSet
+from muybridge.infer.runtime.wording import readable
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,7 @@ class CameraFigures:
     leave_one_out_px: float
     unanswered: float
     mm_per_px: float
-    bias_px: Floats
+    bias_px: FloatArray
     lag_frames: float
     swapped: float
     swapped_frame: int
@@ -120,37 +119,27 @@ class Timeline:
         residual_px: (B, C) median residual of a camera; NaN where it had no 2D point.
     """
 
-    first_frame: NDArray[np.int64]
-    missing: Floats
-    cameras: Floats
-    residual_px: Floats
+    first_frame: IntArray
+    missing: FloatArray
+    cameras: FloatArray
+    residual_px: FloatArray
 
 
-def nanmedian(values: NDArray[np.floating], axis: int | tuple[int, ...] | None = None) -> Floats:
+def nanmedian(values: NDArray[np.floating], axis: int | tuple[int, ...] | None = None) -> FloatArray:
     """`np.nanmedian` without its warning: NaN where there is nothing."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        median: Floats = np.nanmedian(values, axis=axis)
+        median: FloatArray = np.nanmedian(values, axis=axis)
     return median
 
 
-def _share(mask: Mask) -> float:
+def _share(mask: BoolArray) -> float:
     return float(mask.mean()) if mask.size else float("nan")
 
 
-def _finite(vectors: Floats) -> Mask:
+def _finite(vectors: FloatArray) -> BoolArray:
     """Which vectors of the last axis have no NaN."""
     return np.asarray(np.isfinite(vectors).all(axis=-1))
-
-
-def readable(name: str) -> str:
-    """``left_big_toe`` as ``left big toe``."""
-    return name.replace("_", " ")
-
-
-def listed(items: Sequence[str]) -> str:
-    """``a``, ``a and b``, ``a, b and c``."""
-    return items[0] if len(items) == 1 else ", ".join(items[:-1]) + " and " + items[-1]
 
 
 def coverage(points: Points3D) -> float:
@@ -159,7 +148,7 @@ def coverage(points: Points3D) -> float:
 
 
 def headline(
-    cameras: CameraGroup, measured: Points3D, delivered: Points3D, leave_one_out_px: Floats | None
+    cameras: CameraGroup, measured: Points3D, delivered: Points3D, leave_one_out_px: FloatArray | None
 ) -> Headline:
     """The figures at the top of a report.
 
@@ -181,7 +170,7 @@ def headline(
     )
 
 
-def mm_per_px(cameras: CameraGroup, points: Points3D) -> Floats:
+def mm_per_px(cameras: CameraGroup, points: Points3D) -> FloatArray:
     """(C,) millimetres that one pixel spans at the person's median distance; NaN if nobody was found."""
     values = []
     for camera in cameras:
@@ -192,7 +181,7 @@ def mm_per_px(cameras: CameraGroup, points: Points3D) -> Floats:
 
 
 def camera_figures(
-    cameras: CameraGroup, points: Points3D, keypoints_px: Floats | None, leave_one_out_px: Floats | None
+    cameras: CameraGroup, points: Points3D, keypoints_px: FloatArray | None, leave_one_out_px: FloatArray | None
 ) -> tuple[CameraFigures, ...]:
     """Figures of every camera.
 
@@ -212,10 +201,10 @@ def camera_figures(
     figures = []
     for c, camera in enumerate(cameras):
         residual = points.residual_px[c]
-        seen: Mask = np.isfinite(residual)
+        seen: BoolArray = np.isfinite(residual)
         has_2d = seen if keypoints_px is None else _finite(keypoints_px[c])
         loo = np.full(residual.shape, np.nan) if leave_one_out_px is None else leave_one_out_px[c]
-        swapped: Mask = np.zeros((0, 0), bool)
+        swapped: BoolArray = np.zeros((0, 0), bool)
         if keypoints_px is not None and projected is not None:
             swapped = swapped_pairs(keypoints_px[c], projected[c], points.landmarks)
         figures.append(
@@ -237,7 +226,7 @@ def camera_figures(
     return tuple(figures)
 
 
-def lag_frames(offset_px: Floats, projected_px: Floats | None) -> Floats:
+def lag_frames(offset_px: FloatArray, projected_px: FloatArray | None) -> FloatArray:
     """How far every camera is out of step with the others, from what the 2D points do while things move.
 
     A 2D point that is `d` frames ahead lies `d` times the image velocity before its reprojection. The 3D
@@ -275,7 +264,7 @@ def lag_frames(offset_px: Floats, projected_px: Floats | None) -> Floats:
     return lags
 
 
-def swapped_pairs(keypoints_px: Floats, projected_px: Floats, landmarks: LandmarkSet) -> Mask:
+def swapped_pairs(keypoints_px: FloatArray, projected_px: FloatArray, landmarks: LandmarkSet) -> BoolArray:
     """(T, pairs) where the 2D points of a left-right pair fit much better with their names exchanged.
 
     Args:
@@ -286,7 +275,7 @@ def swapped_pairs(keypoints_px: Floats, projected_px: Floats, landmarks: Landmar
     left = [i for i, name in enumerate(landmarks.names) if name.startswith("left_")]
     right = [landmarks.mirror[i] for i in left]
 
-    def distance(a: list[int], b: list[int]) -> Floats:
+    def distance(a: list[int], b: list[int]) -> FloatArray:
         return np.asarray(np.linalg.norm(keypoints_px[:, a] - projected_px[:, b], axis=-1))
 
     straight = distance(left, left) + distance(right, right)
@@ -296,7 +285,7 @@ def swapped_pairs(keypoints_px: Floats, projected_px: Floats, landmarks: Landmar
         return np.asarray((crossed < 0.4 * straight) & (straight > apart))
 
 
-def _middle_of_longest_run(mask: Mask) -> int:
+def _middle_of_longest_run(mask: BoolArray) -> int:
     runs = _runs(mask)
     if not runs:
         return -1
@@ -304,7 +293,7 @@ def _middle_of_longest_run(mask: Mask) -> int:
     return (first + last) // 2
 
 
-def _runs(mask: Mask) -> list[tuple[int, int]]:
+def _runs(mask: BoolArray) -> list[tuple[int, int]]:
     """(first, last) of every run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -6,17 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.infer.report.figures import (
-    BoneFigures,
-    CameraFigures,
-    Headline,
-    coverage,
-    gaps,
-    jumps,
-    listed,
-    nanmedian,
-    readable,
-)
+from muybridge.infer.report.figures import BoneFigures, CameraFigures, Headline, coverage, gaps, jumps, nanmedian
+from muybridge.infer.runtime.wording import listed, readable
 
 # Agreement of the cameras at the person (what the others say, in this camera's image), millimetres.
 GOOD_MM, FAIR_MM = 20.0, 45.0

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.geometry.markers.cleaning import Cleaned, Sample
-from muybridge.infer.report.labelling_facts import DOUBTFUL
 from muybridge.infer.labelling.label import Labelled
+from muybridge.infer.report.labelling_facts import DOUBTFUL
 from muybridge.infer.report.packing import fill_page, packed_positions, read_asset, script_json
 
 _MOST_FRAMES = 3000

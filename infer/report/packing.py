@@ -7,16 +7,15 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from muybridge.arrays import FloatArray
 
 _MISSING = -32768
 
 
 def read_asset(name: str) -> str:
     """A page, style or script that comes along."""
-    return resources.files("muybridge.infer").joinpath("assets", name).read_text(encoding="utf-8")
+    return resources.files("muybridge.infer.report").joinpath("assets", name).read_text(encoding="utf-8")
 
 
 def fill_page(page: str, parts: dict[str, str]) -> str:
@@ -38,7 +37,7 @@ def rounded(value: float, digits: int = 2) -> float | None:
     return round(float(value), digits) if np.isfinite(value) else None
 
 
-def packed_positions(positions: Floats) -> dict[str, Any]:
+def packed_positions(positions: FloatArray) -> dict[str, Any]:
     """(T, J, 3) metres as 16-bit integers: an offset, a step and base64 in little-endian order.
 
     One point a hundred metres away would cost everybody else their precision (0.3 mm in a room of 20 m), so
@@ -63,6 +62,6 @@ def packed_positions(positions: Floats) -> dict[str, Any]:
     }
 
 
-def packed_shares(values: Floats) -> str:
+def packed_shares(values: FloatArray) -> str:
     """Percentages as bytes in base64."""
     return base64.b64encode(np.clip(np.round(values), 0, 100).astype(np.uint8).tobytes()).decode("ascii")

@@ -12,22 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import OutputError
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import side_of
 from muybridge.infer.report.calibration_page import calibration_findings, calibration_in_report
-from muybridge.infer.results.overlay import side_of
-from muybridge.infer.report.packing import (
-    fill_page,
-    packed_positions,
-    packed_shares,
-    read_asset,
-    rounded,
-    script_json,
-)
 from muybridge.infer.report.figures import (
     BoneFigures,
     CameraFigures,
@@ -37,6 +30,14 @@ from muybridge.infer.report.figures import (
     timeline,
 )
 from muybridge.infer.report.findings import Finding, findings
+from muybridge.infer.report.packing import (
+    fill_page,
+    packed_positions,
+    packed_shares,
+    read_asset,
+    rounded,
+    script_json,
+)
 from muybridge.infer.report.sections import (
     PersonPage,
     bones_section,
@@ -48,8 +49,6 @@ from muybridge.infer.report.sections import (
     run_section,
     thumbnails_section,
 )
-
-Floats = NDArray[np.float64]
 
 # Beyond this many frames the 3D view shows every second, third, ... frame.
 _MOST_FRAMES = 40_000
@@ -104,11 +103,11 @@ class ReportData:
     points: Points3D
     delivered: Points3D | None = None
     number: int = 1
-    others: tuple[Floats, ...] = ()
+    others: tuple[FloatArray, ...] = ()
     pages: tuple[PersonPage, ...] = ()
-    keypoints_px: Floats | None = None
-    leave_one_out_px: Floats | None = None
-    joint_positions_world: Floats | None = None
+    keypoints_px: FloatArray | None = None
+    leave_one_out_px: FloatArray | None = None
+    joint_positions_world: FloatArray | None = None
     joint_names: tuple[str, ...] = ()
     joint_parents: tuple[int, ...] = ()
     calibration: CalibrationQuality | None = None

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.infer.report.figures import BoneFigures, CameraFigures, Headline, nanmedian, readable
+from muybridge.infer.report.figures import BoneFigures, CameraFigures, Headline, nanmedian
 from muybridge.infer.report.findings import Finding, verdict
+from muybridge.infer.runtime.wording import readable
 
 _FILES = {
     ".trc": "3D points (OpenSim, Pose2Sim)",

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from muybridge.errors import OutputError
-from muybridge.infer.session.session import VIDEO_FOLDERS
 from muybridge.infer.runtime.stages import file_digest, partial_name, write_whole
+from muybridge.infer.session.discover import VIDEO_FOLDERS
 
 WORK = "work"
 MANIFEST = "manifest.json"

@@ -16,14 +16,12 @@ from typing import Any, Literal
 import av
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, ByteArray, FloatArray
 from muybridge.errors import OutputError, VideoError
-from muybridge.geometry.landmarks.arrays import LandmarkSet
+from muybridge.geometry.landmarks.sets import LandmarkSet, side_of
 
 Colour = tuple[int, int, int]
-Image = NDArray[np.uint8]
-Floats = NDArray[np.float64]
 
 # RGB. Orange and sky blue of Okabe and Ito's palette stay apart for every kind of colour vision.
 LEFT: Colour = (255, 159, 28)
@@ -79,15 +77,6 @@ class Overlay:
     thumbnails: dict[int, bytes] = field(default_factory=dict)
 
 
-def side_of(name: str) -> str:
-    """``"left"``, ``"right"`` or ``"middle"`` by a landmark's or joint's name."""
-    lowered = name.lower()
-    for side in ("left", "right"):
-        if lowered.startswith(side) or lowered.endswith(side):
-            return side
-    return "middle"
-
-
 def colour_of(*names: str) -> Colour:
     """Colour of a landmark, or of a bone by the names of its ends; middle unless all agree on a side."""
     sides = {side_of(name) for name in names}
@@ -98,18 +87,18 @@ def colour_of(*names: str) -> Colour:
 
 def write_overlay(
     path: Path,
-    frames: Iterable[Image],
+    frames: Iterable[ByteArray],
     fps: float,
     scale: float | tuple[float, float],
-    keypoints_px: Floats | None,
-    projected_px: Floats,
+    keypoints_px: FloatArray | None,
+    projected_px: FloatArray,
     landmarks: LandmarkSet,
     camera_name: str,
-    residual_px: Floats | None = None,
-    inlier: NDArray[np.bool_] | None = None,
+    residual_px: FloatArray | None = None,
+    inlier: BoolArray | None = None,
     thumbnail_frames: Sequence[int] = (),
     options: OverlayOptions = OverlayOptions(),  # noqa: B008 - frozen
-    others_px: Sequence[Floats] = (),
+    others_px: Sequence[FloatArray] = (),
 ) -> Overlay:
     """Write `overlay_<camera>.mp4` (H.264, plays in a browser), one frame at a time in bounded memory.
 
@@ -140,7 +129,7 @@ def write_overlay(
         raise ValueError(f"others_px must each have the shape of projected_px, {projected_px.shape}")
     partial = path.with_name(f".{path.name}.partial")
 
-    def drawn() -> Iterator[Image]:
+    def drawn() -> Iterator[ByteArray]:
         for t, frame in zip(range(len(projected_px)), frames, strict=False):
             yield draw_overlay(
                 frame,
@@ -173,7 +162,7 @@ def write_overlay(
 
 
 def _encode(
-    path: Path, images: Iterable[Image], fps: float, wanted: set[int], options: OverlayOptions
+    path: Path, images: Iterable[ByteArray], fps: float, wanted: set[int], options: OverlayOptions
 ) -> tuple[int, dict[int, bytes]]:
     """Write images as a video; how many there were, and those that were `wanted` as JPEG."""
     thumbnails: dict[int, bytes] = {}
@@ -194,19 +183,19 @@ def _encode(
 
 
 def draw_overlay(
-    frame: Image,
+    frame: ByteArray,
     t: int,
     fps: float,
     scale: float | tuple[float, float],
-    keypoints_px: Floats | None,
-    projected_px: Floats,
+    keypoints_px: FloatArray | None,
+    projected_px: FloatArray,
     landmarks: LandmarkSet,
     camera_name: str,
-    residual_px: Floats | None = None,
-    inlier: NDArray[np.bool_] | None = None,
+    residual_px: FloatArray | None = None,
+    inlier: BoolArray | None = None,
     legend: bool = True,
-    others_px: Sequence[Floats] = (),
-) -> Image:
+    others_px: Sequence[FloatArray] = (),
+) -> ByteArray:
     """One frame of an overlay: a copy of `frame`, padded to even sides, with everything drawn in.
 
     Args as for `write_overlay`, without the leading `T`; `t` is the frame's number.
@@ -216,7 +205,7 @@ def draw_overlay(
     """
     # 4:2:0 video needs even sides; the repeated edge does not move any pixel.
     pad_y, pad_x = frame.shape[0] % 2, frame.shape[1] % 2
-    image: Image = cv2.copyMakeBorder(frame, 0, pad_y, 0, pad_x, cv2.BORDER_REPLICATE)  # type: ignore[assignment]
+    image: ByteArray = cv2.copyMakeBorder(frame, 0, pad_y, 0, pad_x, cv2.BORDER_REPLICATE)  # type: ignore[assignment]
     unit = max(image.shape[:2]) / 960.0
     projected = _scaled(projected_px, scale)
     if keypoints_px is not None:
@@ -235,7 +224,7 @@ def draw_overlay(
     return image
 
 
-def encode_thumbnail(image: Image, options: OverlayOptions = OverlayOptions()) -> bytes:  # noqa: B008 - frozen
+def encode_thumbnail(image: ByteArray, options: OverlayOptions = OverlayOptions()) -> bytes:  # noqa: B008 - frozen
     """JPEG of an RGB image, shrunk to `options.thumbnail_side_px`."""
     factor = options.thumbnail_side_px / max(image.shape[:2])
     if factor < 1.0:
@@ -249,10 +238,10 @@ def encode_thumbnail(image: Image, options: OverlayOptions = OverlayOptions()) -
 
 def _check_shapes(
     landmarks: LandmarkSet,
-    projected_px: Floats,
-    keypoints_px: Floats | None,
-    residual_px: Floats | None,
-    inlier: NDArray[np.bool_] | None,
+    projected_px: FloatArray,
+    keypoints_px: FloatArray | None,
+    residual_px: FloatArray | None,
+    inlier: BoolArray | None,
 ) -> None:
     expected = (len(projected_px), len(landmarks))
     for name, array, shape in (
@@ -265,7 +254,7 @@ def _check_shapes(
             raise ValueError(f"{name} has shape {array.shape}, expected {shape} (T, J, ...)")
 
 
-def _add_stream(container: Any, image: Image, fps: float, options: OverlayOptions) -> Any:
+def _add_stream(container: Any, image: ByteArray, fps: float, options: OverlayOptions) -> Any:
     rate = Fraction(fps).limit_denominator(1001)
     stream = container.add_stream("libx264", rate=rate)
     stream.height, stream.width = image.shape[:2]
@@ -275,32 +264,32 @@ def _add_stream(container: Any, image: Image, fps: float, options: OverlayOption
     return stream
 
 
-def _scaled(points_px: Floats, scale: float | tuple[float, float]) -> Floats:
+def _scaled(points_px: FloatArray, scale: float | tuple[float, float]) -> FloatArray:
     """Original pixels to pixels of the smaller copy; both have (0, 0) at the centre of the top-left pixel."""
     return (np.asarray(points_px, np.float64) + 0.5) * np.asarray(scale, np.float64) - 0.5
 
 
-def _fixed(point: Floats) -> tuple[int, int] | None:
+def _fixed(point: FloatArray) -> tuple[int, int] | None:
     """A point in cv2's fixed-point coordinates; None if missing or so far off that cv2 would overflow."""
     if not np.all(np.isfinite(point)) or np.abs(point).max() > 1e5:
         return None
     return round(float(point[0]) * (1 << _SHIFT)), round(float(point[1]) * (1 << _SHIFT))
 
 
-def _line(image: Image, a: Floats, b: Floats, colour: Colour, width: float) -> None:
+def _line(image: ByteArray, a: FloatArray, b: FloatArray, colour: Colour, width: float) -> None:
     start, end = _fixed(a), _fixed(b)
     if start is not None and end is not None:
         cv2.line(image, start, end, colour, max(1, round(width)), cv2.LINE_AA, _SHIFT)
 
 
-def _circle(image: Image, centre: Floats, radius: float, colour: Colour, width: float) -> None:
+def _circle(image: ByteArray, centre: FloatArray, radius: float, colour: Colour, width: float) -> None:
     at = _fixed(centre)
     if at is not None:
         thickness = -1 if width < 0 else max(1, round(width))
         cv2.circle(image, at, round(radius * (1 << _SHIFT)), colour, thickness, cv2.LINE_AA, _SHIFT)
 
 
-def _draw_keypoints(image: Image, points: Floats, projected: Floats, kept: NDArray[np.bool_], unit: float) -> None:
+def _draw_keypoints(image: ByteArray, points: FloatArray, projected: FloatArray, kept: BoolArray, unit: float) -> None:
     for point, target, is_kept in zip(points, projected, kept, strict=True):
         if is_kept:
             _line(image, point, target, DIM, unit)
@@ -313,7 +302,9 @@ def _draw_keypoints(image: Image, points: Floats, projected: Floats, kept: NDArr
             _line(image, point + [-arm, arm], point + [arm, -arm], colour, width)
 
 
-def _draw_figure(image: Image, points: Floats, landmarks: LandmarkSet, unit: float, thickness: float = 1.0) -> None:
+def _draw_figure(
+    image: ByteArray, points: FloatArray, landmarks: LandmarkSet, unit: float, thickness: float = 1.0
+) -> None:
     bones = [(points[a], points[b], (landmarks.names[a], landmarks.names[b])) for a, b in landmarks.edge_indices]
     width = unit * thickness
     # Dark edges first, for all bones: they keep the figure legible on any background.
@@ -326,7 +317,7 @@ def _draw_figure(image: Image, points: Floats, landmarks: LandmarkSet, unit: flo
         _circle(image, point, 3.0 * width, colour_of(name), -1)
 
 
-def _draw_number(image: Image, number: int, points: Floats, unit: float) -> None:
+def _draw_number(image: ByteArray, number: int, points: FloatArray, unit: float) -> None:
     """A person's number above the highest of their points in the image."""
     seen = points[np.isfinite(points).all(-1)]
     if not len(seen):
@@ -341,7 +332,7 @@ def _draw_number(image: Image, number: int, points: Floats, unit: float) -> None
         _text(image, str(number), at, size)
 
 
-def _text(image: Image, text: str, at: tuple[int, int], size: float, colour: Colour = MIDDLE) -> int:
+def _text(image: ByteArray, text: str, at: tuple[int, int], size: float, colour: Colour = MIDDLE) -> int:
     """Text of about `size` px in height, `at` its lower left corner; its width."""
     font, height = cv2.FONT_HERSHEY_SIMPLEX, size / 22.0
     width = max(1, round(size / 14.0))
@@ -349,14 +340,14 @@ def _text(image: Image, text: str, at: tuple[int, int], size: float, colour: Col
     return int(cv2.getTextSize(text, font, height, width)[0][0])
 
 
-def _shade(image: Image, top: int, bottom: int) -> None:
+def _shade(image: ByteArray, top: int, bottom: int) -> None:
     """Darken a band of rows, so that text on it is legible on any picture."""
     band = image[max(top, 0) : bottom]
     band[:] = (band * 0.3).astype(np.uint8)
 
 
 def _draw_caption(
-    image: Image, t: int, fps: float, name: str, projected: Floats, residual_px: Floats | None, unit: float
+    image: ByteArray, t: int, fps: float, name: str, projected: FloatArray, residual_px: FloatArray | None, unit: float
 ) -> None:
     size = max(11.0, 20.0 * unit)
     margin = round(0.6 * size)
@@ -369,7 +360,7 @@ def _draw_caption(
     _text(image, "   ".join(parts), (margin, margin + round(2.0 * size)), 0.8 * size, PALE)
 
 
-def _draw_legend(image: Image, unit: float, with_keypoints: bool) -> None:
+def _draw_legend(image: ByteArray, unit: float, with_keypoints: bool) -> None:
     size = max(10.0, 16.0 * unit)
     x, y = round(0.9 * size), image.shape[0] - round(0.7 * size)
     _shade(image, image.shape[0] - round(2.0 * size), image.shape[0])

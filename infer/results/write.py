@@ -10,28 +10,28 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, FloatArray
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
-from muybridge.infer.detection.detect import CameraResult, MarkerChoice
+from muybridge.geometry.landmarks.marker_sets import MarkerChoice
+from muybridge.infer.detection.detect import CameraResult
+from muybridge.infer.reconstruction.landmarks import Solution
+from muybridge.infer.reconstruction.quality import Quality, plain
 from muybridge.infer.reconstruction.virtual_markers import marker_set
+from muybridge.infer.report.page import ReportData, Thumbnail, pick_thumbnail_frames, problems, write_report
+from muybridge.infer.report.sections import PersonPage
 from muybridge.infer.results.folder import OutputFolder
 from muybridge.infer.results.overlay import OverlayOptions, write_overlay
 from muybridge.infer.runtime.progress import Progress, Task
-from muybridge.infer.reconstruction.quality import Quality, plain
-from muybridge.infer.report.page import ReportData, Thumbnail, pick_thumbnail_frames, problems, write_report
-from muybridge.infer.report.sections import PersonPage
-from muybridge.infer.session.session import Session
-from muybridge.infer.reconstruction.landmarks import Solution
 from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
-from muybridge.infer.session.video import probe_video, read_chunks
-from muybridge.motion.formats.skeletal.bvh import write_bvh
-from muybridge.motion.formats.points.c3d import write_c3d
+from muybridge.infer.session.probe import probe_video
+from muybridge.infer.session.session import Session
+from muybridge.infer.session.video import read_chunks
 from muybridge.motion.formats.gltf.write import write_glb
+from muybridge.motion.formats.points.c3d import write_c3d
 from muybridge.motion.formats.points.trc import write_trc
-
-Floats = NDArray[np.float64]
+from muybridge.motion.formats.skeletal.bvh import write_bvh
 
 POINTS_TRC, POINTS_C3D, MARKERS_C3D = "points.trc", "points.c3d", "markers.c3d"
 MOTION_BVH, MOTION_GLB = "motion.bvh", "motion.glb"
@@ -40,7 +40,11 @@ THUMBNAILS = 4
 # Of a run that follows everyone; whoever comes after these in interest is left out.
 MOST_PEOPLE = 12
 _OVERLAY = "overlay_"
-_OVERLAY_CODE = ("muybridge.infer.results.overlay", "muybridge.infer.session.video", "muybridge.geometry.cameras.camera")
+_OVERLAY_CODE = (
+    "muybridge.infer.results.overlay",
+    "muybridge.infer.session.video",
+    "muybridge.geometry.cameras.camera",
+)
 
 
 def overlay_name(camera_file: str) -> str:
@@ -184,7 +188,7 @@ def _write_overlay(
     return store.save(f"overlay-{camera_file}", key, arrays, {}, time.perf_counter() - start)
 
 
-def _counted(chunks: Iterator[NDArray[np.uint8]], task: Task) -> Iterator[NDArray[np.uint8]]:
+def _counted(chunks: Iterator[ByteArray], task: Task) -> Iterator[ByteArray]:
     for chunk in chunks:
         yield from chunk
         task.advance(len(chunk))
@@ -226,7 +230,12 @@ def write_report_pages(
 
 
 def _report_data(
-    name: str, number: int, person: Solution, others: tuple[Floats, ...], quality: Quality, shared: Mapping[str, Any]
+    name: str,
+    number: int,
+    person: Solution,
+    others: tuple[FloatArray, ...],
+    quality: Quality,
+    shared: Mapping[str, Any],
 ) -> ReportData:
     motion = person.motion
     tables = ("cameras", "landmarks")

@@ -9,8 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import IntArray
 from muybridge.errors import SessionError
 from muybridge.geometry.sync.clocks import Clock
 
@@ -58,7 +58,7 @@ def _clock(path: Path, name: str, table: object) -> Clock:
 
 def first_frames_in_common(
     clocks: Sequence[Clock], names: Sequence[str], counts: Sequence[int], fps: float
-) -> tuple[NDArray[np.int64], tuple[Clock, ...]]:
+) -> tuple[IntArray, tuple[Clock, ...]]:
     """Where films that did not begin together do so.
 
     Args:

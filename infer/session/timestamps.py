@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import MuybridgeError, SessionError
-from muybridge.infer.session.video import VideoInfo
+from muybridge.infer.session.probe import VideoInfo
 
 # What the file is called; the second name is that of older recordings.
 TIMESTAMPS = ("timestamps.csv", "frame_time_history.csv")
@@ -24,7 +24,7 @@ TIMESTAMPS = ("timestamps.csv", "frame_time_history.csv")
 
 def read_time_table(
     path: Path, films: Sequence[VideoInfo], error: type[MuybridgeError]
-) -> list[tuple[NDArray[np.float64], NDArray[np.int64]]]:
+) -> list[tuple[FloatArray, IntArray]]:
     """Time (seconds) and moment of every frame of the films, in the films' order.
 
     Args:
@@ -67,9 +67,7 @@ def time_table_in(folder: Path) -> Path | None:
     return next((folder / name for name in TIMESTAMPS if (folder / name).is_file()), None)
 
 
-def paired_by_time(
-    path: Path, films: Sequence[VideoInfo]
-) -> tuple[float, NDArray[np.int64], NDArray[np.float64], list[str]]:
+def paired_by_time(path: Path, films: Sequence[VideoInfo]) -> tuple[float, IntArray, FloatArray, list[str]]:
     """Frames a second of the take, the frame (C, T) of every film at each of its moments, how many seconds (C, T) after
     the moment it was taken, and what was done.
 
@@ -95,7 +93,7 @@ def paired_by_time(
     return 1 / step, np.stack(at), late, [said]
 
 
-def nearest(times: NDArray[np.float64], grid: NDArray[np.float64]) -> NDArray[np.int64]:
+def nearest(times: FloatArray, grid: FloatArray) -> IntArray:
     """Index of the time nearest to each grid point; both sorted, so the result never decreases."""
     if len(times) < 2:
         return np.zeros(len(grid), dtype=np.int64)

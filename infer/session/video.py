@@ -5,268 +5,19 @@ tell a truncated recording, a frame rate that wanders and how many frames there 
 decoded once, in order; the reader checks on the way what the probe could only expect.
 """
 
-import contextlib
-import os
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
-from fractions import Fraction
-from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import av
 import av.error
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.errors import OutputError, VideoError
-from muybridge.infer.runtime.stages import partial_name
+from muybridge.arrays import ByteArray, IntArray
+from muybridge.errors import VideoError
+from muybridge.infer.session.probe import VideoInfo, open, reason
 
-# Containers whose frame count is an index that lists every frame, so that a shortfall means lost frames.
-_COUNTED = {"mov", "mp4", "m4a", "3gp", "3g2", "mj2"}
-# Demuxers that take a picture or a text for a film of one frame.
-_STILLS = ("image2", "_pipe", "tty", "gif")
 CHUNK_BYTES = 100 * 2**20
 MAX_CHUNK = 16
-
-
-@dataclass(frozen=True)
-class VideoInfo:
-    """What a video file holds, as seen without decoding more than its first frame.
-
-    Attributes:
-        path: the file.
-        container, codec: FFmpeg's names.
-        width, height: size of a frame as it is delivered, in pixels (after rotation).
-        rotation_deg: counterclockwise turn applied to the coded frames: 0, 90, 180 or 270.
-        tagged_rotation_deg: the turn that the file's rotation flag asks for.
-        fps: frames a second, measured from the time stamps; the usual rate where it varies.
-        frames: how many frames are to be expected.
-        declares_count: whether the container lists its frames, so that fewer would mean damage.
-        times: (frames,) seconds since the file's first picture; not the same as index / fps where `variable_rate`. A
-            recorder that joined a stream has pictures at its beginning that cannot be decoded: then the first is later.
-        variable_rate: whether the frames' spacing wanders by more than a quarter of a frame.
-        pixel_aspect: width of a pixel divided by its height.
-        size_bytes, mtime_ns: identity of the file, for resuming.
-    """
-
-    path: Path
-    container: str
-    codec: str
-    width: int
-    height: int
-    rotation_deg: int
-    tagged_rotation_deg: int
-    fps: float
-    frames: int
-    declares_count: bool
-    times: NDArray[np.float64] = field(repr=False)
-    variable_rate: bool
-    pixel_aspect: float
-    size_bytes: int
-    mtime_ns: int
-
-    def unrotated(self) -> "VideoInfo":
-        """The same video delivered as coded, its rotation flag ignored."""
-        turned = self.rotation_deg % 180 != 0
-        width, height = (self.height, self.width) if turned else (self.width, self.height)
-        return replace(self, width=width, height=height, rotation_deg=0)
-
-
-@dataclass(frozen=True)
-class _Packets:
-    """Time stamps (s, sorted) of the packets that become frames, and what looked wrong on the way."""
-
-    times: NDArray[np.float64]
-    total: int
-    damaged_at: int | None
-    ends: float  # the latest end of any packet of any stream, s
-
-
-def is_video(path: Path) -> bool:
-    """Whether FFmpeg finds a film (not a picture, a text or sound alone) in this file."""
-    try:
-        with av.open(str(path)) as container:
-            if any(container.format.name == s or container.format.name.endswith(s) for s in _STILLS):
-                return False
-            return container.streams.best("video") is not None
-    except (av.error.FFmpegError, OSError, ValueError):
-        return False
-
-
-def probe_video(path: Path) -> VideoInfo:
-    """Look through a video without decoding it.
-
-    Raises:
-        VideoError: not a video, undecodable, or with fewer frames than its container declares.
-    """
-    stat = path.stat()
-    if stat.st_size == 0:
-        raise VideoError(f"{path} is empty (0 bytes); record or copy it again")
-    with _open(path) as container:
-        stream = container.streams.best("video")
-        if stream is None:
-            raise VideoError(f"{path} has no video stream; put one film a camera into the videos folder")
-        formats = set(container.format.name.split(","))
-        packets = _walk(path, container, stream)
-        declared, rate = int(stream.frames), stream.average_rate
-        guessed = stream.guessed_rate or rate
-        declared_end = _declared_end(container, stream)
-        codec, in_order = stream.codec_context.name, stream.codec_context.codec.intra_only
-        name = container.format.name
-    counted = bool(formats & _COUNTED) and declared > 0
-    _refuse_truncated(path, packets, declared if counted else 0, declared_end, guessed)
-    width, height, rotation, aspect, shown_from = _first_frame(path)
-    # AVI counts frames, those that were dropped too if the program leaves them empty, and keeps no time stamps: what a
-    # demuxer reports of pictures that are not stored in their order is a guess.
-    told = name != "avi" or (in_order and bool((np.diff(packets.times) > 0).all()))
-    times = packets.times if told or not guessed else np.arange(len(packets.times)) / float(guessed)
-    begin = times[0]
-    if told and shown_from is not None and not counted:
-        usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-        times = times[times >= shown_from - 0.5 * usual]
-    times = times - begin
-    fps, variable = _rate(times, guessed)
-    if rotation % 180:
-        width, height = height, width
-    return VideoInfo(
-        path=path,
-        container=name,
-        codec=codec,
-        width=width,
-        height=height,
-        rotation_deg=rotation,
-        tagged_rotation_deg=rotation,
-        fps=fps,
-        frames=len(times),
-        declares_count=counted,
-        times=times,
-        variable_rate=variable,
-        pixel_aspect=aspect,
-        size_bytes=stat.st_size,
-        mtime_ns=stat.st_mtime_ns,
-    )
-
-
-def _open(path: Path, **options: str) -> Any:
-    try:
-        return av.open(str(path), options=options)
-    except FileNotFoundError:
-        raise VideoError(f"{path} does not exist") from None
-    except PermissionError:
-        raise VideoError(f"{path} cannot be read: permission denied; give yourself read access to it") from None
-    except (av.error.FFmpegError, OSError, ValueError) as error:
-        raise VideoError(
-            f"{path} cannot be decoded ({_reason(error)}): it is truncated, still being written or not a "
-            "video; copy or export it again"
-        ) from None
-
-
-def _reason(error: BaseException) -> str:
-    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return str(text).splitlines()[0].lower()
-
-
-def _walk(path: Path, container: Any, stream: Any) -> _Packets:
-    """Read every packet's time stamp; nothing is decoded."""
-    times: list[float] = []
-    total, damaged, ends = 0, None, 0.0
-    fallback = float(1 / (stream.guessed_rate or stream.average_rate or 25))
-    try:
-        for packet in container.demux():
-            if packet.size == 0 and packet.dts is None:
-                continue  # the flush at the end of a stream
-            stamp = packet.pts if packet.pts is not None else packet.dts
-            base = float(packet.time_base) if packet.time_base is not None else 0.0
-            if stamp is not None:
-                ends = max(ends, (stamp + (packet.duration or 0)) * base)
-            if packet.stream.index != stream.index:
-                continue
-            total += 1
-            if packet.is_corrupt and damaged is None:
-                damaged = total
-            if not packet.is_discard:
-                times.append(stamp * base if stamp is not None else len(times) * fallback)
-    except (av.error.FFmpegError, OSError) as error:
-        raise VideoError(
-            f"{path} breaks off after {total} frames ({_reason(error)}); copy or export it again"
-        ) from None
-    ordered = np.sort(np.asarray(times, dtype=np.float64))
-    return _Packets(ordered, total, damaged, ends)
-
-
-def _declared_end(container: Any, stream: Any) -> float | None:
-    """When (s) the last frame ends according to the file's header; None where it does not say."""
-    if stream.frames and stream.average_rate:
-        return float(stream.frames / stream.average_rate)
-    tags = {key.upper(): value for key, value in stream.metadata.items()}
-    with contextlib.suppress(KeyError, ValueError):
-        hours, minutes, seconds = tags["DURATION"].split(":")
-        return int(hours) * 3600 + int(minutes) * 60 + float(seconds)
-    videos_only = len(container.streams) == 1
-    return container.duration / av.time_base if container.duration and videos_only else None
-
-
-def _refuse_truncated(
-    path: Path, packets: _Packets, declared: int, declared_end: float | None, rate: Fraction | None
-) -> None:
-    """Raise if the file holds fewer frames than it says, or none."""
-    remedy = "copy the file again, or re-encode what is left of it (ffmpeg -i IN -c:v libx264 OUT.mp4)"
-    held = len(packets.times)
-    if held == 0:
-        raise VideoError(f"{path} holds no frames; {remedy}")
-    if packets.damaged_at is not None:
-        of = f" of the {declared} that it declares" if declared else ""
-        raise VideoError(f"{path} is truncated or damaged at frame {packets.damaged_at}{of}; {remedy}")
-    if declared:
-        # An edit list may leave samples out on purpose: then they are all there once it is ignored.
-        if packets.total < declared:
-            with _open(path, ignore_editlist="1") as container:
-                whole = _walk(path, container, container.streams.best("video")).total
-            if whole < declared:
-                raise VideoError(f"{path} is truncated: it declares {declared} frames and holds {whole}; {remedy}")
-        return
-    if declared_end is not None and rate:
-        missing = (declared_end - (packets.times[-1] + 1 / float(rate))) * float(rate)
-        if missing > 1.5:
-            count = held + round(missing)
-            raise VideoError(f"{path} is truncated: it declares about {count} frames and holds {held}; {remedy}")
-
-
-def _first_frame(path: Path) -> tuple[int, int, int, float, float | None]:
-    """Coded width, height, counterclockwise rotation flag in degrees, pixel aspect and time, s, of the first frame that
-    can be decoded."""
-    with _open(path) as container:
-        stream = container.streams.best("video")
-        try:
-            for frame in container.decode(stream):
-                aspect = stream.sample_aspect_ratio
-                turn = int(round(frame.rotation / 90)) * 90 % 360
-                return frame.width, frame.height, turn, float(aspect) if aspect else 1.0, frame.time
-        except (av.error.FFmpegError, OSError) as error:
-            raise VideoError(
-                f"{path} cannot be decoded from its first frame on ({_reason(error)}); copy it again"
-            ) from None
-    raise VideoError(f"{path} holds no frame that can be decoded; copy or export it again")
-
-
-def _rate(times: NDArray[np.float64], nominal: Fraction | None) -> tuple[float, bool]:
-    """Frames a second from time stamps, and whether their spacing varies."""
-    if len(times) < 3 or times[-1] <= times[0]:
-        return float(nominal or 25), False
-    steps = np.diff(times)
-    fps = (len(times) - 1) / (times[-1] - times[0])
-    # Containers round their stamps (Matroska to milliseconds): the nominal rate is the cleaner figure.
-    if nominal and abs(float(nominal) / fps - 1) < 2e-3:
-        fps = float(nominal)
-    if np.all(np.abs(steps * fps - 1) <= 0.25 + 1e-3 * fps):
-        return fps, False
-    # Where frames were dropped, the usual step is the camera's rate; the mean is not.
-    usual = float(1 / np.median(steps)) if np.median(steps) > 0 else fps
-    if nominal and abs(float(nominal) / usual - 1) < 0.02:
-        usual = float(nominal)
-    return usual, True
 
 
 def chunk_frames(info: VideoInfo) -> int:
@@ -274,9 +25,7 @@ def chunk_frames(info: VideoInfo) -> int:
     return int(np.clip(CHUNK_BYTES // (info.width * info.height * 3), 1, MAX_CHUNK))
 
 
-def read_chunks(
-    info: VideoInfo, indices: NDArray[np.int64] | None = None, threads: int = 1
-) -> Iterator[NDArray[np.uint8]]:
+def read_chunks(info: VideoInfo, indices: IntArray | None = None, threads: int = 1) -> Iterator[ByteArray]:
     """Decode a video once, in order, in chunks of bounded memory.
 
     Args:
@@ -293,7 +42,7 @@ def read_chunks(
     """
     wanted = np.arange(info.frames) if indices is None else np.asarray(indices)
     size = chunk_frames(info)
-    buffer: NDArray[np.uint8] | None = None
+    buffer: ByteArray | None = None
     filled = delivered = decoded = 0
     for decoded, frame in enumerate(_decode(info, threads), start=1):
         repeats = int(np.searchsorted(wanted, decoded - 1, side="right")) - delivered
@@ -320,7 +69,7 @@ def read_chunks(
 
 def _decode(info: VideoInfo, threads: int) -> Iterator[Any]:
     count = 0
-    with _open(info.path) as container:
+    with open(info.path) as container:
         stream = container.streams.best("video")
         stream.codec_context.thread_count = threads
         stream.thread_type = "AUTO" if threads != 1 else "SLICE"
@@ -330,13 +79,13 @@ def _decode(info: VideoInfo, threads: int) -> Iterator[Any]:
                 yield frame
         except (av.error.FFmpegError, OSError) as error:
             raise VideoError(
-                f"{info.path} cannot be decoded after frame {count} of {info.frames} ({_reason(error)}); "
+                f"{info.path} cannot be decoded after frame {count} of {info.frames} ({reason(error)}); "
                 "copy the file again, or re-encode what is left of it (ffmpeg -i IN -c:v libx264 OUT.mp4)"
             ) from None
 
 
-def _to_rgb(frame: Any, info: VideoInfo) -> NDArray[np.uint8]:
-    image: NDArray[np.uint8] = frame.to_ndarray(format="rgb24")
+def _to_rgb(frame: Any, info: VideoInfo) -> ByteArray:
+    image: ByteArray = frame.to_ndarray(format="rgb24")
     if info.rotation_deg:
         image = np.rot90(image, info.rotation_deg // 90)
     if image.shape[:2] != (info.height, info.width):
@@ -345,68 +94,3 @@ def _to_rgb(frame: Any, info: VideoInfo) -> NDArray[np.uint8]:
             f"{image.shape[1]}x{image.shape[0]} on the way; export it at one size"
         )
     return image
-
-
-def fit_inside(width: int, height: int, long_side: int) -> tuple[int, int]:
-    """The even size with the same proportions whose longer side is at most `long_side` (never enlarged)."""
-    scale = min(1.0, long_side / max(width, height))
-    return max(2, round(width * scale / 2) * 2), max(2, round(height * scale / 2) * 2)
-
-
-class VideoWriter:
-    """An H.264 file that browsers play, written under a temporary name and renamed when complete.
-
-    Used as a context manager: an exception inside leaves no file behind.
-    """
-
-    def __init__(self, path: Path, width: int, height: int, fps: float, crf: int = 20, preset: str = "veryfast"):
-        """Open `path` for frames of `width` x `height` (even numbers) px."""
-        self.path = path
-        self._partial = partial_name(path)
-        self.size = (width, height)
-        try:
-            self._container: Any = av.open(str(self._partial), "w", format="mp4", options={"movflags": "+faststart"})
-            rate = Fraction(fps).limit_denominator(1001)
-            self._stream = self._container.add_stream("libx264", rate=rate)
-        except (av.error.FFmpegError, OSError) as error:
-            raise OutputError(f"{path} cannot be written ({_reason(error)}); choose another --out") from None
-        self._stream.width, self._stream.height = width, height
-        self._stream.pix_fmt = "yuv420p"
-        self._stream.codec_context.thread_count = 1
-        self._stream.options = {"crf": str(crf), "preset": preset}
-
-    def __enter__(self) -> "VideoWriter":
-        return self
-
-    def write(self, image: NDArray[np.uint8]) -> None:
-        """Add one (H, W, 3) RGB frame, scaled to the file's size where it differs."""
-        if (image.shape[1], image.shape[0]) != self.size:
-            image = cv2.resize(image, self.size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
-        self._encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24"))
-
-    def _encode(self, frame: av.VideoFrame | None) -> None:
-        """A frame, or with None what the encoder still holds."""
-        try:
-            for packet in self._stream.encode(frame):
-                self._container.mux(packet)
-        except (av.error.FFmpegError, OSError) as error:
-            raise self._failure(error) from None
-
-    def _failure(self, error: Exception) -> OutputError:
-        return OutputError(f"{self.path} cannot be written ({_reason(error)}); free its disk or choose another --out")
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            if kind is None:
-                self._encode(None)
-            try:
-                self._container.close()
-                if kind is None:
-                    os.replace(self._partial, self.path)
-            except (av.error.FFmpegError, OSError) as failed:
-                if kind is None:  # else there is an error already, and it is the one to be told
-                    raise self._failure(failed) from None
-        finally:
-            self._partial.unlink(missing_ok=True)

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 
-from muybridge.geometry.skeleton.body import BODY
-from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.geometry.skeleton.statistical_body import marker_body
+from muybridge.arrays import Float32Array, FloatArray
 from muybridge.geometry.fitting.marker_fit import MarkerFit
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat
-
-Array = NDArray[np.float64]
-F32 = NDArray[np.float32]
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.skeleton.statistical_body import marker_body
 
 # Metres and radians of one unit of the network's.
 LENGTH, ANGLE = 0.01, 0.1
@@ -39,14 +37,14 @@ class SolverInput:
         turns, places: (T, J, 3, 3) and (T, J, 3) of the fit, in the world.
     """
 
-    markers: F32
-    known: F32
-    joints: F32
-    turns: Array
-    places: Array
+    markers: Float32Array
+    known: Float32Array
+    joints: Float32Array
+    turns: FloatArray
+    places: FloatArray
 
 
-def solver_input(fit: MarkerFit, points_world: Array, spans: tuple[float, ...]) -> SolverInput:
+def solver_input(fit: MarkerFit, points_world: FloatArray, spans: tuple[float, ...]) -> SolverInput:
     """Features of a fit.
 
     Residuals are averaged over time with the fit's own weights, so that noise and exchanged markers vanish the more
@@ -79,7 +77,7 @@ def solver_input(fit: MarkerFit, points_world: Array, spans: tuple[float, ...]) 
     return SolverInput(out, known, _joint_features(fit, turns), turns, places)
 
 
-def _averaged(off: Array, weight: Array, sigma: float) -> tuple[Array, Array]:
+def _averaged(off: FloatArray, weight: FloatArray, sigma: float) -> tuple[FloatArray, FloatArray]:
     """Means (T, L, 3) of residuals in a Gaussian window of `sigma` frames, shrunk as if one more frame had said zero;
     and how many frames took part (T, L)."""
     both = np.concatenate([off * weight[..., None], weight[..., None]], -1)
@@ -93,7 +91,7 @@ def _averaged(off: Array, weight: Array, sigma: float) -> tuple[Array, Array]:
     return total[..., :3] / (count[..., None] + 1.0), count
 
 
-def _joint_features(fit: MarkerFit, turns: Array) -> F32:
+def _joint_features(fit: MarkerFit, turns: FloatArray) -> Float32Array:
     """(T, J, 17): rotation against the parent and the parent's own, the bone beyond the statistical body's, how large
     the person is and how well the markers agree."""
     local = np.stack([turns[:, j] if p < 0 else np.swapaxes(turns[:, p], 1, 2) @ turns[:, j]
@@ -114,7 +112,9 @@ def _joint_features(fit: MarkerFit, turns: Array) -> F32:
     return np.concatenate([six, above, np.broadcast_to(person, (len(turns), *person.shape))], -1).astype(np.float32)
 
 
-def mirrored(markers: F32, known: F32, joints: F32, target: F32) -> tuple[F32, F32, F32, F32]:
+def mirrored(
+    markers: Float32Array, known: Float32Array, joints: Float32Array, target: Float32Array
+) -> tuple[Float32Array, Float32Array, Float32Array, Float32Array]:
     """The same features and answers of the person in a mirror: (..., M, F), (..., M), (..., J, 17), (..., J, 6)."""
     of_markers = [SURFACE.index(_other(n)) for n in SURFACE.names]
     of_joints = [BODY.joint_names.index(_other(n)) for n in BODY.joint_names]
@@ -142,7 +142,7 @@ def _other(name: str) -> str:
     return next((swap[s] + name[len(s) :] for s in swap if name.startswith(s)), name)
 
 
-def apply_corrections(given: SolverInput, answer: NDArray[np.floating]) -> tuple[Array, Array]:
+def apply_corrections(given: SolverInput, answer: NDArray[np.floating]) -> tuple[FloatArray, FloatArray]:
     """Rotations (T, J, 3, 3) and places (T, J, 3) of the joints in the world, corrected by the network's answer
     (T, J, 6)."""
     said = np.asarray(answer, np.float64)
@@ -150,7 +150,7 @@ def apply_corrections(given: SolverInput, answer: NDArray[np.floating]) -> tuple
     return turns, given.places + np.einsum("tjik,tjk->tji", given.turns, said[..., 3:] * LENGTH)
 
 
-def target_of(given: SolverInput, turns: Array, places: Array) -> F32:
+def target_of(given: SolverInput, turns: FloatArray, places: FloatArray) -> Float32Array:
     """(T, J, 6) the answer that would be right, for the truth in the world."""
     from muybridge.geometry.numerics.rotations import log_so3
 

@@ -14,8 +14,8 @@ from typing import Any, Literal
 
 from muybridge.errors import ModelError
 from muybridge.geometry.cameras.crops import BOX_PADDING
-from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.models.keypoints.decode import SpreadCalibration
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.models.uncertainty import SpreadCalibration
 
 _BODY17 = BODY23.names[:17]
 _FEET = ("left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe", "right_heel")

@@ -2,8 +2,8 @@
 which of two it is, or sees one better than the other. Two in one place are rarer than that."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import Float32Array, FloatArray, IndexArray
 from muybridge.models.keypoints.patches import patches
 
 # Twins whose likeliest cells are no more than so many apart, along either axis, are in one place.
@@ -17,9 +17,9 @@ _KNOWN = 0.25
 
 
 def told_apart(
-    maps: NDArray[np.float32], total: NDArray[np.float64], best: NDArray[np.intp], crops: NDArray[np.intp],
-    twins: NDArray[np.intp],
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:  # fmt: skip
+    maps: Float32Array, total: FloatArray, best: IndexArray, crops: IndexArray,
+    twins: IndexArray,
+) -> tuple[IndexArray, IndexArray]:  # fmt: skip
     """Of twins in one place one goes to its second likeliest place where that is nearly as likely.
 
     Args:
@@ -50,9 +50,7 @@ def told_apart(
     return pairs[mover], cell[mover]
 
 
-def _second(
-    maps: NDArray[np.float32], first: NDArray[np.float64], best: NDArray[np.intp]
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+def _second(maps: Float32Array, first: FloatArray, best: IndexArray) -> tuple[FloatArray, IndexArray]:
     """By how many nats the likeliest place of maps (K, h, w) away from the cells `best` (K,) is less likely than the
     place round these, whose mass is `first` (K,), infinitely where a map is not finite; and its likeliest cell (K,)."""
     height, width = maps.shape[1:]

@@ -1,12 +1,11 @@
 """What a network says of a crop and of its mirror image, as one."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from muybridge.arrays import Float32Array, IndexArray
 
 
-def mean_of_mirrored(
-    once: NDArray[np.float32], mirrored: NDArray[np.float32], twins: NDArray[np.intp]
-) -> NDArray[np.float32]:
+def mean_of_mirrored(once: Float32Array, mirrored: Float32Array, twins: IndexArray) -> Float32Array:
     """The mean of what is said of crops and of their mirror images, as of the crops.
 
     Args:

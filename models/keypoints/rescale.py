@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import Float32Array, FloatArray, IntArray
 from muybridge.models.keypoints.decode import in_part, there
 from muybridge.models.keypoints.metadata import crop_side
 
-Maps = list[NDArray[np.float32]]
+Maps = list[Float32Array]
 Value = TypeVar("Value", np.uint8, np.float32)
 Look = Callable[[NDArray[Value]], Maps]
 
@@ -22,7 +23,7 @@ FIRST_LOOK, LEAST = 3 / 4, 5 / 8
 _SIDES = ((0.5, LEAST), (0.85, 3 / 4), (0.99, 7 / 8))
 
 
-def reading_sides(score: NDArray[np.float64], side: int, best: int) -> NDArray[np.int64]:
+def reading_sides(score: FloatArray, side: int, best: int) -> IntArray:
     """(N,) side in px at which crops of `side` px are read best by a network that is best at `best` px, by the scores
     (N, J) of their landmarks."""
     count, most = there(score), score.shape[1]
@@ -66,7 +67,7 @@ def redrawn(crops: NDArray[Value], rows: int, draw: Callable[[NDArray[Value]], N
     return np.ascontiguousarray(drawn if rows == 1 else drawn.transpose(0, 3, 1, 2)).astype(crops.dtype, copy=False)
 
 
-def _enlarged(maps: NDArray[np.float32], cells: int) -> NDArray[np.float32]:
+def _enlarged(maps: Float32Array, cells: int) -> Float32Array:
     """Maps (N, J, h, h) with `cells` cells a side: linear between their middles, the nearest beyond the outermost."""
     have = maps.shape[-1]
     at = np.clip((np.arange(cells) + 0.5) * have / cells - 0.5, 0, have - 1)

@@ -7,9 +7,10 @@ Bin b lies at input pixel b / split_ratio, pixel 0 being the centre of the first
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.models.keypoints.decode import DecodedHeatmaps, SpreadCalibration, decode_heatmaps
+from muybridge.arrays import Float32Array, FloatArray
+from muybridge.models.keypoints.decode import DecodedHeatmaps, decode_heatmaps
+from muybridge.models.uncertainty import SpreadCalibration
 
 # The point is the centre of its own probability mass within this many bins, found in so many steps.
 _WINDOW_BINS = 5.5
@@ -20,8 +21,8 @@ _NOISE = 0.05
 
 
 def decode_simcc(
-    x_logits: NDArray[np.float32],
-    y_logits: NDArray[np.float32],
+    x_logits: Float32Array,
+    y_logits: Float32Array,
     split_ratio: float,
     spread: SpreadCalibration,
     softmax_scale: float = 1.0,
@@ -58,9 +59,7 @@ def decode_simcc(
     return DecodedHeatmaps(points, variance, np.where(missing, 0.0, x_mass * y_mass))
 
 
-def _decode_axis(
-    logits: NDArray[np.float32], scale: float, radius: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _decode_axis(logits: Float32Array, scale: float, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Place (bins), spread about it (bins^2) and mass within `radius` (bins) of it, each (N, K)."""
     bins = np.arange(logits.shape[-1], dtype=np.float64)
     with np.errstate(invalid="ignore"):  # what is not finite comes out as NaN
@@ -80,7 +79,7 @@ def _decode_axis(
 
 
 def decode_value_heatmaps(
-    values: NDArray[np.float32], stride: float, origin_px: float, spread: SpreadCalibration, logits: bool
+    values: Float32Array, stride: float, origin_px: float, spread: SpreadCalibration, logits: bool
 ) -> DecodedHeatmaps:
     """Landmarks from heatmaps of other conventions.
 

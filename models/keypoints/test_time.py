@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
 from muybridge.models.keypoints.decode import NO_IDEA, DecodedHeatmaps, in_part
-from muybridge.models.keypoints.rescale import Look, Maps, Value, at_side, reading_sides, redrawn
 from muybridge.models.keypoints.metadata import KeypointModelCard
+from muybridge.models.keypoints.rescale import Look, Maps, Value, at_side, reading_sides, redrawn
 
 # A crop of whose landmarks the logarithms of the variances are more than this on average (px^2 of a crop of 192 px) is
 # unsure; another orientation counts where they are less by so much. Nobody is turned who is seen in part, at a desk or
@@ -30,7 +31,7 @@ class Series(NamedTuple):
         every: one of so many is tried in every orientation, the others in those that count for their neighbours.
     """
 
-    number: NDArray[np.int64]
+    number: IntArray
     every: int
 
 
@@ -79,7 +80,7 @@ def turn_where_unsure(
     return decoded
 
 
-def _decode_again(decoded: DecodedHeatmaps, maps: Maps, card: KeypointModelCard, changed: NDArray[np.intp]) -> None:
+def _decode_again(decoded: DecodedHeatmaps, maps: Maps, card: KeypointModelCard, changed: IndexArray) -> None:
     """Brings the landmarks of some crops up to date with their heatmaps, in place."""
     if len(changed):
         for values, new in zip(decoded, card.decoded(maps[0][changed]), strict=True):
@@ -88,13 +89,13 @@ def _decode_again(decoded: DecodedHeatmaps, maps: Maps, card: KeypointModelCard,
 
 def _turn(
     look: Look[Value], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
-    least: NDArray[np.float64], unsure: NDArray[np.intp], series: Series | None,
-) -> NDArray[np.int64]:  # fmt: skip
+    least: FloatArray, unsure: IndexArray, series: Series | None,
+) -> IntArray:  # fmt: skip
     """Turns the `unsure` crops, see `turn_where_unsure`; (N,) by how many quarters each is seen best. The doubt of them
     has to be less than `least` (N,), which is changed."""
     quarters = np.zeros(len(crops), dtype=np.int64)
 
-    def attempt(turn: int, tried: NDArray[np.intp]) -> None:
+    def attempt(turn: int, tried: IndexArray) -> None:
         if not len(tried):
             return
         turned = look(np.rot90(crops[tried], turn, axes=(rows, rows + 1)))
@@ -117,8 +118,8 @@ def _turn(
 
 
 def _tilt(
-    look: Look[Value], crops: NDArray[Value], maps: Maps, rows: int, doubtful: NDArray[np.intp],
-    quarters: NDArray[np.int64],
+    look: Look[Value], crops: NDArray[Value], maps: Maps, rows: int, doubtful: IndexArray,
+    quarters: IntArray,
 ) -> None:  # fmt: skip
     """Makes what a network says of the `doubtful` crops, turned by their `quarters` (N,), the mean of that and of what
     it says of them tilted to either side, in place."""
@@ -143,7 +144,7 @@ def _tilted(crops: NDArray[Value], rows: int, angle: float) -> NDArray[Value]:
     return redrawn(crops, rows, lambda p: cv2.warpAffine(p, matrix, (size, size), flags=cv2.INTER_LINEAR))
 
 
-def _tilted_back(maps: NDArray[np.float32], angle: float) -> NDArray[np.float32]:
+def _tilted_back(maps: Float32Array, angle: float) -> Float32Array:
     """Heatmaps (N, J, h, h) of crops that were tilted by `angle`, as if they had not been: bilinear, the nearest cell
     beyond the edge."""
     cells, weights = _sampling(maps.shape[-1], angle)
@@ -153,7 +154,7 @@ def _tilted_back(maps: NDArray[np.float32], angle: float) -> NDArray[np.float32]
 
 
 @lru_cache(maxsize=8)
-def _sampling(size: int, angle: float) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+def _sampling(size: int, angle: float) -> tuple[IndexArray, Float32Array]:
     """(4, size * size) cells of a map tilted by `angle`, and the weight with which each cell of the upright map is made
     of them."""
     middle = (size - 1) / 2
@@ -167,7 +168,7 @@ def _sampling(size: int, angle: float) -> tuple[NDArray[np.intp], NDArray[np.flo
     return cells, weights
 
 
-def _samples(unsure: NDArray[np.intp], series: Series | None) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _samples(unsure: IndexArray, series: Series | None) -> tuple[IndexArray, IndexArray]:
     """(n,) and (n,) of the unsure crops' own series those before and after each that are tried in every orientation;
     of one that is, itself is one of them."""
     before, after = unsure.copy(), unsure.copy()
@@ -182,7 +183,7 @@ def _samples(unsure: NDArray[np.intp], series: Series | None) -> tuple[NDArray[n
     return before, after
 
 
-def _doubt(found: DecodedHeatmaps, size: int, partly: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+def _doubt(found: DecodedHeatmaps, size: int, partly: BoolArray | None = None) -> FloatArray:
     """(N,) mean logarithm of the variances of landmarks found in crops of `size` px, px^2 of a crop of 192 px; of crops
     seen `partly` (N,), of those landmarks that are there."""
     doubt = np.log(found.variance_crop_px2 * (192 / size) ** 2)

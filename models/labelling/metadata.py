@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.models.keypoints.metadata import _Reader
+from muybridge.arrays import FloatArray
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.models.metadata_reader import Reader
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class LabelModelCard:
     version: str
     window: tuple[float, ...]
     neighbours: int
-    distance_m: NDArray[np.float64]
-    motion_m: NDArray[np.float64]
-    bodies_m: NDArray[np.float64]
+    distance_m: FloatArray
+    motion_m: FloatArray
+    bodies_m: FloatArray
     metadata: Mapping[str, str]
 
 
@@ -47,7 +47,7 @@ def label_card(metadata: Mapping[str, str], path: Path) -> LabelModelCard:
     Raises:
         ModelError: not a labelling network of ours, or its metadata is damaged.
     """
-    read = _Reader(metadata, path)
+    read = Reader(metadata, path)
     read.kind("labels")
     rigidity = read.json_object("rigidity")
     distance, motion, bodies = (_matrix(rigidity.get(k), k, read) for k in ("distance_mm", "motion_mm", "bodies_mm"))
@@ -61,7 +61,7 @@ def label_card(metadata: Mapping[str, str], path: Path) -> LabelModelCard:
     )
 
 
-def _matrix(value: Any, key: str, read: _Reader) -> NDArray[np.float64]:
+def _matrix(value: Any, key: str, read: Reader) -> FloatArray:
     """A symmetric matrix from its upper triangle in millimetres."""
     size = len(SURFACE)
     upper = np.triu_indices(size, 1)

@@ -15,8 +15,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, Float32Array
 from muybridge.errors import ModelError
 from muybridge.files import replacing
 
@@ -32,7 +32,7 @@ def int8_path(path: Path) -> Path:
     return path.with_name(f"{path.stem}-int8{path.suffix}")
 
 
-def quantize(source: Path, target: Path, images: NDArray[np.uint8]) -> None:
+def quantize(source: Path, target: Path, images: ByteArray) -> None:
     """Write an 8-bit version of a network with the same inputs, outputs and metadata, plus `precision`.
 
     Args:
@@ -119,14 +119,14 @@ def _channels(graph: object) -> dict[str, int]:
 class _Images:
     """Calibration images, a few at a time; onnxruntime asks for `get_next` until it gives None."""
 
-    def __init__(self, channels: dict[str, int], images: NDArray[np.uint8]) -> None:
+    def __init__(self, channels: dict[str, int], images: ByteArray) -> None:
         parts = np.split(images, np.cumsum(list(channels.values()))[:-1], axis=1)
-        self._parts: Iterator[dict[str, NDArray[np.float32]]] = (
+        self._parts: Iterator[dict[str, Float32Array]] = (
             {name: np.multiply(part[start : start + _IMAGES_AT_ONCE], np.float32(1 / 255), dtype=np.float32)
              for name, part in zip(channels, parts, strict=True)}
             for start in range(0, len(images), _IMAGES_AT_ONCE)
         )  # fmt: skip
 
-    def get_next(self) -> dict[str, NDArray[np.float32]] | None:
+    def get_next(self) -> dict[str, Float32Array] | None:
         """The next input of the network."""
         return next(self._parts, None)

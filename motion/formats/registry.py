@@ -5,32 +5,30 @@ become a motion only by fitting a body, which is `muybridge solve`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks.arrays import LandmarkSet, Points3D
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.motion.formats.fbx.read import read_fbx
+from muybridge.motion.formats.fbx.write import write_fbx
+from muybridge.motion.formats.gltf.write import read_gltf, write_glb
+from muybridge.motion.formats.points.c3d import read_c3d_take, write_c3d
+from muybridge.motion.formats.points.common import METRES_OF_UNIT, check_fps
+from muybridge.motion.formats.points.csv import read_csv_from, write_csv
+from muybridge.motion.formats.points.npz import read_npz, write_npz
+from muybridge.motion.formats.points.parquet import read_parquet_from, write_parquet
+from muybridge.motion.formats.points.trc import read_trc_from, write_trc
 from muybridge.motion.formats.skeletal.asf_amc import CMU_FPS, read_amc, write_amc
 from muybridge.motion.formats.skeletal.bone_meshes import rest_positions
 from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
-from muybridge.motion.formats.points.c3d import C3DTake, read_c3d_take, write_c3d
-from muybridge.motion.formats.points.csv import read_csv_from, write_csv
-from muybridge.motion.formats.fbx.write import write_fbx
-from muybridge.motion.formats.fbx.read import read_fbx
-from muybridge.motion.formats.gltf.write import read_gltf, write_glb
 from muybridge.motion.formats.skeletal.mot import write_mot
-from muybridge.motion.formats.points.npz import read_npz, write_npz
-from muybridge.motion.formats.points.parquet import read_parquet_from, write_parquet
-from muybridge.motion.formats.points.common import METRES_OF_UNIT, check_fps
-from muybridge.motion.formats.points.trc import read_trc_from, write_trc
 from muybridge.motion.formats.skeletal.usd import write_usda
-
-Array = NDArray[np.float64]
+from muybridge.motion.take import Take
 
 METRES_OF_LENGTH = METRES_OF_UNIT | {"cmu": 0.0254 / 0.45}
 # Units a figure is tall, and what a unit then is; between these nothing is guessed.
@@ -55,54 +53,6 @@ class ReadOptions:
 
     def __post_init__(self) -> None:
         check_fps(self.fps)
-
-
-@dataclass(frozen=True, eq=False)
-class Take:
-    """What a file holds: points or a motion.
-
-    Attributes:
-        points: None in a file of motion.
-        motion: None in a file of points.
-        c3d: what a C3D has besides points.
-        start: seconds of the recording at which the first frame is, where the file says it.
-        notices: what was assumed in reading, one sentence each.
-    """
-
-    points: Points3D | None = None
-    motion: Motion | None = None
-    c3d: C3DTake | None = None
-    start: float = 0.0
-    notices: tuple[str, ...] = field(default_factory=tuple)
-
-    @property
-    def fps(self) -> float:
-        """Frames a second."""
-        return self.positions.fps if self.motion is None else self.motion.fps
-
-    @property
-    def positions(self) -> Points3D:
-        """The points, or the joints' places of the motion."""
-        if self.points is not None:
-            return self.points
-        assert self.motion is not None
-        return points_of_motion(self.motion)
-
-
-def points_of_motion(motion: Motion) -> Points3D:
-    """The joints' places over time, by forward kinematics; edges are the bones."""
-    skeleton = motion.skeleton
-    xyz = motion.joint_positions_world()
-    edges = tuple((skeleton.names[p], n) for n, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0)
-    t, j = xyz.shape[:2]
-    return Points3D(
-        landmarks=LandmarkSet("joints", skeleton.names, edges),
-        points_world=xyz,
-        covariance_world=np.full((t, j, 3, 3), np.nan),
-        residual_px=np.empty((0, t, j)),
-        inlier=np.empty((0, t, j), dtype=np.bool_),
-        fps=motion.fps,
-    )
 
 
 _READ: dict[str, Callable[[Path, ReadOptions], Take]] = {

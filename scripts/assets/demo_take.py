@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Renders the demo take: one synthetic person, four cameras, a few seconds, with its truth.
 
-usage: python scripts/make_demo.py [OUT]      (default: infer/demo_take)
+usage: python -m scripts.assets.demo_take [OUT]      (default: infer/demo_take)
 
 Writes videos/cam1.mp4 ... cam4.mp4, calibration.toml and truth.npz. Needs the `train` extra.
 """
@@ -15,13 +15,14 @@ import numpy as np
 from rich.progress import track
 
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.synthesis.bodies.body_model import BodyModel
+from muybridge.train.synthesis.clothing.sample import sample_outfit
 from muybridge.train.synthesis.rendering.multi_person_takes import view_of
 from muybridge.train.synthesis.rendering.renderer import Renderer, look_at
 from muybridge.train.synthesis.rendering.takes import Room, choreograph, film, perform
-from muybridge.train.synthesis.clothing.sample import sample_outfit
 
 SEED, SECONDS, FPS = 20261, 4.0, 25
 WIDTH, HEIGHT, FOCAL_PX = 640, 480, 560.0

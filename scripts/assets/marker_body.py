@@ -1,6 +1,6 @@
 """The body that markers are fitted to, as numbers: `geometry/marker_body.npz`.
 
-Usage: python scripts/make_marker_body.py [--bodies 600] [--components 16]
+Usage: python -m scripts.assets.marker_body [--bodies 600] [--components 16]
 
 From anny's statistical body (Apache-2.0; body data CC0): mean and principal components, over people of all ages and
 builds, of bone lengths, of markers' places on their bones, and of the landmarks of BODY23; which bone carries each
@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.skeleton.body import BODY
-from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.train.synthesis.markers.augment import _LOOSE
-from muybridge.train.synthesis.markers.trajectories import STANDOFF, MarkerBodies
-from muybridge.train.synthesis.markers.rig import NAMES, PARENTS, joints_of, rig_of
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
+from muybridge.train.synthesis.markers.augment import LOOSE
+from muybridge.train.synthesis.markers.rig import NAMES, PARENTS, joints_of, rig_of
+from muybridge.train.synthesis.markers.trajectories import STANDOFF, MarkerBodies
 
-OUT = Path(__file__).resolve().parents[1] / "geometry" / "marker_body.npz"
+OUT = Path(__file__).resolve().parents[2] / "geometry" / "skeleton" / "marker_body.npz"
 # Ranges in degrees, left side, of what BODY locks or knows too narrowly when markers tell it; and the prior's spread.
 ROOM = {
     "spine": ((-35, 60), (-35, 35), (-40, 40)), "chest": ((-35, 60), (-35, 35), (-40, 40)),
@@ -130,7 +130,7 @@ def main() -> None:
     left = table - mean - (table - mean) @ direction[: options.components].T @ direction[: options.components]
     lower, upper, centre, spread = limits()
     tolerance = marker_table().tolerance_m.astype(np.float64)
-    for name, value in _LOOSE.items():
+    for name, value in LOOSE.items():
         tolerance[SURFACE.index(name)] = value
     twist = [0 if n.endswith("roll") else BODY.twist_axis[BODY.joint_names.index(n)] for n in NAMES]
     np.savez_compressed(

@@ -2,7 +2,7 @@
 """Draws docs/markers.webp: the average adult from the front, the left and the back with every virtual marker, and
 the table of docs/markers.md below its heading "The table".
 
-usage: python scripts/make_marker_picture.py
+usage: python -m scripts.assets.marker_picture
 """
 
 import csv
@@ -11,15 +11,15 @@ import pathlib
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.arrays import ByteArray, Float32Array, FloatArray
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.bodies.surface_markers import TABLE
-from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
 from muybridge.train.synthesis.clothing.sample import Outfit, bare_outfit
+from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
 
-DOCS = pathlib.Path(__file__).parents[1] / "docs"
+DOCS = pathlib.Path(__file__).parents[2] / "docs"
 # Centre (metres), width (metres), direction to the camera, height and width (pixels), and which markers: all, or
 # those with one of these words in their names.
 FOOT = ("left_malleolus", "left_heel", "left_toe", "left_metatarsal", "left_hallux")
@@ -52,7 +52,7 @@ def names_of(row: dict[str, str]) -> str:
     return row["pig39"] or row["cmu41"] or row["name"].removeprefix(row["side"] + "_").replace("_", " ")
 
 
-def place(px: NDArray[np.float64], texts: list[str], width: int, height: int) -> NDArray[np.float64]:
+def place(px: FloatArray, texts: list[str], width: int, height: int) -> FloatArray:
     """Where texts go (N, 2): to the left and right of the picture's middle, pushed apart vertically."""
     out = np.zeros_like(px)
     middle = (px[:, 0].min() + px[:, 0].max()) / 2
@@ -71,9 +71,7 @@ def place(px: NDArray[np.float64], texts: list[str], width: int, height: int) ->
     return out
 
 
-def panel(
-    renderer: Renderer, rows: list[dict[str, str]], landmarks: NDArray[np.float32], number: int
-) -> NDArray[np.uint8]:
+def panel(renderer: Renderer, rows: list[dict[str, str]], landmarks: Float32Array, number: int) -> ByteArray:
     """One picture with the markers that the camera sees."""
     center, span, direction, (height, width), words = PANELS[number]
     to_camera = np.array(direction, float) / np.linalg.norm(direction)

@@ -1,4 +1,4 @@
-"""Writes train/marker_table.csv: surface landmarks found by anatomy on anny's average adult.
+"""Writes train/synthesis/bodies/surface_markers.csv: surface landmarks found by anatomy on anny's average adult.
 
 Left landmarks are found by geometry (extreme points of sections at a joint, rays from a joint, heights as shares
 of stature); right ones are their mirror images by the mesh's own symmetry.
@@ -8,21 +8,20 @@ import csv
 import pathlib
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
 
-Array = NDArray[np.float64]
-TABLE = pathlib.Path(__file__).parents[1] / "train/marker_table.csv"
+TABLE = pathlib.Path(__file__).parents[2] / "train/synthesis/bodies/surface_markers.csv"
 FORWARD, LEFT, UP = np.array([0.0, -1, 0]), np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
 
 
-def unit(v: Array) -> Array:
+def unit(v: FloatArray) -> FloatArray:
     return v / np.linalg.norm(v)
 
 
-def across(v: Array, axis: Array) -> Array:
+def across(v: FloatArray, axis: FloatArray) -> FloatArray:
     """Unit `v` without its part along `axis`."""
     axis = unit(axis)
     return unit(v - (v @ axis) * axis)
@@ -45,7 +44,7 @@ class Surface:
         self.weights = steps
         self.samples = np.einsum("sk,fkc->fsc", steps, self.corners)
 
-    def ray(self, origin: Array, direction: Array, reach: float = 0.3) -> tuple[Array, Array]:
+    def ray(self, origin: FloatArray, direction: FloatArray, reach: float = 0.3) -> tuple[FloatArray, FloatArray]:
         """Vertices (3,) and weights (3,) of the outermost surface within `reach` of `origin` along `direction`."""
         d = unit(np.asarray(direction, float))
         a, e1, e2 = self.corners[:, 0], self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]
@@ -63,7 +62,9 @@ class Surface:
             raise ValueError(f"no surface from {origin} along {direction}")
         return self.faces[best], np.array([1 - u[best] - v[best], u[best], v[best]])
 
-    def extreme(self, direction: Array, center: Array, normal: Array, half: float, reach: float) -> tuple[Array, Array]:
+    def extreme(
+        self, direction: FloatArray, center: FloatArray, normal: FloatArray, half: float, reach: float
+    ) -> tuple[FloatArray, FloatArray]:
         """The farthest point along `direction` of the section through `center`, `half` metres thick each way."""
         offset = self.samples - center
         near = (np.abs(offset @ unit(normal)) < half) & (np.linalg.norm(offset, axis=-1) < reach)
@@ -72,16 +73,16 @@ class Surface:
         return self.faces[face], self.weights[sample]
 
 
-def find(s: Surface) -> dict[str, tuple[Array, Array]]:
+def find(s: Surface) -> dict[str, tuple[FloatArray, FloatArray]]:
     """Left and midline landmarks: vertices and weights."""
-    found: dict[str, tuple[Array, Array]] = {}
+    found: dict[str, tuple[FloatArray, FloatArray]] = {}
     found |= _head_and_trunk(s)
     found |= _arm(s)
     found |= _leg(s)
     return found
 
 
-def _head_and_trunk(s: Surface) -> dict[str, tuple[Array, Array]]:
+def _head_and_trunk(s: Surface) -> dict[str, tuple[FloatArray, FloatArray]]:
     h = s.height / 1.838
     band = s.joints["eye.L"][2] + 0.040 * h  # a head band above the brows
     head = np.array([0, s.joints["head"][1] - 0.01, band])
@@ -105,7 +106,7 @@ def _head_and_trunk(s: Surface) -> dict[str, tuple[Array, Array]]:
     }
 
 
-def _arm(s: Surface) -> dict[str, tuple[Array, Array]]:
+def _arm(s: Surface) -> dict[str, tuple[FloatArray, FloatArray]]:
     j = s.joints
     shoulder, elbow, wrist = j["upperarm01.L"], j["lowerarm01.L"], j["wrist.L"]
     upper, fore = unit(elbow - shoulder), unit(wrist - elbow)
@@ -133,7 +134,7 @@ def _arm(s: Surface) -> dict[str, tuple[Array, Array]]:
     }
 
 
-def _leg(s: Surface) -> dict[str, tuple[Array, Array]]:
+def _leg(s: Surface) -> dict[str, tuple[FloatArray, FloatArray]]:
     j = s.joints
     hip, knee, ankle = j["upperleg01.L"], j["lowerleg01.L"], j["foot.L"]
     thigh, shank = knee - hip, ankle - knee
@@ -161,7 +162,7 @@ def _leg(s: Surface) -> dict[str, tuple[Array, Array]]:
     }
 
 
-def mirrored_vertices(rest: Array) -> NDArray[np.intp]:
+def mirrored_vertices(rest: FloatArray) -> IndexArray:
     """For every body vertex its mirror image's."""
     distance, twin = cKDTree(rest).query(rest * [-1, 1, 1])
     if distance.max() > 1e-3:

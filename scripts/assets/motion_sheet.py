@@ -1,6 +1,6 @@
 """A page of generated motion: every kind as stick figures over time, from the side and from the front.
 
-python scripts/motion_sheet.py docs/motions.webp
+python -m scripts.assets.motion_sheet docs/motions.webp
 """
 
 import argparse
@@ -8,8 +8,8 @@ import pathlib
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, ByteArray, FloatArray
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.motions.rig import Skeleton, forward, rot, turn
 from muybridge.train.synthesis.motions.sampler import MOTIONS, MotionClip, MotionSampler
@@ -21,8 +21,8 @@ LEG = ("root", "upperleg01.", "lowerleg01.", "foot.", "toe2-1.", "toe2-3.")
 COLOURS = {"M": (90, 90, 90), "L": (230, 110, 0), "R": (0, 110, 230)}
 
 
-def draw(tile: NDArray[np.uint8], skeleton: Skeleton, at: NDArray[np.float64], view: NDArray[np.float64],
-         touching: NDArray[np.bool_]) -> None:  # fmt: skip
+def draw(tile: ByteArray, skeleton: Skeleton, at: FloatArray, view: FloatArray,
+         touching: BoolArray) -> None:  # fmt: skip
     """One figure in a tile; `view` (3,) is the horizontal axis of the picture. The floor is grey, contacts green."""
     ground = TILE - 12
     cv2.line(tile, (0, ground), (TILE, ground), (200, 200, 200), 1)
@@ -45,7 +45,7 @@ def draw(tile: NDArray[np.uint8], skeleton: Skeleton, at: NDArray[np.float64], v
     cv2.circle(tile, tuple((head + 0.5 * (head - neck)).astype(int).tolist()), 5, COLOURS["M"], -1, cv2.LINE_AA)
 
 
-def strip(skeleton: Skeleton, clip: MotionClip) -> NDArray[np.uint8]:
+def strip(skeleton: Skeleton, clip: MotionClip) -> ByteArray:
     """Two rows of figures: from the side (facing left) and from the front."""
     _, at = forward(skeleton, turn(clip.rotvec), clip.root)
     hips = at[:, skeleton.index("upperleg01.L")] - at[:, skeleton.index("upperleg01.R")]
@@ -62,7 +62,7 @@ def strip(skeleton: Skeleton, clip: MotionClip) -> NDArray[np.uint8]:
     return page
 
 
-def sheet(skeleton: Skeleton, seed: int, seconds: dict[str, float], kinds: list[str]) -> NDArray[np.uint8]:
+def sheet(skeleton: Skeleton, seed: int, seconds: dict[str, float], kinds: list[str]) -> ByteArray:
     """All kinds under one another in two columns."""
     sampler = MotionSampler(skeleton, np.random.default_rng(seed))
     strips = [strip(skeleton, sampler.sample(seconds.get(k, 5.0), 60.0, k)) for k in kinds]

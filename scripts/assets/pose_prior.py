@@ -1,6 +1,6 @@
 """Learn the pose prior of `muybridge.geometry.ik` from generated motion.
 
-Usage: python scripts/make_pose_prior.py [--clips 90] [--components 12] [--out geometry/kinematics/pose_prior.npz]
+Usage: python -m scripts.assets.pose_prior [--clips 90] [--components 12] [--out geometry/ik/pose_prior.npz]
 
 Clips of the procedural motion generator, bodies of several builds; each clip's joints become the landmarks of BODY23,
 `fit_body` makes angles of them, and of these every sixth frame is an example. A tenth of the clips is kept out, and
@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.fitting.body_fit import fit_body
 from muybridge.geometry.ik.pose_prior import fit_prior, save_prior
 from muybridge.geometry.ik.tree import theta_of_rotations, tree_of_skeleton
-from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.numerics.rotations import matrix_from_quat
+from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.motions.rig import Skeleton, forward, turn
 from muybridge.train.synthesis.motions.sampler import MotionClip, MotionSampler
@@ -62,7 +63,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--clips", type=int, default=90)
     parser.add_argument("--components", type=int, default=12)
-    parser.add_argument("--out", type=Path, default=Path("geometry/kinematics/pose_prior.npz"))
+    parser.add_argument("--out", type=Path, default=Path("geometry/ik/pose_prior.npz"))
     arguments = parser.parse_args()
     body = BodyModel(5)
     people = body.sample_phenotypes(6)

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Makes the README's animation from the results of `muybridge demo`.
 
-usage: python scripts/make_readme_picture.py [RESULTS] [OUT]      (default: muybridge-demo docs/demo.webp)
+usage: python -m scripts.assets.readme_picture [RESULTS] [OUT]      (default: muybridge-demo docs/demo.webp)
 
 Left: what the cameras saw, with the projected landmarks (from the overlays). Right: the fitted motion
 (motion.bvh) in 3D.
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from muybridge.arrays import ByteArray, FloatArray
 from muybridge.infer.results.overlay import colour_of
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 
@@ -25,7 +26,7 @@ PAPER, GRID, INK = (247, 246, 243), (205, 202, 195), (51, 55, 61)
 FINE = 2
 
 
-def read_video(path: Path, wanted_fps: float) -> list[NDArray[np.uint8]]:
+def read_video(path: Path, wanted_fps: float) -> list[ByteArray]:
     """Every n-th frame of a video, so that `wanted_fps` is not passed by much."""
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
@@ -33,7 +34,7 @@ def read_video(path: Path, wanted_fps: float) -> list[NDArray[np.uint8]]:
         return [f.to_ndarray(format="rgb24") for i, f in enumerate(container.decode(stream)) if i % every == 0]
 
 
-def camera_sheet(views: list[NDArray[np.uint8]], height: int) -> NDArray[np.uint8]:
+def camera_sheet(views: list[ByteArray], height: int) -> ByteArray:
     """Up to four pictures in two rows, `height` px in all."""
     rows = [views[:2], views[2:4]] if len(views) > 2 else [views]
     each = height // len(rows)
@@ -47,7 +48,7 @@ def camera_sheet(views: list[NDArray[np.uint8]], height: int) -> NDArray[np.uint
     return np.concatenate([s[:, :width] for s in strips], axis=0)
 
 
-def stage(joints: NDArray[np.float64], yaw: float, target: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+def stage(joints: FloatArray, yaw: float, target: FloatArray) -> tuple[NDArray, NDArray]:
     """Pixels (at `FINE` times the size) and depths of (N, 3) world points seen from `yaw`, a little above."""
     pitch, distance, focal = 0.2, 4.6, 1.75 * HEIGHT * FINE
     away = np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
@@ -59,8 +60,8 @@ def stage(joints: NDArray[np.float64], yaw: float, target: NDArray[np.float64]) 
 
 
 def draw_stage(
-    joints: NDArray[np.float64], parents: tuple[int, ...], names: tuple[str, ...], yaw: float, target: NDArray
-) -> NDArray[np.uint8]:
+    joints: FloatArray, parents: tuple[int, ...], names: tuple[str, ...], yaw: float, target: NDArray
+) -> ByteArray:
     """The skeleton on its ground, square, `HEIGHT` px."""
     image = np.full((HEIGHT * FINE, HEIGHT * FINE, 3), PAPER, np.uint8)
     around = np.round(target[:2])

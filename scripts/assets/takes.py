@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Renders takes of several people for scripts/bench_takes.py: session folders with their truth.
+"""Renders takes of several people for scripts/benchmarks/takes/takes.py: session folders with their truth.
 
-usage: python scripts/make_takes.py OUT [NAME ...]      (default: all of them)
+usage: python -m scripts.assets.takes OUT [NAME ...]      (default: all of them)
 
 Writes OUT/NAME/videos/cam1.mp4 ..., calibration.toml and truth.npz (`points_world` (P, T, 23, 3) metres). A take
 that is there already stays. Needs the `train` extra.
@@ -12,15 +12,15 @@ import sys
 from dataclasses import dataclass
 
 import numpy as np
-from make_demo import write_video
 from rich.progress import track
 
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.rendering.multi_person_takes import cast, film_company, rig, view_of
 from muybridge.train.synthesis.rendering.renderer import Renderer
 from muybridge.train.synthesis.rendering.takes import Room
+from scripts.assets.demo_take import write_video
 
 
 @dataclass(frozen=True)

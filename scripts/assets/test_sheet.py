@@ -1,7 +1,7 @@
 """One page of 60 hard synthetic cases with what the shipped network finds, and on request one of a real take.
 
-    python scripts/make_test_sheet.py docs/test-sheet.webp
-    python scripts/make_test_sheet.py sheet.png --take RESULTS
+    python -m scripts.assets.test_sheet docs/test-sheet.webp
+    python -m scripts.assets.test_sheet sheet.png --take RESULTS
 
 The synthetic cases are held-out people under the hardest settings of the augmentation: any roll up to 60 degrees,
 occluders, second persons, the border of the video. Left limbs are orange, right ones blue, the truth is thin and
@@ -17,13 +17,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.arrays import ByteArray
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.models.keypoints.decode import NO_IDEA
-from muybridge.models.keypoints.metadata import shipped_model
-from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.models.shipped import shipped_model
 from muybridge.train.images.backgrounds import make_backgrounds
+from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.images.dataset import HELD_OUT
 from muybridge.train.keypoints.evaluate import load_model, read_crops
-from muybridge.train.engine.loop import HELD_OUT
 from muybridge.train.synthesis.rendering.store import SIZE, load_renders
 
 CASES, COLUMNS, TILE = 60, 10, 192
@@ -41,7 +42,7 @@ def hard_cases(renders: pathlib.Path, size: int) -> Batch:
     return Compositor(store, pool, size, SEED, HARD).batch(CASES)
 
 
-def draw(picture: NDArray[np.uint8], points: NDArray[np.floating], scale: float, truth: bool = False) -> None:
+def draw(picture: ByteArray, points: NDArray[np.floating], scale: float, truth: bool = False) -> None:
     """Bones into an RGB picture, in place; none to landmarks that are NaN."""
     for a, b in BODY23.edge_indices:
         if not np.isfinite(points[[a, b]]).all():
@@ -52,7 +53,7 @@ def draw(picture: NDArray[np.uint8], points: NDArray[np.floating], scale: float,
         cv2.line(picture, *ends, (255, 255, 255) if truth else colour, 1 if truth else 2, cv2.LINE_AA)
 
 
-def synthetic_sheet(renders: pathlib.Path, model: pathlib.Path) -> NDArray[np.uint8]:
+def synthetic_sheet(renders: pathlib.Path, model: pathlib.Path) -> ByteArray:
     """RGB page of the hard cases; prints their scores."""
     session, card = load_model(model)
     batch = hard_cases(renders, card.input_size)
@@ -75,7 +76,7 @@ def synthetic_sheet(renders: pathlib.Path, model: pathlib.Path) -> NDArray[np.ui
     return np.concatenate(rows)
 
 
-def take_sheet(results: pathlib.Path, instants: int = 10, height: int = 320) -> NDArray[np.uint8]:
+def take_sheet(results: pathlib.Path, instants: int = 10, height: int = 320) -> ByteArray:
     """RGB page: a row a camera, a column an instant, from the overlay videos of `muybridge run`."""
     import av
 

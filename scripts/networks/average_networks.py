@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Averages fp32 networks of one training run, for keypoints or people, and writes the mean as `muybridge train` would.
 
-usage: python scripts/average_networks.py OUT RENDERS POOL NETWORK.onnx NETWORK.onnx ...
+usage: python -m scripts.networks.average_networks OUT RENDERS POOL NETWORK.onnx NETWORK.onnx ...
 
 OUT is the new file; RENDERS and POOL (`pool-*.npy`) give the held-out images that the score is taken from. For
 keypoints these are crops as large as the first network's, on which the variance is fitted too and the ranges of the
@@ -14,11 +14,11 @@ import sys
 import onnx
 import torch
 
-from muybridge.train.keypoints import train as keypoints
-from muybridge.train.people import train as people
 from muybridge.train.engine.weight_averaging import average_keypoints, average_people
+from muybridge.train.keypoints import train as keypoints
 from muybridge.train.keypoints.evaluate import load_model
 from muybridge.train.keypoints.export import keypoint_net, people_net, publish_keypoints, publish_people
+from muybridge.train.people import train as people
 
 
 def main() -> None:
@@ -27,7 +27,7 @@ def main() -> None:
     out, renders, pool, *networks = map(pathlib.Path, sys.argv[1:])
     told = {entry.key: entry.value for entry in onnx.load(str(networks[-1])).metadata_props}
     trained, names = told.get("training_command", "a training"), ", ".join(n.name for n in networks)
-    command = f"{trained}; python scripts/average_networks.py of {names}"
+    command = f"{trained}; python -m scripts.networks.average_networks of {names}"
     checkpoint = out.with_suffix(".pt")
     checkpoint.parent.mkdir(parents=True, exist_ok=True)
     if told.get("muybridge_kind") == "people":

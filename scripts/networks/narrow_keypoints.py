@@ -2,7 +2,7 @@
 """Writes a keypoint network with fewer multiplications than a trained one, to train on from (`muybridge train keypoints
 --model OUT`).
 
-usage: python scripts/narrow_keypoints.py NETWORK.onnx OUT.onnx RENDERS [--depths 0 2 2 2] [--hidden 32 64 96 160]
+usage: python -m scripts.networks.narrow_keypoints NETWORK.onnx OUT.onnx RENDERS [--depths 0 2 2 2] [--hidden 32 64 96 160]
 
 The channels that stay take over what those that go said, on held-out crops of RENDERS (`train/narrowing.py`). Prints
 what the network was and is worth there, before any training.
@@ -16,13 +16,13 @@ import onnx
 
 from muybridge.errors import ModelError
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
-from muybridge.train.images.compositor import WHOLE, Compositor
 from muybridge.train.images.backgrounds import make_backgrounds
+from muybridge.train.images.compositor import WHOLE, Compositor
+from muybridge.train.images.dataset import HELD_OUT
 from muybridge.train.keypoints.evaluate import load_model
-from muybridge.train.keypoints.train import evaluate
-from muybridge.train.engine.loop import HELD_OUT
-from muybridge.train.keypoints.prune import narrowed
 from muybridge.train.keypoints.export import CALIBRATION_IMAGES, write_keypoints
+from muybridge.train.keypoints.prune import narrowed
+from muybridge.train.keypoints.train import evaluate
 from muybridge.train.synthesis.rendering.store import SIZE, load_renders
 
 SEED = 30_000

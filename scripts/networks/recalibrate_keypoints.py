@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Calibrates a published keypoint network anew, for crops of another size if need be; its weights stay as they are.
 
-usage: python scripts/recalibrate_keypoints.py NETWORK.onnx RENDERS [--crops 2048] [--size PX]
+usage: python -m scripts.networks.recalibrate_keypoints NETWORK.onnx RENDERS [--crops 2048] [--size PX]
 
 As `muybridge train keypoints` does at its end: variances are fitted on one half of the held-out crops of RENDERS, a
 part of them with the background plate, and their coverage is measured on the other, the 8-bit version beside
@@ -19,21 +19,20 @@ from typing import Any
 import numpy as np
 import onnx
 import onnxruntime
-from numpy.typing import NDArray
 from rich.progress import track
 
+from muybridge.arrays import Float32Array
 from muybridge.files import replacing
 from muybridge.models.keypoints.decode import in_part
-from muybridge.models.onnx_files.quantization import int8_path, quantize
 from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS, KeypointModelCard, keypoint_card
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
-from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.models.onnx_files.quantization import int8_path, quantize
 from muybridge.train.images.backgrounds import make_backgrounds
+from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.images.dataset import HELD_OUT
 from muybridge.train.keypoints.evaluate import load_model, read_batch
-from muybridge.train.keypoints.train import evaluate
-from muybridge.train.engine.loop import HELD_OUT
 from muybridge.train.keypoints.export import CALIBRATION_IMAGES, calibration, version
-from muybridge.train.synthesis.rendering.store import SIZE, load_renders
+from muybridge.train.keypoints.train import evaluate
 from muybridge.train.keypoints.variance_calibration import (
     LEAST_OF_A_LANDMARK,
     Look,
@@ -41,6 +40,7 @@ from muybridge.train.keypoints.variance_calibration import (
     held_out,
     shares_of,
 )
+from muybridge.train.synthesis.rendering.store import SIZE, load_renders
 
 # Of the crops and of their backgrounds: no training's and no evaluation's.
 SEED = 20_000
@@ -50,7 +50,7 @@ def look_of(session: onnxruntime.InferenceSession, card: KeypointModelCard) -> L
     """A network's session as a function: body first, then markers."""
     outputs = BODY_OUTPUTS if card.markers is None else BODY_OUTPUTS + MARKER_OUTPUTS
 
-    def look(crops: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def look(crops: Float32Array) -> tuple[Float32Array, Float32Array]:
         found = session.run(outputs, card.inputs(crops))
         return np.concatenate(found[::2], 1), np.concatenate(found[1::2], 1)
 

@@ -11,17 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import Float32Array, FloatArray
 from muybridge.files import replacing
-from muybridge.geometry.skeleton.body import BODY
-from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.numerics.rotations import quat_from_matrix
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.body import BODY
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.rigid_bones import body_through
-from muybridge.train.synthesis.bodies.body_model import F32
-from muybridge.train.synthesis.markers.trajectories import FPS, MarkerBodies
+from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
 from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of
-from muybridge.train.synthesis.motions.rig import Array, Skeleton
+from muybridge.train.synthesis.markers.trajectories import FPS, MarkerBodies
+from muybridge.train.synthesis.motions.rig import Skeleton
 from muybridge.train.synthesis.motions.sampler import MotionSampler
 
 FRAMES = 128
@@ -41,10 +41,10 @@ class SolverClips:
         turns: (N, T, J, 3, 3) world from joint; places: (N, T, J, 3) metres, of BODY's joints.
     """
 
-    points: F32
+    points: Float32Array
     normals: NDArray[np.int8]
-    turns: F32
-    places: F32
+    turns: Float32Array
+    places: Float32Array
 
 
 def make_solver_clips(out: pathlib.Path, shards: range, seed: int = 0) -> None:
@@ -81,7 +81,9 @@ def _shard(bodies: MarkerBodies) -> SolverClips:
     return _together(made)
 
 
-def _clip(bodies: MarkerBodies, body: Skeleton, rotvec: Array, root: Array) -> tuple[NDArray[np.generic], ...]:
+def _clip(
+    bodies: MarkerBodies, body: Skeleton, rotvec: FloatArray, root: FloatArray
+) -> tuple[NDArray[np.generic], ...]:
     points, normals = bodies.markers(body, rotvec, root)
     turns, places = joints_of(rig_of(body.bones, body.rest), body, rotvec, root)
     return (points.astype(np.float32), np.rint(normals * 127).astype(np.int8),

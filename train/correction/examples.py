@@ -14,16 +14,18 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from torch import Tensor
 
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
 from muybridge.files import replacing
-from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT
+from muybridge.geometry.fitting.marker_fit import fit_markers
+from muybridge.geometry.fitting.subject import MarkerFitOptions, Person, calibrate_person
+from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT
 from muybridge.geometry.skeleton.statistical_body import marker_body
-from muybridge.geometry.fitting.marker_fit import MarkerFitOptions, Person, calibrate_person, fit_markers
 from muybridge.models.correction.features import carriers, solver_input, target_of
 from muybridge.models.correction.network import SPANS
-from muybridge.train.synthesis.markers.trajectories import FPS
 from muybridge.train.correction.clips import FRAMES, SolverClips, load_solver_clips, make_followed, make_solver_clips
 from muybridge.train.correction.takes import Spoiling, marker_columns, placement_spread, spoil
+from muybridge.train.synthesis.markers.trajectories import FPS
 
 KEYS = ("markers", "known", "joints", "target", "rate")
 # Frames a second over the clip's, one of each a clip; and the most frames that are fitted at once.
@@ -37,10 +39,9 @@ _FEWEST = 14
 
 Example = dict[str, NDArray[np.generic]]
 _Rng = np.random.Generator
-_Columns = NDArray[np.intp]
 
 
-def drawn_markers(rng: _Rng) -> _Columns:
+def drawn_markers(rng: _Rng) -> IndexArray:
     """Columns of SURFACE that a take has: Plug-in Gait's or CMU's, all or most of them, or the legs' alone."""
     columns = marker_columns((PLUG_IN_GAIT, CMU)[int(rng.integers(2))])
     kind = rng.random()
@@ -61,7 +62,7 @@ def drawn_spoiling(rng: _Rng) -> Spoiling:
     return Spoiling(rng.uniform(0, 0.25), shifted, 0.05, noise, float(rng.choice([0.0, 0.0, 0.25])))
 
 
-def _placed(clips: SolverClips, k: int, rng: _Rng) -> NDArray[np.float64]:
+def _placed(clips: SolverClips, k: int, rng: _Rng) -> FloatArray:
     """(M, 3) metres in their joints' axes: how far along the skin this person's markers are from the table's places."""
     # Three people of ten have markers where the table has them, give or take what the body itself differs.
     spread = rng.uniform(0, 1.2) if rng.random() < 0.7 else 0.0
@@ -86,7 +87,7 @@ def examples(clips: SolverClips, k: int, rng: _Rng) -> Iterator[Example]:
 
 
 def _take(
-    person: Person, columns: _Columns, points: NDArray[np.float64], truth: tuple[NDArray[np.float64], ...], rate: int,
+    person: Person, columns: IndexArray, points: FloatArray, truth: tuple[FloatArray, ...], rate: int,
     how: Spoiling, rng: _Rng,
 ) -> Example:  # fmt: skip
     """A stretch at `rate` times the clip's frames a second, spoiled and fitted; the frames that the clip has."""

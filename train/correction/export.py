@@ -12,13 +12,13 @@ import torch
 
 import muybridge
 from muybridge.files import replacing
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.skeleton.body import BODY
-from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.models.onnx_files.export import OPSET
 from muybridge.models.correction.network import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
-from muybridge.train.labelling.export import LICENCE
-from muybridge.train.correction.train import HELD_OUT, evaluate, trained_network
+from muybridge.models.onnx_files.export import OPSET
 from muybridge.train.correction.examples import load_fits
+from muybridge.train.correction.train import HELD_OUT, evaluate, trained_network
+from muybridge.train.labelling.export import LICENCE
 
 _INPUTS = ("markers", "known", "joints")
 

@@ -3,15 +3,14 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks.arrays import SURFACE, MarkerSet
-from muybridge.geometry.skeleton.skeleton import Motion
-from muybridge.train.synthesis.markers.augment import _LOOSE
-from muybridge.train.synthesis.markers.trajectories import MarkerBodies
-from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of
+from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray
+from muybridge.geometry.landmarks.marker_sets import SURFACE, MarkerSet
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
-from muybridge.train.synthesis.motions.rig import Array
+from muybridge.train.synthesis.markers.augment import LOOSE
+from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of
+from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 
 # Markers that laboratories place anywhere along a limb: as far as the labelling network's clouds have them.
 ALONG_M = 0.03
@@ -28,9 +27,9 @@ class SolverTake:
         fps: frames a second.
     """
 
-    points: Array
-    turns: Array
-    places: Array
+    points: FloatArray
+    turns: FloatArray
+    places: FloatArray
     fps: float
 
     def frames(self, chosen: slice) -> "SolverTake":
@@ -56,9 +55,7 @@ class Spoiling:
     run_s: float = 0.0
 
 
-def recorded_take(
-    bodies: MarkerBodies, phenotype: NDArray[np.float32], motion: Motion, placed: float = 1.0
-) -> SolverTake:
+def recorded_take(bodies: MarkerBodies, phenotype: Float32Array, motion: Motion, placed: float = 1.0) -> SolverTake:
     """One of anny's bodies that follows a recording, its markers placed as laboratories place them.
 
     Args:
@@ -72,7 +69,9 @@ def recorded_take(
     return take_of(bodies, body, rotvec, root, motion.fps, placed)
 
 
-def take_of(bodies: MarkerBodies, body: object, rotvec: Array, root: Array, fps: float, placed: float) -> SolverTake:
+def take_of(
+    bodies: MarkerBodies, body: object, rotvec: FloatArray, root: FloatArray, fps: float, placed: float
+) -> SolverTake:
     """Markers and truth of a motion of `body`; each marker stays where it was placed on the skin about it."""
     from muybridge.train.synthesis.motions.rig import Skeleton, forward, skin, turn
 
@@ -91,15 +90,15 @@ def take_of(bodies: MarkerBodies, body: object, rotvec: Array, root: Array, fps:
     return SolverTake(points, turns[:, BODY_JOINTS], places[:, BODY_JOINTS], fps)
 
 
-def placement_spread() -> Array:
+def placement_spread() -> FloatArray:
     """(M,) metres, standard deviation of where laboratories place each marker of SURFACE along the skin."""
     sigma = marker_table().tolerance_m.astype(np.float64)
-    for name, value in _LOOSE.items():
+    for name, value in LOOSE.items():
         sigma[SURFACE.index(name)] = value
     return sigma
 
 
-def spoil(points: Array, fps: float, how: Spoiling, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+def spoil(points: FloatArray, fps: float, how: Spoiling, rng: np.random.Generator) -> tuple[FloatArray, BoolArray]:
     """Spoiled points (T, M, 3), NaN where hidden, and (T, M) which were shifted."""
     shape = points.shape[:2]
     hidden = _marks(shape, how.hidden, how.run_s * fps, rng)
@@ -117,7 +116,7 @@ def spoil(points: Array, fps: float, how: Spoiling, rng: np.random.Generator) ->
     return out, shifted
 
 
-def _marks(shape: tuple[int, int], share: float, run: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+def _marks(shape: tuple[int, int], share: float, run: float, rng: np.random.Generator) -> BoolArray:
     """(T, M) true for a share of the samples, in runs of geometric length about `run`."""
     if run <= 1:
         return rng.random(shape) < share
@@ -130,6 +129,6 @@ def _marks(shape: tuple[int, int], share: float, run: float, rng: np.random.Gene
     return out
 
 
-def marker_columns(markers: MarkerSet) -> NDArray[np.intp]:
+def marker_columns(markers: MarkerSet) -> IndexArray:
     """Positions of a set's markers in SURFACE."""
     return np.array(markers.surface_indices, dtype=np.intp)

@@ -13,11 +13,11 @@ from muybridge.errors import SessionError
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.models.correction.features import ANGLE, LENGTH, carriers, mirrored
 from muybridge.models.correction.network import SolverNet
-from muybridge.train.engine import loop
-from muybridge.train.options import SolverTraining
-from muybridge.train.engine.process_pool import shared_out
 from muybridge.train.correction.examples import load_fits, make_fits
 from muybridge.train.correction.ridge import solve_linear
+from muybridge.train.engine import loop
+from muybridge.train.engine.process_pool import shared_out
+from muybridge.train.options import SolverTraining
 
 # The first shard's people and motions are never trained on.
 HELD_OUT = range(0, 1)

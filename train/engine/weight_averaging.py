@@ -12,8 +12,8 @@ import torch
 
 from muybridge.errors import ModelError
 from muybridge.models.keypoints.network import KeypointNet
-from muybridge.models.people.network import PeopleNet
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, people_net_from_onnx, trained_for
+from muybridge.models.people.network import PeopleNet
 from muybridge.train.engine.loop import Seen
 
 

@@ -10,8 +10,9 @@ import math
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
+
+from muybridge.arrays import Float32Array
 
 # Shares of people who are in the plate: as they stand, in part (the rest moved), and where they stood before.
 STILL, PARTLY, GHOST = 0.1, 0.12, 0.1
@@ -44,13 +45,13 @@ class Plates:
                 ghost = _moved(person[i, :4], *self.rng.integers(-size // 2, size // 2, 2))
                 plate[i] = plate[i] * (1 - ghost[3:]) + ghost[:3]
 
-    def _half(self, size: int) -> NDArray[np.float32]:
+    def _half(self, size: int) -> Float32Array:
         """(S, S) one on one side of a line through the middle of the crop, or near it."""
         angle, offset = self.rng.uniform(0, 2 * np.pi), self.rng.normal(0, 0.15) * size
         y, x = np.mgrid[:size, :size] - (size - 1) / 2
         return np.asarray(x * np.cos(angle) + y * np.sin(angle) > offset, np.float32)
 
-    def difference(self, image: Tensor, plate: Tensor, static: Tensor, light: NDArray[np.float32]) -> Tensor:
+    def difference(self, image: Tensor, plate: Tensor, static: Tensor, light: Float32Array) -> Tensor:
         """(B, 1, S, S) uint8: mean over RGB of |image - plate| in 0..1, times 255, as coarse and noisy as in use.
 
         Args:

@@ -5,16 +5,16 @@ import pathlib
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.progress import Progress
 
+from muybridge.arrays import ByteArray
 from muybridge.files import replacing
+from muybridge.train.engine.process_pool import affordable, shared_out
 from muybridge.train.images.backgrounds import make_backgrounds
 from muybridge.train.synthesis.bodies.body_model import BodyModel
-from muybridge.train.engine.process_pool import affordable, shared_out
 from muybridge.train.synthesis.rendering.renderer import Renderer
-from muybridge.train.synthesis.rendering.store import MEMORY, SIZE
 from muybridge.train.synthesis.rendering.rooms import VIEWS_EACH, make_room_pictures
+from muybridge.train.synthesis.rendering.store import MEMORY, SIZE
 
 # Pictures that are made at once: whole rooms.
 _PART = 16 * VIEWS_EACH
@@ -38,7 +38,7 @@ class _Backdrops:
     def _renderer(self) -> Renderer:
         return Renderer(BodyModel(self.seed))
 
-    def part(self, numbers: range) -> tuple[range, NDArray[np.uint8]]:
+    def part(self, numbers: range) -> tuple[range, ByteArray]:
         """(len(numbers), 3, SIZE, SIZE) of these pictures, all of one kind, and which they are."""
         if numbers.start < self.painted:
             return numbers, make_backgrounds(len(numbers), SIZE, self.seed, numbers.start)

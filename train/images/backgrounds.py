@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
+from muybridge.arrays import ByteArray, Float32Array
+
 Colour = tuple[float, float, float]
 
 
@@ -17,7 +18,7 @@ def _muted(rng: np.random.Generator, lo: float = 0.05, hi: float = 0.95) -> Colo
     return colorsys.hsv_to_rgb(rng.random(), saturation, rng.uniform(lo, hi))
 
 
-def fractal_noise(rng: np.random.Generator, size: int, slope: float, channels: int = 1) -> F32:
+def fractal_noise(rng: np.random.Generator, size: int, slope: float, channels: int = 1) -> Float32Array:
     """(size, size, channels) noise whose amplitude falls as frequency to the power -slope, unit variance."""
     fy = np.fft.fftfreq(size)[:, None]
     fx = np.fft.rfftfreq(size)[None]
@@ -30,7 +31,7 @@ def fractal_noise(rng: np.random.Generator, size: int, slope: float, channels: i
     return out
 
 
-def _texture(image: F32, mask: NDArray[np.uint8] | None, rng: np.random.Generator) -> None:
+def _texture(image: Float32Array, mask: ByteArray | None, rng: np.random.Generator) -> None:
     """Multiplies a region by faint noise and a lighting gradient, in place."""
     size = len(image)
     noise = fractal_noise(rng, size, rng.uniform(0.6, 1.6))[..., 0] * rng.uniform(0.0, 0.1)
@@ -51,7 +52,7 @@ def _quad(rng: np.random.Generator, size: int, span: tuple[float, float], tall: 
     return np.asarray(np.round(corners + [x, y]), np.int32)
 
 
-def _furniture(image: F32, rng: np.random.Generator, count: int) -> None:
+def _furniture(image: Float32Array, rng: np.random.Generator, count: int) -> None:
     size = len(image)
     for _ in range(count):
         kind = rng.choice(["panel", "box", "window", "lines", "blob", "bars"], p=[0.3, 0.2, 0.12, 0.16, 0.1, 0.12])
@@ -89,7 +90,7 @@ def _furniture(image: F32, rng: np.random.Generator, count: int) -> None:
                         360, colour, -1, cv2.LINE_AA)  # fmt: skip
 
 
-def _room(rng: np.random.Generator, size: int) -> F32:
+def _room(rng: np.random.Generator, size: int) -> Float32Array:
     """Wall, floor, perhaps a second wall and a ceiling, then things; the viewer is not level."""
     image = np.empty((size, size, 3), np.float32)
     image[:] = _muted(rng, 0.25, 1.0)
@@ -116,7 +117,7 @@ def _room(rng: np.random.Generator, size: int) -> F32:
     return image
 
 
-def _dead_leaves(rng: np.random.Generator, size: int) -> F32:
+def _dead_leaves(rng: np.random.Generator, size: int) -> Float32Array:
     image = np.empty((size, size, 3), np.float32)
     image[:] = _muted(rng)
     base = np.array(_muted(rng))
@@ -135,7 +136,7 @@ def _dead_leaves(rng: np.random.Generator, size: int) -> F32:
     return image
 
 
-def _natural(rng: np.random.Generator, size: int) -> F32:
+def _natural(rng: np.random.Generator, size: int) -> Float32Array:
     """Coloured 1/f noise, perhaps under a sky: grass, trees, gravel, walls out of focus."""
     noise = fractal_noise(rng, size, rng.uniform(0.7, 1.8), 1) * rng.uniform(0.05, 0.3)
     chroma = fractal_noise(rng, size, rng.uniform(1.0, 1.8), 3) * rng.uniform(0.0, 0.03)
@@ -148,7 +149,7 @@ def _natural(rng: np.random.Generator, size: int) -> F32:
     return np.asarray(image)
 
 
-def sample_backdrop(rng: np.random.Generator, size: int) -> F32:
+def sample_backdrop(rng: np.random.Generator, size: int) -> Float32Array:
     """(size, size, 3) in 0..1: a black or coloured curtain, a screen to be keyed out, a bare wall; perhaps with a floor
     of the same or another colour, and lit from somewhere."""
     kind = rng.random()
@@ -173,7 +174,7 @@ def sample_backdrop(rng: np.random.Generator, size: int) -> F32:
     return np.asarray(image * np.exp(-rng.uniform(0, 1.5) * distance**2)[..., None], np.float32).clip(0, 1)
 
 
-def sample_background(rng: np.random.Generator, size: int) -> NDArray[np.uint8]:
+def sample_background(rng: np.random.Generator, size: int) -> ByteArray:
     """(size, size, 3) uint8."""
     kind = rng.choice(3, p=[0.55, 0.2, 0.25])
     image = (_room, _dead_leaves, _natural)[kind](rng, size)
@@ -185,7 +186,7 @@ def sample_background(rng: np.random.Generator, size: int) -> NDArray[np.uint8]:
     return np.asarray(np.clip(image * exposure, 0, 1) * 255, np.uint8)
 
 
-def make_backgrounds(count: int, size: int, seed: int, first: int = 0) -> NDArray[np.uint8]:
+def make_backgrounds(count: int, size: int, seed: int, first: int = 0) -> ByteArray:
     """(count, 3, size, size) uint8: those of the seed from the `first`."""
     cv2.setNumThreads(1)
     out = np.empty((count, 3, size, size), np.uint8)

@@ -10,6 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray
+
 _NOISE = 1 << 21  # values in the store of noise
 
 
@@ -50,9 +52,7 @@ class CameraFaults:
     def _uniform(self, low: float, high: float, count: int) -> Tensor:
         return torch.from_numpy(self.rng.uniform(low, high, count).astype(np.float32))
 
-    def apply(
-        self, image: Tensor, light: NDArray[np.float32] | None = None, lit: NDArray[np.bool_] | None = None
-    ) -> Tensor:
+    def apply(self, image: Tensor, light: Float32Array | None = None, lit: BoolArray | None = None) -> Tensor:
         """(B, 3, H, W) in 0..1 -> the same shape, not clamped. `light` (B, 3) of red, green and blue: below one,
         pictures darker than a camera would expose them, with as much noise as the others. `lit` (B,): whose exposure is
         right as it is."""
@@ -141,7 +141,7 @@ class CameraFaults:
         return pixels
 
 
-def _blurred(image: Tensor, window: int, sigma: NDArray[np.float64]) -> Tensor:
+def _blurred(image: Tensor, window: int, sigma: FloatArray) -> Tensor:
     """(B, 3, H, W) through a Gaussian of `sigma` (B,) px, `window` px wide; several times as fast as a convolution."""
     planes = np.ascontiguousarray(image.numpy())
     out = np.empty(planes.shape, np.float32)
@@ -158,7 +158,7 @@ def other_hue(image: Tensor, turn: float) -> Tensor:
     return torch.from_numpy(np.ascontiguousarray(cv2.cvtColor(picture, cv2.COLOR_HSV2RGB).transpose(2, 0, 1)))
 
 
-def through_bayer(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def through_bayer(picture: ByteArray) -> ByteArray:
     """(H, W, 3) seen through a sensor's colour filter and interpolated again."""
     mosaic = picture[..., 1].copy()
     mosaic[0::2, 0::2] = picture[0::2, 0::2, 0]
@@ -166,7 +166,7 @@ def through_bayer(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(mosaic, cv2.COLOR_BayerBG2RGB), np.uint8)
 
 
-def through_h264(picture: NDArray[np.uint8], quantiser: int) -> NDArray[np.uint8]:
+def through_h264(picture: ByteArray, quantiser: int) -> ByteArray:
     """(H, W, 3), even sides, as one intra frame of H.264 at this quantiser (0..51, higher is worse)."""
     encoder = av.CodecContext.create("libx264", "w")
     encoder.height, encoder.width = picture.shape[:2]
@@ -179,9 +179,7 @@ def through_h264(picture: NDArray[np.uint8], quantiser: int) -> NDArray[np.uint8
     return np.asarray(frames[0].to_ndarray(format="rgb24"), np.uint8)
 
 
-def outside_of_video(
-    rng: np.random.Generator, height: int, width: int
-) -> tuple[NDArray[np.bool_], tuple[float, float, float]]:
+def outside_of_video(rng: np.random.Generator, height: int, width: int) -> tuple[BoolArray, tuple[float, float, float]]:
     """What lies beyond the video's border, black in an image that reaches over it: slanted where the picture of a
     rolled camera was turned upright.
 

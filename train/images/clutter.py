@@ -7,12 +7,11 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]
+from muybridge.arrays import ByteArray
 
 
-def mirrored_on(patch: Picture, height: int, width: int, rng: np.random.Generator) -> Picture:
+def mirrored_on(patch: ByteArray, height: int, width: int, rng: np.random.Generator) -> ByteArray:
     """A square patch (s, s, 3), made smaller or hardly larger and mirrored on at its borders: (height, width, 3)."""
     window = len(patch)
     side = max(16, round(window * float(np.exp(rng.uniform(np.log(0.5), np.log(1.15))))))
@@ -22,7 +21,7 @@ def mirrored_on(patch: Picture, height: int, width: int, rng: np.random.Generato
     return np.ascontiguousarray(spread[y : y + height, x : x + width], np.uint8)
 
 
-def add_clutter(plate: Picture, most: int, texture: Callable[[], Picture], rng: np.random.Generator) -> None:
+def add_clutter(plate: ByteArray, most: int, texture: Callable[[], ByteArray], rng: np.random.Generator) -> None:
     """Draws up to `most` blobs, bars and corners, as large as people or their limbs, into `plate` (H, W, 3), plain or
     with a `texture` of the same size."""
     height, width = plate.shape[:2]
@@ -34,7 +33,7 @@ def add_clutter(plate: Picture, most: int, texture: Callable[[], Picture], rng: 
             cv2.copyTo(np.ascontiguousarray(plain(height, width, rng)), inside, plate)
 
 
-def plain(height: int, width: int, rng: np.random.Generator) -> Picture:
+def plain(height: int, width: int, rng: np.random.Generator) -> ByteArray:
     """(H, W, 3) of one colour, which changes from one side to the other; read only."""
     left, right = rng.uniform(0.6, 1.2, 2).tolist()
     fall = np.linspace(left, right, width)
@@ -42,7 +41,7 @@ def plain(height: int, width: int, rng: np.random.Generator) -> Picture:
     return np.broadcast_to(row, (height, width, 3))
 
 
-def shape(height: int, width: int, rng: np.random.Generator) -> Picture:
+def shape(height: int, width: int, rng: np.random.Generator) -> ByteArray:
     """(H, W) one within a blob, bar or corner as large as people or their limbs, zero elsewhere."""
     mask = np.zeros((height, width), np.uint8)
     at = rng.uniform(0, 1, 2) * [width, height]

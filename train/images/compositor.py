@@ -12,12 +12,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
+from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IndexArray
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.train.images.background_difference import Plates
 from muybridge.train.images.backgrounds import sample_backdrop
 from muybridge.train.images.camera_faults import CameraFaults, outside_of_video
-from muybridge.train.synthesis.rendering.close_ups import BORDER, SOMETHING, cut_boxes, to_crop
 from muybridge.train.images.clutter import add_clutter, mirrored_on
-from muybridge.train.images.background_difference import Plates
+from muybridge.train.synthesis.rendering.close_ups import BORDER, SOMETHING, cut_boxes, to_crop
 from muybridge.train.synthesis.rendering.store import RenderSet
 
 FACE = tuple(BODY23.index(n) for n in ("nose", "left_eye", "right_eye", "left_ear", "right_ear"))
@@ -95,7 +97,7 @@ class Batch:
         return torch.cat([self.image, self.difference], 1)
 
 
-def turned(angle: NDArray[np.float64], scale: NDArray[np.float64], flip: NDArray[np.bool_]) -> NDArray[np.float64]:
+def turned(angle: FloatArray, scale: FloatArray, flip: BoolArray) -> FloatArray:
     """(n, 2, 2) maps that mirror x where `flip` (n,), then turn by `angle` (n,), radians, and scale by `scale` (n,)."""
     cos, sin = np.cos(angle) * scale, np.sin(angle) * scale
     linear = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
@@ -113,7 +115,7 @@ class Compositor:
     def __init__(
         self,
         renders: RenderSet,
-        backgrounds: NDArray[np.uint8],
+        backgrounds: ByteArray,
         size: int,
         seed: int,
         options: AugmentOptions = AugmentOptions(),  # noqa: B008 - frozen
@@ -125,13 +127,13 @@ class Compositor:
         self.plates = Plates(np.random.default_rng([seed, 1]))
         self.whole = renders.whole  # a close-up would be cut off in mid-air beside somebody else
 
-    def batch(self, count: int, index: NDArray[np.intp] | None = None) -> Batch:
+    def batch(self, count: int, index: IndexArray | None = None) -> Batch:
         """`count` crops of random renders, or of the renders `index`."""
         index = self.rng.integers(0, len(self.renders), count) if index is None else index
         parts = [self._few(index[i : i + _AT_ONCE]) for i in range(0, count, _AT_ONCE)]
         return Batch(*(torch.cat(arrays) for arrays in zip(*parts, strict=True)))
 
-    def _few(self, index: NDArray[np.intp]) -> tuple[Tensor, ...]:
+    def _few(self, index: IndexArray) -> tuple[Tensor, ...]:
         """The crops of a batch that are made at once, as the fields of `Batch`."""
         rng, opt, count = self.rng, self.options, len(index)
         made = self.renders.cut_px[index]
@@ -173,7 +175,7 @@ class Compositor:
         body = len(BODY23)
         return pixels, difference, at[:, :body], seen[:, :body], at[:, body:], seen[:, body:]
 
-    def _light(self, count: int) -> NDArray[np.float32]:
+    def _light(self, count: int) -> Float32Array:
         """(B, 3) what cameras have of the red, green and blue light that they expose for: all of it, too little, or
         another mixture."""
         opt, light = self.options, np.ones((count, 3), np.float32)
@@ -186,7 +188,7 @@ class Compositor:
             light[tinted] *= colour / colour.mean(1, keepdims=True)
         return light
 
-    def _backdrops(self, plate: Tensor) -> NDArray[np.bool_]:
+    def _backdrops(self, plate: Tensor) -> BoolArray:
         """Exchanges the backgrounds (B, 3, S, S) of a share of the crops for backdrops, in place. Returns (B,) where
         lamps and camera are set for the person, not for what is behind."""
         chosen = np.zeros(len(plate), bool)
@@ -204,9 +206,7 @@ class Compositor:
                 seen = torch.from_numpy(self.rng.dirichlet((2, 2, 2)).astype(np.float32))
                 pixels[i] = torch.einsum("chw,c->hw", pixels[i].float(), seen).round_()
 
-    def _difference(
-        self, image: Tensor, plate: Tensor, person: Tensor, before: Tensor, light: NDArray[np.float32]
-    ) -> Tensor:
+    def _difference(self, image: Tensor, plate: Tensor, person: Tensor, before: Tensor, light: Float32Array) -> Tensor:
         """(B, 1, S, S) uint8 to the background plate, of a share of the crops; `before` (B, 1, S, S) is what stands
         before the person: a part of the room, or held or carried. `light` is that of `_light`."""
         known = torch.from_numpy(np.nonzero(self.plates.rng.random(len(image)) < self.options.plate)[0])
@@ -221,9 +221,7 @@ class Compositor:
     def _column(self, values: NDArray[np.generic]) -> Tensor:
         return torch.from_numpy(np.asarray(values, np.float32)).view(-1, 1, 1, 1)
 
-    def _placement(
-        self, box: NDArray[np.float32], aside: NDArray[np.float64] | None = None
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    def _placement(self, box: Float32Array, aside: FloatArray | None = None) -> tuple[Float32Array, BoolArray]:
         """crop_from_render (B, 2, 3) affine maps in pixels for boxes (B, 4), and which are mirrored. `aside` (B, 2)
         moves people sideways, by a share of the crop between the two."""
         rng, opt, n, size = self.rng, self.options, len(box), self.size
@@ -244,9 +242,7 @@ class Compositor:
         matrix = np.concatenate([linear, (middle - np.einsum("nij,nj->ni", linear, center))[..., None]], -1)
         return matrix.astype(np.float32), flip
 
-    def _warp(
-        self, index: NDArray[np.intp], matrix: NDArray[np.float32], flip: NDArray[np.bool_]
-    ) -> tuple[Tensor, NDArray[np.float32], NDArray[np.bool_]]:
+    def _warp(self, index: IndexArray, matrix: Float32Array, flip: BoolArray) -> tuple[Tensor, Float32Array, BoolArray]:
         """Renders in the crop (B, 5, S, S) in 0..1; landmarks of body and surface, and their visibility. Renders are
         black outside of the person, so their colours are premultiplied by alpha as they stand."""
         size = self.size
@@ -267,7 +263,7 @@ class Compositor:
             add_clutter(pictures[i], 6, self._window, self.rng)
         return torch.from_numpy(pictures.transpose(0, 3, 1, 2).astype(np.float32)).div_(255)
 
-    def _window(self) -> NDArray[np.uint8]:
+    def _window(self) -> ByteArray:
         """(size, size, 3) of one background: half of them no larger than they were made, or blur would tell people
         from what is behind them."""
         rng, size, pool = self.rng, self.size, self.backgrounds
@@ -281,14 +277,12 @@ class Compositor:
         interpolation = cv2.INTER_AREA if window > size else cv2.INTER_LINEAR
         return np.asarray(cv2.resize(patch, (size, size), interpolation=interpolation), np.uint8)
 
-    def _alpha_at(self, alpha: NDArray[np.float32], landmarks: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _alpha_at(self, alpha: Float32Array, landmarks: Float32Array) -> Float32Array:
         at = np.round(np.nan_to_num(landmarks)).astype(int).clip(0, self.size - 1)
-        out: NDArray[np.float32] = alpha[np.arange(len(alpha))[:, None], at[..., 1], at[..., 0]]
+        out: Float32Array = alpha[np.arange(len(alpha))[:, None], at[..., 1], at[..., 0]]
         return out
 
-    def _second_person(
-        self, image: Tensor, other: NDArray[np.bool_], close: NDArray[np.bool_], in_front: NDArray[np.bool_]
-    ) -> Tensor:
+    def _second_person(self, image: Tensor, other: BoolArray, close: BoolArray, in_front: BoolArray) -> Tensor:
         """Another person beside the subject of the crops `other`, or, of these, with the subject in a hold if `close`:
         behind, drawn into `image` in place, or in front, returned as a layer (B, 4, S, S) for when the subject is
         drawn."""
@@ -306,9 +300,7 @@ class Compositor:
                 image[i] = image[i] * (1 - layer[k, 3:4]) + layer[k, :3]
         return front
 
-    def _occlude(
-        self, image: Tensor, visible: NDArray[np.bool_], landmarks: NDArray[np.float32]
-    ) -> tuple[NDArray[np.bool_], Tensor]:
+    def _occlude(self, image: Tensor, visible: BoolArray, landmarks: Float32Array) -> tuple[BoolArray, Tensor]:
         """Puts things in front of the person, in place: polygons and bars with the texture of another background.
         Returns what is visible still, and where they are, (B, 1, S, S) in 0..1."""
         rng, size = self.rng, self.size
@@ -336,7 +328,7 @@ class Compositor:
             image[i].lerp_(texture, alpha[i])
         return visible, alpha
 
-    def _mosaic(self, image: Tensor, landmarks: NDArray[np.float32]) -> None:
+    def _mosaic(self, image: Tensor, landmarks: Float32Array) -> None:
         """Pixelated faces, as published recordings have them, in place."""
         for i in np.nonzero(self.rng.random(len(image)) < self.options.mosaic)[0]:
             face = landmarks[i, list(FACE)]
@@ -350,9 +342,7 @@ class Compositor:
                 small, patch.shape[-2:], mode="nearest"
             )
 
-    def _truncate(
-        self, visible: NDArray[np.bool_], landmarks: NDArray[np.float32]
-    ) -> tuple[NDArray[np.bool_], list[tuple[int, NDArray[np.bool_]]]]:
+    def _truncate(self, visible: BoolArray, landmarks: Float32Array) -> tuple[BoolArray, list[tuple[int, BoolArray]]]:
         """Crops that reach over the border of the video: what is visible still, and where what is outside, (S, S)."""
         visible, outside = visible.copy(), []
         for i in np.nonzero(self.rng.random(len(visible)) < self.options.truncate)[0]:

@@ -6,16 +6,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, ByteArray
 from muybridge.files import replacing
-from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.train.images.compositor import Batch, Compositor
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.images.backgrounds import make_backgrounds
+from muybridge.train.images.compositor import Batch, Compositor
 from muybridge.train.synthesis.rendering.store import SIZE, load_renders
 
 LEFT, RIGHT, MIDDLE = (240, 200, 60), (60, 140, 250), (220, 220, 220)  # BGR: the person's left is blue
 
 
-def draw_crops(batch: Batch, tile: int = 192, columns: int = 10) -> NDArray[np.uint8]:
+def draw_crops(batch: Batch, tile: int = 192, columns: int = 10) -> ByteArray:
     """(H, W, 3) BGR: every other crop with its landmarks; hidden ones are hollow."""
     tiles = []
     scale = tile / batch.image.shape[-1]
@@ -29,7 +30,7 @@ def draw_crops(batch: Batch, tile: int = 192, columns: int = 10) -> NDArray[np.u
     return np.concatenate(rows, 0)
 
 
-def _draw_landmarks(picture: NDArray[np.uint8], points: NDArray[np.floating], visible: NDArray[np.bool_]) -> None:
+def _draw_landmarks(picture: ByteArray, points: NDArray[np.floating], visible: BoolArray) -> None:
     at = [tuple(int(round(float(c))) for c in p) for p in points]
     for a, b in BODY23.edge_indices:
         names = BODY23.names[a] + BODY23.names[b]

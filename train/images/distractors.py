@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.train.images.clutter import Picture, plain, shape
+from muybridge.arrays import BoolArray, ByteArray, FloatArray
+from muybridge.train.images.clutter import plain, shape
 
 # Share of scenes in which things are elsewhere than in the plate, and of those in which a light is.
 MOVED_SHARE = 0.35
@@ -23,7 +23,7 @@ _BOARD, _BALL = 0.6, 0.2
 _SQUARES, _PICTURE = 0.4, 0.4
 
 
-def move_things(frame: Picture, plate: Picture, texture: Callable[[], Picture], rng: np.random.Generator) -> None:
+def move_things(frame: ByteArray, plate: ByteArray, texture: Callable[[], ByteArray], rng: np.random.Generator) -> None:
     """Draws up to three things of the room into `frame` or into `plate` (H, W, 3) alone: they came, or went."""
     height, width = plate.shape[:2]
     for _ in range(int(rng.integers(1, 4))):
@@ -31,7 +31,7 @@ def move_things(frame: Picture, plate: Picture, texture: Callable[[], Picture], 
         cv2.copyTo(texture(), inside, frame if rng.random() < 0.6 else plate)
 
 
-def light_up(frame: Picture, rng: np.random.Generator) -> None:
+def light_up(frame: ByteArray, rng: np.random.Generator) -> None:
     """Makes a part of `frame` (H, W, 3) brighter or darker, as when a lamp goes on, a cloud comes or a door lets in
     the sun."""
     height, width = frame.shape[:2]
@@ -41,9 +41,7 @@ def light_up(frame: Picture, rng: np.random.Generator) -> None:
     frame[:] = (frame * (1 + (gain - 1) * part)).clip(0, 255).astype(np.uint8)
 
 
-def hold(
-    frame: Picture, mine: NDArray[np.bool_], texture: Callable[[], Picture], rng: np.random.Generator
-) -> NDArray[np.bool_]:
+def hold(frame: ByteArray, mine: BoolArray, texture: Callable[[], ByteArray], rng: np.random.Generator) -> BoolArray:
     """Draws a thing into `frame` (H, W, 3) that the person whose pixels are `mine` (H, W) holds before them, with a
     few of these, fingers and arms, before it. Returns (H, W) where it is."""
     height, width = mine.shape
@@ -74,9 +72,9 @@ def hold(
 
 
 def _board(
-    height: int, width: int, middle: NDArray[np.float64], reach: float, texture: Callable[[], Picture],
+    height: int, width: int, middle: FloatArray, reach: float, texture: Callable[[], ByteArray],
     rng: np.random.Generator,
-) -> tuple[Picture, Picture]:  # fmt: skip
+) -> tuple[ByteArray, ByteArray]:  # fmt: skip
     """A flat, square-cornered thing turned anyhow, whose longer side is twice `reach`: the picture (H, W, 3) and where
     it is (H, W)."""
     flat = _face(texture, rng)
@@ -96,7 +94,7 @@ def _board(
     return (picture * light).astype(np.uint8), inside
 
 
-def _face(texture: Callable[[], Picture], rng: np.random.Generator) -> Picture:
+def _face(texture: Callable[[], ByteArray], rng: np.random.Generator) -> ByteArray:
     """(S, S, 3) what is on a board, framed or not."""
     side, kind = 96, rng.random()
     if kind < _SQUARES:
@@ -119,10 +117,10 @@ def _face(texture: Callable[[], Picture], rng: np.random.Generator) -> Picture:
     return np.asarray(face, np.uint8)
 
 
-def _direction(rng: np.random.Generator) -> NDArray[np.float64]:
+def _direction(rng: np.random.Generator) -> FloatArray:
     angle = float(rng.uniform(0, 2 * np.pi))
     return np.array([np.cos(angle), np.sin(angle)])
 
 
-def _pixel(at: NDArray[np.float64]) -> tuple[int, int]:
+def _pixel(at: FloatArray) -> tuple[int, int]:
     return int(at[0]), int(at[1])

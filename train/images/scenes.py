@@ -9,11 +9,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IndexArray
+from muybridge.train.images.background_difference import GHOST, PARTLY, STILL
 from muybridge.train.images.camera_faults import CameraFaults, outside_of_video
 from muybridge.train.images.clutter import add_clutter, mirrored_on
-from muybridge.train.images.background_difference import GHOST, PARTLY, STILL
-from muybridge.train.synthesis.rendering.store import RenderSet
 from muybridge.train.images.distractors import HELD_SHARE, LIT_SHARE, MOVED_SHARE, hold, light_up, move_things
+from muybridge.train.synthesis.rendering.store import RenderSet
 
 # Share of scenes with a person larger than the image, seen from the head down.
 CLOSE_SHARE = 0.12
@@ -32,14 +33,14 @@ class SceneBatch:
     bottom; `ignore` a list of (m, 4): people too hidden to be asked for."""
 
     image: Tensor
-    boxes: list[NDArray[np.float32]]
-    ignore: list[NDArray[np.float32]]
+    boxes: list[Float32Array]
+    ignore: list[Float32Array]
 
 
 class SceneCompositor:
     """Makes batches of scenes from renders and backgrounds."""
 
-    def __init__(self, renders: RenderSet, backgrounds: NDArray[np.uint8], seed: int) -> None:
+    def __init__(self, renders: RenderSet, backgrounds: ByteArray, seed: int) -> None:
         self.renders, self.backgrounds = renders, backgrounds
         self.rng = np.random.default_rng(seed)
         self.faults = CameraFaults(self.rng)
@@ -59,7 +60,7 @@ class SceneCompositor:
         self.faults.compress(pixels[:, :3])
         return SceneBatch(pixels, [s[2] for s in scenes], [s[3] for s in scenes])
 
-    def _difference(self, frame: NDArray[np.uint8], plate: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def _difference(self, frame: ByteArray, plate: ByteArray) -> ByteArray:
         """(H, W) to the background plate, as strong and as noisy as chance has it; in half of the scenes nothing."""
         gain = float(np.exp(self.rng.normal(0, 0.3)))
         if self.rng.random() < 0.5:
@@ -68,9 +69,7 @@ class SceneCompositor:
         noise = np.abs(self.faults.grain(between.size).numpy()).reshape(between.shape)
         return np.asarray((gain * (between + 2.55 * noise) + 0.5).clip(0, 255), np.uint8)
 
-    def _scene(
-        self, height: int, width: int
-    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
+    def _scene(self, height: int, width: int) -> tuple[ByteArray, ByteArray, Float32Array, Float32Array]:
         rng, texture = self.rng, partial(self._plate, height, width)
         plate = texture()
         if rng.random() < 0.6:
@@ -114,14 +113,14 @@ class SceneCompositor:
         return frame, plate, stack[good], stack[~good]
 
     def _people(
-        self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16], size: NDArray[np.float64]
-    ) -> tuple[list[NDArray[np.float64]], list[int]]:
+        self, frame: ByteArray, plate: ByteArray, owners: NDArray[np.int16], size: FloatArray
+    ) -> tuple[list[FloatArray], list[int]]:
         """Draws people of these sizes, pixels, far ones first; their boxes and the areas of their silhouettes."""
         rng, beside = self.rng, self._beside(size)
         height, width = owners.shape
         boxes, areas = [], []
         roll = np.radians(rng.normal(0, 8 if rng.random() < 0.8 else 20))
-        placed: dict[int, NDArray[np.float64]] = {}
+        placed: dict[int, FloatArray] = {}
         light = self._light() if rng.random() < CAST_SHARE else None
         for number, k in enumerate(np.argsort(size)):
             rgba, box = self._person(float(size[k]), roll)
@@ -144,8 +143,8 @@ class SceneCompositor:
         return rng.normal(0, 0.9), away, rng.uniform(0.3, 0.8), float(np.exp(rng.uniform(np.log(0.3), np.log(3))))
 
     def _before(
-        self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16], number: int,
-        rgba: NDArray[np.uint8], shift: NDArray[np.float64],
+        self, frame: ByteArray, plate: ByteArray, owners: NDArray[np.int16], number: int,
+        rgba: ByteArray, shift: FloatArray,
     ) -> None:  # fmt: skip
         """Puts the person who was just drawn, moved by `shift`, into the plate, as some are who stay for long: as they
         stand, but for what moved, or where they stood a moment or a while ago."""
@@ -165,7 +164,7 @@ class SceneCompositor:
             nobody = np.empty_like(owners)
             self._paste(plate, nobody, rgba, np.zeros(4), number, np.round(shift + away).astype(int))
 
-    def _beside(self, size: NDArray[np.float64]) -> list[list[int]]:
+    def _beside(self, size: FloatArray) -> list[list[int]]:
         """For every person those whom they stand beside; makes them alike in `size`."""
         beside: list[list[int]] = [[] for _ in size]
         for k in range(1, len(size)):
@@ -175,14 +174,14 @@ class SceneCompositor:
                 beside[k - 1].append(k)
         return beside
 
-    def _next_to(self, mate: NDArray[np.float64], box: NDArray[np.float64]) -> NDArray[np.intp]:
+    def _next_to(self, mate: FloatArray, box: FloatArray) -> IndexArray:
         """(2,) pixels by which a box moves to one that it touches or half covers, on the same floor."""
         rng = self.rng
         across = rng.uniform(0.3, 1.1) * (mate[2] - mate[0] + box[2] - box[0]) / 2 * rng.choice([-1, 1])
         up = rng.normal(0, 0.04) * (mate[3] - mate[1])
         return np.array([(mate[0] + mate[2] - box[0] - box[2]) / 2 + across, mate[3] - box[3] + up]).round().astype(int)
 
-    def _plate(self, height: int, width: int) -> NDArray[np.uint8]:
+    def _plate(self, height: int, width: int) -> ByteArray:
         rng = self.rng
         pool = self.backgrounds
         source = pool.shape[-1]
@@ -194,7 +193,7 @@ class SceneCompositor:
             return np.ascontiguousarray(cv2.resize(patch, (width, height), interpolation=cv2.INTER_LINEAR))
         return mirrored_on(np.ascontiguousarray(patch), height, width, rng)
 
-    def _person(self, side: float, roll: float) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    def _person(self, side: float, roll: float) -> tuple[ByteArray, FloatArray]:
         """A render with its box's longer side `side` pixels: (h, w, 5) and the box in it."""
         small, *_ = self._scaled(int(self.rng.choice(self.whole)), side, roll)
         if self.rng.random() < 0.5:
@@ -202,7 +201,7 @@ class SceneCompositor:
         opaque = small[..., 3] > 127
         return small, _extent(opaque if opaque.any() else np.ones_like(opaque))  # a person of a few pixels
 
-    def _scaled(self, index: int, side: float, roll: float) -> tuple[NDArray[np.uint8], float, NDArray[np.float64]]:
+    def _scaled(self, index: int, side: float, roll: float) -> tuple[ByteArray, float, FloatArray]:
         """The part of a render that has something in it (h, w, 5), the person's box with its longer side `side`
         pixels, how much that is of its own, and where (x, y) in the render made so large the part began."""
         planes, extent = self.renders.pixels_of(index), self.renders.box_px[index]
@@ -220,9 +219,7 @@ class SceneCompositor:
             small[..., c] = cv2.warpAffine(resized, turn, (across, down), flags=cv2.INTER_LINEAR) if roll else resized
         return small, scale, scale * np.array([x, y], float)
 
-    def _near(
-        self, frame: NDArray[np.uint8], owners: NDArray[np.int16], number: int
-    ) -> tuple[NDArray[np.float64], int]:
+    def _near(self, frame: ByteArray, owners: NDArray[np.int16], number: int) -> tuple[FloatArray, int]:
         """Draws somebody whom the border of `frame` cuts off where their close-up has to be; as `_paste`."""
         rng = self.rng
         height, width = owners.shape
@@ -248,24 +245,22 @@ class SceneCompositor:
         shift = np.where(normal != 0, border, shift)
         return self._paste(frame, owners, small, box, number, np.round(shift).astype(int))
 
-    def _desk(self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]) -> None:
+    def _desk(self, frame: ByteArray, plate: ByteArray, owners: NDArray[np.int16]) -> None:
         """What stands at the bottom of the picture, before everybody."""
         inside = np.zeros(owners.shape, bool)
         inside[round(self.rng.uniform(0.72, 0.97) * len(owners)) :] = True
         self._cover(inside, frame, plate, owners)
 
-    def _cover(
-        self, inside: NDArray[np.bool_], frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]
-    ) -> None:
+    def _cover(self, inside: BoolArray, frame: ByteArray, plate: ByteArray, owners: NDArray[np.int16]) -> None:
         """Draws something of the room over everybody, in the frame and in the plate."""
         texture = self._plate(*owners.shape)
         frame[inside] = plate[inside] = texture[inside]
         owners[inside] = -1
 
     def _paste(
-        self, frame: NDArray[np.uint8], owners: NDArray[np.int16], person: NDArray[np.uint8],
-        box: NDArray[np.float64], number: int, shift: NDArray[np.intp],
-    ) -> tuple[NDArray[np.float64], int]:  # fmt: skip
+        self, frame: ByteArray, owners: NDArray[np.int16], person: ByteArray,
+        box: FloatArray, number: int, shift: IndexArray,
+    ) -> tuple[FloatArray, int]:  # fmt: skip
         """Draws the person into `frame`, moved by `shift`; returns the box there and the silhouette's area."""
         height, width = owners.shape
         size = np.array(person.shape[1::-1])
@@ -281,7 +276,7 @@ class SceneCompositor:
             owners[y0:y1, x0:x1][alpha[..., 0] > 0.5] = number
         return box + np.tile(shift, 2), area
 
-    def _place(self, height: int, width: int, box: NDArray[np.float64]) -> NDArray[np.intp]:
+    def _place(self, height: int, width: int, box: FloatArray) -> IndexArray:
         """(2,) pixels by which the box moves to a random place."""
         rng = self.rng
         center = rng.uniform(0.02, 0.98, 2) * [width, height]
@@ -294,11 +289,11 @@ class SceneCompositor:
         return np.round(center - (box[:2] + box[2:]) / 2).astype(int)
 
     @staticmethod
-    def _copy_owner(frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16], number: int) -> None:
+    def _copy_owner(frame: ByteArray, plate: ByteArray, owners: NDArray[np.int16], number: int) -> None:
         mine = owners == number
         plate[mine] = frame[mine]
 
-    def _occluder(self, frame: NDArray[np.uint8], plate: NDArray[np.uint8], owners: NDArray[np.int16]) -> None:
+    def _occluder(self, frame: ByteArray, plate: ByteArray, owners: NDArray[np.int16]) -> None:
         """Something of the room in front of people."""
         rng = self.rng
         height, width = owners.shape
@@ -312,7 +307,7 @@ class SceneCompositor:
 
 
 def _cast(
-    frame: NDArray[np.uint8], alpha: NDArray[np.uint8], foot: float, shift: NDArray[np.intp],
+    frame: ByteArray, alpha: ByteArray, foot: float, shift: IndexArray,
     light: tuple[float, float, float, float],
 ) -> None:  # fmt: skip
     """Darkens the floor where a person (`alpha` (h, w), whose feet are in row `foot`, moved by `shift`) keeps a light
@@ -324,7 +319,7 @@ def _cast(
     frame[:] = (frame * (1 - (1 - left) * shadow)).astype(np.uint8)
 
 
-def _extent(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _extent(mask: BoolArray) -> FloatArray:
     """(4,) left, top, right, bottom pixels of what is set; something has to be."""
     rows, columns = np.nonzero(mask)
     return np.array([columns.min(), rows.min(), columns.max(), rows.max()], float)

@@ -14,20 +14,21 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps
-from muybridge.models.pseudo_labels import Footage
+from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IndexArray
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.models.keypoints.decode import decode_heatmaps
 from muybridge.models.keypoints.network import CHANNELS, STRIDE, KeypointNet
-from muybridge.train.images.compositor import MIRROR
+from muybridge.models.pseudo_labels import Footage
+from muybridge.models.uncertainty import SpreadCalibration
+from muybridge.train.engine.loop import AveragedWeights, device, learning_rate, placed
+from muybridge.train.engine.precision import autocast
 from muybridge.train.images.camera_faults import CameraFaults
+from muybridge.train.images.compositor import MIRROR
 from muybridge.train.keypoints.loss import heatmap_loss
 from muybridge.train.keypoints.train import SURFACE_WEIGHT
-from muybridge.train.engine.loop import AveragedWeights, device, learning_rate, placed
 from muybridge.train.options import Adaptation
-from muybridge.train.engine.precision import autocast
 
 # Of the loss, labels that the view's own network had not found: mostly hidden, some of them wrong.
 _NOT_FOUND = 0.35
@@ -67,15 +68,15 @@ class View:
     size: int
     padding: float
 
-    def plain(self, index: NDArray[np.intp]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def plain(self, index: IndexArray) -> tuple[ByteArray, Float32Array]:
         """Crops (N, 4, S, S) as they are in use, and their landmarks (N, J, 2) px."""
         zero = np.zeros(len(index))
         return self.placed(index, zero, zero + 1, np.zeros((len(index), 2)), zero > 0)
 
     def placed(
-        self, index: NDArray[np.intp], angle: NDArray[np.float64], scale: NDArray[np.float64],
-        shift_px: NDArray[np.float64], flip: NDArray[np.bool_],
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:  # fmt: skip
+        self, index: IndexArray, angle: FloatArray, scale: FloatArray,
+        shift_px: FloatArray, flip: BoolArray,
+    ) -> tuple[ByteArray, Float32Array]:  # fmt: skip
         """The same turned (radians), scaled, moved and mirrored; the landmarks keep their order."""
         source = self.footage.crops.shape[1]
         zoom = scale * self.size / source * self.footage.padding / self.padding
@@ -95,7 +96,7 @@ class View:
 class _Sampler:
     """Batches of footage, each crop turned, scaled, moved and mirrored anew."""
 
-    def __init__(self, view: View, visibility: NDArray[np.float32], seed: int) -> None:
+    def __init__(self, view: View, visibility: Float32Array, seed: int) -> None:
         self.view, self.visibility = view, visibility
         self.chosen = np.flatnonzero(~view.footage.held_out)
         self.rng = np.random.default_rng(seed)
@@ -166,7 +167,7 @@ def _loss(net: nn.Module, image: Tensor, at: Tensor, agreed: Tensor, visible: Te
 
 
 @torch.no_grad()
-def _visibility(net: KeypointNet, view: View) -> NDArray[np.float32]:
+def _visibility(net: KeypointNet, view: View) -> Float32Array:
     """(N, J) visibility in 0..1 that the network gives the crops as they are."""
     batches = np.split(np.arange(len(view.footage.crops)), range(_AT_ONCE, len(view.footage.crops), _AT_ONCE))
     seen = [net(torch.from_numpy(view.plain(index)[0]).float() / 255)[1].sigmoid() for index in batches]

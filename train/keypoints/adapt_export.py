@@ -11,16 +11,17 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from muybridge.errors import ModelError, SessionError
 from muybridge.files import replacing
-from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.models.pseudo_labels import Footage, load_footage
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.models.keypoints.metadata import KeypointModelCard
 from muybridge.models.keypoints.network import PLATE, KeypointNet
-from muybridge.models.keypoints.metadata import KeypointModelCard, shipped_model
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
+from muybridge.models.pseudo_labels import Footage, load_footage
+from muybridge.models.shipped import shipped_model
+from muybridge.train.engine.malloc import keep_memory
 from muybridge.train.keypoints.adapt import Agreement, View, adapted, agreement
 from muybridge.train.keypoints.evaluate import load_model
-from muybridge.train.engine.malloc import keep_memory
-from muybridge.train.options import Adaptation
 from muybridge.train.keypoints.export import CALIBRATION_IMAGES, write_keypoints
+from muybridge.train.options import Adaptation
 
 _BEYOND_BELIEF = 0.04  # of the crop
 # What it has to come nearer for it to have learned anything: unfolding its normalisation alone changes it by rounding.

@@ -5,18 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 import onnxruntime
-from numpy.typing import NDArray
 from rich.progress import track
 
+from muybridge.arrays import BoolArray, Float32Array, FloatArray
 from muybridge.errors import ModelError, SessionError
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.models.keypoints.decode import DecodedHeatmaps
+from muybridge.models.keypoints.metadata import BODY_OUTPUTS, KeypointModelCard, keypoint_card
 from muybridge.models.keypoints.mirroring import mean_of_mirrored
-from muybridge.models.keypoints.metadata import BODY_OUTPUTS, KeypointModelCard, keypoint_card, shipped_model
 from muybridge.models.keypoints.test_time import turn_where_unsure
-from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.models.shipped import shipped_model
 from muybridge.train.images.backgrounds import make_backgrounds
-from muybridge.train.engine.loop import HELD_OUT
+from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.images.dataset import HELD_OUT
 from muybridge.train.options import Evaluation
 from muybridge.train.synthesis.rendering.store import SIZE, load_renders
 
@@ -39,16 +40,16 @@ def load_model(path: pathlib.Path) -> tuple[onnxruntime.InferenceSession, Keypoi
 
 
 def read_crops(
-    session: onnxruntime.InferenceSession, card: KeypointModelCard, image: NDArray[np.float32], flip: bool, turn: bool
+    session: onnxruntime.InferenceSession, card: KeypointModelCard, image: Float32Array, flip: bool, turn: bool
 ) -> DecodedHeatmaps:
     """The body's landmarks in crops (N, C, S, S), 0 to 1, each mirrored too (`flip`), and turned where unsure (`turn`;
     with both, tilted too): `muybridge run` does both."""
 
-    def once(image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-        found: list[NDArray[np.float32]] = session.run(BODY_OUTPUTS, card.inputs(np.ascontiguousarray(image)))
+    def once(image: Float32Array) -> list[Float32Array]:
+        found: list[Float32Array] = session.run(BODY_OUTPUTS, card.inputs(np.ascontiguousarray(image)))
         return found
 
-    def look(image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+    def look(image: Float32Array) -> list[Float32Array]:
         if not flip:
             return once(image)
         return [mean_of_mirrored(a, b, MIRROR) for a, b in zip(once(image), once(image[..., ::-1]), strict=True)]
@@ -60,7 +61,7 @@ def read_crops(
 
 def read_batch(
     session: onnxruntime.InferenceSession, card: KeypointModelCard, batch: Batch, flip: bool, turn: bool
-) -> tuple[DecodedHeatmaps, NDArray[np.float64], NDArray[np.bool_]]:
+) -> tuple[DecodedHeatmaps, FloatArray, BoolArray]:
     """The body's landmarks in a batch's crops, read as of `read_crops`, their errors (N, J, 2) px, and which of them
     (N, J) lie inside of the crop."""
     crops, truth = batch.pixels.numpy().astype(np.float32) / np.float32(255), batch.landmarks_px.numpy()
@@ -101,8 +102,8 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
 
 
 def _figures(
-    distance: NDArray[np.float64], twin: NDArray[np.float64], in_sigma: NDArray[np.float64],
-    visible: NDArray[np.bool_], inside: NDArray[np.bool_], size: int,
+    distance: FloatArray, twin: FloatArray, in_sigma: FloatArray,
+    visible: BoolArray, inside: BoolArray, size: int,
 ) -> dict[str, float]:  # fmt: skip
     # Twins that lie on each other can't be told apart by anyone. Eyes and ears are so near to each other that the share
     # of all landmarks looks better than that of the limbs'.
@@ -126,7 +127,7 @@ def _figures(
     }
 
 
-def _standard_error(those: NDArray[np.bool_], all_: NDArray[np.bool_]) -> float:
+def _standard_error(those: BoolArray, all_: BoolArray) -> float:
     """Of the share of `those` in `all_`, (N, J), crops being drawn and not landmarks: half of the swaps lie in a few of
     them. Linearised ratio estimator, Cochran, "Sampling Techniques", 1977, eq. 2.45."""
     each, total = those.sum(1), all_.sum(1)

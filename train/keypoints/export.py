@@ -7,18 +7,19 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 import muybridge
+from muybridge.arrays import ByteArray
 from muybridge.errors import ModelError
 from muybridge.geometry.cameras.crops import BOX_PADDING
-from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
-from muybridge.models.onnx_files.export import export_onnx
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS
 from muybridge.models.keypoints.network import CHANNELS, PLATE, STRIDE, KeypointNet, PlateApart, SeparateHeads
+from muybridge.models.onnx_files.export import export_onnx
+from muybridge.models.onnx_files.quantization import int8_path, quantize
 from muybridge.models.people.network import MEAN, STD, PeopleNet
 from muybridge.models.people.network import STRIDE as PEOPLE_STRIDE
-from muybridge.models.onnx_files.quantization import int8_path, quantize
-from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS
 from muybridge.train.images.compositor import Batch
 from muybridge.train.keypoints.variance_calibration import HeldOut, calibrated, held_out, look_of
 
@@ -96,9 +97,7 @@ def publish_keypoints(
     return metadata
 
 
-def write_keypoints(
-    net: KeypointNet, path: pathlib.Path, metadata: Mapping[str, Any], images: NDArray[np.uint8]
-) -> None:
+def write_keypoints(net: KeypointNet, path: pathlib.Path, metadata: Mapping[str, Any], images: ByteArray) -> None:
     """The network's file and its 8-bit version beside it, body and markers apart where `metadata` names markers; the
     ranges of the 8 bits are measured on `images` (N, 4, S, S), of the size that the file is for."""
     marked = "marker_names" in metadata

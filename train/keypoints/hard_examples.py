@@ -8,8 +8,8 @@ the loss is not weighted back: that hard poses count for more is meant).
 import pathlib
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import Float32Array, FloatArray, IntArray
 from muybridge.files import replacing
 
 # Of a render's mean loss, what its newest crop says: crops of one render differ by background, things in front and
@@ -31,7 +31,7 @@ class Difficulty:
         self.path, self.every, self.noted = path, every, 0
         self.loss = read_difficulty(path)
 
-    def note(self, index: NDArray[np.int64], loss: NDArray[np.float32]) -> None:
+    def note(self, index: IntArray, loss: Float32Array) -> None:
         """The losses (B,) of crops of the renders `index` (B,); NaN says nothing."""
         size = int(index.max()) + 1
         if size > len(self.loss):
@@ -45,12 +45,12 @@ class Difficulty:
                 np.save(temporary, self.loss)
 
 
-def read_difficulty(path: pathlib.Path) -> NDArray[np.float32]:
+def read_difficulty(path: pathlib.Path) -> Float32Array:
     """(N,) losses of the first renders of a store, NaN where unknown; none where there is no file."""
     return np.load(path) if path.exists() else np.zeros(0, np.float32)
 
 
-def drawing_probability(loss: NDArray[np.float32], count: int, hard: float) -> NDArray[np.float64]:
+def drawing_probability(loss: Float32Array, count: int, hard: float) -> FloatArray:
     """With which probability each of `count` renders is drawn: a share `hard` by how far its loss lies above the easy
     ones', the rest evenly.
 

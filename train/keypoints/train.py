@@ -13,28 +13,30 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from muybridge.arrays import ByteArray
 from muybridge.errors import ModelError
-from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
-from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.models.keypoints.decode import decode_heatmaps
+from muybridge.models.keypoints.metadata import crop_side
 from muybridge.models.keypoints.network import STRIDE, KeypointNet
 from muybridge.models.keypoints.rescale import FIRST_LOOK, LEAST, Maps, at_side
-from muybridge.models.keypoints.metadata import crop_side
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, measure_normalisation
+from muybridge.models.uncertainty import SpreadCalibration
 from muybridge.train.engine import loop
-from muybridge.train.images.compositor import WHOLE, Batch, Compositor
 from muybridge.train.engine.compile import compiled
-from muybridge.train.keypoints.hard_examples import Difficulty, drawing_probability, read_difficulty
+from muybridge.train.engine.gradient_worker import Second, pays
+from muybridge.train.engine.precision import autocast
+from muybridge.train.images.compositor import WHOLE, Batch, Compositor
 from muybridge.train.keypoints.data_echoing import Echo
 from muybridge.train.keypoints.evaluate import LIMB, MIRROR
+from muybridge.train.keypoints.export import load_checkpoint
+from muybridge.train.keypoints.hard_examples import Difficulty, drawing_probability, read_difficulty
 from muybridge.train.keypoints.loss import cross_entropy, targets
 from muybridge.train.options import KeypointTraining
-from muybridge.train.engine.precision import autocast
-from muybridge.train.keypoints.export import load_checkpoint
 from muybridge.train.synthesis.rendering.store import RenderSet, load_renders
-from muybridge.train.engine.gradient_worker import Second, pays
 
 # Of the virtual markers' loss beside the body landmarks'.
 SURFACE_WEIGHT = 0.5
@@ -161,7 +163,7 @@ def _errors_smaller(net: nn.Module, batch: Batch) -> Tensor:
     """(B, 23) errors of landmarks, in pixels of the crops as they are, read in crops of the last of `SMALLER`."""
     device = next(net.parameters()).device
 
-    def look(crops: NDArray[np.uint8]) -> Maps:
+    def look(crops: ByteArray) -> Maps:
         return [body_maps(net, torch.from_numpy(crops).to(device)).numpy()]
 
     side = crop_side(SMALLER[-1] * batch.image.shape[-1])

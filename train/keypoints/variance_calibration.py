@@ -6,13 +6,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from muybridge.geometry.landmarks.arrays import BODY23, SURFACE
-from muybridge.models.keypoints.decode import SpreadCalibration, decode_heatmaps, sigmoid
-from muybridge.models.keypoints.network import STRIDE, KeypointNet
+from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.models.keypoints.decode import decode_heatmaps, sigmoid
 from muybridge.models.keypoints.mirroring import mean_of_mirrored
+from muybridge.models.keypoints.network import STRIDE, KeypointNet
+from muybridge.models.uncertainty import SpreadCalibration
 from muybridge.train.images.compositor import Batch
 
 # No landmark is known better than this, network pixels squared: a tenth of a pixel.
@@ -26,7 +28,7 @@ _HIDDEN = np.geomspace(0.65, 2.0, 12)
 # What is tried for the ratio of the variance of crops looked at mirrored too to that of crops looked at once.
 _MIRRORED = np.geomspace(0.5, 1.25, 38)
 
-Look = Callable[[NDArray[np.float32]], tuple[NDArray[np.float32], NDArray[np.float32]]]
+Look = Callable[[Float32Array], tuple[Float32Array, Float32Array]]
 """A network: crops (N, 4, S, S) in 0..1 to heatmaps (N, J, h, w) and visibility (N, J), logits."""
 
 
@@ -41,11 +43,11 @@ class HeldOut(NamedTuple):
         visible: (N, J) and is not hidden.
     """
 
-    error_px: NDArray[np.float64]
-    spread_px2: NDArray[np.float64]
-    seen: NDArray[np.float64]
-    inside: NDArray[np.bool_]
-    visible: NDArray[np.bool_]
+    error_px: FloatArray
+    spread_px2: FloatArray
+    seen: FloatArray
+    inside: BoolArray
+    visible: BoolArray
 
     def select(self, at: Any) -> "HeldOut":
         """Those at an index of the first axes."""
@@ -55,7 +57,7 @@ class HeldOut(NamedTuple):
 def look_of(net: KeypointNet) -> Look:
     """A network under training as a function."""
 
-    def look(crops: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def look(crops: Float32Array) -> tuple[Float32Array, Float32Array]:
         with torch.inference_mode():
             heatmaps, visibility = net(torch.from_numpy(crops))
         return heatmaps.numpy(), visibility.numpy()
@@ -78,7 +80,7 @@ def held_out(look: Look, batches: list[Batch]) -> tuple[HeldOut, HeldOut]:
     return first, both
 
 
-def _found(batch: Batch, heatmaps: NDArray[np.float32], visibility: NDArray[np.float32]) -> HeldOut:
+def _found(batch: Batch, heatmaps: Float32Array, visibility: Float32Array) -> HeldOut:
     """What heatmaps and visibility of a batch say, beside the truth."""
     count, body, plain = heatmaps.shape[1], len(BODY23), SpreadCalibration(1.0, 1e-12)
     decoded = [decode_heatmaps(heatmaps[:, :body], STRIDE, plain, np.array(BODY23.mirror))]
@@ -93,8 +95,8 @@ def _found(batch: Batch, heatmaps: NDArray[np.float32], visibility: NDArray[np.f
 
 
 def fit_spread(
-    error_px: NDArray[np.float64], spread_px2: NDArray[np.float64],
-    visible: NDArray[np.bool_] | None = None, seen: NDArray[np.float64] | None = None,
+    error_px: FloatArray, spread_px2: FloatArray,
+    visible: BoolArray | None = None, seen: FloatArray | None = None,
 ) -> SpreadCalibration:  # fmt: skip
     """The map from spread to variance under which one and two sigma hold their share of held-out errors.
 
@@ -126,8 +128,8 @@ def fit_spread(
 
 
 def _fit_hidden(
-    error_px: NDArray[np.float64], spread_px2: NDArray[np.float64], seen: NDArray[np.float64], hidden: float,
-    parts: list[NDArray[np.intp]], groups: list[Any],
+    error_px: FloatArray, spread_px2: FloatArray, seen: FloatArray, hidden: float,
+    parts: list[IndexArray], groups: list[Any],
 ) -> tuple[float, SpreadCalibration]:  # fmt: skip
     """`fit_spread` with a given ratio of hidden landmarks, and by how much a share is off at most."""
     at = np.array([np.exp(np.log(np.maximum(spread_px2[part], LEAST_FLOOR_PX2)).mean()) for part in parts])
@@ -152,7 +154,7 @@ def fit_mirrored(spread: SpreadCalibration, found: HeldOut) -> SpreadCalibration
     return replace(spread, mirrored=fitted_ratio(found.error_px, variances(spread, found), found.visible))
 
 
-def fitted_ratio(error_px: NDArray[np.float64], variance_px2: NDArray[np.float64], visible: NDArray[np.bool_]) -> float:
+def fitted_ratio(error_px: FloatArray, variance_px2: FloatArray, visible: BoolArray) -> float:
     """By what variances (K,) of coordinates (K, 2) have to be multiplied for no share within one or two sigma to be
     farther off than need be, neither of all nor of the `visible` (K,) nor of the hidden."""
     groups = _groups(visible)
@@ -160,18 +162,18 @@ def fitted_ratio(error_px: NDArray[np.float64], variance_px2: NDArray[np.float64
     return float(_MIRRORED[int(np.argmin(off))])
 
 
-def variances(spread: SpreadCalibration, found: HeldOut, mirrored: bool = False) -> NDArray[np.float64]:
+def variances(spread: SpreadCalibration, found: HeldOut, mirrored: bool = False) -> FloatArray:
     """(K,) px^2 of each coordinate."""
     return spread.variance(found.spread_px2) * spread.ratio(found.seen, mirrored)
 
 
-def within(error_px: NDArray[np.float64], variance_px2: NDArray[np.float64]) -> tuple[float, float]:
+def within(error_px: FloatArray, variance_px2: FloatArray) -> tuple[float, float]:
     """Shares of the coordinates (K, 2) within one and two sigma (K,); a calibrated Gaussian has 0.683 and 0.954."""
     sigma = np.sqrt(variance_px2)[:, None]
     return float((np.abs(error_px) < sigma).mean()), float((np.abs(error_px) < 2 * sigma).mean())
 
 
-def landmark_ratios(found: HeldOut, mirror: Sequence[int]) -> NDArray[np.float64]:
+def landmark_ratios(found: HeldOut, mirror: Sequence[int]) -> FloatArray:
     """(J,) by what each landmark's variance differs from the others' of the same spread, their product being one: the
     geometric mean of what its 68.3 and its 95.4 % quantile say, equal for twins, whose errors are each other's. One for
     landmarks that are hardly ever there.
@@ -226,8 +228,8 @@ def calibrated(
 
 
 def shares_of(
-    error_px: NDArray[np.float64], variance_px2: NDArray[np.float64], inside: NDArray[np.bool_],
-    visible: NDArray[np.bool_], look: str,
+    error_px: FloatArray, variance_px2: FloatArray, inside: BoolArray,
+    visible: BoolArray, look: str,
 ) -> dict[str, float]:  # fmt: skip
     """Shares within one and two sigma, as a file's metadata has them: of all landmarks that are `inside` (N, J), of the
     `visible` (N, J) and of the hidden.
@@ -245,7 +247,7 @@ def shares_of(
     return shares
 
 
-def _hidden(error_px: NDArray[np.float64], seen: NDArray[np.float64], parts: list[NDArray[np.intp]]) -> float:
+def _hidden(error_px: FloatArray, seen: FloatArray, parts: list[IndexArray]) -> float:
     """By what the variance grows from surely visible to surely hidden: the slope of the errors' logarithms within
     `parts` of about one spread each, which the few errors that are far off hardly turn."""
     size = np.log(np.abs(error_px) + np.sqrt(LEAST_FLOOR_PX2)).mean(axis=1)
@@ -254,27 +256,27 @@ def _hidden(error_px: NDArray[np.float64], seen: NDArray[np.float64], parts: lis
     return float(np.clip(np.exp(2 * (x * y).sum() / max((x * x).sum(), 1e-9)), 1.0, 4.0))
 
 
-def _groups(visible: NDArray[np.bool_]) -> list[Any]:
+def _groups(visible: BoolArray) -> list[Any]:
     """All landmarks, the visible ones (K,) and the hidden ones."""
     return [slice(None), *(group for group in (visible, ~visible) if group.any())]
 
 
-def _farthest_off(error_px: NDArray[np.float64], variance_px2: NDArray[np.float64], groups: list[Any]) -> float:
+def _farthest_off(error_px: FloatArray, variance_px2: FloatArray, groups: list[Any]) -> float:
     """By how much the share within one or two sigma is off in the group where it is most so."""
     shares = [within(error_px[group], variance_px2[group]) for group in groups]
     return max(max(abs(one - WITHIN_ONE), abs(two - WITHIN_TWO)) for one, two in shares)
 
 
-def _pairs(a: NDArray[np.float64], b: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
+def _pairs(a: FloatArray, b: FloatArray) -> tuple[tuple[float, float], ...]:
     """Pairs, without those whose first number does not ascend."""
     keep = np.concatenate([[True], np.diff(np.maximum.accumulate(a)) > 0])
     return tuple((float(x), float(y)) for x, y in zip(a[keep], b[keep], strict=True))
 
 
-def _line(spread_px2: NDArray[np.float64], variance_px2: NDArray[np.float64]) -> tuple[float, float]:
+def _line(spread_px2: FloatArray, variance_px2: FloatArray) -> tuple[float, float]:
     """Scale and floor of the line nearest to the variances by their ratio, for readers that know no knots."""
 
-    def cost(log_parameters: NDArray[np.float64]) -> float:
+    def cost(log_parameters: FloatArray) -> float:
         scale, floor = np.exp(log_parameters)
         return float(np.abs(np.log((scale * spread_px2 + floor) / variance_px2)).mean())
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 import muybridge
+from muybridge.arrays import Float32Array
 from muybridge.files import replacing
-from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.models.onnx_files.export import OPSET
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.models.labelling.network import WINDOW, LabelNet
+from muybridge.models.onnx_files.export import OPSET
 from muybridge.train.labelling.train import HELD_OUT, evaluate, held_out_batches, trained_network
 from muybridge.train.synthesis.markers.trajectories import load_marker_clips
 
@@ -57,7 +57,7 @@ def publish_labels(checkpoint: pathlib.Path, path: pathlib.Path, clips: pathlib.
     return scores
 
 
-def example(count: int, points: int, seed: int = 0) -> tuple[NDArray[np.float32], ...]:
+def example(count: int, points: int, seed: int = 0) -> tuple[Float32Array, ...]:
     """Random inputs of the network."""
     rng = np.random.default_rng(seed)
     at = rng.normal(0, 0.4, (count, 1 + len(WINDOW), points, 3)).astype(np.float32)

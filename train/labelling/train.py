@@ -6,13 +6,13 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor, nn
 
-from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE
+from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT, SURFACE
 from muybridge.models.labelling.network import WINDOW, LabelNet
 from muybridge.train.engine import loop
+from muybridge.train.engine.precision import autocast
+from muybridge.train.options import LabelTraining
 from muybridge.train.synthesis.markers.augment import DUST, CloudOptions, CloudSampler
 from muybridge.train.synthesis.markers.trajectories import MarkerClips, load_marker_clips, make_marker_clips
-from muybridge.train.options import LabelTraining
-from muybridge.train.engine.precision import autocast
 
 HELD_OUT = range(0, 4)
 # Batches after which shards that were made meanwhile are taken in.

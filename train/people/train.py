@@ -7,26 +7,26 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from muybridge.models.keypoints.decode import box_overlap, decode_people
-from muybridge.models.people.network import STRIDE, PeopleNet
+from muybridge.arrays import Float32Array
 from muybridge.models.onnx_files.import_weights import measure_normalisation, people_net_from_onnx
+from muybridge.models.people.decode import box_overlap, decode_people
+from muybridge.models.people.network import STRIDE, PeopleNet
 from muybridge.train.engine import loop
 from muybridge.train.engine.compile import compiled
-from muybridge.train.options import PeopleTraining
 from muybridge.train.engine.precision import autocast
-from muybridge.train.synthesis.rendering.store import RenderSet, load_renders
 from muybridge.train.images.scenes import SHAPES, SceneBatch, SceneCompositor
+from muybridge.train.options import PeopleTraining
+from muybridge.train.synthesis.rendering.store import RenderSet, load_renders
 
 
 @dataclass(frozen=True)
 class _Targets:
-    heat: NDArray[np.float32]  # (B, h, w): 1 at centres, falling off round them
-    weight: NDArray[np.float32]  # (B, h, w): 0 where a hidden person may or may not be found
-    box: NDArray[np.float32]  # (B, 4, h, w)
-    has_box: NDArray[np.float32]  # (B, h, w)
+    heat: Float32Array  # (B, h, w): 1 at centres, falling off round them
+    weight: Float32Array  # (B, h, w): 0 where a hidden person may or may not be found
+    box: Float32Array  # (B, 4, h, w)
+    has_box: Float32Array  # (B, h, w)
 
 
 def make_targets(batch: SceneBatch) -> _Targets:

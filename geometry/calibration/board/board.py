@@ -7,9 +7,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from muybridge.arrays import ByteArray, FloatArray, IntArray
+
 _SEARCH_PX = 1000
 _LARGER = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_LARGER
 # The first markers of a family's dictionaries are the same, and more than 250 no board has.
@@ -54,7 +54,7 @@ class Board:
             raise ValueError(f"OpenCV has no marker dictionary {self.dictionary!r}; try DICT_4X4_50")
 
     @property
-    def corners(self) -> Floats:
+    def corners(self) -> FloatArray:
         """(K, 3) inner corners, metres, row by row, z = 0."""
         less = 1 if self.kind == "charuco" else 0
         x, y = np.meshgrid(np.arange(self.columns - less), np.arange(self.rows - less))
@@ -81,7 +81,7 @@ class BoardDetector:
             made.setLegacyPattern(board.legacy)
             self._charuco = cv2.aruco.CharucoDetector(made)
 
-    def detect(self, gray: NDArray[np.uint8]) -> tuple[NDArray[np.int64], Floats]:
+    def detect(self, gray: ByteArray) -> tuple[IntArray, FloatArray]:
         """(n,) numbers of the corners seen and (n, 2) px; empty where there is no board."""
         image = 255 - gray if self.board.inverted else gray
         if self._charuco is not None:
@@ -93,7 +93,7 @@ class BoardDetector:
         return (np.arange(len(px)) if len(px) else np.zeros(0, np.int64)), px
 
 
-def find_checkerboard(gray: NDArray[np.uint8], columns: int, rows: int) -> Floats:
+def find_checkerboard(gray: ByteArray, columns: int, rows: int) -> FloatArray:
     """(columns rows, 2) px of the inner corners, row by row from either end; (0, 2) where there is no such board.
 
     Found in a reduced image, which is several times as fast and misses less, then measured in the full one.
@@ -121,7 +121,7 @@ def find_checkerboard(gray: NDArray[np.uint8], columns: int, rows: int) -> Float
     return px
 
 
-def _reduced(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], float]:
+def _reduced(gray: ByteArray) -> tuple[ByteArray, float]:
     """An image of at most `_SEARCH_PX`, and its scale."""
     scale = min(1.0, _SEARCH_PX / max(gray.shape))
     if scale == 1.0:
@@ -129,7 +129,7 @@ def _reduced(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], float]:
     return cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False), scale
 
 
-def fitting_descriptions(board: Board, images: list[NDArray[np.uint8]]) -> list[str]:
+def fitting_descriptions(board: Board, images: list[ByteArray]) -> list[str]:
     """Descriptions under which clearly more of a board is found than as described, the best first.
 
     Args:
@@ -153,7 +153,7 @@ def fitting_descriptions(board: Board, images: list[NDArray[np.uint8]]) -> list[
     return [w for w in good if w != board.describe()][:3]
 
 
-def _telling(images: list[NDArray[np.uint8]]) -> list[NDArray[np.uint8]]:
+def _telling(images: list[ByteArray]) -> list[ByteArray]:
     """The few pictures in which most markers are found, of any family and the right way round or not."""
     if len(images) <= _CLOSELY:
         return images
@@ -167,7 +167,7 @@ def _telling(images: list[NDArray[np.uint8]]) -> list[NDArray[np.uint8]]:
     return [images[k] for k in sorted(np.argsort(counts, kind="stable")[-_CLOSELY:])]
 
 
-def _seen(board: Board, images: list[NDArray[np.uint8]]) -> int:
+def _seen(board: Board, images: list[ByteArray]) -> int:
     """How many corners are found where they can be: beside each other on a plane."""
     detector, total = BoardDetector(board), 0
     for image in images:
@@ -181,7 +181,7 @@ def _seen(board: Board, images: list[NDArray[np.uint8]]) -> int:
     return total
 
 
-def _charuco_variants(board: Board, images: list[NDArray[np.uint8]]) -> list[tuple[Board, bool]]:
+def _charuco_variants(board: Board, images: list[ByteArray]) -> list[tuple[Board, bool]]:
     """ChArUco boards whose markers are in the pictures, and whether these are mirrored."""
     polarities = (board.inverted, not board.inverted)
     for mirrored, inverted in [(m, i) for m in (False, True) for i in polarities]:
@@ -197,7 +197,7 @@ def _charuco_variants(board: Board, images: list[NDArray[np.uint8]]) -> list[tup
     return []
 
 
-def _markers(name: str, images: list[NDArray[np.uint8]]) -> list[int]:
+def _markers(name: str, images: list[ByteArray]) -> list[int]:
     """Numbers of a family's markers that are seen, as often as they are."""
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)))
     found = [detector.detectMarkers(image)[1] for image in images]
@@ -217,7 +217,7 @@ def _layouts(board: Board, family: str, inverted: bool, markers: int) -> list[Bo
     return out + [replace(b, legacy=not b.legacy) for b in out if b.rows % 2 == 0]
 
 
-def _checkerboards(board: Board, images: list[NDArray[np.uint8]]) -> list[Board]:
+def _checkerboards(board: Board, images: list[ByteArray]) -> list[Board]:
     """Checkerboards of any size that are in the pictures."""
     found = []
     for image in images:

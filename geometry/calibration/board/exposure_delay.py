@@ -14,11 +14,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.numerics.rotations import log_so3
-
-Floats = NDArray[np.float64]
 
 FIRST_SPREAD = 0.1
 _ACROSS, _ASTRAY = 0.3, 0.3
@@ -37,12 +35,12 @@ class Delays:
         spread: what most views have for it.
     """
 
-    mean: Floats
-    views: Floats
+    mean: FloatArray
+    views: FloatArray
     spread: float
 
 
-def board_rates(seen: Sequence[Mapping[int, Floats]], middle: Floats) -> list[dict[int, Floats]]:
+def board_rates(seen: Sequence[Mapping[int, FloatArray]], middle: FloatArray) -> list[dict[int, FloatArray]]:
     """How a board moves, as each camera sees it.
 
     Args:
@@ -55,7 +53,7 @@ def board_rates(seen: Sequence[Mapping[int, Floats]], middle: Floats) -> list[di
     """
     times = sorted(set().union(*seen)) if seen else []
     step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-    rates: list[dict[int, Floats]] = []
+    rates: list[dict[int, FloatArray]] = []
     for poses in seen:
         known, mine = sorted(poses), {}
         for k, t in enumerate(known):
@@ -72,13 +70,13 @@ def board_rates(seen: Sequence[Mapping[int, Floats]], middle: Floats) -> list[di
     return rates
 
 
-def _way(a: Floats, b: Floats, middle: Floats) -> Floats:
+def _way(a: FloatArray, b: FloatArray, middle: FloatArray) -> FloatArray:
     """(6,) rotation and shift of the middle from one pose to another."""
     shift = (b - a)[:3, :3] @ middle + (b - a)[:3, 3]
     return np.concatenate([log_so3(b[:3, :3] @ a[:3, :3].T), shift])
 
 
-def world_rates(rates: Sequence[Mapping[int, Floats]], rotations: Floats, times: Sequence[int]) -> Floats:
+def world_rates(rates: Sequence[Mapping[int, FloatArray]], rotations: FloatArray, times: Sequence[int]) -> FloatArray:
     """(B, 2, 6) movement of the board a step of time and its change, in world axes; NaN where no camera knows it.
 
     Args:
@@ -95,7 +93,7 @@ def world_rates(rates: Sequence[Mapping[int, Floats]], rotations: Floats, times:
     return out
 
 
-def sway(rates: Floats, delays: Delays) -> tuple[Floats, Floats]:
+def sway(rates: FloatArray, delays: Delays) -> tuple[FloatArray, FloatArray]:
     """Movements between exposures, as `AdjustProblem` takes them.
 
     Args:
@@ -123,7 +121,7 @@ def sway(rates: Floats, delays: Delays) -> tuple[Floats, Floats]:
     return moves, expected
 
 
-def next_delays(before: Delays, swayed: Floats, variance: Floats, shared: NDArray[np.bool_]) -> Delays:
+def next_delays(before: Delays, swayed: FloatArray, variance: FloatArray, shared: BoolArray) -> Delays:
     """The delays after an adjustment.
 
     Args:

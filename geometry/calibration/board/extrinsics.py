@@ -9,17 +9,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration.bundle_adjustment.adjustment import (
-    AdjustProblem,
-    AdjustResult,
-    FreeCamera,
-    adjust,
-)
 from muybridge.geometry.calibration.board.board import Board
-from muybridge.geometry.calibration.board.pose_graph import Chain, chain, symmetries
+from muybridge.geometry.calibration.board.exposure_delay import (
+    FIRST_SPREAD,
+    Delays,
+    board_rates,
+    next_delays,
+    sway,
+    world_rates,
+)
 from muybridge.geometry.calibration.board.intrinsics import (
     CORNER_SIGMA_PX,
     Lens,
@@ -30,19 +31,18 @@ from muybridge.geometry.calibration.board.intrinsics import (
     lens_prior,
     usable,
 )
-from muybridge.geometry.calibration.board.exposure_delay import (
-    FIRST_SPREAD,
-    Delays,
-    board_rates,
-    next_delays,
-    sway,
-    world_rates,
-)
+from muybridge.geometry.calibration.board.pose_graph import Chain, chain, symmetries
 from muybridge.geometry.calibration.board.view_selection import choose_times
+from muybridge.geometry.calibration.bundle_adjustment.adjustment import (
+    AdjustProblem,
+    AdjustResult,
+    FreeCamera,
+    adjust,
+)
 from muybridge.geometry.calibration.bundle_adjustment.result import Solved, solved
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
-Floats = NDArray[np.float64]
 Views = Mapping[str, Mapping[int, View]]
 """By camera and time (a whole number, steps of time): what was seen of the board."""
 _ROUNDS = 8
@@ -87,9 +87,9 @@ class RigCalibration:
 
     solved: Solved
     board: Board
-    times: NDArray[np.int64]
-    world_from_boards: Floats
-    delays: Floats
+    times: IntArray
+    world_from_boards: FloatArray
+    delays: FloatArray
     delay_spread: float
     joined: tuple[tuple[str, str, int], ...]
     unused: Mapping[str, int]
@@ -203,7 +203,7 @@ def _fitting(lens: Camera, board: Board, views: Mapping[int, View]) -> dict[int,
     return out
 
 
-def _own_numbering(seen: Sequence[Mapping[int, Floats]], found: Chain, board: Board) -> list[dict[int, Floats]]:
+def _own_numbering(seen: Sequence[Mapping[int, FloatArray]], found: Chain, board: Board) -> list[dict[int, FloatArray]]:
     """The board's poses, all numbered the same way round."""
     turns = [s[0] for s in symmetries(board)]
     return [{t: p @ np.linalg.inv(turns[found.turns[c, t]]) for t, p in s.items()} for c, s in enumerate(seen)]
@@ -237,8 +237,8 @@ def _problem(
 
 
 def _adjust_swaying(
-    problem: AdjustProblem, rates: Sequence[Mapping[int, Floats]], times: Sequence[int], in_step: bool
-) -> tuple[AdjustProblem, AdjustResult, Floats, Delays]:
+    problem: AdjustProblem, rates: Sequence[Mapping[int, FloatArray]], times: Sequence[int], in_step: bool
+) -> tuple[AdjustProblem, AdjustResult, FloatArray, Delays]:
     """Adjust, and find how far apart the cameras' exposures are, unless they are in step.
 
     Returns:

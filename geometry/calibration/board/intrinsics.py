@@ -8,9 +8,10 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import CalibrationError
+from muybridge.geometry.calibration.board.board import Board
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import (
     AdjustProblem,
     AdjustResult,
@@ -18,11 +19,10 @@ from muybridge.geometry.calibration.bundle_adjustment.adjustment import (
     LensPrior,
     adjust,
 )
-from muybridge.geometry.calibration.board.board import Board
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
-Floats = NDArray[np.float64]
-View = tuple[NDArray[np.int64], Floats]
+View = tuple[IntArray, FloatArray]
 """Numbers of a board's corners and their (n, 2) px."""
 Lens = Literal["pinhole", "fisheye"]
 """Pinhole with radial and tangential distortion (OPENCV) or Kannala and Brandt's fisheye (OPENCV_FISHEYE)."""
@@ -77,7 +77,7 @@ def usable(board: Board, views: Sequence[View]) -> list[View]:
     ]
 
 
-def _off_lines(corners: Floats) -> bool:
+def _off_lines(corners: FloatArray) -> bool:
     """Whether no line holds all of the (n, 2) corners but one; it would hold two of the first three."""
     shortest = 1e-6 * float(np.ptp(corners, axis=0).max()) ** 2
     for a, b in ((0, 1), (0, 2), (1, 2)):
@@ -87,7 +87,7 @@ def _off_lines(corners: Floats) -> bool:
     return True
 
 
-def board_pose(camera: Camera, board: Board, view: View) -> Floats:
+def board_pose(camera: Camera, board: Board, view: View) -> FloatArray:
     """(4, 4) cam_from_board of a view; a metre before the camera where the view tells none."""
     ids, px = view
     slopes = camera.unproject(px)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.board.board import Board
-
-Floats = NDArray[np.float64]
 
 PAPERS = {
     "a4": (0.210, 0.297), "a3": (0.297, 0.420), "a2": (0.420, 0.594), "a1": (0.594, 0.841), "a0": (0.841, 1.189),
@@ -20,7 +18,7 @@ _POINTS = 72 / 0.0254
 _MARGIN, _FOOT, _RULER = 0.008, 0.012, 0.1
 
 
-def board_rectangles(board: Board) -> tuple[Floats, tuple[float, float]]:
+def board_rectangles(board: Board) -> tuple[FloatArray, tuple[float, float]]:
     """The black of a board (of an inverted one: what is black of its negative).
 
     Returns:
@@ -77,7 +75,7 @@ def board_pdf(board: Board, paper: tuple[float, float] | None = None) -> bytes:
 
 
 def _content(
-    board: Board, black: Floats, size: tuple[float, float], at: tuple[float, float], page: tuple[float, float]
+    board: Board, black: FloatArray, size: tuple[float, float], at: tuple[float, float], page: tuple[float, float]
 ) -> bytes:
     """The page's drawing, in points from the bottom left."""
     lines: list[str] = []
@@ -109,7 +107,7 @@ def _content(
     return "\n".join(lines).encode("latin-1")
 
 
-def _merged(black: Floats) -> Floats:
+def _merged(black: FloatArray) -> FloatArray:
     """Rectangles with those that adjoin in a row made one, so that viewers draw no hairlines between them."""
     out: list[list[float]] = []
     for x, y, w, h in sorted(black.tolist(), key=lambda b: (round(b[3], 9), round(b[1], 9), b[0])):

@@ -12,13 +12,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.board.board import Board
 from muybridge.geometry.numerics.rotations import kabsch, log_so3
 
-Floats = NDArray[np.float64]
 _MOST_SHARED = 60
 _AGREE_RAD, _AGREE_SHARE, _MIRRORED_RAD = 0.5, 0.5, 0.2
 _AMBIGUOUS = 0.7
@@ -40,13 +39,13 @@ class Chain:
         joined: (camera, to which, shared views) in the order of joining.
     """
 
-    poses: Floats
-    world_from_board: dict[int, Floats]
+    poses: FloatArray
+    world_from_board: dict[int, FloatArray]
     turns: dict[tuple[int, int], int]
     joined: tuple[tuple[int, int, int], ...]
 
 
-def symmetries(board: Board) -> list[tuple[Floats, NDArray[np.int64]]]:
+def symmetries(board: Board) -> list[tuple[FloatArray, IntArray]]:
     """Turns after which a board's corners lie where corners were.
 
     Returns:
@@ -69,7 +68,7 @@ def symmetries(board: Board) -> list[tuple[Floats, NDArray[np.int64]]]:
     return out
 
 
-def chain(names: Sequence[str], seen: Sequence[Mapping[int, Floats]], board: Board) -> Chain:
+def chain(names: Sequence[str], seen: Sequence[Mapping[int, FloatArray]], board: Board) -> Chain:
     """Join cameras over the views that they share.
 
     Args:
@@ -82,7 +81,7 @@ def chain(names: Sequence[str], seen: Sequence[Mapping[int, Floats]], board: Boa
     """
     turns = [s[0] for s in symmetries(board)]
     size = float(np.linalg.norm(np.ptp(board.corners, axis=0)))
-    poses: dict[int, Floats] = {0: np.eye(4)}
+    poses: dict[int, FloatArray] = {0: np.eye(4)}
     joined: list[tuple[int, int, int]] = []
     chosen = {(0, t): 0 for t in seen[0]}
     boards = {t: pose.copy() for t, pose in seen[0].items()}
@@ -114,15 +113,15 @@ def _spread(times: list[int], most: int) -> list[int]:
     return [times[k] for k in np.unique(np.linspace(0, len(times) - 1, min(most, len(times))).astype(int))]
 
 
-def _apart(a: Floats, b: Floats, size: float) -> float:
+def _apart(a: FloatArray, b: FloatArray, size: float) -> float:
     """How far two poses are from each other: radians and, in board sizes, shift."""
     turn = np.linalg.norm(log_so3(a[:3, :3] @ b[:3, :3].T))
     return float(turn + np.linalg.norm(a[:3, 3] - b[:3, 3]) / (2 * size))
 
 
 def _relative(
-    name: str, new: Sequence[Floats], boards: Sequence[Floats], turns: Sequence[Floats], size: float
-) -> Floats:
+    name: str, new: Sequence[FloatArray], boards: Sequence[FloatArray], turns: Sequence[FloatArray], size: float
+) -> FloatArray:
     """(4, 4) camera_from_world on which most times agree, whichever way round the camera numbered the board."""
     # candidate[t, g]: the camera's pose if it numbered the board turned by g at t.
     candidate = [[n @ np.linalg.inv(s) @ np.linalg.inv(w) for s in turns] for n, w in zip(new, boards, strict=True)]
@@ -155,7 +154,7 @@ def _relative(
     return np.asarray(flat[best])
 
 
-def _is_mirrored(new: Sequence[Floats], boards: Sequence[Floats]) -> bool:
+def _is_mirrored(new: Sequence[FloatArray], boards: Sequence[FloatArray]) -> bool:
     """Whether mirrored pictures explain a camera whose board moves otherwise than the others saw it."""
     flip = np.diag([-1.0, 1, 1])
     normals = np.stack([p[:3, 2] for p in new]), np.stack([p[:3, 2] for p in boards])
@@ -164,7 +163,7 @@ def _is_mirrored(new: Sequence[Floats], boards: Sequence[Floats]) -> bool:
     return mirrored < 0.5 * plain and mirrored < _MIRRORED_RAD
 
 
-def _mismatch(a: Floats, b: Floats) -> float:
+def _mismatch(a: FloatArray, b: FloatArray) -> float:
     """Median angle between directions that a rotation should bring onto each other."""
     rotation = kabsch(a, b, np.ones(len(a)))
     return float(np.median(np.arccos(np.clip(((a @ rotation.T) * b).sum(axis=1), -1, 1))))

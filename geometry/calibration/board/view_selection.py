@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.board.intrinsics import View
 
 _FIELDS = (8, 6)
@@ -66,7 +66,7 @@ def _traits(
     return out
 
 
-def _tilt(px: NDArray[np.float64]) -> tuple[int, int]:
+def _tilt(px: FloatArray) -> tuple[int, int]:
     """Shape of the seen board, coarsely: how flat, and along which direction."""
     centered = px - px.mean(axis=0)
     values, vectors = np.linalg.eigh(centered.T @ centered)

@@ -13,14 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import parameter_kinds, project_terms, term_map
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 _GIVEN_DEGREES = 4.0
 
 
@@ -43,8 +42,8 @@ class LensPrior:
         information: (D, D) inverse covariance; zero where nothing is known.
     """
 
-    mean: Floats
-    information: Floats
+    mean: FloatArray
+    information: FloatArray
 
 
 @dataclass(frozen=True)
@@ -72,20 +71,20 @@ class AdjustProblem:
     """
 
     cameras: CameraGroup
-    camera: Ints
-    point: Ints
-    pixels: Floats
-    sigma_px: Floats
-    points: Floats
-    points_free: NDArray[np.bool_]
+    camera: IntArray
+    point: IntArray
+    pixels: FloatArray
+    sigma_px: FloatArray
+    points: FloatArray
+    points_free: BoolArray
     free: tuple[FreeCamera, ...]
-    body: Ints | None = None
-    bodies: Floats = field(default_factory=lambda: np.zeros((0, 3, 4)))
+    body: IntArray | None = None
+    bodies: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 4)))
     loss_sigma: float = 3.0
     max_iterations: int = 50
     priors: tuple[LensPrior | None, ...] = ()
-    sway: Floats | None = None
-    sway_mean: Floats | None = None
+    sway: FloatArray | None = None
+    sway_mean: FloatArray | None = None
 
     def __post_init__(self) -> None:
         count = len(self.camera)
@@ -125,27 +124,27 @@ class AdjustResult:
     """
 
     cameras: CameraGroup
-    points: Floats
-    bodies: Floats
-    residuals_px: Floats
-    weights: Floats
+    points: FloatArray
+    bodies: FloatArray
+    residuals_px: FloatArray
+    weights: FloatArray
     noise: float
-    focal_std: Floats
-    position_std: Floats
+    focal_std: FloatArray
+    position_std: FloatArray
     iterations: int
-    covariances: tuple[Floats, ...]
-    swayed: Floats | None = None
-    swayed_variance: Floats | None = None
+    covariances: tuple[FloatArray, ...]
+    swayed: FloatArray | None = None
+    swayed_variance: FloatArray | None = None
 
 
 @dataclass
 class _State:
-    params: list[Floats]
-    rotations: Floats
-    centers: Floats
-    points: Floats
-    bodies: Floats
-    swayed: Floats
+    params: list[FloatArray]
+    rotations: FloatArray
+    centers: FloatArray
+    points: FloatArray
+    bodies: FloatArray
+    swayed: FloatArray
 
 
 @dataclass(frozen=True)
@@ -153,10 +152,10 @@ class _Swayed:
     """What takes a step of a camera and its bodies back to the movements between exposures."""
 
     camera: int
-    body: Ints
-    local: Ints
-    solved: Floats
-    inner: Floats
+    body: IntArray
+    local: IntArray
+    solved: FloatArray
+    inner: FloatArray
 
 
 class _Solver:
@@ -198,7 +197,7 @@ class _Solver:
             self.sway_mean.copy(),
         )
 
-    def world(self, s: _State) -> tuple[Floats, Floats]:
+    def world(self, s: _State) -> tuple[FloatArray, FloatArray]:
         """(N, 3) observed points in world axes, and turned (not moved) by their body."""
         x = s.points[self.problem.point]
         turned = x.copy()
@@ -213,11 +212,11 @@ class _Solver:
             world[on] = turned[on] + s.bodies[b, :, 3] + moved[:, 3:]
         return world, turned
 
-    def evaluate(self, s: _State, jacobian: bool) -> tuple[Floats, list[Floats], Floats]:
+    def evaluate(self, s: _State, jacobian: bool) -> tuple[FloatArray, list[FloatArray], FloatArray]:
         """(N, 2) errors in px, each camera's (n, 2, D) derivatives in `order`, (N, 2, 6) by point or body."""
         world, turned = self.world(s)
         error = np.empty((len(world), 2))
-        by_camera: list[Floats] = []
+        by_camera: list[FloatArray] = []
         by_local = np.zeros((len(world), 2, 6))
         for c, rows in enumerate(self.order):
             rel = (world[rows] - s.centers[c]) @ s.rotations[c].T
@@ -236,7 +235,7 @@ class _Solver:
             by_local[rows[held]] = 0.0
         return error, by_camera, by_local
 
-    def weigh(self, error: Floats) -> tuple[float, Floats]:
+    def weigh(self, error: FloatArray) -> tuple[float, FloatArray]:
         """Robust cost, and the weight of each observation."""
         r2 = ((error / self.problem.sigma_px[:, None]) ** 2).sum(axis=1)
         r2 = np.where(np.isfinite(r2), r2, 1e8)
@@ -250,7 +249,7 @@ class _Solver:
         known = sum(d @ p.information @ d for c, p in self.priors for d in [s.params[c] - p.mean])
         return self.weigh(self.evaluate(s, False)[0])[0] + 0.5 * float(((s.swayed - self.sway_mean) ** 2).sum() + known)
 
-    def normal(self, s: _State) -> tuple[tuple[Floats, ...], list[_Swayed]]:
+    def normal(self, s: _State) -> tuple[tuple[FloatArray, ...], list[_Swayed]]:
         """The normal equations, the movements between exposures eliminated, and what takes a step back to them."""
         error, by_camera, by_local = self.evaluate(s, True)
         root = np.sqrt(self.weigh(error)[1]) / self.problem.sigma_px
@@ -285,7 +284,12 @@ class _Solver:
         return (hcc, bc, hlc, hll, bl), back
 
     def eliminate(
-        self, s: _State, c: int, rows: Ints, by: tuple[Floats, Floats, Floats], normal: tuple[Floats, ...]
+        self,
+        s: _State,
+        c: int,
+        rows: IntArray,
+        by: tuple[FloatArray, FloatArray, FloatArray],
+        normal: tuple[FloatArray, ...],
     ) -> list[_Swayed]:
         """Take a camera's movements between exposures out of the normal equations (changed in place)."""
         jc, jl, r = by
@@ -314,7 +318,7 @@ class _Solver:
         return [_Swayed(c, body, local, k, inner)]
 
     @staticmethod
-    def reduce(normal: tuple[Floats, ...], damping: float) -> tuple[Floats, Floats, Floats]:
+    def reduce(normal: tuple[FloatArray, ...], damping: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Reduced system and right side, and (L, 6, G + 1) what takes a camera step back to points and bodies."""
         hcc, bc, hlc, hll, bl = normal
         diagonal = np.einsum("lii->li", hll)
@@ -325,7 +329,7 @@ class _Solver:
         flat = hlc.reshape(6 * len(hll), size).T @ solved.reshape(6 * len(hll), size + 1)
         return hcc - flat[:, :-1], bc - flat[:, -1], solved
 
-    def stepped(self, s: _State, normal: tuple[Floats, ...], back: list[_Swayed], damping: float) -> _State:
+    def stepped(self, s: _State, normal: tuple[FloatArray, ...], back: list[_Swayed], damping: float) -> _State:
         reduced, right, solved = self.reduce(normal, damping)
         full = np.zeros(self.offsets[-1])
         step = np.zeros(len(right))
@@ -355,7 +359,7 @@ class _Solver:
             out.bodies[bodies, :, 3] += moved[:, 3:]
         return out
 
-    def covariance(self, s: _State) -> Floats:
+    def covariance(self, s: _State) -> FloatArray:
         """(total, total) of all camera parameters, zero where held; what is free as a whole is taken out."""
         out = np.zeros((self.offsets[-1],) * 2)
         if not self.free.any():
@@ -390,7 +394,7 @@ class _Solver:
             if kind == "focal"
         )
 
-    def gauge(self, s: _State) -> Floats:
+    def gauge(self, s: _State) -> FloatArray:
         """(total, 7) how the cameras change if the world is moved, turned and scaled."""
         out = np.zeros((self.offsets[-1], 7))
         middle = s.centers.mean(axis=0)
@@ -463,6 +467,6 @@ def _result(problem: AdjustProblem, solver: _Solver, state: _State, done: int) -
     )  # fmt: skip
 
 
-def _orthonormal(camera: Camera, pose: Floats) -> Floats:
+def _orthonormal(camera: Camera, pose: FloatArray) -> FloatArray:
     u, _, vt = np.linalg.svd(pose[:, :3])
     return np.column_stack([u @ vt, pose[:, 3]])

@@ -7,9 +7,9 @@ The twelve are fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6 of OpenCV's ration
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from muybridge.arrays import FloatArray
+
 TERMS = 12
 # Where each parameter of a model goes; a tuple: into both places.
 _PLACES: dict[str, tuple[tuple[int, ...], ...]] = {
@@ -27,7 +27,7 @@ ADJUSTABLE_MODELS = tuple(_PLACES)
 """Lens models that an adjustment can refine."""
 
 
-def term_map(model: str) -> Floats:
+def term_map(model: str) -> FloatArray:
     """(12, N) map from a model's parameters to the twelve terms; ValueError for a model that has none."""
     if model not in _PLACES:
         raise ValueError(f"lens model {model} cannot be adjusted; these can: {', '.join(ADJUSTABLE_MODELS)}")
@@ -43,7 +43,9 @@ def parameter_kinds(model: str) -> tuple[str, ...]:
     return tuple(names[p[0]] if p[0] < 4 else "distortion" for p in _PLACES[model])
 
 
-def project_terms(terms: Floats, fisheye: bool, points_cam: Floats) -> tuple[Floats, Floats, Floats]:
+def project_terms(
+    terms: FloatArray, fisheye: bool, points_cam: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Pixels of points in camera axes with their derivatives.
 
     Args:
@@ -70,7 +72,7 @@ def project_terms(terms: Floats, fisheye: bool, points_cam: Floats) -> tuple[Flo
     return px, by_point, by_terms
 
 
-def _rational(terms: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+def _rational(terms: FloatArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """OpenCV's rational model: (N, 2) distorted, (N, 2, 2) by x and y, (N, 2, 8) by k1 .. k6."""
     k1, k2, p1, p2, k3, k4, k5, k6 = terms[4:]
     r2 = x * x + y * y
@@ -91,7 +93,7 @@ def _rational(terms: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floa
     return np.stack([u, v], axis=-1), by_xy, by_k
 
 
-def _fisheye(terms: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+def _fisheye(terms: FloatArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Kannala and Brandt's model as in `_rational`."""
     k = terms[[4, 5, 8, 9]]
     r = np.maximum(np.hypot(x, y), 1e-9)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, AdjustResult
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 _CELLS = 12  # along the longer side of an image
 # A view does not fit if its median error is above this many px and times that of the usual view; a camera of which so
@@ -39,44 +37,44 @@ class Solved:
     """
 
     cameras: CameraGroup
-    camera: Ints
-    time: Ints
-    point: Ints
-    pixels: Floats
-    points_world: Floats
-    residuals_px: Floats
-    weights: Floats
-    covariances: tuple[Floats, ...]
+    camera: IntArray
+    time: IntArray
+    point: IntArray
+    pixels: FloatArray
+    points_world: FloatArray
+    residuals_px: FloatArray
+    weights: FloatArray
+    covariances: tuple[FloatArray, ...]
     noise_px: float
 
     @property
-    def errors_px(self) -> Floats:
+    def errors_px(self) -> FloatArray:
         """(N,) length of each residual, px."""
-        errors: Floats = np.linalg.norm(self.residuals_px, axis=1)
+        errors: FloatArray = np.linalg.norm(self.residuals_px, axis=1)
         return errors
 
     @property
-    def rms_px(self) -> Floats:
+    def rms_px(self) -> FloatArray:
         """(C,) root of the mean square error of each camera, px, outliers included; NaN without observations."""
         return np.array([float(np.sqrt(np.mean(e**2))) if len(e) else np.nan for e in self._by_camera()])
 
     @property
-    def median_px(self) -> Floats:
+    def median_px(self) -> FloatArray:
         """(C,) median error of each camera, px."""
         return np.array([float(np.median(e)) if len(e) else np.nan for e in self._by_camera()])
 
     @property
-    def focal_std_px(self) -> Floats:
+    def focal_std_px(self) -> FloatArray:
         """(C,) standard deviation of the (first) focal length, px; 0 where it was held."""
         return np.array([np.sqrt(max(v[0, 0], 0.0)) for v in self.covariances])
 
     @property
-    def position_std(self) -> Floats:
+    def position_std(self) -> FloatArray:
         """(C,) metres, length of the standard deviations of the centre along the axes; 0 where it was held."""
         return np.array([np.sqrt(max(np.trace(v[-3:, -3:]), 0.0)) for v in self.covariances])
 
     @property
-    def coverage(self) -> Floats:
+    def coverage(self) -> FloatArray:
         """(C,) share of each image, in `image_cells`, in which something was observed."""
         out = np.zeros(len(self.cameras))
         for c, camera in enumerate(self.cameras):
@@ -86,12 +84,12 @@ class Solved:
             out[c] = len(np.unique(field.astype(np.int64), axis=0)) / (wide * high) if len(px) else 0.0
         return out
 
-    def _by_camera(self) -> list[Floats]:
+    def _by_camera(self) -> list[FloatArray]:
         errors = np.where(np.isfinite(self.errors_px), self.errors_px, np.nan)
         return [e[np.isfinite(e)] for e in (errors[self.camera == c] for c in range(len(self.cameras)))]
 
 
-def solved(problem: AdjustProblem, result: AdjustResult, time: Ints, points_world: Floats) -> Solved:
+def solved(problem: AdjustProblem, result: AdjustResult, time: IntArray, points_world: FloatArray) -> Solved:
     """`Solved` of an adjustment.
 
     Args:
@@ -146,7 +144,7 @@ def misfits(result: Solved) -> tuple[Misfit, ...]:
     return tuple(out)
 
 
-def _stretches(times: Ints, wrong: NDArray[np.bool_]) -> str:
+def _stretches(times: IntArray, wrong: BoolArray) -> str:
     """Times in words, those that follow each other among all as "first to last"."""
     runs = np.split(np.flatnonzero(wrong), np.flatnonzero(np.diff(np.flatnonzero(wrong)) > 1) + 1)
     words = [f"{times[r[0]]}" if len(r) == 1 else f"{times[r[0]]} to {times[r[-1]]}" for r in runs]

@@ -14,11 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.numerics.rotations import exp_so3, log_so3
-
-Floats = NDArray[np.float64]
 
 _MIN_DEPTH = 1e-3
 _POSE = 6
@@ -43,16 +41,16 @@ class AdjustProblem:
         bone_stiffness: (B,) lengths at the start over `bone_sigma`; `adjust` sets it.
     """
 
-    seen: Floats
-    focal_px: Floats
-    sigma_px: Floats
-    bones: NDArray[np.intp]
-    bone_sigma: Floats
+    seen: FloatArray
+    focal_px: FloatArray
+    sigma_px: FloatArray
+    bones: IndexArray
+    bone_sigma: FloatArray
     focal_sigma: float = 0.0
     pose_sigma: tuple[float, float] | None = None
     prior_worth: float = 1.0
     loss_sigma: float = 2.0
-    bone_stiffness: Floats = field(default_factory=lambda: np.zeros(0))
+    bone_stiffness: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -67,11 +65,11 @@ class AdjustState:
         lengths: (B,).
     """
 
-    rotations: Floats
-    centers: Floats
-    log_focal: Floats
-    points: Floats
-    lengths: Floats
+    rotations: FloatArray
+    centers: FloatArray
+    log_focal: FloatArray
+    points: FloatArray
+    lengths: FloatArray
 
 
 @dataclass(frozen=True)
@@ -89,26 +87,26 @@ class Adjusted:
 
     state: AdjustState
     cost: float
-    residual_px: Floats
-    error_px: Floats
-    covariance: Floats
+    residual_px: FloatArray
+    error_px: FloatArray
+    covariance: FloatArray
 
 
 @dataclass
 class _Normal:
     """Normal equations: of the frames' points (f), of everything else (g), and the residuals' weights."""
 
-    hff: Floats  # (T, 3K, 3K)
-    hfg: Floats  # (T, 3K, G)
-    hgg: Floats  # (G, G)
-    bf: Floats  # (T, 3K)
-    bg: Floats  # (G,)
-    jx: Floats  # (C, T, K, 2, 3), weighted by the square root of the loss' weight
-    jg: Floats  # (C, T, K, 2, 7)
-    residual: Floats  # (C, T, K, 2)
+    hff: FloatArray  # (T, 3K, 3K)
+    hfg: FloatArray  # (T, 3K, G)
+    hgg: FloatArray  # (G, G)
+    bf: FloatArray  # (T, 3K)
+    bg: FloatArray  # (G,)
+    jx: FloatArray  # (C, T, K, 2, 3), weighted by the square root of the loss' weight
+    jg: FloatArray  # (C, T, K, 2, 7)
+    residual: FloatArray  # (C, T, K, 2)
 
 
-def usable_views(problem: AdjustProblem) -> NDArray[np.bool_]:
+def usable_views(problem: AdjustProblem) -> BoolArray:
     """(T, K) whether two cameras or more see a landmark."""
     return np.asarray(np.isfinite(problem.sigma_px).sum(axis=0) >= 2)
 
@@ -155,7 +153,7 @@ def adjust(problem: AdjustProblem, start: AdjustState, iterations: int = 40, tol
     return Adjusted(replace(state, points=points), cost, residual, error, covariance)
 
 
-def _reprojection(problem: AdjustProblem, state: AdjustState) -> tuple[Floats, Floats]:
+def _reprojection(problem: AdjustProblem, state: AdjustState) -> tuple[FloatArray, FloatArray]:
     """(C, T, K, 2) error in px, NaN where not seen or behind the camera; (C, T, K, 3) points in camera axes."""
     y = np.einsum("cij,ctkj->ctki", state.rotations, state.points[None] - state.centers[:, None, None])
     z = np.where(y[..., 2:] > _MIN_DEPTH, y[..., 2:], np.nan)
@@ -164,7 +162,7 @@ def _reprojection(problem: AdjustProblem, state: AdjustState) -> tuple[Floats, F
     return np.where(np.isfinite(problem.sigma_px)[..., None], error, np.nan), y
 
 
-def _bones(problem: AdjustProblem, state: AdjustState, known: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
+def _bones(problem: AdjustProblem, state: AdjustState, known: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(T, B) residuals in sigmas, (T, B, 3) derivative by the first end, (T, B) whether both ends are known.
 
     Lengths are compared as logarithms, so that the whole cannot gain by shrinking.
@@ -179,7 +177,7 @@ def _bones(problem: AdjustProblem, state: AdjustState, known: NDArray[np.bool_])
     return residual, (stiffness * both / length**2)[..., None] * vector, both
 
 
-def _cost(problem: AdjustProblem, state: AdjustState, start: AdjustState, known: NDArray[np.bool_]) -> float:
+def _cost(problem: AdjustProblem, state: AdjustState, start: AdjustState, known: BoolArray) -> float:
     k2 = problem.loss_sigma**2
     error, y = _reprojection(problem, state)
     seen = np.isfinite(problem.sigma_px)
@@ -195,7 +193,7 @@ def _cost(problem: AdjustProblem, state: AdjustState, start: AdjustState, known:
     return float(0.5 * (total + (prior**2).sum()))
 
 
-def _prior(problem: AdjustProblem, state: AdjustState, start: AdjustState) -> tuple[Floats, Floats]:
+def _prior(problem: AdjustProblem, state: AdjustState, start: AdjustState) -> tuple[FloatArray, FloatArray]:
     """(C, 7) residuals of the priors on the cameras, and (7,) one over their standard deviations."""
     inverse = np.zeros(_PER_CAMERA)
     if problem.pose_sigma is not None:
@@ -208,7 +206,7 @@ def _prior(problem: AdjustProblem, state: AdjustState, start: AdjustState) -> tu
     return off * inverse, inverse
 
 
-def _normal(problem: AdjustProblem, state: AdjustState, start: AdjustState, known: NDArray[np.bool_]) -> _Normal:
+def _normal(problem: AdjustProblem, state: AdjustState, start: AdjustState, known: BoolArray) -> _Normal:
     """Normal equations at a state, losses turned into weights."""
     cameras, frames, count = problem.sigma_px.shape
     size = _PER_CAMERA * cameras + len(problem.bones)
@@ -237,7 +235,7 @@ def _normal(problem: AdjustProblem, state: AdjustState, start: AdjustState, know
     )  # fmt: skip
 
 
-def _jacobians(problem: AdjustProblem, state: AdjustState) -> tuple[Floats, Floats, Floats]:
+def _jacobians(problem: AdjustProblem, state: AdjustState) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of the weighted reprojection errors by points and by cameras, and the errors; zero where not seen."""
     error, y = _reprojection(problem, state)
     good = np.asarray(np.isfinite(error).all(axis=-1))
@@ -267,12 +265,12 @@ def _jacobians(problem: AdjustProblem, state: AdjustState) -> tuple[Floats, Floa
 def _add_bones(
     problem: AdjustProblem,
     state: AdjustState,
-    known: NDArray[np.bool_],
-    hff: Floats,
-    hfg: Floats,
-    hgg: Floats,
-    bf: Floats,
-    bg: Floats,
+    known: BoolArray,
+    hff: FloatArray,
+    hfg: FloatArray,
+    hgg: FloatArray,
+    bf: FloatArray,
+    bg: FloatArray,
 ) -> None:
     """Add the bones' terms to the normal equations, in place."""
     residual, slope, both = _bones(problem, state, known)
@@ -296,7 +294,7 @@ def _add_bones(
 
 
 def _stepped(
-    state: AdjustState, normal: _Normal, damping: float, known: NDArray[np.bool_], problem: AdjustProblem
+    state: AdjustState, normal: _Normal, damping: float, known: BoolArray, problem: AdjustProblem
 ) -> AdjustState:
     """One damped Gauss-Newton step."""
     cameras = len(state.centers)
@@ -317,7 +315,7 @@ def _stepped(
     )
 
 
-def _damped_frames(hff: Floats, damping: float) -> Floats:
+def _damped_frames(hff: FloatArray, damping: float) -> FloatArray:
     """The frames' blocks with a damped diagonal; unknown points get a one so that they stay put."""
     diagonal = np.einsum("tff->tf", hff)
     out = hff.copy()
@@ -326,7 +324,7 @@ def _damped_frames(hff: Floats, damping: float) -> Floats:
     return out
 
 
-def _covariance(problem: AdjustProblem, state: AdjustState, normal: _Normal) -> Floats:
+def _covariance(problem: AdjustProblem, state: AdjustState, normal: _Normal) -> FloatArray:
     """(7C, 7C) of the cameras, by how the landmarks and the stretches of the take pull (a sandwich).
 
     A landmark that the 2D network places a little off does so in every frame, and neighbouring frames err
@@ -376,7 +374,7 @@ def _bend(problem: AdjustProblem, normal: _Normal) -> float:
     return float(np.clip((radial + weight).mean() / 2 / weight.mean(), 0.2, 1.0))
 
 
-def _gauge(state: AdjustState, problem: AdjustProblem) -> Floats:
+def _gauge(state: AdjustState, problem: AdjustProblem) -> FloatArray:
     """(G, 7) directions, of unit length, that move, turn and scale all cameras together."""
     cameras = len(state.centers)
     out = np.zeros((_PER_CAMERA * cameras + len(problem.bones), 7))

@@ -17,8 +17,8 @@ from itertools import combinations, permutations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.calibration.diagnosis.hypotheses import (
     Correction,
     alike,
@@ -38,10 +38,9 @@ from muybridge.geometry.calibration.diagnosis.setup import (
     with_files,
     with_shift,
 )
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.robust import extent
 
-Floats = NDArray[np.float64]
 Kind = Literal["turned", "moved", "focal", "shifted", "swapped", "unrelated"]
 KINDS: tuple[Kind, ...] = ("turned", "moved", "focal", "shifted", "swapped")
 
@@ -52,7 +51,7 @@ _TOO_MANY = (
     "The rest fits no better than that: with half of the cameras wrong, the others cannot be told from them. "
     "Calibrate all again, or run with --refine-cameras."
 )
-_FREE: dict[Kind, NDArray[np.bool_]] = {
+_FREE: dict[Kind, BoolArray] = {
     "turned": np.array([1, 1, 1, 0, 0, 0, 0], dtype=bool),
     "moved": np.array([1, 1, 1, 1, 1, 1, 0], dtype=bool),
     "focal": np.array([0, 0, 0, 0, 0, 0, 1], dtype=bool),
@@ -147,13 +146,13 @@ class CulpritReport:
 
     names: tuple[str, ...]
     faults: tuple[Fault, ...]
-    probability: Floats
-    evidence: Floats
+    probability: FloatArray
+    evidence: FloatArray
     order: tuple[int, ...]
     noise_px: float
     corrected_px: float
     cameras: CameraGroup
-    shifts: Floats
+    shifts: FloatArray
     files: tuple[int, ...]
     note: str = ""
 
@@ -181,8 +180,8 @@ class _Trial:
 
 def find_culprits(
     cameras: CameraGroup,
-    points_px: Floats,
-    variance_px2: Floats,
+    points_px: FloatArray,
+    variance_px2: FloatArray,
     options: CulpritOptions = CulpritOptions(),
 ) -> CulpritReport:
     """Cameras ranked by how likely each is what is wrong with a rig, and what is wrong with it.
@@ -244,7 +243,7 @@ def find_culprits(
 def _search(take: Take, setup: Setup, options: CulpritOptions) -> tuple[float, list[_Trial]]:
     """All explanations of what is wrong with a setup; the scale of its errors, px, beside them."""
     cost, noise, errors = weighed([rig_errors(take, setup)])
-    found: list[tuple[float, Floats, _Trial]] = []
+    found: list[tuple[float, FloatArray, _Trial]] = []
     for trial, halves in _trials(take, setup, options):
         trial_cost, _, trial_errors = weighed(halves)
         found.append((trial_cost, trial_errors, trial))
@@ -264,7 +263,7 @@ def _search(take: Take, setup: Setup, options: CulpritOptions) -> tuple[float, l
     return noise, trials
 
 
-def _trials(take: Take, setup: Setup, options: CulpritOptions) -> Iterator[tuple[_Trial, list[Floats]]]:
+def _trials(take: Take, setup: Setup, options: CulpritOptions) -> Iterator[tuple[_Trial, list[FloatArray]]]:
     """Every explanation, and its errors in the two halves of the frames, each held out from its fit."""
     halves = (take.held, ~take.held)
     for c in range(len(setup.cameras)):
@@ -295,14 +294,14 @@ def _rearranged(count: int) -> Iterator[tuple[int, ...]]:
 
 
 def _shift_trials(
-    take: Take, setup: Setup, c: int, points: Floats, options: CulpritOptions
-) -> Iterator[tuple[_Trial, list[Floats]]]:
+    take: Take, setup: Setup, c: int, points: FloatArray, options: CulpritOptions
+) -> Iterator[tuple[_Trial, list[FloatArray]]]:
     predicted = setup.cameras[c].project(points)
     most = int(min(options.max_shift, take.px.shape[1] // 4))
     halves = (take.held, ~take.held)
 
-    def shift_of(rows: NDArray[np.bool_], most: int, about: float) -> float | None:
-        def observed(shift: float) -> tuple[Floats, Floats]:
+    def shift_of(rows: BoolArray, most: int, about: float) -> float | None:
+        def observed(shift: float) -> tuple[FloatArray, FloatArray]:
             px, variance = take.of(setup, c, setup.shifts[c] + shift)
             return px[rows], take.sigma(variance[rows])
 
@@ -322,9 +321,9 @@ def _fit(
     take: Take,
     setup: Setup,
     c: int,
-    points: Floats,
-    free: NDArray[np.bool_],
-    rows: NDArray[np.bool_],
+    points: FloatArray,
+    free: BoolArray,
+    rows: BoolArray,
     start: Correction | None = None,
 ) -> Correction | None:
     px, variance = take.of(setup, c)
@@ -334,13 +333,13 @@ def _fit(
     )  # fmt: skip
 
 
-def _displacement(before: Floats, after: Floats) -> float:
+def _displacement(before: FloatArray, after: FloatArray) -> float:
     apart = np.linalg.norm(after - before, axis=-1)
     known = apart[np.isfinite(apart)]
     return float(np.median(known)) if known.size else 0.0
 
 
-def _person_px(points_px: Floats) -> float:
+def _person_px(points_px: FloatArray) -> float:
     """The person's size in one camera's image: longer side of the landmarks' box (T, J, 2), median over frames."""
     sizes = extent(points_px)
     return float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0
@@ -371,7 +370,7 @@ def _sizes(trial: _Trial) -> tuple[float, float, float]:
     return float(np.degrees(np.linalg.norm(fix.turn))), float(np.linalg.norm(fix.move)), 1 / fix.focal - 1
 
 
-def _table(trials: list[_Trial], count: int) -> Floats:
+def _table(trials: list[_Trial], count: int) -> FloatArray:
     table = np.zeros((count, len(KINDS)))
     for trial in trials:
         for c in trial.cameras:
@@ -380,7 +379,7 @@ def _table(trials: list[_Trial], count: int) -> Floats:
     return table
 
 
-def _chances(trials: list[_Trial], count: int) -> Floats:
+def _chances(trials: list[_Trial], count: int) -> FloatArray:
     """(C,) share of the likelihood of all explanations, no fault among them, that blames each camera."""
     gains = np.array([0.0, *(t.gain for t in trials)])
     weight = np.exp(gains - gains.max())

@@ -11,13 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.cameras.camera import Camera, colmap_camera
-from muybridge.geometry.sync.clocks import parabola
 from muybridge.geometry.numerics.rotations import exp_so3
-
-Floats = NDArray[np.float64]
+from muybridge.geometry.sync.clocks import parabola
 
 _FREEDOM = 3.0  # of the Student distribution: tails of 2D networks
 _ITERATIONS = 12
@@ -39,13 +37,13 @@ class Correction:
     """
 
     camera: Camera
-    turn: Floats
-    move: Floats
+    turn: FloatArray
+    move: FloatArray
     focal: float
-    sd: Floats
+    sd: FloatArray
 
 
-def changed(camera: Camera, parameters: Floats) -> Camera:
+def changed(camera: Camera, parameters: FloatArray) -> Camera:
     """A camera turned by (3,) radians about its own axes, moved by (3,) metres, zoomed by exp(log focal)."""
     rotation = exp_so3(parameters[:3]) @ camera.rotation
     center = camera.center_world + parameters[3:6]
@@ -56,7 +54,7 @@ def changed(camera: Camera, parameters: Floats) -> Camera:
     return replace(camera, params=tuple(params), cam_from_world=pose)
 
 
-def student_scale(squares: Floats, start: float | None = None) -> float:
+def student_scale(squares: FloatArray, start: float | None = None) -> float:
     """Scale of a bivariate Student distribution (3 degrees of freedom) with the greatest likelihood.
 
     Args:
@@ -77,17 +75,17 @@ def student_scale(squares: Floats, start: float | None = None) -> float:
     return float(np.sqrt(scale2))
 
 
-def student_cost(squares: Floats, scale: float) -> Floats:
+def student_cost(squares: FloatArray, scale: float) -> FloatArray:
     """Negative log-likelihood of squared lengths under a scale, without constants."""
     return np.asarray(2 * np.log(scale) + 0.5 * (_FREEDOM + 2) * np.log1p(squares / (_FREEDOM * scale**2)))
 
 
 def fit_camera(
     camera: Camera,
-    points_world: Floats,
-    points_px: Floats,
-    sigma: Floats,
-    free: NDArray[np.bool_],
+    points_world: FloatArray,
+    points_px: FloatArray,
+    sigma: FloatArray,
+    free: BoolArray,
     start: Correction | None = None,
 ) -> Correction | None:
     """A camera's pose or focal length from points that others know, in spite of wrong ones.
@@ -138,7 +136,7 @@ def fit_camera(
     return Correction(changed(camera, total), total[:3].copy(), total[3:6].copy(), float(np.exp(total[6])), sd)
 
 
-def _linearised(camera: Camera, world: Floats, px: Floats) -> tuple[Floats, Floats]:
+def _linearised(camera: Camera, world: FloatArray, px: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(N, 2) projected minus observed, and its (N, 2, 7) derivative by turn, move and log focal."""
     lens = camera.posed(np.eye(4)[:3])
     rel = (world - camera.center_world) @ camera.rotation.T
@@ -155,7 +153,7 @@ def _linearised(camera: Camera, world: Floats, px: Floats) -> tuple[Floats, Floa
 
 
 def fit_shift(
-    predicted_px: Floats, observed: Callable[[float], tuple[Floats, Floats]], most: int, about: float = 0.0
+    predicted_px: FloatArray, observed: Callable[[float], tuple[FloatArray, FloatArray]], most: int, about: float = 0.0
 ) -> float | None:
     """By how many frames a camera's landmarks are late.
 
@@ -188,7 +186,7 @@ def fit_shift(
     return best + k - 2 + parabola(-near, k)
 
 
-def alike(errors: Floats) -> float:
+def alike(errors: FloatArray) -> float:
     """How many frames count as one: a landmark's error in a camera is much the same for many frames.
 
     The variance of each error's mean over the take, over what it would be if frames were independent.
@@ -207,7 +205,7 @@ def alike(errors: Floats) -> float:
     return float(np.clip((count * mean**2).sum() / max(power.sum(), 1e-12), 1.0, errors.shape[1]))
 
 
-def paired_score(before: Floats, after: Floats) -> float:
+def paired_score(before: FloatArray, after: FloatArray) -> float:
     """How sure it is that errors have become smaller: the mean gain over its standard error.
 
     Each landmark of each camera counts once, as what it gains in one frame it gains in the next (Vuong, "Likelihood

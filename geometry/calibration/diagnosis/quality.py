@@ -10,18 +10,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
-from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions, CulpritReport, find_culprits
-from muybridge.geometry.calibration.diagnosis.hypotheses import alike
 from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import ADJUSTABLE_MODELS
 from muybridge.geometry.calibration.bundle_adjustment.result import Misfit, Solved, image_cells, misfits
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.triangulation.multiview import leave_one_out_error, triangulate
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions, CulpritReport, find_culprits
+from muybridge.geometry.calibration.diagnosis.hypotheses import alike
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.triangulation.multiview import triangulate
+from muybridge.geometry.triangulation.validation import leave_one_out_error
 
 _PLAN_CELLS = 40
 _ADJUST_FRAMES = 40
@@ -39,9 +38,9 @@ class ImagePicture:
         covered: share of the image whose cells have observations.
     """
 
-    count: Ints
-    median_px: Floats
-    mean_px: Floats
+    count: IntArray
+    median_px: FloatArray
+    mean_px: FloatArray
     covered: float
 
 
@@ -58,11 +57,11 @@ class Plan:
         seen_by_three: share of the points that three cameras or more saw.
     """
 
-    low: Floats
+    low: FloatArray
     cell: float
-    cameras: Ints
+    cameras: IntArray
     height: float
-    points: Floats
+    points: FloatArray
     seen_by_three: float
 
 
@@ -88,12 +87,12 @@ class CalibrationQuality:
 
     cameras: CameraGroup
     source: str
-    count: Ints
-    residual_px: Floats
-    p95_px: Floats
-    leave_one_out_px: Floats
-    focal_sd: Floats
-    position_sd: Floats
+    count: IntArray
+    residual_px: FloatArray
+    p95_px: FloatArray
+    leave_one_out_px: FloatArray
+    focal_sd: FloatArray
+    position_sd: FloatArray
     pictures: tuple[ImagePicture, ...]
     plan: Plan
     fitted: bool = False
@@ -101,7 +100,7 @@ class CalibrationQuality:
     misfits: tuple[Misfit, ...] = ()
 
 
-def residual_picture(camera: Camera, points_px: Floats, error_px: Floats) -> ImagePicture:
+def residual_picture(camera: Camera, points_px: FloatArray, error_px: FloatArray) -> ImagePicture:
     """Residuals over a camera's image.
 
     Args:
@@ -128,7 +127,7 @@ def residual_picture(camera: Camera, points_px: Floats, error_px: Floats) -> Ima
     )  # fmt: skip
 
 
-def plan_of(cameras: CameraGroup, points_world: Floats, views: Ints) -> Plan:
+def plan_of(cameras: CameraGroup, points_world: FloatArray, views: IntArray) -> Plan:
     """The room from above.
 
     Args:
@@ -160,8 +159,8 @@ def plan_of(cameras: CameraGroup, points_world: Floats, views: Ints) -> Plan:
 
 def check_take(
     cameras: CameraGroup,
-    points_px: Floats,
-    variance_px2: Floats,
+    points_px: FloatArray,
+    variance_px2: FloatArray,
     culprits: CulpritOptions | None = CulpritOptions(),  # noqa: B008 - frozen
     source: str = "",
 ) -> CalibrationQuality:
@@ -239,7 +238,7 @@ def check_solved(result: Solved, source: str, cameras: CameraGroup | None = None
     )
 
 
-def _quantile(values: Floats, q: float) -> Floats:
+def _quantile(values: FloatArray, q: float) -> FloatArray:
     """(C,) quantiles over all but the first axis; NaN where there is nothing."""
     flat = values.reshape(len(values), -1)
     known = [row[np.isfinite(row)] for row in flat]
@@ -247,8 +246,8 @@ def _quantile(values: Floats, q: float) -> Floats:
 
 
 def _known_to(
-    cameras: CameraGroup, points_px: Floats, variance_px2: Floats, points_world: Floats
-) -> tuple[Floats, Floats]:
+    cameras: CameraGroup, points_px: FloatArray, variance_px2: FloatArray, points_world: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """What these landmarks alone say of each focal length and position: standard deviations (share, metres).
 
     Lens and pose of all cameras are freed and adjusted with the points; that errors persist over frames counts.

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.calibration.diagnosis.hypotheses import Correction, student_cost, student_scale
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.sync.clocks import resample
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, take_noise, triangulate
-
-Floats = NDArray[np.float64]
 
 _BLOCKS = 6  # of frames, fitted and held out in turn
 FEWEST_FRAMES = 8
@@ -34,33 +32,35 @@ class Setup:
 class Take:
     """The landmarks of a take at chosen frames."""
 
-    px: Floats
-    variance: Floats
-    frames: Floats
-    held: NDArray[np.bool_]  # (K,) which of two halves a frame belongs to
+    px: FloatArray
+    variance: FloatArray
+    frames: FloatArray
+    held: BoolArray  # (K,) which of two halves a frame belongs to
     noise_px: float = 0.0
     relative: float = field(init=False)
 
     def __post_init__(self) -> None:
         self.relative = float(np.nanmedian(self.variance))
 
-    def of(self, setup: Setup, c: int, shift: float | None = None) -> tuple[Floats, Floats]:
+    def of(self, setup: Setup, c: int, shift: float | None = None) -> tuple[FloatArray, FloatArray]:
         """(K, J, 2) px and (K, J) variances that camera c has under a setup (or at another shift)."""
         row = setup.files[c]
         times = self.frames + (setup.shifts[c] if shift is None else shift)
         return resample(self.px[row], self.variance[row], 1.0, times)
 
-    def all(self, setup: Setup) -> tuple[Floats, Floats]:
+    def all(self, setup: Setup) -> tuple[FloatArray, FloatArray]:
         """(C, K, J, 2) and (C, K, J)."""
         each = [self.of(setup, c) for c in range(len(setup.cameras))]
         return np.stack([px for px, _ in each]), np.stack([v for _, v in each])
 
-    def sigma(self, variance: Floats) -> Floats:
+    def sigma(self, variance: FloatArray) -> FloatArray:
         """Relative standard deviations, of which none is much smaller than the median."""
         return np.sqrt(np.maximum(variance / self.relative, 0.1))
 
 
-def take_of(cameras: CameraGroup, points_px: Floats, variance_px2: Floats, max_frames: int) -> tuple[Take | None, str]:
+def take_of(
+    cameras: CameraGroup, points_px: FloatArray, variance_px2: FloatArray, max_frames: int
+) -> tuple[Take | None, str]:
     """The take at chosen frames; None and why, where nothing can be told."""
     px, variance = np.array(points_px, dtype=np.float64), np.array(variance_px2, dtype=np.float64)
     if px.ndim != 4 or px.shape[0] != len(cameras) or px.shape[3] != 2 or variance.shape != px.shape[:3]:
@@ -97,7 +97,7 @@ def take_of(cameras: CameraGroup, points_px: Floats, variance_px2: Floats, max_f
     return take, ""
 
 
-def _seen_most(px: Floats, variance: Floats) -> tuple[Floats, Floats]:
+def _seen_most(px: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """As many landmarks as are needed, those that three cameras share most often."""
     if variance.shape[2] <= _MOST_LANDMARKS:
         return px, variance
@@ -106,7 +106,7 @@ def _seen_most(px: Floats, variance: Floats) -> tuple[Floats, Floats]:
     return px[:, :, chosen], variance[:, :, chosen]
 
 
-def rig_errors(take: Take, setup: Setup, rows: NDArray[np.bool_] | None = None) -> Floats:
+def rig_errors(take: Take, setup: Setup, rows: BoolArray | None = None) -> FloatArray:
     """(C, K, J, 2) reprojection errors of the triangulated rig over relative standard deviations."""
     px, variance = take.all(setup)
     if rows is not None:
@@ -121,7 +121,7 @@ def rig_errors(take: Take, setup: Setup, rows: NDArray[np.bool_] | None = None) 
     return np.asarray(error / take.sigma(variance)[..., None])
 
 
-def weighed(parts: list[Floats]) -> tuple[float, float, Floats]:
+def weighed(parts: list[FloatArray]) -> tuple[float, float, FloatArray]:
     """Mean robust cost, scale in px, and the errors in one array."""
     errors = np.concatenate(parts, axis=1)
     squares = (errors**2).sum(-1)
@@ -130,7 +130,7 @@ def weighed(parts: list[Floats]) -> tuple[float, float, Floats]:
     return float(student_cost(known, scale).mean()), scale, errors
 
 
-def left_out(take: Take, setup: Setup, c: int) -> Floats:
+def left_out(take: Take, setup: Setup, c: int) -> FloatArray:
     """(K, J, 3) points that the cameras other than c know."""
     rest = [k for k in range(len(setup.cameras)) if k != c]
     px, variance = take.all(setup)

@@ -15,11 +15,11 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.formats.common import Calibration, Malformed, make_group, pose_from
-from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, camera_from_colmap
 from muybridge.geometry.cameras._pycolmap import pycolmap
+from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, camera_from_colmap
 
 _MODEL_OF_ID = {int(value): name for name, value in pycolmap.CameraModelId.__members__.items()}
 _FILES = ("cameras", "images", "points3D", "rigs", "frames")
@@ -35,7 +35,7 @@ class _Image:
     image_id: int
     name: str
     camera_id: int
-    cam_from_world: NDArray[np.float64]
+    cam_from_world: FloatArray
 
 
 def is_colmap_file(path: Path) -> bool:
@@ -114,7 +114,7 @@ def _lens(model: str, width: int, height: int, params: Sequence[float]) -> Any:
     return lens
 
 
-def _pose(quat_wxyz: Sequence[float], translation: Sequence[float]) -> NDArray[np.float64]:
+def _pose(quat_wxyz: Sequence[float], translation: Sequence[float]) -> FloatArray:
     quat, moved = np.array(quat_wxyz, dtype=np.float64), np.array(translation, dtype=np.float64)
     if not np.isfinite(quat).all() or not np.isfinite(moved).all():
         raise Malformed("the pose is not finite")

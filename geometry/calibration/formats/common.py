@@ -8,9 +8,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.arrays import FloatArray
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 
 class Malformed(ValueError):
@@ -66,7 +67,7 @@ def number(value: Any, what: str) -> float:
     return result
 
 
-def numbers(value: Any, what: str, counts: Sequence[int] = ()) -> NDArray[np.float64]:
+def numbers(value: Any, what: str, counts: Sequence[int] = ()) -> FloatArray:
     """A nested list of numbers, flattened.
 
     Args:
@@ -96,7 +97,7 @@ def pixel_count(value: Any, what: str) -> int:
     return int(count)
 
 
-def rotation_from(values: NDArray[np.float64], what: str) -> NDArray[np.float64]:
+def rotation_from(values: FloatArray, what: str) -> FloatArray:
     """(3, 3) rotation from 3 numbers (a rotation vector) or 9 (a matrix by rows, rounding removed)."""
     if values.size == 3:
         return np.asarray(cv2.Rodrigues(values.reshape(3, 1))[0], dtype=np.float64)
@@ -106,19 +107,17 @@ def rotation_from(values: NDArray[np.float64], what: str) -> NDArray[np.float64]
     if np.linalg.det(matrix) < 0:
         raise Malformed(f"{what} is not a rotation matrix: it mirrors (determinant -1)")
     u, _, vt = np.linalg.svd(matrix)
-    nearest: NDArray[np.float64] = np.asarray(u @ vt, dtype=np.float64)
+    nearest: FloatArray = np.asarray(u @ vt, dtype=np.float64)
     # Leave a matrix that is exact to rounding as it stands, so that files of full precision keep their bits.
     return matrix.copy() if np.abs(nearest - matrix).max() < 1e-14 else nearest
 
 
-def pose_from(rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> NDArray[np.float64]:
+def pose_from(rotation: FloatArray, translation: FloatArray) -> FloatArray:
     """(3, 4) pose from a rotation and a translation."""
     return np.column_stack([rotation, translation.reshape(3)])
 
 
-def opencv_lens(
-    matrix: NDArray[np.float64], distortion: NDArray[np.float64], fisheye: bool
-) -> tuple[str, tuple[float, ...]]:
+def opencv_lens(matrix: FloatArray, distortion: FloatArray, fisheye: bool) -> tuple[str, tuple[float, ...]]:
     """The lens model and parameters of OpenCV's camera matrix and distortion coefficients.
 
     Args:
@@ -146,9 +145,7 @@ def opencv_lens(
     return "OPENCV", (fx, fy, cx, cy, k1, k2, p1, p2)
 
 
-def make_camera(
-    name: str, lens: tuple[str, tuple[float, ...]], size: tuple[int, int], pose: NDArray[np.float64]
-) -> Camera:
+def make_camera(name: str, lens: tuple[str, tuple[float, ...]], size: tuple[int, int], pose: FloatArray) -> Camera:
     """A `Camera`, its ValueErrors turned into `Malformed`."""
     try:
         return Camera(name, lens[0], size[0], size[1], lens[1], pose)

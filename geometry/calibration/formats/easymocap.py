@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
@@ -26,8 +26,6 @@ from muybridge.geometry.calibration.formats.common import (
 )
 from muybridge.geometry.calibration.formats.opencv import array_of, parse_yaml
 from muybridge.geometry.cameras.camera import Camera
-
-Floats = NDArray[np.float64]
 
 _PAIR = ("intri", "extri")
 
@@ -91,7 +89,7 @@ def _name(value: Any) -> str:
     return value
 
 
-def _matrix(data: dict[str, Any], key: str, counts: tuple[int, ...]) -> Floats:
+def _matrix(data: dict[str, Any], key: str, counts: tuple[int, ...]) -> FloatArray:
     if key not in data:
         raise Malformed(f"{key} is missing")
     values = array_of(data, (key,)).ravel()
@@ -100,7 +98,7 @@ def _matrix(data: dict[str, Any], key: str, counts: tuple[int, ...]) -> Floats:
     return values
 
 
-def _distortion(data: dict[str, Any], name: str) -> Floats:
+def _distortion(data: dict[str, Any], name: str) -> FloatArray:
     for key in (f"dist_{name}", f"D_{name}"):
         if key in data:
             return array_of(data, (key,)).ravel()

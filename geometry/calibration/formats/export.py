@@ -9,18 +9,17 @@ from typing import Literal, get_args
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import CalibrationError, OutputError
 from muybridge.files import replacing
 from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import ADJUSTABLE_MODELS, term_map
 from muybridge.geometry.calibration.formats.native import native_text
 from muybridge.geometry.calibration.formats.optitrack import optitrack_text
 from muybridge.geometry.calibration.formats.vicon import vicon_text
-from muybridge.geometry.cameras.camera import Camera, CameraGroup, colmap_camera
+from muybridge.geometry.cameras.camera import Camera, colmap_camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import log_so3, quat_from_matrix
-
-Floats = NDArray[np.float64]
 
 ExportFormat = Literal[
     "muybridge", "anipose", "freemocap", "pose2sim", "caliscope", "opencv", "easymocap", "qualisys", "vicon",
@@ -76,7 +75,7 @@ def exported(cameras: CameraGroup, path: Path, how: ExportFormat) -> dict[Path, 
         ) from None
 
 
-def _terms(camera: Camera) -> Floats:
+def _terms(camera: Camera) -> FloatArray:
     """(12,) fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6 of OpenCV; ValueError where there are none."""
     if camera.model not in ADJUSTABLE_MODELS:
         raise ValueError(f"camera {camera.name}: the format has no {camera.model} lens")
@@ -99,12 +98,12 @@ def _distortion(camera: Camera, most: int = 8, fisheye: bool = True) -> list[flo
     return values
 
 
-def _matrix_of(camera: Camera) -> Floats:
+def _matrix_of(camera: Camera) -> FloatArray:
     fx, fy, cx, cy = _terms(camera)[:4]
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
 
 
-def _list(values: Sequence[float] | Floats) -> str:
+def _list(values: Sequence[float] | FloatArray) -> str:
     return "[" + ", ".join(repr(float(v)) for v in np.asarray(values).ravel()) + "]"
 
 
@@ -125,7 +124,7 @@ def _rig_toml(cameras: CameraGroup, table: str, unit: str) -> str:
     return "\n".join([*blocks, f'[metadata]\nadjusted = false\nerror = 0.0\nunit = "{unit}"\n'])
 
 
-def _yaml_matrix(name: str, values: Floats, indent: str = "") -> str:
+def _yaml_matrix(name: str, values: FloatArray, indent: str = "") -> str:
     table = np.atleast_2d(values)
     data = ", ".join(repr(float(v)) for v in table.ravel())
     return (

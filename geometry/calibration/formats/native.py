@@ -22,6 +22,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from muybridge.geometry.calibration.formats.anipose_toml import parse_toml
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
@@ -30,9 +31,9 @@ from muybridge.geometry.calibration.formats.common import (
     numbers,
     pixel_count,
 )
-from muybridge.geometry.calibration.formats.anipose_toml import parse_toml
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
 from muybridge.geometry.cameras._pycolmap import pycolmap
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 VERSION = 1
 _FIELDS = ("name", "model", "width", "height", "params", "cam_from_world")

@@ -26,8 +26,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
@@ -196,7 +196,7 @@ def _key(item: dict[str, Any], spellings: tuple[str, ...]) -> str | None:
     return present[0] if present else None
 
 
-def array_of(item: dict[str, Any], spellings: tuple[str, ...]) -> NDArray[np.float64]:
+def array_of(item: dict[str, Any], spellings: tuple[str, ...]) -> FloatArray:
     """A matrix, given as OpenCV's rows, cols and data or as a plain list, flattened."""
     key = _key(item, spellings)
     if key is None:

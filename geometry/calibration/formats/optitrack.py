@@ -15,8 +15,8 @@ import itertools
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
@@ -29,9 +29,8 @@ from muybridge.geometry.calibration.formats.common import (
     rotation_from,
 )
 from muybridge.geometry.calibration.formats.vicon import parse_xml
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-
-Floats = NDArray[np.float64]
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 _LENS = ("LensCenterX", "LensCenterY", "HorizontalFocalLength", "VerticalFocalLength")
 _BENT = ("k1", "k2", "TangentialX", "TangentialY", "k3")
@@ -103,7 +102,7 @@ def _value(row: Mapping[str, str], key: str) -> float:
     return number(row[key], key)
 
 
-def _meet(world_from_cams: Floats, centers: Floats) -> float:
+def _meet(world_from_cams: FloatArray, centers: FloatArray) -> float:
     """How far, on the whole, cameras look past the place that they look at; 0 for one camera."""
     axes = -world_from_cams[:, :, 2]
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
@@ -113,7 +112,7 @@ def _meet(world_from_cams: Floats, centers: Floats) -> float:
     return float(np.mean(missed + behind * np.linalg.norm(middle - centers, axis=1)))
 
 
-def optitrack_text(cameras: CameraGroup, terms: list[Floats]) -> str:
+def optitrack_text(cameras: CameraGroup, terms: list[FloatArray]) -> str:
     """The cameras as a CSV table.
 
     Args:

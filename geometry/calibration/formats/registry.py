@@ -9,10 +9,10 @@ from pathlib import Path
 
 from muybridge.errors import CalibrationError, OutputError
 from muybridge.files import replacing
+from muybridge.geometry.calibration.formats.anipose_toml import read_rig_toml
 from muybridge.geometry.calibration.formats.colmap import colmap_files, is_colmap_file, read_colmap
 from muybridge.geometry.calibration.formats.common import Calibration, Malformed
 from muybridge.geometry.calibration.formats.easymocap import easymocap_sibling, read_easymocap
-from muybridge.geometry.calibration.gravity import lean_note
 from muybridge.geometry.calibration.formats.native import native_text, read_native
 from muybridge.geometry.calibration.formats.opencv import (
     MATRIX_KEYS,
@@ -22,9 +22,9 @@ from muybridge.geometry.calibration.formats.opencv import (
 )
 from muybridge.geometry.calibration.formats.optitrack import read_optitrack_csv, read_optitrack_xml
 from muybridge.geometry.calibration.formats.qualisys import read_qualisys
-from muybridge.geometry.calibration.formats.anipose_toml import read_rig_toml
 from muybridge.geometry.calibration.formats.vicon import read_vicon
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.calibration.gravity import lean_note
+from muybridge.geometry.cameras.group import CameraGroup
 
 KNOWN_FORMATS = (
     "Muybridge TOML",

@@ -17,8 +17,8 @@ import xml.etree.ElementTree as ET
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
@@ -28,10 +28,9 @@ from muybridge.geometry.calibration.formats.common import (
     pixel_count,
     pose_from,
 )
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import matrix_from_quat, quat_from_matrix
-
-Floats = NDArray[np.float64]
 
 _ABSURD = 2.0  # growth of a corner's distance from the centre by a factor of more
 _CARRIED_PX = 0.3
@@ -107,7 +106,7 @@ def _camera(name: str, element: ET.Element, frame: ET.Element) -> tuple[Camera, 
     return make_camera(name, model, (width, height), pose_from(rotation, translation)), taken
 
 
-def _radial(frame: ET.Element) -> Floats:
+def _radial(frame: ET.Element) -> FloatArray:
     """(3,) coefficients of r^2, r^4, r^6."""
     for key, first in (("VICON_RADIAL2", 3), ("VICON_RADIAL", 0)):
         words = (frame.get(key) or "").split()
@@ -117,7 +116,7 @@ def _radial(frame: ET.Element) -> Floats:
     return np.zeros(3)
 
 
-def _opencv_radial(terms: Floats, focal: float, far: float) -> Floats:
+def _opencv_radial(terms: FloatArray, focal: float, far: float) -> FloatArray:
     """OpenCV's k1, k2, k3 that undo a correction of raw pixels up to `far` px from the centre."""
     if not terms.any():
         return np.zeros(3)
@@ -127,7 +126,7 @@ def _opencv_radial(terms: Floats, focal: float, far: float) -> Floats:
     return np.asarray(np.linalg.lstsq(design, raw / focal - straight, rcond=None)[0])
 
 
-def _numbers(element: ET.Element, key: str, counts: tuple[int, ...]) -> Floats:
+def _numbers(element: ET.Element, key: str, counts: tuple[int, ...]) -> FloatArray:
     text = element.get(key)
     if text is None:
         raise Malformed(f"<{element.tag}> has no {key}")
@@ -162,7 +161,7 @@ def vicon_text(cameras: CameraGroup) -> str:
     return "\n".join([*rows, "</Cameras>", ""])
 
 
-def _vicon_radial(camera: Camera) -> Floats:
+def _vicon_radial(camera: Camera) -> FloatArray:
     """(3,) coefficients of the correction of raw pixels; ValueError where they do not suffice."""
     across = np.linspace(0, 1, 15)
     px = np.stack(np.meshgrid(across * (camera.width - 1), across * (camera.height - 1)), axis=-1).reshape(-1, 2)

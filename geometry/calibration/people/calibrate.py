@@ -12,16 +12,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.bundle_adjustment.with_bones import Adjusted, AdjustProblem, AdjustState, adjust
 from muybridge.geometry.calibration.people.initialise import start_from_nothing
 from muybridge.geometry.calibration.people.world import world_from_people
-from muybridge.geometry.cameras.camera import Camera, CameraGroup, colmap_camera
+from muybridge.geometry.cameras.camera import Camera, colmap_camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import triangulate
-
-Floats = NDArray[np.float64]
 
 # Pairs of landmarks with bone between them, without a side's prefix where there is one on either side; and
 # how constant their distance is, as landmarks of a 2D network go, in metres.
@@ -93,17 +92,17 @@ class PeopleCalibration:
     """
 
     cameras: CameraGroup
-    rotation_sd_deg: Floats
-    center_sd: Floats
-    focal_sd: Floats
-    frames: NDArray[np.intp]
-    points_world: Floats
-    residual_px: Floats
+    rotation_sd_deg: FloatArray
+    center_sd: FloatArray
+    focal_sd: FloatArray
+    frames: IndexArray
+    points_world: FloatArray
+    residual_px: FloatArray
     noise_px: float
     notes: tuple[str, ...]
 
 
-def bone_pairs(names: Sequence[str]) -> tuple[NDArray[np.intp], Floats]:
+def bone_pairs(names: Sequence[str]) -> tuple[IndexArray, FloatArray]:
     """Pairs of landmarks that bone joins.
 
     Args:
@@ -125,8 +124,8 @@ def bone_pairs(names: Sequence[str]) -> tuple[NDArray[np.intp], Floats]:
 
 def refine_people(
     cameras: CameraGroup,
-    points_px: Floats,
-    variance_px2: Floats,
+    points_px: FloatArray,
+    variance_px2: FloatArray,
     names: Sequence[str],
     options: PeopleCalibrationOptions = PeopleCalibrationOptions(),
 ) -> PeopleCalibration:
@@ -158,8 +157,8 @@ def refine_people(
 
 def calibrate_people(
     cameras: CameraGroup,
-    points_px: Floats,
-    variance_px2: Floats,
+    points_px: FloatArray,
+    variance_px2: FloatArray,
     names: Sequence[str],
     options: PeopleCalibrationOptions = PeopleCalibrationOptions(),
 ) -> PeopleCalibration:
@@ -192,8 +191,8 @@ def calibrate_people(
 
 
 def _flattened(
-    cameras: CameraGroup, points_px: Floats, variance_px2: Floats, names: Sequence[str]
-) -> tuple[Floats, Floats, int]:
+    cameras: CameraGroup, points_px: FloatArray, variance_px2: FloatArray, names: Sequence[str]
+) -> tuple[FloatArray, FloatArray, int]:
     """(C, T, P J, 2) and (C, T, P J), NaN together, and P."""
     px = np.array(points_px, dtype=np.float64)
     variance = np.array(variance_px2, dtype=np.float64)
@@ -210,8 +209,8 @@ def _flattened(
 
 
 def _chosen_frames(
-    cameras: CameraGroup, px: Floats, variance: Floats, options: PeopleCalibrationOptions
-) -> NDArray[np.intp]:
+    cameras: CameraGroup, px: FloatArray, variance: FloatArray, options: PeopleCalibrationOptions
+) -> IndexArray:
     """Frames in which two cameras see something, evenly spread where there are too many."""
     seen = np.isfinite(variance)
     shared = (seen.sum(axis=0) >= 2).sum(axis=1) >= 4
@@ -233,7 +232,7 @@ def _chosen_frames(
     return frames
 
 
-def _all_bones(names: Sequence[str], people: int, options: PeopleCalibrationOptions) -> tuple[NDArray[np.intp], Floats]:
+def _all_bones(names: Sequence[str], people: int, options: PeopleCalibrationOptions) -> tuple[IndexArray, FloatArray]:
     pairs, sigma = bone_pairs(names)
     if not options.bones:
         pairs, sigma = pairs[:0], sigma[:0]
@@ -241,7 +240,7 @@ def _all_bones(names: Sequence[str], people: int, options: PeopleCalibrationOpti
     return every, np.tile(sigma, people)
 
 
-def _state(cameras: CameraGroup, points: Floats, bones: NDArray[np.intp]) -> AdjustState:
+def _state(cameras: CameraGroup, points: FloatArray, bones: IndexArray) -> AdjustState:
     vector = points[:, bones[:, 0]] - points[:, bones[:, 1]]
     length = np.linalg.norm(vector, axis=-1)
     known = np.isfinite(length).any(axis=0)
@@ -253,11 +252,11 @@ def _state(cameras: CameraGroup, points: Floats, bones: NDArray[np.intp]) -> Adj
 
 def _adjusted(
     cameras: CameraGroup,
-    px: Floats,
-    variance: Floats,
+    px: FloatArray,
+    variance: FloatArray,
     state: AdjustState,
-    bones: NDArray[np.intp],
-    bone_sigma: Floats,
+    bones: IndexArray,
+    bone_sigma: FloatArray,
     prior: tuple[float, float] | None,
     options: PeopleCalibrationOptions,
 ) -> tuple[Adjusted, CameraGroup, float]:
@@ -302,7 +301,7 @@ def _zoomed(camera: Camera, factor: float) -> Camera:
     return replace(camera, params=tuple(params))
 
 
-def _noise(residual_px: Floats, relative: Floats) -> float:
+def _noise(residual_px: FloatArray, relative: FloatArray) -> float:
     """Standard deviation of a point of median quality; each 3D point takes three of its residuals' freedoms."""
     seen = np.isfinite(residual_px)
     views = np.broadcast_to(seen.sum(axis=0), seen.shape)[seen]
@@ -311,7 +310,7 @@ def _noise(residual_px: Floats, relative: Floats) -> float:
     return float(max(np.median(scaled) / _RAYLEIGH_MEDIAN, 0.1))
 
 
-def _frames_alike(error_px: Floats, noise: float) -> float:
+def _frames_alike(error_px: FloatArray, noise: float) -> float:
     """How many frames count as one: a landmark's error in a camera is much the same for many frames.
 
     The variance of each error's mean over the take, over what it would be if frames were independent. The
@@ -330,7 +329,7 @@ def _frames_alike(error_px: Floats, noise: float) -> float:
 
 
 def _result(
-    cameras: CameraGroup, adjusted: Adjusted, frames: NDArray[np.intp], noise: float, notes: Sequence[str]
+    cameras: CameraGroup, adjusted: Adjusted, frames: IndexArray, noise: float, notes: Sequence[str]
 ) -> PeopleCalibration:
     sd = np.sqrt(np.maximum(np.diag(adjusted.covariance), 0)).reshape(-1, 7)
     return PeopleCalibration(

@@ -13,14 +13,13 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.bundle_adjustment.with_bones import AdjustProblem, AdjustState, adjust
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
-
-Floats = NDArray[np.float64]
 
 _GATE_PX = 12.0  # of the RANSACs, in an image of 1000 px focal length
 _FOCAL_OF_GATE = 1000.0
@@ -46,13 +45,13 @@ class PairGeometry(NamedTuple):
 
     first: int
     second: int
-    second_from_first: Floats
+    second_from_first: FloatArray
     shared: int
     inliers: float
     angle_deg: float
 
 
-def pair_geometry(seen: Floats, first: int, second: int, gate: float) -> PairGeometry | None:
+def pair_geometry(seen: FloatArray, first: int, second: int, gate: float) -> PairGeometry | None:
     """Relative pose of two cameras from everything both saw; None where that is too little.
 
     Args:
@@ -84,7 +83,9 @@ def pair_geometry(seen: Floats, first: int, second: int, gate: float) -> PairGeo
     return PairGeometry(first, second, pose, shared, float(good.mean()), angle)
 
 
-def start_from_nothing(cameras: CameraGroup, points_px: Floats, variance_px2: Floats) -> tuple[CameraGroup, Floats]:
+def start_from_nothing(
+    cameras: CameraGroup, points_px: FloatArray, variance_px2: FloatArray
+) -> tuple[CameraGroup, FloatArray]:
     """Poses of cameras whose lenses are known, up to a similarity.
 
     Args:
@@ -129,7 +130,7 @@ def start_from_nothing(cameras: CameraGroup, points_px: Floats, variance_px2: Fl
 
 
 def _grown(
-    cameras: CameraGroup, px: Floats, variance: Floats, seen: Floats, pair: PairGeometry
+    cameras: CameraGroup, px: FloatArray, variance: FloatArray, seen: FloatArray, pair: PairGeometry
 ) -> tuple[float, CameraGroup] | list[int]:
     """(cost, cameras) of the rig grown from a pair; or the cameras that could not be placed."""
     posed: dict[int, Camera] = {
@@ -150,7 +151,7 @@ def _grown(
     return cost, CameraGroup(tuple(posed[c] for c in range(len(cameras))))
 
 
-def _placed(points: Floats, seen: Floats) -> Floats | None:
+def _placed(points: FloatArray, seen: FloatArray) -> FloatArray | None:
     """(3, 4) pose from (N, 3) points and (N, 2) normalised coordinates."""
     good = np.isfinite(seen).all(axis=-1)
     cv2.setRNGSeed(1)
@@ -168,7 +169,7 @@ def _placed(points: Floats, seen: Floats) -> Floats | None:
     return np.concatenate([rotation, translation.reshape(3, 1)], axis=1)
 
 
-def _settled(posed: dict[int, Camera], px: Floats, variance: Floats) -> tuple[float, Floats]:
+def _settled(posed: dict[int, Camera], px: FloatArray, variance: FloatArray) -> tuple[float, FloatArray]:
     """Triangulate and adjust the cameras placed so far (in place); the cost for each observation, and points."""
     order = sorted(posed)
     group = CameraGroup(tuple(posed[c] for c in order))

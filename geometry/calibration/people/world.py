@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import CalibrationError
-from muybridge.geometry.cameras.camera import CameraGroup
-
-Floats = NDArray[np.float64]
+from muybridge.geometry.cameras.group import CameraGroup
 
 AVERAGE_HEIGHT = 1.72
 # Shank, thigh and trunk between joint centres, as parts of the stature (Drillis and Contini 1966, as printed in
@@ -25,8 +23,8 @@ _CONTACT_SHARE = 0.2
 
 
 def world_from_people(
-    cameras: CameraGroup, points: Floats, names: Sequence[str], height: float | None
-) -> tuple[CameraGroup, Floats, list[str]]:
+    cameras: CameraGroup, points: FloatArray, names: Sequence[str], height: float | None
+) -> tuple[CameraGroup, FloatArray, list[str]]:
     """The same cameras and points in metres, Z up, the floor at zero.
 
     Args:
@@ -66,7 +64,7 @@ def world_from_people(
     return CameraGroup(tuple(posed)), moved - shift, notes
 
 
-def _stature(points: Floats, names: Sequence[str]) -> float:
+def _stature(points: FloatArray, names: Sequence[str]) -> float:
     """A person's height from their long bones, in the unit of (T, J, 3) points."""
     total, parts = 0.0, 0.0
     for (a, b), part in _STATURE_PARTS:
@@ -81,7 +79,7 @@ def _stature(points: Floats, names: Sequence[str]) -> float:
     return total / parts
 
 
-def _length(points: Floats, names: Sequence[str], a: str, b: str) -> float:
+def _length(points: FloatArray, names: Sequence[str], a: str, b: str) -> float:
     if a not in names or b not in names:
         return np.nan
     length = np.linalg.norm(points[:, list(names).index(a)] - points[:, list(names).index(b)], axis=-1)
@@ -92,12 +90,12 @@ def _columns(names: Sequence[str], *parts: str) -> list[int]:
     return [k for k, n in enumerate(names) if any(n == f"{s}_{p}" for s in ("left", "right") for p in parts)]
 
 
-def _mean(points: Floats, columns: list[int]) -> Floats:
+def _mean(points: FloatArray, columns: list[int]) -> FloatArray:
     """(T, P, 3) mean of some landmarks; NaN where one is."""
     return np.asarray(points[:, :, columns].mean(axis=2))
 
 
-def _up(cameras: CameraGroup, people: Floats, names: Sequence[str]) -> tuple[Floats, str]:
+def _up(cameras: CameraGroup, people: FloatArray, names: Sequence[str]) -> tuple[FloatArray, str]:
     """Unit vector up, and how it was found."""
     axis = _mean(people, _columns(names, "shoulder")) - _mean(people, _columns(names, "ankle"))
     axis = axis[np.isfinite(axis).all(axis=-1)]
@@ -119,7 +117,7 @@ def _up(cameras: CameraGroup, people: Floats, names: Sequence[str]) -> tuple[Flo
     return body, "up: along the people's bodies, since their feet showed too little of the floor"
 
 
-def _floor_normal(people: Floats, names: Sequence[str], body: Floats) -> Floats | None:
+def _floor_normal(people: FloatArray, names: Sequence[str], body: FloatArray) -> FloatArray | None:
     """Normal of the floor through the feet's lowest places; None where they came about too little."""
     feet = people[:, :, _columns(names, "heel", "big_toe") or _columns(names, "ankle")].reshape(-1, 3)
     feet = feet[np.isfinite(feet).all(axis=-1)]
@@ -150,7 +148,7 @@ def _floor_normal(people: Floats, names: Sequence[str], body: Floats) -> Floats 
     return normal if np.degrees(np.arccos(np.clip(normal @ body, -1, 1))) < _FLOOR_FROM_BODY_DEG else None
 
 
-def _floor_height(people: Floats, names: Sequence[str]) -> float:
+def _floor_height(people: FloatArray, names: Sequence[str]) -> float:
     """Height of the floor along Z: the lowest fifth of the feet's landmarks, less what is below them."""
     lowest = []
     for part, above in _ABOVE_FLOOR.items():

@@ -13,17 +13,17 @@ import tyro
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.board.board import Board, fitting_descriptions
-from muybridge.geometry.calibration.board.intrinsics import FEWEST_CORNERS, FEWEST_VIEWS, View, usable
-from muybridge.geometry.calibration.gravity import level
 from muybridge.geometry.calibration.board.extrinsics import (
     BoardOptions,
     RigCalibration,
     calibrate_lenses,
     calibrate_rig,
 )
+from muybridge.geometry.calibration.board.intrinsics import FEWEST_CORNERS, FEWEST_VIEWS, View, usable
 from muybridge.geometry.calibration.bundle_adjustment.result import Solved, misfits, table
+from muybridge.geometry.calibration.gravity import level
 from muybridge.geometry.calibration.world import moved, on_board
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.commands.calibrate.board_images import (
     Pictures,
     at_moment,

@@ -13,17 +13,17 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, FloatArray, IntArray
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.board.board import Board, BoardDetector
 from muybridge.geometry.calibration.board.intrinsics import View
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.session.session import PICTURE_SUFFIXES, natural_key
+from muybridge.infer.session.discover import PICTURE_SUFFIXES
+from muybridge.infer.session.pairing import natural_key
+from muybridge.infer.session.probe import VideoInfo, is_video, probe_video
 from muybridge.infer.session.timestamps import read_time_table, time_table_in
-from muybridge.infer.session.video import VideoInfo, is_video, probe_video, read_chunks
-
-Gray = NDArray[np.uint8]
+from muybridge.infer.session.video import read_chunks
 
 _LOOKS_A_SECOND = 6.0
 _MOST_LOOKS = 600
@@ -46,8 +46,8 @@ class Pictures:
     path: Path
     video: VideoInfo | None
     images: tuple[Path, ...]
-    moments: NDArray[np.int64]
-    looked_at: NDArray[np.int64]
+    moments: IntArray
+    looked_at: IntArray
 
 
 def find_pictures(
@@ -105,7 +105,7 @@ def _numbers(images: Sequence[Path]) -> list[int]:
     return list(range(len(images)))
 
 
-def _ranked(numbered: Sequence[Sequence[int]]) -> list[NDArray[np.int64]]:
+def _ranked(numbered: Sequence[Sequence[int]]) -> list[IntArray]:
     """Every camera's moments as arrays; numbers that these do not hold by their order among those of all cameras."""
     every = sorted(set().union(*numbered))
     if every[-1] > np.iinfo(np.int64).max:
@@ -118,7 +118,7 @@ def _films(films: Sequence[Path], stamps: Path | None, every: int | None, moment
     """Films, of which the same moments are looked at: by a step that suits the one that needs the largest."""
     infos = [probe_video(p) for p in films]
     rate, usual, near = infos[0].fps, 1, False
-    moments: list[NDArray[np.float64]] = []
+    moments: list[FloatArray] = []
     if stamps is not None:
         moments = [of_frames.astype(float) for _, of_frames in read_time_table(stamps, infos, CalibrationError)]
     else:
@@ -139,9 +139,7 @@ def _films(films: Sequence[Path], stamps: Path | None, every: int | None, moment
     return out
 
 
-def _nearest(
-    mine: NDArray[np.float64], wanted: NDArray[np.float64], near: bool
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _nearest(mine: FloatArray, wanted: FloatArray, near: bool) -> tuple[IntArray, IntArray]:
     """Numbers of the pictures (ascending) of wanted moments, and these; if `near`, of pictures up to a half off."""
     order = np.argsort(mine, kind="stable")
     times = mine[order]
@@ -176,7 +174,7 @@ def at_moment(cameras: Sequence[Pictures], moment: int, option: str) -> list[Pic
     return [replace(p, looked_at=r) for p, r in zip(cameras, rows, strict=True) if len(r)]
 
 
-def read_gray(pictures: Pictures, numbers: NDArray[np.int64]) -> Iterator[Gray]:
+def read_gray(pictures: Pictures, numbers: IntArray) -> Iterator[ByteArray]:
     """The pictures of these numbers (ascending), in gray.
 
     Raises:
@@ -238,7 +236,7 @@ def look_for_board(
     return views, sizes
 
 
-def some_pictures(pictures: Pictures, count: int) -> list[Gray]:
+def some_pictures(pictures: Pictures, count: int) -> list[ByteArray]:
     """A few of the pictures that were looked at, spread over all of them."""
     last = len(pictures.looked_at) - 1
     chosen = np.unique(np.linspace(0, last, min(count, last + 1) + 2)[1:-1].round().astype(int))

@@ -6,27 +6,21 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.association.select import select_person, take_person
 from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions
-from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, check_take
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
-from muybridge.infer.commands.calibrate.people import DEFAULT_RESULTS, session_keypoints
+from muybridge.infer.detection.detect import DetectOptions
+from muybridge.infer.pipelines.landmarks import DEFAULT_RESULTS, session_keypoints
+from muybridge.infer.reconstruction.judge import check_keypoints
 from muybridge.infer.report.calibration_figures import blamed
 from muybridge.infer.report.calibration_page import CalibrationPage, write_calibration_page
-from muybridge.infer.detection.detect import DetectOptions
 from muybridge.infer.results.folder import open_output
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import SessionOptions, open_session
 
-Floats = NDArray[np.float64]
-
 PAGE = "calibration.html"
-_HARDLY = 0.2  # share of frames below which the association has given a camera up
 _FLAT = tyro.conf.arg(name="")
 
 
@@ -72,42 +66,6 @@ def check(
         print(line)
     print(f"{place} shows it")
     return 0
-
-
-def check_keypoints(
-    cameras: CameraGroup, keypoints: Keypoints2D, options: CulpritOptions, fps: float
-) -> CalibrationQuality:
-    """Judge cameras by everyone's landmarks, of whom one person is followed.
-
-    Raises:
-        SessionError: nobody was found.
-    """
-    points_px, variance_px2 = person_to_check(cameras, keypoints, fps)
-    source = f"one person's landmarks in {points_px.shape[1]} frames"
-    return check_take(cameras, points_px, variance_px2, options, source)
-
-
-def person_to_check(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> tuple[Floats, Floats]:
-    """One person's landmarks, with those of cameras that the calibration keeps apart from the others.
-
-    Who is who between cameras is found by the calibration that is in question. So a camera that hardly has the
-    person by it, but sees one person alone for most of the take, is taken at its word.
-
-    Returns:
-        (C, T, J, 2) px and (C, T, J) variances.
-    """
-    selection = select_person(cameras, keypoints, fps=fps)
-    points_px, variance_px2, _ = take_person(keypoints, selection)
-    points_px, variance_px2 = points_px.copy(), variance_px2.copy()
-    found = np.asarray(np.isfinite(keypoints.variance_px2).any(axis=-1))
-    for c in range(len(cameras)):
-        alone = found[c].sum(axis=1) == 1
-        if (selection.slots[c] >= 0).mean() < _HARDLY and alone.mean() > 0.5:
-            frames = np.flatnonzero(alone)
-            slots = found[c, frames].argmax(axis=1)
-            points_px[c, frames] = keypoints.points_px[c, frames, slots]
-            variance_px2[c, frames] = keypoints.variance_px2[c, frames, slots]
-    return points_px, variance_px2
 
 
 def told(quality: CalibrationQuality) -> list[str]:

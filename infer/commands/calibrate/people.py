@@ -6,7 +6,6 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from muybridge.errors import MuybridgeError
 from muybridge.geometry.association.select import select_person, take_person
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.calibration.people.calibrate import (
@@ -15,53 +14,16 @@ from muybridge.geometry.calibration.people.calibrate import (
     calibrate_people,
     refine_people,
 )
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.sync.clocks import synchronised
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.triangulation.left_right import repair_swaps
-from muybridge.geometry.triangulation.multiview import leave_one_out_error
+from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
-from muybridge.infer.detection.detect import DetectOptions, detect, file_names, first_look, is_finished, open_models
-from muybridge.infer.detection.pose_estimator import merge_tracks
-from muybridge.infer.results.folder import open_output
-from muybridge.infer.detection.resample import in_time
-from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.detection.detect import DetectOptions
+from muybridge.infer.pipelines.landmarks import session_keypoints
 from muybridge.infer.reconstruction.refine_cameras import person_of
-from muybridge.infer.session.session import Session, SessionOptions, open_session
-from muybridge.infer.runtime.stages import StageStore
-from muybridge.infer.reconstruction.gravity import stood_up
-
-DEFAULT_RESULTS = "muybridge"
-
-
-def session_keypoints(
-    session: Session, results: Path | None, options: DetectOptions, progress: Progress
-) -> tuple[Session, Keypoints2D]:
-    """Everyone's 2D landmarks in a session, in step, from a results folder where they are there already.
-
-    Args:
-        session: what to look at.
-        results: results folder of `muybridge run`; None for the session's own.
-        options: how landmarks are found.
-        progress: whom to tell.
-
-    Raises:
-        OutputError: the folder cannot be made, or is none for results.
-    """
-    inputs = [session.calibration, *(v.path for v in session.videos)]
-    folder = open_output(results or session.path / DEFAULT_RESULTS, (), inputs).work
-    models, store, names = open_models(options), StageStore(folder), file_names(session.cameras.names)
-    first = first_look(options)  # of a run
-    session = stood_up(session, names, models, store, first, progress)
-    options = first if is_finished(session, names, models, store, first) else options
-    found = detect(session, names, models, store, options, progress)
-    frames = min(len(d.tracks.points_px) for d in found)
-    if frames < session.frames:
-        raise MuybridgeError(
-            f"{session.path}: a video has fewer frames than its header suggests; run `muybridge run` to see which"
-        )
-    keypoints = merge_tracks([in_time(session, c, d.tracks, d.repeats) for c, d in enumerate(found)])
-    return session, synchronised(keypoints, session.clocks, session.fps)
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.session.session import SessionOptions, open_session
 
 
 def people(

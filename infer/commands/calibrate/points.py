@@ -10,13 +10,13 @@ import tyro
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.board.intrinsics import Lens
+from muybridge.geometry.calibration.bundle_adjustment.result import table
 from muybridge.geometry.calibration.formats.common import far_apart_note
 from muybridge.geometry.calibration.resection import KnownPoints, calibrate_points
-from muybridge.geometry.calibration.bundle_adjustment.result import table
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
 from muybridge.infer.report.calibration_page import write_solved_page
-from muybridge.infer.session.video import probe_video
+from muybridge.infer.session.probe import probe_video
 
 COLUMNS = ("camera", "x", "y", "z", "u", "v")
 

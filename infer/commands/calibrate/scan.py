@@ -8,8 +8,8 @@ from typing import Annotated
 import cv2
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.structure_from_motion import (
@@ -21,8 +21,10 @@ from muybridge.geometry.calibration.structure_from_motion import (
 )
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.session.session import PICTURE_SUFFIXES, natural_key
-from muybridge.infer.session.video import is_video, probe_video, read_chunks
+from muybridge.infer.session.discover import PICTURE_SUFFIXES
+from muybridge.infer.session.pairing import natural_key
+from muybridge.infer.session.probe import is_video, probe_video
+from muybridge.infer.session.video import read_chunks
 
 _STILL_FRAMES = 9  # of a fixed camera's video, whose median has nobody walking through
 
@@ -135,5 +137,5 @@ def _stills(source: Path, folder: Path) -> list[str]:
     return names
 
 
-def _write(path: Path, rgb: NDArray[np.uint8]) -> None:
+def _write(path: Path, rgb: ByteArray) -> None:
     cv2.imwrite(str(path), cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))

@@ -7,29 +7,28 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import CalibrationError
 from muybridge.geometry.association.select import select_person, take_person
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.board.board import Board
-from muybridge.geometry.calibration.board.pose_graph import symmetries
 from muybridge.geometry.calibration.board.intrinsics import View, board_pose, usable
+from muybridge.geometry.calibration.board.pose_graph import symmetries
 from muybridge.geometry.calibration.formats.common import far_apart_note
 from muybridge.geometry.calibration.people.world import world_from_people
 from muybridge.geometry.calibration.world import check_shape, marked, moved, on_board, on_points
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import triangulate
-from muybridge.infer.commands.calibrate.board_images import at_moment, find_pictures, look_for_board
 from muybridge.infer.commands.calibrate.board import BoardChoice, chosen_board
+from muybridge.infer.commands.calibrate.board_images import at_moment, find_pictures, look_for_board
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
-from muybridge.infer.commands.calibrate.people import session_keypoints
 from muybridge.infer.commands.calibrate.points import read_points
 from muybridge.infer.detection.detect import DetectOptions
+from muybridge.infer.pipelines.landmarks import session_keypoints
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import SessionOptions, open_session
 
-Floats = NDArray[np.float64]
 _STILL_PX = 3.0
 
 
@@ -176,7 +175,7 @@ def by_board(
     return moved(scaled, on_board(looking, pose)), [said]
 
 
-def _lying(cameras: CameraGroup, board: Board, views: Mapping[str, Mapping[int, View]]) -> Floats:
+def _lying(cameras: CameraGroup, board: Board, views: Mapping[str, Mapping[int, View]]) -> FloatArray:
     """(C, K, 2) px of the corners of a board that does not move, NaN where a camera does not see them."""
     out = np.full((len(cameras), len(board.corners), 2), np.nan)
     for name, mine in views.items():
@@ -201,7 +200,7 @@ def _lying(cameras: CameraGroup, board: Board, views: Mapping[str, Mapping[int, 
     return out
 
 
-def _same_way_round(cameras: CameraGroup, board: Board, pixels: Floats) -> Floats:
+def _same_way_round(cameras: CameraGroup, board: Board, pixels: FloatArray) -> FloatArray:
     """The same, the corners numbered the same way round by all cameras: so that their rays meet."""
     seen = [c for c in range(len(cameras)) if np.isfinite(pixels[c, :, 0]).any()]
     out = pixels.copy()
@@ -230,7 +229,7 @@ def by_people(
 
 
 def people_world(
-    cameras: CameraGroup, points: Floats, names: Sequence[str], height: float | None
+    cameras: CameraGroup, points: FloatArray, names: Sequence[str], height: float | None
 ) -> tuple[CameraGroup, list[str]]:
     """Cameras in the world of people; the size is kept where no height is given.
 

@@ -3,15 +3,13 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.fbx.container import read_fbx_nodes
 from muybridge.motion.formats.fbx.scene import Complaint, Model, Scene, read_scene
 from muybridge.motion.formats.skeletal.world_axes import frame_times, motion_in_world_axes
-
-Array = NDArray[np.float64]
 
 _DEFAULT_FPS = 30.0
 _LIMBS = ("LimbNode", "Limb", "Root")
@@ -115,7 +113,7 @@ def _is_end(scene: Scene, number: int, children: dict[int, list[int]]) -> bool:
     return named and not children[number] and not model.curves
 
 
-def _even_times(scene: Scene, order: list[int], error: Complaint) -> tuple[float, Array]:
+def _even_times(scene: Scene, order: list[int], error: Complaint) -> tuple[float, FloatArray]:
     curves = [curve for n in order for curve in scene.models[n].curves.values()]
     fps = scene.fps if np.isfinite(scene.fps) else _DEFAULT_FPS
     if not curves:
@@ -131,11 +129,11 @@ def _even_times(scene: Scene, order: list[int], error: Complaint) -> tuple[float
 
 
 def _forward(
-    scene: Scene, order: list[int], times: Array, error: Complaint
-) -> tuple[dict[int, Array], dict[int, Array], dict[int, float]]:
+    scene: Scene, order: list[int], times: FloatArray, error: Complaint
+) -> tuple[dict[int, FloatArray], dict[int, FloatArray], dict[int, float]]:
     """Orientation (T, 3, 3), place (T, 3) and size in the scene of models, parents first."""
-    turns: dict[int, Array] = {0: np.broadcast_to(np.eye(3), (len(times), 3, 3))}
-    places: dict[int, Array] = {0: np.zeros((len(times), 3))}
+    turns: dict[int, FloatArray] = {0: np.broadcast_to(np.eye(3), (len(times), 3, 3))}
+    places: dict[int, FloatArray] = {0: np.zeros((len(times), 3))}
     sizes = {0: 1.0}
     for n in order:
         model = scene.models[n]
@@ -151,7 +149,7 @@ def _forward(
     return turns, places, sizes
 
 
-def _size(model: Model, times: Array, error: Complaint) -> float:
+def _size(model: Model, times: FloatArray, error: Complaint) -> float:
     scale = model.over_time("Lcl Scaling", times)
     size = float(scale[0, 0])
     if not size > 0 or np.abs(scale - size).max() > 1e-3 * size:
@@ -159,10 +157,10 @@ def _size(model: Model, times: Array, error: Complaint) -> float:
     return size
 
 
-def _rest(scene: Scene, above: list[int], order: list[int]) -> dict[int, Array]:
+def _rest(scene: Scene, above: list[int], order: list[int]) -> dict[int, FloatArray]:
     """World from joint at rest, (3, 3) each: as bound, else as its node stands without rotation of its own."""
     still = np.zeros((1, 3))
-    rest: dict[int, Array] = {0: np.eye(3)}
+    rest: dict[int, FloatArray] = {0: np.eye(3)}
     for n in above:
         model = scene.models[n]
         rest[n] = rest[model.parent] @ model.turns(model.vectors["Lcl Rotation"][None])[0]

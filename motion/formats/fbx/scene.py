@@ -9,13 +9,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import FormatError
 from muybridge.motion.formats.fbx.container import Node, Property
 
-Array = NDArray[np.float64]
 Complaint = Callable[[str], FormatError]
 Table = Mapping[str, tuple[Property, ...]]
 Links = Sequence[tuple[Property, ...]]
@@ -47,12 +46,12 @@ class Curve:
         slopes: (K, 2) a second, out of each key and into the next; NaN where the file leaves them to the program.
     """
 
-    times: Array
-    values: Array
-    kinds: NDArray[np.int64]
-    slopes: Array
+    times: FloatArray
+    values: FloatArray
+    kinds: IntArray
+    slopes: FloatArray
 
-    def at(self, times: Array) -> Array:
+    def at(self, times: FloatArray) -> FloatArray:
         """(T,) values; before the first and after the last key theirs."""
         if len(self.times) == 1:
             return np.full(len(times), self.values[0])
@@ -71,7 +70,7 @@ class Curve:
         held = np.where(s >= 1.0, after, before)
         return np.select([self.kinds[k] == _CONSTANT, self.kinds[k] == _CUBIC], [held, cubic], straight)
 
-    def _tangents(self) -> tuple[Array, Array]:
+    def _tangents(self) -> tuple[FloatArray, FloatArray]:
         """(K - 1,) slopes out of each key and into the next; those that are not told as of a smooth curve through the
         keys, flat where it turns."""
         step, rise = np.diff(self.times), np.diff(self.values)
@@ -101,11 +100,11 @@ class Model:
     name: str
     kind: str
     parent: int
-    vectors: dict[str, Array]
+    vectors: dict[str, FloatArray]
     order: str
     curves: dict[tuple[str, str], Curve] = field(default_factory=dict)
 
-    def over_time(self, what: str, times: Array) -> Array:
+    def over_time(self, what: str, times: FloatArray) -> FloatArray:
         """(T, 3) one of its transforms."""
         still = self.vectors[what]
         columns = [
@@ -114,7 +113,7 @@ class Model:
         ]
         return np.stack(columns, axis=-1)
 
-    def turns(self, angles_deg: Array) -> Array:
+    def turns(self, angles_deg: FloatArray) -> FloatArray:
         """(T, 3, 3) parent from node, from the angles of its rotation (T, 3)."""
         columns = ["XYZ".index(axis) for axis in self.order]
         moving = Rotation.from_euler(self.order.lower(), np.radians(angles_deg[:, columns])).as_matrix()
@@ -138,9 +137,9 @@ class Scene:
     """
 
     models: dict[int, Model]
-    bound: dict[int, Array]
+    bound: dict[int, FloatArray]
     metres: float
-    axes: Array
+    axes: FloatArray
     fps: float
 
 
@@ -225,7 +224,7 @@ def _animate(models: dict[int, Model], objects: Objects, links: Links, error: Co
 
 
 def _curve(node: Node, error: Complaint) -> Curve | None:
-    def array(name: str) -> Array:
+    def array(name: str) -> FloatArray:
         found = next((n.properties[0] for n in node.all(name) if n.properties), None)
         if found is not None and not isinstance(found, np.ndarray):
             raise error(f"a curve's {name} is no list of numbers")
@@ -246,9 +245,9 @@ def _curve(node: Node, error: Complaint) -> Curve | None:
     return Curve(times, values, kinds, slopes)
 
 
-def _bound(models: dict[int, Model], objects: Objects, links: Links) -> dict[int, Array]:
+def _bound(models: dict[int, Model], objects: Objects, links: Links) -> dict[int, FloatArray]:
     """World from model where a skin was bound; where there is no skin, by the poses in the file."""
-    out: dict[int, Array] = {}
+    out: dict[int, FloatArray] = {}
     for node in objects.values():
         if node.name == "Pose" and node.properties[2:3] == ("BindPose",):
             for entry in node.all("PoseNode"):
@@ -261,14 +260,14 @@ def _bound(models: dict[int, Model], objects: Objects, links: Links) -> dict[int
     return out
 
 
-def _matrices(models: dict[int, Model], number: object, found: list[Node]) -> Iterator[tuple[int, Array]]:
+def _matrices(models: dict[int, Model], number: object, found: list[Node]) -> Iterator[tuple[int, FloatArray]]:
     for node in found[:1]:
         values = node.properties[0] if node.properties else None
         if number in models and isinstance(values, np.ndarray) and values.shape == (16,):
             yield number, values.astype(np.float64).reshape(4, 4).T
 
 
-def _units(settings: Table, error: Complaint) -> tuple[float, Array, float]:
+def _units(settings: Table, error: Complaint) -> tuple[float, FloatArray, float]:
     """Metres a unit, our world from the file's, and frames a second."""
 
     def number(name: str, usual: float) -> float:

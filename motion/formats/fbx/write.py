@@ -8,18 +8,17 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from muybridge import __version__
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.geometry.numerics.rotations import continuous_quat
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
+from muybridge.motion.formats.fbx.container import CREATION_TIME, FILE_ID, VERSION, Node, Table, write_fbx_nodes
+from muybridge.motion.formats.fbx.scene import CUSTOM_RATE, RATES, TICKS_A_SECOND
 from muybridge.motion.formats.skeletal.bone_meshes import BoneMesh, bone_mesh, rest_positions
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.skeletal.euler import smooth_euler
-from muybridge.motion.formats.fbx.container import CREATION_TIME, FILE_ID, VERSION, Node, Table, write_fbx_nodes
-from muybridge.motion.formats.fbx.scene import CUSTOM_RATE, RATES, TICKS_A_SECOND
-
-Array = NDArray[np.float64]
 
 CM = 100.0
 _RATE_NUMBERS = {rate: number for number, rate in reversed(RATES.items()) if rate.is_integer()}
@@ -111,7 +110,7 @@ def _takes(motion: Motion) -> Node:
     return out
 
 
-def _model(number: int, name: str, kind: str, place: Array) -> Node:
+def _model(number: int, name: str, kind: str, place: FloatArray) -> Node:
     table = Table().integer("InheritType", 1, "enum")
     table.line("Lcl Translation", "Lcl Translation", "", "A", *map(float, place))
     table.line("Lcl Rotation", "Lcl Rotation", "", "A", 0.0, 0.0, 0.0)
@@ -121,7 +120,9 @@ def _model(number: int, name: str, kind: str, place: Array) -> Node:
     return Node("Model", (number, _name(name, "Model"), kind), children)
 
 
-def _limb(objects: Node, links: Node, numbers: tuple[int, int, int], name: str, place: Array, length: float) -> None:
+def _limb(
+    objects: Node, links: Node, numbers: tuple[int, int, int], name: str, place: FloatArray, length: float
+) -> None:
     """A joint as a model and what makes it a limb; `numbers` are the model's, the attribute's and the parent's."""
     model, attribute, parent = numbers
     size = Table().number("Size", length).node
@@ -152,7 +153,7 @@ def _add_joints(objects: Node, links: Node, skeleton: Skeleton, ends: Iterable[i
     objects.append(pose)
 
 
-def _matrix(place: Array) -> Array:
+def _matrix(place: FloatArray) -> FloatArray:
     """A translation as FBX has its matrices: (16,), columns first."""
     out = np.eye(4)
     out[3, :3] = place
@@ -230,9 +231,7 @@ def _add_animation(objects: Node, links: Node, motion: Motion) -> None:
             _add_curves(objects, links, "T", "Lcl Translation", j, times, places)
 
 
-def _add_curves(
-    objects: Node, links: Node, kind: str, what: str, j: int, times: NDArray[np.int64], values: Array
-) -> None:
+def _add_curves(objects: Node, links: Node, kind: str, what: str, j: int, times: IntArray, values: FloatArray) -> None:
     """Three curves of joint `j`: keys at `times` (T,) of `values` (T, 3)."""
     number, table = _NODE_OF[kind] + j, Table()
     for axis, first in zip("XYZ", values[0], strict=True):

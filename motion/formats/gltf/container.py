@@ -14,6 +14,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 
 FLOAT, UNSIGNED_BYTE, UNSIGNED_SHORT = 5126, 5121, 5123
@@ -139,7 +140,7 @@ class Document:
                     raise self.error(f"its buffer {unquote(uri)} cannot be read ({error.strerror})") from error
         return self._buffers[index]
 
-    def accessor(self, index: int) -> NDArray[np.float64]:
+    def accessor(self, index: int) -> FloatArray:
         """(N, K) numbers of an accessor; normalised integers are 0..1 or -1..1."""
         accessor = self.json["accessors"][index]
         if "sparse" in accessor:

@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.numerics.rotations import matrix_from_quat
-from muybridge.geometry.skeleton.skeleton import Motion
-from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.gltf.container import JSON_ERRORS, Document
+from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.skeletal.world_axes import frame_times, motion_in_world_axes
-
-Array = NDArray[np.float64]
 
 _DEFAULT_FPS = 30.0
 
@@ -27,10 +25,10 @@ _DEFAULT_FPS = 30.0
 class _Node:
     name: str
     parent: int
-    translation: Array
-    rotation: Array  # (3, 3)
+    translation: FloatArray
+    rotation: FloatArray  # (3, 3)
     scale: float
-    tip: Array | None
+    tip: FloatArray | None
 
 
 def read_gltf(path: Path, animation: int = 0) -> Motion:
@@ -114,7 +112,7 @@ def _node(document: Document, i: int, raw: dict[str, Any], parent: int) -> _Node
     return _Node(name, parent, translation, rotation, scale, place)
 
 
-def _vector(document: Document, values: Any, count: int, what: str) -> Array:
+def _vector(document: Document, values: Any, count: int, what: str) -> FloatArray:
     array = np.array(values, dtype=np.float64)
     if array.shape != (count,) or not (np.abs(array) < 1e12).all():
         raise document.error(f"{what} must be {count} finite numbers")
@@ -148,8 +146,8 @@ def _joints(document: Document, nodes: list[_Node]) -> list[int]:
 
 @dataclass
 class _Track:
-    times: Array
-    values: Array  # (N, K), or (N, 3, K) for cubic splines: tangent in, value, tangent out
+    times: FloatArray
+    values: FloatArray  # (N, K), or (N, 3, K) for cubic splines: tangent in, value, tangent out
     kind: str
 
 
@@ -176,7 +174,7 @@ def _tracks(document: Document, animation: int) -> dict[tuple[int, str], _Track]
     return out
 
 
-def _even_times(document: Document, tracks: dict[tuple[int, str], _Track], animation: int) -> tuple[float, Array]:
+def _even_times(document: Document, tracks: dict[tuple[int, str], _Track], animation: int) -> tuple[float, FloatArray]:
     if not tracks:
         return _DEFAULT_FPS, np.zeros(1)
     first = min(t.times[0] for t in tracks.values())
@@ -194,11 +192,11 @@ def _even_times(document: Document, tracks: dict[tuple[int, str], _Track], anima
 
 
 def _forward(
-    document: Document, nodes: list[_Node], order: list[int], tracks: dict[tuple[int, str], _Track], times: Array
-) -> tuple[dict[int, Array], dict[int, Array], dict[int, float]]:
+    document: Document, nodes: list[_Node], order: list[int], tracks: dict[tuple[int, str], _Track], times: FloatArray
+) -> tuple[dict[int, FloatArray], dict[int, FloatArray], dict[int, float]]:
     """Orientation (T, 3, 3), place (T, 3) and scale in the scene of joints and of what stands above them."""
-    turns: dict[int, Array] = {}
-    places: dict[int, Array] = {}
+    turns: dict[int, FloatArray] = {}
+    places: dict[int, FloatArray] = {}
     scales: dict[int, float] = {}
     above: list[int] = []
     n = nodes[order[0]].parent
@@ -229,7 +227,7 @@ def _forward(
     return turns, places, scales
 
 
-def _sample(track: _Track, times: Array, rotation: bool) -> Array:
+def _sample(track: _Track, times: FloatArray, rotation: bool) -> FloatArray:
     keys = track.times
     at = np.clip(times, keys[0], keys[-1])
     if track.kind == "CUBICSPLINE":
@@ -247,7 +245,7 @@ def _sample(track: _Track, times: Array, rotation: bool) -> Array:
     return np.asarray(out)
 
 
-def _cubic(track: _Track, at: Array) -> Array:
+def _cubic(track: _Track, at: FloatArray) -> FloatArray:
     """Hermite splines, as the specification's appendix C has them."""
     keys = track.times
     if len(keys) == 1:
@@ -264,19 +262,19 @@ def _cubic(track: _Track, at: Array) -> Array:
     )
 
 
-def _rest_turns(document: Document, nodes: list[_Node], order: list[int]) -> list[Array]:
+def _rest_turns(document: Document, nodes: list[_Node], order: list[int]) -> list[FloatArray]:
     """World from joint at rest, (3, 3) each: by the skin's bind pose where it is given, turned so that the root
     stands as its node does."""
-    of_node: dict[int, Array] = {}
+    of_node: dict[int, FloatArray] = {}
 
-    def standing(n: int) -> Array:
+    def standing(n: int) -> FloatArray:
         if n not in of_node:
             above = np.eye(3) if nodes[n].parent < 0 else standing(nodes[n].parent)
             of_node[n] = above @ nodes[n].rotation
         return of_node[n]
 
     skin = document.json["skins"][0]
-    bound: dict[int, Array] = {}
+    bound: dict[int, FloatArray] = {}
     if "inverseBindMatrices" in skin:
         matrices = document.accessor(skin["inverseBindMatrices"]).reshape(-1, 4, 4)
         for n, columns in zip(skin["joints"], matrices, strict=False):
@@ -287,7 +285,7 @@ def _rest_turns(document: Document, nodes: list[_Node], order: list[int]) -> lis
     if root not in bound:
         bound = {}
     turn = standing(root) @ bound[root].T if bound else np.eye(3)
-    rest: dict[int, Array] = {}
+    rest: dict[int, FloatArray] = {}
     for n in order:
         if n in bound:
             rest[n] = turn @ bound[n]

@@ -11,20 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from muybridge import __version__
+from muybridge.arrays import FloatArray
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
-from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions
-from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.gltf.container import ARRAY_BUFFER, UNSIGNED_BYTE, UNSIGNED_SHORT, Buffer, pack_glb
 from muybridge.motion.formats.gltf.read import read_gltf
+from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions
+from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 
 __all__ = ["read_gltf", "write_glb"]
 
-Array = NDArray[np.float64]
 
 GLTF_FROM_WORLD = BVH_FROM_WORLD
 _BONE_COLOUR = [0.80, 0.62, 0.36, 1.0]
@@ -80,7 +80,7 @@ def write_glb(path: Path, motion: Motion) -> None:
         temporary.write_bytes(data)
 
 
-def _joint_nodes(skeleton: Skeleton, rest: Array) -> list[dict[str, Any]]:
+def _joint_nodes(skeleton: Skeleton, rest: FloatArray) -> list[dict[str, Any]]:
     nodes = []
     for j, name in enumerate(skeleton.names):
         place = rest[0] if j == 0 else skeleton.offsets[j]
@@ -94,14 +94,14 @@ def _joint_nodes(skeleton: Skeleton, rest: Array) -> list[dict[str, Any]]:
     return nodes
 
 
-def _inverse_bind(rest: Array) -> Array:
+def _inverse_bind(rest: FloatArray) -> FloatArray:
     """(J, 16), column after column: at rest every joint has the world's axes, so they only move back."""
     out = np.tile(np.eye(4), (len(rest), 1, 1))
     out[:, :3, 3] = -rest @ GLTF_FROM_WORLD.T
     return np.asarray(np.swapaxes(out, 1, 2).reshape(-1, 16) + 0.0)
 
 
-def _mesh(skeleton: Skeleton, rest: Array, buffer: Buffer) -> dict[str, Any]:
+def _mesh(skeleton: Skeleton, rest: FloatArray, buffer: Buffer) -> dict[str, Any]:
     mesh = bone_mesh(skeleton)
     count = len(mesh.positions)
     joints = np.zeros((count, 4), dtype=np.int64)

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from muybridge import __version__
+from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import Points3D
@@ -28,8 +28,6 @@ from muybridge.motion.formats.points.common import (
     check_up,
     points_of_file,
 )
-
-Array = NDArray[np.float64]
 
 # The axis parameters as the C3D manual has them: what points right and up on a screen that shows the subject
 # from its left.
@@ -72,7 +70,7 @@ class Analog:
     labels: tuple[str, ...]
     units: tuple[str, ...]
     rate: float
-    values: Array
+    values: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +230,7 @@ def read_c3d_take(path: Path, unit: str | None = None, up: str | None = None, fp
     return take_of(raw, points, metres, np.eye(3)[turn])
 
 
-def take_of(raw: RawC3D, points: Points3D, metres: float, turn: Array) -> C3DTake:
+def take_of(raw: RawC3D, points: Points3D, metres: float, turn: FloatArray) -> C3DTake:
     """Points with what else the file has that they come from.
 
     Args:
@@ -273,7 +271,7 @@ def _analog(raw: RawC3D, fps: float) -> Analog | None:
     return Analog(tuple(labels), tuple(units), fps * raw.analog_per_frame, raw.analog)
 
 
-def _force_platforms(raw: RawC3D, metres: float, turn: Array) -> dict[str, Any]:
+def _force_platforms(raw: RawC3D, metres: float, turn: FloatArray) -> dict[str, Any]:
     """The group's parameters; corners and origins follow the points' unit, corners their axes as well."""
     group = raw.parameters.get("FORCE_PLATFORM", {})
     if raw.analog.size == 0 or not raw.numbers("FORCE_PLATFORM", "USED").any():
@@ -289,7 +287,7 @@ def _force_platforms(raw: RawC3D, metres: float, turn: Array) -> dict[str, Any]:
     return out
 
 
-def _standard_deviation_mm(covariance_world: Array) -> Array:
+def _standard_deviation_mm(covariance_world: FloatArray) -> FloatArray:
     """(T, J): root of the mean variance a coordinate, in the range the format has; 0 where it is unknown."""
     variance = np.trace(np.asarray(covariance_world, dtype=np.float64), axis1=-2, axis2=-1) / 3.0
     known = np.isfinite(variance) & (variance > 0)

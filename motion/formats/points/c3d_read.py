@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import FormatError
 
-Array = NDArray[np.float64]
 Parameters = dict[str, dict[str, Any]]
 
 _BLOCK = 512
@@ -42,15 +42,15 @@ class RawC3D:
     """
 
     parameters: Parameters
-    points: Array
-    residuals: Array
-    analog: Array
+    points: FloatArray
+    residuals: FloatArray
+    analog: FloatArray
     analog_per_frame: int
     fps: float
     first_frame: int
     header_events: tuple[tuple[str, float], ...]
 
-    def numbers(self, group: str, name: str) -> Array:
+    def numbers(self, group: str, name: str) -> FloatArray:
         """A parameter as a flat array; empty where it is not there or is text."""
         value = self.parameters.get(group, {}).get(name)
         return np.asarray(value, dtype=np.float64).ravel() if isinstance(value, np.ndarray) else np.zeros(0)
@@ -135,7 +135,7 @@ class _Reader:
         fourth = raw[:, : 4 * count].reshape(frames, count, 4)
         points = fourth[..., :3].astype(np.float64) * (1.0 if scale < 0 else scale)
         fourth_word = np.nan_to_num(fourth[..., 3].astype(np.float64), nan=-1.0, posinf=-1.0, neginf=-1.0)
-        quality: NDArray[np.int64] = np.clip(fourth_word, -1, 32767).astype(np.int64)
+        quality: IntArray = np.clip(fourth_word, -1, 32767).astype(np.int64)
         residuals = np.where(quality < 0, -1.0, np.bitwise_and(quality, 0xFF) * abs(scale))
         samples = raw[:, 4 * count :].reshape(frames * per_frame, channels)
         unsigned = [t.upper() for t in _texts(analog, "FORMAT")][:1] == ["UNSIGNED"]
@@ -146,7 +146,7 @@ class _Reader:
             _first(point, "RATE", rate) or rate, first, self.header_events(),
         )  # fmt: skip
 
-    def scaled(self, samples: NDArray[Any], analog: dict[str, Any]) -> Array:
+    def scaled(self, samples: NDArray[Any], analog: dict[str, Any]) -> FloatArray:
         channels = samples.shape[1]
         scale, offset = np.ones(channels), np.zeros(channels)
         for out, key in ((scale, "SCALE"), (offset, "OFFSET")):

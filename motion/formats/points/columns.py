@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.motion.formats.points.common import (
@@ -26,8 +27,6 @@ from muybridge.motion.formats.points.common import (
     points_of_file,
 )
 
-Array = NDArray[np.float64]
-
 _COLUMN = re.compile(
     r"^(?P<name>.+?)(?:[\s_.:\-/|(\[]+(?P<a>[xyzXYZ])|(?<=[a-z0-9])(?P<b>[XYZ]))[)\]]?"
     rf"(?:[\s_(\[]+(?P<unit>(?i:{'|'.join(UNIT_WORDS)}))[)\]]?)?$"
@@ -39,10 +38,10 @@ FRAMES = ("frame", "frame#", "frames", "frame_index", "index", "sync_index")
 _NAMES = ("name", "landmark", "marker", "label", "joint", "keypoint", "point", "point_name")
 
 
-def columns_of(points: Points3D) -> dict[str, Array]:
+def columns_of(points: Points3D) -> dict[str, FloatArray]:
     """The table's columns by name, in order."""
     xyz = points.points_world
-    out: dict[str, Array] = {
+    out: dict[str, FloatArray] = {
         "frame": np.arange(1, len(xyz) + 1, dtype=np.float64),
         "time": np.arange(len(xyz)) / points.fps,
     }
@@ -88,8 +87,8 @@ def points_of(
 
 
 def placed(
-    path: Path, xyz: Array, numbers: Array | None, times: Array | None, fps: float | None
-) -> tuple[Array, Array | None]:
+    path: Path, xyz: FloatArray, numbers: FloatArray | None, times: FloatArray | None, fps: float | None
+) -> tuple[FloatArray, FloatArray | None]:
     """Rows of points (N, ...) and their times (N,) at their frames; see `frames_of_rows`."""
     if numbers is None and times is None:
         return xyz, None
@@ -97,7 +96,7 @@ def placed(
     return in_frames(xyz, row), None if times is None else in_frames(times, row)
 
 
-def rate_of(path: Path, times: Array | None) -> float:
+def rate_of(path: Path, times: FloatArray | None) -> float:
     """Frames a second by the times (T,) of frames, NaN where one has none.
 
     Raises:
@@ -121,14 +120,14 @@ def is_coordinate(column: str) -> bool:
     return column.strip().lower() in ("x", "y", "z") or _COLUMN.match(column.strip()) is not None
 
 
-def _numbers(path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]], name: str) -> Array:
+def _numbers(path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]], name: str) -> FloatArray:
     try:
         return np.array([np.nan if v is None else v for v in columns[name]], dtype=np.float64)
     except (TypeError, ValueError):
         raise FormatError(f"{path}: the column {name!r} holds what is no number; empty means missing") from None
 
 
-def _wide(path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]]) -> tuple[list[str], Array, set[str]]:
+def _wide(path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]]) -> tuple[list[str], FloatArray, set[str]]:
     found: dict[str, dict[str, str]] = {}
     units: set[str] = set()
     for column in columns:
@@ -152,9 +151,9 @@ def _wide(path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]]) -> tu
 
 
 def _long(
-    path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]], lower: Mapping[str, str], times: Array | None,
+    path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]], lower: Mapping[str, str], times: FloatArray | None,
     fps: float | None,
-) -> tuple[list[str], Array, Array | None]:  # fmt: skip
+) -> tuple[list[str], FloatArray, FloatArray | None]:  # fmt: skip
     """One row a landmark and frame."""
     label = next((lower[k] for k in _NAMES if k in lower), None)
     frame = next((lower[k] for k in (*FRAMES, *TIMES) if k in lower), None)

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import FormatError, MuybridgeError
-from muybridge.geometry.landmarks.arrays import BODY23, LandmarkSet, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 
 METRES_OF_UNIT = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 # Every spelling that files have of them, in small letters.
@@ -57,9 +58,7 @@ def read_text(path: Path, kind: str) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def frames_of_rows(
-    path: Path, numbers: NDArray[np.float64] | None, times: NDArray[np.float64] | None, fps: float | None
-) -> NDArray[np.intp]:
+def frames_of_rows(path: Path, numbers: FloatArray | None, times: FloatArray | None, fps: float | None) -> IndexArray:
     """The frame, from 0, of each of N rows, so that rows that are missing are gaps.
 
     Args:
@@ -94,7 +93,7 @@ def frames_of_rows(
     return np.arange(length, dtype=np.intp)
 
 
-def in_frames(values: NDArray[np.float64], row: NDArray[np.intp]) -> NDArray[np.float64]:
+def in_frames(values: FloatArray, row: IndexArray) -> FloatArray:
     """`values` (N, ...) at the frames (N,) that `frames_of_rows` gave, NaN in those without a row."""
     out = np.full((int(row.max(initial=-1)) + 1, *values.shape[1:]), np.nan)
     out[row] = values
@@ -108,9 +107,7 @@ def check_up(up: str) -> str:
     return up
 
 
-def points_of_file(
-    path: Path, names: Sequence[str], points_world: NDArray[np.float64], fps: float, name: str
-) -> Points3D:
+def points_of_file(path: Path, names: Sequence[str], points_world: FloatArray, fps: float, name: str) -> Points3D:
     """Points3D of what a file holds: positions only, so covariance is NaN and no camera stands behind them.
 
     Args:

@@ -9,8 +9,8 @@ import numpy as np
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.motion.formats.points.common import read_text
 from muybridge.motion.formats.points.columns import columns_of, is_coordinate, points_of
+from muybridge.motion.formats.points.common import read_text
 
 _MISSING = ("", "nan", "na", "null", "none", "-")
 

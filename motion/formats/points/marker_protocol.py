@@ -19,8 +19,7 @@ import numpy as np
 
 from muybridge.errors import FormatError
 from muybridge.files import replacing
-from muybridge.geometry.landmarks.arrays import SURFACE, MarkerSet
-from muybridge.geometry.landmarks.marker_sets import JITTER_MM, SETS, MarkerPlan, plan_of, twins_of
+from muybridge.geometry.landmarks.marker_sets import JITTER_MM, SETS, SURFACE, MarkerPlan, MarkerSet, plan_of, twins_of
 
 
 def find_marker_set(name: str) -> MarkerPlan:

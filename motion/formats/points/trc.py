@@ -9,8 +9,8 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import Points3D
@@ -129,7 +129,7 @@ def _header_number(path: Path, head: dict[str, str], key: str) -> float:
     return value
 
 
-def _row(path: Path, number: int, line: str, markers: int) -> NDArray[np.float64]:
+def _row(path: Path, number: int, line: str, markers: int) -> FloatArray:
     """Frame number, time and coordinates; NaN where a cell is empty, or where the first two are no numbers."""
     cells = line.split("\t")
     if any(cell.strip() for cell in cells[2 + 3 * markers :]):

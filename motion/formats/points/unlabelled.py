@@ -9,16 +9,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.motion.formats.points.c3d_read import RawC3D, read_raw_c3d
-from muybridge.motion.formats.points.csv import read_rows, value_of
-from muybridge.motion.formats.points.common import METRES_OF_UNIT, UNIT_WORDS, check_unit
 from muybridge.motion.formats.points.columns import FRAMES, TIMES, placed, rate_of
+from muybridge.motion.formats.points.common import METRES_OF_UNIT, UNIT_WORDS, check_unit
+from muybridge.motion.formats.points.csv import read_rows, value_of
 from muybridge.motion.formats.points.trc import read_trc
 
-Float = NDArray[np.float64]
 # Parameters of POINT that list what is stored as points and is none.
 _DERIVED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS")
 _NO_MARKER = re.compile(r"(angles?|forces?|moments?|powers?|centreofmass|centerofmass|grf|cop)$", re.IGNORECASE)
@@ -41,7 +40,7 @@ class MarkerCloud:
         c3d: the file, where it is a C3D.
     """
 
-    points: Float
+    points: FloatArray
     names: tuple[str, ...]
     fps: float
     unit: str
@@ -154,7 +153,7 @@ def _vicon(path: Path, rows: list[tuple[int, list[str]]], separator: str) -> Mar
     return MarkerCloud(xyz, tuple(names), fps, unit)
 
 
-def _numbers(path: Path, rows: list[tuple[int, list[str]]], width: int, separator: str) -> Float:
+def _numbers(path: Path, rows: list[tuple[int, list[str]]], width: int, separator: str) -> FloatArray:
     """The cells of numbered lines as numbers (N, width)."""
     out = np.full((len(rows), width), np.nan)
     for i, (number, row) in enumerate(rows):

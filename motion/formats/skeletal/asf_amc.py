@@ -12,91 +12,33 @@ Source: the description of both files by Jeff Lander, "Working with Motion Captu
 January 1998, and the files of the CMU motion capture database.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.motion.formats.skeletal.asf import (
+    INCH,
+    LENGTH,
+    Asf,
+    Bone,
+    Lines,
+    asf_lines,
+    bones_of,
+    find_asf,
+    read_asf_file,
+    skeleton_of_asf,
+    word,
+)
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.skeletal.euler import smooth_euler
 
-Array = NDArray[np.float64]
-
 CMU_FPS = 120.0
-_INCH = 0.0254
-_LENGTH = 0.45
-_CHANNELS = ("tx", "ty", "tz", "rx", "ry", "rz", "l")
-_SHORTEST_M = 0.01
-
-
-@dataclass
-class _Bone:
-    name: str
-    line: int
-    direction: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
-    length: float = 0.0
-    axes: Rotation = field(default_factory=Rotation.identity)
-    channels: tuple[str, ...] = ()
-    parent: str | None = None
-
-
-@dataclass
-class _Asf:
-    metres: float = _INCH / _LENGTH
-    degrees: bool = True
-    position: Array = field(default_factory=lambda: np.zeros(3))
-    orientation: Rotation = field(default_factory=Rotation.identity)
-    bones: dict[str, _Bone] = field(default_factory=dict)
-
-
-class _Lines:
-    """The lines of a file that say something, with their numbers; every complaint names file and line."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        try:
-            text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\r", "\n")
-        except OSError as error:
-            kind = path.suffix.lstrip(".").upper() or "ASF"
-            raise FormatError(f"{path}: cannot be read ({error.strerror}); give an existing {kind} file") from error
-        lines = ((n, line.split("#")[0].split()) for n, line in enumerate(text.split("\n"), start=1))
-        self._lines: Iterator[tuple[int, list[str]]] = ((n, words) for n, words in lines if words)
-        self._kept: list[tuple[int, list[str]]] = []
-        self.number = 1
-
-    def next(self) -> list[str] | None:
-        """The words of the next line; None at the end."""
-        found = self._kept.pop() if self._kept else next(self._lines, None)
-        if found is None:
-            return None
-        self.number = found[0]
-        return found[1]
-
-    def back(self, words: list[str]) -> None:
-        """Let the line be read once more."""
-        self._kept.append((self.number, words))
-
-    def error(self, problem: str) -> FormatError:
-        return FormatError(f"{self.path}: line {self.number}: {problem}; mend or re-export it")
-
-    def numbers(self, words: list[str], count: int, what: str) -> Array:
-        """`count` finite numbers."""
-        if len(words) < count:
-            raise self.error(f"{what} has {len(words)} numbers where {count} must be")
-        try:
-            values = np.array([float(w) for w in words[:count]])
-        except ValueError:
-            raise self.error(f"{what} has something that is no number: {' '.join(words[:count])}") from None
-        if not (np.abs(values) < 1e12).all():
-            raise self.error(f"{what} must be finite")
-        return values
 
 
 def read_amc(path: Path, asf: Path | None = None, fps: float = CMU_FPS) -> Motion:
@@ -118,9 +60,9 @@ def read_amc(path: Path, asf: Path | None = None, fps: float = CMU_FPS) -> Motio
     if not (np.isfinite(fps) and fps > 0):
         raise ValueError(f"fps must be above zero, not {fps}")
     skeleton_path = find_asf(path) if asf is None else Path(asf)
-    parsed = _read_asf(skeleton_path)
+    parsed = read_asf_file(skeleton_path)
     frames = _read_frames(path, parsed)
-    skeleton = _skeleton(skeleton_path, parsed)
+    skeleton = skeleton_of_asf(skeleton_path, parsed)
     t_count = len(next(iter(frames.values()))) if frames else 0
     quat = np.zeros((t_count, len(skeleton), 4))
     root = np.tile(parsed.position, (t_count, 1))
@@ -142,31 +84,6 @@ def read_amc(path: Path, asf: Path | None = None, fps: float = CMU_FPS) -> Motio
     return Motion(skeleton, fps, root @ BVH_FROM_WORLD * parsed.metres, continuous_quat(np.roll(quat, 1, axis=-1)))
 
 
-def read_asf(path: Path) -> Skeleton:
-    """Read a skeleton into metres, Z up; see `read_amc`.
-
-    Raises:
-        FormatError: malformed; the message names the line.
-    """
-    return _skeleton(Path(path), _read_asf(Path(path)))
-
-
-def find_asf(amc: Path) -> Path:
-    """The skeleton that belongs to an AMC by its name.
-
-    Raises:
-        FormatError: none, or more than one that might.
-    """
-    beside = sorted(p for p in amc.parent.glob("*") if p.suffix.lower() == ".asf") if amc.parent.is_dir() else []
-    same = [p for p in beside if p.stem == amc.stem]
-    begins = [p for p in beside if amc.stem.startswith((p.stem + "_", p.stem + "-", p.stem + "."))]
-    for found in (same, begins, beside):
-        if len(found) == 1:
-            return found[0]
-    names = ", ".join(p.name for p in beside) or "none there"
-    raise FormatError(f"{amc}: no ASF file beside it is clearly its skeleton ({names}); name the ASF to be used")
-
-
 def write_amc(path: Path, motion: Motion) -> Path:
     """Write a motion and, beside it under the same name, its skeleton as ASF.
 
@@ -185,16 +102,16 @@ def write_amc(path: Path, motion: Motion) -> Path:
     """
     path = Path(path)
     skeleton = motion.skeleton
-    names = ["root", *(_word(n) for n in skeleton.names[1:])]
+    names = ["root", *(word(n) for n in skeleton.names[1:])]
     names = [n if n not in names[:i] else f"{n}_{i}" for i, n in enumerate(names)]
-    bones, links = _bones_of(skeleton, names)
+    bones, links = bones_of(skeleton, names)
     asf = path.with_suffix(".asf")
     with replacing(asf) as temporary:
-        temporary.write_text("\n".join(_asf_lines(path.stem, bones, links)) + "\n", encoding="utf-8", newline="\n")
+        temporary.write_text("\n".join(asf_lines(path.stem, bones, links)) + "\n", encoding="utf-8", newline="\n")
     xyzw = np.roll(motion.quat_wxyz, -1, axis=-1)
     xyzw[..., :3] = xyzw[..., :3] @ BVH_FROM_WORLD.T
     degrees = np.degrees(smooth_euler(xyzw, "xyz"))
-    root = motion.root_positions_world @ BVH_FROM_WORLD.T * (_LENGTH / _INCH)
+    root = motion.root_positions_world @ BVH_FROM_WORLD.T * (LENGTH / INCH)
     lines = [":FULLY-SPECIFIED", ":DEGREES"]
     for t in range(len(motion)):
         lines.append(str(t + 1))
@@ -206,64 +123,7 @@ def write_amc(path: Path, motion: Motion) -> Path:
     return asf
 
 
-def _word(name: str) -> str:
-    """A name that is one word and no key of the format."""
-    return "_".join(name.replace("#", "_").replace(":", "_").split()) or "_"
-
-
-def _bones_of(skeleton: Skeleton, names: list[str]) -> tuple[list[tuple[str, Array, bool]], list[tuple[str, str]]]:
-    """Bones as name, vector to the end and whether it turns; and pairs of parent and child."""
-    bones: list[tuple[str, Array, bool]] = []
-    links: list[tuple[str, str]] = []
-    for j, name in enumerate(names):
-        children = [k for k, parent in enumerate(skeleton.parents) if parent == j]
-        ends = [skeleton.offsets[k] for k in children]
-        if j == 0:
-            end = np.zeros(3)
-        elif children:
-            end = max(ends, key=lambda e: float(e @ e))
-        else:
-            end = np.nan_to_num(skeleton.tips[j])
-            end = end if np.linalg.norm(end) >= _SHORTEST_M else np.array([0.0, 0.0, _SHORTEST_M])
-        if j:
-            bones.append((name, end, True))
-        for k, offset in zip(children, ends, strict=True):
-            if np.linalg.norm(offset - end) < 1e-9:
-                links.append((name, names[k]))
-            else:
-                base = f"{names[k]}_base"
-                bones.append((base, offset - end, False))
-                links += [(name, base), (base, names[k])]
-    return bones, links
-
-
-def _asf_lines(name: str, bones: list[tuple[str, Array, bool]], links: list[tuple[str, str]]) -> list[str]:
-    lines = [
-        "# written by muybridge", ":version 1.10", f":name {_word(name)}", ":units", "  mass 1.0",
-        f"  length {_LENGTH}", "  angle deg", ":documentation", "   Y up, facing +Z, lengths of 1 / 0.45 inch", ":root",
-        "   order TX TY TZ RX RY RZ", "   axis XYZ", "   position 0 0 0", "   orientation 0 0 0", ":bonedata",
-    ]  # fmt: skip
-    for number, (bone, vector, turns) in enumerate(bones, start=1):
-        length = float(np.linalg.norm(vector))
-        direction = BVH_FROM_WORLD @ vector / length if length > 0 else np.array([0.0, 1.0, 0.0])
-        lines += [
-            "  begin",
-            f"     id {number}",
-            f"     name {bone}",
-            "     direction " + " ".join(f"{v + 0.0:.12f}" for v in direction),
-            f"     length {length * _LENGTH / _INCH:.12f}",
-            "     axis 0 0 0  XYZ",
-        ]
-        if turns:
-            lines += ["     dof rx ry rz", *(f"     {w}(-180.0 180.0)" for w in ("limits ", " " * 7, " " * 7))]
-        lines.append("  end")
-    lines += [":hierarchy", "  begin"]
-    parents = list(dict.fromkeys(parent for parent, _ in links))
-    lines += [f"    {p} " + " ".join(c for q, c in links if q == p) for p in parents]
-    return [*lines, "  end"]
-
-
-def _turns(bone: _Bone, values: Array, degrees: bool) -> Rotation:
+def _turns(bone: Bone, values: FloatArray, degrees: bool) -> Rotation:
     """The bone's rotation in its own axes; the first channel turns first, about axes that stay."""
     turn = Rotation.identity(len(values))
     for k, channel in enumerate(bone.channels):
@@ -274,166 +134,10 @@ def _turns(bone: _Bone, values: Array, degrees: bool) -> Rotation:
     return turn
 
 
-def _skeleton(path: Path, asf: _Asf) -> Skeleton:
-    """Joints in the order of depth first."""
-    children: dict[str, list[str]] = {name: [] for name in asf.bones}
-    for bone in asf.bones.values():
-        if bone.parent is not None:
-            children[bone.parent].append(bone.name)
-    order: list[str] = []
-    waiting = ["root"]
-    while waiting:
-        order.append(waiting.pop())
-        waiting += reversed(children[order[-1]])
-    loose = [name for name in asf.bones if name not in order]
-    if loose:
-        raise FormatError(f"{path}: the bone {loose[0]!r} hangs on nothing in the hierarchy; add it there")
-    ends = np.array([asf.bones[n].direction * asf.bones[n].length for n in order]) @ BVH_FROM_WORLD * asf.metres
-    ends[0] = 0.0
-    parents = [order.index(asf.bones[n].parent or "") if n != "root" else -1 for n in order]
-    free = np.full((len(order), 3), np.inf)
-    return Skeleton(
-        names=tuple(order),
-        parents=tuple(parents),
-        offsets=np.array([ends[p] if p >= 0 else np.zeros(3) for p in parents]),
-        tips=np.array([np.full(3, np.nan) if children[n] else ends[i] for i, n in enumerate(order)]),
-        twist_axis=(2,) * len(order),
-        lower=-free,
-        upper=free,
-    )
-
-
-def _read_asf(path: Path) -> _Asf:
-    lines = _Lines(path)
-    asf = _Asf()
-    asf.bones["root"] = _Bone("root", 1, channels=_CHANNELS[:6])
-    seen: set[str] = set()
-    while (words := lines.next()) is not None:
-        section = words[0].lower()
-        if not section.startswith(":"):
-            raise lines.error(f"{words[0]!r} stands where a section (:units, :root, ...) must begin")
-        seen.add(section)
-        if section == ":units":
-            _read_units(lines, asf)
-        elif section == ":root":
-            _read_root(lines, asf)
-        elif section == ":bonedata":
-            _read_bones(lines, asf)
-        elif section == ":hierarchy":
-            _read_hierarchy(lines, asf)
-        else:
-            _skip(lines)
-    missing = [s for s in (":root", ":bonedata", ":hierarchy") if s not in seen]
-    if missing:
-        raise FormatError(f"{path}: has no section {missing[0]}; is it an ASF file, and whole?")
-    return asf
-
-
-def _section(lines: _Lines) -> Iterator[list[str]]:
-    """The lines up to the next section."""
-    while (words := lines.next()) is not None:
-        if words[0].startswith(":"):
-            lines.back(words)
-            return
-        yield words
-
-
-def _skip(lines: _Lines) -> None:
-    for _ in _section(lines):
-        pass
-
-
-def _read_units(lines: _Lines, asf: _Asf) -> None:
-    for words in _section(lines):
-        if words[0].lower() == "length":
-            length = lines.numbers(words[1:], 1, "the unit of length")[0]
-            if not 1e-6 < length < 1e6:
-                raise lines.error(f"the unit of length is {length:g}, which must be above zero")
-            asf.metres = _INCH / length
-        elif words[0].lower() == "angle":
-            if words[1:2] not in (["deg"], ["rad"]):
-                raise lines.error(f"the unit of angles is {' '.join(words[1:])!r} where deg or rad must be")
-            asf.degrees = words[1] == "deg"
-
-
-def _read_root(lines: _Lines, asf: _Asf) -> None:
-    root, angles = asf.bones["root"], np.zeros(3)
-    axis = "XYZ"
-    for words in _section(lines):
-        key = words[0].lower()
-        if key == "order":
-            root.channels = _read_channels(lines, words[1:])
-        elif key == "axis":
-            axis = _axis_order(lines, words[1:2])
-        elif key == "position":
-            asf.position = lines.numbers(words[1:], 3, "the root's position")
-        elif key == "orientation":
-            angles = lines.numbers(words[1:], 3, "the root's orientation")
-    asf.orientation = Rotation.from_euler(axis.lower(), angles, degrees=asf.degrees)
-
-
-def _read_channels(lines: _Lines, words: list[str]) -> tuple[str, ...]:
-    channels = tuple(w.lower() for w in words)
-    if len(set(channels)) != len(channels) or any(c not in _CHANNELS for c in channels):
-        raise lines.error(f"{' '.join(words)!r} are not different ones of {', '.join(_CHANNELS)}")
-    return channels
-
-
-def _axis_order(lines: _Lines, words: list[str]) -> str:
-    if not words or sorted(words[0].upper()) != ["X", "Y", "Z"]:
-        raise lines.error(f"{' '.join(words)!r} is no order of axes such as XYZ")
-    return words[0].upper()
-
-
-def _read_bones(lines: _Lines, asf: _Asf) -> None:
-    bone: _Bone | None = None
-    for words in _section(lines):
-        key = words[0].lower()
-        if key == "begin":
-            bone = _Bone("", lines.number)
-        elif bone is None:
-            raise lines.error(f"{words[0]!r} stands where a bone must begin")
-        elif key == "name":
-            if len(words) < 2 or words[1] in asf.bones:
-                raise lines.error(f"{' '.join(words)!r} gives no name, or one that stands twice")
-            bone.name = words[1]
-        elif key == "direction":
-            direction = lines.numbers(words[1:], 3, "the direction")
-            bone.direction = direction / max(float(np.linalg.norm(direction)), 1e-12)
-        elif key == "length":
-            bone.length = float(lines.numbers(words[1:], 1, "the length")[0])
-        elif key == "axis":
-            order = _axis_order(lines, words[4:5])
-            angles = lines.numbers(words[1:], 3, "the axis")
-            bone.axes = Rotation.from_euler(order.lower(), angles, degrees=asf.degrees)
-        elif key == "dof":
-            bone.channels = _read_channels(lines, words[1:])
-        elif key == "end":
-            if not bone.name:
-                raise lines.error(f"the bone that begins in line {bone.line} has no name")
-            asf.bones[bone.name] = bone
-            bone = None
-    if bone is not None:
-        raise lines.error(f"the bone that begins in line {bone.line} does not end")
-
-
-def _read_hierarchy(lines: _Lines, asf: _Asf) -> None:
-    for words in _section(lines):
-        if len(words) == 1 and words[0].lower() in ("begin", "end"):
-            continue
-        for name in words:
-            if name not in asf.bones:
-                raise lines.error(f"the bone {name!r} is not among the bone data")
-        for name in words[1:]:
-            if name == "root" or asf.bones[name].parent is not None:
-                raise lines.error(f"the bone {name!r} has two parents")
-            asf.bones[name].parent = words[0]
-
-
-def _read_frames(path: Path, asf: _Asf) -> dict[str, Array]:
+def _read_frames(path: Path, asf: Asf) -> dict[str, FloatArray]:
     """The values of each bone's channels, (T, channels)."""
-    lines = _Lines(path)
-    values: dict[str, list[Array]] = {name: [] for name, bone in asf.bones.items() if bone.channels}
+    lines = Lines(path)
+    values: dict[str, list[FloatArray]] = {name: [] for name, bone in asf.bones.items() if bone.channels}
     frame = 0
 
     def whole() -> None:

@@ -6,11 +6,9 @@ It stands in for a skin where a format shows nothing without one.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.skeleton.skeleton import Skeleton
-
-Array = NDArray[np.float64]
 
 _SHORTEST_M = 1e-3
 _WAIST = 0.12  # where along a bone it is widest
@@ -28,12 +26,12 @@ class BoneMesh:
         joints: (V,) the joint that a vertex moves with.
     """
 
-    positions: Array
-    normals: Array
-    joints: NDArray[np.intp]
+    positions: FloatArray
+    normals: FloatArray
+    joints: IndexArray
 
 
-def rest_positions(skeleton: Skeleton) -> Array:
+def rest_positions(skeleton: Skeleton) -> FloatArray:
     """(J, 3) metres: the joints in the rest pose, the root at the origin."""
     out = np.zeros((len(skeleton), 3))
     for j, parent in enumerate(skeleton.parents):
@@ -65,7 +63,7 @@ def bone_mesh(skeleton: Skeleton) -> BoneMesh:
     )
 
 
-def _octahedron(start: Array, end: Array) -> Array:
+def _octahedron(start: FloatArray, end: FloatArray) -> FloatArray:
     """(8, 3, 3): eight triangles, counter-clockwise seen from outside."""
     along = end - start
     length = float(np.linalg.norm(along))

@@ -14,16 +14,15 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.skeletal.euler import smooth_euler
-
-Array = NDArray[np.float64]
 
 _SHORTEST_M = 0.01
 BVH_FROM_WORLD = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -65,7 +64,7 @@ def write_bvh(path: Path, motion: Motion, units: Literal["m", "cm"] = "m") -> No
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 
-def _long_tips(skeleton: Skeleton) -> Array:
+def _long_tips(skeleton: Skeleton) -> FloatArray:
     """(J, 3): tips of at least 1 cm; one that is not known goes on in the direction of its bone."""
     tips = np.nan_to_num(skeleton.tips)
     short = np.linalg.norm(tips, axis=1) < _SHORTEST_M
@@ -77,7 +76,7 @@ def _long_tips(skeleton: Skeleton) -> Array:
 
 
 def _write_joint(skeleton: Skeleton, j: int, depth: int, lines: list[str], order: list[int]) -> None:
-    def offset(vector: Array) -> str:
+    def offset(vector: FloatArray) -> str:
         return "OFFSET " + " ".join(f"{v + 0.0:.9f}" for v in BVH_FROM_WORLD @ vector)
 
     order.append(j)
@@ -102,8 +101,8 @@ class _Joint:
     name: str
     parent: int
     line: int
-    offset: Array | None = None
-    tip: Array | None = None
+    offset: FloatArray | None = None
+    tip: FloatArray | None = None
     channels: tuple[str, ...] | None = None
 
 
@@ -158,7 +157,7 @@ class _Words:
             raise self.bad(f"{value:g}", wanted)
         return int(value)
 
-    def vector(self) -> Array:
+    def vector(self) -> FloatArray:
         return np.array([self.number("an offset's number") for _ in range(3)])
 
 
@@ -252,7 +251,7 @@ def _read_channels(words: _Words) -> tuple[str, ...]:
     return channels
 
 
-def _read_end_site(words: _Words) -> Array:
+def _read_end_site(words: _Words) -> FloatArray:
     words.expect("Site")
     while words.next("{") != "{":  # some give the end site a name
         pass
@@ -262,7 +261,7 @@ def _read_end_site(words: _Words) -> Array:
     return tip
 
 
-def _read_values(words: _Words, channels: int) -> tuple[Array, float]:
+def _read_values(words: _Words, channels: int) -> tuple[FloatArray, float]:
     """(T, channels) and frames a second."""
     words.expect("MOTION")
     words.expect("Frames:")
@@ -305,7 +304,7 @@ def _rate(text: str, seconds: float) -> float:
     return whole if rounded or abs(fps - whole) < 2e-5 * fps else fps
 
 
-def _split_channels(path: Path, joints: list[_Joint], values: Array) -> tuple[Array, Array]:
+def _split_channels(path: Path, joints: list[_Joint], values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Root positions (T, 3) and rotations (T, J, 4) xyzw in the file's axes."""
     t_count = len(values)
     quat = np.zeros((t_count, len(joints), 4))

@@ -3,13 +3,12 @@
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from muybridge.arrays import FloatArray
 
 
-def smooth_euler(quat_xyzw: Array, order: str) -> Array:
+def smooth_euler(quat_xyzw: FloatArray, order: str) -> FloatArray:
     """Euler angles over time without needless jumps.
 
     Every rotation has two sets of angles, each up to full turns; the one nearest to the frame before is

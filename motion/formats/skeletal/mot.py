@@ -17,19 +17,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import roles_of
+from muybridge.geometry.skeleton.skeleton import Skeleton
+from muybridge.motion.formats.points.trc import WORLD_AXIS_OF_TRC
 from muybridge.motion.formats.skeletal.bone_meshes import rest_positions
 from muybridge.motion.formats.skeletal.euler import smooth_euler
-from muybridge.motion.formats.points.trc import WORLD_AXIS_OF_TRC
-
-Array = NDArray[np.float64]
 
 GROUND_FROM_WORLD = np.eye(3)[list(WORLD_AXIS_OF_TRC)]
 # A body's own axes: ours at rest face -Y with the left at +X; OpenSim's face +X with the right at +Z.
@@ -62,8 +61,8 @@ class Coordinates:
     """
 
     names: tuple[str, ...]
-    times: Array
-    values: Array
+    times: FloatArray
+    values: FloatArray
 
 
 def write_mot(path: Path, motion: Motion) -> None:
@@ -97,9 +96,9 @@ def coordinates_of(motion: Motion) -> Coordinates:
         return _plain_coordinates(motion, times)
     turns = _standing(motion, roles)
     names: list[str] = []
-    columns: list[Array] = []
+    columns: list[FloatArray] = []
 
-    def add(wanted: tuple[str, ...], matrices: Array, signs: tuple[int, int, int] = (1, 1, 1)) -> None:
+    def add(wanted: tuple[str, ...], matrices: FloatArray, signs: tuple[int, int, int] = (1, 1, 1)) -> None:
         angles = smooth_euler(np.roll(quat_from_matrix(matrices), -1, -1)[:, None], "ZXY")[:, 0] * signs
         for k, name in enumerate(wanted):
             if name:
@@ -123,18 +122,18 @@ def coordinates_of(motion: Motion) -> Coordinates:
     return Coordinates(tuple(names), times, np.stack(columns, axis=1))
 
 
-def _between(above: Array, below: Array) -> Array:
+def _between(above: FloatArray, below: FloatArray) -> FloatArray:
     return np.asarray(np.swapaxes(above, -1, -2) @ below)
 
 
-def _hips(skeleton: Skeleton, roles: Mapping[str, int]) -> tuple[Array, float]:
+def _hips(skeleton: Skeleton, roles: Mapping[str, int]) -> tuple[FloatArray, float]:
     """The middle of the hips from the root at rest, (3,) metres, and how wide they are against the model's."""
     rest = rest_positions(skeleton)
     left, right = rest[roles["left_thigh"]], rest[roles["right_thigh"]]
     return np.asarray((left + right) / 2), float(np.linalg.norm(left - right)) / 2 / _HALF_HIPS
 
 
-def _zero_from_rest(skeleton: Skeleton, roles: Mapping[str, int]) -> dict[str, Array]:
+def _zero_from_rest(skeleton: Skeleton, roles: Mapping[str, int]) -> dict[str, FloatArray]:
     """For each limb the rotation (3, 3) that takes the model's upright pose, arms down, to the rest pose."""
     out = {}
     for role, j in roles.items():
@@ -151,7 +150,7 @@ def _zero_from_rest(skeleton: Skeleton, roles: Mapping[str, int]) -> dict[str, A
     return out
 
 
-def _swing(usual: Array, bone: Array) -> Array:
+def _swing(usual: FloatArray, bone: FloatArray) -> FloatArray:
     """The smallest rotation from one direction to the other."""
     length = float(np.linalg.norm(bone))
     if not length > 1e-6:
@@ -163,7 +162,7 @@ def _swing(usual: Array, bone: Array) -> Array:
     return np.asarray(Rotation.from_rotvec(axis / sine * np.arctan2(sine, usual @ bone / length)).as_matrix())
 
 
-def _standing(motion: Motion, roles: Mapping[str, int]) -> dict[str, Array]:
+def _standing(motion: Motion, roles: Mapping[str, int]) -> dict[str, FloatArray]:
     """Orientations (T, 3, 3) of the model's bodies in ground, by the role of the joint that turns them."""
     skeleton = motion.skeleton
     world, _ = skeleton.forward(motion.root_positions_world, matrix_from_quat(motion.quat_wxyz))
@@ -176,7 +175,7 @@ def _standing(motion: Motion, roles: Mapping[str, int]) -> dict[str, Array]:
     }
 
 
-def _plain_coordinates(motion: Motion, times: Array) -> Coordinates:
+def _plain_coordinates(motion: Motion, times: FloatArray) -> Coordinates:
     matrices = BODY_FROM_REST @ matrix_from_quat(motion.quat_wxyz) @ BODY_FROM_REST.T
     matrices[:, 0] = GROUND_FROM_WORLD @ matrix_from_quat(motion.quat_wxyz[:, 0]) @ BODY_FROM_REST.T
     angles = smooth_euler(np.roll(quat_from_matrix(matrices), -1, -1), "ZXY")
@@ -231,7 +230,7 @@ def read_mot(path: Path) -> Coordinates:
     return Coordinates(tuple(names[1:]), table[:, 0], values)
 
 
-def _row(path: Path, number: int, cells: list[str], count: int) -> Array:
+def _row(path: Path, number: int, cells: list[str], count: int) -> FloatArray:
     try:
         row = np.array([float(c) for c in cells])
     except ValueError:
@@ -259,7 +258,7 @@ def motion_of(coordinates: Coordinates, skeleton: Skeleton) -> Motion:
     at = {n: coordinates.values[:, i] for i, n in enumerate(coordinates.names)}
     nothing = np.zeros(len(coordinates.times))
 
-    def turned(names: tuple[str, ...], signs: tuple[int, int, int] = (1, 1, 1)) -> Array:
+    def turned(names: tuple[str, ...], signs: tuple[int, int, int] = (1, 1, 1)) -> FloatArray:
         angles = np.stack([at.get(n, nothing) for n in names], axis=1) * signs
         return np.asarray(Rotation.from_euler("ZXY", angles).as_matrix())
 
@@ -272,7 +271,7 @@ def motion_of(coordinates: Coordinates, skeleton: Skeleton) -> Motion:
             here = tuple(f"{n}{suffix}" if n else "" for n in names)
             ground[f"{side}_{part}"] = above @ turned(here, right if side == "right" else left)
     lowest = next((r for r in ("spine", "chest", "upper_chest") if r in roles), None)
-    world: dict[int, Array] = {}
+    world: dict[int, FloatArray] = {}
     for role, turns in ground.items():
         bone = roles.get(lowest or "" if role == "torso" else role)
         if bone is not None:

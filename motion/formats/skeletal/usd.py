@@ -9,16 +9,15 @@ import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from muybridge import __version__
+from muybridge.arrays import FloatArray
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
-
-Array = NDArray[np.float64]
 
 
 def write_usda(path: Path, motion: Motion) -> None:
@@ -64,11 +63,11 @@ def joint_paths(skeleton: Skeleton) -> list[str]:
     return paths
 
 
-def _numbers(values: Array) -> str:
+def _numbers(values: FloatArray) -> str:
     return "(" + ", ".join(f"{v:.7g}" for v in values + 0.0) + ")"
 
 
-def _matrices(places: Array) -> str:
+def _matrices(places: FloatArray) -> str:
     """Translations as USD's matrices, whose vectors are rows."""
     last = [_numbers(np.append(BVH_FROM_WORLD @ place, 1.0)) for place in places]
     return ", ".join(f"((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), {row})" for row in last)

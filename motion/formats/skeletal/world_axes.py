@@ -3,13 +3,12 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
-from muybridge.geometry.skeleton.skeleton import Motion, Skeleton
-
-Array = NDArray[np.float64]
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
 
 _SLIDE_M = 1e-3
 
@@ -17,10 +16,10 @@ _SLIDE_M = 1e-3
 def motion_in_world_axes(
     names: Sequence[str],
     parents: Sequence[int],
-    turns: Array,
-    places: Array,
-    rest: Array,
-    tips: Array,
+    turns: FloatArray,
+    places: FloatArray,
+    rest: FloatArray,
+    tips: FloatArray,
     fps: float,
     error: Callable[[str], FormatError],
 ) -> Motion:
@@ -67,7 +66,7 @@ def motion_in_world_axes(
     return Motion(skeleton, fps, places[:, 0], continuous_quat(quat_from_matrix(local)))
 
 
-def frame_times(first: float, last: float, fps: float, keys: int, error: Callable[[str], FormatError]) -> Array:
+def frame_times(first: float, last: float, fps: float, keys: int, error: Callable[[str], FormatError]) -> FloatArray:
     """(T,) seconds of even frames from the first of `keys` keys to the last; `error` where they lie too far apart."""
     count = (last - first) * fps + 1
     if not count < 10_000 + 100 * keys:

@@ -1,6 +1,6 @@
 """Speed and accuracy of the body fit on one core, against the noise that goes in.
 
-Usage: python scripts/bench_body_fit.py [--bvh FILE --metres-per-unit 0.0564] [--seeds 2]
+Usage: python -m scripts.benchmarks.geometry.body_fit [--bvh FILE --metres-per-unit 0.0564] [--seeds 2]
 
 The truth is a BVH file's own joints (one point for joints at the same place), spoiled with noise of 10 mm per axis,
 5 % missing. `online` sees a frame and those before it, `take` all frames; both know the file's skeleton, with the
@@ -17,16 +17,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from measure_skeleton import as_points, cmu_truth
 
 from muybridge.geometry.fitting.body_fit import fit_body, landmarks_from_motion
-from muybridge.geometry.landmarks.arrays import BODY23
-from muybridge.geometry.skeleton.skeleton import Motion
 from muybridge.geometry.fitting.scaling import calibrate_skeleton
 from muybridge.geometry.fitting.skeleton_fit import SkeletonFit, fit_online, fit_take, joint_rigging, solvable
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.skeletal.bvh import read_bvh
+from scripts.benchmarks.geometry.skeleton import as_points, cmu_truth
 
-DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data"
 SIGMA, MISSING = 0.010, 0.05
 
 

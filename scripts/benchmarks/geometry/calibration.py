@@ -1,6 +1,6 @@
 """Calibration and synchronisation, measured: boards, lenses, people, made rigs, clocks.
 
-    python scripts/bench_calibration.py board lenses people rigs sync --data ../shared/data
+    python -m scripts.benchmarks.geometry.calibration board lenses people rigs sync --data ../shared/data
 
 - board: four webcams that filmed a ChArUco board, by `muybridge calibrate board` as a user runs it: all frames, then
   both halves of the moments (odd and even, first and second) as folders of images; how far the distances between
@@ -30,21 +30,23 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from bench_culprits import balancing
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
 from muybridge.geometry.calibration.people.calibrate import PeopleCalibrationOptions, calibrate_people, refine_people
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.sync.clocks import Clock
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
-from muybridge.geometry.sync.motion import audio_clock, epipolar_clocks, motion_clocks
-from muybridge.geometry.triangulation.multiview import leave_one_out_error, triangulate
+from muybridge.geometry.sync.clocks import Clock
+from muybridge.geometry.sync.epipolar import epipolar_clocks
+from muybridge.geometry.sync.motion import audio_clock, motion_clocks
+from muybridge.geometry.triangulation.multiview import triangulate
+from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.infer.commands.app import run_command
+from scripts.benchmarks.geometry.culprits import balancing
 
-Floats = NDArray[np.float64]
 _RIGS = 4
 CHECKERS = ("--board", "checkerboard", "--columns", "4", "--rows", "7", "--square", "0.06")
 
@@ -63,7 +65,7 @@ def command(*arguments: object) -> str:
     return said.getvalue()
 
 
-def distances(cameras: CameraGroup) -> Floats:
+def distances(cameras: CameraGroup) -> FloatArray:
     """(C (C - 1) / 2,) between camera centres, metres."""
     centers = cameras.centers_world
     return np.linalg.norm(centers[:, None] - centers, axis=-1)[np.triu_indices(len(centers), 1)]
@@ -126,7 +128,7 @@ def lenses(data: Path) -> None:
         print(f"{theirs.name}: focal lengths {off[0]:+.2%} and {off[1]:+.2%} from Qualisys'")
 
 
-def apart(a: CameraGroup, b: CameraGroup) -> tuple[Floats, Floats, float]:
+def apart(a: CameraGroup, b: CameraGroup) -> tuple[FloatArray, FloatArray, float]:
     """(C,) degrees and (C,) metres between rigs after the best similarity, and degrees between pairs of cameras."""
     turn = Rotation.from_matrix(np.stack([y.rotation.T @ x.rotation for x, y in zip(a, b, strict=True)])).mean()
     one, two = a.centers_world - a.centers_world.mean(0), b.centers_world - b.centers_world.mean(0)
@@ -197,7 +199,7 @@ def ring(count: int, rng: np.random.Generator) -> CameraGroup:
     return CameraGroup(tuple(cameras))
 
 
-def bound(problem: AdjustProblem, truth: CameraGroup, points: Floats) -> Floats:
+def bound(problem: AdjustProblem, truth: CameraGroup, points: FloatArray) -> FloatArray:
     """(C,) Cramer-Rao bound on each free camera's position, from the Jacobian by differences, good points only."""
     step, free = 1e-6, [c for c, f in enumerate(problem.free) if f.pose]
     size = 7  # turn, shift, focal
@@ -271,7 +273,7 @@ def rigs() -> None:
         )  # fmt: skip
 
 
-def _cut(px: Floats, variance: Floats, late: NDArray[np.intp]) -> tuple[Floats, Floats]:
+def _cut(px: FloatArray, variance: FloatArray, late: IndexArray) -> tuple[FloatArray, FloatArray]:
     """Camera c's frames `late[c]` later: rows of one frame are of different moments."""
     most = int(np.abs(late).max())
     length = px.shape[1] - 2 * most
@@ -320,7 +322,7 @@ def _sound() -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", nargs="+", choices=["board", "lenses", "people", "rigs", "sync"])
-    parser.add_argument("--data", type=Path, default=Path(__file__).resolve().parents[1].parent / "shared" / "data")
+    parser.add_argument("--data", type=Path, default=Path(__file__).resolve().parents[3].parent / "shared" / "data")
     args = parser.parse_args()
     parts = {"board": board, "lenses": lenses, "people": people, "rigs": lambda _: rigs(), "sync": sync}
     for what in args.what:

@@ -1,6 +1,6 @@
 """How often the right camera is named, over many rigs, takes and faults.
 
-    python scripts/bench_culprits.py --seeds 20 --data ../shared/data
+    python -m scripts.benchmarks.geometry.culprits --seeds 20 --data ../shared/data
 
 Each seed draws a room: 4 to 8 cameras (3 with --fewest 3) around it at 3.5 to 6 m, 1 to 2.6 m high, of different
 focal lengths, looking at its middle with some error; and a person of 1.55 to 1.95 m who wanders about, turns and
@@ -29,17 +29,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration import fit_to_video, load_calibration
 from muybridge.geometry.calibration.diagnosis.faults import find_culprits
 from muybridge.geometry.calibration.diagnosis.hypotheses import changed
 from muybridge.geometry.calibration.people.calibrate import refine_people
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
-Floats = NDArray[np.float64]
-Take = tuple[CameraGroup, Floats, Floats]
+Take = tuple[CameraGroup, FloatArray, FloatArray]
 KINDS = ("turned", "shifted", "focal", "swapped", "healthy")
 SIZE = (1920, 1080)
 # Half a standing person of 1.75 m: x to the side, y forwards, z up.
@@ -68,7 +68,7 @@ def room(count: int, rng: np.random.Generator) -> CameraGroup:
     return CameraGroup(tuple(cameras))
 
 
-def person(times: Floats, rng: np.random.Generator) -> Floats:
+def person(times: FloatArray, rng: np.random.Generator) -> FloatArray:
     """(T, 18, 3) somebody who wanders about, turns and swings the limbs."""
     pace, swing = rng.uniform(0.1, 0.35), rng.uniform(0.5, 1.1)
     phase = rng.uniform(0, 2 * np.pi, 4)
@@ -89,7 +89,7 @@ def person(times: Floats, rng: np.random.Generator) -> Floats:
     return out * rng.uniform(1.55, 1.95) / 1.75
 
 
-def seen_by(cameras: CameraGroup, world: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def seen_by(cameras: CameraGroup, world: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """What a 2D network makes of a person: px and variances."""
     frames, joints = world.shape[:2]
     px = cameras.project(world)

@@ -1,6 +1,6 @@
 """Filters and gap filling against the truth: which is best, and by how much.
 
-Usage: python scripts/bench_filters.py
+Usage: python -m scripts.benchmarks.geometry.filters
 
 Filters: joints of the CMU take 01_01 (climbs and jumps) at 120 and 60 frames/s with noise of 10 mm per axis, white and
 correlated in time. Every filter with parameters of its own is given those that are best on the first half of the take
@@ -11,15 +11,15 @@ accelerations in m/s^2. Gaps: 300 gaps of each length cut into a real serve with
 from pathlib import Path
 
 import numpy as np
-from measure_skeleton import as_points, cmu_truth
 
 from muybridge.geometry.smoothing.filters import FilterOptions, hampel, residual_cutoff, smooth
 from muybridge.geometry.smoothing.gaps import GAP_METHODS, fill_gaps
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
-from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.motion.formats.points.c3d import read_c3d
+from muybridge.motion.formats.skeletal.bvh import read_bvh
+from scripts.benchmarks.geometry.skeleton import as_points, cmu_truth
 
-DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data"
 GRIDS: dict[str, list[FilterOptions]] = {
     "butterworth": [FilterOptions(cutoff_hz=c) for c in (2, 3, 4, 5, 6, 8, 10, 12)],
     "kalman": [FilterOptions(acceleration=a) for a in (2, 5, 12, 25, 50)],

@@ -1,6 +1,6 @@
 """How well gaps are filled: real drop-outs copied on to a recording without any.
 
-    bench_gaps.py WHOLE.c3d GAPS.c3d [--longest 25] [--shifts 8]
+    python -m scripts.benchmarks.geometry.gaps WHOLE.c3d GAPS.c3d [--longest 25] [--shifts 8]
 
 GAPS is a recording of the same markers with drop-outs. Their pattern is shifted in time (and wrapped) several times, so
 that each gap falls on several motions; what is filled is compared with what WHOLE has there. One row a length of gap.

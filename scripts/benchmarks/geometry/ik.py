@@ -1,6 +1,6 @@
 """All methods of inverse kinematics on the same poses: success, iterations, time, limits broken.
 
-Usage: python scripts/bench_ik.py [--poses 10000] [--methods damped fabrik ...]
+Usage: python -m scripts.benchmarks.geometry.ik [--poses 10000] [--methods damped fabrik ...]
 
 Shares of the poses: 40 % both hands of the body to places that some pose within the limits reaches, 20 % the same with
 every angle at one of its limits with a chance of a half, 10 % one hand with place and orientation; 15 % a straight
@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.ik import (
     METHODS,
     Goal,
@@ -29,6 +28,7 @@ from muybridge.geometry.ik import (
 )
 from muybridge.geometry.ik.tree import theta_of_rotations
 from muybridge.geometry.numerics.rotations import matrix_from_quat
+from muybridge.geometry.skeleton.body import BODY, prior_shape
 
 SKELETON = BODY.skeleton(prior_shape(1.75))
 TREE, LAST = tree_of_skeleton(SKELETON, BODY.rest)
@@ -98,9 +98,8 @@ def compare(method: str, cases: dict[str, list[Case]]) -> None:
 
 def real_poses() -> tuple[KinematicTree, np.ndarray, np.ndarray] | None:
     """The CMU take as angles of BODY's hinges; hinges of the joints that are given, and of all."""
-    from measure_skeleton import DATA, as_points, cmu_truth
-
     from muybridge.geometry.fitting.body_fit import fit_body
+    from scripts.benchmarks.geometry.skeleton import DATA, as_points, cmu_truth
 
     if not (DATA / "motion").is_dir():
         return None
@@ -140,7 +139,7 @@ def main() -> None:
     print("| --- " * (len(KINDS) + 4) + "|")
     for method in arguments.methods:
         compare(method, cases)
-    if Path(__file__).resolve().parents[1].parent.joinpath("shared", "data").is_dir():
+    if Path(__file__).resolve().parents[3].parent.joinpath("shared", "data").is_dir():
         naturalness(arguments.methods)
 
 

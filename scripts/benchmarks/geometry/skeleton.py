@@ -1,6 +1,6 @@
 """How near smoothed points and the fitted body come to the truth under the errors of a weak network.
 
-Usage: python scripts/measure_skeleton.py [--seeds 3]
+Usage: python -m scripts.benchmarks.geometry.skeleton [--seeds 3]
 
 Two truths: the balancing take's reference, smoothed (a slow man; its points are no rigid body), and CMU trial
 01_01 (climbs and jumps; exactly rigid). Each is spoiled with noise of 60 mm, outliers, left-right swaps of a
@@ -15,11 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.geometry.fitting.body_fit import FitOptions, fit_body, landmarks_from_motion
-from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 
-DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data"
 LIMBS = (
     ("hip", "knee", "ankle", "heel", "big_toe", "small_toe"),
     ("knee", "ankle", "heel", "big_toe", "small_toe"),

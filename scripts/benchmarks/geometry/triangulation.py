@@ -1,6 +1,6 @@
 """Triangulation measured: frames a second and error, beside a plain weighted DLT in the same run.
 
-    python scripts/bench_triangulation.py [CASE.npz]
+    python -m scripts.benchmarks.geometry.triangulation [CASE.npz]
 
 CASE.npz (default: ../shared/data/triangulation_case.npz beside the repository) holds 2D points of a real rig
 with outliers and their truth. Without it only the synthetic rigs of 4 and 16 cameras are measured. aniposelib
@@ -18,17 +18,18 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.take import TakeOptions, triangulate_take
-from muybridge.geometry.triangulation.multiview import TriangulateOptions, leave_one_out_error, triangulate
+from muybridge.arrays import FloatArray
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
+from muybridge.geometry.triangulation.validation import leave_one_out_error
+from scripts.benchmarks.geometry.whole_take import TakeOptions, triangulate_take
 
-Floats = NDArray[np.float64]
-DEFAULT_CASE = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "triangulation_case.npz"
+DEFAULT_CASE = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "triangulation_case.npz"
 
 
-def load_case(path: Path) -> tuple[CameraGroup, Floats, Floats]:
+def load_case(path: Path) -> tuple[CameraGroup, FloatArray, FloatArray]:
     """Cameras, (C, T, J, 2) px and (T, J, 3) truth."""
     data = np.load(path)
     cameras = []
@@ -42,7 +43,7 @@ def load_case(path: Path) -> tuple[CameraGroup, Floats, Floats]:
     return CameraGroup(tuple(cameras)), data["points_px"].astype(float), data["truth_world"].astype(float)
 
 
-def synthetic(count: int, frames: int = 1000, landmarks: int = 25) -> tuple[CameraGroup, Floats, Floats]:
+def synthetic(count: int, frames: int = 1000, landmarks: int = 25) -> tuple[CameraGroup, FloatArray, FloatArray]:
     """A ring of cameras, 3 px noise, 5 % outliers of 80 px a coordinate."""
     cameras = []
     for c in range(count):
@@ -65,7 +66,7 @@ def synthetic(count: int, frames: int = 1000, landmarks: int = 25) -> tuple[Came
     return group, px, truth
 
 
-def weighted_dlt(cameras: CameraGroup, px: Floats, variance: Floats) -> Floats:
+def weighted_dlt(cameras: CameraGroup, px: FloatArray, variance: FloatArray) -> FloatArray:
     """The plain linear method: the eigenvector of the smallest eigenvalue, all cameras, no rejection."""
     slopes = cameras.unproject(px)
     poses = cameras.cam_from_world
@@ -75,11 +76,11 @@ def weighted_dlt(cameras: CameraGroup, px: Floats, variance: Floats) -> Floats:
     rows = np.where(np.isfinite(rows), rows / np.sqrt(variance)[..., None], 0.0)
     normal = np.einsum("rc...i,rc...j->...ij", rows, rows)
     _, vectors = np.linalg.eigh(normal)
-    points: Floats = vectors[..., :3, 0] / vectors[..., 3:, 0]
+    points: FloatArray = vectors[..., :3, 0] / vectors[..., 3:, 0]
     return points
 
 
-def aniposelib_points(cameras: CameraGroup, px: Floats) -> Callable[[], Floats] | None:
+def aniposelib_points(cameras: CameraGroup, px: FloatArray) -> Callable[[], FloatArray] | None:
     """aniposelib's `triangulate` on the same arrays; None where it is not installed."""
     try:
         from aniposelib.cameras import Camera as PeerCamera
@@ -117,7 +118,7 @@ def best_time(call: Callable[[], Any], repeats: int = 5) -> tuple[Timed, Any]:
     return Timed(min(walls), min(processors)), result
 
 
-def report(name: str, timed: Timed, points: Floats, truth: Floats) -> None:
+def report(name: str, timed: Timed, points: FloatArray, truth: FloatArray) -> None:
     error_mm = 1000 * np.linalg.norm(points - truth, axis=-1)
     known = error_mm[np.isfinite(error_mm)]
     print(
@@ -127,7 +128,7 @@ def report(name: str, timed: Timed, points: Floats, truth: Floats) -> None:
     )
 
 
-def measure(title: str, cameras: CameraGroup, px: Floats, truth: Floats) -> float:
+def measure(title: str, cameras: CameraGroup, px: FloatArray, truth: FloatArray) -> float:
     """Prints a table; returns the processor seconds of the robust triangulation."""
     variance = np.full(px.shape[:-1], 9.0)
     print(f"\n{title}: {len(cameras)} cameras, {px.shape[1]} frames, {px.shape[2]} points\n")

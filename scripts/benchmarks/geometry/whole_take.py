@@ -19,13 +19,13 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
-from muybridge.geometry.cameras.camera import CameraGroup
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.smoothing._kernel import smooth_all
-from muybridge.geometry.take_kernel import likeliest_points
 from muybridge.geometry.triangulation.multiview import (
     TriangulateOptions,
     Triangulation,
@@ -34,8 +34,8 @@ from muybridge.geometry.triangulation.multiview import (
     triangulate,
     views_of,
 )
+from scripts.benchmarks.geometry.whole_take_kernel import likeliest_points
 
-Array = NDArray[np.float64]
 _CHI2_3_MEDIAN = 2.366
 _LAGS = (1, 2, 3, 4, 6, 8, 12)
 
@@ -67,10 +67,10 @@ class TakeOptions:
 class _Cloud:
     """Points of the take as they get better; T frames, J landmarks."""
 
-    known: NDArray[np.bool_]  # (T, J)
-    xyz: Array  # (T, J, 3), 0 where unknown
-    covariance: Array  # (T, J, 3, 3), 1 where unknown
-    typical: Array  # (J, 3, 3) median covariance
+    known: BoolArray  # (T, J)
+    xyz: FloatArray  # (T, J, 3), 0 where unknown
+    covariance: FloatArray  # (T, J, 3, 3), 1 where unknown
+    typical: FloatArray  # (J, 3, 3) median covariance
 
 
 def triangulate_take(
@@ -107,7 +107,7 @@ def triangulate_take(
     again, again_info = _recurrences(cloud, options)
     path, of_path, level = _paths(_with(cloud, again, again_info), cloud, options)
     views, info = views_of(cameras, points_px, variance_px2, single, options.triangulate)
-    path_info: Array = np.asarray(np.linalg.inv(level), dtype=np.float64).reshape(-1, 3, 3)
+    path_info: FloatArray = np.asarray(np.linalg.inv(level), dtype=np.float64).reshape(-1, 3, 3)
     points, covariance = single.points_world.reshape(-1, 3).copy(), np.full((frames * landmarks, 3, 3), np.nan)
     for joined in ((), bones) if bones else ((),):
         # Bones come second: before, points that are wrong would pull their neighbours.
@@ -137,7 +137,7 @@ def _cloud(single: Triangulation) -> _Cloud:
     return _Cloud(known, xyz, covariance, typical)
 
 
-def _with(cloud: _Cloud, other: Array, info: Array) -> _Cloud:
+def _with(cloud: _Cloud, other: FloatArray, info: FloatArray) -> _Cloud:
     """The cloud's points together with what else is said about them."""
     own = np.linalg.inv(cloud.covariance)
     covariance = np.linalg.inv(own + info)
@@ -146,7 +146,7 @@ def _with(cloud: _Cloud, other: Array, info: Array) -> _Cloud:
     return replace(cloud, xyz=xyz, covariance=np.where(cloud.known[..., None, None], covariance, np.eye(3)))
 
 
-def _motion(cloud: _Cloud) -> tuple[Array, Array]:
+def _motion(cloud: _Cloud) -> tuple[FloatArray, FloatArray]:
     """(J,) how large jitter is, in typical covariances, and (J,) m per frame^2 of acceleration, per axis.
 
     The variance of x[t+k] - 2 x[t] + x[t-k] is 6 (noise + jitter) + acceleration (2 k^3 + k) / 3.
@@ -171,7 +171,7 @@ def _motion(cloud: _Cloud) -> tuple[Array, Array]:
     return np.maximum(level, 0.02), acceleration
 
 
-def _paths(cloud: _Cloud, single: _Cloud, options: TakeOptions) -> tuple[Array, Array, Array]:
+def _paths(cloud: _Cloud, single: _Cloud, options: TakeOptions) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(T, J, 3) smooth paths, (T, J, 3, 3) their covariance, and (T, J, 3, 3) how far points are beside them."""
     level, acceleration = _motion(single)
     jitter = np.broadcast_to(level[:, None, None] * cloud.typical, cloud.covariance.shape)
@@ -194,7 +194,7 @@ def _paths(cloud: _Cloud, single: _Cloud, options: TakeOptions) -> tuple[Array, 
     return path, of_path, np.array(jitter)
 
 
-def _recurrences(cloud: _Cloud, options: TakeOptions) -> tuple[Array, Array]:
+def _recurrences(cloud: _Cloud, options: TakeOptions) -> tuple[FloatArray, FloatArray]:
     """(T, J, 3) mean and (T, J, 3, 3) information of each point in other frames that are alike; 0 where none is."""
     frames, landmarks = cloud.known.shape
     mean, info = np.zeros((frames, landmarks, 3)), np.zeros((frames, landmarks, 3, 3))
@@ -211,7 +211,7 @@ def _recurrences(cloud: _Cloud, options: TakeOptions) -> tuple[Array, Array]:
     return mean, info
 
 
-def _candidates(cloud: _Cloud, options: TakeOptions, near: int, most: int = 4000) -> NDArray[np.intp]:
+def _candidates(cloud: _Cloud, options: TakeOptions, near: int, most: int = 4000) -> IndexArray:
     """(T, K) frames with the most similar poses, nearest first."""
     frames = len(cloud.known)
     poses = cloud.xyz.copy()
@@ -228,7 +228,7 @@ def _candidates(cloud: _Cloud, options: TakeOptions, near: int, most: int = 4000
     return np.asarray(chosen[cKDTree(flat[chosen]).query(flat, count)[1]])
 
 
-def _unlike(white: Array, known: NDArray[np.bool_], t: int, others: NDArray[np.intp], patch: int) -> Array:
+def _unlike(white: FloatArray, known: BoolArray, t: int, others: IndexArray, patch: int) -> FloatArray:
     """(K,) median square difference of frames and their neighbours beyond noise, in units of the noise.
 
     Args:
@@ -248,7 +248,7 @@ def _unlike(white: Array, known: NDArray[np.bool_], t: int, others: NDArray[np.i
     return np.where(count >= 12, np.maximum(middle / _CHI2_3_MEDIAN - 1, 0.0), np.inf)
 
 
-def _average(cloud: _Cloud, t: int, others: NDArray[np.intp], beyond: float) -> tuple[Array, Array]:
+def _average(cloud: _Cloud, t: int, others: IndexArray, beyond: float) -> tuple[FloatArray, FloatArray]:
     """(J, 3) mean of points in other frames and its (J, 3, 3) information; far ones count little."""
     off = cloud.xyz[others] - cloud.xyz[t]
     total = cloud.covariance[others] + cloud.covariance[t]
@@ -265,8 +265,13 @@ def _average(cloud: _Cloud, t: int, others: NDArray[np.intp], beyond: float) -> 
 
 
 def _with_bones(
-    other: Array, info: Array, points: Array, cloud: _Cloud, bones: Sequence[tuple[int, int]], options: TakeOptions
-) -> tuple[Array, Array]:
+    other: FloatArray,
+    info: FloatArray,
+    points: FloatArray,
+    cloud: _Cloud,
+    bones: Sequence[tuple[int, int]],
+    options: TakeOptions,
+) -> tuple[FloatArray, FloatArray]:
     """What recurrences say, and what the lengths of bones say from where their other ends are."""
     total, pull = info.copy(), np.einsum("tjab,tjb->tja", info, other)
     for a, b in bones:

@@ -1,21 +1,19 @@
-"""The compiled part of `muybridge.geometry.take`: one point from its views and from what else is known about it."""
+"""The compiled part of `scripts.benchmarks.geometry.whole_take`: one point from its views and from what else is known about it."""
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.triangulation._kernel import (
     Limits,
     Rig,
     Views,
-    _compiled,
-    _inverse3,
-    _normal_equations,
-    _score,
+    compiled,
+    inverse3,
+    normal_equations,
+    score_of_point,
 )
-
-Array = NDArray[np.float64]
 
 _STEPS = 12
 # What it costs at most to be off the path: more than one wrong view, so that the path decides where views are split,
@@ -23,8 +21,8 @@ _STEPS = 12
 _BREAK = 24.0
 
 
-@_compiled
-def _far(point: Array, mean: Array, info: Array) -> float:
+@compiled
+def _far(point: FloatArray, mean: FloatArray, info: FloatArray) -> float:
     """Squared Mahalanobis distance."""
     total = 0.0
     for k in range(3):
@@ -33,7 +31,7 @@ def _far(point: Array, mean: Array, info: Array) -> float:
     return total
 
 
-@_compiled
+@compiled
 def _off_path(far: float, freedom: float) -> tuple[float, float]:
     """Cost of being off the path by a squared Mahalanobis distance, and its derivative: Student's t, bounded.
 
@@ -45,42 +43,42 @@ def _off_path(far: float, freedom: float) -> tuple[float, float]:
     return -2.0 * math.log(likely + broken), heavy / (heavy + far) * likely / (likely + broken)
 
 
-@_compiled
+@compiled
 def _total(
-    views: Views, point: Array, limits: Limits, path: Array, path_info: Array, other: Array, other_info: Array,
+    views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray, other: FloatArray, other_info: FloatArray,
     freedom: float,
 ) -> float:  # fmt: skip
     """Twice the negative log posterior, but for a constant."""
-    loss, _ = _score(views, point, limits)
+    loss, _ = score_of_point(views, point, limits)
     off_path, _ = _off_path(_far(point, path, path_info), freedom)
     return loss + off_path + _far(point, other, other_info)
 
 
-@_compiled
+@compiled
 def _likeliest(
-    views: Views, point: Array, limits: Limits, path: Array, path_info: Array, other: Array, other_info: Array,
-    freedom: float, normal: Array, covariance: Array,
+    views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray, other: FloatArray, other_info: FloatArray,
+    freedom: float, normal: FloatArray, covariance: FloatArray,
 ) -> float:  # fmt: skip
     """Damped Gauss-Newton in place; returns the cost, fills the covariance."""
     gradient, trial, damped, inverse = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
     best = _total(views, point, limits, path, path_info, other, other_info, freedom)
     damping = 1e-9
     for _ in range(_STEPS):
-        _normal_equations(views, point, limits, normal, gradient)
+        normal_equations(views, point, limits, normal, gradient)
         _, weight = _off_path(_far(point, path, path_info), freedom)
         for k in range(3):
             for m in range(3):
                 normal[k, m] += weight * path_info[k, m] + other_info[k, m]
                 gradient[k] += weight * path_info[k, m] * (point[m] - path[m])
                 gradient[k] += other_info[k, m] * (point[m] - other[m])
-        _inverse3(normal, covariance)
+        inverse3(normal, covariance)
         improved, decrease = False, 0.0
         while damping < 1e3:
             for k in range(3):
                 for m in range(3):
                     damped[k, m] = normal[k, m]
                 damped[k, k] += damping * (normal[0, 0] + normal[1, 1] + normal[2, 2])
-            if not _inverse3(damped, inverse):
+            if not inverse3(damped, inverse):
                 damping = max(damping * 100.0, 1e-6)
                 continue
             decrease = 0.0
@@ -102,10 +100,10 @@ def _likeliest(
     return best
 
 
-@_compiled
+@compiled
 def likeliest_points(
-    rig: Rig, limits: Limits, seen: Array, info: Array, path: Array, path_info: Array, other: Array,
-    other_info: Array, freedom: float, points: Array, covariances: Array, begin: int, end: int,
+    rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, path: FloatArray, path_info: FloatArray, other: FloatArray,
+    other_info: FloatArray, freedom: float, points: FloatArray, covariances: FloatArray, begin: int, end: int,
 ) -> None:  # fmt: skip
     """Points `begin` to `end`, in place: the better of what is reached from the point and from its path.
 

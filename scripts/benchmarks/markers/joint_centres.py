@@ -1,6 +1,6 @@
 """How far joint centres found from surface markers are from the body's own, on bodies that follow a recorded motion.
 
-Usage: python scripts/bench_joint_centres.py [--bodies 6]
+Usage: python -m scripts.benchmarks.markers.joint_centres [--bodies 6]
 
 The truth is anny's joints, about which its skin turns. They are a rigger's and no anatomist's: a regression made on
 living people is off mostly by that difference, which is the same in every frame; the second figure is without it.
@@ -9,13 +9,13 @@ living people is off mostly by that difference, which is the same in every frame
 import argparse
 
 import numpy as np
-from bench_solver import DATA, read_motion
 
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.skeleton.joint_centres import METHODS, centres_from_markers
-from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 from muybridge.train.correction.takes import recorded_take
+from muybridge.train.synthesis.markers.trajectories import MarkerBodies
+from scripts.benchmarks.markers.solver import DATA, read_motion
 
 
 def main() -> None:

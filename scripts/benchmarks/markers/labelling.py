@@ -1,6 +1,6 @@
 """How well and how fast recordings are labelled, and what each part brings.
 
-    bench_labelling.py LABELLED.c3d ... [--model labels.onnx] [--set pig39] [--seed 0]
+    python -m scripts.benchmarks.markers.labelling LABELLED.c3d ... [--model labels.onnx] [--set pig39] [--seed 0]
 
 Strips the names of recordings that are labelled, shuffles their points (anew in every frame, or whole trajectories),
 hides and adds points, and compares what comes out with the names they had. One row a protocol, one column a variant.
@@ -12,16 +12,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.markers.tracking import TrackOptions
-from muybridge.infer.networks.labelling import LabelNetwork
 from muybridge.infer.labelling.label import LabelOptions, label_points
-from muybridge.models.keypoints.metadata import shipped_model
-from muybridge.motion.formats.points.unlabelled import read_marker_cloud
+from muybridge.infer.networks.labelling import LabelNetwork
+from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.points.marker_protocol import find_marker_set
+from muybridge.motion.formats.points.unlabelled import read_marker_cloud
 
-Float = NDArray[np.float64]
 # Protocol: shuffled in every frame, most hidden a frame, ghosts a frame, broken trajectories.
 PROTOCOLS = {
     "per frame": (True, 0, 0, 0), "per frame, 5 hidden, 3 ghosts": (True, 5, 3, 0), "whole": (False, 0, 0, 0),
@@ -35,7 +34,9 @@ VARIANTS = {
 }  # fmt: skip
 
 
-def trial(truth: Float, every: bool, hidden: int, ghosts: int, breaks: int, seed: int) -> tuple[Float, Float]:
+def trial(
+    truth: FloatArray, every: bool, hidden: int, ghosts: int, breaks: int, seed: int
+) -> tuple[FloatArray, FloatArray]:
     """A shuffled cloud (T, K, 3) and what is still to be seen of the truth (T, M, 3)."""
     rng = np.random.default_rng(seed)
     truth = truth.copy()

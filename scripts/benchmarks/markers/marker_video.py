@@ -1,6 +1,6 @@
 """Markers in video, from pictures to names and a skeleton, on a synthetic take with known truth.
 
-Usage: python scripts/bench_marker_video.py [--frames 240] [--kind dance] [--session FOLDER]
+Usage: python -m scripts.benchmarks.markers.marker_video [--frames 240] [--kind dance] [--session FOLDER]
 
 Six cameras of 1024 x 1024 at 120 Hz around one of anny's bodies with the 39 Plug-in Gait markers: one is seen where it
 faces a camera and no limb (capsules) is in front. Bloom, noise, three lamps in the room, and about one flicker a
@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.landmarks.arrays import PLUG_IN_GAIT
+from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
 from muybridge.infer.detection.blobs import find_blobs, find_threshold
 from muybridge.infer.reconstruction.marker_videos import MarkerVideoOptions, find_markers, triangulate_again
-from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 from muybridge.train.synthesis.markers.rig import NAMES, bones_of
+from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 from muybridge.train.synthesis.markers.video import VideoFaults, draw_markers, markers_in_sight, ring_of_cameras
 from muybridge.train.synthesis.motions.rig import forward, turn
 from muybridge.train.synthesis.motions.sampler import MotionSampler
@@ -106,9 +106,9 @@ def main() -> None:
     print("blobs a camera:", round(float(np.mean([[len(s) for s in f] for f in seen])), 1))
     found = find_markers(cameras, seen, FPS, MarkerVideoOptions())
     print(f"unnamed: {score(found.points, truth, views)}; {time.process_time() - begun:.1f} s")
-    from muybridge.infer.networks.labelling import LabelNetwork
     from muybridge.infer.labelling.label import label_points
-    from muybridge.models.keypoints.metadata import shipped_model
+    from muybridge.infer.networks.labelling import LabelNetwork
+    from muybridge.models.shipped import shipped_model
 
     labelled = label_points(found.points, FPS, PLUG_IN_GAIT, LabelNetwork(shipped_model("labels")))
     named(labelled.points, truth, views, "named")
@@ -132,7 +132,7 @@ def named(points: np.ndarray, truth: np.ndarray, views: np.ndarray, title: str) 
 
 def _writers(folder: Path, cameras: object) -> list:
     from muybridge.geometry.calibration import save_calibration
-    from muybridge.infer.session.video import VideoWriter
+    from muybridge.infer.session.write_video import VideoWriter
 
     (folder / "videos").mkdir(parents=True, exist_ok=True)
     save_calibration(cameras, folder / "calibration.toml")

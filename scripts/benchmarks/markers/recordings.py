@@ -1,6 +1,6 @@
 """Labelling one recording in many ways: markers left out, other frame rates, axes, units, starts, points that are none.
 
-    bench_label_recordings.py LABELLED.c3d [--model labels.onnx] [--only WORDS ...]
+    python -m scripts.benchmarks.markers.recordings LABELLED.c3d [--model labels.onnx] [--only WORDS ...]
 
 The recording wears Plug-in Gait. Each variation is labelled as whole trajectories, with 50 of them broken under 5
 occlusions and 3 ghosts a frame (`hard`), and shuffled anew in every frame without and with occlusions and ghosts.
@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from bench_labelling import Float, trial
 
-from muybridge.infer.networks.labelling import LabelNetwork
+from muybridge.arrays import FloatArray
 from muybridge.infer.labelling.label import label_points
-from muybridge.models.keypoints.metadata import shipped_model
-from muybridge.motion.formats.points.unlabelled import read_marker_cloud
+from muybridge.infer.networks.labelling import LabelNetwork
+from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.points.marker_protocol import find_marker_set
+from muybridge.motion.formats.points.unlabelled import read_marker_cloud
+from scripts.benchmarks.markers.labelling import trial
 
 PROTOCOLS = {"whole": (False, 0, 0, 0), "hard": (False, 5, 3, 50), "shuffled": (True, 0, 0, 0),
              "shuffled, 5 hidden, 3 ghosts": (True, 5, 3, 0)}  # fmt: skip
@@ -34,13 +35,13 @@ Y_UP = np.eye(3)[[1, 2, 0]]
 class Recording:
     """Markers (T, M, 3) in metres with their labels, what is asked for, and points (T, K, 3) that are none of them."""
 
-    points: Float
+    points: FloatArray
     labels: tuple[str, ...]
     fps: float
     asked: str = "pig39"
-    turn: Float | None = None
+    turn: FloatArray | None = None
     unit: float = 1.0
-    beside: Float | None = None
+    beside: FloatArray | None = None
 
 
 def variations(whole: Recording) -> Iterator[tuple[str, Recording]]:

@@ -1,6 +1,6 @@
 """Accuracy of the marker solver: markers on synthetic bodies that follow a recorded motion, spoiled.
 
-Usage: python scripts/bench_solver.py [--motion FILE.bvh] [--bodies 3] [--every 4] [--frames 400]
+Usage: python -m scripts.benchmarks.markers.solver [--motion FILE.bvh] [--bodies 3] [--every 4] [--frames 400]
 
 The truth is anny's own joints under CMU's trial 01_01 (which nothing was trained or tuned on), on bodies drawn anew;
 `--placed 1` has markers placed as differently as examiners do. Every take is calibrated from its own spoiled markers.
@@ -21,26 +21,28 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.geometry.fitting.body_fit import fit_body
-from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE, LandmarkSet, Points3D
-from muybridge.geometry.skeleton.statistical_body import without_rolls
-from muybridge.geometry.fitting.marker_fit import (
+from muybridge.geometry.fitting.marker_fit import fit_markers
+from muybridge.geometry.fitting.subject import (
     MarkerFitOptions,
     calibrate_person,
-    fit_markers,
     follow_take,
     scaled_person,
     settle_frames,
 )
-from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT, SURFACE
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.rotations import matrix_from_quat
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.statistical_body import without_rolls
 from muybridge.infer.networks.correction import SolverNetwork, corrected
-from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.skeletal.bvh import read_bvh
-from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 from muybridge.train.correction.takes import SolverTake, Spoiling, marker_columns, recorded_take, spoil
+from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 
-DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "motion" / "01_01.bvh"
+DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "motion" / "01_01.bvh"
 CASES = {
     "10 % hidden, 10 % shifted": Spoiling(),
     "20 % hidden, 10 % shifted": Spoiling(hidden=0.2),

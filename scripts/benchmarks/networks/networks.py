@@ -1,6 +1,6 @@
 """Crops a second of the keypoint networks, and their ratio to the matrix-multiply peak measured in the same minute.
 
-    python scripts/bench_networks.py [--sizes 192 224 256] [--sessions 1x1 1x2 2x1] [--rounds 15] [--markers]
+    python -m scripts.benchmarks.networks.networks [--sizes 192 224 256] [--sessions 1x1 1x2 2x1] [--rounds 15] [--markers]
 
 Prints a Markdown table. The networks find the body's landmarks, as `muybridge run` has them do, or the virtual markers
 too. 2x1 is two sessions of one thread each side by side, as `muybridge run` has them on two processors. Networks, sizes
@@ -86,8 +86,9 @@ def _product(threads: int) -> Callable[[], object]:
 
 def _network(precision: Literal["fp32", "int8"], markers: bool) -> bytes:
     """The shipped file, with or without the virtual markers."""
-    from muybridge.models.keypoints.metadata import MARKER_OUTPUTS, shipped_model
+    from muybridge.models.keypoints.metadata import MARKER_OUTPUTS
     from muybridge.models.onnx_files.prune_outputs import without_outputs
+    from muybridge.models.shipped import shipped_model
 
     file = shipped_model("keypoints", precision).read_bytes()
     return file if markers else without_outputs(file, MARKER_OUTPUTS)

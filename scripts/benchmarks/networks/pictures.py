@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """A keypoint network on single pictures of `balancing`, with no plate, no calibration and given boxes.
 
-    python scripts/bench_pictures.py DATA [--network NETWORK.onnx ...] [--every 4] [--high 0 88]
+    python -m scripts.benchmarks.networks.pictures DATA [--network NETWORK.onnx ...] [--every 4] [--high 0 88]
 
 Every so many frames of each camera, as large as they are (`--high 0`) or made so small that the person is so many
 pixels high; boxes are those of the reference's own 2D, with a margin of 6 %. Prints for the shipped networks, unless
-told which, what scripts/bench_photographs.py does for an ordinary video, against the reference's points.
+told which, what scripts/benchmarks/takes/photographs.py does for an ordinary video, against the reference's points.
 """
 
 import argparse
@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from bench_culprits import balancing
-from bench_mediapipe import JOINTS
-from bench_photographs import WAYS, agreement
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, FloatArray
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
-from muybridge.models.keypoints.metadata import shipped_model
+from muybridge.models.shipped import shipped_model
+from scripts.benchmarks.geometry.culprits import balancing
+from scripts.benchmarks.takes.mediapipe import JOINTS
+from scripts.benchmarks.takes.photographs import WAYS, agreement
 
 MARGIN = 0.06
 
@@ -28,9 +28,9 @@ MARGIN = 0.06
 class Picture(NamedTuple):
     """RGB pixels, the left top and right bottom (2, 2) of the reference's points, and its joints (12, 2), px."""
 
-    pixels: NDArray[np.uint8]
-    extent: NDArray[np.float64]
-    joints: NDArray[np.float64]
+    pixels: ByteArray
+    extent: FloatArray
+    joints: FloatArray
 
     @property
     def high(self) -> float:
@@ -38,7 +38,7 @@ class Picture(NamedTuple):
         return float(self.extent[1, 1] - self.extent[0, 1])
 
     @property
-    def box(self) -> NDArray[np.float64]:
+    def box(self) -> FloatArray:
         """(4,) px."""
         low, high = self.extent
         margin = MARGIN * (high - low).max()

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The real take made worse: how far `muybridge run` is from its reference where a camera is poor.
 
-usage: python scripts/bench_degraded.py DATA OUT [--only NAME ...] [options of `muybridge run`]
+usage: python -m scripts.benchmarks.takes.degraded DATA OUT [--only NAME ...] [options of `muybridge run`]
 
 DATA holds `balancing`; OUT gets a session a row, with its results. Distances are those of the take's reference: mean of
 12 joints, after one similarity transform, and without each joint's mean offset. Fewer cameras: `--cameras cam01 cam02`.
@@ -17,58 +17,58 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-from bench_mediapipe import JOINTS, figures, reference
-from numpy.typing import NDArray
 
-from muybridge.infer.session.video import VideoWriter, probe_video, read_chunks
+from muybridge.arrays import ByteArray
+from muybridge.infer.session.probe import probe_video
+from muybridge.infer.session.video import read_chunks
+from muybridge.infer.session.write_video import VideoWriter
 from muybridge.motion.formats.points.trc import read_trc
+from scripts.benchmarks.takes.mediapipe import JOINTS, figures, reference
 
-Frame = NDArray[np.uint8]
 
-
-def times(gain: Callable[[int], float | list[float]]) -> Callable[[Frame, int], Frame]:
+def times(gain: Callable[[int], float | list[float]]) -> Callable[[ByteArray, int], ByteArray]:
     """As bright, of all channels or of each, in each frame."""
     return lambda frame, index: (frame * gain(index)).clip(0, 255).astype(np.uint8)
 
 
-def blocks(frame: Frame, _: int) -> Frame:
+def blocks(frame: ByteArray, _: int) -> ByteArray:
     return np.asarray(cv2.imdecode(cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, 8])[1], 1), np.uint8)
 
 
-def dark(frame: Frame, _: int) -> Frame:
+def dark(frame: ByteArray, _: int) -> ByteArray:
     noise = np.empty(frame.shape, np.int16)
     cv2.randn(noise, 0, 4)
     return (frame * 0.2 + noise).clip(0, 255).astype(np.uint8)
 
 
-def dark_but_for_a_window(frame: Frame, index: int) -> Frame:
+def dark_but_for_a_window(frame: ByteArray, index: int) -> ByteArray:
     """As a camera exposes that has something glaring in its picture, which lies before nobody: the lowest eighth."""
     low = dark(frame, index)
     low[-len(low) // 8 :] = 255
     return low
 
 
-def grey(frame: Frame, _: int) -> Frame:
+def grey(frame: ByteArray, _: int) -> ByteArray:
     return np.repeat(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)[..., None], 3, 2)
 
 
-def blurred(frame: Frame, _: int) -> Frame:
+def blurred(frame: ByteArray, _: int) -> ByteArray:
     return np.asarray(cv2.GaussianBlur(frame, (0, 0), 6), np.uint8)
 
 
-def drawn(frame: Frame, _: int) -> Frame:
+def drawn(frame: ByteArray, _: int) -> ByteArray:
     return np.asarray(cv2.filter2D(frame, -1, np.full((1, 15), 1 / 15)), np.uint8)
 
 
-def small(frame: Frame, _: int) -> Frame:
+def small(frame: ByteArray, _: int) -> ByteArray:
     less = cv2.resize(frame, None, fx=1 / 8, fy=1 / 8, interpolation=cv2.INTER_AREA)
     return np.asarray(cv2.resize(less, frame.shape[1::-1], interpolation=cv2.INTER_LINEAR), np.uint8)
 
 
-def only(first: float, last: float) -> Callable[[Frame, int], Frame]:
+def only(first: float, last: float) -> Callable[[ByteArray, int], ByteArray]:
     """The rows between two shares of the height."""
 
-    def kept(frame: Frame, _: int) -> Frame:
+    def kept(frame: ByteArray, _: int) -> ByteArray:
         part = np.zeros_like(frame)
         rows = slice(round(first * len(frame)), round(last * len(frame)))
         part[rows] = frame[rows]
@@ -82,16 +82,16 @@ class Repeating:
 
     def __init__(self, share: float = 0.0, times: int = 1) -> None:
         self.share, self.times, self.random = share, times, np.random.default_rng(0)
-        self.last: Frame | None = None
+        self.last: ByteArray | None = None
 
-    def __call__(self, frame: Frame, index: int) -> Frame:
+    def __call__(self, frame: ByteArray, index: int) -> ByteArray:
         again = index % self.times > 0 or self.random.random() < self.share
         if index == 0 or self.last is None or not again:
             self.last = frame.copy()
         return self.last
 
 
-WORSE: dict[str, tuple[str, Callable[[Frame, int], Frame]]] = {
+WORSE: dict[str, tuple[str, Callable[[ByteArray, int], ByteArray]]] = {
     "as-it-is": ("as it is, encoded once more", lambda frame, _: frame),
     "grey": ("grey", grey),
     "blocks": ("JPEG at a quality of 8", blocks),
@@ -111,7 +111,7 @@ WORSE: dict[str, tuple[str, Callable[[Frame, int], Frame]]] = {
 }  # fmt: skip
 
 
-def make(source: pathlib.Path, session: pathlib.Path, worse: Callable[[Frame, int], Frame]) -> None:
+def make(source: pathlib.Path, session: pathlib.Path, worse: Callable[[ByteArray, int], ByteArray]) -> None:
     """Writes a session with worse videos; its calibration last, which tells that it is whole."""
     (session / "videos").mkdir(parents=True, exist_ok=True)
     for video in sorted((source / "videos").iterdir()):

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How far a camera that was left out is missed by what the others say, on frames that nothing was learned from.
 
-usage: python scripts/bench_left_out.py --data DATA
+usage: python -m scripts.benchmarks.takes.left_out --data DATA
 
 The balancing take's 2D by OpenPose. Cameras are refined from the person (as by `muybridge calibrate people`) on one
 half of the frames, and where that network puts each landmark from each side (`geometry.view_offsets`) is learned on the
@@ -16,13 +16,11 @@ from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
-from bench_culprits import balancing
-from numpy.typing import NDArray
 
+from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.people.calibrate import refine_people
-from muybridge.geometry.cameras.camera import CameraGroup
-from muybridge.geometry.landmarks.arrays import LandmarkSet
-from muybridge.geometry.take import triangulate_take
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.view_bias import (
     ViewOffsets,
@@ -30,9 +28,10 @@ from muybridge.geometry.triangulation.view_bias import (
     trunk_axes,
     without_view_offsets,
 )
+from scripts.benchmarks.geometry.culprits import balancing
+from scripts.benchmarks.geometry.whole_take import triangulate_take
 
-Array = NDArray[np.float64]
-Solve = Callable[[CameraGroup, Array, Array], Array]
+Solve = Callable[[CameraGroup, FloatArray, FloatArray], FloatArray]
 FPS = 60.0
 
 
@@ -48,7 +47,9 @@ def bones_of(names: list[str]) -> list[tuple[int, int]]:
     return [(names.index(a), names.index(b)) for a, b in both]
 
 
-def left_out(cameras: CameraGroup, px: Array, variance: Array, solve: Solve, offsets: ViewOffsets | None) -> float:
+def left_out(
+    cameras: CameraGroup, px: FloatArray, variance: FloatArray, solve: Solve, offsets: ViewOffsets | None
+) -> float:
     """Median distance in px of a camera's points to what `solve` makes of the other cameras'."""
     error = []
     for c, camera in enumerate(cameras):

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """A peer's 2D network, MediaPipe Pose (trained on photographs; what FreeMoCap uses), beside ours on `balancing`.
 
-    python scripts/bench_mediapipe.py find DATA found.npz          in an environment with mediapipe 0.10.14 alone
-    python scripts/bench_mediapipe.py score DATA found.npz RUN     in muybridge's
+    python -m scripts.benchmarks.takes.mediapipe find DATA found.npz          in an environment with mediapipe 0.10.14 alone
+    python -m scripts.benchmarks.takes.mediapipe score DATA found.npz RUN     in muybridge's
 
 RUN is the results folder of `muybridge run DATA/balancing`. MediaPipe is given the boxes of the take's own reference
 2D, each frame anew (static mode, the full model); ours found the person by itself. The 2D of both goes through the
@@ -66,13 +66,14 @@ def find(data: Path, out: Path) -> None:
 
 def score(data: Path, found: Path, run: Path) -> None:
     """Prints the table."""
-    from bench_culprits import balancing
-
     from muybridge.geometry.calibration.people.calibrate import refine_people
-    from muybridge.geometry.landmarks.arrays import BODY23, Points3D
+    from muybridge.geometry.landmarks.arrays import Points3D
+    from muybridge.geometry.landmarks.sets import BODY23
     from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
     from muybridge.geometry.triangulation.left_right import repair_swaps
-    from muybridge.geometry.triangulation.multiview import leave_one_out_error, triangulate
+    from muybridge.geometry.triangulation.multiview import triangulate
+    from muybridge.geometry.triangulation.validation import leave_one_out_error
+    from scripts.benchmarks.geometry.culprits import balancing
 
     (cameras, reference_px, reference_variance), names = balancing(data)
     truth = reference(data)

@@ -1,6 +1,6 @@
 """Several people crossing: how often identities are exchanged, and what company costs in accuracy.
 
-    python scripts/bench_people.py --takes 6
+    python -m scripts.benchmarks.takes.people --takes 6
 
 The model. People of 1.55 to 1.95 m walk to and fro through the middle of a room of 6 x 6 m and past each other (35 cm
 from middle to middle is the least), at 0.7 to 1.5 m/s, their limbs swinging, and turn within 0.7 s; 4 to 6 cameras of
@@ -22,19 +22,21 @@ import argparse
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import linear_sum_assignment
 
+from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.association.select import find_people, take_person
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
-from muybridge.geometry.landmarks.arrays import BODY23, Keypoints2D, Points3D
-from muybridge.geometry.triangulation.shape_prior import with_pose_prior
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
+from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.geometry.triangulation.left_right import repair_swaps
 from muybridge.geometry.triangulation.multiview import triangulate
+from muybridge.geometry.triangulation.shape_prior import with_pose_prior
 from muybridge.infer.detection.tracker import Tracker, TrackOptions
-from muybridge.models.keypoints.decode import DetectedPeople
+from muybridge.models.people.decode import DetectedPeople
 
 WIDTH, HEIGHT = 1920, 1080
 NOISE_PX, NEAR_M, LEAST_APART_M = 4.0, 0.4, 0.35
@@ -70,7 +72,7 @@ def room(count: int, rng: np.random.Generator) -> CameraGroup:
     return CameraGroup(tuple(cameras))
 
 
-def walkers(count: int, frames: int, rng: np.random.Generator, fps: float = 30.0) -> NDArray[np.float64]:
+def walkers(count: int, frames: int, rng: np.random.Generator, fps: float = 30.0) -> FloatArray:
     """(N, T, J, 3) metres."""
     turning = 2 * round(fps / 3) + 1
     paths, bodies, turns = [], [], []
@@ -95,7 +97,7 @@ def walkers(count: int, frames: int, rng: np.random.Generator, fps: float = 30.0
     return np.stack([x, y, body[..., 2]], -1)
 
 
-def _kept_apart(path: NDArray[np.float64], smooth: float) -> NDArray[np.float64]:
+def _kept_apart(path: FloatArray, smooth: float) -> FloatArray:
     """(N, T, 2) paths that evade each other, smoothly: over so many frames."""
     for _ in range(200):
         between = path[:, None] - path[None]
@@ -109,14 +111,14 @@ def _kept_apart(path: NDArray[np.float64], smooth: float) -> NDArray[np.float64]
     return path
 
 
-def boxes_of(px: NDArray[np.float64]) -> NDArray[np.float64]:
+def boxes_of(px: FloatArray) -> FloatArray:
     """(..., J, 2) to (..., 4), a little wider than the landmarks."""
     low, high = np.nanmin(px, -2), np.nanmax(px, -2)
     margin = 0.06 * (high - low).max(-1, keepdims=True)
     return np.concatenate([low - margin, high + margin], -1)
 
 
-def covered(boxes: NDArray[np.float64], depth: NDArray[np.float64]) -> NDArray[np.bool_]:
+def covered(boxes: FloatArray, depth: FloatArray) -> BoolArray:
     """(N,) whether 60 % of a box are behind a nearer one."""
     low = np.maximum(boxes[:, None, :2], boxes[None, :, :2])
     high = np.minimum(boxes[:, None, 2:], boxes[None, :, 2:])
@@ -125,8 +127,8 @@ def covered(boxes: NDArray[np.float64], depth: NDArray[np.float64]) -> NDArray[n
 
 
 def camera_tracks(
-    camera: Camera, people: NDArray[np.float64], rng: np.random.Generator, slots: int, fps: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    camera: Camera, people: FloatArray, rng: np.random.Generator, slots: int, fps: float
+) -> tuple[FloatArray, FloatArray]:
     """One camera's landmarks by slot: (T, P, J, 2) px and (T, P) score."""
     count, frames, landmarks = people.shape[:3]
     true_px = camera.project(people)
@@ -141,7 +143,7 @@ def camera_tracks(
     missed = rng.random((count, frames)) < 0.05
     tracker = Tracker(np.array([-0.5, -0.5, WIDTH - 0.5, HEIGHT - 0.5]), TrackOptions(max_people=slots), fps)
     out, score = np.full((frames, slots, landmarks, 2), np.nan), np.zeros((frames, slots))
-    false: list[tuple[int, NDArray[np.float64]]] = []
+    false: list[tuple[int, FloatArray]] = []
     for t in range(frames):
         false = [(left - 1, pose + rng.normal(0, 3, 2)) for left, pose in false if left > 1]
         if rng.random() < 0.5 / 6.5:
@@ -159,9 +161,7 @@ def camera_tracks(
     return out, score
 
 
-def keypoints_of(
-    cameras: CameraGroup, people: NDArray[np.float64], seed: int, slots: int, fps: float = 30.0
-) -> Keypoints2D:
+def keypoints_of(cameras: CameraGroup, people: FloatArray, seed: int, slots: int, fps: float = 30.0) -> Keypoints2D:
     """What all cameras see."""
     rng = np.random.default_rng(seed)
     own = [np.random.default_rng(rng.integers(1 << 31)) for _ in cameras]
@@ -172,7 +172,7 @@ def keypoints_of(
     return Keypoints2D(BODY23, px, np.where(known, NOISE_PX**2, np.nan), score)
 
 
-def solved(cameras: CameraGroup, keypoints: Keypoints2D, fps: float = 30.0) -> list[NDArray[np.float64]]:
+def solved(cameras: CameraGroup, keypoints: Keypoints2D, fps: float = 30.0) -> list[FloatArray]:
     """(T, J, 3) of everyone whom two cameras see."""
     found = []
     for person in find_people(cameras, keypoints, fps=fps):
@@ -187,7 +187,7 @@ def solved(cameras: CameraGroup, keypoints: Keypoints2D, fps: float = 30.0) -> l
     return found
 
 
-def match(truth: NDArray[np.float64], found: list[NDArray[np.float64]]) -> tuple[int, NDArray[np.int64]]:
+def match(truth: FloatArray, found: list[FloatArray]) -> tuple[int, IntArray]:
     """Identity switches, and (N, T) which of the found each true person is in each frame, -1 where none."""
     result = np.full(truth.shape[:2], -1)
     if not found:
@@ -210,7 +210,7 @@ def match(truth: NDArray[np.float64], found: list[NDArray[np.float64]]) -> tuple
     return switches, result
 
 
-def matched_points(found: list[NDArray[np.float64]], which: NDArray[np.int64]) -> NDArray[np.float64]:
+def matched_points(found: list[FloatArray], which: IntArray) -> FloatArray:
     """(N, T, J, 3) of the found people, in the places of the true ones that they are, NaN where nobody was found."""
     if not found:
         return np.full((*which.shape, 1, 3), np.nan)
@@ -218,7 +218,7 @@ def matched_points(found: list[NDArray[np.float64]], which: NDArray[np.int64]) -
     return np.where((which >= 0)[..., None, None], points, np.nan)
 
 
-def compare(truth: NDArray[np.float64], found: list[NDArray[np.float64]]) -> tuple[int, NDArray[np.float64]]:
+def compare(truth: FloatArray, found: list[FloatArray]) -> tuple[int, FloatArray]:
     """Identity switches, and the error (N, T, J) of the matched landmarks in mm, NaN where unmatched."""
     switches, which = match(truth, found)
     return switches, 1000 * np.linalg.norm(matched_points(found, which) - truth, axis=-1)

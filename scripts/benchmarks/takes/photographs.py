@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """A peer's 2D network, MediaPipe Pose (trained on photographs), beside ours on people in an ordinary video.
 
-    python scripts/bench_photographs.py boxes VIDEO boxes.npz          in muybridge's environment
-    python scripts/bench_photographs.py find VIDEO boxes.npz found.npz in an environment with mediapipe 0.10.14 alone
-    python scripts/bench_photographs.py score VIDEO found.npz          in muybridge's
+    python -m scripts.benchmarks.takes.photographs boxes VIDEO boxes.npz          in muybridge's environment
+    python -m scripts.benchmarks.takes.photographs find VIDEO boxes.npz found.npz in an environment with mediapipe 0.10.14 alone
+    python -m scripts.benchmarks.takes.photographs score VIDEO found.npz          in muybridge's
 
 VIDEO is one still camera's, of people who go about; every 20th frame is looked at. Our detector gives both networks
 the boxes. MediaPipe's points are no truth, so only people count whom it puts into their own box with three limb joints
@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_mediapipe import JOINTS, look, peer
+
+from scripts.benchmarks.takes.mediapipe import JOINTS, look, peer
 
 EVERY = 20
 # How `run` reads a crop, and once.
@@ -42,11 +43,11 @@ def frames(video: Path) -> np.ndarray:
 
 def boxes(video: Path, out: Path) -> None:
     """Writes (N,) numbers of frames and (N, 4) boxes, px."""
-    from muybridge.infer.networks.keypoints import PeopleNetwork
-    from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
     from muybridge.infer.detection.background import Backdrop
     from muybridge.infer.detection.orientation import Letterbox, upright_for
-    from muybridge.models.keypoints.metadata import shipped_model
+    from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
+    from muybridge.infer.networks.keypoints import PeopleNetwork
+    from muybridge.models.shipped import shipped_model
 
     pictures = frames(video)[..., ::-1]
     network = PeopleNetwork(shipped_model("people"))
@@ -66,9 +67,9 @@ def find(video: Path, given: Path, out: Path) -> None:
 
 def score(video: Path, given: Path) -> None:
     """Prints the table."""
-    from muybridge.geometry.landmarks.arrays import BODY23
+    from muybridge.geometry.landmarks.sets import BODY23
     from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
-    from muybridge.models.keypoints.metadata import shipped_model
+    from muybridge.models.shipped import shipped_model
 
     joints = [BODY23.index(name) for name in JOINTS]
     stored = np.load(given)
@@ -90,7 +91,7 @@ def agreement(
     """The table's last three cells, of a keypoint network on RGB `pictures` of one person each, in boxes (N, 4), px,
     against points of `JOINTS` (N, 12, 2), px, of which those `seen` (N, 12) count."""
     from muybridge.geometry.cameras.crops import crops_for_boxes
-    from muybridge.geometry.landmarks.arrays import BODY23
+    from muybridge.geometry.landmarks.sets import BODY23
     from muybridge.infer.detection.crop_pixels import extract_crops
 
     joints = [BODY23.index(name) for name in JOINTS]

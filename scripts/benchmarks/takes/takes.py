@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """From video to motion against the truth: `muybridge run --everyone` on rendered takes of one to four people.
 
-usage: python scripts/bench_takes.py TAKES [--out RESULTS] [--only NAME ...] [options of `muybridge run`]
+usage: python -m scripts.benchmarks.takes.takes TAKES [--out RESULTS] [--only NAME ...] [options of `muybridge run`]
 
-TAKES comes from scripts/make_takes.py. "found" is the share of a true person's frames, of those in which two cameras
+TAKES comes from scripts/assets/takes.py. "found" is the share of a true person's frames, of those in which two cameras
 have four fifths of them in the picture, in which somebody was found within 0.4 m; "switches" are changes of identity;
 "false" is the share of frames, of all people found, in which nobody true was near. Errors are of the final landmarks,
 smoothed and with gaps filled: mean, median, and the share within 5 cm. "swaps" is the share of the limbs' landmarks
@@ -17,20 +17,18 @@ import sys
 import time
 
 import numpy as np
-from bench_people import match, matched_points
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.calibration import load_calibration
 from muybridge.motion.formats.points.trc import read_trc
 from muybridge.train.keypoints.evaluate import LIMB, MIRROR
-
-Floats = NDArray[np.float64]
+from scripts.benchmarks.takes.people import match, matched_points
 
 APART_M = 0.05
 DIGITS = {"people": ".0f", "switches": ".0f", "mean mm": ".1f", "median mm": ".1f"}
 
 
-def truth_of(take: pathlib.Path) -> tuple[Floats, list[str], NDArray[np.bool_]]:
+def truth_of(take: pathlib.Path) -> tuple[FloatArray, list[str], BoolArray]:
     """Points (P, T, J, 3) metres, names, and where (P, T) two cameras have the person in the picture."""
     with np.load(take / "truth.npz") as data:
         points, names = data["points_world"].astype(float), [str(n) for n in data["names"]]
@@ -43,7 +41,7 @@ def truth_of(take: pathlib.Path) -> tuple[Floats, list[str], NDArray[np.bool_]]:
     return points, names, np.sum(seen, 0) >= 2
 
 
-def found_in(out: pathlib.Path, names: list[str], frames: int) -> list[Floats]:
+def found_in(out: pathlib.Path, names: list[str], frames: int) -> list[FloatArray]:
     """(T, J, 3) metres of everybody in a results folder."""
     people = []
     for path in sorted(out.glob("points*.trc")):
@@ -55,7 +53,7 @@ def found_in(out: pathlib.Path, names: list[str], frames: int) -> list[Floats]:
     return people
 
 
-def swaps(truth: Floats, people: Floats) -> float:
+def swaps(truth: FloatArray, people: FloatArray) -> float:
     """Share of the limbs' landmarks that are nearer to their twin's true place than to their own.
 
     Args:

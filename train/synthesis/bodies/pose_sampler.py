@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 
 # Shares of the kinds of pose. Everyday upright poses lead; the rest keeps the network from believing that
 # people are always upright.
@@ -43,22 +42,22 @@ class Poses:
         kinds: (B,) index into `KINDS`.
     """
 
-    rotvec: Array
-    kinds: NDArray[np.intp]
+    rotvec: FloatArray
+    kinds: IndexArray
 
 
-def _rotvec_deg(x: Array, y: Array, z: Array) -> Array:
+def _rotvec_deg(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
     return np.radians(np.stack([x, y, z], -1))
 
 
-def _compose(*rotvecs: Array) -> Array:
+def _compose(*rotvecs: FloatArray) -> FloatArray:
     out = Rotation.from_rotvec(rotvecs[0])
     for r in rotvecs[1:]:
         out = out * Rotation.from_rotvec(r)
     return np.asarray(out.as_rotvec())
 
 
-def _between(a: Array, b: Array) -> Array:
+def _between(a: FloatArray, b: FloatArray) -> FloatArray:
     """Shortest rotation vectors that turn the directions `a` into `b`, both (B, 3)."""
     a = a / np.linalg.norm(a, axis=-1, keepdims=True)
     b = b / np.linalg.norm(b, axis=-1, keepdims=True)
@@ -88,13 +87,13 @@ class PoseSampler:
         self._root(rotvec, is_kind)
         return Poses(rotvec, kind)
 
-    def _normal(self, n: int, sd: float, mean: float = 0.0) -> Array:
+    def _normal(self, n: int, sd: float, mean: float = 0.0) -> FloatArray:
         return self.rng.normal(mean, sd, n)
 
-    def _uniform(self, n: int, lo: float, hi: float) -> Array:
+    def _uniform(self, n: int, lo: float, hi: float) -> FloatArray:
         return self.rng.uniform(lo, hi, n)
 
-    def _trunk(self, rotvec: Array, is_kind: dict[str, NDArray[np.bool_]], side: Array) -> None:
+    def _trunk(self, rotvec: FloatArray, is_kind: dict[str, BoolArray], side: FloatArray) -> None:
         n = len(rotvec)
         lean = self._normal(n, 9, 4)
         lean = np.where(is_kind["crouch"] | is_kind["reach"], self._uniform(n, -5, 60), lean)
@@ -111,8 +110,8 @@ class PoseSampler:
             rotvec[:, self.index[bone]] = _rotvec_deg(nod * share, bend * share, turn * share)
 
     def _leg_angles(
-        self, is_kind: dict[str, NDArray[np.bool_]], side: Array, sign: float
-    ) -> tuple[Array, Array, Array]:
+        self, is_kind: dict[str, BoolArray], side: FloatArray, sign: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Hip flexion, knee flexion and hip abduction, degrees, of the leg on side `sign` (+1 left)."""
         n = len(side)
         k, u, g = is_kind, self._uniform, self._normal
@@ -139,7 +138,7 @@ class PoseSampler:
         abduction = np.where((k["balance"] | k["kick"]) & acting, u(n, -12, 65), abduction)
         return flexion, knee, abduction
 
-    def _legs(self, rotvec: Array, is_kind: dict[str, NDArray[np.bool_]], side: Array) -> None:
+    def _legs(self, rotvec: FloatArray, is_kind: dict[str, BoolArray], side: FloatArray) -> None:
         n = len(rotvec)
         zero = np.zeros(n)
         for suffix, sign in (("L", 1.0), ("R", -1.0)):
@@ -154,7 +153,7 @@ class PoseSampler:
             point = np.where(self.rng.random(n) < 0.3, self._uniform(n, 0, 45), self._normal(n, 12, -2))
             rotvec[:, self.index["foot." + suffix]] = _rotvec_deg(point, zero, self._normal(n, 7))
 
-    def _arms(self, rotvec: Array, is_kind: dict[str, NDArray[np.bool_]]) -> None:
+    def _arms(self, rotvec: FloatArray, is_kind: dict[str, BoolArray]) -> None:
         n = len(rotvec)
         g, u = self._normal, self._uniform
         free = is_kind["balance"] | is_kind["reach"] | is_kind["kick"] | is_kind["jump"]
@@ -188,7 +187,7 @@ class PoseSampler:
             rotvec[:, self.index["wrist." + suffix]] = _rotvec_deg(g(n, 16), g(n, 14), g(n, 14))
             self._hand(rotvec, suffix, sign)
 
-    def _hand(self, rotvec: Array, suffix: str, sign: float) -> None:
+    def _hand(self, rotvec: FloatArray, suffix: str, sign: float) -> None:
         """Hands: flat, relaxed, gripping, fists, pointing; fingers bend about the line of the knuckles."""
         n, u = len(rotvec), self._uniform
         kind = self.rng.choice(len(GRIPS), n, p=[share for share, *_ in GRIPS.values()])
@@ -210,7 +209,7 @@ class PoseSampler:
             angle = np.radians((bends[:, 3] * share * u(n, 0.6, 1.2)).clip(-10, 70))
             rotvec[:, self.index[f"finger1-{joint}.{suffix}"]] = angle[:, None] * THUMB * mirror
 
-    def _root(self, rotvec: Array, is_kind: dict[str, NDArray[np.bool_]]) -> None:
+    def _root(self, rotvec: FloatArray, is_kind: dict[str, BoolArray]) -> None:
         """Whole-body tilt: small for all, to the ground for crawling and lying, sideways in balances."""
         n = len(rotvec)
         g, u = self._normal, self._uniform

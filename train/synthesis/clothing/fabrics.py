@@ -11,11 +11,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-F32 = NDArray[np.float32]
-U8 = NDArray[np.uint8]
+from muybridge.arrays import ByteArray, Float32Array
+
 Colour = tuple[float, float, float]
 
 N = 128
@@ -28,28 +27,30 @@ PRINTS = ("words", "badge", "number", "band", "picture", "small_logo", "swoosh",
 FOLDS = ("soft", "slanted", "gathered", "draped")
 
 
-def noise(rng: np.random.Generator, sigma: float | tuple[float, float], size: int = N) -> F32:
+def noise(rng: np.random.Generator, sigma: float | tuple[float, float], size: int = N) -> Float32Array:
     """(size, size) smooth tiling noise, mean 0, standard deviation 1."""
     out = gaussian_filter(rng.standard_normal((size, size)), sigma, mode="wrap")
     return np.asarray((out - out.mean()) / (out.std() + 1e-9), np.float32)
 
 
-def octaves(rng: np.random.Generator, sigma: float, count: int = 3) -> F32:
+def octaves(rng: np.random.Generator, sigma: float, count: int = 3) -> Float32Array:
     """(N, N) tiling noise of several scales."""
     total = sum(noise(rng, sigma / 2**k) * 0.6**k for k in range(count))
     return np.asarray(total / np.std(total), np.float32)
 
 
-def _step(values: F32, edge: float, soft: float) -> F32:
+def _step(values: Float32Array, edge: float, soft: float) -> Float32Array:
     return np.asarray(np.clip((values - edge) / soft + 0.5, 0, 1), np.float32)
 
 
-def _layer(second: F32 | float = 0.0, shade: F32 | float = 1.0, third: F32 | float = 0.0) -> U8:
+def _layer(
+    second: Float32Array | float = 0.0, shade: Float32Array | float = 1.0, third: Float32Array | float = 0.0
+) -> ByteArray:
     planes = [np.broadcast_to(np.asarray(p, np.float32), (N, N)) for p in (second, np.asarray(shade) / 2, third, 0)]
     return np.asarray((np.stack(planes, -1).clip(0, 1) * 255).round(), np.uint8)
 
 
-def _scatter(rng: np.random.Generator, count: int, low: float, high: float, petals: int = 0) -> F32:
+def _scatter(rng: np.random.Generator, count: int, low: float, high: float, petals: int = 0) -> Float32Array:
     """(N, N) discs or flowers at random places, tiling."""
     out = np.zeros((N, N), np.float32)
     y, x = np.mgrid[:N, :N].astype(np.float32)
@@ -63,7 +64,7 @@ def _scatter(rng: np.random.Generator, count: int, low: float, high: float, peta
     return out
 
 
-def _letters(rng: np.random.Generator, size: int, lines: int, scale: float) -> F32:
+def _letters(rng: np.random.Generator, size: int, lines: int, scale: float) -> Float32Array:
     """(size, size) rows of letters."""
     picture = np.zeros((size, size), np.uint8)
     for k in range(lines):
@@ -78,7 +79,7 @@ def _letters(rng: np.random.Generator, size: int, lines: int, scale: float) -> F
     return np.asarray(picture / 255, np.float32)
 
 
-def _weaves(rng: np.random.Generator, y: F32, x: F32) -> list[U8]:
+def _weaves(rng: np.random.Generator, y: Float32Array, x: Float32Array) -> list[ByteArray]:
     fine = noise(rng, 0.6)
     melange = octaves(rng, 1.5)
     twill = np.sin((x + y) * 2 * np.pi / 4)
@@ -91,7 +92,7 @@ def _weaves(rng: np.random.Generator, y: F32, x: F32) -> list[U8]:
     ]
 
 
-def _lines(rng: np.random.Generator, y: F32, x: F32) -> list[U8]:
+def _lines(rng: np.random.Generator, y: Float32Array, x: Float32Array) -> list[ByteArray]:
     uneven = np.zeros(N, np.float32)
     third = np.zeros(N, np.float32)
     for _ in range(4):
@@ -112,7 +113,7 @@ def _lines(rng: np.random.Generator, y: F32, x: F32) -> list[U8]:
     ]
 
 
-def _motifs(rng: np.random.Generator, y: F32, x: F32) -> list[U8]:
+def _motifs(rng: np.random.Generator, y: Float32Array, x: Float32Array) -> list[ByteArray]:
     dots = np.hypot((x + 16 * ((y // 32) % 2)) % 32 - 16, y % 32 - 16)
     flowers, leaves = _scatter(rng, 14, 8, 16, 5), _scatter(rng, 22, 4, 9, 2)
     tooth = (((x // 8 + y // 8) % 2) + (((x + y) % 16) < 4)).clip(0, 1).astype(np.float32)
@@ -134,14 +135,14 @@ def _motifs(rng: np.random.Generator, y: F32, x: F32) -> list[U8]:
     ]
 
 
-def make_patterns(seed: int = 1) -> U8:
+def make_patterns(seed: int = 1) -> ByteArray:
     """(len(PATTERNS), N, N, 4): what cloth is woven or printed in all over, in the order of `PATTERNS`."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:N, :N].astype(np.float32)
     return np.stack(_weaves(rng, y, x) + _lines(rng, y, x) + _motifs(rng, y, x))
 
 
-def make_prints(seed: int = 2, variants: int = 3) -> U8:
+def make_prints(seed: int = 2, variants: int = 3) -> ByteArray:
     """(variants * len(PRINTS), N, N, 4): what shirts have on their chest or back; layer = variant * kinds + kind.
     Row 0 is the bottom."""
     rng = np.random.default_rng(seed)
@@ -167,15 +168,15 @@ def make_prints(seed: int = 2, variants: int = 3) -> U8:
     return np.stack(layers)
 
 
-def make_folds(seed: int = 3) -> U8:
+def make_folds(seed: int = 3) -> ByteArray:
     """(len(FOLDS), N, N, 4): slopes along and across, height and occlusion of creased cloth."""
     rng = np.random.default_rng(seed)
 
-    def ridged(height: F32) -> F32:
+    def ridged(height: Float32Array) -> Float32Array:
         """Creases are narrow valleys between broad bulges."""
         return np.asarray(1 - np.abs(height) ** 0.8, np.float32)
 
-    def turned(sigma: tuple[float, float], slant: int) -> F32:
+    def turned(sigma: tuple[float, float], slant: int) -> Float32Array:
         field = noise(rng, sigma)
         return np.stack([np.roll(row, slant * k) for k, row in enumerate(field)])
 

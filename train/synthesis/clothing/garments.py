@@ -12,8 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray
+
 I32 = NDArray[np.int32]
 
 SKULL = np.array([0.0, -0.03, 0.745])  # the middle of the head at rest
@@ -41,7 +41,7 @@ class Accessory:
     """
 
     anchor: str
-    points: F64
+    points: FloatArray
     colour: tuple[float, float, float]
     hair: bool = False
     hangs: float = 0.0
@@ -55,7 +55,7 @@ def grid_faces(rows: int, columns: int, closed: bool) -> I32:
     return np.asarray(quads.reshape(-1, 3), np.int32)
 
 
-def dome_directions() -> F64:
+def dome_directions() -> FloatArray:
     """(rings * spokes, 3) unit directions from the middle of the skull, from the crown down to the nape."""
     rings, spokes = DOME
     polar = np.radians(np.linspace(0.5, 150, rings))[:, None]
@@ -65,7 +65,7 @@ def dome_directions() -> F64:
     return np.asarray(table.reshape(-1, 3))
 
 
-def dome_weights(rest: F32, on_head: NDArray[np.bool_]) -> sp.csr_matrix:
+def dome_weights(rest: Float32Array, on_head: BoolArray) -> sp.csr_matrix:
     """(rings * spokes, V): each vertex of the dome as a weighted mean of vertices of the head's outer skin.
 
     Ears are left out, so that hair runs over where they are; so is what lies inside of the head.
@@ -104,7 +104,7 @@ def smoothing(faces: I32, first: int, count: int) -> sp.csr_matrix:
                          dtype=np.float32)  # fmt: skip
 
 
-def slack(points: F32, mean: sp.csr_matrix, rounds: int = 6) -> F32:
+def slack(points: Float32Array, mean: sp.csr_matrix, rounds: int = 6) -> Float32Array:
     """A shell hanging loosely: smoothed without shrinking (Taubin 1995), (count, 3)."""
     for _ in range(rounds):
         points = points + 0.6 * (mean @ points - points)
@@ -117,7 +117,7 @@ HIP, KNEE, ANKLE = np.array([[0.11, -0.013, 0.05], [0.158, -0.032, -0.37], [0.22
 FALL, WINDOW = 0.12, np.cos(np.radians(25))  # how fast cloth falls in; how far round it hangs from what juts out
 
 
-def drape(rest: F32, on_arm: NDArray[np.bool_], mean: sp.csr_matrix) -> F32:
+def drape(rest: Float32Array, on_arm: BoolArray, mean: sp.csr_matrix) -> Float32Array:
     """(count,) metres that cloth lies off each vertex of the tights' shell at rest when it hangs from what juts out
     above: shoulder blades, bust, seat and calves."""
     q = rest.astype(np.float64)
@@ -152,15 +152,15 @@ def drape(rest: F32, on_arm: NDArray[np.bool_], mean: sp.csr_matrix) -> F32:
 class Anchors:
     """Similarities that carry patches of the body at rest to where they are in a posed body."""
 
-    def __init__(self, rest: F32, arm_weight: F32, body_vertices: int) -> None:
-        self.patches: dict[str, NDArray[np.intp]] = {}
+    def __init__(self, rest: Float32Array, arm_weight: Float32Array, body_vertices: int) -> None:
+        self.patches: dict[str, IndexArray] = {}
         self._rest = rest
         q, arm = rest[:body_vertices], arm_weight[:body_vertices] > 0.5
         for name, (center, reach) in ANCHORS.items():
             near = np.linalg.norm(q - np.array(center, np.float32), axis=1) < reach
             self.patches[name] = np.nonzero(near & (arm == name.endswith("hand")))[0]
 
-    def carry(self, item: Accessory, vertices: F32) -> F32:
+    def carry(self, item: Accessory, vertices: Float32Array) -> Float32Array:
         """(rows * columns, 3) of `item` on the posed `vertices` (V, 3)."""
         patch = self.patches[item.anchor]
         a, b = self._rest[patch].astype(np.float64), vertices[patch].astype(np.float64)
@@ -176,7 +176,7 @@ class Anchors:
         return np.asarray(points, np.float32)
 
 
-def _upright(rotation: F64, share: float) -> F64:
+def _upright(rotation: FloatArray, share: float) -> FloatArray:
     """The rotation that takes back `share` of the tilt of the z axis under `rotation`."""
     up = rotation @ np.array([0.0, 0.0, 1.0])
     axis = np.cross(up, [0.0, 0.0, 1.0])
@@ -191,18 +191,18 @@ def _upright(rotation: F64, share: float) -> F64:
 # -- accessories at rest -------------------------------------------------------------------------------------
 
 
-def _rows_columns() -> tuple[F64, F64]:
+def _rows_columns() -> tuple[FloatArray, FloatArray]:
     """Polar (rows, 1) in 0..1 and turn (1, columns) in 0..2 pi, the last column meeting the first."""
     rows, columns = GRID
     return np.linspace(0, 1, rows)[:, None], np.linspace(0, 2 * np.pi, columns)[None]
 
 
-def blob(center: tuple[float, float, float], half: tuple[float, float, float], square: float = 1.0) -> F64:
+def blob(center: tuple[float, float, float], half: tuple[float, float, float], square: float = 1.0) -> FloatArray:
     """An ellipsoid, or with `square` below 1 a box with round edges."""
     v, turn = _rows_columns()
     polar = np.pi * v
 
-    def power(values: F64) -> F64:
+    def power(values: FloatArray) -> FloatArray:
         return np.asarray(np.sign(values) * np.abs(values) ** square)
 
     x = power(np.sin(polar)) * power(np.cos(turn)) * half[0]
@@ -211,7 +211,7 @@ def blob(center: tuple[float, float, float], half: tuple[float, float, float], s
     return np.asarray(np.stack([x, y, z], -1) + np.array(center))
 
 
-def tube(points: F64, radii: F64, flatten: float = 1.0) -> F64:
+def tube(points: FloatArray, radii: FloatArray, flatten: float = 1.0) -> FloatArray:
     """A tube along a polyline (n, 3) with radii (n,), resampled to the grid's rows; its ends are closed."""
     v, turn = _rows_columns()
     t = np.linspace(0, 1, len(points))
@@ -227,7 +227,7 @@ def tube(points: F64, radii: F64, flatten: float = 1.0) -> F64:
     return np.asarray(at[:, None] + ring * radius[:, None, None])
 
 
-def brim(height: float, width: float, back: float, droop: float, slope: float) -> F64:
+def brim(height: float, width: float, back: float, droop: float, slope: float) -> FloatArray:
     """The brim of a hat that sits at `height`: `width` metres in front, `back` times that behind."""
     v, turn = _rows_columns()
     front = np.clip(-np.sin(turn), 0, 1) ** 0.6 * (1 - back) + back
@@ -238,7 +238,7 @@ def brim(height: float, width: float, back: float, droop: float, slope: float) -
     return np.asarray(np.stack(np.broadcast_arrays(x, y, z), -1))
 
 
-def glasses(height: float, wide: float = 0.82) -> F64:
+def glasses(height: float, wide: float = 0.82) -> FloatArray:
     """A strip before the eyes that bends round to the temples; `height` metres high."""
     rows, columns = GRID
     turn = np.linspace(-wide * np.pi / 2, wide * np.pi / 2, columns)[None]

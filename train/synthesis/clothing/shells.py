@@ -4,11 +4,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from muybridge.train.synthesis.clothing import garments
+from muybridge.arrays import BoolArray, Float32Array
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
+from muybridge.train.synthesis.clothing import garments
 from muybridge.train.synthesis.clothing.garments import Accessory
 
-F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
 
 
@@ -60,7 +60,7 @@ class Shells:
         limbs = (body.is_head[:BODY_VERTICES] < 0.5) & (skin[:, 2] > -0.80) & (np.abs(skin[:, 0]) < 0.455)
         self.dot_places = np.nonzero(limbs)[0]
 
-    def shape(self, vertices: F32) -> tuple[F32, F32]:
+    def shape(self, vertices: Float32Array) -> tuple[Float32Array, Float32Array]:
         """The buffer (first, 9) of positions, normals and slack positions of a posed body (V, 3); and the normals."""
         points = np.concatenate([vertices, self._dome @ vertices[:BODY_VERTICES]])
         normals = _unit(self._incidence @ _face_normals(points, self._faces))
@@ -69,7 +69,7 @@ class Shells:
         table[low:high, 6:] = garments.slack(vertices[low:high], self._mean)
         return table, normals
 
-    def accessories(self, items: tuple[Accessory, ...], vertices: F32) -> F32:
+    def accessories(self, items: tuple[Accessory, ...], vertices: Float32Array) -> Float32Array:
         """(len(items) * rows * columns, 9): the same of accessories on a posed body."""
         tables = []
         for item in items:
@@ -79,7 +79,7 @@ class Shells:
         return np.concatenate(tables).astype(np.float32) if tables else np.zeros((0, 9), np.float32)
 
 
-def _coarse(faces: I32, rest: F32, on_arm: NDArray[np.bool_], cell: float = 0.008) -> I32:
+def _coarse(faces: I32, rest: Float32Array, on_arm: BoolArray, cell: float = 0.008) -> I32:
     """`faces` with the vertices in each cube of `cell` metres at rest made one; arms apart from the trunk."""
     cube = np.concatenate([np.round(rest / cell).astype(int), on_arm[:, None]], 1)
     _, first, number = np.unique(cube, axis=0, return_index=True, return_inverse=True)
@@ -94,13 +94,13 @@ def _incidence(faces: I32, count: int) -> sp.csr_matrix:
     return sp.csr_matrix(entries, shape=(count, len(faces)))
 
 
-def _face_normals(points: F32, faces: I32) -> F32:
+def _face_normals(points: Float32Array, faces: I32) -> Float32Array:
     """(F, 3) normals as long as twice the area."""
     a = points[faces[:, 0]]
     u, v = (points[faces[:, 1]] - a).T, (points[faces[:, 2]] - a).T
     return np.stack([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]], 1)
 
 
-def _unit(normals: NDArray[np.floating]) -> F32:
+def _unit(normals: NDArray[np.floating]) -> Float32Array:
     size = np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None]
     return np.asarray(normals / (size + 1e-12), np.float32)

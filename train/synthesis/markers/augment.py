@@ -8,14 +8,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.landmarks.arrays import CMU, PLUG_IN_GAIT, SURFACE, MarkerSet
-from muybridge.train.synthesis.markers.trajectories import FPS, MarkerClips
+from muybridge.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT, SURFACE, MarkerSet
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
-
-F32 = NDArray[np.float32]
-Bool = NDArray[np.bool_]
+from muybridge.train.synthesis.markers.trajectories import FPS, MarkerClips
 
 # Points of a frame, padded.
 POINTS = 52
@@ -36,7 +33,7 @@ _ALONG = (
     ("asis", "asis", "psis", 0.08), ("psis", "psis", "asis", 0.06),
 )  # fmt: skip
 # Markers whose place is looser than the examiners' spread at a palpated point.
-_LOOSE = {"left_scapula": 0.035, "right_scapula": 0.035, "t10": 0.03, "xiphoid": 0.02, "c7": 0.015,
+LOOSE = {"left_scapula": 0.035, "right_scapula": 0.035, "t10": 0.03, "xiphoid": 0.02, "c7": 0.015,
           "left_acromion": 0.015, "right_acromion": 0.015}  # fmt: skip
 # Marker, how often it stands on a wand, and how far off the skin, metres: older guides have wands on thigh and shank.
 _WANDS = (("thigh", 0.08, 0.1), ("shank", 0.08, 0.09))
@@ -67,7 +64,7 @@ class CloudSampler:
         self.rng = np.random.default_rng(seed)
         self.offsets = np.rint(np.array([0.0, *window]) * FPS).astype(int)
         sigma = marker_table().tolerance_m.astype(np.float64)
-        for name, value in _LOOSE.items():
+        for name, value in LOOSE.items():
             sigma[SURFACE.index(name)] = value
         self.sigma = sigma
         self.wands = [([SURFACE.index(n) for n in SURFACE.names if stem in n], often, far)
@@ -78,7 +75,7 @@ class CloudSampler:
         self.along = [([SURFACE.index(f"{s}_{x}") for x in (marker, a, b)], share)
                       for marker, a, b, share in _ALONG for s in ("left", "right")]  # fmt: skip
 
-    def batch(self, count: int) -> tuple[F32, F32, F32, NDArray[np.int64]]:
+    def batch(self, count: int) -> tuple[Float32Array, Float32Array, Float32Array, IntArray]:
         """`count` frames: points (B, 1 + W, N, 3), seen (B, 1 + W, N), asked (B, L), labels (B, N), -1 for padding.
 
         A batch is of one marker set (or all of random sets), so that little of it is padding.
@@ -97,7 +94,7 @@ class CloudSampler:
         points = self._turn(points)
         return self._pack(points, seen, there, asked, labels)
 
-    def _draw(self, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _draw(self, count: int) -> tuple[FloatArray, FloatArray]:
         rng, reach = self.rng, int(np.abs(self.offsets).max())
         clip = rng.integers(0, len(self.clips.points), count)
         frame = rng.integers(reach, self.clips.points.shape[1] - reach, count)
@@ -107,7 +104,7 @@ class CloudSampler:
         normals = self.clips.normals[clip[:, None], times].astype(np.float64) / 127
         return at, normals
 
-    def _sets(self, count: int) -> tuple[Bool, Bool]:
+    def _sets(self, count: int) -> tuple[BoolArray, BoolArray]:
         """Labels asked for and markers there, both (B, L)."""
         rng, size = self.rng, len(SURFACE)
         asked = np.zeros((count, size), bool)
@@ -133,7 +130,7 @@ class CloudSampler:
         present[half > 0.98] &= ~lower
         return asked, present
 
-    def _slide(self, at: NDArray[np.float64], normals: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _slide(self, at: FloatArray, normals: FloatArray) -> FloatArray:
         """What stands off the skin, and how the shoulder's skin goes with an arm that is raised: skinning leaves the
         scapula where it was."""
         rng, count = self.rng, len(at)
@@ -153,7 +150,7 @@ class CloudSampler:
             moved[:, :, scapula] += outward * raised * rng.uniform(0, 0.05, (count, 1, 1))
         return moved
 
-    def _place(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _place(self, at: FloatArray) -> FloatArray:
         rng, count = self.rng, len(at)
         moved = at.copy()
         for (marker, a, b), share in self.along:
@@ -171,13 +168,13 @@ class CloudSampler:
         # Sizes beyond the bodies', also from a unit that is only nearly known.
         return moved * np.exp(rng.normal(0, 0.07, (count, 1, 1, 1)))
 
-    def _hidden(self, at: NDArray[np.float64], normals: NDArray[np.float64], present: Bool) -> Bool:
+    def _hidden(self, at: FloatArray, normals: FloatArray, present: BoolArray) -> BoolArray:
         rng, (count, size) = self.rng, present.shape
         style = rng.random(count)
         number = np.where(style < 0.25, 0, rng.integers(0, 7, count))
         number = np.where(style > 0.93, rng.integers(6, 16, count), number)
         order = np.argsort(np.argsort(np.where(present, rng.random((count, size)), 2.0), 1), 1)
-        hidden: Bool = np.asarray(order < number[:, None])
+        hidden: BoolArray = np.asarray(order < number[:, None])
         # One region is out of sight: what lies nearest to some marker.
         near = np.asarray(rng.random(count) < 0.12)
         centre = at[np.arange(count), 0, rng.integers(0, size, count)]
@@ -190,7 +187,7 @@ class CloudSampler:
         views = (np.einsum("bmc,bkc->bmk", normals, cameras) > 0.25).sum(2)
         return np.asarray(hidden | (facing[:, None] & (views < 2)))
 
-    def _others(self, count: int, at: NDArray[np.float64]) -> tuple[NDArray[np.float64], Bool]:
+    def _others(self, count: int, at: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Some markers of a second person, standing by."""
         rng = self.rng
         other = self._draw(count)[0]
@@ -206,7 +203,7 @@ class CloudSampler:
         there = (rng.random(count) < share)[:, None] & (rng.random((count, OTHERS)) < rng.random((count, 1)))
         return picked, there
 
-    def _ghosts(self, at: NDArray[np.float64], present: Bool) -> tuple[NDArray[np.float64], Bool]:
+    def _ghosts(self, at: FloatArray, present: BoolArray) -> tuple[FloatArray, BoolArray]:
         rng, count = self.rng, len(at)
         now = np.where(present[:, :, None], at[:, 0], np.nan)
         number = np.maximum(present.sum(1), 1)[:, None]
@@ -222,7 +219,7 @@ class CloudSampler:
         number = np.where(rng.random(count) < 0.4, 0, rng.integers(0, GHOSTS + 1, count))
         return ghosts, np.arange(GHOSTS) < number[:, None]
 
-    def _windows(self, points: NDArray[np.float64], there: Bool) -> Bool:
+    def _windows(self, points: FloatArray, there: BoolArray) -> BoolArray:
         """(B, 1 + W, S) where the window knows a point; exchanges some trajectories in place."""
         rng, (count, size) = self.rng, there.shape
         w = len(self.offsets)
@@ -243,7 +240,7 @@ class CloudSampler:
         self._exchange(points, there)
         return seen
 
-    def _exchange(self, points: NDArray[np.float64], there: Bool) -> None:
+    def _exchange(self, points: FloatArray, there: BoolArray) -> None:
         rng, count = self.rng, len(there)
         which = np.nonzero(rng.random(count) < 0.12)[0]
         one = rng.integers(0, points.shape[2], len(which))
@@ -257,7 +254,7 @@ class CloudSampler:
             a, c = one[later[:, i]], two[later[:, i]]
             points[b, i, a], points[b, i, c] = points[b, i, c].copy(), points[b, i, a].copy()
 
-    def _turn(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _turn(self, points: FloatArray) -> FloatArray:
         """Any heading, and an upright that is only nearly known."""
         rng, count = self.rng, len(points)
         angle = rng.uniform(0, 2 * math.pi, count)
@@ -268,8 +265,8 @@ class CloudSampler:
         lean = np.stack([one, zero, y, zero, one, -x, -y, x, one], -1).reshape(-1, 3, 3)
         return np.asarray(points @ (lean @ yaw).transpose(0, 2, 1)[:, None])
 
-    def _pack(self, points: NDArray[np.float64], seen: Bool, there: Bool, asked: Bool,
-              labels: NDArray[np.int64]) -> tuple[F32, F32, F32, NDArray[np.int64]]:  # fmt: skip
+    def _pack(self, points: FloatArray, seen: BoolArray, there: BoolArray, asked: BoolArray,
+              labels: IntArray) -> tuple[Float32Array, Float32Array, Float32Array, IntArray]:  # fmt: skip
         """Shuffled, those that are there first, cut to `POINTS`, padded to the fullest frame."""
         fullest = max(16, min(POINTS, int(there.sum(1).max())))
         order = np.argsort(np.where(there, self.rng.random(there.shape), 2.0), 1)[:, :fullest]
@@ -280,7 +277,7 @@ class CloudSampler:
         return points.astype(np.float32), seen.astype(np.float32), asked.astype(np.float32), labels
 
 
-def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / (np.linalg.norm(vectors, axis=-1, keepdims=True) + 1e-9))
 
 

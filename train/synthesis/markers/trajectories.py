@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from muybridge.arrays import Float32Array, FloatArray, IndexArray
 from muybridge.files import replacing
-from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, F32, BodyModel
+from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
-from muybridge.train.synthesis.motions.rig import Array, Skeleton, forward, skin, turn
+from muybridge.train.synthesis.motions.rig import Skeleton, forward, skin, turn
 from muybridge.train.synthesis.motions.sampler import MOTIONS, MotionSampler
 
 FPS = 30.0
@@ -37,9 +38,9 @@ class MarkerClips:
         kinds: (N,) index into `MOTIONS`, or its length for wandering between poses.
     """
 
-    points: F32
+    points: Float32Array
     normals: NDArray[np.int8]
-    kinds: NDArray[np.intp]
+    kinds: IndexArray
 
 
 class MarkerBodies:
@@ -64,7 +65,7 @@ class MarkerBodies:
         """Everything drawn from now on depends on `seed` alone."""
         self.rng = self.model.rng = self.model.poses.rng = np.random.default_rng(seed)
 
-    def _outward(self) -> Array:
+    def _outward(self) -> FloatArray:
         """(M,) +1 where the landmark's triangle runs anticlockwise seen from outside, else -1."""
         rest = self.model.rest.astype(np.float64)
         faces = self.model.parts[0]
@@ -77,7 +78,7 @@ class MarkerBodies:
         mean = normals[marker_table().vertices].sum(1)
         return np.where((np.cross(b - a, c - a) * mean).sum(-1) >= 0, 1.0, -1.0)
 
-    def skeleton(self, phenotypes: F32) -> Skeleton:
+    def skeleton(self, phenotypes: Float32Array) -> Skeleton:
         """The skeleton with the landmarks' vertices as its skin."""
         import torch
 
@@ -91,7 +92,7 @@ class MarkerBodies:
         surface += base.rest[0] - joint
         return replace(base, surface=surface, skin=self.bones, weights=self.weights)
 
-    def markers(self, skeleton: Skeleton, rotvec: Array, root: Array) -> tuple[Array, Array]:
+    def markers(self, skeleton: Skeleton, rotvec: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Markers (T, M, 3) with their stand-off, and unit normals (T, M, 3), of a motion of `skeleton`."""
         rotations, origins = forward(skeleton, turn(rotvec), root)
         corners = skin(skeleton, rotations, origins)[:, self.place]
@@ -101,7 +102,7 @@ class MarkerBodies:
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True) + 1e-12
         return points + normals * self.rng.uniform(*STANDOFF), normals
 
-    def wander(self) -> tuple[Array, Array]:
+    def wander(self) -> tuple[FloatArray, FloatArray]:
         """Rotation vectors (T, bones, 3) and roots (T, 3) of a walk from pose to pose of the static sampler."""
         rng, count = self.rng, 7
         poses = self.model.poses.sample(count).rotvec
@@ -119,7 +120,7 @@ class MarkerBodies:
 
     def clips(self, count: int) -> MarkerClips:
         """`count` clips, two bodies a motion."""
-        points: list[Array] = []
+        points: list[FloatArray] = []
         normals, kinds = [], []
         while len(points) < count:
             bodies = [self.skeleton(p) for p in self.model.sample_phenotypes(2)]

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
-Array = NDArray[np.float64]
-U8 = NDArray[np.uint8]
 RADIUS_M = 0.007
 
 
@@ -49,8 +48,8 @@ def ring_of_cameras(count: int, radius_m: float = 4.2, height_m: float = 2.4, wi
 
 
 def markers_in_sight(
-    cameras: CameraGroup, points: Array, normals: Array, limbs: Array, radii: Array
-) -> NDArray[np.bool_]:
+    cameras: CameraGroup, points: FloatArray, normals: FloatArray, limbs: FloatArray, radii: FloatArray
+) -> BoolArray:
     """(C, M) markers that face a camera and are not behind a limb.
 
     Args:
@@ -72,13 +71,13 @@ def markers_in_sight(
     return out
 
 
-def _distance(point: Array, limb: Array) -> float:
+def _distance(point: FloatArray, limb: FloatArray) -> float:
     along = limb[1] - limb[0]
     share = np.clip((point - limb[0]) @ along / max(along @ along, 1e-9), 0, 1)
     return float(np.linalg.norm(point - limb[0] - share * along))
 
 
-def _segments(starts: Array, end: Array, limbs: Array) -> Array:
+def _segments(starts: FloatArray, end: FloatArray, limbs: FloatArray) -> FloatArray:
     """(M, S) distances of the segments from `starts` to `end` from the limbs, by samples."""
     share = np.linspace(0.01, 0.5, 40)
     samples = starts[:, None] + share[:, None] * (end - starts)[:, None]
@@ -89,7 +88,9 @@ def _segments(starts: Array, end: Array, limbs: Array) -> Array:
     return np.asarray(np.linalg.norm(off - part[..., None] * along, axis=-1).min(1))
 
 
-def draw_markers(camera: Camera, points: Array, lamps: Array, faults: VideoFaults, rng: np.random.Generator) -> U8:
+def draw_markers(
+    camera: Camera, points: FloatArray, lamps: FloatArray, faults: VideoFaults, rng: np.random.Generator
+) -> ByteArray:
     """(H, W) grey picture of one frame.
 
     Args:
@@ -114,7 +115,7 @@ def draw_markers(camera: Camera, points: Array, lamps: Array, faults: VideoFault
 _NOISE = np.random.default_rng(3).standard_normal(1 << 22).astype(np.float32)
 
 
-def _disc(light: NDArray[np.float32], x: float, y: float, radius: float, level: float, faults: VideoFaults) -> None:
+def _disc(light: Float32Array, x: float, y: float, radius: float, level: float, faults: VideoFaults) -> None:
     """Adds a disc with soft edge and its glow, where the picture has it."""
     reach = int(np.ceil(radius + 3.5 * faults.bloom_px))
     left, top = max(round(x) - reach, 0), max(round(y) - reach, 0)

@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from muybridge.arrays import FloatArray
 from muybridge.train.synthesis.motions.floor import jump
 from muybridge.train.synthesis.motions.ground_contact import TRUNK_BONES
+from muybridge.train.synthesis.motions.rig import SIDES, apply, rot
 from muybridge.train.synthesis.motions.standing import Stage, ease
-from muybridge.train.synthesis.motions.rig import SIDES, Array, apply, rot
 
 
 def floor_sit(g: Stage) -> None:
@@ -42,7 +43,7 @@ def _arm_length(g: Stage) -> float:
     return float(np.linalg.norm(at[0] - at[1]) + np.linalg.norm(at[1] - at[2]))
 
 
-def _on_hands(g: Stage, wide: Array | float, shoulder: Array, pitch: Array, roll: Array) -> None:
+def _on_hands(g: Stage, wide: FloatArray | float, shoulder: FloatArray, pitch: FloatArray, roll: FloatArray) -> None:
     """Hands flat on the floor beside x = 0, y = 0, and the trunk at such a place that the shoulders' middle is at
     `shoulder` (T, 3) while it is turned by `pitch` and `roll`, degrees."""
     k = g.solver.k

@@ -4,10 +4,11 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.ndimage import gaussian_filter1d
 
+from muybridge.arrays import FloatArray
 from muybridge.train.synthesis.motions.ground_contact import KNEE_BONES, TRUNK_BONES
-from muybridge.train.synthesis.motions.standing import Plant, Stage, ease, spans
-from muybridge.train.synthesis.motions.rig import SIDES, Array
+from muybridge.train.synthesis.motions.rig import SIDES
 from muybridge.train.synthesis.motions.solve import GRAVITY
+from muybridge.train.synthesis.motions.standing import Plant, Stage, ease, spans
 
 
 def jump(g: Stage, flight: tuple[float, float] = (0.26, 0.52)) -> None:
@@ -269,7 +270,7 @@ def get_up(g: Stage) -> None:
             g.s.channels[name] = value[::-1].copy()
 
 
-def partner(g: Stage, meet: Array, hands: tuple[float, float], gap: float) -> None:
+def partner(g: Stage, meet: FloatArray, hands: tuple[float, float], gap: float) -> None:
     """Standing before another person `gap` metres away, hands going to `meet` (T, 3) by the shares `hands` (left,
     right)."""
     g.s["balance"] = 1.0

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from muybridge.train.synthesis.motions.rig import SIDES, Array, Skeleton, apply, forward, skin, turn, unit
+from muybridge.arrays import BoolArray, FloatArray
+from muybridge.train.synthesis.motions.rig import SIDES, Skeleton, apply, forward, skin, turn, unit
 
 UP = np.array([0.0, 0.0, 1.0])
 TRUNK_BONES = ("root", "pelvis", "spine", "breast", "clavicle")
@@ -38,13 +38,13 @@ def _limbs(side: str) -> dict[str, _Limb]:
     }
 
 
-def chosen_skin(skeleton: Skeleton, bones: tuple[str, ...]) -> NDArray[np.bool_]:
+def chosen_skin(skeleton: Skeleton, bones: tuple[str, ...]) -> BoolArray:
     """(P,) points of the skin that a bone whose name begins with one of `bones` moves the most."""
     return np.array([name.startswith(bones) for name in skeleton.bones])[skeleton.strongest]
 
 
-def sink_limbs(skeleton: Skeleton, local: Array, root: Array, step: float, sink: dict[str, Array],
-               free: dict[str, Array]) -> Array:  # fmt: skip
+def sink_limbs(skeleton: Skeleton, local: FloatArray, root: FloatArray, step: float, sink: dict[str, FloatArray],
+               free: dict[str, FloatArray]) -> FloatArray:  # fmt: skip
     """Swing arms, legs and head about their joints, out of the floor z = 0 and down onto it.
 
     Args:
@@ -77,11 +77,11 @@ def sink_limbs(skeleton: Skeleton, local: Array, root: Array, step: float, sink:
     return local
 
 
-def _level(vectors: Array) -> Array:
+def _level(vectors: FloatArray) -> FloatArray:
     return vectors * [1.0, 1.0, 0.0]
 
 
-def _swing(points: Array, height: Array, along: Array, sink: Array, lowest: int) -> Array:
+def _swing(points: FloatArray, height: FloatArray, along: FloatArray, sink: FloatArray, lowest: int) -> FloatArray:
     """(T,) radians by which a limb is swung up, of its `points` (T, P, 3) from a joint `height` (T,) over the floor,
     that reaches out `along` (T, 3)."""
     out, up = (points * along[:, None]).sum(-1), points[..., 2]
@@ -95,7 +95,7 @@ def _swing(points: Array, height: Array, along: Array, sink: Array, lowest: int)
     return np.asarray(np.radians(np.where(clear[:, lowest], -lowered, raised).astype(float)))
 
 
-def flat_hand(skeleton: Skeleton, side: str) -> tuple[Array, float]:
+def flat_hand(skeleton: Skeleton, side: str) -> tuple[FloatArray, float]:
     """Rotation (3, 3) of a hand that lies on the floor, palm down, fingers towards -y, and how high its wrist is then,
     metres, the thumb out of the way."""
     wrist = skeleton.at("wrist." + side)

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from muybridge.train.synthesis.motions.standing import Stage
-from muybridge.train.synthesis.motions.rig import SIDES, SPINE, Array
+from muybridge.arrays import FloatArray
+from muybridge.train.synthesis.motions.rig import SIDES, SPINE
 from muybridge.train.synthesis.motions.solve import Hold
+from muybridge.train.synthesis.motions.standing import Stage
 
 CHEST, PELVIS = SPINE[-1], "root"
 
@@ -71,7 +72,7 @@ def hands_at_rest(g: Stage, seated: bool = False) -> None:
             _hold(g, HABITS[name], side, sign, side == first, weight)
 
 
-def _when(g: Stage) -> Array:
+def _when(g: Stage) -> FloatArray:
     """All the time, from some moment on, or up to some moment."""
     style, start = g.u(0, 1), g.u(0.3, max(0.5, g.end - 1.5))
     if style < 0.7 or g.end < 2.5:
@@ -80,7 +81,7 @@ def _when(g: Stage) -> Array:
     return move if style < 0.85 else 1 - move
 
 
-def _hold(g: Stage, habit: _Habit, side: str, sign: float, first: bool, weight: Array) -> None:
+def _hold(g: Stage, habit: _Habit, side: str, sign: float, first: bool, weight: FloatArray) -> None:
     k = g.solver.k
     bone, anchor = ((b + side if b.endswith(".") else b) for b in (habit.bone, habit.anchor))
     offset = habit.place if first or habit.other is None else habit.other

@@ -8,9 +8,8 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 
 SIDES = (("L", 1.0), ("R", -1.0))
 SPINE = ("spine05", "spine04", "spine03", "spine02", "spine01")
@@ -45,22 +44,22 @@ class Skeleton:
     """
 
     bones: tuple[str, ...]
-    parents: NDArray[np.intp]
-    rest: Array
-    surface: Array
-    skin: NDArray[np.intp]
-    weights: Array
+    parents: IndexArray
+    rest: FloatArray
+    surface: FloatArray
+    skin: IndexArray
+    weights: FloatArray
 
     def index(self, bone: str) -> int:
         """Position of a bone."""
         return self.bones.index(bone)
 
-    def at(self, bone: str) -> Array:
+    def at(self, bone: str) -> FloatArray:
         """(3,) origin of a bone at rest."""
         return np.asarray(self.rest[self.bones.index(bone)])
 
     @functools.cached_property
-    def strongest(self) -> NDArray[np.intp]:
+    def strongest(self) -> IndexArray:
         """(P,) index of the bone that moves a point of the skin the most."""
         return np.asarray(np.take_along_axis(self.skin, self.weights.argmax(1)[:, None], 1)[:, 0])
 
@@ -75,7 +74,7 @@ class Skeleton:
         return float(self.at("upperleg01.L")[2])
 
 
-def rot(axis: int, degrees: Array | float) -> Array:
+def rot(axis: int, degrees: FloatArray | float) -> FloatArray:
     """(..., 3, 3) rotations about one axis."""
     a = np.radians(np.asarray(degrees, np.float64))
     c, s = np.cos(a), np.sin(a)
@@ -87,7 +86,7 @@ def rot(axis: int, degrees: Array | float) -> Array:
     return out
 
 
-def turn(vectors: Array) -> Array:
+def turn(vectors: FloatArray) -> FloatArray:
     """(..., 3, 3) rotations from rotation vectors in radians (Rodrigues)."""
     angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
     k = np.zeros((*vectors.shape[:-1], 3, 3))
@@ -96,7 +95,7 @@ def turn(vectors: Array) -> Array:
     return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(angle / 2 / np.pi) ** 2 * (k @ k))
 
 
-def log(r: Array) -> Array:
+def log(r: FloatArray) -> FloatArray:
     """Rotation vectors of rotations, (..., 3, 3) to (..., 3)."""
     axis = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1) / 2
     sine = np.linalg.norm(axis, axis=-1, keepdims=True)
@@ -104,12 +103,12 @@ def log(r: Array) -> Array:
     return np.asarray(axis * angle / (sine + 1e-9))
 
 
-def unit(v: Array) -> Array:
+def unit(v: FloatArray) -> FloatArray:
     """Vectors of length one."""
     return np.asarray(v / (np.linalg.norm(v, axis=-1, keepdims=True) + 1e-12))
 
 
-def between(a: Array, b: Array) -> Array:
+def between(a: FloatArray, b: FloatArray) -> FloatArray:
     """Shortest rotation vectors that turn the directions `a` into `b`, (..., 3)."""
     a, b = unit(a), unit(b)
     c = np.cross(a, b)
@@ -117,12 +116,12 @@ def between(a: Array, b: Array) -> Array:
     return np.asarray(c / (s + 1e-9) * np.arctan2(s, (a * b).sum(-1, keepdims=True)))
 
 
-def apply(r: Array, v: Array) -> Array:
+def apply(r: FloatArray, v: FloatArray) -> FloatArray:
     """Rotations (..., 3, 3) of vectors (..., 3)."""
     return np.asarray((r @ v[..., None])[..., 0])
 
 
-def forward(skeleton: Skeleton, local: Array, root: Array) -> tuple[Array, Array]:
+def forward(skeleton: Skeleton, local: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Global rotations (T, bones, 3, 3) and origins (T, bones, 3) from local rotations and root positions."""
     out, at = np.empty_like(local), np.empty(local.shape[:2] + (3,))
     out[:, 0], at[:, 0] = local[:, 0], root
@@ -132,8 +131,8 @@ def forward(skeleton: Skeleton, local: Array, root: Array) -> tuple[Array, Array
     return out, at
 
 
-def skin(skeleton: Skeleton, rotations: Array, origins: Array,
-         chosen: slice | NDArray[np.bool_] = slice(None)) -> Array:  # fmt: skip
+def skin(skeleton: Skeleton, rotations: FloatArray, origins: FloatArray,
+         chosen: slice | BoolArray = slice(None)) -> FloatArray:  # fmt: skip
     """(T, P, 3) surface points, linear blend skinning."""
     out = np.zeros((len(rotations), len(skeleton.surface[chosen]), 3))
     for k in range(skeleton.skin.shape[1]):
@@ -143,7 +142,7 @@ def skin(skeleton: Skeleton, rotations: Array, origins: Array,
     return out
 
 
-def centre_of_mass(skeleton: Skeleton, origins: Array) -> Array:
+def centre_of_mass(skeleton: Skeleton, origins: FloatArray) -> FloatArray:
     """(T, 3) centre of mass."""
     out, total = np.zeros((len(origins), 3)), 0.0
     for a, b, mass, share in SEGMENTS:
@@ -153,8 +152,8 @@ def centre_of_mass(skeleton: Skeleton, origins: Array) -> Array:
     return out / total
 
 
-def two_bone(upper: Array, lower: Array, hinge: Array, reach: Array, pole: Array,
-             limits: tuple[float, float]) -> tuple[Array, Array]:  # fmt: skip
+def two_bone(upper: FloatArray, lower: FloatArray, hinge: FloatArray, reach: FloatArray, pole: FloatArray,
+             limits: tuple[float, float]) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Analytic inverse kinematics of a limb.
 
     Args:
@@ -176,15 +175,15 @@ def two_bone(upper: Array, lower: Array, hinge: Array, reach: Array, pole: Array
     return _frame(reach, pole) @ np.swapaxes(_frame(end, np.broadcast_to(hinge, reach.shape)), -1, -2), angle
 
 
-def _frame(first: Array, second: Array) -> Array:
+def _frame(first: FloatArray, second: FloatArray) -> FloatArray:
     x = unit(first)
     y = unit(second - (second * x).sum(-1, keepdims=True) * x)
     return np.stack([x, y, np.cross(x, y)], -1)
 
 
-def joint_angles(skeleton: Skeleton, local: Array) -> dict[str, Array]:
+def joint_angles(skeleton: Skeleton, local: FloatArray) -> dict[str, FloatArray]:
     """Anatomical angles in degrees, each (T, 2) left and right (the trunk's flexion: (T, 1))."""
-    out: dict[str, list[Array]] = {k: [] for k in LIMITS}
+    out: dict[str, list[FloatArray]] = {k: [] for k in LIMITS}
     for side, sign in SIDES:
         thigh = local[:, skeleton.index("upperleg01." + side)]
         # thigh = Ry(-sign abduction) Rx(-flexion) Rz(sign rotation)
@@ -211,7 +210,7 @@ def joint_angles(skeleton: Skeleton, local: Array) -> dict[str, Array]:
     return {k: np.stack(v, -1) for k, v in out.items()}
 
 
-def arm_rest(skeleton: Skeleton, side: str) -> tuple[Array, Array, float]:
+def arm_rest(skeleton: Skeleton, side: str) -> tuple[FloatArray, FloatArray, float]:
     """The elbow's axis, the upper arm's direction and the elbow's flexion in degrees, all at rest."""
     upper = skeleton.at("lowerarm01." + side) - skeleton.at("upperarm01." + side)
     lower = skeleton.at("wrist." + side) - skeleton.at("lowerarm01." + side)

@@ -10,28 +10,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.train.synthesis.motions import (
     acrobatics as motion_acrobatics,
+)
+from muybridge.train.synthesis.motions import (
     floor as motion_floor,
+)
+from muybridge.train.synthesis.motions import (
     standing as motion_kinds,
 )
 from muybridge.train.synthesis.motions.hands import hands_at_rest
-from muybridge.train.synthesis.motions.standing import Stage
-from muybridge.train.synthesis.motions.rig import (
-    LIMITS,
-    SIDES,
-    Array,
-    Skeleton,
-    forward,
-    joint_angles,
-    log,
-    rot,
-    turn,
-)
-from muybridge.train.synthesis.motions.solve import Script, Solver
+from muybridge.train.synthesis.motions.rig import LIMITS, SIDES, Skeleton, forward, joint_angles, log, rot, turn
 from muybridge.train.synthesis.motions.self_collision import penetrates
+from muybridge.train.synthesis.motions.solve import Script, Solver
+from muybridge.train.synthesis.motions.standing import Stage
 
 # Kinds of motion with their shares.
 MOTIONS: dict[str, float] = {
@@ -58,14 +52,14 @@ class MotionClip:
         flights: spans (first, last) of frames between which nothing is touched.
     """
 
-    rotvec: Array
-    root: Array
+    rotvec: FloatArray
+    root: FloatArray
     fps: float
     kind: str
-    contacts: NDArray[np.bool_]
+    contacts: BoolArray
     flights: tuple[tuple[int, int], ...] = ()
 
-    def velocity(self, frame: int) -> Array:
+    def velocity(self, frame: int) -> FloatArray:
         """(bones, 3) rates of the rotation vectors, radians a second, by central difference."""
         a, b = max(frame - 1, 0), min(frame + 1, len(self.root) - 1)
         return np.asarray((self.rotvec[b] - self.rotvec[a]) * self.fps / max(b - a, 1))
@@ -80,9 +74,9 @@ class PoseSamples:
         kinds: (N,) index into `MOTIONS`.
     """
 
-    rotvec: Array
-    velocity: Array
-    kinds: NDArray[np.intp]
+    rotvec: FloatArray
+    velocity: FloatArray
+    kinds: IndexArray
 
 
 class MotionSampler:
@@ -118,7 +112,7 @@ class MotionSampler:
         heading, at = float(self.rng.uniform(-180, 180)), np.append(self.rng.uniform(-1, 1, 2), 0)
         return _turned(one, heading, at), _turned(two, heading, at)
 
-    def _pair(self, time: Array, fps: float, gap: float) -> tuple[MotionClip, MotionClip]:
+    def _pair(self, time: FloatArray, fps: float, gap: float) -> tuple[MotionClip, MotionClip]:
         rng = self.rng
         high, k = 0.72 * self.skeleton.height, 2 * np.pi * time
         meet = np.stack([0.04 + 0.05 * np.sin(k * rng.uniform(0.2, 0.6)), np.full(len(time), -gap / 2 + 0.03),
@@ -144,7 +138,7 @@ class MotionSampler:
         core = [a[:, [self.skeleton.index(b) for b in ("root", "spine03", "spine01", "neck01", "head")]] for a in at]
         wrists = [a[:, [self.skeleton.index("wrist." + s) for s, _ in SIDES]] for a in at]
 
-        def nearest(a: Array, b: Array) -> float:
+        def nearest(a: FloatArray, b: FloatArray) -> float:
             return float(np.linalg.norm(a[:, :, None] - b[:, None], axis=-1).min())
 
         return nearest(*core) < 0.3 or nearest(wrists[0], core[1]) < 0.15 or nearest(wrists[1], core[0]) < 0.15
@@ -153,8 +147,8 @@ class MotionSampler:
         """`n` single frames, well apart: clips of 8 s at 15 frames a second, twelve frames from each."""
         names = [m for m in MOTIONS if kinds is None or m in kinds]
         share = np.array([MOTIONS[m] for m in names])
-        rotvec: list[Array] = []
-        velocity: list[Array] = []
+        rotvec: list[FloatArray] = []
+        velocity: list[FloatArray] = []
         kind: list[int] = []
         while len(kind) < n:
             name = str(self.rng.choice(names, p=share / share.sum()))
@@ -166,7 +160,7 @@ class MotionSampler:
                 kind.append(list(MOTIONS).index(name))
         return PoseSamples(np.stack(rotvec), np.stack(velocity), np.array(kind))
 
-    def _best(self, kind: str, time: Array, fps: float, programme: Callable[[Stage], None]) -> MotionClip:
+    def _best(self, kind: str, time: FloatArray, fps: float, programme: Callable[[Stage], None]) -> MotionClip:
         best, least = None, np.inf
         for attempt in range(TRIES):
             stage = Stage(self.solver, time, self.rng, attempt / (TRIES - 1))
@@ -190,7 +184,7 @@ class MotionSampler:
         clip = MotionClip(log(local), root, fps, kind, contacts, tuple(script.flights))
         return clip, self.faults(clip, local)
 
-    def faults(self, clip: MotionClip, local: Array | None = None) -> dict[str, float]:
+    def faults(self, clip: MotionClip, local: FloatArray | None = None) -> dict[str, float]:
         """Share of the frames that break each bar: limits, slide (5 mm), penetration, speed."""
         local = turn(clip.rotvec) if local is None else local
         _, at = forward(self.skeleton, local, clip.root)
@@ -222,7 +216,7 @@ class MotionSampler:
         return replace(clip, rotvec=rotvec, root=clip.root * [-1, 1, 1], contacts=clip.contacts[:, ::-1])
 
 
-def slides(ball: Array, contact: NDArray[np.bool_], allowed: float = 0.005) -> NDArray[np.bool_]:
+def slides(ball: FloatArray, contact: BoolArray, allowed: float = 0.005) -> BoolArray:
     """(T,) frames of a contact in which the ball of the foot, (T, 3), is off its median place on the floor by more
     than `allowed` metres (it may rise: a foot rolls over its toes)."""
     out = np.zeros(len(ball), bool)
@@ -240,7 +234,7 @@ def _programme(kind: str) -> Callable[[Stage], None]:
     return found
 
 
-def _turned(clip: MotionClip, heading: float, at: Array) -> MotionClip:
+def _turned(clip: MotionClip, heading: float, at: FloatArray) -> MotionClip:
     r = rot(2, heading)
     rotvec = clip.rotvec.copy()
     rotvec[:, 0] = log(r @ turn(clip.rotvec[:, 0]))

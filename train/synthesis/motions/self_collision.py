@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
+from muybridge.arrays import BoolArray, Float32Array
 
 
-def penetrates(bones: Sequence[str], joints: NDArray[Any], height: NDArray[Any]) -> NDArray[np.bool_]:
+def penetrates(bones: Sequence[str], joints: NDArray[Any], height: NDArray[Any]) -> BoolArray:
     """(B,) whether limbs, seen as capsules between `joints` (B, bones, 3), run through the body. What may touch, may:
     folded arms, a hand on a hip, at the face or on a knee (there it bends at the wrist)."""
     at = {b: joints[:, i] for i, b in enumerate(bones)}
@@ -35,7 +35,7 @@ def penetrates(bones: Sequence[str], joints: NDArray[Any], height: NDArray[Any])
     return bad | (_segment_distance(*arms) < 0.05 * k)
 
 
-def _segment_distance(p1: F32, q1: F32, p2: F32, q2: F32) -> F32:
+def _segment_distance(p1: Float32Array, q1: Float32Array, p2: Float32Array, q2: Float32Array) -> Float32Array:
     """(B,) smallest distance between two segments, sampled at 8 x 8 points: enough to reject a pose."""
     t = np.linspace(0, 1, 8, dtype=np.float32)[:, None]
     a = p1[:, None] + (q1 - p1)[:, None] * t

@@ -6,12 +6,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
+from muybridge.arrays import FloatArray
 from muybridge.train.synthesis.motions.ground_contact import chosen_skin, flat_hand, sink_limbs
 from muybridge.train.synthesis.motions.rig import (
     NECK,
     SIDES,
     SPINE,
-    Array,
     Skeleton,
     apply,
     arm_rest,
@@ -51,7 +51,7 @@ class Hold:
     """
 
     bone: str
-    elbow: Array
+    elbow: FloatArray
 
 
 @dataclass
@@ -73,8 +73,8 @@ class Script:
         settling: s, over which the shift onto the floor is smoothed.
     """
 
-    time: Array
-    channels: dict[str, Array] = field(default_factory=dict)
+    time: FloatArray
+    channels: dict[str, FloatArray] = field(default_factory=dict)
     flights: list[tuple[int, int]] = field(default_factory=list)
     holds: dict[str, Hold] = field(default_factory=dict)
     bearing: tuple[str, ...] = ()
@@ -85,10 +85,10 @@ class Script:
         for name, value in names.items():
             self.channels.setdefault(name, np.full(len(self.time), value))
 
-    def __getitem__(self, name: str) -> Array:
+    def __getitem__(self, name: str) -> FloatArray:
         return self.channels[name]
 
-    def __setitem__(self, name: str, value: Array | float) -> None:
+    def __setitem__(self, name: str, value: FloatArray | float) -> None:
         self.channels[name] = np.broadcast_to(np.asarray(value, np.float64), self.time.shape).copy()
 
     @property
@@ -102,7 +102,7 @@ class Script:
         return replace(self, time=self.time[::step], channels=channels, flights=[])
 
 
-def limit(value: Array, low: float, high: float, soft: float = 8.0) -> Array:
+def limit(value: FloatArray, low: float, high: float, soft: float = 8.0) -> FloatArray:
     """Smooth clamp: the identity inside, bending within `soft` of the limits, never beyond them."""
     above, below = np.maximum(value - (high - soft), 0), np.maximum(low + soft - value, 0)
     return np.asarray(np.clip(value, low + soft, high - soft) + soft * (np.tanh(above / soft) - np.tanh(below / soft)))
@@ -124,7 +124,7 @@ class Solver:
         self.ankle_heights = self._ankle_heights()
         self.palm = {s: flat_hand(skeleton, s) for s, _ in SIDES}
 
-    def _ankle_heights(self) -> tuple[Array, Array]:
+    def _ankle_heights(self) -> tuple[FloatArray, FloatArray]:
         """Pitches of a foot in degrees and how high its ankle is while the lowest point of the foot is on the floor,
         the toes lying flat."""
         k, pitch = self.k, np.linspace(-40, 95, 55)
@@ -138,11 +138,11 @@ class Solver:
         low = skin(k, rotations, origins, mine)[..., 2].min(1)
         return pitch, gaussian_filter1d(k.at("foot.L")[2] - low, 1.0, mode="nearest")
 
-    def ball_at_rest(self, side: str) -> Array:
+    def ball_at_rest(self, side: str) -> FloatArray:
         """(3,) the ball of the foot at rest."""
         return np.asarray(self.k.at("foot." + side) + self.ball_offset * ([1, 1, 1] if side == "L" else [-1, 1, 1]))
 
-    def solve(self, script: Script) -> tuple[Array, Array]:
+    def solve(self, script: Script) -> tuple[FloatArray, FloatArray]:
         """Local rotations (T, bones, 3, 3) and root positions (T, 3)."""
         slow = script.every(STRIDE)
         shift = np.zeros((len(slow.time), 3))
@@ -168,7 +168,7 @@ class Solver:
             root = root + self._ballistics(script, local, root)
         return local, root
 
-    def _corrections(self, script: Script, local: Array, root: Array, at: Array) -> Array:
+    def _corrections(self, script: Script, local: FloatArray, root: FloatArray, at: FloatArray) -> FloatArray:
         """How far the root should move for balance and for the floor."""
         out = np.zeros_like(root)
         if script["balance"].any():
@@ -182,7 +182,7 @@ class Solver:
         out[:, 2] = -low * script["ground"] + (1 - script["ground"]) * np.maximum(-low - 0.004, 0) * 0.7
         return out
 
-    def _onto_the_floor(self, script: Script, local: Array, root: Array) -> Array:
+    def _onto_the_floor(self, script: Script, local: FloatArray, root: FloatArray) -> FloatArray:
         """Shift of the root that puts the lowest point on the floor where `ground` says so, and nowhere below it."""
         low = self._lowest(local, root, script.bearing)
         out = np.zeros_like(root)
@@ -190,13 +190,13 @@ class Solver:
         out[:, 2] = -gaussian_filter1d(low, script.settling / script.step, mode="nearest")
         return out
 
-    def _lowest(self, local: Array, root: Array, bearing: tuple[str, ...] = ()) -> Array:
+    def _lowest(self, local: FloatArray, root: FloatArray, bearing: tuple[str, ...] = ()) -> FloatArray:
         """(T,) height of the lowest point of the skin, or of what bears the body."""
         rotations, at = forward(self.k, local, root)
         mine = chosen_skin(self.k, bearing) if bearing else slice(None)
         return np.asarray(skin(self.k, rotations, at, mine)[..., 2].min(1))
 
-    def _limbs_onto_the_floor(self, script: Script, local: Array, root: Array) -> Array:
+    def _limbs_onto_the_floor(self, script: Script, local: FloatArray, root: FloatArray) -> FloatArray:
         """Local rotations with limbs and head out of the floor, and sunk onto it as far as the script says."""
         c = script.channels
         near = np.clip(2 * c["ground"], 0, 1)
@@ -210,13 +210,13 @@ class Solver:
             free["shank" + s] = near * kneels
         return sink_limbs(self.k, local, root, script.step, sink, free)
 
-    def _out_of_the_floor(self, script: Script, local: Array, root: Array) -> Array:
+    def _out_of_the_floor(self, script: Script, local: FloatArray, root: FloatArray) -> FloatArray:
         """Shift of the root for what is still in the floor."""
         out, low = np.zeros_like(root), self._lowest(local, root)
         out[:, 2] = gaussian_filter1d(np.maximum(-low, 0), SETTLING / script.step, mode="nearest")
         return out
 
-    def _load(self, script: Script) -> Array:
+    def _load(self, script: Script) -> FloatArray:
         """(2, T) share of the weight on each foot: it leaves a foot before the foot leaves the floor."""
         loads = []
         for s, _ in SIDES:
@@ -229,7 +229,7 @@ class Solver:
         both = np.stack(loads)
         return np.asarray(both / both.sum(0))
 
-    def _ballistics(self, script: Script, local: Array, root: Array) -> Array:
+    def _ballistics(self, script: Script, local: FloatArray, root: FloatArray) -> FloatArray:
         """Shift of the root that makes every flight of the centre of mass a parabola through its ends."""
         _, at = forward(self.k, local, root)
         com, out = centre_of_mass(self.k, at), np.zeros_like(root)
@@ -240,7 +240,7 @@ class Solver:
             out[a : b + 1] = line - com[a : b + 1]
         return out
 
-    def pose(self, script: Script, shift: Array) -> tuple[Array, Array]:
+    def pose(self, script: Script, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Local rotations and root positions, the root moved by `shift`."""
         c, n = script.channels, len(script.time)
         local = np.broadcast_to(np.eye(3), (n, len(self.k.bones), 3, 3)).copy()
@@ -260,7 +260,7 @@ class Solver:
             self._arm(script, local, root, side, sign)
         return local, root
 
-    def _within_reach(self, script: Script, pelvis: Array, root: Array) -> Array:
+    def _within_reach(self, script: Script, pelvis: FloatArray, root: FloatArray) -> FloatArray:
         """Heights of the root, lowered where a foot on the floor could not be reached."""
         height = root[:, 2].copy()
         for side, sign in SIDES:
@@ -276,7 +276,9 @@ class Solver:
             height = height - excess * np.clip(on * 2, 0, 1) ** 2 * (script["plant" + side] > 0.5)
         return height
 
-    def _foot_target(self, script: Script, side: str, sign: float, rise: Array | float = 0.0) -> tuple[Array, Array]:
+    def _foot_target(
+        self, script: Script, side: str, sign: float, rise: FloatArray | float = 0.0
+    ) -> tuple[FloatArray, FloatArray]:
         """Ankle positions and foot rotations of the plan, the heel `rise` degrees higher: the foot rolls over its
         ball, or over its heel."""
         c = script.channels
@@ -291,7 +293,7 @@ class Solver:
         ankle[:, 2] = c["bz" + side] + np.interp(pitch, *self.ankle_heights)
         return ankle, heading @ roll
 
-    def _leg_within_limits(self, script: Script, local: Array, root: Array, side: str, sign: float) -> None:
+    def _leg_within_limits(self, script: Script, local: FloatArray, root: FloatArray, side: str, sign: float) -> None:
         """The leg; where its ankle would bend up too far, the heel leaves the floor."""
         rise = np.zeros(len(root))
         for _ in range(4):
@@ -302,7 +304,9 @@ class Solver:
                 break
             rise = rise + excess**2 / (excess + 4) * script["plant" + side]
 
-    def _leg(self, script: Script, local: Array, root: Array, side: str, sign: float, rise: Array) -> None:
+    def _leg(
+        self, script: Script, local: FloatArray, root: FloatArray, side: str, sign: float, rise: FloatArray
+    ) -> None:
         c, k = script.channels, self.k
         hip, knee, foot = k.at("upperleg01." + side), k.at("lowerleg01." + side), k.at("foot." + side)
         upper, lower, hinge, pelvis = knee - hip, foot - knee, np.array([1.0, 0, 0]), local[:, 0]
@@ -333,14 +337,14 @@ class Solver:
         for toe in self.toes[side]:
             local[:, toe] = flat
 
-    def _clearance(self, foot: Array, height: Array) -> Array:
+    def _clearance(self, foot: FloatArray, height: FloatArray) -> FloatArray:
         """How much a free foot with these rotations must rise so as not to touch the floor, its ankle at `height`."""
         toe_down = foot[:, 2, 1].clip(-1, 1)
         least = np.interp(np.degrees(np.arcsin(toe_down)), *self.ankle_heights) + 0.07 * toe_down.clip(0)
         least = least + 0.05 * np.abs(foot[:, 2, 0]) + 0.005
         return np.asarray(0.5 * (least - height + np.sqrt((least - height) ** 2 + 0.015**2)))
 
-    def _arm(self, script: Script, local: Array, root: Array, side: str, sign: float) -> None:
+    def _arm(self, script: Script, local: FloatArray, root: FloatArray, side: str, sign: float) -> None:
         c, k = script.channels, self.k
         flex, out = np.radians(limit(c["flex" + side], -65, 178)), np.radians(limit(c["out" + side], -35, 165))
         hinge, rest, bent = arm_rest(k, side)
@@ -363,7 +367,7 @@ class Solver:
             for joint in range(1, 4):
                 local[:, self.i[f"finger{finger}-{joint}.{side}"]] = rot(1, sign * limit(c["curl" + side], -5, 90))
 
-    def _flatten_hand(self, script: Script, local: Array, root: Array, side: str, sign: float) -> None:
+    def _flatten_hand(self, script: Script, local: FloatArray, root: FloatArray, side: str, sign: float) -> None:
         """The hand flat on the floor and its thumb beside it, mixed in by `palm`."""
         weight, palm = script["palm" + side][:, None], self.palm[side][0]
         above = self._carried(local, root, "lowerarm02." + side)[0]
@@ -372,8 +376,8 @@ class Solver:
         local[:, self.i["wrist." + side]] = bent @ turn(log(np.swapaxes(bent, -1, -2) @ lain) * weight)
         local[:, self.i["finger1-1." + side]] = turn(weight * np.radians(THUMB) * (palm.T @ [0.0, sign, 0.0]))
 
-    def _hand(self, script: Script, local: Array, root: Array, side: str, arm: Array,
-              elbow: Array) -> tuple[Array, Array]:  # fmt: skip
+    def _hand(self, script: Script, local: FloatArray, root: FloatArray, side: str, arm: FloatArray,
+              elbow: FloatArray) -> tuple[FloatArray, FloatArray]:  # fmt: skip
         """The upper arm and elbow that bring the wrist to its place, mixed in by `hand`."""
         c, k, hold = script.channels, self.k, script.holds.get(side)
         rotation, origin = self._carried(local, root, "shoulder01." + side)
@@ -397,7 +401,7 @@ class Solver:
             pole = unit(pole) * (1 - weight) + unit(np.cross(elbow_out, place)) * weight
         return two_bone(upper, lower, hinge, place, pole, (5 - bent, 150 - bent))
 
-    def _carried(self, local: Array, root: Array, bone: str) -> tuple[Array, Array]:
+    def _carried(self, local: FloatArray, root: FloatArray, bone: str) -> tuple[FloatArray, FloatArray]:
         """Rotation (T, 3, 3) and origin (T, 3) of a bone in the world, of those before it in `local`."""
         chain = [self.i[bone]]
         while (above := int(self.k.parents[chain[0]])) >= 0:

@@ -7,16 +7,16 @@ faces -y; lengths are in metres, times in seconds, angles in degrees. Lengths sc
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from muybridge.train.synthesis.motions.rig import SIDES, Array
+from muybridge.arrays import BoolArray, FloatArray
+from muybridge.train.synthesis.motions.rig import SIDES
 from muybridge.train.synthesis.motions.solve import GRAVITY, Script, Solver
 
 Plant = tuple[float, float, float, float, float]  # first and last second, x, y of the ball, yaw
 
 
-def ease(x: Array) -> Array:
+def ease(x: FloatArray) -> FloatArray:
     """Minimum-jerk step from 0 to 1."""
     x = np.clip(x, 0, 1)
     return np.asarray(x**3 * (10 - 15 * x + 6 * x**2))
@@ -29,7 +29,7 @@ class Stage:
         calm: 0 to 1; later tries at a motion are calmer.
     """
 
-    def __init__(self, solver: Solver, time: Array, rng: np.random.Generator, calm: float) -> None:
+    def __init__(self, solver: Solver, time: FloatArray, rng: np.random.Generator, calm: float) -> None:
         self.solver, self.t, self.rng, self.calm = solver, time, rng, calm
         self.s = Script(time)
         self.end = float(time[-1])
@@ -42,7 +42,7 @@ class Stage:
         """A uniform draw."""
         return float(self.rng.uniform(low, high))
 
-    def keys(self, times: Sequence[float] | Array, values: Sequence[float] | Array) -> Array:
+    def keys(self, times: Sequence[float] | FloatArray, values: Sequence[float] | FloatArray) -> FloatArray:
         """Through the values at the times, at rest at each."""
         t, v = np.asarray(times, np.float64), np.asarray(values, np.float64)
         out = np.full(len(self.t), v[0])
@@ -50,7 +50,7 @@ class Stage:
             out = out + (v[i + 1] - v[i]) * ease((self.t - t[i]) / max(t[i + 1] - t[i], 1e-3))
         return out
 
-    def wander(self, low: float, high: float, hold: float) -> Array:
+    def wander(self, low: float, high: float, hold: float) -> FloatArray:
         """A C2 curve through random values, a new one about every `hold` seconds."""
         hold *= self.u(0.8, 1.2)
         n = int(self.end / hold) + 3
@@ -125,7 +125,7 @@ class Stage:
                                strict=True):  # fmt: skip
             self.s[name + side] = value
 
-    def free_leg(self, side: str, weight: Array) -> None:
+    def free_leg(self, side: str, weight: FloatArray) -> None:
         """Lets a leg go by its angles where `weight` is 1; there it touches nothing."""
         self.s["plant" + side] = 1 - weight
         self.s["contact" + side] = np.where(weight > 1e-6, 0.0, self.s["contact" + side])
@@ -325,7 +325,7 @@ def dance(g: Stage) -> None:
         g.gesture(s, g.u(0.6, 1.1), beat * float(g.rng.choice([1, 2])))
 
 
-def _travel(g: Stage, speed: float, bend: float) -> tuple[Array, Array, Array]:
+def _travel(g: Stage, speed: float, bend: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Path of the root at a speed, turning by `bend` degrees a second: x, y and yaw as functions sampled finely."""
     fine = np.arange(-2, g.end + 2, 1 / 240)
     yaw = np.radians(bend * fine + 8 * np.sin(fine * g.u(0.3, 0.9) + g.u(0, 6)))
@@ -334,7 +334,7 @@ def _travel(g: Stage, speed: float, bend: float) -> tuple[Array, Array, Array]:
 
 
 def _gait(g: Stage, speed: float, stride: float, duty: float, lift: float, roll_off: float, strike: float,
-          kick: float, swing: float) -> Array:  # fmt: skip
+          kick: float, swing: float) -> FloatArray:  # fmt: skip
     """Feet, path and arms of a walk or run; returns the phase of the left foot (0 where it comes down)."""
     fine, path, heading = _travel(g, speed, g.u(-25, 25) * (1 - g.calm))
     start, narrow = g.u(0, stride), g.u(0.35, 0.85) if duty > 0.5 else g.u(0.15, 0.4)
@@ -399,7 +399,7 @@ def run(g: Stage) -> None:
     g.s.flights += spans(air)
 
 
-def spans(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def spans(mask: BoolArray) -> list[tuple[int, int]]:
     """First and last frames about the runs of true, the frames of contact on either side included."""
     edges = np.diff(np.concatenate([[0], mask.astype(int), [0]]))
     out = []

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
 from muybridge.train.synthesis.rendering.renderer import View, direction_from_angles, look_at, target_of_pixel
 
 # What lies beyond the cut: the black outside of the video, something in front of the person, or the person after all.
@@ -28,20 +28,20 @@ class Cuts:
         beyond: (B,) BORDER, SOMETHING or PERSON.
     """
 
-    line: NDArray[np.float32]
-    beyond: NDArray[np.int64]
+    line: Float32Array
+    beyond: IntArray
 
-    def mask(self, i: int, size: int) -> NDArray[np.bool_]:
+    def mask(self, i: int, size: int) -> BoolArray:
         """(size, size) pixels of crop `i` beyond its cut."""
         y, x = np.mgrid[:size, :size].astype(np.float32)
         nx, ny, edge = self.line[i]
         return np.asarray(nx * x + ny * y > edge)
 
-    def chosen(self, beyond: int) -> NDArray[np.intp]:
+    def chosen(self, beyond: int) -> IndexArray:
         """Crops with a cut of that kind."""
         return np.flatnonzero(np.isfinite(self.line[:, 0]) & (self.beyond == beyond))
 
-    def hidden(self, landmarks: NDArray[np.float32]) -> NDArray[np.bool_]:
+    def hidden(self, landmarks: Float32Array) -> BoolArray:
         """(B, J) whether landmarks (B, J, 2) are out of sight by it."""
         there = np.isfinite(self.line[:, 0]) & (self.beyond != PERSON)
         past = np.einsum("bjk,bk->bj", landmarks, self.line[:, :2]) > self.line[:, 2:]
@@ -50,11 +50,11 @@ class Cuts:
 
 def cut_boxes(
     rng: np.random.Generator,
-    box_px: NDArray[np.float32],
+    box_px: Float32Array,
     share: float,
-    made: NDArray[np.float32] | None = None,
+    made: Float32Array | None = None,
     left_over: tuple[float, float] = _KEPT,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+) -> tuple[Float32Array, Float32Array]:
     """Boxes (B, 4) of what is left of people of whom `share` are cut off, and lines (B, 3) as in `Cuts`, both in the
     pixels of `box_px`. Those of `made` (B, 3) that are not NaN stay as they are. `left_over`: share of a box."""
     boxes, lines = box_px.copy(), np.full((len(box_px), 3), np.nan, np.float32)
@@ -75,9 +75,7 @@ def cut_boxes(
     return boxes, lines
 
 
-def to_crop(
-    rng: np.random.Generator, lines: NDArray[np.float32], matrix: NDArray[np.float32], made: NDArray[np.bool_]
-) -> Cuts:
+def to_crop(rng: np.random.Generator, lines: Float32Array, matrix: Float32Array, made: BoolArray) -> Cuts:
     """Lines of `cut_boxes` seen through the affine maps `matrix` (B, 2, 3) into crops, with what lies beyond them:
     never the person where the render is `made` (B,) as a close-up, which ends somewhere beyond its line."""
     normal = np.einsum("bji,bj->bi", np.linalg.inv(matrix[:, :, :2].astype(np.float64)), lines[:, :2])
@@ -97,11 +95,11 @@ class CloseUp(NamedTuple):
     """
 
     view: View
-    box_px: NDArray[np.float32]
-    cut_px: NDArray[np.float32]
+    box_px: Float32Array
+    cut_px: Float32Array
 
 
-def sample_close_up(body: NDArray[np.float32], rng: np.random.Generator, size: int, span: float) -> CloseUp:
+def sample_close_up(body: Float32Array, rng: np.random.Generator, size: int, span: float) -> CloseUp:
     """A camera without roll that is near to a part of a person (V, 3), as webcams on desks and tripods are: the longer
     side of what it has of them is 1/`span` of the picture's `size`."""
     points = body.astype(np.float64)
@@ -129,9 +127,7 @@ def sample_close_up(body: NDArray[np.float32], rng: np.random.Generator, size: i
     return CloseUp(view, box.astype(np.float32), np.array([*normal, edge], np.float32))
 
 
-def _box_of(
-    view: View, points: NDArray[np.float64], part: NDArray[np.float64], normal: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], float]:
+def _box_of(view: View, points: FloatArray, part: FloatArray, normal: FloatArray) -> tuple[FloatArray, float]:
     """The box (4,) of what of `points` lies on this side of the farthest of `part` along `normal`, and that edge."""
     px, depth_m = view.project(part)
     edge = float((px[depth_m > _NEAREST] @ normal).max())

@@ -4,17 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from muybridge.geometry.cameras.camera import Camera, CameraGroup
+from muybridge.arrays import ByteArray, Float32Array
+from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.train.synthesis.bodies.body_model import BodyModel
+from muybridge.train.synthesis.clothing.sample import Outfit, sample_outfit
 from muybridge.train.synthesis.motions.sampler import MotionClip, MotionSampler
 from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
 from muybridge.train.synthesis.rendering.takes import layers
-from muybridge.train.synthesis.clothing.sample import Outfit, sample_outfit
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 # People's middles stay this far apart, metres, unless they came as a pair.
 _APART = 0.55
@@ -28,8 +26,8 @@ _STEP_PX = 160
 class Actor:
     """One person of a take: `vertices` (T, V, 3) and `landmarks` (T, 23, 3), metres, in the world; what they wear."""
 
-    vertices: F32
-    landmarks: F32
+    vertices: Float32Array
+    landmarks: Float32Array
     outfit: Outfit
 
 
@@ -63,7 +61,7 @@ def cast(body: BodyModel, kinds: Sequence[str], seconds: float, fps: float, reac
     return actors
 
 
-def _skinned(body: BodyModel, clip: MotionClip, phenotypes: F32) -> tuple[F32, F32]:
+def _skinned(body: BodyModel, clip: MotionClip, phenotypes: Float32Array) -> tuple[Float32Array, Float32Array]:
     """Vertices and landmarks of a clip, where it says that they are."""
     vertices, landmarks = [], []
     for k in range(0, len(clip.root), _AT_ONCE):
@@ -77,8 +75,8 @@ def _skinned(body: BodyModel, clip: MotionClip, phenotypes: F32) -> tuple[F32, F
 
 
 def _placed(
-    rng: np.random.Generator, skins: list[tuple[F32, F32]], others: list[F32], reach: float
-) -> list[tuple[F32, F32]]:
+    rng: np.random.Generator, skins: list[tuple[Float32Array, Float32Array]], others: list[Float32Array], reach: float
+) -> list[tuple[Float32Array, Float32Array]]:
     """The people turned and moved together to where they come near nobody else."""
     middle = np.concatenate([points for _, points in skins]).mean((0, 1)) * [1, 1, 0]
     for attempt in range(_TRIES):
@@ -122,9 +120,9 @@ def view_of(camera: Camera) -> View:
 
 
 def film_company(
-    renderer: Renderer, plate: NDArray[np.uint8], view: View, actors: Sequence[Actor], frame: int,
+    renderer: Renderer, plate: ByteArray, view: View, actors: Sequence[Actor], frame: int,
     rng: np.random.Generator, noise: float = 3.0,
-) -> NDArray[np.uint8]:  # fmt: skip
+) -> ByteArray:  # fmt: skip
     """(H, W, 3) RGB of one frame: everybody, the farthest first, their shadows under all of them, noise."""
     eye = -view.cam_from_world[:, :3].T @ view.cam_from_world[:, 3]
     order = sorted(actors, key=lambda a: -float(np.linalg.norm(a.landmarks[frame].mean(0) - eye)))
@@ -140,7 +138,9 @@ def film_company(
     return picture.clip(0, 255).astype(np.uint8)
 
 
-def _layer(renderer: Renderer, view: View, actor: Actor, frame: int) -> tuple[tuple[int, int], F32, F32] | None:
+def _layer(
+    renderer: Renderer, view: View, actor: Actor, frame: int
+) -> tuple[tuple[int, int], Float32Array, Float32Array] | None:
     """Corner (x, y) in the picture, colour (h, w, 4) and shadow (h, w) of one person, in a window round them; None out
     of sight."""
     body = actor.vertices[frame]

@@ -11,14 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.train.synthesis.clothing import fabrics
+from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
 from muybridge.train.synthesis.bodies.surface_markers import marker_normals, markers_seen, virtual_markers
-from muybridge.train.synthesis.clothing.shells import Shells
+from muybridge.train.synthesis.clothing import fabrics
 from muybridge.train.synthesis.clothing.sample import Outfit
+from muybridge.train.synthesis.clothing.shells import Shells
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 SHADERS = pathlib.Path(__file__).parent / "shaders"
 SHADOW_MAPS = (384, 224)  # pixels: of the main light, of the sky
 PARTS = ("body", "trousers", "shirt", "shoes", "skirt", "long_hair", "hair", "hat")
@@ -48,20 +47,20 @@ class View:
     """A pinhole view: `cam_from_world` (3, 4), OpenCV axes; `focal_px` and principal point in pixels with
     (0, 0) the centre of the top-left pixel; `width`, `height` in pixels."""
 
-    cam_from_world: F64
+    cam_from_world: FloatArray
     focal_px: float
     principal_px: tuple[float, float]
     width: int
     height: int
 
-    def project(self, points_world: NDArray[np.floating]) -> tuple[F64, F64]:
+    def project(self, points_world: NDArray[np.floating]) -> tuple[FloatArray, FloatArray]:
         """(..., 3) -> pixels (..., 2) and depth (...)."""
         cam = points_world @ self.cam_from_world[:, :3].T + self.cam_from_world[:, 3]
         uv = cam[..., :2] / cam[..., 2:] * self.focal_px + np.array(self.principal_px)
         return uv, cam[..., 2]
 
     @property
-    def clip_from_world(self) -> F64:
+    def clip_from_world(self) -> FloatArray:
         """OpenGL's clip matrix; image row 0 is at the top of the read-back after a vertical flip."""
         w, h, f = self.width, self.height, self.focal_px
         cx, cy = self.principal_px[0] + 0.5, self.principal_px[1] + 0.5
@@ -73,7 +72,7 @@ class View:
         return np.asarray(clip @ np.vstack([self.cam_from_world, [0, 0, 0, 1]]))
 
 
-def look_at(center_world: F64, target_world: F64, roll: float = 0.0) -> F64:
+def look_at(center_world: FloatArray, target_world: FloatArray, roll: float = 0.0) -> FloatArray:
     """cam_from_world (3, 4), OpenCV axes, of a camera at `center_world` with no roll but `roll` radians."""
     z = target_world - center_world
     z = z / np.linalg.norm(z)
@@ -85,13 +84,13 @@ def look_at(center_world: F64, target_world: F64, roll: float = 0.0) -> F64:
     return np.concatenate([rotation, -rotation @ center_world[:, None]], 1)
 
 
-def direction_from_angles(azimuth: float, elevation: float) -> F64:
+def direction_from_angles(azimuth: float, elevation: float) -> FloatArray:
     """(3,) unit vector, Z up; radians."""
     flat = np.cos(elevation)
     return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
 
 
-def target_of_pixel(view: View, px: F64, eye: F64, distance: float) -> F64:
+def target_of_pixel(view: View, px: FloatArray, eye: FloatArray, distance: float) -> FloatArray:
     """(3,) the point that `view`, a camera at `eye`, sees at the pixel (2,), `distance` deep."""
     offset = (px - np.array(view.principal_px)) / view.focal_px
     return np.asarray(eye + view.cam_from_world[:, :3].T @ np.array([*offset, 1.0]) * distance)
@@ -112,14 +111,14 @@ class Render:
         cut_px: (3,) where the person of a close-up has to be cut off, see `close_ups.Cuts`; else NaN.
     """
 
-    rgba: NDArray[np.uint8]
-    shadow: NDArray[np.uint8]
-    landmarks_px: F32
-    visible: NDArray[np.bool_]
-    box_px: F32
-    markers_px: F32
-    markers_visible: NDArray[np.bool_]
-    cut_px: F32 = field(default_factory=lambda: np.full(3, np.nan, np.float32))
+    rgba: ByteArray
+    shadow: ByteArray
+    landmarks_px: Float32Array
+    visible: BoolArray
+    box_px: Float32Array
+    markers_px: Float32Array
+    markers_visible: BoolArray
+    cut_px: Float32Array = field(default_factory=lambda: np.full(3, np.nan, np.float32))
 
 
 class Program:
@@ -187,7 +186,7 @@ class Renderer:
         rng = np.random.default_rng(1)
         white = rng.random((32, 32, 32)).astype("f4")
 
-        def grow(a: F32, k: int) -> F32:
+        def grow(a: Float32Array, k: int) -> Float32Array:
             from scipy.ndimage import zoom
 
             return np.asarray(zoom(a, k, order=1, mode="grid-wrap", grid_mode=True), np.float32)
@@ -237,7 +236,7 @@ class Renderer:
         layout = " ".join(f"{size // 4}f" if n in used else f"{size}x" for n, size in fields)
         return (buffer, layout, *used)
 
-    def load(self, vertices: F32) -> None:
+    def load(self, vertices: Float32Array) -> None:
         """Makes `vertices` (V, 3) the person that the next renders show."""
         self.vertices = vertices
         table, self._normals = self._shells.shape(vertices)
@@ -320,7 +319,7 @@ class Renderer:
         return self._read(view, target, mask_target, depth_texture, landmarks_world)
 
     @staticmethod
-    def _light(light: tuple[float, float, float], center: F64, radius: float) -> F64:
+    def _light(light: tuple[float, float, float], center: FloatArray, radius: float) -> FloatArray:
         pose = np.vstack([look_at(center + np.array(light) * radius, center), [0, 0, 0, 1]])
         scale = np.diag([1 / (radius * 1.05), 1 / (radius * 1.05), 1 / (radius * 2), 1.0])
         scale[2, 3] = -0.5
@@ -351,7 +350,7 @@ class Renderer:
         labels = px.astype(np.float32), visible, box.astype(np.float32)
         return Render(_soften(_expose(rgba.copy())), shadow.copy(), *labels, *self._read_markers(view, metres, height))
 
-    def _read_markers(self, view: View, metres: NDArray[np.floating], height: float) -> tuple[F32, NDArray[np.bool_]]:
+    def _read_markers(self, view: View, metres: NDArray[np.floating], height: float) -> tuple[Float32Array, BoolArray]:
         """Pixels (M, 2) of the loaded person's markers and whether they are seen."""
         px, depth_m = _in_front(*view.project(self.markers))
         inside, front = _front(px, metres)
@@ -360,7 +359,7 @@ class Renderer:
         return px.astype(np.float32), inside & seen
 
 
-def _expose(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _expose(rgba: ByteArray) -> ByteArray:
     """Brings the mean luma of a person into `LUMA`, in place, as a camera's exposure would: nobody is a black hole."""
     person = rgba[..., 3] > 0
     for _ in range(3 if person.any() else 0):
@@ -374,7 +373,7 @@ def _expose(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return rgba
 
 
-def _soften(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _soften(rgba: ByteArray) -> ByteArray:
     """Smooths the staircase along the silhouette; what lies within keeps its detail."""
     smooth = cv2.GaussianBlur(rgba, (3, 3), 0.65)
     cover = smooth[..., 3]
@@ -383,13 +382,13 @@ def _soften(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return rgba
 
 
-def _in_front(px: F64, depth_m: F64) -> tuple[F64, F64]:
+def _in_front(px: FloatArray, depth_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Pixels and depths, with points that the near plane cuts off far outside of any image."""
     px[depth_m < NEAR] = -1e5
     return px, depth_m
 
 
-def _front(px: F64, metres: NDArray[np.floating]) -> tuple[NDArray[np.bool_], NDArray[np.floating]]:
+def _front(px: FloatArray, metres: NDArray[np.floating]) -> tuple[BoolArray, NDArray[np.floating]]:
     """(J,) whether `px` (J, 2) lie in the image, and the median depth in the 3 x 3 pixels around each: what lies before
     a point in most of them hides it, and one at a silhouette is not lost to aliasing."""
     at = np.round(px).astype(int)

@@ -9,11 +9,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from muybridge.arrays import ByteArray, FloatArray
 from muybridge.train.synthesis.rendering.renderer import SHADERS, Renderer, View, look_at
 
-F64 = NDArray[np.float64]
 PLAIN, TILES, PANELS, GLOW, CURTAIN, BLIND, PICTURE, WOOD, ROUGH = range(9)
 VIEWS_EACH = 8  # pictures of one room
 
@@ -21,17 +20,17 @@ VIEWS_EACH = 8  # pictures of one room
 class RoomBuilder:
     """Collects the triangles of one room: position, normal, colour, place on the quad in metres, pattern."""
 
-    def __init__(self, rng: np.random.Generator, half: F64, height: float) -> None:
+    def __init__(self, rng: np.random.Generator, half: FloatArray, height: float) -> None:
         self.rng, self.half, self.height = rng, half, height
-        self.rows: list[F64] = []
+        self.rows: list[FloatArray] = []
 
-    def colour(self, low: float = 0.05, high: float = 0.9, strong: float = 0.08) -> F64:
+    def colour(self, low: float = 0.05, high: float = 0.9, strong: float = 0.08) -> FloatArray:
         """A linear colour as things in rooms have them: grey, brown and black lead."""
         saturation = self.rng.uniform(0.4, 0.95) if self.rng.random() < strong else self.rng.beta(1, 7)
         value = self.rng.uniform(low, high) ** 1.6
         return np.array(colorsys.hsv_to_rgb(self.rng.random(), saturation, value))
 
-    def quad(self, corners: F64, colour: F64, kind: int = PLAIN) -> None:
+    def quad(self, corners: FloatArray, colour: FloatArray, kind: int = PLAIN) -> None:
         """A quadrilateral (4, 3)."""
         across, up = corners[1] - corners[0], corners[3] - corners[0]
         normal = np.cross(across, up)
@@ -43,7 +42,9 @@ class RoomBuilder:
                                 np.full((4, 1), pattern)], 1)  # fmt: skip
         self.rows.append(table[[0, 1, 2, 0, 2, 3]])
 
-    def box(self, center: F64, size: F64, colour: F64, turn: float = 0.0, kind: int = PLAIN) -> None:
+    def box(
+        self, center: FloatArray, size: FloatArray, colour: FloatArray, turn: float = 0.0, kind: int = PLAIN
+    ) -> None:
         """A box that stands upright, turned about the vertical by `turn` radians."""
         c, s = np.cos(turn), np.sin(turn)
         rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -56,7 +57,7 @@ class RoomBuilder:
                 corners[:, v] = [-1, -1, 1, 1]
                 self.quad(corners * size / 2 @ rotation.T + center, colour, kind)
 
-    def rod(self, start: F64, end: F64, radius: float, colour: F64, sides: int = 6) -> None:
+    def rod(self, start: FloatArray, end: FloatArray, radius: float, colour: FloatArray, sides: int = 6) -> None:
         """A prism between two points: legs, poles, cables, lamps."""
         along = end - start
         side = np.cross(along, [0.0, 0.0, 1.0] if abs(along[2]) < 0.9 * np.linalg.norm(along) else [1.0, 0.0, 0.0])
@@ -89,13 +90,13 @@ class RoomBuilder:
             at = np.array([rng.uniform(-x, x), rng.uniform(-y, y), h - 0.04])
             self.box(at, size, np.full(3, rng.uniform(0.6, 1.4)), rng.choice([0, np.pi / 2]), GLOW)
 
-    def walls(self) -> list[tuple[F64, F64]]:
+    def walls(self) -> list[tuple[FloatArray, FloatArray]]:
         """Ends (2,) of the four walls, so that their quads face inwards."""
         x, y = self.half
         ends = np.array([[-x, -y], [-x, y], [x, y], [x, -y]])
         return [(ends[k], ends[(k + 1) % 4]) for k in range(4)]
 
-    def on_wall(self, a: F64, b: F64) -> None:
+    def on_wall(self, a: FloatArray, b: FloatArray) -> None:
         """A window, door, board, poster, screen or shelf on the wall from `a` to `b`."""
         rng = self.rng
         length = float(np.linalg.norm(b - a))
@@ -110,7 +111,7 @@ class RoomBuilder:
         start[2] = low
         up = np.array([0, 0, h])
 
-        def panel(lift: float, colour: F64, pattern: int, shrink: float = 0.0) -> None:
+        def panel(lift: float, colour: FloatArray, pattern: int, shrink: float = 0.0) -> None:
             o = start + inward * lift + along * shrink + np.array([0, 0, shrink])
             wide, tall = along * (w - 2 * shrink), up - np.array([0, 0, 2 * shrink])
             self.quad(np.array([o, o + wide, o + wide + tall, o + tall]), colour, pattern)
@@ -131,7 +132,7 @@ class RoomBuilder:
         else:
             panel(0.01, self.colour(0.1, 1.0, 0.2), WOOD if kind == "door" else PICTURE, 0.04)
 
-    def place(self, margin: float = 1.2) -> F64:
+    def place(self, margin: float = 1.2) -> FloatArray:
         """Somewhere on the floor, mostly along the walls: the middle is where people move."""
         x, y = self.half
         while True:
@@ -146,7 +147,7 @@ class RoomBuilder:
                   self.cable)  # fmt: skip
         makers[rng.choice(len(makers), p=[0.16, 0.16, 0.14, 0.14, 0.06, 0.08, 0.08, 0.1, 0.08])](self.place())
 
-    def table(self, at: F64) -> None:
+    def table(self, at: FloatArray) -> None:
         """A table with things on it."""
         rng, turn, colour = self.rng, self.rng.uniform(0, np.pi), self.colour()
         size = np.array([rng.uniform(0.6, 2.0), rng.uniform(0.5, 0.9), 0.04])
@@ -163,7 +164,7 @@ class RoomBuilder:
             center = at + [c * local[0] - s * local[1], s * local[0] + c * local[1], top + part[2] / 2 + 0.02]
             self.box(center, part, self.colour(strong=0.3), rng.uniform(0, np.pi), int(rng.choice([PLAIN, PICTURE])))
 
-    def chair(self, at: F64) -> None:
+    def chair(self, at: FloatArray) -> None:
         """Seat, back and legs."""
         rng, turn, colour = self.rng, self.rng.uniform(0, 2 * np.pi), self.colour()
         seat, back = rng.uniform(0.4, 0.5), rng.uniform(0.3, 0.6)
@@ -174,13 +175,13 @@ class RoomBuilder:
             foot = at + np.array([np.cos(angle), np.sin(angle), 0]) * 0.26
             self.rod(foot, foot * [1, 1, 0] + [0, 0, seat], 0.015, colour * 0.3)
 
-    def cupboard(self, at: F64) -> None:
+    def cupboard(self, at: FloatArray) -> None:
         """A box that reaches to the chest or higher."""
         size = self.rng.uniform([0.4, 0.3, 0.6], [1.4, 0.7, 2.2])
         self.box(at + [0, 0, size[2] / 2], size, self.colour(), self.rng.uniform(0, np.pi),
                  int(self.rng.choice([PLAIN, WOOD, PANELS])))  # fmt: skip
 
-    def tripod(self, at: F64) -> None:
+    def tripod(self, at: FloatArray) -> None:
         """A stand with a camera, a lamp or a reflector, higher than a table."""
         rng, colour = self.rng, self.colour(0.01, 0.5)
         top = at + [0, 0, rng.uniform(1.0, 2.2)]
@@ -191,7 +192,7 @@ class RoomBuilder:
         self.box(top, rng.uniform(0.08, 0.5, 3), self.colour(), rng.uniform(0, np.pi),
                  GLOW if rng.random() < 0.2 else PLAIN)  # fmt: skip
 
-    def treadmill(self, at: F64) -> None:
+    def treadmill(self, at: FloatArray) -> None:
         """A low plate with rails."""
         rng, turn, colour = self.rng, self.rng.uniform(0, np.pi), self.colour(0.01, 0.4)
         length, width = rng.uniform(1.4, 2.4), rng.uniform(0.6, 1.2)
@@ -203,14 +204,14 @@ class RoomBuilder:
             self.rod(post, post + [0, 0, 1.0], 0.025, self.colour())
             self.rod(post + [0, 0, 1.0], post + np.array([-c * 0.6, -s * 0.6, 1.0]), 0.025, self.colour())
 
-    def mat(self, at: F64) -> None:
+    def mat(self, at: FloatArray) -> None:
         """A mat, force plate or coloured field on the floor, anywhere."""
         rng = self.rng
         size = np.array([rng.uniform(0.4, 3.0), rng.uniform(0.4, 2.0), rng.uniform(0.005, 0.3)])
         self.box(at * rng.uniform(0, 1) + [0, 0, size[2] / 2], size, self.colour(strong=0.5), rng.uniform(0, np.pi),
                  int(rng.choice([PLAIN, ROUGH, TILES])))  # fmt: skip
 
-    def rack(self, at: F64) -> None:
+    def rack(self, at: FloatArray) -> None:
         """Bars: wall bars, ladders, clothes racks, truss."""
         rng, colour = self.rng, self.colour()
         turn, width, tall = rng.uniform(0, np.pi), rng.uniform(0.5, 1.5), rng.uniform(0.9, 2.6)
@@ -221,7 +222,7 @@ class RoomBuilder:
         for z in np.linspace(0.2, tall, int(rng.integers(1, 12))):
             self.rod(at + [0, 0, z], at + across + [0, 0, z], radius * 0.8, colour)
 
-    def boxes(self, at: F64) -> None:
+    def boxes(self, at: FloatArray) -> None:
         """A heap of boxes and bags."""
         z = 0.0
         for _ in range(int(self.rng.integers(1, 5))):
@@ -230,7 +231,7 @@ class RoomBuilder:
             self.box(at + shift, size, self.colour(), self.rng.uniform(0, np.pi), int(self.rng.choice([PLAIN, ROUGH])))
             z += size[2]
 
-    def cable(self, at: F64) -> None:
+    def cable(self, at: FloatArray) -> None:
         """A line over the floor."""
         colour, points = self.colour(0.01, 0.6, 0.3), [at + [0, 0, 0.01]]
         heading = self.rng.uniform(0, 2 * np.pi)
@@ -274,7 +275,7 @@ class RoomPainter:
         self.program["joint"].value = float(rng.choice([0.15, 0.3, 0.6, 1.0]))
         return array, builder
 
-    def picture(self, array: object, view: View) -> NDArray[np.uint8]:
+    def picture(self, array: object, view: View) -> ByteArray:
         """(H, W, 3) RGB of the room in `view`, twice supersampled."""
         ctx, size = self.renderer.ctx, (view.width * 2, view.height * 2)
         if size not in self.targets:
@@ -308,7 +309,7 @@ def room_view(rng: np.random.Generator, builder: RoomBuilder, size: int) -> View
     return View(pose, size * distance / span, (middle, middle), size, size)
 
 
-def make_room_pictures(renderer: Renderer, count: int, size: int, seed: int, first: int = 0) -> NDArray[np.uint8]:
+def make_room_pictures(renderer: Renderer, count: int, size: int, seed: int, first: int = 0) -> ByteArray:
     """(count, 3, size, size) uint8: `VIEWS_EACH` views of each of as many rooms as it takes, those of the seed from the
     `first`, which a room has to begin with."""
     painter = RoomPainter(renderer)

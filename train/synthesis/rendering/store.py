@@ -14,16 +14,17 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.progress import Progress
 
+from muybridge.arrays import BoolArray, ByteArray, Float32Array, IndexArray
 from muybridge.errors import SessionError
 from muybridge.files import replacing
-from muybridge.geometry.landmarks.arrays import SURFACE
-from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
-from muybridge.train.synthesis.rendering.close_ups import sample_close_up
-from muybridge.train.synthesis.motions.sampler import MOTIONS
+from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.train.engine.process_pool import shared_out
+from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
+from muybridge.train.synthesis.clothing.sample import sample_outfit
+from muybridge.train.synthesis.motions.sampler import MOTIONS
+from muybridge.train.synthesis.rendering.close_ups import sample_close_up
 from muybridge.train.synthesis.rendering.renderer import (
     Render,
     Renderer,
@@ -32,7 +33,6 @@ from muybridge.train.synthesis.rendering.renderer import (
     look_at,
     target_of_pixel,
 )
-from muybridge.train.synthesis.clothing.sample import sample_outfit
 
 SHARD = 256  # renders
 SIZE = 256  # pixels
@@ -42,7 +42,7 @@ MEMORY = 0.9e9
 SPAN = 1.25 * 1.1
 
 
-def sample_view(vertices: NDArray[np.float32], rng: np.random.Generator, size: int = SIZE, span: float = SPAN) -> View:
+def sample_view(vertices: Float32Array, rng: np.random.Generator, size: int = SIZE, span: float = SPAN) -> View:
     """A gravity-aligned view that looks at the middle of the person's box, as the virtual cameras of
     `geometry.crops` do: rooms' cameras stand 1 to 8 m away, at knee height to under the ceiling."""
     body = vertices[:BODY_VERTICES].astype(float)
@@ -70,15 +70,15 @@ def sample_view(vertices: NDArray[np.float32], rng: np.random.Generator, size: i
 class RenderSet:
     """Renders of one or more shards; `pixels[i]` is (5, SIZE, SIZE) uint8: red, green, blue, alpha, shadow."""
 
-    pixels: list[NDArray[np.uint8]]
-    landmarks_px: NDArray[np.float32]  # (N, 23, 2)
-    visible: NDArray[np.bool_]  # (N, 23)
-    box_px: NDArray[np.float32]  # (N, 4)
+    pixels: list[ByteArray]
+    landmarks_px: Float32Array  # (N, 23, 2)
+    visible: BoolArray  # (N, 23)
+    box_px: Float32Array  # (N, 4)
     # Virtual markers in the order of `SURFACE`; NaN and False where the store has no labels of them.
-    markers_px: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, len(SURFACE), 2), "f4"))  # (N, M, 2)
-    markers_visible: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, len(SURFACE)), bool))  # (N, M)
+    markers_px: Float32Array = field(default_factory=lambda: np.zeros((0, len(SURFACE), 2), "f4"))  # (N, M, 2)
+    markers_visible: BoolArray = field(default_factory=lambda: np.zeros((0, len(SURFACE)), bool))  # (N, M)
     # Where the person of a close-up has to be cut off, see `close_ups.Cuts`; NaN for whole people.
-    cut_px: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), "f4"))  # (N, 3)
+    cut_px: Float32Array = field(default_factory=lambda: np.zeros((0, 3), "f4"))  # (N, 3)
 
     def __post_init__(self) -> None:
         if len(self.cut_px) != len(self):
@@ -91,16 +91,16 @@ class RenderSet:
         return len(self.landmarks_px)
 
     @property
-    def whole(self) -> NDArray[np.intp]:
+    def whole(self) -> IndexArray:
         """Renders of whole people."""
         return np.flatnonzero(np.isnan(self.cut_px[:, 0]))
 
     @property
-    def close_ups(self) -> NDArray[np.intp]:
+    def close_ups(self) -> IndexArray:
         """Renders of parts of people."""
         return np.flatnonzero(np.isfinite(self.cut_px[:, 0]))
 
-    def pixels_of(self, index: int) -> NDArray[np.uint8]:
+    def pixels_of(self, index: int) -> ByteArray:
         """(5, SIZE, SIZE) of one render."""
         return np.asarray(self.pixels[index // SHARD][index % SHARD])
 
@@ -205,7 +205,7 @@ def load_renders(folder: pathlib.Path, numbers: range | None = None) -> RenderSe
     return RenderSet([pixels for pixels, _ in shards], **labels)
 
 
-def _shard(path: pathlib.Path) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+def _shard(path: pathlib.Path) -> tuple[ByteArray, dict[str, Any]]:
     """The pixels of a shard and its labels by their names in `RenderSet`."""
     try:
         with np.load(path) as file:
@@ -221,7 +221,7 @@ def _shard(path: pathlib.Path) -> tuple[NDArray[np.uint8], dict[str, Any]]:
     return pixels, labels | {"markers_px": markers, "markers_visible": seen, "cut_px": cuts}
 
 
-def _markers(path: pathlib.Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def _markers(path: pathlib.Path) -> tuple[Float32Array, BoolArray]:
     """`markers_px` and `markers_visible` of a shard: its own, else from the file beside it, else NaN and False."""
     beside = path.with_name(path.name.replace("renders-", "markers-"))
     for file in (path, beside):

@@ -5,14 +5,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from muybridge.arrays import ByteArray, Float32Array, FloatArray
 from muybridge.train.synthesis.bodies.body_model import BodyBatch, BodyModel
-from muybridge.train.synthesis.rendering.renderer import SHADERS, Renderer, View
 from muybridge.train.synthesis.clothing.sample import Outfit
+from muybridge.train.synthesis.rendering.renderer import SHADERS, Renderer, View
 
-F64 = NDArray[np.float64]
 STANCE = "right_heel"
 
 
@@ -26,8 +25,8 @@ class Choreography:
         fps: frames a second.
     """
 
-    rotvec: F64
-    phenotypes: NDArray[np.float32]
+    rotvec: FloatArray
+    phenotypes: Float32Array
     fps: float
 
 
@@ -52,7 +51,7 @@ def choreograph(body: BodyModel, seconds: float, fps: float, hold: float = 0.75)
     return Choreography(rotvec, phenotypes[0], fps)
 
 
-def _stand(body: BodyModel) -> F64:
+def _stand(body: BodyModel) -> FloatArray:
     pose = body.poses.sample(1, kinds=("stand",)).rotvec[0]
     for bone in ("root", "head", "neck01", "neck02", "neck03"):
         pose[body.index(bone)] *= 0.3
@@ -94,14 +93,14 @@ class Room:
         )
 
     @staticmethod
-    def _quad(corners: F64, colour: F64, pattern: float) -> F64:
+    def _quad(corners: FloatArray, colour: FloatArray, pattern: float) -> FloatArray:
         """Two triangles (6, 10) of a quadrilateral (4, 3), whose normal follows the corners' turn."""
         normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
         normal /= np.linalg.norm(normal)
         row = [np.concatenate([c, normal, colour, [pattern]]) for c in corners]
         return np.stack([row[i] for i in (0, 1, 2, 0, 2, 3)])
 
-    def _walls(self, rng: np.random.Generator, s: float, h: float) -> list[F64]:
+    def _walls(self, rng: np.random.Generator, s: float, h: float) -> list[FloatArray]:
         floor, wall = rng.uniform(0.2, 0.4, 3) * 0.3 + 0.15, np.array([0.62, 0.6, 0.56])
         quads = [self._quad(np.array([[-s, -s, 0], [s, -s, 0], [s, s, 0], [-s, s, 0]]), floor, 1)]
         quads.append(self._quad(np.array([[-s, -s, h], [-s, s, h], [s, s, h], [s, -s, h]]), wall * 1.2, 0))
@@ -112,7 +111,7 @@ class Room:
             quads.append(self._quad(corners, wall * rng.uniform(0.8, 1.15), 2))
         return quads
 
-    def _furniture(self, rng: np.random.Generator, s: float) -> list[F64]:
+    def _furniture(self, rng: np.random.Generator, s: float) -> list[FloatArray]:
         """A box against a wall: cupboards, tables, boards."""
         size = np.array([rng.uniform(0.3, 1.2), rng.uniform(0.1, 0.6), rng.uniform(0.3, 2.0)])
         low = np.array([rng.uniform(-s, s - size[0]), s - size[1], 0 if rng.random() < 0.7 else rng.uniform(0.8, 1.6)])
@@ -128,7 +127,7 @@ class Room:
         turn = np.linalg.matrix_power(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), int(rng.integers(4)))
         return [self._quad(np.array(f) @ turn.T, colour, 0) for f in faces]
 
-    def render(self, view: View, light: tuple[float, float, float]) -> NDArray[np.uint8]:
+    def render(self, view: View, light: tuple[float, float, float]) -> ByteArray:
         """(H, W, 3) RGB of the empty room."""
         ctx = self.renderer.ctx
         target = ctx.framebuffer(
@@ -148,8 +147,8 @@ class Room:
 
 
 def layers(
-    renderer: Renderer, view: View, vertices: NDArray[np.float32], landmarks: NDArray[np.float32], outfit: Outfit
-) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    renderer: Renderer, view: View, vertices: Float32Array, landmarks: Float32Array, outfit: Outfit
+) -> tuple[Float32Array, ByteArray]:
     """Colour (H, W, 4) and soft shadow (H, W) of a person (V, 3), rendered at twice the size for smooth edges."""
     double = View(
         view.cam_from_world, view.focal_px * 2, (view.principal_px[0] * 2 + 0.5, view.principal_px[1] * 2 + 0.5),
@@ -164,9 +163,9 @@ def layers(
 
 
 def film(
-    renderer: Renderer, plate: NDArray[np.uint8], view: View, batch: BodyBatch, outfit: Outfit, frame: int,
+    renderer: Renderer, plate: ByteArray, view: View, batch: BodyBatch, outfit: Outfit, frame: int,
     rng: np.random.Generator,
-) -> NDArray[np.uint8]:  # fmt: skip
+) -> ByteArray:  # fmt: skip
     """(H, W, 3) RGB of one frame: the person, the shadow, noise."""
     rgba, shadow = layers(renderer, view, batch.vertices[frame], batch.landmarks[frame], outfit)
     alpha = rgba[..., 3:] / 255

@@ -1,0 +1,1 @@
+"""The take that the demo runs on."""

@@ -1,0 +1,174 @@
+"""Offsets between the clocks of a session's cameras, by sound or by pictures."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import av
+import numpy as np
+
+from muybridge.arrays import FloatArray
+from muybridge.errors import SessionError
+from muybridge.files import replacing
+from muybridge.geometry.association.select import select_person, take_person
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.sync.epipolar import epipolar_clocks
+from muybridge.geometry.sync.motion import Clock, audio_clock, motion_clocks
+from muybridge.infer.session.session import Session
+from muybridge.infer.session.sync_file import SYNC_VERSION
+
+_AUDIO_RATE = 16000
+
+
+_DRIFT_FROM = 60.0  # seconds of take from which pictures are asked for drift
+
+
+_DISAGREE_SIGMA = 4.0
+
+
+_DISAGREE_FRAMES = 0.5
+
+
+Method = Literal["audio", "epipolar", "motion"]
+
+
+@dataclass(frozen=True)
+class SyncResult:
+    """The clocks of a session's cameras.
+
+    Attributes:
+        clocks: (C,) the ones to use.
+        methods: (C,) where they are from; `reference` for the first camera, `none` where nothing was found.
+        found: every method's clocks, (C,) each.
+        disagreements: sentences about methods that contradict each other.
+    """
+
+    clocks: tuple[Clock, ...]
+    methods: tuple[str, ...]
+    found: dict[str, tuple[Clock, ...]]
+    disagreements: tuple[str, ...]
+
+
+def read_audio(path: Path, rate: int = _AUDIO_RATE) -> FloatArray | None:
+    """A file's first audio stream from the video's time zero, mono, at `rate`; None where it has none.
+
+    Raises:
+        SessionError: the stream cannot be decoded.
+    """
+    try:
+        with av.open(str(path)) as container:
+            if not container.streams.audio:
+                return None
+            stream = container.streams.audio[0]
+            zero = 0.0
+            if container.streams.video:
+                video = container.streams.video[0]
+                zero = float((video.start_time or 0) * (video.time_base or 0))
+            resampler = av.AudioResampler(format="flt", layout="mono", rate=rate)
+            pieces: list[FloatArray] = []
+            begins: float | None = None
+            for frame in container.decode(stream):
+                if begins is None:
+                    begins = float(frame.time or 0.0)
+                pieces += [f.to_ndarray().ravel().astype(np.float64) for f in resampler.resample(frame)]
+            pieces += [f.to_ndarray().ravel().astype(np.float64) for f in resampler.resample(None)]
+    except av.error.FFmpegError as error:
+        raise SessionError(f"{path}: its sound cannot be read ({error}); use --methods epipolar motion") from None
+    if not pieces:
+        return None
+    sound, ahead = np.concatenate(pieces), round(((begins or 0.0) - zero) * rate)
+    return np.concatenate([np.zeros(ahead), sound]) if ahead >= 0 else sound[-ahead:]
+
+
+def find_clocks(
+    session: Session, keypoints: Keypoints2D | None, methods: Sequence[str], max_offset: float
+) -> SyncResult:
+    """Clocks of all cameras by every method asked for.
+
+    Args:
+        session: C cameras and their videos.
+        keypoints: everyone's landmarks; None where only sound is asked.
+        methods: of `audio`, `epipolar`, `motion`; the first that knows a camera is believed.
+        max_offset: seconds.
+    """
+    found: dict[str, tuple[Clock, ...]] = {}
+    if "audio" in methods:
+        sounds = [read_audio(v.path) for v in session.videos]
+        found["audio"] = tuple(_by_sound(sounds, c, max_offset) for c in range(len(sounds)))
+    if keypoints is not None:
+        found |= _by_pictures(session, keypoints, methods, max_offset)
+    clocks, origins = [], []
+    for c in range(len(session.cameras)):
+        order = [m for m in methods if m in found and np.isfinite(found[m][c].offset_sd)]
+        chosen = min(order, key=lambda m: found[m][c].offset_sd) if order else ""
+        clocks.append(found[chosen][c] if chosen else Clock(0.0, 0.0, np.inf, np.inf, 0.0))
+        origins.append("reference" if c == 0 else chosen or "none")
+    clocks[0] = Clock(0.0, 0.0, 0.0, 0.0, 1.0)
+    said = disagreements(session.cameras.names, found, session.fps)
+    return SyncResult(tuple(clocks), tuple(origins), found, said)
+
+
+def _by_sound(sounds: Sequence[FloatArray | None], c: int, max_offset: float) -> Clock:
+    first, other = sounds[0], sounds[c]
+    if c == 0:
+        return Clock(0.0, 0.0, 0.0, 0.0, 1.0)
+    if first is None or other is None:
+        return Clock(0.0, 0.0, np.inf, np.inf, 0.0)
+    near = audio_clock(first, other, _AUDIO_RATE, max_offset)
+    return near if np.isfinite(near.offset_sd) else audio_clock(first, other, _AUDIO_RATE)
+
+
+def _by_pictures(
+    session: Session, keypoints: Keypoints2D, methods: Sequence[str], max_offset: float
+) -> dict[str, tuple[Clock, ...]]:
+    selection = select_person(session.cameras, keypoints, fps=session.fps)
+    px, variance, _ = take_person(keypoints, selection)
+    drift = px.shape[1] / session.fps >= _DRIFT_FROM
+    motion = motion_clocks(px, variance, session.fps, max_offset, drift)
+    found = {"motion": motion} if "motion" in methods else {}
+    if "epipolar" in methods:
+        start = tuple(m if np.isfinite(m.offset) else replace(m, offset=0.0) for m in motion)
+        found["epipolar"] = epipolar_clocks(session.cameras, px, variance, session.fps, start, with_drift=drift)
+    return found
+
+
+def disagreements(names: Sequence[str], found: dict[str, tuple[Clock, ...]], fps: float) -> tuple[str, ...]:
+    """Sentences about cameras for which two methods differ by more than both their uncertainties allow."""
+    said = []
+    methods = list(found)
+    for c, name in enumerate(names):
+        for k, a in enumerate(methods):
+            for b in methods[k + 1 :]:
+                one, two = found[a][c], found[b][c]
+                gap, sd = abs(one.offset - two.offset), float(np.hypot(one.offset_sd, two.offset_sd))
+                if np.isfinite(sd) and gap > max(_DISAGREE_SIGMA * sd, _DISAGREE_FRAMES / fps):
+                    said.append(
+                        f"camera {name}: {a} says {one.offset * 1e3:.1f} ms, {b} {two.offset * 1e3:.1f} ms; "
+                        f"look at a fast movement in both videos, and choose with --methods"
+                    )
+    return tuple(said)
+
+
+def write_sync(path: Path, names: Sequence[str], result: SyncResult) -> None:
+    """Write `sync.toml`."""
+    rows = [
+        "# Clocks of the cameras: a camera's own time is t + offset + drift t at the reference's time t.",
+        f"muybridge_sync = {SYNC_VERSION}",
+        f"reference = {json.dumps(names[0])}",
+    ]
+    for name, clock, method in zip(names, result.clocks, result.methods, strict=True):
+        rows += [
+            "",
+            f"[cameras.{json.dumps(name)}]",
+            f"offset = {clock.offset!r}  # seconds",
+            f"drift_ppm = {clock.drift * 1e6!r}",
+            f'method = "{method}"',
+        ]
+        if np.isfinite(clock.offset_sd):
+            rows.append(f"offset_sd = {clock.offset_sd!r}")
+        if np.isfinite(clock.drift_sd):
+            rows.append(f"drift_sd_ppm = {clock.drift_sd * 1e6!r}")
+    with replacing(path) as partial:
+        partial.write_text("\n".join(rows) + "\n", encoding="utf-8")

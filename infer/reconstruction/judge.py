@@ -1,0 +1,48 @@
+"""Judge a calibration by the 2D landmarks of a session's person."""
+
+import numpy as np
+
+from muybridge.arrays import FloatArray
+from muybridge.geometry.association.select import select_person, take_person
+from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions
+from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, check_take
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+
+_HARDLY = 0.2  # share of frames below which the association has given a camera up
+
+
+def check_keypoints(
+    cameras: CameraGroup, keypoints: Keypoints2D, options: CulpritOptions, fps: float
+) -> CalibrationQuality:
+    """Judge cameras by everyone's landmarks, of whom one person is followed.
+
+    Raises:
+        SessionError: nobody was found.
+    """
+    points_px, variance_px2 = person_to_check(cameras, keypoints, fps)
+    source = f"one person's landmarks in {points_px.shape[1]} frames"
+    return check_take(cameras, points_px, variance_px2, options, source)
+
+
+def person_to_check(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> tuple[FloatArray, FloatArray]:
+    """One person's landmarks, with those of cameras that the calibration keeps apart from the others.
+
+    Who is who between cameras is found by the calibration that is in question. So a camera that hardly has the
+    person by it, but sees one person alone for most of the take, is taken at its word.
+
+    Returns:
+        (C, T, J, 2) px and (C, T, J) variances.
+    """
+    selection = select_person(cameras, keypoints, fps=fps)
+    points_px, variance_px2, _ = take_person(keypoints, selection)
+    points_px, variance_px2 = points_px.copy(), variance_px2.copy()
+    found = np.asarray(np.isfinite(keypoints.variance_px2).any(axis=-1))
+    for c in range(len(cameras)):
+        alone = found[c].sum(axis=1) == 1
+        if (selection.slots[c] >= 0).mean() < _HARDLY and alone.mean() > 0.5:
+            frames = np.flatnonzero(alone)
+            slots = found[c, frames].argmax(axis=1)
+            points_px[c, frames] = keypoints.points_px[c, frames, slots]
+            variance_px2[c, frames] = keypoints.variance_px2[c, frames, slots]
+    return points_px, variance_px2

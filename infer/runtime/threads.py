@@ -1,0 +1,30 @@
+"""Jobs in threads that stop together."""
+
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from typing import TypeVar
+
+_T = TypeVar("_T")
+
+
+def in_threads(jobs: Sequence[Callable[[], _T]], workers: int, stop: threading.Event) -> list[_T]:
+    """The jobs' results; the first failure, or Ctrl-C, stops the others at their next chunk, where they raise
+    `Stopped` if they see `stop` set."""
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        futures: list[Future[_T]] = [pool.submit(job) for job in jobs]
+        try:
+            wait(futures, return_when=FIRST_EXCEPTION)
+        finally:
+            stop.set()
+            for future in futures:
+                future.cancel()
+    errors = [f.exception() for f in futures if f.done() and not f.cancelled()]
+    for error in errors:
+        if error is not None and not isinstance(error, Stopped):
+            raise error
+    return [future.result() for future in futures]
+
+
+class Stopped(Exception):
+    """Another camera failed, or the user stopped the run."""

@@ -1,0 +1,103 @@
+"""Find the videos of a session folder."""
+
+from collections import Counter
+from pathlib import Path
+
+from muybridge.errors import SessionError
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.infer.session.pairing import natural_key, pair_by_name
+from muybridge.infer.session.probe import is_video
+from muybridge.infer.session.timestamps import TIMESTAMPS
+
+# A file of one of these kinds that cannot be opened is a broken video; any other is something else.
+VIDEO_SUFFIXES = frozenset(
+    ".mp4 .m4v .mov .avi .mkv .webm .mpg .mpeg .mts .m2ts .ts .mxf .wmv .flv .3gp .h264 .hevc".split()
+)
+
+
+# Small copies that action cameras and drones write beside their films.
+PROXY_SUFFIXES = frozenset((".lrv", ".lrf", ".thm"))
+
+
+# Where a session's videos are: in the first of these folders that is there (other programs have their own names for
+# it), else in the session itself.
+VIDEO_FOLDERS = ("videos", "synchronized_videos", "videos-raw")
+
+
+# Where other programs keep a folder of pictures a camera, which are no films.
+PICTURE_FOLDERS = ("images", "imgs", "frames")
+
+
+PICTURE_SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"))
+
+
+def find_videos(path: Path) -> tuple[list[Path], list[str]]:
+    """The video files of a session in natural order, and what else was found among them.
+
+    Raises:
+        SessionError: no such folder, no `videos/` in it, no video there, or two files of one name.
+    """
+    layout = "a session is a folder with `videos/` (one file a camera) and a calibration"
+    if not path.is_dir():
+        what = "is a file" if path.exists() else "does not exist"
+        raise SessionError(f"{path} {what}; {layout}")
+    folder = video_folder(path)
+    if folder == path and not any(p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES for p in path.iterdir()):
+        hint = _pictures_hint(next((f for f in (path / name for name in PICTURE_FOLDERS) if f.is_dir()), path))
+        raise SessionError(
+            f"{path} has no folder `videos`: put the videos into {path / 'videos'}, one file a camera{hint}"
+        )
+    found: list[Path] = []
+    ignored: list[str] = []
+    for entry in sorted(folder.iterdir(), key=lambda p: natural_key(p.name)):
+        if entry.name.startswith("."):
+            continue
+        kind = entry.suffix.lower()
+        if entry.is_file() and (kind in VIDEO_SUFFIXES or (kind not in PROXY_SUFFIXES and is_video(entry))):
+            found.append(entry)
+        elif entry.name not in TIMESTAMPS:
+            ignored.append(entry.name)
+    if not found:
+        beside = f" (it has {', '.join(ignored[:5])}, which are no videos or small copies)" if ignored else ""
+        raise SessionError(f"{folder} holds no videos{beside}: put one film a camera there{_pictures_hint(folder)}")
+    twice = [stem for stem, n in Counter(f.stem.lower() for f in found).items() if n > 1]
+    if twice:
+        names = ", ".join(f.name for f in found if f.stem.lower() == twice[0])
+        raise SessionError(f"{folder} has more than one video named {twice[0]} ({names}): keep one file a camera")
+    if folder == path:  # beside the calibration and whatever else a session has
+        return found, [f"{path} has no folder `videos`: the videos in it itself are used"]
+    return found, [f"{folder} also holds {', '.join(ignored)}: not videos, or small copies; ignored"] if ignored else []
+
+
+def _pictures_hint(folder: Path) -> str:
+    """How films are made of what a folder has, where that is folders of pictures, one a camera."""
+    for camera in sorted((f for f in folder.iterdir() if f.is_dir()), key=lambda f: natural_key(f.name)):
+        kinds = Counter(f.suffix for f in camera.iterdir() if f.suffix.lower() in PICTURE_SUFFIXES)
+        kind, pictures = kinds.most_common(1)[0] if kinds else ("", 0)
+        if pictures > 1:
+            return (
+                f"; {folder} has folders of pictures: make a film of each at the cameras' rate, such as `ffmpeg "
+                f"-framerate 30 -pattern_type glob -i '{camera}/*{kind}' -c:v mjpeg -q:v 2 videos/{camera.name}.mkv`"
+            )
+    return ""
+
+
+def video_folder(path: Path) -> Path:
+    return next((path / name for name in VIDEO_FOLDERS if (path / name).is_dir()), path)
+
+
+def chosen(
+    group: CameraGroup, files: list[Path], names: tuple[str, ...], calibration: Path
+) -> tuple[CameraGroup, list[Path]]:
+    """Only the named cameras and, where videos pair with cameras by name, only their videos."""
+    unknown = [n for n in names if n not in group.names]
+    if unknown:
+        raise SessionError(
+            f"{calibration} has no camera {', '.join(unknown)}; --cameras may name {', '.join(group.names)}"
+        )
+    names = tuple(dict.fromkeys(names))
+    if len(names) < 2:
+        raise SessionError(f"--cameras names {names[0]} alone: motion needs at least two cameras that see the person")
+    pairs = pair_by_name([f.stem for f in files], group.names)
+    kept = [files[pairs[n]] for n in names if n in pairs]
+    return group.select(names), kept if kept else files

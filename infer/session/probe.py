@@ -1,0 +1,257 @@
+"""What a video is: size, rate, frame times, without decoding it."""
+
+import contextlib
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import av.error
+import numpy as np
+
+from muybridge.arrays import FloatArray
+from muybridge.errors import VideoError
+
+# Containers whose frame count is an index that lists every frame, so that a shortfall means lost frames.
+_COUNTED = {"mov", "mp4", "m4a", "3gp", "3g2", "mj2"}
+
+
+# Demuxers that take a picture or a text for a film of one frame.
+_STILLS = ("image2", "_pipe", "tty", "gif")
+
+
+@dataclass(frozen=True)
+class VideoInfo:
+    """What a video file holds, as seen without decoding more than its first frame.
+
+    Attributes:
+        path: the file.
+        container, codec: FFmpeg's names.
+        width, height: size of a frame as it is delivered, in pixels (after rotation).
+        rotation_deg: counterclockwise turn applied to the coded frames: 0, 90, 180 or 270.
+        tagged_rotation_deg: the turn that the file's rotation flag asks for.
+        fps: frames a second, measured from the time stamps; the usual rate where it varies.
+        frames: how many frames are to be expected.
+        declares_count: whether the container lists its frames, so that fewer would mean damage.
+        times: (frames,) seconds since the file's first picture; not the same as index / fps where `variable_rate`. A
+            recorder that joined a stream has pictures at its beginning that cannot be decoded: then the first is later.
+        variable_rate: whether the frames' spacing wanders by more than a quarter of a frame.
+        pixel_aspect: width of a pixel divided by its height.
+        size_bytes, mtime_ns: identity of the file, for resuming.
+    """
+
+    path: Path
+    container: str
+    codec: str
+    width: int
+    height: int
+    rotation_deg: int
+    tagged_rotation_deg: int
+    fps: float
+    frames: int
+    declares_count: bool
+    times: FloatArray = field(repr=False)
+    variable_rate: bool
+    pixel_aspect: float
+    size_bytes: int
+    mtime_ns: int
+
+    def unrotated(self) -> "VideoInfo":
+        """The same video delivered as coded, its rotation flag ignored."""
+        turned = self.rotation_deg % 180 != 0
+        width, height = (self.height, self.width) if turned else (self.width, self.height)
+        return replace(self, width=width, height=height, rotation_deg=0)
+
+
+@dataclass(frozen=True)
+class _Packets:
+    """Time stamps (s, sorted) of the packets that become frames, and what looked wrong on the way."""
+
+    times: FloatArray
+    total: int
+    damaged_at: int | None
+    ends: float  # the latest end of any packet of any stream, s
+
+
+def is_video(path: Path) -> bool:
+    """Whether FFmpeg finds a film (not a picture, a text or sound alone) in this file."""
+    try:
+        with av.open(str(path)) as container:
+            if any(container.format.name == s or container.format.name.endswith(s) for s in _STILLS):
+                return False
+            return container.streams.best("video") is not None
+    except (av.error.FFmpegError, OSError, ValueError):
+        return False
+
+
+def probe_video(path: Path) -> VideoInfo:
+    """Look through a video without decoding it.
+
+    Raises:
+        VideoError: not a video, undecodable, or with fewer frames than its container declares.
+    """
+    stat = path.stat()
+    if stat.st_size == 0:
+        raise VideoError(f"{path} is empty (0 bytes); record or copy it again")
+    with open(path) as container:
+        stream = container.streams.best("video")
+        if stream is None:
+            raise VideoError(f"{path} has no video stream; put one film a camera into the videos folder")
+        formats = set(container.format.name.split(","))
+        packets = _walk(path, container, stream)
+        declared, rate = int(stream.frames), stream.average_rate
+        guessed = stream.guessed_rate or rate
+        declared_end = _declared_end(container, stream)
+        codec, in_order = stream.codec_context.name, stream.codec_context.codec.intra_only
+        name = container.format.name
+    counted = bool(formats & _COUNTED) and declared > 0
+    _refuse_truncated(path, packets, declared if counted else 0, declared_end, guessed)
+    width, height, rotation, aspect, shown_from = _first_frame(path)
+    # AVI counts frames, those that were dropped too if the program leaves them empty, and keeps no time stamps: what a
+    # demuxer reports of pictures that are not stored in their order is a guess.
+    told = name != "avi" or (in_order and bool((np.diff(packets.times) > 0).all()))
+    times = packets.times if told or not guessed else np.arange(len(packets.times)) / float(guessed)
+    begin = times[0]
+    if told and shown_from is not None and not counted:
+        usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+        times = times[times >= shown_from - 0.5 * usual]
+    times = times - begin
+    fps, variable = _rate(times, guessed)
+    if rotation % 180:
+        width, height = height, width
+    return VideoInfo(
+        path=path,
+        container=name,
+        codec=codec,
+        width=width,
+        height=height,
+        rotation_deg=rotation,
+        tagged_rotation_deg=rotation,
+        fps=fps,
+        frames=len(times),
+        declares_count=counted,
+        times=times,
+        variable_rate=variable,
+        pixel_aspect=aspect,
+        size_bytes=stat.st_size,
+        mtime_ns=stat.st_mtime_ns,
+    )
+
+
+def open(path: Path, **options: str) -> Any:
+    try:
+        return av.open(str(path), options=options)
+    except FileNotFoundError:
+        raise VideoError(f"{path} does not exist") from None
+    except PermissionError:
+        raise VideoError(f"{path} cannot be read: permission denied; give yourself read access to it") from None
+    except (av.error.FFmpegError, OSError, ValueError) as error:
+        raise VideoError(
+            f"{path} cannot be decoded ({reason(error)}): it is truncated, still being written or not a "
+            "video; copy or export it again"
+        ) from None
+
+
+def reason(error: BaseException) -> str:
+    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return str(text).splitlines()[0].lower()
+
+
+def _walk(path: Path, container: Any, stream: Any) -> _Packets:
+    """Read every packet's time stamp; nothing is decoded."""
+    times: list[float] = []
+    total, damaged, ends = 0, None, 0.0
+    fallback = float(1 / (stream.guessed_rate or stream.average_rate or 25))
+    try:
+        for packet in container.demux():
+            if packet.size == 0 and packet.dts is None:
+                continue  # the flush at the end of a stream
+            stamp = packet.pts if packet.pts is not None else packet.dts
+            base = float(packet.time_base) if packet.time_base is not None else 0.0
+            if stamp is not None:
+                ends = max(ends, (stamp + (packet.duration or 0)) * base)
+            if packet.stream.index != stream.index:
+                continue
+            total += 1
+            if packet.is_corrupt and damaged is None:
+                damaged = total
+            if not packet.is_discard:
+                times.append(stamp * base if stamp is not None else len(times) * fallback)
+    except (av.error.FFmpegError, OSError) as error:
+        raise VideoError(f"{path} breaks off after {total} frames ({reason(error)}); copy or export it again") from None
+    ordered = np.sort(np.asarray(times, dtype=np.float64))
+    return _Packets(ordered, total, damaged, ends)
+
+
+def _declared_end(container: Any, stream: Any) -> float | None:
+    """When (s) the last frame ends according to the file's header; None where it does not say."""
+    if stream.frames and stream.average_rate:
+        return float(stream.frames / stream.average_rate)
+    tags = {key.upper(): value for key, value in stream.metadata.items()}
+    with contextlib.suppress(KeyError, ValueError):
+        hours, minutes, seconds = tags["DURATION"].split(":")
+        return int(hours) * 3600 + int(minutes) * 60 + float(seconds)
+    videos_only = len(container.streams) == 1
+    return container.duration / av.time_base if container.duration and videos_only else None
+
+
+def _refuse_truncated(
+    path: Path, packets: _Packets, declared: int, declared_end: float | None, rate: Fraction | None
+) -> None:
+    """Raise if the file holds fewer frames than it says, or none."""
+    remedy = "copy the file again, or re-encode what is left of it (ffmpeg -i IN -c:v libx264 OUT.mp4)"
+    held = len(packets.times)
+    if held == 0:
+        raise VideoError(f"{path} holds no frames; {remedy}")
+    if packets.damaged_at is not None:
+        of = f" of the {declared} that it declares" if declared else ""
+        raise VideoError(f"{path} is truncated or damaged at frame {packets.damaged_at}{of}; {remedy}")
+    if declared:
+        # An edit list may leave samples out on purpose: then they are all there once it is ignored.
+        if packets.total < declared:
+            with open(path, ignore_editlist="1") as container:
+                whole = _walk(path, container, container.streams.best("video")).total
+            if whole < declared:
+                raise VideoError(f"{path} is truncated: it declares {declared} frames and holds {whole}; {remedy}")
+        return
+    if declared_end is not None and rate:
+        missing = (declared_end - (packets.times[-1] + 1 / float(rate))) * float(rate)
+        if missing > 1.5:
+            count = held + round(missing)
+            raise VideoError(f"{path} is truncated: it declares about {count} frames and holds {held}; {remedy}")
+
+
+def _first_frame(path: Path) -> tuple[int, int, int, float, float | None]:
+    """Coded width, height, counterclockwise rotation flag in degrees, pixel aspect and time, s, of the first frame that
+    can be decoded."""
+    with open(path) as container:
+        stream = container.streams.best("video")
+        try:
+            for frame in container.decode(stream):
+                aspect = stream.sample_aspect_ratio
+                turn = int(round(frame.rotation / 90)) * 90 % 360
+                return frame.width, frame.height, turn, float(aspect) if aspect else 1.0, frame.time
+        except (av.error.FFmpegError, OSError) as error:
+            raise VideoError(
+                f"{path} cannot be decoded from its first frame on ({reason(error)}); copy it again"
+            ) from None
+    raise VideoError(f"{path} holds no frame that can be decoded; copy or export it again")
+
+
+def _rate(times: FloatArray, nominal: Fraction | None) -> tuple[float, bool]:
+    """Frames a second from time stamps, and whether their spacing varies."""
+    if len(times) < 3 or times[-1] <= times[0]:
+        return float(nominal or 25), False
+    steps = np.diff(times)
+    fps = (len(times) - 1) / (times[-1] - times[0])
+    # Containers round their stamps (Matroska to milliseconds): the nominal rate is the cleaner figure.
+    if nominal and abs(float(nominal) / fps - 1) < 2e-3:
+        fps = float(nominal)
+    if np.all(np.abs(steps * fps - 1) <= 0.25 + 1e-3 * fps):
+        return fps, False
+    # Where frames were dropped, the usual step is the camera's rate; the mean is not.
+    usual = float(1 / np.median(steps)) if np.median(steps) > 0 else fps
+    if nominal and abs(float(nominal) / usual - 1) < 0.02:
+        usual = float(nominal)
+    return usual, True

@@ -1,0 +1,58 @@
+"""What a file holds: points or motion, with how it was read."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import LandmarkSet
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.motion.formats.points.c3d import C3DTake
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """What a file holds: points or a motion.
+
+    Attributes:
+        points: None in a file of motion.
+        motion: None in a file of points.
+        c3d: what a C3D has besides points.
+        start: seconds of the recording at which the first frame is, where the file says it.
+        notices: what was assumed in reading, one sentence each.
+    """
+
+    points: Points3D | None = None
+    motion: Motion | None = None
+    c3d: C3DTake | None = None
+    start: float = 0.0
+    notices: tuple[str, ...] = field(default_factory=tuple)
+
+    @property
+    def fps(self) -> float:
+        """Frames a second."""
+        return self.positions.fps if self.motion is None else self.motion.fps
+
+    @property
+    def positions(self) -> Points3D:
+        """The points, or the joints' places of the motion."""
+        if self.points is not None:
+            return self.points
+        assert self.motion is not None
+        return points_of_motion(self.motion)
+
+
+def points_of_motion(motion: Motion) -> Points3D:
+    """The joints' places over time, by forward kinematics; edges are the bones."""
+    skeleton = motion.skeleton
+    xyz = motion.joint_positions_world()
+    edges = tuple((skeleton.names[p], n) for n, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0)
+    t, j = xyz.shape[:2]
+    return Points3D(
+        landmarks=LandmarkSet("joints", skeleton.names, edges),
+        points_world=xyz,
+        covariance_world=np.full((t, j, 3, 3), np.nan),
+        residual_px=np.empty((0, t, j)),
+        inlier=np.empty((0, t, j), dtype=np.bool_),
+        fps=motion.fps,
+    )

@@ -1,0 +1,173 @@
+"""Crops of which the network is unsure are shown to it turned by quarters, and tilted."""
+
+import cv2
+import numpy as np
+import pytest
+
+from muybridge.arrays import ByteArray, Float32Array
+from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
+from muybridge.models.keypoints import test_time as turning
+from muybridge.models.keypoints.decode import NO_IDEA
+from muybridge.models.keypoints.test_time import Series, turn_where_unsure
+from muybridge.models.shipped import shipped_model
+
+SPOT = 6  # half of a spot's side, px
+
+
+def spotted(network: KeypointNetwork, places: list[tuple[int, int]]) -> ByteArray:
+    """Black crops with a bright spot at each of the places (column, row)."""
+    crops = np.zeros((len(places), network.crop_size, network.crop_size, 3), np.uint8)
+    for crop, (x, y) in zip(crops, places, strict=True):
+        crop[y - SPOT : y + SPOT, x - SPOT : x + SPOT] = 255
+    return crops
+
+
+@pytest.fixture
+def network(monkeypatch: pytest.MonkeyPatch) -> KeypointNetwork:
+    """A network that finds a spot in the upper third of a crop, and is sure of nothing else."""
+    opened = KeypointNetwork(shipped_model("keypoints"), OnnxOptions(flip=False))
+    cells = opened.crop_size // opened.card.stride
+
+    def look(self: KeypointNetwork, crops: ByteArray) -> list[Float32Array]:
+        small = crops[..., 0].reshape(len(crops), cells, opened.card.stride, cells, -1).mean(axis=(2, 4)) / 255
+        sees = small[:, : cells // 3].max(axis=(1, 2)) > 0.5
+        maps = np.where(sees[:, None, None], 30 * small, 0.1 * small).astype(np.float32)
+        count = len(self.card.landmarks)
+        visibility = np.broadcast_to(sees[:, None], (len(crops), count)).astype(np.float32)
+        return [np.repeat(maps[:, None], count, axis=1), visibility.copy()]
+
+    monkeypatch.setattr(KeypointNetwork, "__call__", look)
+    return opened
+
+
+@pytest.fixture
+def looked(network: KeypointNetwork, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many crops the network was shown, call by call."""
+    counts: list[int] = []
+    look = type(network).__call__
+
+    def counted(self: KeypointNetwork, crops: ByteArray) -> list[Float32Array]:
+        counts.append(len(crops))
+        return look(self, crops)
+
+    monkeypatch.setattr(KeypointNetwork, "__call__", counted)
+    return counts
+
+
+def test_a_person_who_is_upside_down_is_found_where_they_are(network: KeypointNetwork) -> None:
+    places = [(100, 20), (30, 160), (170, 100), (20, 90), (96, 96)]
+    found = network.locate(spotted(network, places))
+    middles = np.repeat(np.array(places[:4])[:, None] - 0.5, len(network.landmarks), axis=1)
+    np.testing.assert_allclose(found.found.points_crop_px[:4], middles, atol=2)
+    np.testing.assert_array_equal(found.visibility[:, 0], [1, 1, 1, 1, 0])
+    assert np.isnan(found.found.points_crop_px[4]).all()  # nowhere near an edge, however it is turned
+
+
+def test_what_is_sure_is_not_turned(network: KeypointNetwork, looked: list[int]) -> None:
+    network.locate(spotted(network, [(100, 20), (30, 20), (30, 160)]))
+    assert looked == [3, 1, 1, 1]
+    looked.clear()
+    still = KeypointNetwork(shipped_model("keypoints"), OnnxOptions(flip=False, turn=False))
+    assert np.isnan(still.locate(spotted(network, [(30, 160)])).found.points_crop_px).all() and looked == [1]
+
+
+def test_of_a_series_only_samples_and_what_is_like_them_are_turned(network: KeypointNetwork, looked: list[int]) -> None:
+    # One hangs upside down in all frames, one is nobody; their frames take turns.
+    places = [(60 + 5 * (k // 2), 170) if k % 2 == 0 else (96, 96) for k in range(18)]
+    series = Series(np.arange(18) % 2, every=4)
+    found = network.locate(spotted(network, places), series=series).found.points_crop_px[:, 0]
+    np.testing.assert_allclose(found[::2], np.array(places[::2]) - 0.5, atol=2)
+    assert np.isnan(found[1::2]).all()
+    # Three of nine frames of each in three orientations; the other six of the one in that of their neighbours.
+    assert looked == [18, 6, 6, 6, 6]
+
+
+def test_who_turns_over_within_a_series_is_found_in_every_frame(network: KeypointNetwork) -> None:
+    places = [(96, 20), (60, 20), (20, 60), (20, 90), (20, 120), (60, 172), (96, 172), (120, 172)]
+    series = Series(np.zeros(len(places), dtype=np.int64), every=4)
+    found = network.locate(spotted(network, places), series=series).found.points_crop_px[:, 0]
+    np.testing.assert_allclose(found, np.array(places) - 0.5, atol=2)
+
+
+@pytest.mark.parametrize(("here", "turned"), [(5, True), (6, False), (19, False), (20, True)])
+def test_parts_of_people_are_not_turned(here: int, turned: bool) -> None:
+    """Crops that show `here` landmarks, none of them surely, and turned all of them: of whom some are missing is not
+    turned, unless there is hardly anything to lose."""
+    card = KeypointNetwork(shipped_model("keypoints"), OnnxOptions()).card
+    cells = card.input_size // card.stride
+    spot = np.zeros((cells, cells), np.float32)
+    spot[18:21, 10:13] = 1
+    shown = np.where(np.arange(23) < here, 6.0, 0.0)[None, :, None, None]
+
+    def look(crops: ByteArray) -> list[Float32Array]:
+        if crops.shape[1] == card.input_size:
+            return [np.broadcast_to(9 * spot, (1, 23, cells, cells)).copy()]
+        fewer = (crops.shape[1] // card.stride,) * 2  # made smaller, they are no better known
+        return [np.asarray(shown * cv2.resize(spot, fewer, interpolation=cv2.INTER_AREA), np.float32)]
+
+    crops = np.zeros((1, card.input_size, card.input_size, 3), np.uint8)
+    found = turn_where_unsure(look, crops, [np.asarray(shown * spot, np.float32)], card, rows=1)
+    assert ((found.score[0] > NO_IDEA) == (turned | (np.arange(23) < here))).all()
+    assert (np.isclose(found.points_crop_px[0, 0], 4 * np.array([11, 19]) + 1.5, atol=1).all()) != turned
+
+
+def test_what_is_tilted_comes_back_to_its_place() -> None:
+    cells = 56
+    spot = np.zeros((2, 3, cells, cells), np.float32)
+    spot[0, :, 10:13, 40:43] = 9
+    spot[1, :, 30:33, 8:11] = 9
+    for rows, channels in ((1, (0, 2, 3, 1)), (2, (0, 1, 2, 3))):
+        for angle in (turning._TILT, -turning._TILT):
+            picture = np.ascontiguousarray(spot.transpose(channels))
+            tilted = turning._tilted(picture, rows, angle)
+            assert tilted.shape == picture.shape
+            maps = tilted if rows == 2 else tilted.transpose(0, 3, 1, 2)
+            # It went where a turn about the middle takes it, counter-clockwise where the angle is positive.
+            middle, (x, y) = (cells - 1) / 2, (41 - (cells - 1) / 2, 11 - (cells - 1) / 2)
+            there = middle + np.array([np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x])
+            v, u = np.indices((cells, cells))
+            found = [(axis * maps[0, 0]).sum() / maps[0, 0].sum() for axis in (u, v)]
+            np.testing.assert_allclose(found, there, atol=0.1)
+            back = turning._tilted_back(np.ascontiguousarray(maps, dtype=np.float32), angle)
+            assert np.abs(back - spot).max() < 5 and np.corrcoef(back.ravel(), spot.ravel())[0, 1] > 0.95
+
+
+@pytest.mark.parametrize("quarters", range(4))
+def test_what_is_unsure_is_the_mean_of_three_looks(quarters: int) -> None:
+    """Crops that only their own orientation makes known to the network, which is never sure of anything: it sees them
+    turned and tilted, and its maps come back to where the spots are."""
+    card = KeypointNetwork(shipped_model("keypoints"), OnnxOptions()).card
+    size, cells = card.input_size, card.input_size // card.stride
+    upright = np.zeros((1, size, size, 3), np.uint8)
+    upright[0, 20:32, 104:116] = 255  # at the top: the network's own way up
+    upright[0, 150:162, 60:72] = 90
+    crop = np.ascontiguousarray(np.rot90(upright, -quarters, axes=(1, 2)))
+    shown: list[float] = []
+
+    def look(crops: ByteArray) -> list[Float32Array]:
+        small = crops[..., 0].reshape(len(crops), cells, card.stride, cells, -1).mean(axis=(2, 4)) / 255
+        shown.extend(small[:, : cells // 4].sum(axis=(1, 2)))
+        known = small[:, : cells // 4].max(axis=(1, 2)) > 0.5
+        maps = np.where(known[:, None, None], 7 * small, small).astype(np.float32)
+        return [np.repeat(maps[:, None], 23, axis=1), known[:, None].repeat(23, 1).astype(np.float32)]
+
+    first = look(crop)
+    plain = [m.copy() for m in first]
+    alone = turn_where_unsure(look, crop, plain, card, rows=1)
+    shown.clear()
+    tilted = [m.copy() for m in first]
+    found = turn_where_unsure(look, crop, tilted, card, rows=1, tilt=True)
+    assert len(shown) == 5  # three quarters and, of the best of the four, two tilts
+    np.testing.assert_allclose(found.points_crop_px, alone.points_crop_px, atol=2.5)
+    assert not np.allclose(tilted[0], plain[0]) and np.corrcoef(tilted[0].ravel(), plain[0].ravel())[0, 1] > 0.9
+    np.testing.assert_allclose(tilted[1], 1.0)  # the mean of three looks at somebody known
+
+
+def test_crops_are_tilted_where_they_are_mirrored_too(network: KeypointNetwork, looked: list[int]) -> None:
+    places = [(100, 20), (96, 96)]  # one who is found, and nobody
+    network.locate(spotted(network, places))
+    assert looked == [2, 1, 1, 1]
+    looked.clear()
+    network._flip = True
+    network.locate(spotted(network, places))
+    assert looked == [2, 1, 1, 1, 1, 1]

@@ -1,0 +1,105 @@
+"""What goes wrong in training is said at once, and nothing that was learned is lost."""
+
+import pathlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("onnx")
+pytest.importorskip("torch")
+pytest.importorskip("kornia")
+
+from muybridge.errors import ModelError, SessionError  # noqa: E402
+from muybridge.train.engine import loop  # noqa: E402
+from muybridge.train.keypoints import train as keypoints  # noqa: E402
+from muybridge.train.keypoints.evaluate import evaluate_onnx  # noqa: E402
+from muybridge.train.keypoints.export import load_checkpoint  # noqa: E402
+from muybridge.train.options import Evaluation, KeypointTraining, PeopleTraining  # noqa: E402
+from muybridge.train.people import train as people  # noqa: E402
+from muybridge.train.synthesis.rendering.store import load_renders  # noqa: E402
+
+
+def _short(store, out, **changes):
+    return KeypointTraining(
+        renders=store, out=out, minutes=0.05, size=64, batch=8, backgrounds=8, threads=1, workers=0, **changes
+    )
+
+
+def test_a_training_that_diverges_leaves_the_last_checkpoint(store, tmp_path):
+    before = keypoints.train(_short(store, tmp_path / "run")).read_bytes()
+    with pytest.raises(SessionError, match="diverged after .* less than --rate 1e"):
+        keypoints.train(_short(store, tmp_path / "run", rate=1e30))
+    assert (tmp_path / "run" / "checkpoint.pt").read_bytes() == before
+
+
+def test_who_interrupts_a_training_keeps_what_was_learned(store, tmp_path, monkeypatch):
+    step, made = loop.Fit._step, []
+
+    def stopped(self, *args):
+        if len(made) == 3:
+            raise KeyboardInterrupt
+        made.append(step(self, *args))
+        return made[-1]
+
+    monkeypatch.setattr(loop.Fit, "_step", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        keypoints.train(replace(_short(store, tmp_path / "run"), minutes=0.5, second=False))
+    assert load_checkpoint(tmp_path / "run" / "checkpoint.pt")["state"]["images"] == 24
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"size": 32}, "--size 32: a multiple of 32, from 64 on"), ({"size": 100}, "--size 100"),
+        ({"minutes": 0.0}, "--minutes 0: it has to be above 0"), ({"rate": -1.0}, "--rate -1"),
+        ({"batch": 0}, "--batch 0: 1 at least"), ({"threads": 0}, "--threads 0"), ({"workers": -1}, "--workers -1"),
+        ({"out": pathlib.Path(__file__) / "run"}, "is a file; name a folder"),
+    ],
+)  # fmt: skip
+def test_options_that_cannot_be_are_refused_at_once(wrong, said):
+    with pytest.raises(SessionError, match=said):
+        KeypointTraining(**wrong)
+
+
+def test_stores_that_cannot_be_trained_on_are_refused(store, tmp_path):
+    with pytest.raises(SessionError, match="the first 4 are held out"):
+        keypoints.train(replace(_short(tmp_path / "none", tmp_path / "run"), shards=3))
+    parts = tmp_path / "parts"
+    parts.mkdir()
+    for path in store.iterdir():
+        if path.suffix == ".npy":
+            (parts / path.name).symlink_to(path)
+        elif path.suffix == ".npz":
+            labels = dict(np.load(path))
+            np.savez(parts / path.name, **(labels | {"cut_px": np.ones((len(labels["visible"]), 3))}))
+    with pytest.raises(SessionError, match="parts of people alone"):
+        people.train(PeopleTraining(renders=parts, out=tmp_path / "run", minutes=0.02, batch=4, backgrounds=8))
+    path = sorted(parts.glob("*.npz"))[-1]
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(SessionError, match=f"{path.name}: a damaged shard"):
+        keypoints.train(_short(parts, tmp_path / "run"))
+    sorted(parts.glob("*.npy"))[-1].unlink()
+    path.unlink()
+    sorted(parts.glob("*.npy"))[-1].unlink()
+    with pytest.raises(SessionError, match="without the pixels beside it"):
+        load_renders(parts)
+
+
+def test_a_checkpoint_of_something_else_is_refused(store, tmp_path):
+    out = tmp_path / "run"
+    people.train(PeopleTraining(renders=store, out=out, minutes=0.02, batch=4, backgrounds=8, workers=0))
+    with pytest.raises(ModelError, match="a run of another network goes on there"):
+        keypoints.train(_short(store, out))
+    (out / "checkpoint.pt").write_bytes(b"nothing")
+    with pytest.raises(SessionError, match="not a training checkpoint of muybridge, or a damaged one"):
+        people.train(PeopleTraining(renders=store, out=out, minutes=0.02, batch=4, backgrounds=8, workers=0))
+
+
+@pytest.mark.parametrize("content", [None, b"nothing"])
+def test_what_is_no_network_is_not_scored(store, tmp_path, content):
+    path = tmp_path / "model.onnx"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ModelError, match="model.onnx: n"):
+        evaluate_onnx(Evaluation(path, renders=store, crops=64))

@@ -1,0 +1,423 @@
+"""Synthetic people: poses, bodies, renders and training images agree with their labels."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("anny")
+
+from muybridge.errors import MissingExtraError  # noqa: E402
+from muybridge.geometry.landmarks.sets import BODY23  # noqa: E402
+from muybridge.train.images import scenes  # noqa: E402
+from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
+from muybridge.train.images.compositor import WHOLE, AugmentOptions, Compositor  # noqa: E402
+from muybridge.train.images.scenes import SceneBatch, SceneCompositor  # noqa: E402
+from muybridge.train.people.train import as_tensors, generalised_iou, make_targets  # noqa: E402
+from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel  # noqa: E402
+from muybridge.train.synthesis.clothing.sample import bare_outfit, sample_outfit  # noqa: E402
+from muybridge.train.synthesis.rendering import renderer as render  # noqa: E402
+from muybridge.train.synthesis.rendering.close_ups import cut_boxes, sample_close_up, to_crop  # noqa: E402
+from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at  # noqa: E402
+from muybridge.train.synthesis.rendering.store import SIZE, RenderSet, sample_view  # noqa: E402
+from muybridge.train.synthesis.rendering.takes import choreograph, perform  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def body():
+    return BodyModel(5)
+
+
+@pytest.fixture(scope="module")
+def renderer(body):
+    try:
+        return Renderer(body)
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def renders(body, renderer):
+    """A store of 24 renders in memory."""
+    body.rng = body.poses.rng = np.random.default_rng(3)
+    batch = body.sample(24)
+    shots = []
+    for i in range(24):
+        renderer.load(batch.vertices[i])
+        view = sample_view(batch.vertices[i], body.rng)
+        shots.append(renderer.render(view, sample_outfit(body.rng, float(batch.gender[i])), batch.landmarks[i]))
+    return stored(shots, ("landmarks_px", "visible", "box_px"))
+
+
+def stored(shots, labels):
+    """Renders as a store in memory."""
+    pixels = np.stack([np.concatenate([s.rgba.transpose(2, 0, 1), s.shadow[None]]) for s in shots])
+    return RenderSet([pixels], **{k: np.stack([getattr(s, k) for s in shots]) for k in labels})
+
+
+def test_bodies_stand_on_the_floor_and_left_is_left(body):
+    body.rng = body.poses.rng = np.random.default_rng(0)
+    poses = body.poses.sample(32, kinds=("stand",))
+    batch = body.pose(poses.rotvec, body.sample_phenotypes(32), poses.kinds)
+    assert np.abs(batch.vertices[:, :BODY_VERTICES, 2].min(1)).max() < 1e-4
+    at = {n: batch.landmarks[:, i] for i, n in enumerate(BODY23.names)}
+    assert (at["nose"][:, 2] > at["left_hip"][:, 2] + 0.3).all()
+    assert (at["left_hip"][:, 0] > at["right_hip"][:, 0]).all()  # +x is the subject's left
+    toes = at["left_big_toe"] - at["left_heel"]
+    assert np.mean(toes[:, 1] < 0) == 1.0  # faces -y
+    assert ((batch.height > 1.0) & (batch.height < 2.3)).all()
+
+
+def test_body_samples_are_seeded(body):
+    def draw():
+        body.rng = body.poses.rng = np.random.default_rng(11)
+        return body.sample(6)
+
+    first, second = draw(), draw()
+    np.testing.assert_array_equal(first.landmarks, second.landmarks)
+    assert np.ptp(first.landmarks[:, 0, 2]) > 0.05  # they differ among themselves
+
+
+def test_view_projects_where_opengl_draws(body, renderer):
+    """A vertex that juts out most to the right is where the silhouette ends."""
+    body.rng = body.poses.rng = np.random.default_rng(2)
+    batch = body.sample(4)
+    outfit = bare_outfit(np.random.default_rng(0))
+    for i in range(4):
+        renderer.load(batch.vertices[i])
+        center = batch.vertices[i, :BODY_VERTICES].mean(0).astype(float)
+        view = View(look_at(center + [2.5, -3.0, 0.8], center, 0.1), 270.0, (130.0, 118.0), 256, 240)
+        shot = renderer.render(view, outfit, batch.landmarks[i])
+        rows, columns = np.nonzero(shot.rgba[..., 3])
+        drawn = np.array([columns.min(), rows.min(), columns.max(), rows.max()])
+        assert np.abs(drawn - shot.box_px).max() < 1.5
+        assert shot.visible.any()
+
+
+def test_a_point_is_hidden_by_what_most_pixels_round_it_show():
+    metres = np.full((16, 16), 5.0)
+    metres[4:9, 4:9] = 2.0  # something near, in front of a wall
+    px = np.array([[6.0, 6.0], [8.2, 7.0], [9.0, 7.0], [8.0, 8.0], [0.0, 3.0]])
+    inside, front = render._front(px, metres)
+    # Behind it; a cell from its edge; beside it; at its corner, of which five of nine pixels show the wall.
+    np.testing.assert_array_equal(front[:4], [2.0, 2.0, 5.0, 5.0])
+    np.testing.assert_array_equal(inside, [True, True, True, True, False])
+
+
+def test_visible_landmarks_lie_on_the_person(renders):
+    on = []
+    for i in range(len(renders)):
+        alpha = renders.pixels_of(i)[3]
+        at = np.round(renders.landmarks_px[i][renders.visible[i]]).astype(int)
+        on.extend(alpha[at[:, 1].clip(0, SIZE - 1), at[:, 0].clip(0, SIZE - 1)] > 0)
+    assert len(on) > 200
+    assert np.mean(on) > 0.97
+
+
+PLAIN = replace(
+    WHOLE, scale_sd=0, shift_sd=0, rotation_sd_deg=0, tumble=0, second_person=0, occluder=0, mosaic=0, truncate=0
+)
+
+
+def test_crops_have_the_padding_they_promise(renders):
+    compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 0, PLAIN)
+    index = np.arange(16)
+    matrix, flip = compositor._placement(renders.box_px[index])
+    box = renders.box_px[index]
+    side = (box[:, 2:] - box[:, :2]).max(1)
+    scale = np.abs(np.linalg.det(matrix[:, :, :2])) ** 0.5
+    np.testing.assert_allclose(scale * side, 128 / 1.25, rtol=1e-5)
+    middle = np.einsum("nij,nj->ni", matrix[:, :, :2], (box[:, :2] + box[:, 2:]) / 2) + matrix[:, :, 2]
+    np.testing.assert_allclose(middle, 63.5, atol=1e-3)
+    assert flip.any() and not flip.all()
+
+
+def test_mirrored_crops_swap_left_and_right(renders):
+    """In a mirrored crop the labels keep their sides: a shoulder line that went right to left still does."""
+    compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 1, PLAIN)
+    index = np.arange(len(renders))
+    matrix, _ = compositor._placement(renders.box_px[index])
+    _, as_is, _ = compositor._warp(index, matrix, np.zeros(len(index), bool))
+    _, swapped, _ = compositor._warp(index, matrix, np.ones(len(index), bool))
+    np.testing.assert_array_equal(swapped[:, BODY23.index("left_knee")], as_is[:, BODY23.index("right_knee")])
+    np.testing.assert_array_equal(swapped[:, 0], as_is[:, 0])
+
+
+def test_labels_follow_pixels_through_the_augmentation(renders):
+    """The person's silhouette in the crop covers the visible landmarks after rotation, scale and mirroring."""
+    options = AugmentOptions(second_person=0, embrace=0, occluder=0, truncate=0, mosaic=0)
+    compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 2, options)
+    index = np.arange(len(renders))
+    matrix, flip = compositor._placement(renders.box_px[index])
+    person, landmarks, visible = compositor._warp(index, matrix, flip)
+    hits = compositor._alpha_at(person[:, 3].numpy(), landmarks)[visible]
+    assert np.mean(hits > 0.3) > 0.95
+
+
+def test_in_a_hold_the_other_stands_right_behind_or_before(renders):
+    """Behind, nothing of the subject is lost; before, a part of it is."""
+
+    def seen(**others: float) -> tuple[np.ndarray, np.ndarray]:
+        options = replace(PLAIN, clutter=0, faults=False, plate=1, second_person=0, **others)
+        batch = Compositor(renders, np.full((2, 3, SIZE, SIZE), 90, np.uint8), 128, 3, options).batch(96)
+        return batch.visible.numpy().mean(1), (batch.difference > 20).float().mean((1, 2, 3)).numpy()
+
+    alone, held = seen(), seen(embrace=1.0)
+    assert (held[0] < alone[0] - 0.05).mean() > 0.15 and (held[0] > alone[0] - 0.02).mean() > 0.45
+    assert held[1].mean() > 1.3 * alone[1].mean()
+    assert held[0].mean() > 0.5 * alone[0].mean()
+
+
+def test_close_ups_frame_what_is_left_of_a_person(renders):
+    rng = np.random.default_rng(0)
+    whole = renders.box_px[np.arange(200) % len(renders)]
+    boxes, lines = cut_boxes(rng, whole, 1.0)
+    kept = np.prod(boxes[:, 2:] - boxes[:, :2], 1) / np.prod(whole[:, 2:] - whole[:, :2], 1)
+    assert kept.min() >= 0.29 and kept.max() <= 0.86
+    assert ((boxes[:, :2] >= whole[:, :2]) & (boxes[:, 2:] <= whole[:, 2:])).all()
+    # A crop map that turns and mirrors: the middle of what is left is on the near side of the cut, the rest beyond.
+    turn = np.array([[-0.4, 0.3, 90.0], [0.3, 0.4, 20.0]], np.float32)
+    cuts = to_crop(rng, lines, np.repeat(turn[None], 200, 0), np.zeros(200, bool))
+
+    def beyond(points):
+        at = points @ turn[:, :2].T + turn[:, 2]
+        return np.einsum("bk,bk->b", at, cuts.line[:, :2]) > cuts.line[:, 2]
+
+    assert not beyond((boxes[:, :2] + boxes[:, 2:]) / 2).any()
+    low, high, middle = whole[:, :2], whole[:, 2:], (whole[:, :2] + whole[:, 2:]) / 2
+    gone = np.where(boxes[:, :2] > low, low, np.where(boxes[:, 2:] < high, high, middle))
+    assert beyond(gone).all()
+
+
+@pytest.fixture(scope="module")
+def close_ups(body, renderer):
+    """Twelve renders of parts of people, in memory."""
+    body.rng = body.poses.rng = np.random.default_rng(4)
+    batch = body.sample(12)
+    shots = []
+    for i in range(12):
+        renderer.load(batch.vertices[i])
+        near = sample_close_up(batch.vertices[i], body.rng, SIZE, 1.375)
+        shot = renderer.render(near.view, sample_outfit(body.rng, float(batch.gender[i])), batch.landmarks[i])
+        shots.append(replace(shot, box_px=near.box_px, cut_px=near.cut_px))
+    return stored(shots, ("landmarks_px", "visible", "box_px", "cut_px"))
+
+
+def test_a_near_camera_sees_a_part_of_a_person_sharply(close_ups):
+    off, beyond = [], []
+    for i in range(len(close_ups)):
+        # What is left of them fills the picture, in its middle, on this side of the cut.
+        box, cut = close_ups.box_px[i], close_ups.cut_px[i]
+        low, high = box[:2], box[2:]
+        assert abs((high - low).max() - SIZE / 1.375) < 0.15 * SIZE
+        assert np.abs((low + high) / 2 - SIZE / 2).max() < 0.1 * SIZE
+        assert (np.array([low, high]) @ cut[:2]).max() <= cut[2] + 0.5
+        rows, columns = np.nonzero(close_ups.pixels_of(i)[3] > 127)
+        kept = np.stack([columns, rows], 1) @ cut[:2] <= cut[2]
+        off.append([columns[kept].min() - low[0], columns[kept].max() - high[0]])
+        beyond.append((close_ups.landmarks_px[i] @ cut[:2] > cut[2]).mean())
+    assert np.median(np.abs(off)) < 5  # clothes, hair and bags reach beyond the body
+    assert np.mean(beyond) > 0.2 and len(close_ups.whole) == 0
+    batch = Compositor(close_ups, make_backgrounds(4, SIZE, 0), 128, 3, PLAIN).batch(24)
+    assert 0.2 < batch.visible.float().mean() < 0.75
+
+
+def test_what_a_border_cuts_off_is_black_and_hidden(renders):
+    batch, whole = (
+        Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 3, options).batch(64)
+        for options in (replace(PLAIN, close_up=1.0), PLAIN)
+    )
+    assert batch.visible.float().mean() < 0.85 * whole.visible.float().mean()
+    at = batch.landmarks_px.numpy().round().astype(int)
+    gone = ((at >= 0) & (at < 128)).all(-1) & ~batch.visible.numpy()
+    dark = [batch.image[i, :, at[i, j, 1], at[i, j, 0]].max() == 0 for i, j in zip(*np.nonzero(gone), strict=True)]
+    assert 0.1 < np.mean(dark) < 0.95
+
+
+def test_backdrops_are_bare_lights_are_coloured_and_some_cameras_see_no_colours(renders):
+    pool = np.random.default_rng(0).integers(0, 255, (4, 3, SIZE, SIZE), np.uint8)
+    index = np.flatnonzero(np.isnan(renders.cut_px[:, 0]))[:16]
+
+    def pictures(**options: float) -> np.ndarray:
+        made = Compositor(renders, pool, 128, 3, replace(PLAIN, clutter=0, plate=0, **options)).batch(len(index), index)
+        return made.image.numpy().astype(float)
+
+    def rough(picture: np.ndarray) -> float:  # of a strip above everybody
+        return float(np.abs(np.diff(picture[:, :, :6])).mean())
+
+    assert rough(pictures(faults=False, backdrop=1)) < 0.2 * rough(pictures(faults=False))
+
+    def imbalance(picture: np.ndarray) -> float:
+        return float(np.abs(np.log(picture.mean((2, 3)) / picture.mean((1, 2, 3))[:, None])).mean())
+
+    assert imbalance(pictures(tinted=1)) > 2 * imbalance(pictures())
+    assert np.ptp(pictures(monochrome=1), axis=1).max() == 0
+    assert (np.ptp(pictures(), axis=1).max((1, 2)) > 40).mean() > 0.7
+
+
+def test_batches_are_seeded(renders):
+    pool = make_backgrounds(4, SIZE, 0)
+    a, b = (Compositor(renders, pool, 96, 7).batch(8) for _ in range(2))
+    assert (a.landmarks_px == b.landmarks_px).all() and (a.visible == b.visible).all()
+    assert (a.image == b.image).all()
+    assert (a.difference == b.difference).all()
+    assert (Compositor(renders, pool, 96, 8).batch(8).image != a.image).any()
+
+
+def test_the_plate_shows_who_moves_and_is_blind_to_who_stood_still(renders, monkeypatch):
+    pool = make_backgrounds(4, SIZE, 0)
+    whole = np.flatnonzero(np.isnan(renders.cut_px[:, 0]))[:16]
+    plain = replace(PLAIN, clutter=0, faults=False)
+
+    def contrast(options, still=0.0):
+        """How much more the difference is on the person than around; the crops."""
+        for name, share in (("STILL", still), ("PARTLY", 0.0), ("GHOST", 0.0)):
+            monkeypatch.setattr(f"muybridge.train.images.background_difference.{name}", share)
+        compositor = Compositor(renders, pool, 128, 5, options)
+        batch = compositor.batch(len(whole), whole)
+        at, seen = batch.landmarks_px.round().long().clamp(0, 127).numpy(), batch.visible.numpy()
+        value = batch.difference[np.arange(len(at))[:, None], 0, at[..., 1], at[..., 0]].numpy()
+        return float(value[seen].mean()) - float(batch.difference[:, 0, :8].float().mean()), batch
+
+    with_plate, batch = contrast(replace(plain, plate=1.0))
+    assert with_plate > 15 and batch.pixels.shape == (len(whole), 4, 128, 128)
+    assert abs(contrast(replace(plain, plate=1.0), still=1.0)[0]) < 0.3 * with_plate
+    without, other = contrast(replace(plain, plate=0.0))
+    assert without == 0 and (other.image == batch.image).all()  # the pictures are the same
+
+
+def test_who_stands_still_is_in_the_plate_of_a_scene(renders, monkeypatch):
+    def strongest(still=0.0, partly=0.0, ghost=0.0):
+        """Of pixels that differ much from the plate, how many lie in boxes of people, as a share of these, and how many
+        elsewhere, as a share of the former: no two shares have the same scenes."""
+        for name, share in (("STILL", still), ("PARTLY", partly), ("GHOST", ghost)):
+            monkeypatch.setattr(f"muybridge.train.images.scenes.{name}", share)
+        for name in ("NEAR_SHARE", "CAST_SHARE", "MOVED_SHARE", "HELD_SHARE", "LIT_SHARE"):
+            monkeypatch.setattr(f"muybridge.train.images.scenes.{name}", 0)
+        batch = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 3).batch(48, (192, 320))
+        within, beside, room = 0, 0, 0
+        for image, boxes, ignored in zip(batch.image[:, 3].numpy(), batch.boxes, batch.ignore, strict=True):
+            if not image.any():  # no plate
+                continue
+            inside = np.zeros(image.shape, bool)
+            for x0, y0, x1, y1 in np.round(np.concatenate([boxes, ignored])).astype(int):
+                inside[max(y0 - 2, 0) : y1 + 3, max(x0 - 2, 0) : x1 + 3] = True
+            within, beside = within + (image > 40)[inside].sum(), beside + (image > 40)[~inside].sum()
+            room += inside.sum()
+        return within / room, beside / within
+
+    (moving, shadows), (still, _), (partly, _) = strongest(), strongest(still=1.0), strongest(partly=1.0)
+    assert still < 0.3 * moving  # shadows are not in the plate
+    assert 0.4 * moving < partly < 0.9 * moving
+    assert strongest(ghost=1.0)[1] > 4 * shadows
+
+
+def test_people_cast_shadows_from_their_feet_and_keep_their_boxes(renders, monkeypatch):
+    pole, frame = np.zeros((20, 9), np.uint8), np.full((60, 60, 3), 200, np.uint8)
+    pole[5:16, 4] = 255
+    scenes._cast(frame, pole, 15.0, np.array([20, 30]), (1.0, 0.5, 0.5, 0.3))
+    dark = np.argwhere(frame[..., 0] < 180)
+    assert abs(dark[-1] - [45, 24]).max() <= 1 and abs(dark[0] - [40, 34]).max() <= 1  # foot and top of a pole of 10 px
+    assert abs((dark[:, 1] - 24) - 2 * (45 - dark[:, 0])).max() <= 2
+    boxes = []
+    for name in ("GHOST", "STILL", "PARTLY", "NEAR_SHARE", "MOVED_SHARE", "HELD_SHARE", "LIT_SHARE"):
+        monkeypatch.setattr(f"muybridge.train.images.scenes.{name}", 0)
+    for share in (0, 1):
+        monkeypatch.setattr("muybridge.train.images.scenes.CAST_SHARE", share)
+        monkeypatch.setattr(SceneCompositor, "_light", lambda self: (0.8, -0.4, 0.4, 1.0))
+        boxes.append(SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 0)._scene(192, 320))
+    assert np.array_equal(boxes[0][2], boxes[1][2]) and np.array_equal(boxes[0][1], boxes[1][1])  # boxes and the plate
+    assert (boxes[1][0] <= boxes[0][0]).all() and (boxes[1][0] < boxes[0][0]).any()
+
+
+def test_scene_boxes_hold_their_people(renders, monkeypatch):
+    for name in ("GHOST", "CAST_SHARE", "MOVED_SHARE", "LIT_SHARE"):
+        monkeypatch.setattr(f"muybridge.train.images.scenes.{name}", 0)
+    compositor = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 0)
+    batch = compositor.batch(12, (192, 320))
+    assert tuple(batch.image.shape) == (12, 4, 192, 320)
+    assert sum(len(b) for b in batch.boxes) > 8
+    moving = [i for i in range(12) if batch.image[i, 3].max() > 60 and len(batch.boxes[i])]
+    assert moving, "no scene with a plate difference"
+    for i in moving:  # where the plate differs strongly, somebody is
+        y, x = np.nonzero(batch.image[i, 3].numpy() > 60)
+        boxes = np.concatenate([batch.boxes[i], batch.ignore[i]])
+        inside = [((x >= b[0] - 2) & (x <= b[2] + 2) & (y >= b[1] - 2) & (y <= b[3] + 2)) for b in boxes]
+        # Shadows differ too, outside of the boxes.
+        assert np.any(inside, axis=0).mean() > 0.5
+
+
+def test_who_stands_beside_somebody_touches_them(renders, monkeypatch):
+    monkeypatch.setattr(scenes, "BESIDE_SHARE", 1.0)
+    compositor = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 2)
+    sizes = np.array([40.0, 90.0, 250.0])
+    beside = compositor._beside(sizes)
+    assert beside == [[1], [0, 2], [1]] and sizes.max() < 1.5 * sizes.min()
+    mate = np.array([100.0, 50.0, 140.0, 150.0])
+    overlaps = []
+    for _ in range(50):
+        _, box = compositor._person(90.0, 0.0)
+        moved = box + np.tile(compositor._next_to(mate, box), 2)
+        assert abs(moved[3] - mate[3]) < 20  # one floor
+        overlaps.append((min(moved[2], mate[2]) - max(moved[0], mate[0])) / min(moved[2] - moved[0], 40))
+    assert 0.6 < np.mean(np.array(overlaps) > 0) and np.median(overlaps) < 0.8
+
+
+def test_who_is_near_ends_at_the_border_of_the_picture(renders, close_ups, monkeypatch):
+    monkeypatch.setattr(scenes, "NEAR_SHARE", 1.0)
+    both = RenderSet(
+        [*renders.pixels, *close_ups.pixels],
+        *(np.concatenate([getattr(r, k) for r in (renders, close_ups)])
+          for k in ("landmarks_px", "visible", "box_px", "markers_px", "markers_visible", "cut_px")),
+    )  # fmt: skip
+    monkeypatch.setattr("muybridge.train.synthesis.rendering.store.SHARD", 24)
+    compositor = SceneCompositor(both, make_backgrounds(6, SIZE, 0), 1)
+    at_border = 0
+    for _ in range(20):
+        frame, owners = np.full((192, 320, 3), 90, np.uint8), np.full((192, 320), -1, np.int16)
+        box, area = compositor._near(frame, owners, 7)
+        mine = owners == 7
+        assert mine.sum() <= area and (frame[mine] != 90).any()
+        edges = mine[-1], mine[:, 0], mine[:, -1], mine[0]
+        at_border += any(e.sum() > 3 for e in edges)
+        rows, columns = np.nonzero(mine)
+        assert columns.min() >= box[0] - 1 and columns.max() <= box[2] + 1
+        assert rows.min() >= box[1] - 1 and rows.max() <= box[3] + 1
+    assert at_border >= 14  # of some the picture has another side
+    assert sum(len(b) for b in compositor.batch(6, (192, 320)).boxes) >= 6
+
+
+def test_detector_targets_say_where_the_box_is():
+    import torch
+
+    box = np.array([[40.0, 30.0, 99.0, 150.0]], np.float32)
+    batch = SceneBatch(torch.zeros(1, 4, 192, 320, dtype=torch.uint8), [box], [np.zeros((0, 4), np.float32)])
+    targets = make_targets(batch)
+    row, column = np.unravel_index(targets.heat[0].argmax(), targets.heat[0].shape)
+    center = np.array([column, row]) * 8 + 3.5
+    left, top, right, bottom = targets.box[0][:, row, column]
+    found = [center[0] - left, center[1] - top, center[0] + right, center[1] + bottom]
+    np.testing.assert_allclose(found, box[0], atol=1e-4)
+    assert targets.has_box[0].sum() > 1 and targets.weight.min() == 1
+    assert as_tensors(batch)[1].shape == (1, 24, 40)
+
+
+def test_generalised_iou():
+    import torch
+
+    a = torch.tensor([1.0, 1.0, 1.0, 1.0])
+    assert float(generalised_iou(a, a)) == pytest.approx(1, abs=1e-5)
+    half = torch.tensor([1.0, 1.0, 0.0, 1.0])
+    assert float(generalised_iou(a, half)) == pytest.approx(0.5, abs=1e-5)
+
+
+def test_a_take_keeps_the_stance_foot(body):
+    body.rng = body.poses.rng = np.random.default_rng(4)
+    motion = choreograph(body, 1.5, 12.0)
+    batch = perform(body, motion)
+    assert len(batch.landmarks) == 18
+    heel = batch.landmarks[:, BODY23.index("right_heel"), :2]
+    assert np.abs(heel - heel[0]).max() < 1e-5
+    speed = np.linalg.norm(np.diff(batch.landmarks, axis=0), axis=-1) * 12
+    assert 0.1 < speed.max() < 12.0

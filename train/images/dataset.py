@@ -1,0 +1,112 @@
+"""Batches of training images: renders composited on backgrounds, made in worker processes."""
+
+import pathlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import torch
+from torch.utils.data import DataLoader, IterableDataset
+
+from muybridge.errors import SessionError
+from muybridge.train.engine.loop import Batch, worker_seed, workers
+from muybridge.train.engine.malloc import keep_memory
+from muybridge.train.images.background_pool import make_background_pool
+from muybridge.train.options import Training
+from muybridge.train.synthesis.rendering.store import RenderSet, load_renders, shard_numbers, shard_path
+from muybridge.train.synthesis.rendering.worker import Beside
+
+# The first shards of a store are never trained on.
+HELD_OUT = range(0, 4)
+
+
+TRAINED_ON = range(HELD_OUT.stop, 100_000)
+
+
+@contextmanager
+def prepared(options: Training) -> Iterator[pathlib.Path]:
+    """Seeds torch, makes the background pool, whose path it gives, and waits for the first renders where there are
+    none; the others are made while the block runs. SessionError where there are none to train on, or to score with."""
+    if 0 < options.shards <= HELD_OUT.stop and not shard_numbers(options.renders):
+        raise SessionError(
+            f"--shards {options.shards}: the first {HELD_OUT.stop} are held out from training; make more, such as 60"
+        )
+    torch.manual_seed(options.seed)
+    torch.set_num_threads(options.threads)
+    keep_memory()
+    with Beside(options.renders, options.shards, options.seed) as renders:
+        if renders.making:
+            background_pool(options)  # some minutes, in which the first are made
+        renders.wait_for(HELD_OUT.stop + 4)
+        _check_renders(options)
+        yield background_pool(options)
+
+
+def _check_renders(options: Training) -> None:
+    trained_on = load_renders(options.renders, TRAINED_ON)
+    if options.whole and len(trained_on) and not len(trained_on.whole):
+        raise SessionError(
+            f"{options.renders}: renders of parts of people alone, of which no scenes can be made; name a store of "
+            "whole people (`muybridge synth` without --close-ups)"
+        )
+    if not len(trained_on):
+        raise SessionError(
+            f"{options.renders}: no renders to train on (the first {HELD_OUT.stop} shards are held out); "
+            "make some with `muybridge synth`"
+        )
+    if not len(load_renders(options.renders, HELD_OUT)):
+        first, last = (shard_path(options.renders, number).name for number in (HELD_OUT[0], HELD_OUT[-1]))
+        raise SessionError(f"{options.renders}: none of {first} to {last}, to score with; `muybridge synth` makes them")
+
+
+def batches(
+    options: Training, make: Callable[[RenderSet, int], Callable[[], Batch]], start: int, on_cpu: int = 1
+) -> Iterator[Batch]:
+    """Endless training batches from processes of their own.
+
+    Args:
+        options: the training's options.
+        make: from renders and a seed to a function that gives the next batch; it has to pickle.
+        start: step of the run, so that a resumed run sees other images than it saw before.
+        on_cpu: as of `workers`.
+    """
+    stream, count = _Stream(options, make, start), workers(options, on_cpu)
+    ahead = 4 if count else None
+    return iter(DataLoader(stream, batch_size=None, num_workers=count, prefetch_factor=ahead))
+
+
+class _Stream(IterableDataset[Batch]):
+    def __init__(self, options: Training, make: Callable[[RenderSet, int], Callable[[], Batch]], start: int) -> None:
+        self.options, self.make, self.start = options, make, start
+
+    def __iter__(self) -> Iterator[Batch]:
+        worker = torch.utils.data.get_worker_info()
+        if worker:
+            torch.set_num_threads(1)
+            keep_memory()
+        count = 0
+        while True:
+            # New shards are picked up while they are being made.
+            known = len(shard_numbers(self.options.renders))
+            renders = load_renders(self.options.renders, TRAINED_ON)
+            seed = worker_seed(self.options.seed, self.start, worker.id if worker else 0, count)
+            following = self.make(renders, seed)
+            for k in range(500):
+                yield following()
+                count += 1
+                # A store that has only begun is looked at more often, for a few people are soon learned by heart.
+                if k % 25 == 24 and len(shard_numbers(self.options.renders)) > 1.1 * known:
+                    break
+
+
+def background_pool(options: Training) -> pathlib.Path:
+    """The background pool on disk beside the run's folder, made on the first call: half of it painted, half of it
+    views of rendered rooms."""
+    path = options.out.parent / f"pool-{options.backgrounds}-{options.seed}.npy"
+    if not path.exists():
+        make_background_pool(path, options.backgrounds, options.seed)
+    try:
+        np.load(path, mmap_mode="r")
+    except (OSError, ValueError, EOFError) as error:
+        raise SessionError(f"{path}: backgrounds that cannot be read ({error}); remove it, it is made anew") from error
+    return path
