@@ -4,6 +4,7 @@
 
 `crop.npy` holds a square RGB image of one person as uint8, with the side that the network's metadata states.
 """
+
 # --8<-- [start:function]
 import json
 import sys

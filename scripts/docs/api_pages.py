@@ -34,7 +34,8 @@ def package_page(package: str) -> str:
     """The page of one package: an mkdocstrings block for each of its names."""
     lines = [f"# {package}", "", _summary(package), ""]
     for found in public_names(package):
-        lines += [f"::: {found.home}", "    options:", f"      heading: {found.name}", f"      toc_label: {found.name}", ""]
+        options = [f"      heading: {found.name}", f"      toc_label: {found.name}"]
+        lines += [f"::: {found.home}", "    options:", *options, ""]
     return "\n".join(lines)
 
 

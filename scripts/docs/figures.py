@@ -11,13 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse, FancyBboxPatch, Polygon
 
 ASSETS = Path(__file__).parents[2] / "docs" / "assets"
-TEAL, ORANGE, GREY, RED, GREEN = "#00897b", "#ef6c00", "#607d8b", "#c62828", "#2e7d32"
+TEAL, ORANGE, GREY, RED, GREEN, BLUE = "#00897b", "#ef6c00", "#607d8b", "#c62828", "#2e7d32", "#1565c0"
 plt.rcParams |= {"svg.hashsalt": "muybridge", "font.family": "sans-serif", "font.size": 11}
 
 
 def main() -> None:
     """Write every diagram."""
-    for draw in (pipeline, conventions, triangulation, uncertainty, skeleton, smoothing):
+    for draw in (pipeline, axes_world, axes_camera, axes_pixels, triangulation, uncertainty, skeleton, smoothing):
         draw()
         plt.savefig(ASSETS / f"{draw.__name__}.svg", bbox_inches="tight", metadata={"Date": None})
         plt.close("all")
@@ -30,17 +30,29 @@ def _blank(width: float, height: float) -> Axes:
     return axes
 
 
-def _box(axes: Axes, x: float, y: float, text: str, colour: str = TEAL, width: float = 2.6, height: float = 0.8) -> None:
+def _box(
+    axes: Axes, x: float, y: float, text: str, colour: str = TEAL, width: float = 2.6, height: float = 0.8
+) -> None:
     axes.add_patch(
         FancyBboxPatch(
-            (x - width / 2, y - height / 2), width, height, boxstyle="round,pad=0.06", fc=f"{colour}22", ec=colour, lw=1.5
+            (x - width / 2, y - height / 2),
+            width,
+            height,
+            boxstyle="round,pad=0.06",
+            fc=f"{colour}22",
+            ec=colour,
+            lw=1.5,
         )
     )
     axes.text(x, y, text, ha="center", va="center", fontsize=10)
 
 
-def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], colour: str = GREY, style: str = "->") -> None:
-    axes.annotate("", end, start, arrowprops={"arrowstyle": style, "color": colour, "lw": 1.6, "shrinkA": 0, "shrinkB": 0})
+def _arrow(
+    axes: Axes, start: tuple[float, float], end: tuple[float, float], colour: str = GREY, style: str = "->"
+) -> None:
+    axes.annotate(
+        "", end, start, arrowprops={"arrowstyle": style, "color": colour, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
+    )
 
 
 def pipeline() -> None:
@@ -77,28 +89,38 @@ def _axis(axes: Axes, origin: tuple[float, float], tip: tuple[float, float], nam
     axes.text(end[0] + 0.12 * along[0], end[1] + 0.25 * along[1], name, color=colour, ha=place, va="center")
 
 
-def conventions() -> None:
-    """World, camera and pixel axes side by side."""
-    axes = _blank(9, 3.4)
-    for tip, name, colour in (((1.2, -0.35), "x (left)", RED), ((0.75, 0.65), "y (back)", GREEN), ((0, 1.6), "z (up)", "#1565c0")):
+def axes_world() -> None:
+    """The world's axes."""
+    axes = _blank(3.4, 2.6)
+    tips = (((1.2, -0.35), "x (left)", RED), ((0.75, 0.65), "y (back)", GREEN), ((0, 1.6), "z (up)", BLUE))
+    for tip, name, colour in tips:
         _axis(axes, (0, 0), tip, name, colour)
-    axes.text(0.4, -1.35, "world: metres, Z up;\na figure at rest faces -Y", ha="center", va="top")
-    corner = np.array([4.0, 0.5])
+    axes.set(xlim=(-0.8, 2.4), ylim=(-0.6, 2.1))
+
+
+def axes_camera() -> None:
+    """A camera's axes."""
+    axes = _blank(3.6, 2.6)
+    corner = np.array([0.0, 0.2])
     axes.add_patch(Polygon(corner + [[0, 0], [1.3, 0.5], [1.3, -0.9], [0, -0.4]], fc="#607d8b33", ec=GREY))
     axes.plot([corner[0]] * 2, [corner[1], corner[1] - 0.4], color=GREY, lw=3)
-    start = (5.3, 0.3)
-    for tip, name, colour in (((1.4, 0), "z (forward)", "#1565c0"), ((0, -1.1), "y (down)", GREEN), ((0.7, 0.6), "x (right)", RED)):
-        _axis(axes, start, tip, name, colour)
-    axes.text(5.5, -1.35, "camera: as in OpenCV", ha="center", va="top")
+    tips = (((1.4, 0), "z (forward)", BLUE), ((0, -1.1), "y (down)", GREEN), ((0.7, 0.6), "x (right)", RED))
+    for tip, name, colour in tips:
+        _axis(axes, (1.3, 0.0), tip, name, colour)
+    axes.set(xlim=(-0.2, 4.2), ylim=(-1.6, 1.1))
+
+
+def axes_pixels() -> None:
+    """The pixels' origin and axes."""
+    axes = _blank(3.4, 2.8)
     for i in range(5):
-        axes.plot([9 + 0.55 * i] * 2, [1.5, -0.7], color=GREY, lw=0.8)
-        axes.plot([9, 11.2], [1.5 - 0.55 * i] * 2, color=GREY, lw=0.8)
-    axes.plot(9.275, 1.225, "o", color=ORANGE)
-    axes.text(9.275, 1.7, "(0, 0)", color=ORANGE, ha="center")
-    _axis(axes, (9.275, 1.225), (2.4, 0), "x", RED)
-    _axis(axes, (9.275, 1.225), (0, -2.1), "y", GREEN)
-    axes.text(10.2, -1.35, "pixels: (0, 0) is the centre\nof the top-left pixel", ha="center", va="top")
-    axes.set(xlim=(-1.5, 12.3), ylim=(-2.4, 2.1))
+        axes.plot([0.55 * i] * 2, [0.0, -2.2], color=GREY, lw=0.8)
+        axes.plot([0, 2.2], [-0.55 * i] * 2, color=GREY, lw=0.8)
+    axes.plot(0.275, -0.275, "o", color=ORANGE)
+    axes.text(0.275, 0.2, "(0, 0)", color=ORANGE, ha="center")
+    _axis(axes, (0.275, -0.275), (2.4, 0), "x", RED)
+    _axis(axes, (0.275, -0.275), (0, -2.3), "y", GREEN)
+    axes.set(xlim=(-0.4, 3.2), ylim=(-3.0, 0.6))
 
 
 def triangulation() -> None:
@@ -117,12 +139,23 @@ def triangulation() -> None:
         end = camera + 7.2 * direction
         axes.plot(*zip(camera, end, strict=True), color=RED if wrong else TEAL, lw=1.4, ls="--" if wrong else "-")
         side = np.array([-direction[1], direction[0]])
-        axes.add_patch(Polygon([camera, camera - 0.5 * direction + 0.3 * side, camera - 0.5 * direction - 0.3 * side], fc=GREY))
+        axes.add_patch(
+            Polygon([camera, camera - 0.5 * direction + 0.3 * side, camera - 0.5 * direction - 0.3 * side], fc=GREY)
+        )
         axes.text(*(camera - 0.95 * direction), f"cam{c + 1}", ha="center", va="center")
     axes.plot(*squares, "s", color=ORANGE, ms=9, zorder=3)
     axes.plot(*robust, "o", color=GREEN, ms=9, zorder=3)
-    axes.annotate("least squares", squares, squares + [-0.2, 1.5], color=ORANGE, ha="center", arrowprops={"arrowstyle": "-", "color": ORANGE})
-    axes.annotate("robust", robust, robust + [0.1, -1.7], color=GREEN, ha="center", arrowprops={"arrowstyle": "-", "color": GREEN})
+    axes.annotate(
+        "least squares",
+        squares,
+        squares + [-0.2, 1.5],
+        color=ORANGE,
+        ha="center",
+        arrowprops={"arrowstyle": "-", "color": ORANGE},
+    )
+    axes.annotate(
+        "robust", robust, robust + [0.1, -1.7], color=GREEN, ha="center", arrowprops={"arrowstyle": "-", "color": GREEN}
+    )
     axes.text(*(cameras[3] + 2.0 * directions[3] + [0.9, 0.2]), "wrong landmark", color=RED, ha="center")
     axes.set(xlim=(-5.4, 5.6), ylim=(-2.9, 3.3))
 
@@ -178,7 +211,11 @@ def skeleton() -> None:
         middle = not name.startswith("left")
         arm = name in ("left_clavicle", "left_upper_arm", "left_forearm", "left_hand")
         shift = (-0.14, 0.05) if name == "hips" else (-0.05, 0.0) if middle else (0.0, 0.04) if arm else (0.05, 0.0)
-        turned = {"rotation": 40, "ha": "left", "va": "bottom"} if arm else {"ha": "right" if middle else "left", "va": "center"}
+        turned = (
+            {"rotation": 40, "ha": "left", "va": "bottom"}
+            if arm
+            else {"ha": "right" if middle else "left", "va": "center"}
+        )
         axes.text(at[0] + shift[0], at[1] + shift[1], name, fontsize=9, **turned)
     axes.set(xlim=(-0.95, 1.1), ylim=(shown[:, 1].min() - 0.1, shown[:, 1].max() + 0.25))
 
@@ -200,8 +237,20 @@ def smoothing() -> None:
     _, axes = plt.subplots(figsize=(8.4, 3.2))
     axes.plot(t, 1000 * truth, color="black", lw=1, ls=":", label="truth")
     axes.plot(t, 1000 * measured, ".", color=GREY, ms=5, label="measured")
-    axes.plot(t, 1000 * smooth(whole[:, 0, :1], fps, "kalman")[:, 0], color=TEAL, lw=2, label="outliers removed, gap filled, Kalman smoother")
-    axes.plot(t, 1000 * smooth(rough, fps, "butterworth", FilterOptions(cutoff_hz=6.0))[:, 0, 0], color=ORANGE, lw=1.2, label="Butterworth 6 Hz, outliers kept")
+    axes.plot(
+        t,
+        1000 * smooth(whole[:, 0, :1], fps, "kalman")[:, 0],
+        color=TEAL,
+        lw=2,
+        label="outliers removed, gap filled, Kalman smoother",
+    )
+    axes.plot(
+        t,
+        1000 * smooth(rough, fps, "butterworth", FilterOptions(cutoff_hz=6.0))[:, 0, 0],
+        color=ORANGE,
+        lw=1.2,
+        label="Butterworth 6 Hz, outliers kept",
+    )
     axes.axvspan(t[88], t[102], color="#90a4ae33", lw=0)
     axes.text(t[95], -430, "gap", ha="center", color=GREY)
     axes.set(xlabel="time, s", ylabel="position, mm", ylim=(-480, 560))

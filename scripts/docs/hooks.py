@@ -9,22 +9,21 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import api_pages
+import command_pages
+import public_names
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-HERE = Path(__file__).parent
-ROOT = HERE.parents[1]
-sys.path[:0] = [str(HERE), str(ROOT / ".root")]  # this tree, whatever is installed
-
-import api_pages  # noqa: E402
-import command_pages  # noqa: E402
-import public_names  # noqa: E402
-
+ROOT = Path(__file__).resolve().parents[2]
 log = logging.getLogger("mkdocs.hooks.muybridge")
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Put the generated pages where the navigation names their folders."""
+    # Here and not above: MkDocs restores the path after it has loaded the hooks.
+    if str(ROOT / ".root") not in sys.path:
+        sys.path.insert(0, str(ROOT / ".root"))  # this tree, whatever is installed
     commands = command_pages.registered(ROOT / "pyproject.toml")
     generated: dict[str, list[Any]] = {
         f"{command_pages.FOLDER}/": [
