@@ -16,7 +16,7 @@ from muybridge.files import replacing
 _FORMAT = 2
 
 
-class Footage(NamedTuple):
+class PseudoLabels(NamedTuple):
     """`N` crops of the people of one take.
 
     Attributes:
@@ -36,7 +36,7 @@ class Footage(NamedTuple):
     facts: Mapping[str, Any]
 
 
-def save_footage(path: Path, footage: Footage) -> None:
+def save_pseudo_labels(path: Path, footage: PseudoLabels) -> None:
     """Write a `.npz`, whole or not at all."""
     facts = {"format": _FORMAT, "padding": footage.padding, "facts": dict(footage.facts)}
     with replacing(path) as temporary, temporary.open("wb") as file:
@@ -46,8 +46,8 @@ def save_footage(path: Path, footage: Footage) -> None:
         )  # fmt: skip
 
 
-def load_footage(path: Path) -> Footage:
-    """Read what `save_footage` wrote.
+def load_pseudo_labels(path: Path) -> PseudoLabels:
+    """Read what `save_pseudo_labels` wrote.
 
     Raises:
         FormatError: the file is missing, damaged, or something else.
@@ -63,7 +63,7 @@ def load_footage(path: Path) -> Footage:
             raise ValueError("it is of another version")
         if not shapes or not count:
             raise ValueError("its arrays do not belong together")
-        return Footage(crops, landmarks, agreed, held_out, float(about["padding"]), about["facts"])
+        return PseudoLabels(crops, landmarks, agreed, held_out, float(about["padding"]), about["facts"])
     except FileNotFoundError as error:
         raise FormatError(f"{path}: no such file; `muybridge adapt SESSION` makes one") from error
     except Exception as error:  # numpy's and zipfile's errors share no base but Exception

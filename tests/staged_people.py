@@ -20,10 +20,10 @@ from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.detection import detect
-from muybridge.infer.detection import refine as second_look
-from muybridge.infer.detection.background import Backdrop
+from muybridge.infer.detection import refine as refinement
+from muybridge.infer.detection.background import BackgroundModel
 from muybridge.infer.detection.crop_reader import Pictures, Poses
-from muybridge.infer.detection.orientation import Upright
+from muybridge.infer.detection.orientation import FrameOrientation
 from muybridge.infer.detection.pose_estimator import CameraTracks
 from muybridge.infer.networks.keypoints import Expectation
 from muybridge.infer.pipelines import videos as pipeline
@@ -119,7 +119,9 @@ class StagedEstimator:
 class StagedReader:
     """Stands in for the second look's `PoseReader`: the person at the time that fits what is expected."""
 
-    def __init__(self, markers: bool, camera: Camera, upright: Upright, backdrop: Backdrop, fps: float) -> None:
+    def __init__(
+        self, markers: bool, camera: Camera, upright: FrameOrientation, backdrop: BackgroundModel, fps: float
+    ) -> None:
         self.upright, self._camera, self._markers = upright, camera, markers
 
     def expecting(
@@ -158,8 +160,8 @@ def staged_models(options: detect.DetectOptions) -> detect.Models:
 def stage(replace: Callable[[Any, str, Any], None] = setattr) -> None:
     """Put the staged estimator and its models in place, by `replace(where, name, what)`."""
     replace(detect, "PoseEstimator", StagedEstimator)
-    replace(second_look, "open_keypoints", _staged_keypoints)
-    replace(second_look, "PoseReader", lambda network, *rest: StagedReader(network.finds_markers, *rest))
+    replace(refinement, "open_keypoints", _staged_keypoints)
+    replace(refinement, "PoseReader", lambda network, *rest: StagedReader(network.finds_markers, *rest))
     replace(pipeline, "open_models", staged_models)
 
 

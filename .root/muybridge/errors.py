@@ -1,20 +1,55 @@
-"""The errors that a user can cause and mend.
+"""The errors that a user can cause and fix.
 
-A message says what is wrong, where (file, camera, frame), what would be valid and what to do next, in one
-line. The command line prints it and exits with 2; any other exception is a bug and keeps its traceback.
+A message says what is wrong, where (file, camera, frame) and what would be valid, in one line. What to do about it
+differs between a Python caller and a user of the command line, so it is not part of the message: the exception
+carries a remedy key, and `muybridge.remedies` has the text for callers while the command line has its own table with
+commands to paste. The command line prints both in one line and exits with 2; any other exception is a bug and keeps
+its traceback.
 """
+
+from typing import Any
+
+from muybridge.remedies import REMEDIES
 
 
 class MuybridgeError(Exception):
-    """Base of every error with a remedy."""
+    """Base of every error that a user can fix.
+
+    Attributes:
+        message: what is wrong, where, and what would be valid.
+        remedy: key of `muybridge.remedies.REMEDIES`, or None where the message says everything.
+        details: values that the remedy's text names, such as `path`.
+    """
+
+    def __init__(self, message: str = "", *, remedy: str | None = None, **details: Any):
+        if remedy is not None and remedy not in REMEDIES:
+            raise KeyError(f"no remedy {remedy!r} in muybridge.remedies")
+        super().__init__(message)
+        self.message = message
+        self.remedy = remedy
+        self.details = details
+
+    def __str__(self) -> str:
+        if self.remedy is None:
+            return self.message
+        return f"{self.message}; {REMEDIES[self.remedy].format(**self.details)}"
+
+    def __reduce__(self) -> tuple[Any, ...]:  # exceptions cross process boundaries
+        return _rebuild, (type(self), self.message, self.remedy, self.details)
+
+
+def _rebuild(
+    kind: type[MuybridgeError], message: str, remedy: str | None, details: dict[str, Any]
+) -> MuybridgeError:
+    return kind(message, remedy=remedy, **details)
 
 
 class SessionError(MuybridgeError):
-    """A session folder cannot be used as it stands."""
+    """A session folder cannot be used as it is."""
 
 
 class VideoError(MuybridgeError):
-    """A video cannot be read, or not to its end."""
+    """A video cannot be read, or cannot be read to its end."""
 
 
 class CalibrationError(MuybridgeError):
@@ -22,15 +57,15 @@ class CalibrationError(MuybridgeError):
 
 
 class ModelError(MuybridgeError):
-    """A model file is missing or is not one of ours."""
+    """A model file is missing or is not one that muybridge can use."""
 
 
 class FormatError(MuybridgeError):
-    """A motion file (BVH, C3D, TRC, ...) is malformed."""
+    """A motion or marker file (BVH, C3D, TRC, ...) is malformed."""
 
 
 class OutputError(MuybridgeError):
-    """Results cannot be written where they were asked for."""
+    """Results cannot be written to the requested place."""
 
 
 class MissingExtraError(MuybridgeError):

@@ -12,13 +12,13 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
-from muybridge.geometry.association.tracker import AssociateOptions, track_people
+from muybridge.geometry.association.tracker import TrackingOptions, track_people
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.numerics.robust import extent, row_median
 from muybridge.geometry.triangulation.multiview import triangulate
 
-__all__ = ["Person", "PersonSelection", "AssociateOptions", "find_people", "select_person", "take_person"]
+__all__ = ["Person", "PersonSelection", "TrackingOptions", "find_people", "select_person", "take_person"]
 
 
 @dataclass(frozen=True)
@@ -60,14 +60,14 @@ class PersonSelection:
 
 
 def find_people(
-    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions | None = None, fps: float = 30.0
+    cameras: CameraGroup, keypoints: Keypoints2D, options: TrackingOptions | None = None, fps: float = 30.0
 ) -> tuple[Person, ...]:
     """Groups the cameras' tracks into people.
 
     Args:
         cameras: C calibrated cameras.
         keypoints: their tracks.
-        options: see `AssociateOptions`.
+        options: see `TrackingOptions`.
         fps: frames a second.
 
     Returns:
@@ -76,7 +76,7 @@ def find_people(
     Raises:
         ValueError: keypoints that do not have one row for each camera.
     """
-    options = options or AssociateOptions()
+    options = options or TrackingOptions()
     if keypoints.points_px.shape[0] != len(cameras):
         raise ValueError(f"keypoints have {keypoints.points_px.shape[0]} cameras, the calibration {len(cameras)}")
     followed = track_people(cameras, keypoints, options, fps)
@@ -87,14 +87,14 @@ def find_people(
 
 
 def select_person(
-    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions | None = None, fps: float = 30.0
+    cameras: CameraGroup, keypoints: Keypoints2D, options: TrackingOptions | None = None, fps: float = 30.0
 ) -> PersonSelection:
     """Chooses the person that the take is about: followed by most cameras, large, moving.
 
     Args:
         cameras: C calibrated cameras.
         keypoints: their tracks.
-        options: see `AssociateOptions`.
+        options: see `TrackingOptions`.
         fps: frames a second.
 
     Raises:

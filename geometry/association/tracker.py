@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
-from muybridge.geometry.association.tracks import Body, rejoined, without_doubles, without_shadows, without_stray_end
+from muybridge.geometry.association.tracks import Body, deduplicate, drop_reflections, rejoined, without_stray_end
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.rays import nearest_points, pair_points, ray_directions
 from muybridge.geometry.landmarks.arrays import Keypoints2D
@@ -48,7 +48,7 @@ _SAME_PLACE = 0.35
 
 
 @dataclass(frozen=True)
-class AssociateOptions:
+class TrackingOptions:
     """How detections of several cameras become people. Sizes are the longer side of a person's landmarks.
 
     Attributes:
@@ -77,7 +77,7 @@ class AssociateOptions:
 class PeopleTracker:
     """Follows people through a take; see `track_people`."""
 
-    def __init__(self, cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions, fps: float) -> None:
+    def __init__(self, cameras: CameraGroup, keypoints: Keypoints2D, options: TrackingOptions, fps: float) -> None:
         self._cameras, self._keypoints, self._options, self._fps = cameras, keypoints, options, fps
         self._centers = cameras.centers_world
         self._mirror = np.array(keypoints.landmarks.mirror)
@@ -110,7 +110,7 @@ class PeopleTracker:
         for body in bodies:
             self._backwards(body)
         self._bridge(bodies)
-        return without_doubles(bodies, self._keypoints.landmarks)
+        return deduplicate(bodies, self._keypoints.landmarks)
 
     def _load(self, t: int) -> None:
         """Rays of the frames around t."""
@@ -430,18 +430,18 @@ class PeopleTracker:
 
 
 def track_people(
-    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions | None = None, fps: float = 30.0
+    cameras: CameraGroup, keypoints: Keypoints2D, options: TrackingOptions | None = None, fps: float = 30.0
 ) -> list[IntArray]:
     """The slots (C, T) of everyone whom two cameras see, -1 where a camera does not see them.
 
     Args:
         cameras: C calibrated cameras.
         keypoints: their detections; a slot is a camera's own track, which need not be right.
-        options: see `AssociateOptions`.
+        options: see `TrackingOptions`.
         fps: frames a second.
     """
-    options = options or AssociateOptions()
-    bodies = without_shadows(PeopleTracker(cameras, keypoints, options, fps).run(), keypoints.landmarks)
+    options = options or TrackingOptions()
+    bodies = drop_reflections(PeopleTracker(cameras, keypoints, options, fps).run(), keypoints.landmarks)
     groups = rejoined(bodies, keypoints.landmarks, options.coast, options.same_build, fps)
     frames = keypoints.points_px.shape[1]
     found = []
@@ -453,7 +453,7 @@ def track_people(
     return found
 
 
-def _least_frames(options: AssociateOptions, wanted: float, frames: int) -> float:
+def _least_frames(options: TrackingOptions, wanted: float, frames: int) -> float:
     """In how many of a take's frames two cameras have to see somebody."""
     return min(max(options.min_frames, wanted), max(1, frames // 4))
 

@@ -49,7 +49,7 @@ def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: float, same_buil
     Args:
         bodies: in any order.
         landmarks: what their landmarks are; its edges are the limbs that builds are compared by.
-        coast, same_build: see `people_tracking.AssociateOptions`.
+        coast, same_build: see `people_tracking.TrackingOptions`.
         fps: frames a second.
     """
     edges, trunk = np.array(landmarks.edge_indices, dtype=np.int64).reshape(-1, 2), _trunk(landmarks)
@@ -88,7 +88,7 @@ def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: float, same_buil
     return result
 
 
-def without_doubles(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
+def deduplicate(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
     """The bodies without those that share another's place: two trunks cannot be in one another, but detectors see
     people twice, such as one who lies and their legs."""
     trunk = _trunk(landmarks)
@@ -101,7 +101,7 @@ def without_doubles(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
     return [b for b in bodies if b in kept]
 
 
-def without_shadows(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
+def drop_reflections(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
     """The bodies without those that lie in the floor or beneath it: shadows and reflections, in which detectors see
     people too. As long as somebody stands to tell where the floor is, in a world whose z is up."""
     parts = {n: [k for k, name in enumerate(landmarks.names) if name.endswith(n)] for n in ("shoulder", "ankle")}

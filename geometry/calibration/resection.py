@@ -33,7 +33,7 @@ from muybridge.arrays import FloatArray
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.board.intrinsics import Lens, lens_prior
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, LensPrior, adjust
-from muybridge.geometry.calibration.bundle_adjustment.result import Solved, solved
+from muybridge.geometry.calibration.bundle_adjustment.result import CalibrationResult, solved
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 
@@ -75,7 +75,7 @@ class PointsCalibration:
         notes: sentences on points that do not fit and on what is weakly known.
     """
 
-    solved: Solved
+    solved: CalibrationResult
     notes: tuple[str, ...]
 
 
@@ -163,20 +163,20 @@ def calibrate_points(
     return PointsCalibration(answer, tuple(_notes(answer)))
 
 
-def _off_shares(answer: Solved) -> FloatArray:
+def _off_shares(answer: CalibrationResult) -> FloatArray:
     """(2,) RMS and median error as shares of the image's width, of the camera in the middle."""
     each = np.stack([answer.rms_px, answer.median_px]) / _widths(answer)
     return np.asarray(np.median(np.nan_to_num(each, nan=np.inf), axis=1))
 
 
-def _widths(answer: Solved) -> FloatArray:
+def _widths(answer: CalibrationResult) -> FloatArray:
     return np.array([float(c.width) for c in answer.cameras])
 
 
 def _other_reading(
     known: Mapping[str, KnownPoints],
     sizes: Mapping[str, tuple[int, int]],
-    solve: Callable[[Mapping[str, KnownPoints]], Solved],
+    solve: Callable[[Mapping[str, KnownPoints]], CalibrationResult],
 ) -> tuple[str, FloatArray]:
     """Another reading of the points that fits best, and its `_off_shares`.
 
@@ -212,7 +212,7 @@ def _solve(
     lenses: CameraGroup | None,
     lens: Lens,
     sigma_px: float,
-) -> Solved:
+) -> CalibrationResult:
     """Cameras from known points, however well they fit; arguments as of `calibrate_points`."""
     names = list(known)
     cameras = [_start(n, known[n], sizes[n], lens) if lenses is None else _placed(lenses[n], known[n]) for n in names]
@@ -341,7 +341,7 @@ def _placed(camera: Camera, known: KnownPoints) -> Camera:
     return posed[int(np.argmin(errors))]
 
 
-def _notes(answer: Solved) -> list[str]:
+def _notes(answer: CalibrationResult) -> list[str]:
     notes = []
     names = answer.cameras.names
     for c, camera in enumerate(answer.cameras):

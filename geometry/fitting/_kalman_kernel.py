@@ -30,11 +30,11 @@ from muybridge.geometry.numerics._numba import compiled
 @compiled
 def frame_equations(
     chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray,
-    freedom: float, widen: float, matrix: FloatArray, slope: FloatArray,
+    student_dof: float, widen: float, matrix: FloatArray, slope: FloatArray,
 ) -> float:  # fmt: skip
     """One frame with scalar information (L,) and robust weights; the robust cost.
 
-    `freedom` of 0 is least squares; `widen` is the factor on the variance against which far is measured.
+    `student_dof` of 0 is least squares; `widen` is the factor on the variance against which far is measured.
     """
     j_count, n = len(chain.parents), len(chain.above)
     turns, places, axes = np.empty((j_count, 3, 3)), np.empty((j_count, 3)), np.empty((n - 6, 3))
@@ -52,9 +52,9 @@ def frame_equations(
             e[i] = r[i] + root[i] - targets[landmark, i]
             square += e[i] * e[i]
         far = square * certain / widen
-        if freedom > 0:
-            total += 0.5 * widen * (freedom + 3) * math.log1p(far / freedom)
-            certain *= min(1.0, (freedom + 3) / (freedom + far))
+        if student_dof > 0:
+            total += 0.5 * widen * (student_dof + 3) * math.log1p(far / student_dof)
+            certain *= min(1.0, (student_dof + 3) / (student_dof + far))
         else:
             total += 0.5 * widen * far
         w[0, 0] = w[1, 1] = w[2, 2] = certain
@@ -111,7 +111,7 @@ def move(
 @compiled
 def settle(
     chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray,
-    freedom: float, iterations: int,
+    student_dof: float, iterations: int,
 ) -> float:  # fmt: skip
     """Levenberg-Marquardt on one frame, in place and without a prediction; the cost reached."""
     n = len(chain.above)
@@ -119,7 +119,7 @@ def settle(
     old_root, old_turn, old_angles = root.copy(), turn.copy(), angles.copy()
     damping, best, again = 1e-3, np.inf, False
     for _ in range(iterations):
-        cost = frame_equations(chain, root, turn, angles, targets, information, freedom, 1.0, matrix, slope)
+        cost = frame_equations(chain, root, turn, angles, targets, information, student_dof, 1.0, matrix, slope)
         for k in range(n - 6):
             off = angles[chain.open_joint[k], chain.open_axis[k]] - chain.rest[k]
             cost += 0.5 * chain.prior[k] * off * off
@@ -151,7 +151,7 @@ def settle(
 @compiled
 def track_one(
     chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, rate: FloatArray, spread: FloatArray, targets: FloatArray,
-    information: FloatArray, dt: float, jerkiness: FloatArray, freedom: float, iterations: int,
+    information: FloatArray, dt: float, jerkiness: FloatArray, student_dof: float, iterations: int,
 ) -> None:  # fmt: skip
     """One frame ahead, in place.
 
@@ -163,7 +163,7 @@ def track_one(
         targets: (L, 3) metres; information: (L,) inverse variance, 0 where missing.
         dt: seconds since the frame before.
         jerkiness: (N,) variance of the acceleration.
-        freedom: of the robust loss. iterations: Gauss-Newton steps.
+        student_dof: of the robust loss. iterations: Gauss-Newton steps.
     """
     n = len(chain.above)
     matrix, slope, rows = np.zeros((n, n)), np.empty(n), np.empty((n, n))
@@ -178,7 +178,9 @@ def track_one(
     first_root, first_turn, first_angles = root.copy(), turn.copy(), angles.copy()
     off = np.zeros(n)
     for k in range(iterations):
-        frame_equations(chain, root, turn, angles, targets, information, freedom, 4.0 if k == 0 else 1.0, matrix, slope)
+        frame_equations(
+            chain, root, turn, angles, targets, information, student_dof, 4.0 if k == 0 else 1.0, matrix, slope
+        )
         if k:
             difference(chain, first_root, first_turn, first_angles, root, turn, angles, off)
         for i in range(n):
@@ -253,7 +255,7 @@ def count_far(
 @compiled
 def track(
     chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, rate: FloatArray, spread: FloatArray, targets: FloatArray,
-    information: FloatArray, dt: float, jerkiness: FloatArray, freedom: float, iterations: int, patience: int,
+    information: FloatArray, dt: float, jerkiness: FloatArray, student_dof: float, iterations: int, patience: int,
     roots: FloatArray, turns: FloatArray, all_angles: FloatArray,
 ) -> int:  # fmt: skip
     """`track_one` over (T, L, 3) targets, until the body seems lost: a quarter of the points is far.
@@ -267,7 +269,7 @@ def track(
     """
     for t in range(len(targets)):
         track_one(
-            chain, root, turn, angles, rate, spread, targets[t], information[t], dt, jerkiness, freedom, iterations
+            chain, root, turn, angles, rate, spread, targets[t], information[t], dt, jerkiness, student_dof, iterations
         )
         roots[t], turns[t], all_angles[t] = root, turn, angles
         if t >= patience:

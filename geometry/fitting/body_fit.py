@@ -31,7 +31,7 @@ class FitOptions:
     Attributes:
         rounds: how often weights, pose and lengths are re-estimated in turns.
         steps: Gauss-Newton steps a round.
-        freedom: degrees of freedom of Student's t, the robust loss: smaller trusts far points less.
+        student_dof: degrees of freedom of Student's t, the robust loss: smaller trusts far points less.
         model_sigma: metres, how far a landmark is from its place on a rigid body even if seen perfectly.
         root_acceleration: metres per second squared, standard deviation of the root's acceleration.
         angular_acceleration: radians per second squared, of every angle's.
@@ -45,7 +45,7 @@ class FitOptions:
 
     rounds: int = 3
     steps: int = 2
-    freedom: float = 4.0
+    student_dof: float = 4.0
     model_sigma: float = 0.012
     root_acceleration: float = 6.0
     angular_acceleration: float = 40.0
@@ -108,7 +108,7 @@ def fit_body(points: Points3D, options: FitOptions | None = None) -> BodyFit:
     )
     cleaned = clean_points(inside, options.clean)
     targets, covariance = known_points(cleaned, options.clean.default_sigma)
-    fill = replace(options.clean, unswap=False, hampel_window=0.0, max_gap=np.inf, extrapolate=True)
+    fill = replace(options.clean, unflip=False, hampel_window=0.0, max_gap=np.inf, extrapolate=True)
     filled = smooth_points(cleaned, fill).points_world
     shape = _first_shape(model, filled)
     pose = Pose(*start_pose(model, shape, filled))
@@ -260,7 +260,7 @@ def _weights(
     for _ in range(2):
         ratio = float(np.median(far(scale)[known])) / _CHI2_3_MEDIAN
         scale = float(np.clip(scale * np.clip(ratio, 0.2, 5.0), 0.05, 400.0))
-    weight = (options.freedom + 3) / (options.freedom + far(scale))
+    weight = (options.student_dof + 3) / (options.student_dof + far(scale))
     return scale, np.where(known, np.minimum(weight, 1.0), 0.0)
 
 

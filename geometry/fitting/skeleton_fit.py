@@ -34,7 +34,7 @@ class SkeletonFitOptions:
 
     Attributes:
         sigma: metres, standard deviation of a coordinate; None measures it on the points (`noise_of`).
-        freedom: degrees of freedom of Student's t, the robust loss; 0 is least squares.
+        student_dof: degrees of freedom of Student's t, the robust loss; 0 is least squares.
         root_acceleration: metres per second squared, standard deviation of the root's acceleration.
         angular_acceleration: radians per second squared, of every angle's.
         root_velocity, angular_velocity: metres and radians per second, hold the take back across gaps.
@@ -44,7 +44,7 @@ class SkeletonFitOptions:
     """
 
     sigma: float | None = None
-    freedom: float = 4.0
+    student_dof: float = 4.0
     root_acceleration: float = 20.0
     angular_acceleration: float = 130.0
     root_velocity: float = 3.0
@@ -185,7 +185,7 @@ class OnlineFit:
         else:
             o = self.options
             data = targets[0], information[0]
-            track_one(self._chain, *self._state, *data, 1 / self.fps, self._jerkiness, o.freedom, o.iterations)
+            track_one(self._chain, *self._state, *data, 1 / self.fps, self._jerkiness, o.student_dof, o.iterations)
             known, far = count_far(self._chain, *self._state[:3], *data)
             self._patience -= 1
             if known >= 4 and 4 * far > known and self._patience < 0:
@@ -287,7 +287,7 @@ def _tracked(
         later = slice(at, None)
         here = tuple(p[later] for p in poses)
         at += track(
-            chain, *state, targets[later], information[later], 1 / fps, _jerkiness(chain, options), options.freedom,
+            chain, *state, targets[later], information[later], 1 / fps, _jerkiness(chain, options), options.student_dof,
             options.iterations, patience, *here,
         )  # fmt: skip
         if at < len(targets):
@@ -334,7 +334,7 @@ def _begun(chain: Chain, targets: FloatArray, information: FloatArray, options: 
     for turn in starts:
         state = (place - turn @ middle, turn.copy(), angles.copy())
         settle(chain, *state, targets, information, 0.0, 40)
-        solved.append((settle(chain, *state, targets, information, options.freedom, 20), state))
+        solved.append((settle(chain, *state, targets, information, options.student_dof, 20), state))
     root, turn, angles = min(solved, key=lambda s: s[0])[1]
     spread = np.zeros((n, 3))
     spread[:3, 0], spread[3:, 0] = 0.01**2, 0.1**2
@@ -370,15 +370,15 @@ def take_problem(
     )
 
 
-def _student(square: FloatArray, freedom: float) -> FloatArray:
+def _student(square: FloatArray, student_dof: float) -> FloatArray:
     """Weights from squared distances in units of the variance."""
-    return np.minimum((freedom + 3) / (freedom + square), 1.0) if freedom > 0 else np.ones_like(square)
+    return np.minimum((student_dof + 3) / (student_dof + square), 1.0) if student_dof > 0 else np.ones_like(square)
 
 
 def weighed(problem: Problem, pose: Pose, sigma: float, options: SkeletonFitOptions) -> Problem:
     """The problem with robust weights taken at a pose."""
     error = landmark_positions(problem, pose) - problem.targets
-    weight = _student(np.sum(error**2, axis=-1) / sigma**2, options.freedom)
+    weight = _student(np.sum(error**2, axis=-1) / sigma**2, options.student_dof)
     known = problem.information[..., 0, 0] > 0
     return replace(problem, information=(known * weight / sigma**2)[..., None, None] * np.eye(3))
 
@@ -392,5 +392,5 @@ def _result(
     motion = Motion(given, fps, pose.root, continuous_quat(quat_from_matrix(rotations)))
     at = landmarks_of(chain, pose.root, pose.turn, pose.angles)
     residual = np.linalg.norm(at - points_world, axis=-1)
-    weight = np.nan_to_num(_student(residual**2 / sigma**2, options.freedom))
+    weight = np.nan_to_num(_student(residual**2 / sigma**2, options.student_dof))
     return SkeletonFit(motion, pose.angles, at, residual, weight, sigma)

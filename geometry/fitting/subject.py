@@ -55,7 +55,7 @@ class MarkerFitOptions:
     Attributes:
         noise_m: metres, standard deviation of a measured coordinate.
         slack_m: metres, the same of what skin does beyond the table's `soft`.
-        freedom: of Student's t.
+        student_dof: of Student's t.
         length_m: metres, how far a joint may be from where the statistical body has it.
         limb_m: the same of hips, knees, ankles, shoulders and elbows, whose places motion tells.
         placement: factor on the table's tolerance of markers' places.
@@ -72,7 +72,7 @@ class MarkerFitOptions:
 
     noise_m: float = 0.002
     slack_m: float = 0.003
-    freedom: float = 3.0
+    student_dof: float = 3.0
     length_m: float = 0.0015
     limb_m: float = 0.0015
     placement: float = 0.5
@@ -227,7 +227,7 @@ def scaled_person(
 def follow_take(person: Person, points: FloatArray, fps: float, options: MarkerFitOptions) -> Pose:
     """A first pose of every frame: followed frame by frame."""
     sigma = float(np.median(person.sigma)) + 0.006
-    o = SkeletonFitOptions(sigma, options.freedom, 20.0, 130.0, options.root_velocity, options.angular_velocity)
+    o = SkeletonFitOptions(sigma, options.student_dof, 20.0, 130.0, options.root_velocity, options.angular_velocity)
     fit = fit_online(person.skeleton, points, fps, person.rigging, o)
     return Pose(fit.motion.root_positions_world.copy(), fit.motion.forward()[:, 0, :3, :3].copy(), fit.angles.copy())
 
@@ -244,17 +244,17 @@ def settle_frames(
     pose = Pose(start.root.copy(), start.turn.copy(), np.clip(start.angles, skeleton.lower, skeleton.upper))
     pose.angles[:, 0] = start.angles[:, 0]
     _settle_all(chain, pose.root, pose.turn, pose.angles, np.nan_to_num(points), information,
-                options.freedom if robust else 0.0, _ROUNDS)  # fmt: skip
+                options.student_dof if robust else 0.0, _ROUNDS)  # fmt: skip
     return pose
 
 
 @compiled
 def _settle_all(
-    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray, freedom: float,
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray, student_dof: float,
     rounds: int,
 ) -> None:  # fmt: skip
     for t in range(len(root)):
-        settle(chain, root[t], turn[t], angles[t], targets[t], information[t], freedom, rounds)
+        settle(chain, root[t], turn[t], angles[t], targets[t], information[t], student_dof, rounds)
 
 
 def _prior(table: MarkerBody, options: MarkerFitOptions) -> FloatArray:
@@ -330,5 +330,5 @@ def weights(
     known = np.isfinite(points[..., 0])
     square = np.sum((landmark_positions(problem, pose) - problem.targets) ** 2, axis=-1) / person.sigma**2
     scale = float(np.clip(np.median(square[known]) / _CHI2_3_MEDIAN, 0.1, 400.0))
-    weight = (options.freedom + 3) / (options.freedom + square / scale)
+    weight = (options.student_dof + 3) / (options.student_dof + square / scale)
     return scale, np.where(known, np.minimum(weight, 1.0), 0.0)

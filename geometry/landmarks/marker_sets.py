@@ -65,8 +65,8 @@ class MarkerSet(LandmarkSet):
     @property
     def mirror(self) -> tuple[int, ...]:
         """For each marker the index of its left/right twin by label (itself where there is none)."""
-        swap = {"L": "R", "R": "L"}
-        twins = [swap.get(label[0], label[0]) + label[1:] for label in self.labels]
+        flip = {"L": "R", "R": "L"}
+        twins = [flip.get(label[0], label[0]) + label[1:] for label in self.labels]
         return tuple(self.labels.index(t) if t in self.labels else i for i, t in enumerate(twins))
 
     @property

@@ -71,14 +71,14 @@ def score_centre(
     turns_other: FloatArray,
     places_other: FloatArray,
     rounds: int = 8,
-    freedom: float = 4.0,
+    student_dof: float = 4.0,
 ) -> Centre:
     """The point that two moving bones share (SCoRE), robust against frames in which they do not.
 
     Args:
         turns, places: (T, 3, 3) and (T, 3) metres, world from the first bone; NaN where unknown.
         turns_other, places_other: of the second.
-        rounds: of robust weights (Student's t with `freedom`).
+        rounds: of robust weights (Student's t with `student_dof`).
 
     Raises:
         ValueError: fewer than four frames are known.
@@ -94,13 +94,13 @@ def score_centre(
         value = np.linalg.lstsq(matrix, np.einsum("t,tki,tk->i", weight, design, target), rcond=1e-9)[0]
         square = np.sum((design @ value - target) ** 2, axis=-1)
         scale = max(float(np.median(square)) / 2.366, 1e-12)
-        weight = np.minimum((freedom + 3) / (freedom + square / scale), 1.0)
+        weight = np.minimum((student_dof + 3) / (student_dof + square / scale), 1.0)
     spread = np.linalg.pinv(matrix, rcond=1e-12) * scale
     residual = float(np.sqrt(np.sum(weight * square) / np.sum(weight)))
     return Centre(value[:3], value[3:], residual, np.sqrt(np.maximum(np.diag(spread)[:3], 0.0)))
 
 
-def sphere_centre(points: FloatArray, rounds: int = 30, freedom: float = 4.0) -> tuple[FloatArray, float]:
+def sphere_centre(points: FloatArray, rounds: int = 30, student_dof: float = 4.0) -> tuple[FloatArray, float]:
     """The common centre of the spheres that markers move on.
 
     The start is Gamage and Lasenby's closed form, which noise draws towards the markers where the motion is small; from
@@ -109,7 +109,7 @@ def sphere_centre(points: FloatArray, rounds: int = 30, freedom: float = 4.0) ->
     Args:
         points: (T, K, 3) metres in the axes of the bone that holds the centre; NaN where missing.
         rounds: of Gauss-Newton; 0 is the closed form alone.
-        freedom: of Student's t.
+        student_dof: of Student's t.
 
     Returns:
         (3,) metres, and the standard deviation of the markers' distances from it, metres.
@@ -134,12 +134,12 @@ def sphere_centre(points: FloatArray, rounds: int = 30, freedom: float = 4.0) ->
         return centre, float(np.sqrt(np.mean([np.var(np.linalg.norm(p - centre, axis=-1)) for p in tracks])))
     # The closed form may be so near to the markers that distances lead nowhere: from farther out as well.
     away = centre - origin
-    found = [_by_distances(tracks, origin + k * away, rounds, freedom) for k in (1.0, 2.5, 6.0)]
+    found = [_by_distances(tracks, origin + k * away, rounds, student_dof) for k in (1.0, 2.5, 6.0)]
     return min(found, key=lambda f: f[1])
 
 
 def _by_distances(
-    tracks: list[FloatArray], centre: FloatArray, rounds: int, freedom: float
+    tracks: list[FloatArray], centre: FloatArray, rounds: int, student_dof: float
 ) -> tuple[FloatArray, float]:
     scale, weights = 0.0, [np.ones(len(p)) for p in tracks]
     for _ in range(rounds):
@@ -153,7 +153,7 @@ def _by_distances(
             fixed += (towards * weights[k][:, None]).T @ off
             squares.append(off**2)
         scale = max(float(np.median(np.concatenate(squares))) / 0.4549, 1e-14)
-        weights = [np.minimum((freedom + 1) / (freedom + s / scale), 1.0) for s in squares]
+        weights = [np.minimum((student_dof + 1) / (student_dof + s / scale), 1.0) for s in squares]
         step = np.linalg.solve(matrix + 1e-9 * np.trace(matrix) * np.eye(3), fixed)
         centre = centre + step * min(1.0, 0.1 / max(float(np.linalg.norm(step)), 1e-12))
         if np.linalg.norm(step) < 1e-7:

@@ -27,8 +27,8 @@ class SmoothOptions:
     """How points are cleaned.
 
     Attributes:
-        unswap: exchange a left and a right landmark where they have changed places for a while.
-        swap_share: prior probability that a pair is swapped in a frame; smaller leaves longer bursts alone.
+        unflip: exchange a left and a right landmark where they have changed places for a while.
+        flip_share: prior probability that a pair is swapped in a frame; smaller leaves longer bursts alone.
         hampel_window: seconds to each side of a point that its running median sees; 0 switches it off.
         hampel_sigmas: a point further from it than this many robust standard deviations is dropped.
         hampel_floor: metres; nearer ones are never dropped.
@@ -45,8 +45,8 @@ class SmoothOptions:
         cutoff_hz: of `butterworth`; none: chosen by residual analysis.
     """
 
-    unswap: bool = True
-    swap_share: float = 0.1
+    unflip: bool = True
+    flip_share: float = 0.1
     hampel_window: float = 0.2
     hampel_sigmas: float = 4.0
     hampel_floor: float = 0.04
@@ -105,8 +105,8 @@ def clean_points(points: Points3D, options: SmoothOptions | None = None) -> Poin
     if not points.fps > 0:
         raise ValueError(f"fps must be above zero, not {points.fps}")
     xyz, covariance = known_points(points, options.default_sigma)
-    if options.unswap:
-        xyz, covariance = undo_flips(points.landmarks, xyz, covariance, points.fps, options.swap_share)
+    if options.unflip:
+        xyz, covariance = undo_flips(points.landmarks, xyz, covariance, points.fps, options.flip_share)
     xyz = np.where(_outliers(xyz, points.fps, options)[..., None], np.nan, xyz)
     return replace(points, points_world=xyz, covariance_world=covariance)
 
@@ -194,7 +194,7 @@ def _smooth(
     """
     known = np.isfinite(xyz[..., 0])
     scale, weight = np.ones(xyz.shape[1]), np.ones(known.shape)
-    freedom = 4.0
+    student_dof = 4.0
     out = out_covariance = np.empty(0)
     for k in range(max(options.passes, 1)):
         noise = covariance * (scale / weight)[..., None, None]
@@ -208,7 +208,7 @@ def _smooth(
         scale = np.clip(scale * np.where(np.isfinite(ratio), ratio, 1.0), 0.02, 400.0)
         error = np.where(known[..., None], xyz - out, 0.0)
         solved = np.linalg.solve(covariance * scale[:, None, None], error[..., None])[..., 0]
-        weight = (freedom + 3) / (freedom + np.sum(error * solved, axis=-1))
+        weight = (student_dof + 3) / (student_dof + np.sum(error * solved, axis=-1))
     return out, out_covariance
 
 

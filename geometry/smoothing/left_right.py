@@ -11,7 +11,7 @@ from muybridge.geometry.smoothing._kernel import exchanged_path
 
 
 def undo_flips(
-    landmarks: LandmarkSet, xyz: FloatArray, covariance: FloatArray, fps: float, swap_share: float
+    landmarks: LandmarkSet, xyz: FloatArray, covariance: FloatArray, fps: float, flip_share: float
 ) -> tuple[FloatArray, FloatArray]:
     """Exchange sides where that makes both paths smoother, first of the whole body, then limbs, then pairs.
 
@@ -29,7 +29,7 @@ def undo_flips(
     xyz, covariance = xyz.copy(), covariance.copy()
     left, right = np.array(pairs, dtype=np.intp).T
     limb = np.array([_limb_of(names[i]) for i in left])
-    rare = float(np.log((1 - swap_share) / swap_share))
+    rare = float(np.log((1 - flip_share) / flip_share))
     # The body tells where its front is, and so which leg is which by its hips and which arm by its shoulders.
     hips, shoulders = _facing(landmarks, xyz, ("hip",)), _facing(landmarks, xyz, ("shoulder",))
     of_limb = np.stack([hips, shoulders, np.zeros_like(hips)], axis=1)[:, np.unique(limb)]
@@ -40,8 +40,8 @@ def undo_flips(
         (limb, rare + of_limb),
         (np.arange(len(left)), np.full((1, 1), rare)),
     ):
-        swapped = _swap_paths(xyz[:, left], xyz[:, right], covariance[:, left], group, fps, prior)
-        t, k = np.nonzero(swapped)
+        flipped = _swap_paths(xyz[:, left], xyz[:, right], covariance[:, left], group, fps, prior)
+        t, k = np.nonzero(flipped)
         for array in (xyz, covariance):
             array[t, left[k]], array[t, right[k]] = array[t, right[k]], array[t, left[k]]
     return xyz, covariance

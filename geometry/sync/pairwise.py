@@ -91,8 +91,8 @@ def _window_offsets(
         scale = max(MAD_SIGMA * float(np.median(residual)), 0.05 / fps)
         w = first / (1 + (residual / (2 * scale)) ** 2)
     inverse = np.linalg.pinv((base * w[:, None]).T @ (base * w[:, None]))
-    freedom = max(len(value) - base.shape[1], 1)
-    chi = max(1.0, float(((residual * w) ** 2).sum()) / freedom)
+    student_dof = max(len(value) - base.shape[1], 1)
+    chi = max(1.0, float(((residual * w) ** 2).sum()) / student_dof)
     at = 1 + np.flatnonzero(seen)
     offset[at], spread[at] = estimate, np.sqrt(np.diag(inverse) * chi)
     return offset, spread

@@ -28,7 +28,7 @@ _BODY_PARTS = (
 
 
 @dataclass(frozen=True)
-class SwapOptions:
+class FlipOptions:
     """When left and right are exchanged.
 
     Attributes:
@@ -47,12 +47,12 @@ class SwapOptions:
     parts: tuple[tuple[str, ...], ...] = _BODY_PARTS
 
 
-def repair_swaps(
+def repair_flips(
     cameras: CameraGroup,
     points_px: ArrayLike,
     variance_px2: ArrayLike,
     landmarks: LandmarkSet,
-    options: SwapOptions | None = None,
+    options: FlipOptions | None = None,
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Puts left and right back where one camera contradicts the others.
 
@@ -61,7 +61,7 @@ def repair_swaps(
         points_px: (C, T, J, 2) px of one person; NaN where missing.
         variance_px2: (C, T, J).
         landmarks: says which landmarks are twins.
-        options: see `SwapOptions`.
+        options: see `FlipOptions`.
 
     Returns:
         points_px and variance_px2 with twins exchanged, and (C, T, J) where they were.
@@ -69,7 +69,7 @@ def repair_swaps(
     Raises:
         ValueError: shapes that do not match.
     """
-    options = options or SwapOptions()
+    options = options or FlipOptions()
     px = np.array(points_px, dtype=np.float64)
     variance = np.array(variance_px2, dtype=np.float64)
     if px.ndim != 4 or px.shape[0] != len(cameras) or px.shape[2:] != (len(landmarks), 2):
@@ -84,12 +84,12 @@ def repair_swaps(
         order[twins[:, 0]], order[twins[:, 1]] = twins[:, 1], twins[:, 0]
         for array in (px, variance, total):
             array[flips] = array[flips][:, order]
-        swapped[:, :, twins.ravel()] ^= flips[..., None]
+        flipped[:, :, twins.ravel()] ^= flips[..., None]
 
-    swapped = np.zeros(usable.shape, dtype=np.bool_)
+    flipped = np.zeros(usable.shape, dtype=np.bool_)
     whole = _twins(landmarks, None)
     if not whole.size or len(cameras) < 2 or px.shape[1] == 0:
-        return px, variance, swapped
+        return px, variance, flipped
     body, _ = _flips(cameras, px, total, whole, options)
     exchange(whole, body)
     parts = [twins for twins in (_twins(landmarks, part) for part in options.parts) if twins.size]
@@ -98,7 +98,7 @@ def repair_swaps(
     undone = body & np.any([flips for flips, _ in found], axis=0) if found else body
     for twins, (flips, certain) in zip(parts, found, strict=True):
         exchange(twins, flips | (undone & ~certain))
-    return px, variance, swapped
+    return px, variance, flipped
 
 
 def _twins(landmarks: LandmarkSet, part: Sequence[str] | None) -> IntArray:
@@ -112,7 +112,7 @@ def _twins(landmarks: LandmarkSet, part: Sequence[str] | None) -> IntArray:
 
 
 def _flips(
-    cameras: CameraGroup, px: FloatArray, variance: FloatArray, twins: IntArray, options: SwapOptions
+    cameras: CameraGroup, px: FloatArray, variance: FloatArray, twins: IntArray, options: FlipOptions
 ) -> tuple[BoolArray, BoolArray]:
     """(C, T) whether a camera's twins should be exchanged, and (C, T) whether that could be told."""
     evidence = _view_evidence(cameras, px, variance, twins, options)
@@ -134,7 +134,7 @@ def _bounded(u: FloatArray, bound_sigma: float) -> FloatArray:
 
 
 def _view_evidence(
-    cameras: CameraGroup, px: FloatArray, variance: FloatArray, twins: IntArray, options: SwapOptions
+    cameras: CameraGroup, px: FloatArray, variance: FloatArray, twins: IntArray, options: FlipOptions
 ) -> FloatArray:
     """(T, C, C) half of what crossed labels cost more than matching ones, in squared sigmas; symmetric."""
     count, frames = px.shape[:2]
@@ -178,7 +178,7 @@ def _epipolar_u(
     return u
 
 
-def _time_evidence(px: FloatArray, variance: FloatArray, twins: IntArray, options: SwapOptions) -> FloatArray:
+def _time_evidence(px: FloatArray, variance: FloatArray, twins: IntArray, options: FlipOptions) -> FloatArray:
     """(T - 1, C) the same for one camera's consecutive frames."""
     if px.shape[1] < 2:
         return np.zeros((0, len(px)))

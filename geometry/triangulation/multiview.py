@@ -348,8 +348,8 @@ def _fit_noise(error2: FloatArray, variance: FloatArray) -> tuple[float, float]:
     known = np.isfinite(error2) & np.isfinite(variance)
     views = known.sum(axis=0)
     # A fitted point takes 3 of the 2n numbers: residuals are smaller than errors by this share.
-    freedom = np.where(views >= 2, (2 * views - 3) / np.maximum(2 * views, 1), np.nan)
-    ratio2, base = (error2 / freedom)[known], variance[known]
+    student_dof = np.where(views >= 2, (2 * views - 3) / np.maximum(2 * views, 1), np.nan)
+    ratio2, base = (error2 / student_dof)[known], variance[known]
     if ratio2.size == 0:
         return 0.0, 1.0
 

@@ -30,7 +30,7 @@ def trunk_of(points_world: FloatArray, landmarks: LandmarkSet) -> FloatArray:
     return np.asarray(top - bottom)
 
 
-def vague_points(points_world: FloatArray, covariance_world: FloatArray, landmarks: LandmarkSet) -> BoolArray:
+def uncertain_points(points_world: FloatArray, covariance_world: FloatArray, landmarks: LandmarkSet) -> BoolArray:
     """Points of which a take says next to nothing: two views that were both unsure, or one, of which depth is a guess.
 
     Args:

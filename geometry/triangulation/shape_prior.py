@@ -317,9 +317,9 @@ def _fit_chunk(
     return points, covariance, weight > 0.5
 
 
-def _wider(off2: FloatArray, dimensions: int, freedom: float = 4.0) -> FloatArray:
+def _wider(off2: FloatArray, dimensions: int, student_dof: float = 4.0) -> FloatArray:
     """By how much Student's t widens a variance for a deviation of square `off2`, in variances."""
-    return np.maximum((freedom + off2) / (freedom + dimensions), 1.0)
+    return np.maximum((student_dof + off2) / (student_dof + dimensions), 1.0)
 
 
 def _evidence(points: FloatArray, sight: _Sight, tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

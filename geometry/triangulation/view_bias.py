@@ -34,7 +34,7 @@ _TRUNK = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
 
 
 @dataclass(frozen=True)
-class ViewOffsetOptions:
+class ViewBiasOptions:
     """How a network's habits are learned.
 
     Attributes:
@@ -55,7 +55,7 @@ class ViewOffsetOptions:
 
 
 @dataclass(frozen=True)
-class ViewOffsets:
+class ViewBias:
     """Where landmarks are seen, beside where they are.
 
     Attributes:
@@ -103,7 +103,7 @@ def trunk_axes(points_world: FloatArray, landmarks: LandmarkSet) -> FloatArray |
     return nearest
 
 
-def learn_view_offsets(
+def learn_view_bias(
     cameras: CameraGroup,
     points_px: ArrayLike,
     variance_px2: ArrayLike,
@@ -111,8 +111,8 @@ def learn_view_offsets(
     fps: float,
     found: Triangulation,
     triangulate_options: TriangulateOptions | None = None,
-    options: ViewOffsetOptions | None = None,
-) -> ViewOffsets | None:
+    options: ViewBiasOptions | None = None,
+) -> ViewBias | None:
     """The habits of a network, from one person's take.
 
     Args:
@@ -123,12 +123,12 @@ def learn_view_offsets(
         fps: frames a second.
         found: what `triangulate` made of them.
         triangulate_options: the options that it had.
-        options: see `ViewOffsetOptions`.
+        options: see `ViewBiasOptions`.
 
     Returns:
         None where there are fewer than three cameras, no trunk, or too short a take.
     """
-    options = options or ViewOffsetOptions()
+    options = options or ViewBiasOptions()
     px, variance = np.asarray(points_px, np.float64), np.asarray(variance_px2, np.float64)
     axes = trunk_axes(found.points_world, landmarks)
     useful = np.flatnonzero((found.inlier.sum(0) >= 3).any(1))
@@ -142,7 +142,7 @@ def learn_view_offsets(
         cameras, px[:, some], total, found.inlier[:, some], found.points_world[some], axes[some]
     )
     size, solved = _most_likely(normal / alike, right / alike)
-    offsets = ViewOffsets(landmarks, solved, np.zeros((len(landmarks), 3)), size)
+    offsets = ViewBias(landmarks, solved, np.zeros((len(landmarks), 3)), size)
     # Where a landmark is seen best, its mean has to stay.
     again = triangulate(
         cameras, px[:, some] - offsets.px(cameras, found.points_world[some], axes[some]), variance[:, some],
@@ -154,7 +154,7 @@ def learn_view_offsets(
     seen = np.isfinite(moved).all(-1).any(0)
     common = np.zeros((len(landmarks), 3))
     common[seen] = np.nanmedian(moved[:, seen], axis=0)
-    return ViewOffsets(landmarks, solved, common, size)
+    return ViewBias(landmarks, solved, common, size)
 
 
 def _unit(vector: FloatArray) -> FloatArray:
@@ -208,12 +208,12 @@ def _most_likely(normal: FloatArray, right: FloatArray) -> tuple[float, FloatArr
     return float(_SIZES[best]), mean.reshape(-1, 3, 3)
 
 
-def without_view_offsets(
+def without_view_bias(
     cameras: CameraGroup,
     points_px: ArrayLike,
     variance_px2: ArrayLike,
     found: Triangulation,
-    offsets: ViewOffsets,
+    offsets: ViewBias,
     options: TriangulateOptions | None = None,
 ) -> tuple[FloatArray, Triangulation]:
     """2D points as they would be without the habits, and what they are triangulated to.

@@ -24,7 +24,7 @@ from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore
 from muybridge.infer.session.session import SessionOptions, open_session
 from muybridge.models.keypoints.metadata import keypoint_card
-from muybridge.models.pseudo_labels import save_footage
+from muybridge.models.pseudo_labels import save_pseudo_labels
 
 RESULTS = ("keypoints.onnx", ADAPTED.name, "adapt.json")
 _NEEDED = ("torch", "kornia", "onnx")
@@ -89,7 +89,7 @@ def adapt(
         output = open_output(path / ADAPTED.parent if out is None else out, RESULTS, inputs, overwrite)
         followed = follow(opened, models, StageStore(output.work), run, progress)
         footage = output.work / "footage.npz"
-        save_footage(footage, collect(followed, card, progress))
+        save_pseudo_labels(footage, collect(followed, card, progress))
     made = output.work / "trained"
     code = _train(footage, made, models.keypoints, options)
     if code:

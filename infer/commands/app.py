@@ -23,7 +23,7 @@ from typing import Any, NoReturn
 from muybridge import __version__
 from muybridge.errors import MissingExtraError, MuybridgeError
 from muybridge.extras import extra_of
-from muybridge.infer.runtime.wording import one_line
+from muybridge.infer.commands.remedies import error_line
 
 GROUP = "muybridge.commands"
 _FIRST = ("run", "demo")
@@ -39,7 +39,7 @@ def run_command(argv: Sequence[str]) -> int:
     try:
         return _dispatch(argv)
     except MuybridgeError as error:
-        print(f"error: {one_line(error)}", file=sys.stderr)
+        print(f"error: {error_line(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("interrupted; the same command goes on from the last finished stage", file=sys.stderr)

@@ -11,15 +11,16 @@ from typing import Annotated, Literal
 import tyro
 
 from muybridge.errors import MuybridgeError, SessionError
-from muybridge.geometry.association.select import AssociateOptions
+from muybridge.geometry.association.select import TrackingOptions
 from muybridge.geometry.fitting.body_fit import FitOptions
 from muybridge.geometry.smoothing.kalman import SmoothOptions
-from muybridge.geometry.triangulation.left_right import SwapOptions
+from muybridge.geometry.triangulation.left_right import FlipOptions
 from muybridge.geometry.triangulation.multiview import TriangulateOptions
 from muybridge.geometry.triangulation.shape_prior import PosePriorOptions
-from muybridge.geometry.triangulation.view_bias import ViewOffsetOptions
+from muybridge.geometry.triangulation.view_bias import ViewBiasOptions
+from muybridge.infer.commands.remedies import error_line
 from muybridge.infer.detection.detect import DetectOptions
-from muybridge.infer.detection.refine import SecondLookOptions
+from muybridge.infer.detection.refine import RefinementOptions
 from muybridge.infer.pipelines.demo import run_demo
 from muybridge.infer.pipelines.marker_videos import run_marker_session
 from muybridge.infer.pipelines.videos import RunOptions, run_session, summary
@@ -27,7 +28,6 @@ from muybridge.infer.reconstruction.landmarks import SolveOptions
 from muybridge.infer.reconstruction.marker_videos import MarkerVideoOptions
 from muybridge.infer.results.overlay import OverlayOptions
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.runtime.wording import one_line
 from muybridge.infer.session.session import SessionOptions
 
 _Flat = tyro.conf.arg(name="")
@@ -41,15 +41,15 @@ def run(
     quiet: bool = False,
     session: Annotated[SessionOptions, _Flat] = SessionOptions(),  # noqa: B008 - frozen
     detect: Annotated[DetectOptions, _Flat] = DetectOptions(),  # noqa: B008
-    person: AssociateOptions = AssociateOptions(),  # noqa: B008
-    second_look: SecondLookOptions = SecondLookOptions(),  # noqa: B008
-    swaps: SwapOptions = SwapOptions(),  # noqa: B008
+    person: TrackingOptions = TrackingOptions(),  # noqa: B008
+    refinement: RefinementOptions = RefinementOptions(),  # noqa: B008
+    flips: FlipOptions = FlipOptions(),  # noqa: B008
     triangulate: TriangulateOptions = TriangulateOptions(),  # noqa: B008
-    view_offsets: ViewOffsetOptions = ViewOffsetOptions(),  # noqa: B008
+    view_bias: ViewBiasOptions = ViewBiasOptions(),  # noqa: B008
     pose_prior: PosePriorOptions = PosePriorOptions(),  # noqa: B008
     smooth: SmoothOptions = SmoothOptions(),  # noqa: B008
     fit: FitOptions = FitOptions(),  # noqa: B008
-    least_sure: float | None = SolveOptions.least_sure,
+    min_confidence: float | None = SolveOptions.min_confidence,
     fill_share: float = SolveOptions.fill_share,
     everyone: bool = False,
     refine_cameras: bool = False,
@@ -69,14 +69,14 @@ def run(
         session: how session folders are read.
         detect: 2D landmarks.
         person: which person is followed.
-        second_look: views that lack the person, looked at again where the others know them to be.
-        swaps: left and right, where one camera has exchanged them.
+        refinement: views that lack the person, looked at again where the others know them to be.
+        flips: left and right, where one camera has exchanged them.
         triangulate: 3D points.
-        view_offsets: where the network puts a landmark from this side and from that, learned from the take.
+        view_bias: where the network puts a landmark from this side and from that, learned from the take.
         pose_prior: what the rest of the body and of the take say about a point.
         smooth: points over time.
         fit: skeleton and joint angles.
-        least_sure: a landmark of which no camera is as sure as this, in 0..1, is not taken for measured: people of
+        min_confidence: a landmark of which no camera is as sure as this, in 0..1, is not taken for measured: people of
             whom all cameras have a part alone are not made whole. 0 to take every guess. If not given: 0.5 with our
             network, what its card says with another.
         fill_share: a landmark that the cameras do not agree on is taken from the fitted body in frames where at
@@ -97,9 +97,9 @@ def run(
                 print(run_marker_session(path, place, session, marker_video, overwrite, progress), flush=True)
         return 0
     solve = SolveOptions(
-        person, swaps, triangulate, view_offsets, pose_prior, smooth, fit, least_sure, fill_share, everyone
+        person, flips, triangulate, view_bias, pose_prior, smooth, fit, min_confidence, fill_share, everyone
     )
-    options = RunOptions(session, detect, solve, second_look, overlay, refine_cameras, world, overwrite)
+    options = RunOptions(session, detect, solve, refinement, overlay, refine_cameras, world, overwrite)
     jobs = plan(sessions, out)
     if len(jobs) == 1:
         with Progress(quiet=quiet) as progress:
@@ -140,7 +140,7 @@ def _run_many(jobs: Sequence[tuple[Path, Path | None]], options: RunOptions, qui
             with Progress(quiet=quiet) as progress:
                 print(summary(run_session(path, out, options, progress)), flush=True)
         except MuybridgeError as error:
-            print(f"error: {one_line(error)}", file=sys.stderr, flush=True)
+            print(f"error: {error_line(error)}", file=sys.stderr, flush=True)
             failed.append(path)
         except Exception:
             traceback.print_exc()

@@ -92,7 +92,7 @@ class SmallFrames(NamedTuple):
     difference: Float32Array
 
 
-class Backdrop:
+class BackgroundModel:
     """One camera's background plate, which grows with the frames that it is shown in order, or is known already."""
 
     def __init__(self, letterbox: Letterbox, enabled: bool = True, known: ByteArray | None = None) -> None:

@@ -12,12 +12,12 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.crops import Crops, crops_for_boxes
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.robust import row_median
-from muybridge.infer.detection.background import Backdrop, SmallFrames
+from muybridge.infer.detection.background import BackgroundModel, SmallFrames
 from muybridge.infer.detection.crop_pixels import extract_crops
 from muybridge.infer.detection.exposure import light_up
-from muybridge.infer.detection.orientation import Upright
+from muybridge.infer.detection.orientation import FrameOrientation
 from muybridge.infer.detection.tracker import filled_boxes, smoothed_boxes, smoothing_frames
-from muybridge.infer.networks.external import OtherNetwork
+from muybridge.infer.networks.external import ExternalModel
 from muybridge.infer.networks.keypoints import Expectation, KeypointNetwork, Located
 from muybridge.models.keypoints.decode import DecodedHeatmaps, sigmoid
 from muybridge.models.keypoints.test_time import Series
@@ -68,7 +68,7 @@ class Poses(NamedTuple):
     markers_score: FloatArray
 
     @property
-    def sureness(self) -> FloatArray:
+    def confidence(self) -> FloatArray:
         """(K,) mean score of the landmarks that are there: others may be outside of the picture, or other people's
         models may not know them. As of a third of them where there are fewer: an accident has one or two."""
         there = np.isfinite(self.points_px).all(axis=-1).sum(axis=1)
@@ -84,7 +84,7 @@ class Pictures(NamedTuple):
 
     Attributes:
         frames: (n, H, W, 3) RGB.
-        small: the same as its `Backdrop` sees them; None for networks that do not see the background.
+        small: the same as its `BackgroundModel` sees them; None for networks that do not see the background.
     """
 
     frames: ByteArray
@@ -99,7 +99,7 @@ class PoseReader:
     """
 
     def __init__(
-        self, network: KeypointNetwork | OtherNetwork, camera: Camera | None, upright: Upright, backdrop: Backdrop,
+        self, network: KeypointNetwork | ExternalModel, camera: Camera | None, upright: FrameOrientation, backdrop: BackgroundModel,
         fps: float,
     ) -> None:  # fmt: skip
         self._network = network
@@ -161,7 +161,7 @@ class PoseReader:
         frame: IndexArray,
         track: IntArray,
         poses: Poses,
-        min_sure: float,
+        min_confidence: float,
         change: float,
     ) -> Poses:
         """The poses, read once more where a track's boxes differ much from those of its landmarks.
@@ -171,11 +171,11 @@ class PoseReader:
             frame: (K,) which frame a pose is in.
             track: (K,) which track it belongs to; frames ascend within a track.
             poses: of a first reading.
-            min_sure: mean score from which a pose's own box is believed.
+            min_confidence: mean score from which a pose's own box is believed.
             change: difference in centre or size, relative to the box, from which a box is poor.
         """
         wanted = poses.boxes_px.copy()
-        own, sure = self.own_boxes(poses), poses.sureness >= min_sure
+        own, sure = self.own_boxes(poses), poses.confidence >= min_confidence
         again = np.zeros(len(frame), dtype=np.bool_)
         for number in np.unique(track):
             rows = np.flatnonzero(track == number)
@@ -210,7 +210,7 @@ class PoseReader:
         side = (own[:, 2:] - own[:, :2]).max(axis=1)
         tracks = np.unique(track)
         # Of all landmarks: a box on a part of somebody finds few, and these surely.
-        sureness = {int(t): float(poses.score[track == t].mean()) for t in tracks}
+        confidence = {int(t): float(poses.score[track == t].mean()) for t in tracks}
         gone: set[int] = set()
         for older, younger in [(int(a), int(b)) for i, a in enumerate(tracks) for b in tracks[i + 1 :]]:
             if gone & {older, younger}:
@@ -225,11 +225,13 @@ class PoseReader:
             away = np.where(sure | (sure.sum(axis=1, keepdims=True) < _ENOUGH_SURE), away, np.nan)
             apart = row_median(away, 1) / np.maximum(side[a], side[b])
             if np.isfinite(apart).any() and np.nanmedian(apart) < _SAME_PERSON:
-                gone.add(older if sureness[younger] > sureness[older] + _MUCH_SURER else younger)
+                gone.add(older if confidence[younger] > confidence[older] + _MUCH_SURER else younger)
         return np.array(sorted(gone), dtype=np.int64)
 
 
-def crop_pixels(pictures: Pictures, backdrop: Backdrop, frame: IndexArray, crops: Crops, channels: int) -> ByteArray:
+def crop_pixels(
+    pictures: Pictures, backdrop: BackgroundModel, frame: IndexArray, crops: Crops, channels: int
+) -> ByteArray:
     """(K, S, S, channels) what crops show of their frames (K,): RGB and, of 4 channels, the difference to the
     background."""
     pixels = np.zeros((len(crops), crops.size_px, crops.size_px, channels), dtype=np.uint8)

@@ -18,11 +18,11 @@ from muybridge.arrays import BoolArray, ByteArray
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks.marker_sets import MarkerChoice
 from muybridge.geometry.landmarks.sets import LandmarkSet
-from muybridge.infer.detection.background import Backdrop
+from muybridge.infer.detection.background import BackgroundModel
 from muybridge.infer.detection.exposure import stretch
-from muybridge.infer.detection.orientation import Letterbox, Upright, upright_for
+from muybridge.infer.detection.orientation import FrameOrientation, Letterbox, orientation_for
 from muybridge.infer.detection.pose_estimator import CameraTracks, KeypointOptions, PoseEstimator
-from muybridge.infer.detection.resample import Repeats, hangs
+from muybridge.infer.detection.resample import Repeats, frozen
 from muybridge.infer.networks.external import open_keypoints
 from muybridge.infer.networks.keypoints import SIZES, PeopleNetwork
 from muybridge.infer.runtime.progress import Progress, Task
@@ -121,9 +121,9 @@ class Models:
     model_card: str | None = None
 
     @property
-    def least_sure(self) -> float | None:
+    def min_confidence(self) -> float | None:
         """What the keypoint network's card says of its scores; None for networks of ours."""
-        told = self.metadata["keypoints"].get("least_sure")
+        told = self.metadata["keypoints"].get("min_confidence")
         return None if told is None else float(told)
 
 
@@ -135,13 +135,13 @@ class CameraResult:
         tracks: its landmarks, as its pictures show them.
         proxy: the small copy of its video.
         stage: key and timing.
-        hangs_from: the frame from which its film hangs to its end, if it does.
+        frozen_from: the frame from which its film hangs to its end, if it does.
     """
 
     tracks: CameraTracks
     proxy: Path
     stage: StageResult
-    hangs_from: int | None = None
+    frozen_from: int | None = None
 
     @property
     def plate(self) -> ByteArray | None:
@@ -157,19 +157,19 @@ class CameraResult:
     def repeats(self) -> BoolArray:
         """(T,) the same, and those in which it hangs to its end, which the other cameras tell."""
         own = self.own_repeats
-        return own if self.hangs_from is None else own | (np.arange(len(own)) >= self.hangs_from)
+        return own if self.frozen_from is None else own | (np.arange(len(own)) >= self.frozen_from)
 
     @property
     def alike_from(self) -> int:
         """The frame from which all pictures up to the last are alike; how many there are if none is."""
         return int(self.stage.arrays[_ALIKE_FROM])
 
-    def backdrop(self) -> Backdrop:
+    def backdrop(self) -> BackgroundModel:
         """The background of the whole video, for looking at it again: hung as it was then, since the camera's pose may
         have been refined meanwhile."""
         width, height, angle, long_side = self.stage.facts[_HUNG]
-        letterbox = Letterbox(Upright(width, height, angle), long_side)
-        return Backdrop(letterbox, self.plate is not None, self.plate)
+        letterbox = Letterbox(FrameOrientation(width, height, angle), long_side)
+        return BackgroundModel(letterbox, self.plate is not None, self.plate)
 
 
 def open_models(options: DetectOptions) -> Models:
@@ -230,8 +230,8 @@ def detect(
             for c, name in enumerate(file_names)
         ]
         found = in_threads([w.run for w in work], options.workers, stop)
-    hung = hangs([d.tracks for d in found], [d.alike_from for d in found], session.fps)
-    return [replace(d, hangs_from=start) for d, start in zip(found, hung, strict=True)]
+    hung = frozen([d.tracks for d in found], [d.alike_from for d in found], session.fps)
+    return [replace(d, frozen_from=start) for d, start in zip(found, hung, strict=True)]
 
 
 def is_finished(
@@ -311,7 +311,7 @@ class _CameraWork:
         arrays |= {_REPEATS: repeats, _ALIKE_FROM: np.array(alike_from)} | ({} if plate is None else {_PLATE: plate})
         camera = self.session.level_cameras[self.index]
         long_side = int(self.models.metadata["people"]["input_long_side"])
-        upright = upright_for(camera, camera.width, camera.height)
+        upright = orientation_for(camera, camera.width, camera.height)
         facts = {_HUNG: [upright.width, upright.height, upright.angle, long_side]}
         result = self.store.save(stage, key, arrays, facts, time.perf_counter() - start)
         return CameraResult(_tracks(result, self.models.landmarks), self.proxy, result)

@@ -25,7 +25,7 @@ _GRID_PX = 32
 
 
 @dataclass(frozen=True)
-class Upright:
+class FrameOrientation:
     """A turn of frames about their middle.
 
     Attributes:
@@ -77,18 +77,18 @@ class Upright:
         return np.concatenate([corners.min(axis=1), corners.max(axis=1)], axis=1)
 
 
-def upright_for(camera: Camera | None, width: int, height: int) -> Upright:
+def orientation_for(camera: Camera | None, width: int, height: int) -> FrameOrientation:
     """The turn that puts people's heads up in a camera's frames.
 
     None without a camera, and for one that looks so steeply that heads point all ways.
     """
     if camera is None:
-        return Upright(width, height)
+        return FrameOrientation(width, height)
     up_x, up_y = camera.rotation[:2, 2]
     angle = -float(np.arctan2(up_x, -up_y))
     if np.hypot(up_x, up_y) < _STEEP or abs(angle) < _LEAST_TURN:
         angle = 0.0
-    return Upright(width, height, angle)
+    return FrameOrientation(width, height, angle)
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Letterbox:
         long_side: of the scaled frame before it is turned, px.
     """
 
-    upright: Upright
+    upright: FrameOrientation
     long_side: int
 
     @property

@@ -46,7 +46,7 @@ class PeopleDetector:
         """People in the next frames.
 
         Returns:
-            one entry a frame, boxes in upright px (see `Upright`); None for frames that were not looked at.
+            one entry a frame, boxes in upright px (see `FrameOrientation`); None for frames that were not looked at.
         """
         count = len(frames.pixels)
         found: list[DetectedPeople | None] = [None] * count

@@ -14,9 +14,9 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.landmarks.sets import LandmarkSet
-from muybridge.infer.detection.background import Backdrop
+from muybridge.infer.detection.background import BackgroundModel
 from muybridge.infer.detection.crop_reader import Pictures, PoseReader
-from muybridge.infer.detection.orientation import Letterbox, upright_for
+from muybridge.infer.detection.orientation import Letterbox, orientation_for
 from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
 from muybridge.infer.detection.tracker import BoxSmoother, Tracker, TrackOptions
 from muybridge.infer.networks.external import open_keypoints
@@ -37,7 +37,7 @@ class KeypointOptions:
         refine_crop: crop again where the landmarks' own box differs from the detector's, and keep the surer
             of the two results.
         refine_change: how much it has to differ, in centre or size, relative to the box.
-        min_sure: mean score from which a person's landmarks count as evidence that someone is there. A track that has
+        min_confidence: mean score from which a person's landmarks count as evidence that someone is there. A track that has
             less over all its frames is nobody's, whatever the detector says, unless there is no better one.
     """
 
@@ -46,7 +46,7 @@ class KeypointOptions:
     onnx: OnnxOptions = field(default_factory=OnnxOptions)
     refine_crop: bool = True
     refine_change: float = 0.15
-    min_sure: float = 0.4
+    min_confidence: float = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,9 +166,9 @@ class PoseEstimator:
                 f"frames of {width}x{height} px for camera {camera.name} of {camera.width}x{camera.height}: "
                 "fit the calibration to the video first"
             )
-        upright = upright_for(camera, width, height)
+        upright = orientation_for(camera, width, height)
         letterbox, people = Letterbox(upright, self._people.card.input_long_side), self._options.people
-        backdrop = Backdrop(letterbox, people.background)
+        backdrop = BackgroundModel(letterbox, people.background)
         return _Parts(
             backdrop,
             PeopleDetector(self._people, letterbox, people),
@@ -185,7 +185,7 @@ class PoseEstimator:
         """Everything found so far; T is the number of frames processed, P the slots that were used."""
         looks = -(-self._frames // self._options.people.every)
         min_seen = min(self._options.track.min_seen, looks)
-        least = min_seen, self._options.min_sure
+        least = min_seen, self._options.min_confidence
         return _assemble(self._found, self._frames, self.landmarks, self._markers, least)
 
     def _process_part(self, frames: ByteArray, parts: _Parts) -> None:
@@ -204,9 +204,9 @@ class PoseEstimator:
         options, track = self._options, ids[frame, slot]
         poses = reader(pictures, frame, track, boxes[frame, slot])
         if options.refine_crop:
-            poses = reader.refined(pictures, frame, track, poses, options.min_sure, options.refine_change)
+            poses = reader.refined(pictures, frame, track, poses, options.min_confidence, options.refine_change)
         missed = np.stack([t.missed for t in tracked])[frame, slot]
-        unsure = poses.sureness < options.min_sure
+        unsure = poses.confidence < options.min_confidence
         duplicate = np.isin(track, reader.duplicates(frame, track, poses))
         # What sure landmarks in the last frame say of tracks that the detector has lost sight of.
         own = reader.own_boxes(poses)
@@ -219,13 +219,13 @@ class PoseEstimator:
         frame, slot, poses = frame[keep], slot[keep], poses.select(keep)
         poses = poses._replace(boxes_px=reader.upright.around_in_frame(poses.boxes_px))
         arrays = tuple(values.astype(np.float32) for values in poses)
-        self._found.append(_Found(frame + first, slot, track[keep], seen[frame, slot], poses.sureness, arrays))
+        self._found.append(_Found(frame + first, slot, track[keep], seen[frame, slot], poses.confidence, arrays))
 
 
 class _Parts(NamedTuple):
     """What works on one camera's frames, once their size is known."""
 
-    backdrop: Backdrop
+    backdrop: BackgroundModel
     detector: PeopleDetector
     tracker: Tracker
     reader: PoseReader
@@ -249,9 +249,9 @@ def _assemble(
         for name in ("frame", "slot", "track", "seen", "sure")
     )
     times_seen = np.bincount(track, weights=seen)
-    sureness = np.bincount(track, weights=sure) / np.maximum(np.bincount(track), 1)
+    confidence = np.bincount(track, weights=sure) / np.maximum(np.bincount(track), 1)
     somebody = times_seen >= least[0]
-    somebody &= sureness >= min(least[1], sureness[somebody].max(initial=0))
+    somebody &= confidence >= min(least[1], confidence[somebody].max(initial=0))
     keep = np.flatnonzero(somebody[track])
     frame, slot, track = frame[keep], slot[keep], track[keep]
     used, slot = np.unique(slot, return_inverse=True)

@@ -23,7 +23,7 @@ from muybridge.geometry.sync.clocks import own_frames, synchronised
 from muybridge.infer.detection.crop_reader import Pictures, PoseReader, Poses, body_boxes
 from muybridge.infer.detection.detect import READING_CODE, CameraResult, DetectOptions, Models
 from muybridge.infer.detection.exposure import well_exposed
-from muybridge.infer.detection.orientation import upright_for
+from muybridge.infer.detection.orientation import orientation_for
 from muybridge.infer.detection.pose_estimator import CameraTracks, first_frames, merge_markers, merge_tracks
 from muybridge.infer.detection.resample import in_time
 from muybridge.infer.networks.external import open_keypoints
@@ -41,7 +41,7 @@ _CODE = (
 
 
 @dataclass(frozen=True)
-class SecondLookOptions:
+class RefinementOptions:
     """When a person is looked for again, and what counts as found.
 
     Attributes:
@@ -69,7 +69,7 @@ class SecondLookOptions:
             raise ValueError("expected_sd must be positive, expected_most not negative")
 
 
-class Again(NamedTuple):
+class RefinedTake(NamedTuple):
     """The take with what was found at the second look.
 
     Attributes:
@@ -88,7 +88,7 @@ class Again(NamedTuple):
     stages: dict[str, StageResult]
 
 
-def seeing_views(session: Session, points: Points3D, options: SecondLookOptions) -> BoolArray:
+def seeing_views(session: Session, points: Points3D, options: RefinementOptions) -> BoolArray:
     """(C, T) whether a camera should see enough of the person's landmarks."""
     known = np.isfinite(points.points_world).all(-1)
     result = np.zeros((len(session.cameras), points.points_world.shape[0]), dtype=np.bool_)
@@ -99,7 +99,7 @@ def seeing_views(session: Session, points: Points3D, options: SecondLookOptions)
     return result
 
 
-def missing_views(session: Session, slots: IntArray, points: Points3D, options: SecondLookOptions) -> BoolArray:
+def missing_views(session: Session, slots: IntArray, points: Points3D, options: RefinementOptions) -> BoolArray:
     """(C, T) whether a camera should see the person and has nobody, or somebody else.
 
     Args:
@@ -118,7 +118,7 @@ def missing_views(session: Session, slots: IntArray, points: Points3D, options: 
 
 
 @dataclass(frozen=True)
-class SecondLook:
+class TopDownRefinement:
     """Looks again at a session's videos; see `__call__`.
 
     Attributes:
@@ -138,12 +138,12 @@ class SecondLook:
     models: Models
     store: StageStore
     detect: DetectOptions
-    options: SecondLookOptions
+    options: RefinementOptions
     progress: Progress
 
     def __call__(
         self, slots: IntArray, points: Points3D, expected: Points3D | None = None, number: str = ""
-    ) -> Again | None:
+    ) -> RefinedTake | None:
         """What the cameras find where the person is known to be; None where nothing is new.
 
         Args:
@@ -169,7 +169,7 @@ class SecondLook:
     def _taken_in(
         self, slots: IntArray, missing: BoolArray, wanted: BoolArray,
         looks: dict[int, StageResult], number: str,
-    ) -> Again | None:  # fmt: skip
+    ) -> RefinedTake | None:  # fmt: skip
         """The take with what the cameras' stages `looks` found."""
         tracks = [d.tracks for d in self.detected]
         extra = max(t.points_px.shape[1] for t in tracks)
@@ -197,7 +197,7 @@ class SecondLook:
              for c, t in enumerate(those)] for those in (tracks, alone)
         )  # fmt: skip
         markers = merge_markers(tracks)
-        return Again(
+        return RefinedTake(
             self._in_step(merge_tracks(tracks)), self._in_step(merge_tracks(alone)),
             None if markers is None else self._in_step(markers), slots,
             {f"2D {self.file_names[c]}{number}, second look": stage for c, stage in looks.items()},
@@ -230,7 +230,7 @@ class SecondLook:
         )
         backdrop = self.detected[c].backdrop()
         hung = self.session.level_cameras[c]
-        reader = PoseReader(network, hung, upright_for(hung, hung.width, hung.height), backdrop, self.session.fps)
+        reader = PoseReader(network, hung, orientation_for(hung, hung.width, hung.height), backdrop, self.session.fps)
         predicted = camera.project_seen(world[wanted])
         # What is beyond the picture's border can't be seen: the crop shows what can.
         within = np.clip(predicted, 0, [camera.width - 1, camera.height - 1])
@@ -252,7 +252,7 @@ class SecondLook:
         away = np.linalg.norm(poses.points_px - predicted, axis=-1)
         side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
         near = row_median(away, 1) < self.options.max_distance * side  # never where nothing is in both
-        arrays = poses._asdict() | {"found": near & (poses.sureness >= self.detect.keypoints.min_sure)}
+        arrays = poses._asdict() | {"found": near & (poses.confidence >= self.detect.keypoints.min_confidence)}
         arrays["boxes_px"] = reader.upright.around_in_frame(poses.boxes_px)
         arrays |= {f"alone_{k}": getattr(alone, k) for k in ("points_px", "variance_px2", "score")}
         return self.store.save(name, key, arrays, {}, time.perf_counter() - start)

@@ -94,7 +94,7 @@ def _pictures_around(new: BoolArray) -> tuple[IndexArray, IndexArray]:
     return pictures[last], pictures[np.minimum(last + 1, len(pictures) - 1)]
 
 
-def hangs(found: Sequence[CameraTracks], alike_from: Sequence[int], fps: float) -> list[int | None]:
+def frozen(found: Sequence[CameraTracks], alike_from: Sequence[int], fps: float) -> list[int | None]:
     """The frame from which each film hangs to its end, None where it does not: pictures that are alike may be of
     somebody who stands still, but not while everybody moves whom another camera has.
 

@@ -31,7 +31,7 @@ _SCORE_RADIUS = 0.04
 _UNKNOWN_LOGIT = 0.0
 
 
-class OtherNetwork:
+class ExternalModel:
     """A model that is described by a card. Gives BODY23; what the model does not know is missing.
 
     Attributes:
@@ -70,7 +70,7 @@ class OtherNetwork:
         self._fixed_batch = isinstance(inputs[self._input].shape[0], int) and inputs[self._input].shape[0]
         self.metadata = {
             "name": card.name, "landmarks": ", ".join(card.names), "decode": card.decode,
-            "least_sure": str(card.least_sure),
+            "min_confidence": str(card.min_confidence),
         }  # fmt: skip
         known = [(j, card.names.index(name)) for j, name in enumerate(BODY23.names) if name in card.names]
         self._ours, self._theirs = (np.array(index) for index in zip(*known, strict=True))
@@ -172,7 +172,7 @@ class OtherNetwork:
 
 def open_keypoints(
     path: Path, card: str | None, options: OnnxOptions, markers: bool = False
-) -> KeypointNetwork | OtherNetwork:
+) -> KeypointNetwork | ExternalModel:
     """Our keypoint network, or another model where there is a card for it.
 
     Args:
@@ -189,4 +189,4 @@ def open_keypoints(
         return KeypointNetwork(path, options, markers)
     if markers:
         raise ModelError(f"{path}: virtual markers come from muybridge's own networks alone; ask for no markers")
-    return OtherNetwork(path, load_card(found), options)
+    return ExternalModel(path, load_card(found), options)

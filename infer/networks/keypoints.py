@@ -27,7 +27,7 @@ from muybridge.models.keypoints.metadata import (
     keypoint_card,
 )
 from muybridge.models.keypoints.mirroring import mean_of_mirrored
-from muybridge.models.keypoints.test_time import Series, turn_where_unsure
+from muybridge.models.keypoints.test_time import Series, test_time_augment
 from muybridge.models.onnx_files.prune_outputs import without_outputs
 from muybridge.models.people.metadata import PeopleModelCard, people_card
 
@@ -161,7 +161,7 @@ class KeypointNetwork:
         card, marked = self.card, None
         maps = self(crops)
         if self._options.turn:
-            alone = turn_where_unsure(self, crops, maps, card, 1, series, tilt=self._flip)
+            alone = test_time_augment(self, crops, maps, card, 1, series, tilt=self._flip)
         else:
             alone = card.decoded(maps[0])
         heatmaps, visibility, *markers = maps

@@ -8,7 +8,7 @@ from muybridge.geometry.sync.clocks import synchronised
 from muybridge.infer.detection.detect import DetectOptions, detect, file_names, first_look, is_finished, open_models
 from muybridge.infer.detection.pose_estimator import merge_tracks
 from muybridge.infer.detection.resample import in_time
-from muybridge.infer.reconstruction.gravity import stood_up
+from muybridge.infer.reconstruction.gravity import estimate_gravity
 from muybridge.infer.results.folder import open_output
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore
@@ -35,7 +35,7 @@ def session_keypoints(
     folder = open_output(results or session.path / DEFAULT_RESULTS, (), inputs).work
     models, store, names = open_models(options), StageStore(folder), file_names(session.cameras.names)
     first = first_look(options)  # of a run
-    session = stood_up(session, names, models, store, first, progress)
+    session = estimate_gravity(session, names, models, store, first, progress)
     options = first if is_finished(session, names, models, store, first) else options
     found = detect(session, names, models, store, options, progress)
     frames = min(len(d.tracks.points_px) for d in found)

@@ -20,14 +20,14 @@ from muybridge.geometry.cameras.crops import crops_for_boxes
 from muybridge.geometry.sync.clocks import own_frames
 from muybridge.infer.detection.crop_reader import Pictures, body_boxes, crop_pixels
 from muybridge.infer.detection.exposure import well_exposed
-from muybridge.infer.detection.orientation import upright_for
+from muybridge.infer.detection.orientation import orientation_for
 from muybridge.infer.detection.resample import on_time
 from muybridge.infer.pipelines.videos import Followed
 from muybridge.infer.reconstruction.landmarks import Solution
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.video import read_chunks
 from muybridge.models.keypoints.metadata import KeypointModelCard
-from muybridge.models.pseudo_labels import Footage
+from muybridge.models.pseudo_labels import PseudoLabels
 
 # Blocks of frames that what is kept of a take is cut into, and every how manieth is kept from training.
 _BLOCKS, _HELD_OUT = 50, 10
@@ -35,7 +35,7 @@ _STEP_M = 0.01  # how far a point is moved to see how many pixels a metre is the
 
 
 @dataclass(frozen=True)
-class FootageOptions:
+class PseudoLabelOptions:
     """What of a take becomes crops.
 
     Attributes:
@@ -61,8 +61,8 @@ class _Shape(NamedTuple):
 
 
 def collect(
-    followed: Followed, card: KeypointModelCard, progress: Progress, options: FootageOptions = FootageOptions()
-) -> Footage:
+    followed: Followed, card: KeypointModelCard, progress: Progress, options: PseudoLabelOptions = PseudoLabelOptions()
+) -> PseudoLabels:
     """The crops of a session whose people were followed, their virtual markers too.
 
     Args:
@@ -99,13 +99,13 @@ def collect(
         "session": followed.session.name, "cameras": list(followed.session.cameras.names),
         "frames": len(kept), "people": len(people),
     }  # fmt: skip
-    return Footage(crops, landmarks, agreed, held_out, shape.padding, facts)
+    return PseudoLabels(crops, landmarks, agreed, held_out, shape.padding, facts)
 
 
 class _Person:
     """One person's labels: body and markers, smoothed, where known well enough."""
 
-    def __init__(self, solution: Solution, options: FootageOptions) -> None:
+    def __init__(self, solution: Solution, options: PseudoLabelOptions) -> None:
         self.body = solution.points
         both = [(solution.points, solution.measured)]
         if solution.markers is not None:
@@ -133,12 +133,12 @@ class _View(NamedTuple):
         )  # fmt: skip
 
 
-def _views(followed: Followed, c: int, person: _Person, shape: _Shape, options: FootageOptions) -> _View:
+def _views(followed: Followed, c: int, person: _Person, shape: _Shape, options: PseudoLabelOptions) -> _View:
     """Frames in which the camera should see the person whole enough, with labels where they are sure enough."""
     camera = followed.session.cameras[c]
     px = camera.project_seen(person.points)
     body = len(person.body.landmarks)
-    upright = upright_for(followed.session.level_cameras[c], camera.width, camera.height)
+    upright = orientation_for(followed.session.level_cameras[c], camera.width, camera.height)
     boxes = upright.centered_in_frame(body_boxes(upright.to_upright(px[:, :body]), person.body.landmarks))
     side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
     unsure = _sigma_px(camera, person.points, person.covariance) / np.maximum(shape.padding * side, 1)[:, None]
@@ -166,7 +166,7 @@ def _held_out(count: int) -> BoolArray:
 
 
 def _cut(followed: Followed, view: _View, apart: IndexArray, shape: _Shape) -> Iterator[tuple[NDArray[Any], ...]]:
-    """The first arrays of `Footage` of a view, chunk by chunk; the frames `apart` are held out."""
+    """The first arrays of `PseudoLabels` of a view, chunk by chunk; the frames `apart` are held out."""
     session, c = followed.session, view.camera
     camera, count = session.level_cameras[c], len(followed.detected[c].tracks.points_px)
     own = own_frames(session.clocks, c, view.frames, session.fps, count)

@@ -24,12 +24,12 @@ from muybridge.infer.detection.detect import (
     open_models,
 )
 from muybridge.infer.detection.pose_estimator import first_frames, merge_markers, merge_tracks
-from muybridge.infer.detection.refine import SecondLook, SecondLookOptions
+from muybridge.infer.detection.refine import RefinementOptions, TopDownRefinement
 from muybridge.infer.detection.resample import in_time, repeats_notice
 from muybridge.infer.pipelines.warm_up import CompiledAhead
 from muybridge.infer.reconstruction import judge_calibration as calibration_stage
 from muybridge.infer.reconstruction import refine_cameras
-from muybridge.infer.reconstruction.gravity import stood_up
+from muybridge.infer.reconstruction.gravity import estimate_gravity
 from muybridge.infer.reconstruction.landmarks import Solution, SolveOptions, solve
 from muybridge.infer.reconstruction.quality import Quality, assess, unsure_landmarks
 from muybridge.infer.results import write as exports
@@ -55,7 +55,7 @@ class RunOptions:
         session: how the session folder is read.
         detect: 2D landmarks.
         solve: 3D points and motion.
-        second_look: views that lack the person, looked at again where the others know them to be.
+        refinement: views that lack the person, looked at again where the others know them to be.
         overlay: the videos with what was found.
         refine_cameras: make the cameras' poses better by the person first.
         world: whose axes results have: the `calibration`'s, or turned `upright` where its Z axis is not up.
@@ -65,7 +65,7 @@ class RunOptions:
     session: SessionOptions = field(default_factory=SessionOptions)
     detect: DetectOptions = field(default_factory=DetectOptions)
     solve: SolveOptions = field(default_factory=SolveOptions)
-    second_look: SecondLookOptions = field(default_factory=SecondLookOptions)
+    refinement: RefinementOptions = field(default_factory=RefinementOptions)
     overlay: OverlayOptions = field(default_factory=OverlayOptions)
     refine_cameras: bool = False
     world: Literal["calibration", "upright"] = "calibration"
@@ -172,10 +172,10 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
         SessionError: a video gave no frame.
     """
     files = file_names(session.cameras.names)
-    look = options.second_look
+    look = options.refinement
     first = first_look(options.detect) if look.enabled and look.everywhere else options.detect
     with CompiledAhead() as ahead:
-        session = stood_up(session, files, models, store, first, progress, turn=options.world == "upright")
+        session = estimate_gravity(session, files, models, store, first, progress, turn=options.world == "upright")
         detected = detect(session, files, models, store, first, progress)
         ahead.wait(progress)
     session, keypoints, markers = _common(session, detected, progress)
@@ -184,8 +184,8 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
     key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras, session.clocks, session.late)
     session, calibration, before = _calibrated(session, keypoints, key, store, options, progress)
     key = digest(key, session.cameras.cameras)
-    again = SecondLook(session, detected, files, models, store, options.detect, options.second_look, progress)
-    how = options.solve.with_card(models.least_sure)
+    again = TopDownRefinement(session, detected, files, models, store, options.detect, options.refinement, progress)
+    how = options.solve.with_card(models.min_confidence)
     solution = solve(session.cameras, keypoints, session.fps, key, store, how, progress, markers, again)
     progress.say(solution.person)
     for notice in unsure_landmarks(solution):
@@ -295,9 +295,9 @@ def _common(
     for c, found in enumerate(detected):
         if (repeats := repeats_notice(session, c, found.own_repeats)) is not None:
             session = with_notice(session, repeats, progress)
-        if found.hangs_from is not None:
+        if found.frozen_from is not None:
             name = session.videos[c].path.name
-            notice = f"{name} hangs from frame {found.hangs_from} to its end, while others see people move"
+            notice = f"{name} hangs from frame {found.frozen_from} to its end, while others see people move"
             session = with_notice(session, f"{notice}: it is left out there", progress)
     tracks = [in_time(session, c, first_frames(d.tracks, frames), d.repeats) for c, d in enumerate(detected)]
     markers = merge_markers(tracks)

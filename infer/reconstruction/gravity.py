@@ -29,7 +29,7 @@ STAGE = "up"
 _WINDOWS, _SECONDS, _FPS, _WITHIN = 3, 2.0, 12.0, 30.0
 
 
-def stood_up(
+def estimate_gravity(
     session: Session, file_names: Sequence[str], models: Models, store: StageStore, options: DetectOptions,
     progress: Progress, turn: bool = False,
 ) -> Session:  # fmt: skip

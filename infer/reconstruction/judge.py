@@ -4,7 +4,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.association.select import select_person, take_person
-from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions
+from muybridge.geometry.calibration.diagnosis.faults import DiagnosisOptions
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, check_take
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
@@ -13,7 +13,7 @@ _HARDLY = 0.2  # share of frames below which the association has given a camera 
 
 
 def check_keypoints(
-    cameras: CameraGroup, keypoints: Keypoints2D, options: CulpritOptions, fps: float
+    cameras: CameraGroup, keypoints: Keypoints2D, options: DiagnosisOptions, fps: float
 ) -> CalibrationQuality:
     """Judge cameras by everyone's landmarks, of whom one person is followed.
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions, CulpritReport, Fault
+from muybridge.geometry.calibration.diagnosis.faults import CalibrationDiagnosis, DiagnosisOptions, Fault
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, ImagePicture, Plan
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
@@ -41,7 +41,7 @@ def judge(
         return unpacked(cameras, stored.arrays, stored.facts), stored
     start = time.perf_counter()
     try:
-        quality = check_keypoints(cameras, keypoints, CulpritOptions(), fps)
+        quality = check_keypoints(cameras, keypoints, DiagnosisOptions(), fps)
     except MuybridgeError:
         return None, None
     arrays, facts = packed(quality)
@@ -61,12 +61,12 @@ def packed(quality: CalibrationQuality) -> tuple[dict[str, NDArray[Any]], dict[s
         "fitted": quality.fitted,
         "covered": [p.covered for p in quality.pictures],
         "plan": {n: float(getattr(quality.plan, n)) for n in ("cell", "height", "seen_by_three")},
-        "culprits": None,
+        "diagnosis": None,
     }
-    report = quality.culprits
+    report = quality.diagnosis
     if report is not None:
-        arrays |= {f"culprits_{n}": np.asarray(getattr(report, n)) for n in ("probability", "evidence", "shifts")}
-        facts["culprits"] = {
+        arrays |= {f"diagnosis_{n}": np.asarray(getattr(report, n)) for n in ("probability", "evidence", "shifts")}
+        facts["diagnosis"] = {
             "faults": [asdict(f) for f in report.faults],
             "order": list(report.order),
             "files": list(report.files),
@@ -86,8 +86,8 @@ def unpacked(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str
     )
     plan = facts["plan"]
     report = None
-    if facts["culprits"] is not None:
-        report = _report(cameras, arrays, facts["culprits"])
+    if facts["diagnosis"] is not None:
+        report = _report(cameras, arrays, facts["diagnosis"])
     return CalibrationQuality(
         cameras=cameras,
         source=facts["source"],
@@ -98,25 +98,25 @@ def unpacked(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str
             plan["seen_by_three"],
         ),
         fitted=facts["fitted"],
-        culprits=report,
+        diagnosis=report,
     )  # fmt: skip
 
 
-def _report(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str, Any]) -> CulpritReport:
+def _report(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str, Any]) -> CalibrationDiagnosis:
     corrected = tuple(
         Camera(c.name, model, c.width, c.height, tuple(params), np.array(pose))
         for c, (model, params, pose) in zip(cameras, facts["cameras"], strict=True)
     )
-    return CulpritReport(
+    return CalibrationDiagnosis(
         names=cameras.names,
         faults=tuple(_fault(f) for f in facts["faults"]),
-        probability=arrays["culprits_probability"],
-        evidence=arrays["culprits_evidence"],
+        probability=arrays["diagnosis_probability"],
+        evidence=arrays["diagnosis_evidence"],
         order=tuple(facts["order"]),
         noise_px=facts["noise_px"],
         corrected_px=facts["corrected_px"],
         cameras=CameraGroup(corrected),
-        shifts=arrays["culprits_shifts"],
+        shifts=arrays["diagnosis_shifts"],
         files=tuple(facts["files"]),
         note=facts["note"],
     )

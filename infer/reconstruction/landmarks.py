@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.association.select import AssociateOptions, select_person, take_slots
+from muybridge.geometry.association.select import TrackingOptions, select_person, take_slots
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.fitting.body_fit import FitOptions, fit_body, landmarks_from_motion
 from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
@@ -21,13 +21,13 @@ from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
-from muybridge.geometry.triangulation.left_right import SwapOptions, repair_swaps
+from muybridge.geometry.triangulation.left_right import FlipOptions, repair_flips
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
-from muybridge.geometry.triangulation.plausibility import stretched_limbs, vague_points
+from muybridge.geometry.triangulation.plausibility import stretched_limbs, uncertain_points
 from muybridge.geometry.triangulation.shape_prior import PosePriorOptions, with_pose_prior
 from muybridge.geometry.triangulation.validation import leave_one_out_error
-from muybridge.geometry.triangulation.view_bias import ViewOffsetOptions, learn_view_offsets, without_view_offsets
-from muybridge.infer.detection.refine import Again, SecondLook
+from muybridge.geometry.triangulation.view_bias import ViewBiasOptions, learn_view_bias, without_view_bias
+from muybridge.infer.detection.refine import RefinedTake, TopDownRefinement
 from muybridge.infer.reconstruction.virtual_markers import triangulate_markers
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
@@ -43,7 +43,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 # Of people seen whole our network's surest camera is nearly always over 0.8, of what no picture shows at 0.1 to 0.5.
-LEAST_SURE = 0.5
+MIN_CONFIDENCE = 0.5
 
 
 @dataclass(frozen=True)
@@ -52,43 +52,43 @@ class SolveOptions:
 
     Attributes:
         person: which person is followed.
-        swaps: left and right, where one camera has exchanged them.
+        flips: left and right, where one camera has exchanged them.
         triangulate: 3D points.
-        view_offsets: where the network puts a landmark from this side and from that.
+        view_bias: where the network puts a landmark from this side and from that.
         pose_prior: what the rest of the body and of the take say about a point.
         smooth: points over time.
         fit: the skeleton and its joint angles.
-        least_sure: a landmark of which no camera is as sure as this, in 0..1, is not taken for measured: people of
+        min_confidence: a landmark of which no camera is as sure as this, in 0..1, is not taken for measured: people of
             whom all cameras have a part alone are not made whole. 0 to take every guess; None for what the network's
-            card says, which is `LEAST_SURE` for ours.
+            card says, which is `MIN_CONFIDENCE` for ours.
         fill_share: a landmark that the cameras do not agree on is taken from the fitted body in frames where at
             least this share of the landmarks was measured; above 1, never.
         everyone: follow the other people too.
     """
 
-    person: AssociateOptions = field(default_factory=AssociateOptions)
-    swaps: SwapOptions = field(default_factory=SwapOptions)
+    person: TrackingOptions = field(default_factory=TrackingOptions)
+    flips: FlipOptions = field(default_factory=FlipOptions)
     triangulate: TriangulateOptions = field(default_factory=TriangulateOptions)
-    view_offsets: ViewOffsetOptions = field(default_factory=ViewOffsetOptions)
+    view_bias: ViewBiasOptions = field(default_factory=ViewBiasOptions)
     pose_prior: PosePriorOptions = field(default_factory=PosePriorOptions)
     smooth: SmoothOptions = field(default_factory=SmoothOptions)
     fit: FitOptions = field(default_factory=FitOptions)
-    least_sure: float | None = None
+    min_confidence: float | None = None
     fill_share: float = 0.5
     everyone: bool = False
 
     def __post_init__(self) -> None:
-        if self.least_sure is not None and not 0 <= self.least_sure <= 1:
-            raise ValueError(f"least-sure is {self.least_sure:g}: a score from 0 to 1")
+        if self.min_confidence is not None and not 0 <= self.min_confidence <= 1:
+            raise ValueError(f"least-sure is {self.min_confidence:g}: a score from 0 to 1")
 
     @property
-    def sure_from(self) -> float:
+    def confident_from(self) -> float:
         """The score from which a landmark counts as seen."""
-        return LEAST_SURE if self.least_sure is None else self.least_sure
+        return MIN_CONFIDENCE if self.min_confidence is None else self.min_confidence
 
-    def with_card(self, least_sure: float | None) -> SolveOptions:
+    def with_card(self, min_confidence: float | None) -> SolveOptions:
         """The same, with what the network's card says of its scores where nothing else was asked for."""
-        return self if self.least_sure is not None else replace(self, least_sure=least_sure)
+        return self if self.min_confidence is not None else replace(self, min_confidence=min_confidence)
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Solution:
         measured: the triangulated points.
         unsure: (T, J) where cameras have a landmark and none is sure of it; there it is not measured.
         points: the same, smoothed, with gaps filled.
-        swapped: (C, T, J) where left and right were put back.
+        flipped: (C, T, J) where left and right were put back.
         leave_one_out_px: (C, T, J) see `geometry.triangulation.leave_one_out_error`.
         noise_px: noise that the take shows beyond the network's own variance.
         motion: the fitted skeleton; None where the points did not suffice for one.
@@ -118,7 +118,7 @@ class Solution:
     measured: Points3D
     unsure: BoolArray
     points: Points3D
-    swapped: BoolArray
+    flipped: BoolArray
     leave_one_out_px: FloatArray
     noise_px: float
     motion: Motion | None
@@ -137,7 +137,7 @@ def solve(
     options: SolveOptions,
     progress: Progress,
     markers: Keypoints2D | None = None,
-    look_again: SecondLook | None = None,
+    look_again: TopDownRefinement | None = None,
 ) -> Solution:
     """Follow the person of interest through the take, or everyone.
 
@@ -187,10 +187,10 @@ class _Read(NamedTuple):
     person: StageResult
     sides: StageResult
     cloud: StageResult
-    again: Again | None = None
+    again: RefinedTake | None = None
 
 
-def _read(take: _Take, number: str, person: StageResult, look_again: SecondLook | None) -> _Read:
+def _read(take: _Take, number: str, person: StageResult, look_again: TopDownRefinement | None) -> _Read:
     """One person's 2D landmarks, looked for again where the first 3D points are, and triangulated."""
     sides, cloud = _to_points(take, number, person)
     if look_again is None:
@@ -210,11 +210,11 @@ def _read(take: _Take, number: str, person: StageResult, look_again: SecondLook 
     return _Read(take, person, *_to_points(take, number + _AGAIN, person), again)
 
 
-def _followed(take: _Take, number: str, person: StageResult, look_again: SecondLook | None) -> Solution:
+def _followed(take: _Take, number: str, person: StageResult, look_again: TopDownRefinement | None) -> Solution:
     """One person from 2D landmarks to motion; `number` is appended to the names of the stages."""
     take, person, sides, cloud, again = _read(take, number, person, look_again)
     stage, cameras, keypoints, markers, fps, options = (getattr(take, f.name) for f in fields(take))
-    sure = _sure(person.arrays["score"], sides.arrays["swapped"], keypoints.landmarks, options.sure_from)
+    sure = _sure(person.arrays["score"], sides.arrays["flipped"], keypoints.landmarks, options.confident_from)
     unsure = ~sure & np.isfinite(cloud.arrays["points_world"]).all(-1)
     measured = _as_points(keypoints.landmarks, _only(cloud.arrays, sure), fps)
 
@@ -222,14 +222,14 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
         # Views that were told what the others see agree with them: each has to be asked on its own.
         if again is None:
             return sides.arrays
-        return _sides(cameras, again.alone, _taken(again.alone, again.slots), options.swaps)[0]
+        return _sides(cameras, again.alone, _taken(again.alone, again.slots), options.flips)[0]
 
     left_out = stage(
-        f"left out{number}", [person.key, options.swaps, options.triangulate],
+        f"left out{number}", [person.key, options.flips, options.triangulate],
         lambda: _left_out(cameras, alone(), options.triangulate),
     )  # fmt: skip
     px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
-    given = [cloud.key, options.sure_from]
+    given = [cloud.key, options.confident_from]
     smooth = stage(f"smooth{number}", [*given, options.smooth], lambda: _smooth(measured, options.smooth))
     points = replace(measured, **smooth.arrays)
     motion, no_motion = None, ""
@@ -244,7 +244,7 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
     if markers is not None:
         skin = stage(
             f"markers{number}",
-            [person.key, options.swaps, options.triangulate, options.sure_from],
+            [person.key, options.flips, options.triangulate, options.confident_from],
             lambda: _markers(cameras, person.arrays, keypoints.landmarks, markers, options),
         )
         marked = smooth_points(_as_points(markers.landmarks, skin.arrays, fps), options.smooth)
@@ -255,7 +255,7 @@ def _followed(take: _Take, number: str, person: StageResult, look_again: SecondL
         measured=measured,
         unsure=unsure,
         points=points,
-        swapped=sides.arrays["swapped"],
+        flipped=sides.arrays["flipped"],
         leave_one_out_px=left_out.arrays["leave_one_out_px"],
         noise_px=float(cloud.facts["noise_px"]),
         motion=motion,
@@ -292,12 +292,12 @@ def _to_points(take: _Take, suffix: str, person: StageResult) -> tuple[StageResu
     """The person's landmarks with the sides put back, and triangulated."""
     stage, cameras, options, landmarks = take.stage, take.cameras, take.options, take.keypoints.landmarks
     sides = stage(
-        f"sides{suffix}", [person.key, options.swaps],
-        lambda: _sides(cameras, take.keypoints, person.arrays, options.swaps),
+        f"sides{suffix}", [person.key, options.flips],
+        lambda: _sides(cameras, take.keypoints, person.arrays, options.flips),
     )  # fmt: skip
     px, variance = sides.arrays["points_px"], sides.arrays["variance_px2"]
     cloud = stage(
-        f"points{suffix}", [sides.key, options.triangulate, options.view_offsets, options.pose_prior],
+        f"points{suffix}", [sides.key, options.triangulate, options.view_bias, options.pose_prior],
         lambda: _points(cameras, px, variance, landmarks, take.fps, options),
     )  # fmt: skip
     return sides, cloud
@@ -325,7 +325,7 @@ def _as_points(landmarks: LandmarkSet, measured: Arrays, fps: float) -> Points3D
 
 
 def _select(
-    cameras: CameraGroup, keypoints: Keypoints2D, options: AssociateOptions, fps: float
+    cameras: CameraGroup, keypoints: Keypoints2D, options: TrackingOptions, fps: float
 ) -> tuple[Arrays, Mapping[str, Any]]:
     selection = select_person(cameras, keypoints, options, fps)
     others = [p.slots for p in selection.people[1:] if p.rank > 0]
@@ -335,12 +335,12 @@ def _select(
 
 
 def _sides(
-    cameras: CameraGroup, keypoints: Keypoints2D, person: Arrays, options: SwapOptions
+    cameras: CameraGroup, keypoints: Keypoints2D, person: Arrays, options: FlipOptions
 ) -> tuple[Arrays, Mapping[str, Any]]:
-    points_px, variance_px2, swapped = repair_swaps(
+    points_px, variance_px2, flipped = repair_flips(
         cameras, person["points_px"], person["variance_px2"], keypoints.landmarks, options
     )
-    return {"points_px": points_px, "variance_px2": variance_px2, "swapped": swapped}, {}
+    return {"points_px": points_px, "variance_px2": variance_px2, "flipped": flipped}, {}
 
 
 def _points(
@@ -348,17 +348,17 @@ def _points(
     options: SolveOptions,
 ) -> tuple[Arrays, Mapping[str, Any]]:  # fmt: skip
     found = triangulate(cameras, points_px, variance_px2, options.triangulate)
-    offsets = learn_view_offsets(
-        cameras, points_px, variance_px2, landmarks, fps, found, options.triangulate, options.view_offsets
+    offsets = learn_view_bias(
+        cameras, points_px, variance_px2, landmarks, fps, found, options.triangulate, options.view_bias
     )
     mended = points_px
     if offsets is not None:
-        mended, found = without_view_offsets(cameras, points_px, variance_px2, found, offsets, options.triangulate)
+        mended, found = without_view_bias(cameras, points_px, variance_px2, found, offsets, options.triangulate)
     found = with_pose_prior(
         cameras, mended, variance_px2, landmarks, fps, found, options.triangulate, options.pose_prior
     )
     wrong = stretched_limbs(found.points_world, landmarks)
-    wrong |= vague_points(found.points_world, found.covariance_world, landmarks)
+    wrong |= uncertain_points(found.points_world, found.covariance_world, landmarks)
     # Reports are about what was seen, not about what was made of it.
     residual = np.linalg.norm(cameras.project(found.points_world) - points_px, axis=-1)
     arrays = {
@@ -367,7 +367,7 @@ def _points(
         "residual_px": np.where(np.isfinite(variance_px2), residual, np.nan),
         "inlier": found.inlier,
     }
-    facts = {"noise_px": found.noise_px, "view_offset_size_m": 0.0 if offsets is None else offsets.size_m}
+    facts = {"noise_px": found.noise_px, "view_bias_size_m": 0.0 if offsets is None else offsets.size_m}
     return _only(arrays, ~wrong), facts
 
 
@@ -381,9 +381,9 @@ def _only(measured: Arrays, there: BoolArray) -> dict[str, NDArray[Any]]:
     }
 
 
-def _sure(score: FloatArray, swapped: BoolArray, landmarks: LandmarkSet, least: float) -> BoolArray:
+def _sure(score: FloatArray, flipped: BoolArray, landmarks: LandmarkSet, least: float) -> BoolArray:
     """(T, J) whether a camera is sure of a landmark, by scores (C, T, J) as they were before sides were put back."""
-    own = np.where(swapped, score[..., list(landmarks.mirror)], score)
+    own = np.where(flipped, score[..., list(landmarks.mirror)], score)
     return np.asarray(own.max(axis=0) >= least)
 
 
@@ -397,8 +397,8 @@ def _markers(
 ) -> tuple[Arrays, Mapping[str, Any]]:
     points_px, variance_px2, score = take_slots(markers, person["slots"])
     body = person["points_px"], person["variance_px2"], landmarks
-    found = triangulate_markers(cameras, body, (points_px, variance_px2), options.swaps, options.triangulate)
-    sure = _sure(score, found["swapped"], markers.landmarks, options.sure_from)
+    found = triangulate_markers(cameras, body, (points_px, variance_px2), options.flips, options.triangulate)
+    sure = _sure(score, found["flipped"], markers.landmarks, options.confident_from)
     return _only(found, sure), {}
 
 

@@ -27,7 +27,7 @@ class Quality:
         reprojection_px: median distance of a 2D point to the 3D point's reprojection.
         leave_one_out_px: median distance of a 2D point to what the other cameras say.
         no_point_share: share of 2D points for which the other cameras gave no point.
-        swapped_share: share of 2D points whose left and right were exchanged in one camera and put back.
+        flipped_share: share of 2D points whose left and right were exchanged in one camera and put back.
         noise_px: noise of the 2D points beyond what the network expects, estimated from the take.
         cameras: the same for each camera, by name, with the share of landmarks that it saw.
         landmarks: coverage and median reprojection error of each landmark, by name.
@@ -38,7 +38,7 @@ class Quality:
     reprojection_px: float
     leave_one_out_px: float
     no_point_share: float
-    swapped_share: float
+    flipped_share: float
     noise_px: float
     cameras: Mapping[str, Mapping[str, float]]
     landmarks: Mapping[str, Mapping[str, float]]
@@ -77,7 +77,7 @@ def assess(cameras: CameraGroup, solution: Solution) -> Quality:
         reprojection_px=median(residual),
         leave_one_out_px=left_out.median_px,
         no_point_share=left_out.no_point_share,
-        swapped_share=float(solution.swapped[usable].mean()) if usable.any() else float("nan"),
+        flipped_share=float(solution.flipped[usable].mean()) if usable.any() else float("nan"),
         noise_px=solution.noise_px,
         cameras=by_camera,
         landmarks=by_landmark,
@@ -94,7 +94,7 @@ def unsure_landmarks(solution: Solution) -> list[str]:
             said.append(
                 f"{f'person {number}: ' if solution.others else ''}no camera is sure of {names}, in "
                 f"{person.unsure[:, often].mean():.0%} of the frames: outside of all pictures or always hidden, they "
-                "are left out there (--least-sure 0 keeps what is guessed)"
+                "are left out there (--min-confidence 0 keeps what is guessed)"
             )
     return said
 

@@ -7,11 +7,11 @@ import numpy as np
 
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.association.select import PersonSelection, select_person, take_person
-from muybridge.geometry.association.tracker import AssociateOptions
+from muybridge.geometry.association.tracker import TrackingOptions
 from muybridge.geometry.calibration.people.calibrate import PeopleCalibrationOptions, refine_people
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
-from muybridge.geometry.triangulation.left_right import repair_swaps
+from muybridge.geometry.triangulation.left_right import repair_flips
 from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
@@ -24,7 +24,7 @@ _LEAST_GAIN = 0.1
 # A camera that was turned by two degrees sees everybody elsewhere: if it has the person in less than this share of the
 # frames in which another has them, views count as theirs that lie farther off.
 _HARDLY_SEEN = 0.5
-_FARTHER_OFF = AssociateOptions(gate=0.3, start=0.15, odd_view=0.3)
+_FARTHER_OFF = TrackingOptions(gate=0.3, start=0.15, odd_view=0.3)
 
 
 def refined(
@@ -72,7 +72,7 @@ def person_of(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> Perso
 def _poses(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> tuple[np.ndarray, float, float]:
     """(C, 3, 4) refined poses, and the median leave-one-out error in held-out frames before and after, px."""
     px, variance, _ = take_person(keypoints, person_of(cameras, keypoints, fps))
-    px, variance, _ = repair_swaps(cameras, px, variance, keypoints.landmarks)
+    px, variance, _ = repair_flips(cameras, px, variance, keypoints.landmarks)
     names, options = keypoints.landmarks.names, PeopleCalibrationOptions()
     result = refine_people(cameras, px, variance, names, options).cameras
     middle = px.shape[1] // 2

@@ -11,7 +11,7 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Points3D, select_markers
 from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT, SURFACE, MarkerChoice, MarkerSet
 from muybridge.geometry.landmarks.sets import LandmarkSet
-from muybridge.geometry.triangulation.left_right import SwapOptions, repair_swaps
+from muybridge.geometry.triangulation.left_right import FlipOptions, repair_flips
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
 
 _SETS: dict[MarkerChoice, MarkerSet] = {"plug-in-gait": PLUG_IN_GAIT, "cmu": CMU}
@@ -24,7 +24,7 @@ def triangulate_markers(
     cameras: CameraGroup,
     body: tuple[FloatArray, FloatArray, LandmarkSet],
     markers: tuple[FloatArray, FloatArray],
-    swaps: SwapOptions,
+    flips: FlipOptions,
     options: TriangulateOptions,
 ) -> dict[str, NDArray[Any]]:
     """Markers in 3D, left and right put back with the evidence of markers and body landmarks together.
@@ -33,11 +33,11 @@ def triangulate_markers(
         cameras: C cameras.
         body: the same person's landmarks as they came: (C, T, J, 2) px, (C, T, J) px squared, and what they are.
         markers: (C, T, M, 2) px and (C, T, M) px squared of `SURFACE`.
-        swaps: when sides are exchanged.
+        flips: when sides are exchanged.
         options: of the triangulation.
 
     Returns:
-        `points_world`, `covariance_world`, `residual_px` and `inlier` as in `Points3D`, and `swapped` (C, T, M), where
+        `points_world`, `covariance_world`, `residual_px` and `inlier` as in `Points3D`, and `flipped` (C, T, M), where
         left and right were put back.
     """
     known = len(body[2])
@@ -45,25 +45,25 @@ def triangulate_markers(
     names = tuple(f"{name}_skin" for name in SURFACE.names)
     both = LandmarkSet("body and skin", (*body[2].names, *names), ())
     px, variance = (np.concatenate(pair, axis=2) for pair in zip(body[:2], markers, strict=True))
-    px, variance, swapped = repair_swaps(cameras, px, variance, both, _with_markers(swaps, names))
+    px, variance, flipped = repair_flips(cameras, px, variance, both, _with_markers(flips, names))
     found = triangulate(cameras, px[:, :, known:], variance[:, :, known:], options)
     return {
         "points_world": found.points_world,
         "covariance_world": found.covariance_world,
         "residual_px": found.residual_px,
         "inlier": found.inlier,
-        "swapped": swapped[:, :, known:],
+        "flipped": flipped[:, :, known:],
     }
 
 
-def _with_markers(swaps: SwapOptions, names: tuple[str, ...]) -> SwapOptions:
+def _with_markers(flips: FlipOptions, names: tuple[str, ...]) -> FlipOptions:
     """Arms and legs are exchanged with what sticks to them."""
     plain = sorted({name.removeprefix("left_") for name in names if name.startswith("left_")})
     parts = []
-    for part in swaps.parts:
+    for part in flips.parts:
         regions = _ARM if "wrist" in part else _LEG if "ankle" in part else ()
         parts.append((*part, *(name for name in plain if name.startswith(regions))) if regions else part)
-    return replace(swaps, parts=tuple(parts))
+    return replace(flips, parts=tuple(parts))
 
 
 def marker_set(points: Points3D, choice: MarkerChoice) -> Points3D:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.calibration.diagnosis.faults import KINDS, CulpritReport
+from muybridge.geometry.calibration.diagnosis.faults import KINDS, CalibrationDiagnosis
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, ImagePicture, Plan
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
@@ -19,7 +19,7 @@ _KIND_NAMES = {
 _LONGEST = 1.6  # cells that the longest arrow spans
 
 
-def blamed(report: CulpritReport | None, name: str) -> str:
+def blamed(report: CalibrationDiagnosis | None, name: str) -> str:
     """What is wrong with a camera in a word or two; empty for nothing."""
     if report is None:
         return ""
@@ -28,7 +28,7 @@ def blamed(report: CulpritReport | None, name: str) -> str:
 
 def cameras_table(quality: CalibrationQuality) -> str:
     """One row a camera, the likeliest culprit first where one was looked for."""
-    report = quality.culprits
+    report = quality.diagnosis
     head = [("Camera", "")]
     if report is not None:
         head += [("what is wrong", ""), ("culprit", "how likely this camera is what is wrong with the rig")]
@@ -92,7 +92,7 @@ def _known(value: float, form: str, full: float) -> str:
     return f'<td class="heat" style="--h:{tint:.0f}%">{form.format(value)}</td>'
 
 
-def evidence_table(report: CulpritReport) -> str:
+def evidence_table(report: CalibrationDiagnosis) -> str:
     """How much better the rig would fit with each change to each camera."""
     meaning = "log-likelihood gained over held-out frames if this is put right, less the penalty for its parameters"
     head = [("Camera", ""), *((_KIND_NAMES[k], meaning) for k in KINDS)]
@@ -138,7 +138,7 @@ def _usual(quality: CalibrationQuality, values: Sequence[FloatArray]) -> float:
 
 
 def _blame_caption(quality: CalibrationQuality, camera: Camera) -> str:
-    said = blamed(quality.culprits, camera.name)
+    said = blamed(quality.diagnosis, camera.name)
     return f' <strong class="fault">{html.escape(said)}</strong>' if said else ""
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.files import replacing
-from muybridge.geometry.calibration.bundle_adjustment.result import Solved
+from muybridge.geometry.calibration.bundle_adjustment.result import CalibrationResult
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, check_solved
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.report.calibration_figures import (
@@ -55,7 +55,7 @@ def calibration_findings(quality: CalibrationQuality | None) -> tuple[Finding, .
     found: list[Finding] = []
     if quality is None:
         return ()
-    report = quality.culprits
+    report = quality.diagnosis
     if report is not None:
         found += [Finding("bad", fault.sentence) for fault in report.faults]
         if report.note:
@@ -110,7 +110,7 @@ def _known_findings(quality: CalibrationQuality) -> list[Finding]:
 
 def calibration_section(quality: CalibrationQuality) -> str:
     """Tables and pictures of a calibration, for a page's section."""
-    report = quality.culprits
+    report = quality.diagnosis
     faulty = [] if report is None else [n for f in report.faults for n in f.cameras]
     parts = [
         cameras_table(quality),
@@ -128,10 +128,10 @@ def calibration_section(quality: CalibrationQuality) -> str:
 
 def calibration_in_report(quality: CalibrationQuality | None) -> str:
     """The section of a take's report; empty where the calibration was not judged."""
-    if quality is None or quality.culprits is None:
+    if quality is None or quality.diagnosis is None:
         return ""
-    said = quality.culprits.sentence
-    if quality.culprits.faults:
+    said = quality.diagnosis.sentence
+    if quality.diagnosis.faults:
         said = "No: the sentences at the top say which camera is wrong, and how."
     return (
         '<section id="calibration"><h2>Is the calibration good?</h2>'
@@ -157,7 +157,9 @@ def render_calibration(page: CalibrationPage) -> str:
     return fill_page("calibration.html", parts)
 
 
-def write_solved_page(calibration: Path, title: str, result: Solved, source: str, cameras: CameraGroup) -> str:
+def write_solved_page(
+    calibration: Path, title: str, result: CalibrationResult, source: str, cameras: CameraGroup
+) -> str:
     """Write the page of an adjustment beside the calibration file that it gave; returns the line that says so.
 
     Args:
@@ -194,8 +196,8 @@ def _heading(page: CalibrationPage, said: Sequence[Finding]) -> str:
     if np.isfinite(quality.leave_one_out_px).any():
         meaning = "from one camera to what the others say"
         tiles.append(tile("Leave one out", pixels(_median(quality.leave_one_out_px)), meaning))
-    if quality.culprits is not None and quality.culprits.faults:
-        better = f"{quality.culprits.noise_px:.1f} → {quality.culprits.corrected_px:.1f} px"
+    if quality.diagnosis is not None and quality.diagnosis.faults:
+        better = f"{quality.diagnosis.noise_px:.1f} → {quality.diagnosis.corrected_px:.1f} px"
         tiles.append(tile("If mended", better, "scale of the errors before and after"))
     tiles.append(tile("Seen by three", percent_text(quality.plan.seen_by_three), "of the points that two cameras saw"))
     focal = quality.focal_sd[np.isfinite(quality.focal_sd)]
@@ -211,7 +213,7 @@ def _heading(page: CalibrationPage, said: Sequence[Finding]) -> str:
 
 
 def _verdict(quality: CalibrationQuality, said: Sequence[Finding]) -> tuple[str, str, str]:
-    report = quality.culprits
+    report = quality.diagnosis
     if report is not None and report.faults:
         names = sorted({n for f in report.faults for n in f.cameras})
         return "poor", f"Look at {' and '.join(names)}", report.faults[0].sentence

@@ -52,8 +52,8 @@ class CameraFigures:
         bias_px: (2,) median of 2D point minus reprojection, x and y; NaN if unknown.
         lag_frames: how far this camera's video is ahead: its frame t shows what the others show at
             t + lag_frames; NaN if it cannot be told (too little motion).
-        swapped: share of left-right pairs whose 2D points fit better with their names exchanged.
-        swapped_frame: a frame in the middle of the longest run of exchanged pairs; -1 if there is none.
+        flipped: share of left-right pairs whose 2D points fit better with their names exchanged.
+        flipped_frame: a frame in the middle of the longest run of exchanged pairs; -1 if there is none.
     """
 
     name: str
@@ -66,8 +66,8 @@ class CameraFigures:
     mm_per_px: float
     bias_px: FloatArray
     lag_frames: float
-    swapped: float
-    swapped_frame: int
+    flipped: float
+    flipped_frame: int
 
 
 @dataclass(frozen=True)
@@ -204,9 +204,9 @@ def camera_figures(
         seen: BoolArray = np.isfinite(residual)
         has_2d = seen if keypoints_px is None else _finite(keypoints_px[c])
         loo = np.full(residual.shape, np.nan) if leave_one_out_px is None else leave_one_out_px[c]
-        swapped: BoolArray = np.zeros((0, 0), bool)
+        flipped: BoolArray = np.zeros((0, 0), bool)
         if keypoints_px is not None and projected is not None:
-            swapped = swapped_pairs(keypoints_px[c], projected[c], points.landmarks)
+            flipped = flipped_pairs(keypoints_px[c], projected[c], points.landmarks)
         figures.append(
             CameraFigures(
                 name=camera.name,
@@ -219,8 +219,8 @@ def camera_figures(
                 mm_per_px=float(scale[c]),
                 bias_px=np.full(2, np.nan) if offset is None else nanmedian(offset[c], axis=(0, 1)),
                 lag_frames=float(lags[c]),
-                swapped=_share(swapped),
-                swapped_frame=_middle_of_longest_run(np.asarray(swapped.any(axis=1))) if swapped.size else -1,
+                flipped=_share(flipped),
+                flipped_frame=_middle_of_longest_run(np.asarray(flipped.any(axis=1))) if flipped.size else -1,
             )
         )
     return tuple(figures)
@@ -264,7 +264,7 @@ def lag_frames(offset_px: FloatArray, projected_px: FloatArray | None) -> FloatA
     return lags
 
 
-def swapped_pairs(keypoints_px: FloatArray, projected_px: FloatArray, landmarks: LandmarkSet) -> BoolArray:
+def flipped_pairs(keypoints_px: FloatArray, projected_px: FloatArray, landmarks: LandmarkSet) -> BoolArray:
     """(T, pairs) where the 2D points of a left-right pair fit much better with their names exchanged.
 
     Args:

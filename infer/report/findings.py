@@ -41,7 +41,7 @@ def findings(
     cameras: Sequence[CameraFigures],
     bones: Sequence[BoneFigures],
     warnings: Sequence[str] = (),
-    culprits_known: bool = False,
+    diagnosis_known: bool = False,
 ) -> tuple[Finding, ...]:
     """Everything worth saying about a take, the worst first.
 
@@ -50,7 +50,7 @@ def findings(
         cameras: `report_figures.camera_figures` of it.
         bones: `report_figures.bone_figures` of it.
         warnings: what the run itself warned of; they stand first among their equals.
-        culprits_known: `geometry.calibration.culprits` has said which cameras are turned or out of step, surer than
+        diagnosis_known: `geometry.calibration.culprits` has said which cameras are turned or out of step, surer than
             the signs that are looked for here.
     """
     if coverage(points) == 0.0:
@@ -66,7 +66,7 @@ def findings(
     found = [Finding("look", text) for text in warnings]
     found += _size_findings(bones)
     found += _camera_findings(cameras)
-    found += _sign_findings(cameras, culprits_known)
+    found += _sign_findings(cameras, diagnosis_known)
     found += _gap_findings(points)
     found += _landmark_findings(points, cameras)
     found += _jump_findings(points)
@@ -150,10 +150,10 @@ def _camera_findings(cameras: Sequence[CameraFigures]) -> list[Finding]:
     return found
 
 
-def _sign_findings(cameras: Sequence[CameraFigures], culprits_known: bool) -> list[Finding]:
+def _sign_findings(cameras: Sequence[CameraFigures], diagnosis_known: bool) -> list[Finding]:
     """What the residuals of a camera give away about their cause: a constant shift, a lag, swapped sides."""
     found = []
-    shifted = [c for c in cameras if _is_shifted(c) and not culprits_known]
+    shifted = [c for c in cameras if _is_shifted(c) and not diagnosis_known]
     if shifted:
         each = listed([f"{c.name} by {np.linalg.norm(c.bias_px):.0f} px ({_direction(c)})" for c in shifted])
         most_mm = max(float(np.linalg.norm(c.bias_px)) * c.mm_per_px for c in shifted)
@@ -166,7 +166,7 @@ def _sign_findings(cameras: Sequence[CameraFigures], culprits_known: bool) -> li
             )
         )
     for camera in cameras:
-        if abs(camera.lag_frames) >= 0.5 and not culprits_known:
+        if abs(camera.lag_frames) >= 0.5 and not diagnosis_known:
             ahead = "ahead of" if camera.lag_frames > 0 else "behind"
             found.append(
                 Finding(
@@ -175,13 +175,13 @@ def _sign_findings(cameras: Sequence[CameraFigures], culprits_known: bool) -> li
                     f"cameras: its points are off along the motion. Check that the videos start together.",
                 )
             )
-        if camera.swapped > 0.02:
+        if camera.flipped > 0.02:
             found.append(
                 Finding(
                     "look",
-                    f"{camera.name} takes left for right in {100 * camera.swapped:.0f} % of its left-right "
-                    f"pairs, for instance around frame {camera.swapped_frame}.",
-                    camera.swapped_frame,
+                    f"{camera.name} takes left for right in {100 * camera.flipped:.0f} % of its left-right "
+                    f"pairs, for instance around frame {camera.flipped_frame}.",
+                    camera.flipped_frame,
                 )
             )
     return found

@@ -179,7 +179,7 @@ def _looked_at(
     """Figures of cameras and bones, and what is to be said, the worst first."""
     cameras = camera_figures(data.cameras, data.points, data.keypoints_px, data.leave_one_out_px)
     bones = bone_figures(data.points)
-    report = None if data.calibration is None else data.calibration.culprits
+    report = None if data.calibration is None else data.calibration.diagnosis
     judged = report is not None and bool(np.isfinite(report.noise_px))
     said = (*calibration_findings(data.calibration), *findings(data.points, cameras, bones, data.warnings, judged))
     order = {"bad": 0, "look": 1, "note": 2}

@@ -54,9 +54,9 @@ def session_facts(session: Session) -> dict[str, Any]:
 
 def calibration_facts(calibration: CalibrationQuality | None) -> dict[str, Any] | None:
     """What `run.json` says of the calibration: which camera is wrong, and how."""
-    if calibration is None or calibration.culprits is None:
+    if calibration is None or calibration.diagnosis is None:
         return None
-    report = calibration.culprits
+    report = calibration.diagnosis
     return {
         "sentence": report.sentence,
         "faults": [asdict(f) for f in report.faults],

@@ -138,8 +138,8 @@ def mirrored(
 
 def _other(name: str) -> str:
     """The name on the other side of the body."""
-    swap = {"left_": "right_", "right_": "left_"}
-    return next((swap[s] + name[len(s) :] for s in swap if name.startswith(s)), name)
+    flip = {"left_": "right_", "right_": "left_"}
+    return next((flip[s] + name[len(s) :] for s in flip if name.startswith(s)), name)
 
 
 def apply_corrections(given: SolverInput, answer: NDArray[np.floating]) -> tuple[FloatArray, FloatArray]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
-from muybridge.models.keypoints.left_right import told_apart
+from muybridge.models.keypoints.left_right import disambiguate_left_right
 from muybridge.models.keypoints.patches import patches
 from muybridge.models.uncertainty import SpreadCalibration
 
@@ -89,7 +89,7 @@ def decode_heatmaps(
         score = np.minimum(mass / moments[:, 0], 1.0)
         if twins is not None:
             whole = np.flatnonzero(~in_part(score.reshape(count, landmarks)))
-            moved, cells = told_apart(maps, moments[:, 0], best, whole, twins)
+            moved, cells = disambiguate_left_right(maps, moments[:, 0], best, whole, twins)
             point_uv[moved], mass[moved] = _refine(maps[moved], cells)
             score[moved] = np.minimum(mass[moved] / moments[moved, 0], 1.0)
         # Moments are about the map's middle, for float32's sake.

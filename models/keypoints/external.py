@@ -56,7 +56,7 @@ class ModelCard:
         split_ratio, softmax_scale: of SimCC, see `decode_simcc.decode_simcc`.
         stride, origin_px, logits: of heatmaps, see `decode_simcc.decode_value_heatmaps`.
         spread: calibration of the variance.
-        least_sure: score, in 0..1, of which a camera has to be surer for a landmark to count as seen.
+        min_confidence: score, in 0..1, of which a camera has to be surer for a landmark to count as seen.
     """
 
     name: str
@@ -77,7 +77,7 @@ class ModelCard:
     origin_px: float
     logits: bool
     spread: SpreadCalibration
-    least_sure: float
+    min_confidence: float
 
 
 def shipped_cards() -> dict[str, Path]:
@@ -138,12 +138,12 @@ def load_card(path: Path) -> ModelCard:
             variance.positive("scale", 1.0),
             variance.positive("floor_px2", (_DEFAULT_FLOOR * max(width, height)) ** 2),
         ),
-        least_sure=score.number("least_sure", 0.0),
+        min_confidence=score.number("min_confidence", 0.0),
     )  # fmt: skip
     if min(card.std) <= 0:
         raise image.error("std must be positive")
-    if not 0 <= card.least_sure <= 1:
-        raise score.error(f"least_sure is {card.least_sure}, not from 0 to 1")
+    if not 0 <= card.min_confidence <= 1:
+        raise score.error(f"min_confidence is {card.min_confidence}, not from 0 to 1")
     for section in (model, image, outputs, variance, score, read):
         section.no_more()
     return card

@@ -16,7 +16,7 @@ _LESS_LIKELY = 0.8
 _KNOWN = 0.25
 
 
-def told_apart(
+def disambiguate_left_right(
     maps: Float32Array, total: FloatArray, best: IndexArray, crops: IndexArray,
     twins: IndexArray,
 ) -> tuple[IndexArray, IndexArray]:  # fmt: skip

@@ -35,7 +35,7 @@ class Series(NamedTuple):
     every: int
 
 
-def turn_where_unsure(
+def test_time_augment(
     look: Look[Value], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
     series: Series | None = None, tilt: bool = False,
 ) -> DecodedHeatmaps:  # fmt: skip
@@ -91,7 +91,7 @@ def _turn(
     look: Look[Value], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
     least: FloatArray, unsure: IndexArray, series: Series | None,
 ) -> IntArray:  # fmt: skip
-    """Turns the `unsure` crops, see `turn_where_unsure`; (N,) by how many quarters each is seen best. The doubt of them
+    """Turns the `unsure` crops, see `test_time_augment`; (N,) by how many quarters each is seen best. The doubt of them
     has to be less than `least` (N,), which is changed."""
     quarters = np.zeros(len(crops), dtype=np.int64)
 

@@ -151,8 +151,8 @@ def test_of_twins_in_one_place_the_one_that_may_be_elsewhere_goes_there() -> Non
     for values, before in zip(told, plain, strict=True):
         np.testing.assert_array_equal(values[0, [0, 2]], before[0, [0, 2]])
     # Whichever comes first; and each crop for itself, to the rounding of sums taken in another order.
-    swapped = decode_heatmaps(logits[:, [1, 0, 2]], 4, _PLAIN, twins).points_crop_px
-    np.testing.assert_allclose(swapped[0, [1, 0, 2]], told.points_crop_px[0], atol=1e-5)
+    flipped = decode_heatmaps(logits[:, [1, 0, 2]], 4, _PLAIN, twins).points_crop_px
+    np.testing.assert_allclose(flipped[0, [1, 0, 2]], told.points_crop_px[0], atol=1e-5)
     both = decode_heatmaps(np.concatenate([_logits(sure, sure, alone), logits]), 4, _PLAIN, twins).points_crop_px
     np.testing.assert_allclose(both[1], told.points_crop_px[0], atol=1e-5)
     np.testing.assert_allclose(both[0, 0], both[0, 1])

@@ -46,7 +46,7 @@ class _Shared:
     batch: tuple[Tensor, ...]  # the chunks that the second process takes, of a part one value after the other
 
 
-class Second:
+class GradientWorker:
     """The second process, which starts with the first batch and ends with the block (a context manager), within which
     those that make the batches have to be started.
 
@@ -66,7 +66,7 @@ class Second:
         self._ready, self._idle = False, 0
         self._own_seconds = self._second_seconds = 0.0  # of a chunk
 
-    def __enter__(self) -> "Second":
+    def __enter__(self) -> "GradientWorker":
         if self._tight:
             os.sched_setaffinity(0, self._processors[1:])  # for now, so that all that is started runs there
         return self

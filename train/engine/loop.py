@@ -19,7 +19,7 @@ from muybridge.files import replacing
 from muybridge.models.onnx_files.import_weights import trained_for
 from muybridge.train.engine import precision
 from muybridge.train.engine.curves import write_curves
-from muybridge.train.engine.gradient_worker import Second
+from muybridge.train.engine.gradient_worker import GradientWorker
 from muybridge.train.engine.muon import Optimisers
 from muybridge.train.engine.process_pool import processors
 from muybridge.train.options import Training
@@ -177,7 +177,7 @@ class Fit:
 
     def run(
         self, stream: Iterator[Any], loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]],
-        second: Second | None = None,
+        second: GradientWorker | None = None,
     ) -> None:  # fmt: skip
         """Trains for `options.minutes`. `loss_of(net, batch)` gives the loss and a figure for the log; a batch is
         a tuple that begins with the images. A `second` process may take a part of each."""
@@ -207,7 +207,7 @@ class Fit:
         self._save(losses, rate)
 
     def _step(
-        self, batch: Any, loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]], second: Second | None
+        self, batch: Any, loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]], second: GradientWorker | None
     ) -> float:
         self.net.train()
         self.net.zero_grad(set_to_none=True)

@@ -14,7 +14,7 @@ from muybridge.train.engine.malloc import keep_memory
 from muybridge.train.images.background_pool import make_background_pool
 from muybridge.train.options import Training
 from muybridge.train.synthesis.rendering.store import RenderSet, load_renders, shard_numbers, shard_path
-from muybridge.train.synthesis.rendering.worker import Beside
+from muybridge.train.synthesis.rendering.worker import RenderWorker
 
 # The first shards of a store are never trained on.
 HELD_OUT = range(0, 4)
@@ -34,7 +34,7 @@ def prepared(options: Training) -> Iterator[pathlib.Path]:
     torch.manual_seed(options.seed)
     torch.set_num_threads(options.threads)
     keep_memory()
-    with Beside(options.renders, options.shards, options.seed) as renders:
+    with RenderWorker(options.renders, options.shards, options.seed) as renders:
         if renders.making:
             background_pool(options)  # some minutes, in which the first are made
         renders.wait_for(HELD_OUT.stop + 4)

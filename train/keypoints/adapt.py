@@ -20,7 +20,7 @@ from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Ind
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.models.keypoints.decode import decode_heatmaps
 from muybridge.models.keypoints.network import CHANNELS, STRIDE, KeypointNet
-from muybridge.models.pseudo_labels import Footage
+from muybridge.models.pseudo_labels import PseudoLabels
 from muybridge.models.uncertainty import SpreadCalibration
 from muybridge.train.engine.loop import AveragedWeights, device, learning_rate, placed
 from muybridge.train.engine.precision import autocast
@@ -56,7 +56,7 @@ class Agreement:
 
 @dataclass(frozen=True)
 class View:
-    """Footage as a network sees it.
+    """PseudoLabels as a network sees it.
 
     Attributes:
         footage: what there is.
@@ -64,7 +64,7 @@ class View:
         padding: side of the network's crops over the longer side of the person's box.
     """
 
-    footage: Footage
+    footage: PseudoLabels
     size: int
     padding: float
 

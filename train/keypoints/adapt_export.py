@@ -15,7 +15,7 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.models.keypoints.metadata import KeypointModelCard
 from muybridge.models.keypoints.network import PLATE, KeypointNet
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
-from muybridge.models.pseudo_labels import Footage, load_footage
+from muybridge.models.pseudo_labels import PseudoLabels, load_pseudo_labels
 from muybridge.models.shipped import shipped_model
 from muybridge.train.engine.malloc import keep_memory
 from muybridge.train.keypoints.adapt import Agreement, View, adapted, agreement
@@ -40,7 +40,7 @@ def adapt(options: Adaptation, command: str) -> str:
         SessionError: the network agrees with all cameras no better than before, or so little that they cannot teach
             it; nothing is written.
     """
-    footage = load_footage(options.footage)
+    footage = load_pseudo_labels(options.footage)
     path = options.model or shipped_model("keypoints")
     _, card = load_model(path)
     net = keypoint_net_from_onnx(path)
@@ -72,7 +72,7 @@ def adapt(options: Adaptation, command: str) -> str:
     return f"adapted in {images:,} images: {_change(before, after)}; wrote {options.out / 'keypoints.onnx'}"
 
 
-def _check(footage: Footage, card: KeypointModelCard, net: KeypointNet, options: Adaptation) -> None:
+def _check(footage: PseudoLabels, card: KeypointModelCard, net: KeypointNet, options: Adaptation) -> None:
     landmarks, there = int(net.config["landmarks"]), footage.landmarks_px.shape[1]
     if card.landmarks != BODY23 or there not in (landmarks, len(BODY23)):
         raise ModelError(f"{options.model}: knows {landmarks} landmarks, {options.footage} has {there}: make it again")

@@ -13,7 +13,7 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.models.keypoints.decode import DecodedHeatmaps
 from muybridge.models.keypoints.metadata import BODY_OUTPUTS, KeypointModelCard, keypoint_card
 from muybridge.models.keypoints.mirroring import mean_of_mirrored
-from muybridge.models.keypoints.test_time import turn_where_unsure
+from muybridge.models.keypoints.test_time import test_time_augment
 from muybridge.models.shipped import shipped_model
 from muybridge.train.images.backgrounds import make_backgrounds
 from muybridge.train.images.compositor import WHOLE, Batch, Compositor
@@ -55,7 +55,7 @@ def read_crops(
         return [mean_of_mirrored(a, b, MIRROR) for a, b in zip(once(image), once(image[..., ::-1]), strict=True)]
 
     maps = look(image)
-    found = turn_where_unsure(look, image, maps, card, rows=2, tilt=flip) if turn else card.decoded(maps[0])
+    found = test_time_augment(look, image, maps, card, rows=2, tilt=flip) if turn else card.decoded(maps[0])
     return card.weighed(found, maps[1], flip)
 
 
@@ -107,7 +107,7 @@ def _figures(
 ) -> dict[str, float]:  # fmt: skip
     # Twins that lie on each other can't be told apart by anyone. Eyes and ears are so near to each other that the share
     # of all landmarks looks better than that of the limbs'.
-    swapped = (twin < distance) & visible & (MIRROR != np.arange(len(MIRROR))) & (np.abs(twin - distance) > 0.03 * size)
+    flipped = (twin < distance) & visible & (MIRROR != np.arange(len(MIRROR))) & (np.abs(twin - distance) > 0.03 * size)
     limb = np.broadcast_to(LIMB, visible.shape)
     box = size / 1.25
     near = (distance < 0.05 * box) & visible
@@ -117,9 +117,9 @@ def _figures(
         "PCK@0.05 of the box": float(near.sum() / visible.sum()),
         "PCK@0.05, standard error": _standard_error(near, visible),
         "PCK@0.1 of the box": float((distance[visible] < 0.1 * box).mean()),
-        "left-right swaps": float(swapped[limb].sum() / visible[limb].sum()),
-        "left-right swaps, face too": float(swapped.sum() / visible.sum()),
-        "swaps, standard error": _standard_error(swapped, visible),
+        "left-right swaps": float(flipped[limb].sum() / visible[limb].sum()),
+        "left-right swaps, face too": float(flipped.sum() / visible.sum()),
+        "swaps, standard error": _standard_error(flipped, visible),
         "within 1 sigma (0.683)": float((in_sigma[inside] < 1).mean()),
         "within 2 sigma (0.954)": float((in_sigma[inside] < 2).mean()),
         "within 1 sigma, visible": float((in_sigma[visible] < 1).mean()),

@@ -27,7 +27,7 @@ from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, m
 from muybridge.models.uncertainty import SpreadCalibration
 from muybridge.train.engine import loop
 from muybridge.train.engine.compile import compiled
-from muybridge.train.engine.gradient_worker import Second, pays
+from muybridge.train.engine.gradient_worker import GradientWorker, pays
 from muybridge.train.engine.precision import autocast
 from muybridge.train.images.compositor import WHOLE, Batch, Compositor
 from muybridge.train.keypoints.data_echoing import Echo
@@ -138,7 +138,7 @@ def evaluate(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
         PCK of the same crops made smaller, as those of people seen in part are.
     """
     where = next(net.parameters()).device
-    errors, swaps, losses, smaller = [], [], [], []
+    errors, flips, losses, smaller = [], [], [], []
     side = batches[0].image.shape[-1]
     for batch in batches:
         maps = body_maps(net, batch.pixels.to(where))
@@ -149,12 +149,12 @@ def evaluate(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
         to_twin = (at - twin).norm(dim=-1)
         apart = (batch.landmarks_px - twin).norm(dim=-1) > 0.06 * side
         errors.append(distance[batch.visible])
-        swaps.append((to_twin < distance)[batch.visible & torch.from_numpy(LIMB) & apart])
+        flips.append((to_twin < distance)[batch.visible & torch.from_numpy(LIMB) & apart])
         losses.append(cross_entropy(maps, targets(batch.landmarks_px, *maps.shape[-2:]))[batch.visible])
-    error, swap, small = torch.cat(errors), torch.cat(swaps).float(), torch.cat(smaller)
+    error, flip, small = torch.cat(errors), torch.cat(flips).float(), torch.cat(smaller)
     return {
         "median_px": float(error.median()), "mean_px": float(error.mean()),
-        "pck05": float((error < 0.05 * side).float().mean()), "swaps": float(swap.mean()),
+        "pck05": float((error < 0.05 * side).float().mean()), "flips": float(flip.mean()),
         "held_out_loss": float(torch.cat(losses).mean()), "pck05_smaller": float((small < 0.05 * side).float().mean()),
     }  # fmt: skip
 
@@ -198,10 +198,10 @@ def _network_of(model: pathlib.Path) -> KeypointNet:
     return net
 
 
-def _second(net: KeypointNet, options: KeypointTraining) -> AbstractContextManager[Second | None]:
+def _second(net: KeypointNet, options: KeypointTraining) -> AbstractContextManager[GradientWorker | None]:
     """The second process, if it is wished for and pays."""
     if options.second and pays(options.batch, options.threads, options.minutes):
-        return Second(net, losses_of, options.minutes, options.threads)
+        return GradientWorker(net, losses_of, options.minutes, options.threads)
     return nullcontext()
 
 

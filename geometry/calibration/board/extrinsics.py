@@ -39,7 +39,7 @@ from muybridge.geometry.calibration.bundle_adjustment.adjustment import (
     FreeCamera,
     adjust,
 )
-from muybridge.geometry.calibration.bundle_adjustment.result import Solved, solved
+from muybridge.geometry.calibration.bundle_adjustment.result import CalibrationResult, solved
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 
@@ -85,7 +85,7 @@ class RigCalibration:
         unused: by camera, how many views had too few corners or were none of the board.
     """
 
-    solved: Solved
+    solved: CalibrationResult
     board: Board
     times: IntArray
     world_from_boards: FloatArray
@@ -163,7 +163,7 @@ def _lenses(
 
 def calibrate_lenses(
     board: Board, views: Views, sizes: Mapping[str, tuple[int, int]], options: BoardOptions = BoardOptions()
-) -> Solved:
+) -> CalibrationResult:
     """Lenses alone, each from its own camera's views; all cameras are at the identity.
 
     Args and errors as `calibrate_rig`.
@@ -176,7 +176,7 @@ def calibrate_lenses(
         for m in made
     ]  # fmt: skip
     every = [(t, *v) for m in made for t, v in m.views.items()]
-    return Solved(
+    return CalibrationResult(
         cameras=CameraGroup(tuple(m.camera for m in made)), camera=np.repeat(np.arange(len(made)), counts),
         time=np.concatenate([np.full(len(ids), t) for t, ids, _ in every]),
         point=np.concatenate([ids for _, ids, _ in every]), pixels=np.concatenate([px for _, _, px in every]),

@@ -19,7 +19,7 @@ _LISTED = 8
 
 
 @dataclass(frozen=True)
-class Solved:
+class CalibrationResult:
     """Calibrated cameras with what a report needs of the adjustment that they come from.
 
     Attributes:
@@ -89,8 +89,8 @@ class Solved:
         return [e[np.isfinite(e)] for e in (errors[self.camera == c] for c in range(len(self.cameras)))]
 
 
-def solved(problem: AdjustProblem, result: AdjustResult, time: IntArray, points_world: FloatArray) -> Solved:
-    """`Solved` of an adjustment.
+def solved(problem: AdjustProblem, result: AdjustResult, time: IntArray, points_world: FloatArray) -> CalibrationResult:
+    """`CalibrationResult` of an adjustment.
 
     Args:
         problem: what was adjusted.
@@ -98,7 +98,7 @@ def solved(problem: AdjustProblem, result: AdjustResult, time: IntArray, points_
         time: (N,) moment of each observation.
         points_world: (N, 3) where the observed points are.
     """
-    return Solved(
+    return CalibrationResult(
         cameras=result.cameras, camera=np.asarray(problem.camera), time=np.asarray(time),
         point=np.asarray(problem.point), pixels=np.asarray(problem.pixels), points_world=points_world,
         residuals_px=result.residuals_px, weights=result.weights, covariances=result.covariances,
@@ -119,7 +119,7 @@ class Misfit:
     grave: bool
 
 
-def misfits(result: Solved) -> tuple[Misfit, ...]:
+def misfits(result: CalibrationResult) -> tuple[Misfit, ...]:
     """Cameras with views that do not fit, as where one was moved half-way through; nothing where all is one moment."""
     times = np.unique(result.time)
     if len(times) < 2:
@@ -157,7 +157,7 @@ def image_cells(camera: Camera) -> tuple[int, int]:
     return max(1, round(camera.width / side)), max(1, round(camera.height / side))
 
 
-def table(result: Solved) -> list[str]:
+def table(result: CalibrationResult) -> list[str]:
     """A line a camera: how well the observations fit, and how well focal length and position are known."""
     names = result.cameras.names
     width = max(6, *(len(n) for n in names))

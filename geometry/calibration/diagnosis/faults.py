@@ -59,7 +59,7 @@ _FREE: dict[Kind, BoolArray] = {
 
 
 @dataclass(frozen=True)
-class CulpritOptions:
+class DiagnosisOptions:
     """What is called a fault.
 
     Attributes:
@@ -127,7 +127,7 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class CulpritReport:
+class CalibrationDiagnosis:
     """What was found.
 
     Attributes:
@@ -178,12 +178,12 @@ class _Trial:
     score: float = 0.0
 
 
-def find_culprits(
+def diagnose(
     cameras: CameraGroup,
     points_px: FloatArray,
     variance_px2: FloatArray,
-    options: CulpritOptions = CulpritOptions(),
-) -> CulpritReport:
+    options: DiagnosisOptions = DiagnosisOptions(),
+) -> CalibrationDiagnosis:
     """Cameras ranked by how likely each is what is wrong with a rig, and what is wrong with it.
 
     Args:
@@ -204,7 +204,7 @@ def find_culprits(
     table, probability = np.zeros((count, len(KINDS))), np.zeros(count)
     if take is None:
         nothing = float("nan")
-        return CulpritReport(
+        return CalibrationDiagnosis(
             cameras.names, (), probability, table, tuple(range(count)), nothing, nothing, cameras,
             np.zeros(count), setup.files, note,
         )  # fmt: skip
@@ -234,13 +234,13 @@ def find_culprits(
     for fault in faults:
         probability[[cameras.names.index(n) for n in fault.cameras]] = 1 - np.exp(-fault.evidence)
     order = sorted(range(count), key=lambda c: (-probability[c], -table[c].max()))
-    return CulpritReport(
+    return CalibrationDiagnosis(
         cameras.names, tuple(faults), probability, table, tuple(order), first_noise, last_noise,
         setup.cameras, np.array(setup.shifts), setup.files, note,
     )  # fmt: skip
 
 
-def _search(take: Take, setup: Setup, options: CulpritOptions) -> tuple[float, list[_Trial]]:
+def _search(take: Take, setup: Setup, options: DiagnosisOptions) -> tuple[float, list[_Trial]]:
     """All explanations of what is wrong with a setup; the scale of its errors, px, beside them."""
     cost, noise, errors = weighed([rig_errors(take, setup)])
     found: list[tuple[float, FloatArray, _Trial]] = []
@@ -263,7 +263,7 @@ def _search(take: Take, setup: Setup, options: CulpritOptions) -> tuple[float, l
     return noise, trials
 
 
-def _trials(take: Take, setup: Setup, options: CulpritOptions) -> Iterator[tuple[_Trial, list[FloatArray]]]:
+def _trials(take: Take, setup: Setup, options: DiagnosisOptions) -> Iterator[tuple[_Trial, list[FloatArray]]]:
     """Every explanation, and its errors in the two halves of the frames, each held out from its fit."""
     halves = (take.held, ~take.held)
     for c in range(len(setup.cameras)):
@@ -294,7 +294,7 @@ def _rearranged(count: int) -> Iterator[tuple[int, ...]]:
 
 
 def _shift_trials(
-    take: Take, setup: Setup, c: int, points: FloatArray, options: CulpritOptions
+    take: Take, setup: Setup, c: int, points: FloatArray, options: DiagnosisOptions
 ) -> Iterator[tuple[_Trial, list[FloatArray]]]:
     predicted = setup.cameras[c].project(points)
     most = int(min(options.max_shift, take.px.shape[1] // 4))
@@ -345,7 +345,7 @@ def _person_px(points_px: FloatArray) -> float:
     return float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0
 
 
-def _matters(trial: _Trial, noise_px: float, person_px: float, options: CulpritOptions) -> bool:
+def _matters(trial: _Trial, noise_px: float, person_px: float, options: DiagnosisOptions) -> bool:
     """Whether a change is large enough to be called a fault."""
     least = options.min_score_shift if trial.kind == "shifted" else options.min_score
     if trial.gain <= 0 or trial.score < least:
@@ -446,7 +446,7 @@ def _other(name: str, px: float, evidence: float) -> Fault:
     return Fault("unrelated", (name,), 0.0, 0.0, px, evidence, (), (), sentence)
 
 
-def _one_camera_only(faults: list[Fault], names: tuple[str, ...], options: CulpritOptions) -> list[Fault]:
+def _one_camera_only(faults: list[Fault], names: tuple[str, ...], options: DiagnosisOptions) -> list[Fault]:
     """Several grave faults of one camera are none of them: it shows something else."""
     for name in names:
         own = [f for f in faults if f.cameras == (name,)]
@@ -456,7 +456,7 @@ def _one_camera_only(faults: list[Fault], names: tuple[str, ...], options: Culpr
     return faults
 
 
-def _unrelated(take: Take, setup: Setup, faults: list[Fault], options: CulpritOptions) -> list[Fault]:
+def _unrelated(take: Take, setup: Setup, faults: list[Fault], options: DiagnosisOptions) -> list[Fault]:
     """The camera that nothing puts right, if there is one and nothing was found to be wrong with it."""
     found = []
     for c, camera in enumerate(setup.cameras):

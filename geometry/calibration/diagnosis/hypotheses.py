@@ -1,6 +1,6 @@
 """What would put one camera right, fitted to points that the other cameras know, and how well a rig then fits.
 
-The numerics of `culprits`: a robust pose and focal length of one camera, its shift in time, and the likelihood of
+The numerics of `diagnosis`: a robust pose and focal length of one camera, its shift in time, and the likelihood of
 a take under a rig. Errors follow a bivariate Student distribution, so that wrong 2D points neither draw a fit
 nor decide between two explanations.
 """

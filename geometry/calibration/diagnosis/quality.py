@@ -2,7 +2,7 @@
 
 A small residual is not enough: with few or badly placed points a focal length of any size fits. So the figures
 that matter stand beside it: the standard deviations of focal length and position from the adjustment
-(`adjust`), the share of the image and of the room that was looked at, and which camera disagrees (`culprits`).
+(`adjust`), the share of the image and of the room that was looked at, and which camera disagrees (`diagnosis`).
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
 from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import ADJUSTABLE_MODELS
-from muybridge.geometry.calibration.bundle_adjustment.result import Misfit, Solved, image_cells, misfits
-from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions, CulpritReport, find_culprits
+from muybridge.geometry.calibration.bundle_adjustment.result import CalibrationResult, Misfit, image_cells, misfits
+from muybridge.geometry.calibration.diagnosis.faults import CalibrationDiagnosis, DiagnosisOptions, diagnose
 from muybridge.geometry.calibration.diagnosis.hypotheses import alike
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
@@ -81,7 +81,7 @@ class CalibrationQuality:
         pictures: residuals over each image.
         plan: the room from above.
         fitted: whether the calibration was made from these very observations.
-        culprits: which camera is wrong; None where it was not asked.
+        diagnosis: which camera is wrong; None where it was not asked.
         misfits: cameras with views that do not fit.
     """
 
@@ -96,7 +96,7 @@ class CalibrationQuality:
     pictures: tuple[ImagePicture, ...]
     plan: Plan
     fitted: bool = False
-    culprits: CulpritReport | None = None
+    diagnosis: CalibrationDiagnosis | None = None
     misfits: tuple[Misfit, ...] = ()
 
 
@@ -161,7 +161,7 @@ def check_take(
     cameras: CameraGroup,
     points_px: FloatArray,
     variance_px2: FloatArray,
-    culprits: CulpritOptions | None = CulpritOptions(),  # noqa: B008 - frozen
+    diagnosis: DiagnosisOptions | None = DiagnosisOptions(),  # noqa: B008 - frozen
     source: str = "",
 ) -> CalibrationQuality:
     """Judge a calibration by landmarks of a take.
@@ -170,7 +170,7 @@ def check_take(
         cameras: C cameras.
         points_px: (C, T, J, 2) px of one person, NaN where missing.
         variance_px2: (C, T, J).
-        culprits: how a culprit is looked for; None: it is not.
+        diagnosis: how a culprit is looked for; None: it is not.
         source: phrase for where the landmarks are from.
 
     Raises:
@@ -197,11 +197,11 @@ def check_take(
         position_sd=position_sd,
         pictures=pictures,
         plan=plan_of(cameras, found.points_world.reshape(-1, 3), views.reshape(-1)),
-        culprits=None if culprits is None else find_culprits(cameras, points_px, variance_px2, culprits),
+        diagnosis=None if diagnosis is None else diagnose(cameras, points_px, variance_px2, diagnosis),
     )
 
 
-def check_solved(result: Solved, source: str, cameras: CameraGroup | None = None) -> CalibrationQuality:
+def check_solved(result: CalibrationResult, source: str, cameras: CameraGroup | None = None) -> CalibrationQuality:
     """Judge a calibration by the adjustment that it came from (a board, or known points).
 
     Args:

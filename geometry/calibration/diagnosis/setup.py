@@ -1,4 +1,4 @@
-"""A rig and a take as `culprits` tries them: cameras, whose files they have, and when those begin."""
+"""A rig and a take as `diagnosis` tries them: cameras, whose files they have, and when those begin."""
 
 from __future__ import annotations
 

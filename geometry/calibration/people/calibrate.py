@@ -305,8 +305,8 @@ def _noise(residual_px: FloatArray, relative: FloatArray) -> float:
     """Standard deviation of a point of median quality; each 3D point takes three of its residuals' freedoms."""
     seen = np.isfinite(residual_px)
     views = np.broadcast_to(seen.sum(axis=0), seen.shape)[seen]
-    freedom = np.maximum(1 - 3 / (2 * np.maximum(views, 2)), 0.25)
-    scaled = residual_px[seen] / relative[seen] / np.sqrt(freedom)
+    student_dof = np.maximum(1 - 3 / (2 * np.maximum(views, 2)), 0.25)
+    scaled = residual_px[seen] / relative[seen] / np.sqrt(student_dof)
     return float(max(np.median(scaled) / _RAYLEIGH_MEDIAN, 0.1))
 
 

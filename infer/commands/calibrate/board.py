@@ -20,7 +20,7 @@ from muybridge.geometry.calibration.board.extrinsics import (
     calibrate_rig,
 )
 from muybridge.geometry.calibration.board.intrinsics import FEWEST_CORNERS, FEWEST_VIEWS, View, usable
-from muybridge.geometry.calibration.bundle_adjustment.result import Solved, misfits, table
+from muybridge.geometry.calibration.bundle_adjustment.result import CalibrationResult, misfits, table
 from muybridge.geometry.calibration.gravity import level
 from muybridge.geometry.calibration.world import moved, on_board
 from muybridge.geometry.cameras.group import CameraGroup
@@ -249,7 +249,7 @@ def told(rig: RigCalibration) -> list[str]:
     return lines
 
 
-def _say_lenses(result: Solved) -> None:
+def _say_lenses(result: CalibrationResult) -> None:
     for line in table(result):
         print(re.sub(r"\(reference\)", "no pose    ", line))
     print("lenses only: no camera has a place yet; give this file to `muybridge calibrate board|points` with --lenses")

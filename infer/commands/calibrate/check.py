@@ -8,7 +8,7 @@ import numpy as np
 import tyro
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions
+from muybridge.geometry.calibration.diagnosis.faults import DiagnosisOptions
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
 from muybridge.infer.detection.detect import DetectOptions
@@ -28,7 +28,7 @@ def check(
     session: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SESSION")],
     /,
     out: Path | None = None,
-    options: Annotated[CulpritOptions, _FLAT] = CulpritOptions(),  # noqa: B008 - frozen
+    options: Annotated[DiagnosisOptions, _FLAT] = DiagnosisOptions(),  # noqa: B008 - frozen
     work: Path | None = None,
     read: Annotated[SessionOptions, _FLAT] = SessionOptions(),  # noqa: B008
     detect: Annotated[DetectOptions, _FLAT] = DetectOptions(),  # noqa: B008
@@ -70,7 +70,7 @@ def check(
 
 def told(quality: CalibrationQuality) -> list[str]:
     """What was found, in lines: a sentence, then a line a camera."""
-    report = quality.culprits
+    report = quality.diagnosis
     if report is None:
         raise MuybridgeError("no culprit was looked for")
     rows = [report.sentence]

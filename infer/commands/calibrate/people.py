@@ -16,7 +16,7 @@ from muybridge.geometry.calibration.people.calibrate import (
 )
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
-from muybridge.geometry.triangulation.left_right import repair_swaps
+from muybridge.geometry.triangulation.left_right import repair_flips
 from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
 from muybridge.infer.detection.detect import DetectOptions
@@ -76,7 +76,7 @@ def from_keypoints(
     """
     selection = person_of(cameras, keypoints, fps) if refine else select_person(cameras, keypoints, fps=fps)
     px, variance, score = take_person(keypoints, selection)
-    px, variance, _ = repair_swaps(cameras, px, variance, keypoints.landmarks)
+    px, variance, _ = repair_flips(cameras, px, variance, keypoints.landmarks)
     names = keypoints.landmarks.names
     run = refine_people if refine else calibrate_people
     result = run(cameras, px, variance, names, options)

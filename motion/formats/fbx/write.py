@@ -69,7 +69,15 @@ def _head(motion: Motion) -> list[Node]:
     header.add("FBXVersion", np.int32(VERSION))
     header.add("EncryptionType", np.int32(0))
     stamp = header.add("CreationTimeStamp", children=[])
-    moment = (("Year", 1970), ("Month", 1), ("Day", 1), ("Hour", 10), ("Minute", 0), ("Second", 0), ("Millisecond", 0))
+    moment = (
+        ("Year", 1970),
+        ("Month", 1),
+        ("Day", 1),
+        ("Hour", 10),
+        ("Minute", 0),
+        ("Second", 0),
+        ("Millisecond", 0),
+    )
     for key, value in (("Version", 1000), *moment):
         stamp.add(key, np.int32(value))
     header.add("Creator", f"muybridge {__version__}")

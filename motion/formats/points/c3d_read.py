@@ -107,8 +107,8 @@ class _Reader:
             raise self.error(f"it ends at byte {len(self.data)}, before {at + count * size}: is it cut off?")
         if kind == "f4" and self.dec:
             halves = np.frombuffer(self.data, "<u2", 2 * count, at).reshape(-1, 2)
-            swapped = np.ascontiguousarray(halves[:, ::-1]).view("<f4").ravel()
-            return np.asarray(swapped / 4.0)
+            flipped = np.ascontiguousarray(halves[:, ::-1]).view("<f4").ravel()
+            return np.asarray(flipped / 4.0)
         return np.frombuffer(self.data, self.order + kind, count, at)
 
     def read(self) -> RawC3D:

@@ -45,7 +45,7 @@ from muybridge.geometry.sync.motion import audio_clock, motion_clocks
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.infer.commands.app import run_command
-from scripts.benchmarks.geometry.culprits import balancing
+from scripts.benchmarks.geometry.diagnosis import balancing
 
 _RIGS = 4
 CHECKERS = ("--board", "checkerboard", "--columns", "4", "--rows", "7", "--square", "0.06")

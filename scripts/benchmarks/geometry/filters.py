@@ -63,7 +63,7 @@ def filters(name: str, truth: np.ndarray, fps: float, memory: float) -> None:
     rows[f"butterworth, auto {cutoff:.1f} Hz"] = figures(smooth(noisy, fps, "butterworth"), truth, fps)
     rows["gcv_spline, auto"] = figures(smooth(noisy, fps, "gcv_spline"), truth, fps)
     rows["kalman, auto"] = figures(smooth(noisy, fps, "kalman"), truth, fps)
-    plain = SmoothOptions(unswap=False)
+    plain = SmoothOptions(unflip=False)
     rows["smooth_points, auto"] = figures(smooth_points(as_points(noisy, fps, 0.01), plain).points_world, truth, fps)
     print(f"\n{name}, {'white' if memory == 0 else f'correlated ({memory:g} a frame)'}")
     for what, (position, acceleration) in rows.items():
@@ -81,7 +81,7 @@ def spoiled(truth: np.ndarray, fps: float) -> None:
     ready = fill_gaps(hampel(noisy, 3)[0], fps)
     rows = {f"hampel, fill_gaps, {m}": smooth(ready, fps, m) for m in ("butterworth", "kalman", "gcv_spline")}
     rows["hampel, fill_gaps, butterworth 6 Hz"] = smooth(ready, fps, "butterworth", FilterOptions(cutoff_hz=6.0))
-    rows["smooth_points"] = smooth_points(as_points(noisy, fps, 0.01), SmoothOptions(unswap=False)).points_world
+    rows["smooth_points"] = smooth_points(as_points(noisy, fps, 0.01), SmoothOptions(unflip=False)).points_world
     print("\n60 frames/s, correlated noise, outliers, missing points")
     for what, found in rows.items():
         position, acceleration = figures(found, truth, fps)

@@ -46,7 +46,7 @@ class TakeOptions:
 
     Attributes:
         triangulate: of the single frames.
-        freedom: of Student's t: smaller lets single frames leave the path more readily.
+        student_dof: of Student's t: smaller lets single frames leave the path more readily.
         rounds: how often the path is found anew.
         bone_sigma: metres, least standard deviation of a bone's length.
         recurrences: most other frames that a frame is compared with; 0 switches this off.
@@ -55,7 +55,7 @@ class TakeOptions:
     """
 
     triangulate: TriangulateOptions = field(default_factory=TriangulateOptions)
-    freedom: float = 4.0
+    student_dof: float = 4.0
     rounds: int = 3
     bone_sigma: float = 0.002
     recurrences: int = 16
@@ -114,7 +114,7 @@ def triangulate_take(
         other, other_info = _with_bones(again, again_info, points.reshape(frames, landmarks, 3), cloud, joined, options)
         work = partial(
             likeliest_points, views.rig, limits_of(views, options.triangulate), views.seen, info, path.reshape(-1, 3),
-            path_info, other.reshape(-1, 3), other_info.reshape(-1, 3, 3), options.freedom, points, covariance,
+            path_info, other.reshape(-1, 3), other_info.reshape(-1, 3, 3), options.student_dof, points, covariance,
         )  # fmt: skip
         in_chunks(len(points), options.triangulate, work)
     # The path is not known exactly either; by so much it moves the point.
@@ -190,7 +190,7 @@ def _paths(cloud: _Cloud, single: _Cloud, options: TakeOptions) -> tuple[FloatAr
         beside = np.einsum("tjab,tjb->tja", share, cloud.xyz - path)
         far = np.einsum("tja,tjab,tjb->tj", beside, np.linalg.inv(jitter), beside)
         far += scale * (3 - np.trace(share, axis1=-2, axis2=-1))
-        scale = (options.freedom + far) / (options.freedom + 3)
+        scale = (options.student_dof + far) / (options.student_dof + 3)
     return path, of_path, np.array(jitter)
 
 

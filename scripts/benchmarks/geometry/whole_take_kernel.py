@@ -32,12 +32,12 @@ def _far(point: FloatArray, mean: FloatArray, info: FloatArray) -> float:
 
 
 @compiled
-def _off_path(far: float, freedom: float) -> tuple[float, float]:
+def _off_path(far: float, student_dof: float) -> tuple[float, float]:
     """Cost of being off the path by a squared Mahalanobis distance, and its derivative: Student's t, bounded.
 
     On the path the derivative is one: there, the covariance is what it says.
     """
-    heavy = freedom + 3.0
+    heavy = student_dof + 3.0
     cost = heavy * math.log(1.0 + far / heavy)
     likely, broken = math.exp(-0.5 * cost), math.exp(-0.5 * _BREAK)
     return -2.0 * math.log(likely + broken), heavy / (heavy + far) * likely / (likely + broken)
@@ -46,26 +46,26 @@ def _off_path(far: float, freedom: float) -> tuple[float, float]:
 @compiled
 def _total(
     views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray, other: FloatArray, other_info: FloatArray,
-    freedom: float,
+    student_dof: float,
 ) -> float:  # fmt: skip
     """Twice the negative log posterior, but for a constant."""
     loss, _ = score_of_point(views, point, limits)
-    off_path, _ = _off_path(_far(point, path, path_info), freedom)
+    off_path, _ = _off_path(_far(point, path, path_info), student_dof)
     return loss + off_path + _far(point, other, other_info)
 
 
 @compiled
 def _likeliest(
     views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray, other: FloatArray, other_info: FloatArray,
-    freedom: float, normal: FloatArray, covariance: FloatArray,
+    student_dof: float, normal: FloatArray, covariance: FloatArray,
 ) -> float:  # fmt: skip
     """Damped Gauss-Newton in place; returns the cost, fills the covariance."""
     gradient, trial, damped, inverse = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
-    best = _total(views, point, limits, path, path_info, other, other_info, freedom)
+    best = _total(views, point, limits, path, path_info, other, other_info, student_dof)
     damping = 1e-9
     for _ in range(_STEPS):
         normal_equations(views, point, limits, normal, gradient)
-        _, weight = _off_path(_far(point, path, path_info), freedom)
+        _, weight = _off_path(_far(point, path, path_info), student_dof)
         for k in range(3):
             for m in range(3):
                 normal[k, m] += weight * path_info[k, m] + other_info[k, m]
@@ -88,7 +88,7 @@ def _likeliest(
                 decrease += step * gradient[k]
             if decrease < 1e-4:
                 break
-            cost = _total(views, trial, limits, path, path_info, other, other_info, freedom)
+            cost = _total(views, trial, limits, path, path_info, other, other_info, student_dof)
             if cost <= best:
                 best, improved = cost, True
                 point[:] = trial
@@ -103,7 +103,7 @@ def _likeliest(
 @compiled
 def likeliest_points(
     rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, path: FloatArray, path_info: FloatArray, other: FloatArray,
-    other_info: FloatArray, freedom: float, points: FloatArray, covariances: FloatArray, begin: int, end: int,
+    other_info: FloatArray, student_dof: float, points: FloatArray, covariances: FloatArray, begin: int, end: int,
 ) -> None:  # fmt: skip
     """Points `begin` to `end`, in place: the better of what is reached from the point and from its path.
 
@@ -113,7 +113,7 @@ def likeliest_points(
         path_info: (N, 3, 3) inverse covariance of the way off the path, of Student's t.
         other: (N, 3) what bones and recurrences say.
         other_info: (N, 3, 3) its inverse covariance.
-        freedom: of Student's t.
+        student_dof: of Student's t.
         points: (N, 3) starts, then results; NaN is left alone.
         covariances: (N, 3, 3) results.
         begin, end: which.
@@ -132,10 +132,12 @@ def likeliest_points(
                 n += 1
         views = Views(rig.poses, rig.centers, seen[i], info[i], rays, use[:n])
         best = _likeliest(
-            views, points[i], limits, path[i], path_info[i], other[i], other_info[i], freedom, normal, first
+            views, points[i], limits, path[i], path_info[i], other[i], other_info[i], student_dof, normal, first
         )
         trial[:] = path[i]
-        cost = _likeliest(views, trial, limits, path[i], path_info[i], other[i], other_info[i], freedom, normal, second)
+        cost = _likeliest(
+            views, trial, limits, path[i], path_info[i], other[i], other_info[i], student_dof, normal, second
+        )
         if cost < best - 1e-9:
             points[i, :] = trial
             covariances[i, :, :] = second

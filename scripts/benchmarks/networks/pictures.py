@@ -18,7 +18,7 @@ import numpy as np
 from muybridge.arrays import ByteArray, FloatArray
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
 from muybridge.models.shipped import shipped_model
-from scripts.benchmarks.geometry.culprits import balancing
+from scripts.benchmarks.geometry.diagnosis import balancing
 from scripts.benchmarks.takes.mediapipe import JOINTS
 from scripts.benchmarks.takes.photographs import WAYS, agreement
 

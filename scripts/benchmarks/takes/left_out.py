@@ -4,7 +4,7 @@
 usage: python -m scripts.benchmarks.takes.left_out --data DATA
 
 The balancing take's 2D by OpenPose. Cameras are refined from the person (as by `muybridge calibrate people`) on one
-half of the frames, and where that network puts each landmark from each side (`geometry.view_offsets`) is learned on the
+half of the frames, and where that network puts each landmark from each side (`geometry.view_bias`) is learned on the
 same half and with those cameras. In every frame of the other half each camera is left out in turn, the other three are
 triangulated, and the points are projected into it. Medians of all landmarks, cameras and frames, px, for the two halves
 in turn.
@@ -23,12 +23,12 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.view_bias import (
-    ViewOffsets,
-    learn_view_offsets,
+    ViewBias,
+    learn_view_bias,
     trunk_axes,
-    without_view_offsets,
+    without_view_bias,
 )
-from scripts.benchmarks.geometry.culprits import balancing
+from scripts.benchmarks.geometry.diagnosis import balancing
 from scripts.benchmarks.geometry.whole_take import triangulate_take
 
 Solve = Callable[[CameraGroup, FloatArray, FloatArray], FloatArray]
@@ -48,7 +48,7 @@ def bones_of(names: list[str]) -> list[tuple[int, int]]:
 
 
 def left_out(
-    cameras: CameraGroup, px: FloatArray, variance: FloatArray, solve: Solve, offsets: ViewOffsets | None
+    cameras: CameraGroup, px: FloatArray, variance: FloatArray, solve: Solve, offsets: ViewBias | None
 ) -> float:
     """Median distance in px of a camera's points to what `solve` makes of the other cameras'."""
     error = []
@@ -56,7 +56,7 @@ def left_out(
         others = [k for k in range(len(cameras)) if k != c]
         group, seen, doubt = cameras.select([cameras.names[k] for k in others]), px[others], variance[others]
         if offsets is not None:
-            seen = without_view_offsets(group, seen, doubt, triangulate(group, seen, doubt), offsets)[0]
+            seen = without_view_bias(group, seen, doubt, triangulate(group, seen, doubt), offsets)[0]
         points = solve(group, seen, doubt)
         expected = camera.project(points)
         if offsets is not None:
@@ -85,7 +85,7 @@ def medians(data: Path, kinds: Collection[str] = ("delivered", "refined")) -> di
         for kind in kinds:
             cameras = poses[kind]
             found = triangulate(cameras, known, doubt)
-            learned = learn_view_offsets(cameras, known, doubt, landmarks, FPS, found)
+            learned = learn_view_bias(cameras, known, doubt, landmarks, FPS, found)
             for name, solve in solvers.items():
                 for habits, offsets in (("", None), ("known", learned)):
                     median = left_out(cameras, px[:, test], variance[:, test], solve, offsets)

@@ -70,10 +70,10 @@ def score(data: Path, found: Path, run: Path) -> None:
     from muybridge.geometry.landmarks.arrays import Points3D
     from muybridge.geometry.landmarks.sets import BODY23
     from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
-    from muybridge.geometry.triangulation.left_right import repair_swaps
+    from muybridge.geometry.triangulation.left_right import repair_flips
     from muybridge.geometry.triangulation.multiview import triangulate
     from muybridge.geometry.triangulation.validation import leave_one_out_error
-    from scripts.benchmarks.geometry.culprits import balancing
+    from scripts.benchmarks.geometry.diagnosis import balancing
 
     (cameras, reference_px, reference_variance), names = balancing(data)
     truth = reference(data)
@@ -88,10 +88,10 @@ def score(data: Path, found: Path, run: Path) -> None:
     print("| 2D | cameras | single frames: MPJPE, aligned, offset-free | smoothed | left out px |\n" + "|---" * 5 + "|")
     for name, (px, variance) in sources.items():
         px = np.where(np.isfinite(variance)[..., None], px, np.nan)
-        mended, weights, _ = repair_swaps(cameras, px, variance, BODY23)
+        mended, weights, _ = repair_flips(cameras, px, variance, BODY23)
         refined = refine_people(cameras, mended, weights, BODY23.names).cameras
         for label, group in (("as delivered", cameras), ("refined", refined)):
-            mended, weights, _ = repair_swaps(group, px, variance, BODY23)
+            mended, weights, _ = repair_flips(group, px, variance, BODY23)
             result = triangulate(group, mended, weights)
             points = Points3D(BODY23, result.points_world, result.covariance_world, result.residual_px, result.inlier,
                               60.0)  # fmt: skip

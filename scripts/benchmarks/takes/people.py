@@ -32,7 +32,7 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
-from muybridge.geometry.triangulation.left_right import repair_swaps
+from muybridge.geometry.triangulation.left_right import repair_flips
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.shape_prior import with_pose_prior
 from muybridge.infer.detection.tracker import Tracker, TrackOptions
@@ -179,7 +179,7 @@ def solved(cameras: CameraGroup, keypoints: Keypoints2D, fps: float = 30.0) -> l
         if person.seen_share <= 0:
             continue
         px, variance, _ = take_person(keypoints, person)
-        px, variance, _ = repair_swaps(cameras, px, variance, BODY23)
+        px, variance, _ = repair_flips(cameras, px, variance, BODY23)
         cloud = triangulate(cameras, px, variance)
         cloud = with_pose_prior(cameras, px, variance, BODY23, fps, cloud)
         points = Points3D(BODY23, cloud.points_world, cloud.covariance_world, cloud.residual_px, cloud.inlier, fps)

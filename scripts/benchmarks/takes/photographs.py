@@ -43,18 +43,18 @@ def frames(video: Path) -> np.ndarray:
 
 def boxes(video: Path, out: Path) -> None:
     """Writes (N,) numbers of frames and (N, 4) boxes, px."""
-    from muybridge.infer.detection.background import Backdrop
-    from muybridge.infer.detection.orientation import Letterbox, upright_for
+    from muybridge.infer.detection.background import BackgroundModel
+    from muybridge.infer.detection.orientation import Letterbox, orientation_for
     from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
     from muybridge.infer.networks.keypoints import PeopleNetwork
     from muybridge.models.shipped import shipped_model
 
     pictures = frames(video)[..., ::-1]
     network = PeopleNetwork(shipped_model("people"))
-    letterbox = Letterbox(upright_for(None, pictures.shape[2], pictures.shape[1]), network.card.input_long_side)
+    letterbox = Letterbox(orientation_for(None, pictures.shape[2], pictures.shape[1]), network.card.input_long_side)
     detector = PeopleDetector(network, letterbox, PeopleOptions(min_score=LEAST_SCORE))
     found = [people.boxes_px if people is not None else np.empty((0, 4)) for people in
-             detector(Backdrop(letterbox)(pictures))]  # fmt: skip
+             detector(BackgroundModel(letterbox)(pictures))]  # fmt: skip
     np.savez(out, frame=np.repeat(np.arange(len(found)), [len(f) for f in found]), box=np.concatenate(found))
 
 
@@ -103,8 +103,8 @@ def agreement(
     pixels = np.concatenate([extract_crops(picture, crops.select([i])) for i, picture in enumerate(pictures)])
     ours = crops.to_image(network.locate(pixels).found.points_crop_px)[:, joints]
     away = np.nan_to_num(np.linalg.norm(ours - theirs, axis=-1), nan=np.inf) / trunk
-    swapped = (away > 0.2) & (np.linalg.norm(ours[:, other] - theirs, axis=-1) / trunk < away / 2)
-    return " | ".join(f"{those[seen].mean():.3f}" for those in (away < 0.2, away < 0.5, swapped))
+    flipped = (away > 0.2) & (np.linalg.norm(ours[:, other] - theirs, axis=-1) / trunk < away / 2)
+    return " | ".join(f"{those[seen].mean():.3f}" for those in (away < 0.2, away < 0.5, flipped))
 
 
 def _usable(points: np.ndarray, box: np.ndarray, joints: list[int]) -> Any:

@@ -53,7 +53,7 @@ def found_in(out: pathlib.Path, names: list[str], frames: int) -> list[FloatArra
     return people
 
 
-def swaps(truth: FloatArray, people: FloatArray) -> float:
+def flips(truth: FloatArray, people: FloatArray) -> float:
     """Share of the limbs' landmarks that are nearer to their twin's true place than to their own.
 
     Args:
@@ -79,7 +79,7 @@ def score(take: pathlib.Path, out: pathlib.Path) -> dict[str, float]:
         "people": len(truth), "found": float((matched & visible).sum() / visible.sum()), "switches": switches,
         "false": 1 - float(matched.sum()) / max(total, 1), "mean mm": float(np.nanmean(counted)),
         "median mm": float(np.nanmedian(counted)), "within 5 cm": float((counted < 50).sum() / counted.size),
-        "swaps": swaps(truth[visible & matched], points[visible & matched]),
+        "flips": flips(truth[visible & matched], points[visible & matched]),
     }  # fmt: skip
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
-from muybridge.geometry.association.select import AssociateOptions, find_people, select_person, take_person
+from muybridge.geometry.association.select import TrackingOptions, find_people, select_person, take_person
 from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
@@ -202,7 +202,7 @@ def test_cameras_that_never_agree_fall_back_to_what_is_conspicuous() -> None:
     rng = np.random.default_rng(0)
     keypoints, where = keypoints_of(cameras, [(walker(30, (0, 0), 0.4), [0, 1, 2])], 1)
     px = keypoints.points_px + rng.normal(0, 400, (3, 1, 1, 1, 2)) + 500 * np.arange(3)[:, None, None, None, None]
-    selection = select_person(cameras, replace(keypoints, points_px=px), AssociateOptions(start=0.02))
+    selection = select_person(cameras, replace(keypoints, points_px=px), TrackingOptions(start=0.02))
     assert "calibration or the synchronisation" in selection.reason
     np.testing.assert_array_equal(selection.slots, np.zeros((3, 30)))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from muybridge.geometry.association.select import take_slots
-from muybridge.geometry.association.tracker import AssociateOptions, PeopleTracker, track_people
+from muybridge.geometry.association.tracker import PeopleTracker, TrackingOptions, track_people
 from muybridge.geometry.association.tracks import Body, without_stray_end
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.rays import nearest_points, pair_points, ray_directions
@@ -45,7 +45,7 @@ def test_patience_is_of_seconds_not_of_frames(bench) -> None:
         px = keypoints.points_px.copy()
         px[:, round(fps) : round(1.5 * fps)] = np.nan
         for coast, bodies in ((1.0, 1), (0.25, 2)):
-            options = AssociateOptions(coast=coast)
+            options = TrackingOptions(coast=coast)
             tracker = PeopleTracker(cameras, replace(keypoints, points_px=px), options, fps)
             assert len(tracker.run()) == bodies, (fps, coast)
 
@@ -80,7 +80,7 @@ def test_slots_are_disjoint_and_point_at_detections(bench) -> None:
     rng = np.random.default_rng(11)
     cameras, people = bench.room(4, rng), bench.walkers(4, 60, rng)
     keypoints = bench.keypoints_of(cameras, people, 11, 6)
-    found = track_people(cameras, keypoints, AssociateOptions())
+    found = track_people(cameras, keypoints, TrackingOptions())
     taken = np.zeros(keypoints.points_px.shape[:3], int)
     for slots in found:
         c, t = np.nonzero(slots >= 0)
@@ -106,7 +106,7 @@ def test_who_is_misread_at_first_is_followed_from_the_first_frame_on(bench) -> N
     px = keypoints.points_px.copy()
     px[2:, :40] = np.nan
     px[1, :20] += 0.25 * np.ptp(px[1, :20], axis=-2, keepdims=True)
-    found = track_people(cameras, replace(keypoints, points_px=px), AssociateOptions(), 60.0)
+    found = track_people(cameras, replace(keypoints, points_px=px), TrackingOptions(), 60.0)
     assert len(found) == 1
     assert (found[0][0] >= 0).all() and (found[0][1, :20] < 0).all() and (found[0][1, 22:] >= 0).all()
 

@@ -147,7 +147,7 @@ def test_exchanged_sides_are_exchanged_back(what):
     back = clean_points(with_points(truth, points), SmoothOptions(hampel_window=0)).points_world
     known = np.isfinite(back[..., 0])
     assert (np.abs(back - right_way).max(axis=-1)[known] < 1e-9).mean() > 0.97
-    untouched = clean_points(with_points(truth, points), SmoothOptions(unswap=False, hampel_window=0))
+    untouched = clean_points(with_points(truth, points), SmoothOptions(unflip=False, hampel_window=0))
     np.testing.assert_array_equal(untouched.points_world, points)
 
 

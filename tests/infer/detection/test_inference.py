@@ -23,7 +23,7 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.detection.background import SmallFrames
 from muybridge.infer.detection.crop_pixels import extract_crops
 from muybridge.infer.detection.crop_reader import body_boxes
-from muybridge.infer.detection.orientation import Letterbox, Upright, upright_for
+from muybridge.infer.detection.orientation import FrameOrientation, Letterbox, orientation_for
 from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
 from muybridge.infer.detection.pose_estimator import KeypointOptions, PoseEstimator, merge_tracks
 from muybridge.infer.detection.tracker import TrackOptions
@@ -208,7 +208,7 @@ def test_a_second_track_on_one_person_is_dropped(models: tuple[Path, Path], monk
         return DetectedPeople(np.concatenate([found.boxes_px[:1], half]), np.array([0.9, 0.8]))
 
     _patch_detector(monkeypatch, also_half)
-    estimator = PoseEstimator(*models, options=KeypointOptions(min_sure=0.2))
+    estimator = PoseEstimator(*models, options=KeypointOptions(min_confidence=0.2))
     center = np.array([300.0, 200.0])
     estimator.process(np.stack([_frame([center])] * 20))
     tracks = estimator.finish()
@@ -227,13 +227,13 @@ def test_a_track_in_which_nobody_is_to_be_seen_is_dropped(
 
     _patch_detector(monkeypatch, also_there)
     people = []
-    for least in (0.0, KeypointOptions().min_sure):
-        estimator = PoseEstimator(*models, options=KeypointOptions(min_sure=least))
+    for least in (0.0, KeypointOptions().min_confidence):
+        estimator = PoseEstimator(*models, options=KeypointOptions(min_confidence=least))
         estimator.process(np.stack([_frame([np.array([300.0, 200.0])])] * 20))
         people.append(estimator.finish().points_px.shape[1])
     assert people == [2, 1]
     # Where nobody is surer, even the unsure count.
-    estimator = PoseEstimator(*models, options=KeypointOptions(min_sure=1.0))
+    estimator = PoseEstimator(*models, options=KeypointOptions(min_confidence=1.0))
     estimator.process(np.stack([_frame([np.array([300.0, 200.0])])] * 20))
     assert estimator.finish().points_px.shape[1] == 1
 
@@ -250,7 +250,7 @@ def test_what_nothing_is_known_of_is_missing(models: tuple[Path, Path], monkeypa
     frame = _frame([center])
     x, y = (center + OFFSETS_PX[2]).astype(int)
     frame[y - 20 : y + 21, x - 20 : x + 21] = 20
-    estimator = PoseEstimator(*models, options=KeypointOptions(min_sure=0.2))
+    estimator = PoseEstimator(*models, options=KeypointOptions(min_confidence=0.2))
     estimator.process(np.stack([frame] * 20))
     tracks = estimator.finish()
     assert tracks.points_px.shape[1] == 1
@@ -287,7 +287,7 @@ def test_a_poor_box_is_cropped_again(models: tuple[Path, Path], monkeypatch: pyt
     for refine in (False, True):
         with monkeypatch.context() as patch:
             _patch_detector(patch, lambda t, f: f._replace(boxes_px=f.boxes_px + grow + rng.normal(0, 4, 4)))
-            estimator = PoseEstimator(*models, options=KeypointOptions(refine_crop=refine, min_sure=0.1))
+            estimator = PoseEstimator(*models, options=KeypointOptions(refine_crop=refine, min_confidence=0.1))
             estimator.process(np.stack([_frame([np.array([300.0, 200.0])])] * 12))
         tracks = estimator.finish()
         errors.append(np.linalg.norm(tracks.points_px[:, 0] - truth, axis=-1).mean())
@@ -334,9 +334,9 @@ def test_flip_averages_the_mirrored_crop(models: tuple[Path, Path]) -> None:
     heatmaps, visibility = plain(crops)
     mirrored, mirrored_visibility = plain(np.ascontiguousarray(crops[:, :, ::-1]))
     both, both_visibility = KeypointNetwork(models[0], OnnxOptions(flip=True))(crops)
-    swap = [0, 2, 1]
-    np.testing.assert_allclose(both, (heatmaps + mirrored[:, swap, :, ::-1]) / 2, atol=1e-5)
-    np.testing.assert_allclose(both_visibility, (visibility + mirrored_visibility[:, swap]) / 2, atol=1e-5)
+    flip = [0, 2, 1]
+    np.testing.assert_allclose(both, (heatmaps + mirrored[:, flip, :, ::-1]) / 2, atol=1e-5)
+    np.testing.assert_allclose(both_visibility, (visibility + mirrored_visibility[:, flip]) / 2, atol=1e-5)
 
 
 def test_a_plate_that_cannot_be_left_out_is_refused(tmp_path: Path) -> None:
@@ -348,7 +348,7 @@ def test_a_plate_that_cannot_be_left_out_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("angle", [0.0, np.pi / 2, np.pi, -np.pi / 2, 0.4, -2.0])
 def test_letterbox_boxes_come_back(angle: float) -> None:
     for width, height in ((1920, 1080), (1080, 1920), (320, 200), (1088, 1920), (3840, 2160)):
-        upright = Upright(width, height, angle)
+        upright = FrameOrientation(width, height, angle)
         letterbox = Letterbox(upright, 320)
         assert all(side % 32 == 0 for side in letterbox.canvas)
         frame = np.zeros((height, width, 3), dtype=np.uint8)
@@ -368,7 +368,7 @@ def test_letterbox_boxes_come_back(angle: float) -> None:
 @settings(max_examples=30, deadline=None)
 @given(angle=st.floats(-3.1, 3.1), width=st.integers(50, 4000), height=st.integers(50, 4000))
 def test_upright_round_trip(angle: float, width: int, height: int) -> None:
-    upright = Upright(width, height, angle)
+    upright = FrameOrientation(width, height, angle)
     points = np.random.default_rng(0).uniform(-100, 4000, (20, 2))
     np.testing.assert_allclose(upright.to_frame(upright.to_upright(points)), points, atol=1e-8)
     boxes = np.concatenate([points[:5], points[:5] + [30.0, 80.0]], axis=1)
@@ -387,7 +387,7 @@ def test_frames_are_turned_so_that_world_up_is_up(turns: int, tilt: float, roll:
     rotation = np.array(roll_turn) @ rotation
     pose = np.column_stack([rotation, -rotation @ np.array([0.0, -4.0, 1.0])])
     camera = Camera("c", "PINHOLE", WIDTH, HEIGHT, (500.0, 500.0, 320.0, 240.0), pose).turned(turns)
-    letterbox = Letterbox(upright_for(camera, camera.width, camera.height), 320)
+    letterbox = Letterbox(orientation_for(camera, camera.width, camera.height), 320)
     frame = np.zeros((camera.height, camera.width, 3), dtype=np.uint8)
     foot, head = np.round(camera.project([[0.1, 0.0, 0.7], [0.1, 0.0, 1.3]])).astype(int)
     frame[foot[1] - 4 : foot[1] + 5, foot[0] - 4 : foot[0] + 5, 0] = 255
@@ -397,7 +397,7 @@ def test_frames_are_turned_so_that_world_up_is_up(turns: int, tilt: float, roll:
     at = [[(small[..., c] * v).sum() / small[..., c].sum() for v in (x, y)] for c in (0, 1)]
     assert at[0][1] - at[1][1] > 20 and abs(at[0][0] - at[1][0]) < 5
     straight_down = np.column_stack([np.diag([1.0, -1, -1]), [0, 0, 4.0]])
-    assert upright_for(camera.posed(straight_down), camera.width, camera.height).angle == 0
+    assert orientation_for(camera.posed(straight_down), camera.width, camera.height).angle == 0
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.detection.crop_reader import PoseReader, Poses
-from muybridge.infer.detection.orientation import Upright
+from muybridge.infer.detection.orientation import FrameOrientation
 from muybridge.infer.detection.tracker import BoxSmoother, TrackedFrame, Tracker, TrackOptions
 from muybridge.models.people.decode import DetectedPeople
 
@@ -185,7 +185,7 @@ def test_landmarks_that_both_are_sure_of_tell_that_two_tracks_are_one_person() -
     empty = np.empty((10, 0))
     poses = Poses(points, score, score, score, np.zeros((10, 4)), np.empty((10, 0, 2)), empty, empty)
     network = SimpleNamespace(landmarks=BODY23, channels=3)
-    reader = PoseReader(network, None, Upright(640, 480), None, 30.0)  # type: ignore[arg-type]
+    reader = PoseReader(network, None, FrameOrientation(640, 480), None, 30.0)  # type: ignore[arg-type]
     frame, track = np.tile(np.arange(5), 2), np.repeat([0, 1], 5)
     assert reader.duplicates(frame, track, poses).tolist() == [1]
     # Where nothing is sure all landmarks count; and where the sure ones are apart, they are two.

@@ -96,9 +96,9 @@ def test_a_judgement_survives_the_results_folder(turned: CalibrationQuality) -> 
     back = unpacked(turned.cameras, arrays, facts)
     page = CalibrationPage("same", turned)
     assert render_calibration(page) == render_calibration(CalibrationPage("same", back))
-    assert back.culprits is not None and turned.culprits is not None
-    assert back.culprits.faults == turned.culprits.faults
-    assert back.culprits.cameras.cameras == turned.culprits.cameras.cameras
+    assert back.diagnosis is not None and turned.diagnosis is not None
+    assert back.diagnosis.faults == turned.diagnosis.faults
+    assert back.diagnosis.cameras.cameras == turned.diagnosis.cameras.cameras
 
 
 def test_a_low_residual_with_a_hopeless_focal_length_is_said() -> None:

@@ -174,8 +174,8 @@ def test_swapped_sides_are_found_in_their_camera_and_frames() -> None:
     px[0, 40:60] = px[0, 40:60][:, mirror]
     points = _points(rig, px, points.points_world)
     figures = camera_figures(rig, points, px, None)
-    assert figures[0].swapped > 0.1 and 40 <= figures[0].swapped_frame < 60
-    assert all(f.swapped == 0 for f in figures[1:])
+    assert figures[0].flipped > 0.1 and 40 <= figures[0].flipped_frame < 60
+    assert all(f.flipped == 0 for f in figures[1:])
     assert "cam01 takes left for right" in _texts(rig, px, points)
 
 

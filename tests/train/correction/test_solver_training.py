@@ -148,8 +148,8 @@ def test_a_person_in_a_mirror_has_mirrored_features() -> None:
     glass = np.diag([-1.0, 1.0, 1.0])
 
     def other(names: tuple[str, ...]) -> list[int]:
-        swap = {"left": "right", "right": "left"}
-        return [names.index("_".join(swap.get(w, w) for w in n.split("_"))) for n in names]
+        flip = {"left": "right", "right": "left"}
+        return [names.index("_".join(flip.get(w, w) for w in n.split("_"))) for n in names]
 
     def features(points: np.ndarray, turns: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, ...]:
         fit = fit_markers(points, every, 60.0, MarkerFitOptions(calibration_frames=20))

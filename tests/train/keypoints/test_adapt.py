@@ -19,13 +19,13 @@ from muybridge.infer.commands.app import run_command
 from muybridge.infer.demo_take.take import demo_folder, true_points
 from muybridge.infer.detection.detect import DetectOptions, open_models
 from muybridge.infer.pipelines import videos as pipeline
-from muybridge.infer.pipelines.pseudo_labels import FootageOptions, _held_out, collect
+from muybridge.infer.pipelines.pseudo_labels import PseudoLabelOptions, _held_out, collect
 from muybridge.infer.pipelines.videos import RunOptions, follow
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore
 from muybridge.infer.session.session import open_session
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, people_net_from_onnx
-from muybridge.models.pseudo_labels import Footage, load_footage, save_footage
+from muybridge.models.pseudo_labels import PseudoLabels, load_pseudo_labels, save_pseudo_labels
 from muybridge.models.shipped import shipped_model
 from muybridge.train.images.compositor import MIRROR
 from muybridge.train.keypoints.adapt import View, adapted, agreement
@@ -55,17 +55,19 @@ def network_card():
 def footage(followed, network_card):
     """80 crops of it or so."""
     with Progress(quiet=True) as progress:
-        return collect(followed, network_card, progress, FootageOptions(most_crops=80))
+        return collect(followed, network_card, progress, PseudoLabelOptions(most_crops=80))
 
 
-def random_footage(count=12, seed=0):
+def random_pseudo_labels(count=12, seed=0):
     """Crops with a bright spot at the first landmark."""
     rng = np.random.default_rng(seed)
     at = rng.uniform(100, 156, (count, JOINTS, 2)).astype(np.float32)
     crops = np.zeros((count, 256, 256, 4), np.uint8)
     for crop, (x, y) in zip(crops, at[:, 0].round().astype(int), strict=True):
         crop[y - 2 : y + 3, x - 2 : x + 3] = 255
-    return Footage(crops, at, np.ones((count, JOINTS), bool), np.arange(count) % 4 == 0, 1.25 * 4 / 3, {"session": "s"})
+    return PseudoLabels(
+        crops, at, np.ones((count, JOINTS), bool), np.arange(count) % 4 == 0, 1.25 * 4 / 3, {"session": "s"}
+    )
 
 
 def test_the_shipped_network_comes_back_from_its_file():
@@ -102,25 +104,25 @@ def test_other_files_are_refused_by_name(tmp_path):
 
 
 def test_footage_survives_its_file(tmp_path):
-    before, path = random_footage(), tmp_path / "footage.npz"
-    save_footage(path, before)
-    after = load_footage(path)
+    before, path = random_pseudo_labels(), tmp_path / "footage.npz"
+    save_pseudo_labels(path, before)
+    after = load_pseudo_labels(path)
     for a, b in zip(before[:4], after[:4], strict=True):
         np.testing.assert_array_equal(a, b)
     assert after.padding == before.padding and after.facts == before.facts
     for name, content in (("cut", path.read_bytes()[:500]), ("other", b"something else")):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(FormatError, match=name):
-            load_footage(tmp_path / name)
+            load_pseudo_labels(tmp_path / name)
     with pytest.raises(FormatError, match="muybridge adapt"):
-        load_footage(tmp_path / "absent")
-    save_footage(path, before._replace(agreed=before.agreed[:5]))
+        load_pseudo_labels(tmp_path / "absent")
+    save_pseudo_labels(path, before._replace(agreed=before.agreed[:5]))
     with pytest.raises(FormatError, match="belong together"):
-        load_footage(path)
+        load_pseudo_labels(path)
 
 
 def test_crops_move_with_their_landmarks():
-    view = View(random_footage(), 192, 1.25)
+    view = View(random_pseudo_labels(), 192, 1.25)
     count, rng = 12, np.random.default_rng(1)
     for flip in (np.zeros(count, bool), np.ones(count, bool)):
         angle, scale, shift_px = rng.normal(0, 0.3, count), rng.uniform(0.8, 1.2, count), rng.normal(0, 8, (count, 2))
@@ -185,21 +187,21 @@ def test_a_network_gets_used_to_footage(footage, worse_network, tmp_path):
 
 
 def test_what_is_no_better_is_not_written(footage, tmp_path):
-    save_footage(tmp_path / "footage.npz", footage)
+    save_pseudo_labels(tmp_path / "footage.npz", footage)
     with pytest.raises(SessionError, match="no nearer"):
         adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out", minutes=0.03, rate=1e-12, threads=1), "")
     assert not (tmp_path / "out").exists()
     some = footage._replace(landmarks_px=footage.landmarks_px[:, :30], agreed=footage.agreed[:, :30])
-    save_footage(tmp_path / "footage.npz", some)
+    save_pseudo_labels(tmp_path / "footage.npz", some)
     with pytest.raises(ModelError, match="landmarks"):
         adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out"), "")
 
 
 def test_what_teaches_nothing_is_refused(followed, network_card, footage, tmp_path):
     with pytest.raises(SessionError, match="too little"), Progress(quiet=True) as progress:
-        collect(followed, network_card, progress, FootageOptions(fewest_crops=100_000))
+        collect(followed, network_card, progress, PseudoLabelOptions(fewest_crops=100_000))
     # Labels beside the person.
-    save_footage(tmp_path / "footage.npz", footage._replace(landmarks_px=footage.landmarks_px + 30))
+    save_pseudo_labels(tmp_path / "footage.npz", footage._replace(landmarks_px=footage.landmarks_px + 30))
     with pytest.raises(SessionError, match="no label to learn from"):
         adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out"), "")
 

@@ -234,15 +234,15 @@ def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
 class _Says(torch.nn.Module):
     """A network that is sure of the places it is given, by so much."""
 
-    def __init__(self, landmarks_px, sureness):
+    def __init__(self, landmarks_px, confidence):
         super().__init__()
-        self.sureness = torch.nn.Parameter(torch.tensor(sureness))
+        self.confidence = torch.nn.Parameter(torch.tensor(confidence))
         self.cell = (landmarks_px - 1.5) / 4
 
     def forward(self, image):
         at = torch.arange(16.0)
         x, y = ((at - self.cell[..., axis, None]) ** 2 / (2 * 0.8**2) for axis in (0, 1))
-        return -self.sureness * (y[..., :, None] + x[..., None, :]), None
+        return -self.confidence * (y[..., :, None] + x[..., None, :]), None
 
 
 def test_scores_tell_what_is_right_what_is_exchanged_and_how_sure_of_either():
@@ -251,11 +251,11 @@ def test_scores_tell_what_is_right_what_is_exchanged_and_how_sure_of_either():
     image, difference = (torch.zeros(2, channels, 64, 64, dtype=torch.uint8) for channels in (3, 1))
     batch = Batch(image, difference, at, seen, empty, empty)
     right, sure, exchanged, unsurely = (
-        keypoints.evaluate(_Says(places, sureness), [batch])
-        for places, sureness in ((at, 1.0), (at, 9.0), (at[:, MIRROR], 1.0), (at[:, MIRROR], 0.3))
+        keypoints.evaluate(_Says(places, confidence), [batch])
+        for places, confidence in ((at, 1.0), (at, 9.0), (at[:, MIRROR], 1.0), (at[:, MIRROR], 0.3))
     )
-    assert right["pck05"] == sure["pck05"] == 1 and right["swaps"] == 0
-    assert exchanged["swaps"] == unsurely["swaps"] == 1
+    assert right["pck05"] == sure["pck05"] == 1 and right["flips"] == 0
+    assert exchanged["flips"] == unsurely["flips"] == 1
     # Of a Gaussian over the cells the entropy is the least loss; who is too sure, or wrong, has more.
     assert right["held_out_loss"] == pytest.approx(np.log(2 * np.pi * np.e * 0.8**2), abs=0.02)
     assert right["held_out_loss"] < sure["held_out_loss"]
@@ -356,13 +356,13 @@ def test_people_training_learns(store, tmp_path):
 class _Finds(torch.nn.Module):
     """A detector that is sure of the targets that it is given, by so much."""
 
-    def __init__(self, targets, sureness):
+    def __init__(self, targets, confidence):
         super().__init__()
-        self.sureness = torch.nn.Parameter(torch.tensor(sureness))
+        self.confidence = torch.nn.Parameter(torch.tensor(confidence))
         self.heat, self.box = torch.from_numpy(targets.heat)[:, None], torch.from_numpy(targets.box)
 
     def forward(self, image):
-        return self.sureness * (2 * (self.heat >= 0.999).float() - 1), self.box
+        return self.confidence * (2 * (self.heat >= 0.999).float() - 1), self.box
 
 
 def test_scores_of_detectors_tell_who_is_found_and_how_surely():
@@ -372,8 +372,8 @@ def test_scores_of_detectors_tell_who_is_found_and_how_surely():
 
     here, there = scene(40, 30, 99, 150), scene(200, 30, 259, 150)
     sure, unsure, wrong = (
-        people.evaluate(_Finds(people.make_targets(said), sureness), [here])
-        for said, sureness in ((here, 9.0), (here, 3.0), (there, 9.0))
+        people.evaluate(_Finds(people.make_targets(said), confidence), [here])
+        for said, confidence in ((here, 9.0), (here, 3.0), (there, 9.0))
     )
     assert sure["recall"] == sure["precision"] == unsure["recall"] == 1 and sure["iou"] == pytest.approx(1, abs=1e-4)
     assert wrong["recall"] == wrong["precision"] == 0

@@ -139,9 +139,9 @@ def test_mirrored_crops_swap_left_and_right(renders):
     index = np.arange(len(renders))
     matrix, _ = compositor._placement(renders.box_px[index])
     _, as_is, _ = compositor._warp(index, matrix, np.zeros(len(index), bool))
-    _, swapped, _ = compositor._warp(index, matrix, np.ones(len(index), bool))
-    np.testing.assert_array_equal(swapped[:, BODY23.index("left_knee")], as_is[:, BODY23.index("right_knee")])
-    np.testing.assert_array_equal(swapped[:, 0], as_is[:, 0])
+    _, flipped, _ = compositor._warp(index, matrix, np.ones(len(index), bool))
+    np.testing.assert_array_equal(flipped[:, BODY23.index("left_knee")], as_is[:, BODY23.index("right_knee")])
+    np.testing.assert_array_equal(flipped[:, 0], as_is[:, 0])
 
 
 def test_labels_follow_pixels_through_the_augmentation(renders):

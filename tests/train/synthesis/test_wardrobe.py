@@ -175,7 +175,9 @@ def test_hanging_things_stay_upright(renderer, people):
     anchors = garments.Anchors(renderer.body.rest, renderer.body.arm_weight, BODY_VERTICES)
     column = np.array([[[-0.435, -0.25, 0.175 - k] for k in (0.0, 0.2)]])
     for i in range(PEOPLE):
-        top, bottom = anchors.carry(garments.Accessory("right_hand", column, (0.5,) * 3, hangs=1.0), people.vertices[i])
+        top, bottom = anchors.carry(
+            garments.Accessory("right_hand", column, (0.5,) * 3, frozen=1.0), people.vertices[i]
+        )
         fall = (bottom - top) / np.linalg.norm(bottom - top)
         assert fall[2] < -0.999
 

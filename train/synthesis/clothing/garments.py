@@ -37,14 +37,14 @@ class Accessory:
         points: (rows, columns, 3) metres in the body at rest.
         colour: linear RGB.
         hair: whether it is shaded as hair.
-        hangs: how much of the tilt of its anchor it doesn't follow, 0 to 1, as gravity keeps it upright.
+        frozen: how much of the tilt of its anchor it doesn't follow, 0 to 1, as gravity keeps it upright.
     """
 
     anchor: str
     points: FloatArray
     colour: tuple[float, float, float]
     hair: bool = False
-    hangs: float = 0.0
+    frozen: float = 0.0
 
 
 def grid_faces(rows: int, columns: int, closed: bool) -> I32:
@@ -170,9 +170,9 @@ class Anchors:
         rotation = u @ flip @ vt
         scale = float(np.trace(np.diag(s) @ flip) / ((a - ca) ** 2).sum())
         points = (item.points.reshape(-1, 3) - ca) @ rotation.T * scale + cb
-        if item.hangs:  # from its first row
+        if item.frozen:  # from its first row
             pivot = points[: item.points.shape[1]].mean(0)
-            points = (points - pivot) @ _upright(rotation, item.hangs).T + pivot
+            points = (points - pivot) @ _upright(rotation, item.frozen).T + pivot
         return np.asarray(points, np.float32)
 
 

@@ -291,7 +291,7 @@ class Dresser:
         high, long = self.between(0.70, 0.84), self.between(0.12, 0.32)
         bend = np.array([[0, 0.04, high], [0, 0.10, high + 0.01], [0, 0.125, high - 0.06], [0, 0.12, high - long]])
         radii = np.array([0.012, 0.02, 0.028, 0.012]) * self.between(0.8, 1.4)
-        self.things.append(Accessory("head", garments.tube(bend, radii), colour, hair=True, hangs=0.6))
+        self.things.append(Accessory("head", garments.tube(bend, radii), colour, hair=True, frozen=0.6))
 
     def _hat(self) -> None:
         v, parts = self.values, self.parts
@@ -368,7 +368,7 @@ class Dresser:
         elif thing == 2:  # a bag that hangs
             half = (self.between(0.04, 0.08), self.between(0.1, 0.18), self.between(0.12, 0.2))
             at = tuple(palm + [0, 0, -0.05 - half[2]])
-            self.things.append(Accessory(anchor, garments.blob(at, half, 0.5), colour, hangs=1.0))
+            self.things.append(Accessory(anchor, garments.blob(at, half, 0.5), colour, frozen=1.0))
         else:  # a phone, a book
             half = (0.006, self.between(0.035, 0.08), self.between(0.06, 0.11))
             self.things.append(Accessory(anchor, garments.blob(tuple(palm + [-side * 0.015, 0, 0]), half, 0.3), colour))

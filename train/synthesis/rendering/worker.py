@@ -24,7 +24,7 @@ PLAN = "unfinished.json"
 _ERRORS = "unfinished.log"
 
 
-class Beside:
+class RenderWorker:
     """A store's missing shards in the making, as long as the object is open (a context manager).
 
     Args:
@@ -51,7 +51,7 @@ class Beside:
         """Whether anything is being made."""
         return self._process is not None
 
-    def __enter__(self) -> "Beside":
+    def __enter__(self) -> "RenderWorker":
         return self
 
     def __exit__(self, *_: object) -> None:

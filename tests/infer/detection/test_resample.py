@@ -7,7 +7,7 @@ import pytest
 
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.detection.pose_estimator import CameraTracks
-from muybridge.infer.detection.resample import Repeats, hangs, in_time, on_time, repeats_notice
+from muybridge.infer.detection.resample import Repeats, frozen, in_time, on_time, repeats_notice
 from muybridge.infer.session.probe import probe_video
 from muybridge.infer.session.video import read_chunks
 from muybridge.infer.session.write_video import VideoWriter
@@ -80,7 +80,7 @@ def test_of_a_camera_that_hung_nothing_is_made_up_unless_they_stood_still():
     still = in_time(session(40), 0, tracks(0.01 * source), repeats)
     assert np.isfinite(at(still)).all() and at(still) == pytest.approx(0.01 * np.arange(40), abs=0.01)
     ended = in_time(session(40), 0, tracks(5.0 * np.minimum(np.arange(40), 30)), np.arange(40) > 30)
-    assert np.isnan(at(ended)[31:]).all(), "a film that hangs to its end, which `hangs` tells, shows nothing there"
+    assert np.isnan(at(ended)[31:]).all(), "a film that hangs to its end, which `frozen` tells, shows nothing there"
 
 
 def test_nobody_is_put_between_two_people():
@@ -126,11 +126,11 @@ def test_pictures_that_are_only_alike_are_no_repeats(tmp_path):
 def test_a_film_that_hangs_to_its_end_is_told_by_the_others():
     walks, stays = tracks(np.arange(40) * 5), tracks(np.zeros(40))
     froze = tracks(np.minimum(np.arange(40), 19) * 5)
-    assert hangs([froze, walks], [20, 40], FPS) == [20, None]
+    assert frozen([froze, walks], [20, 40], FPS) == [20, None]
     # Not where the others see somebody stand still as well, for a moment alone, or where all films do.
-    assert hangs([froze, stays], [20, 40], FPS) == [None, None]
-    assert hangs([froze, walks], [36, 40], FPS) == [None, None]
-    assert hangs([froze, froze], [20, 20], FPS) == [None, None]
+    assert frozen([froze, stays], [20, 40], FPS) == [None, None]
+    assert frozen([froze, walks], [36, 40], FPS) == [None, None]
+    assert frozen([froze, froze], [20, 20], FPS) == [None, None]
     left = in_time(session(40), 0, froze, np.arange(40) >= 20)
     assert (left.ids[:20] == 0).all() and (left.ids[20:] == -1).all() and np.isnan(left.points_px[20:]).all()
 

@@ -20,7 +20,7 @@ from muybridge.train.keypoints import train as keypoints  # noqa: E402
 from muybridge.train.options import KeypointTraining  # noqa: E402
 from muybridge.train.synthesis.rendering import worker as beside  # noqa: E402
 from muybridge.train.synthesis.rendering.store import shard_numbers  # noqa: E402
-from muybridge.train.synthesis.rendering.worker import PLAN, Beside  # noqa: E402
+from muybridge.train.synthesis.rendering.worker import PLAN, RenderWorker  # noqa: E402
 
 # The process itself, with a renderer that copies another store's shards, the last one over and over.
 _COPIER = """
@@ -61,12 +61,12 @@ def test_a_training_without_renders_makes_them(tmp_path: pathlib.Path) -> None:
     assert there[:8] == list(range(8))
     assert (renders / PLAN).exists() == (len(there) < 14)
     assert not list(renders.glob(".*.tmp*"))
-    with Beside(renders, 14, seed=0) as others:
+    with RenderWorker(renders, 14, seed=0) as others:
         others.wait_for(14)
         if others._process is not None:
             assert others._process.wait(10) == 0
     assert shard_numbers(renders) == list(range(14)) and not (renders / PLAN).exists()
-    with Beside(renders, 20, seed=0) as none:  # what is whole is left as it is, however many are wanted
+    with RenderWorker(renders, 20, seed=0) as none:  # what is whole is left as it is, however many are wanted
         assert not none.making
 
 
@@ -79,7 +79,7 @@ def test_new_shards_are_trained_on_as_they_come(tmp_path: pathlib.Path) -> None:
         counts.append(len(renders))
         return lambda: time.sleep(0.01)
 
-    with Beside(options.renders, options.shards, seed=0) as others:
+    with RenderWorker(options.renders, options.shards, seed=0) as others:
         others.wait_for(6)
         stream = loop.batches(options, make, 0)
         for _ in range(450):
@@ -88,7 +88,7 @@ def test_new_shards_are_trained_on_as_they_come(tmp_path: pathlib.Path) -> None:
 
 
 def test_nothing_is_made_beside_a_store_of_somebodys_own(store: pathlib.Path) -> None:
-    with Beside(store, 60, seed=0) as none:
+    with RenderWorker(store, 60, seed=0) as none:
         none.wait_for(60)  # does not wait either
         assert not none.making and not (store / PLAN).exists()
 
@@ -96,14 +96,14 @@ def test_nothing_is_made_beside_a_store_of_somebodys_own(store: pathlib.Path) ->
 def test_a_process_that_fails_is_quoted(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(beside, "_command", lambda *_: [sys.executable, "-c", "raise OSError('no EGL anywhere')"])
     said = r"no EGL anywhere .*unfinished\.log"
-    with Beside(tmp_path, 60, seed=0) as others, pytest.raises(SessionError, match=said):
+    with RenderWorker(tmp_path, 60, seed=0) as others, pytest.raises(SessionError, match=said):
         others.wait_for(8)
 
 
 def test_a_plan_that_says_nothing_is_named(tmp_path: pathlib.Path) -> None:
     (tmp_path / PLAN).write_text("{}")
     with pytest.raises(SessionError, match=r"unfinished\.json: does not say which"):
-        Beside(tmp_path, 60, seed=0)
+        RenderWorker(tmp_path, 60, seed=0)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="kills a process group's leader")
@@ -116,7 +116,7 @@ def test_rendering_ends_with_a_killed_training(
         f"import signal\nsignal.signal(signal.SIGINT, signal.{'SIG_IGN' if background else 'default_int_handler'})\n"
         "import pathlib, sys, time\nfrom muybridge.train import beside\n"
         f"beside._command = lambda *what: [sys.executable, '-c', {_COPIER!r}, {str(store)!r}, '0.2', *map(str, what)]\n"
-        f"others = beside.Beside(pathlib.Path({str(tmp_path)!r}), 60, 3)\nothers.wait_for(2)\n"
+        f"others = beside.RenderWorker(pathlib.Path({str(tmp_path)!r}), 60, 3)\nothers.wait_for(2)\n"
         "print(others._process.pid, flush=True)\ntime.sleep(60)\n"
     )
     training = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)

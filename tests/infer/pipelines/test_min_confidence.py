@@ -57,7 +57,7 @@ def test_what_no_camera_is_sure_of_is_left_out_and_said(walk, tmp_path):
 def test_guesses_are_kept_where_they_are_asked_for_or_one_camera_is_sure(walk, tmp_path):
     _, world, px = walk
     score = np.full(px.shape[:2] + px.shape[3:4], 0.3)
-    everything = solved(walk, score, tmp_path / "all", least_sure=0.0)
+    everything = solved(walk, score, tmp_path / "all", min_confidence=0.0)
     assert np.isfinite(everything.points.points_world).all() and unsure_landmarks(everything) == []
     score[1] = 0.6
     assert np.isfinite(solved(walk, score, tmp_path / "one").points.points_world).all()
@@ -65,7 +65,7 @@ def test_guesses_are_kept_where_they_are_asked_for_or_one_camera_is_sure(walk, t
 
 def test_a_score_is_a_share():
     with pytest.raises(ValueError, match="least-sure is 5"):
-        SolveOptions(least_sure=5)
+        SolveOptions(min_confidence=5)
 
 
 def test_a_short_doubt_is_bridged_by_the_body(walk, tmp_path):
@@ -81,9 +81,9 @@ def test_a_short_doubt_is_bridged_by_the_body(walk, tmp_path):
 def test_sides_that_were_put_back_keep_their_own_doubts():
     score = np.ones((2, 1, len(BODY23)))
     score[:, 0, WRIST] = 0.2
-    swapped = np.zeros(score.shape, bool)
-    swapped[:, 0, [WRIST, TWIN]] = True
-    sure = _sure(score, swapped, BODY23, 0.5)
+    flipped = np.zeros(score.shape, bool)
+    flipped[:, 0, [WRIST, TWIN]] = True
+    sure = _sure(score, flipped, BODY23, 0.5)
     assert sure[0, WRIST] and not sure[0, TWIN] and sure.sum() == len(BODY23) - 1
 
 

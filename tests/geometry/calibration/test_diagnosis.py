@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from muybridge.geometry.calibration import fit_to_video, load_calibration
-from muybridge.geometry.calibration.diagnosis.faults import CulpritOptions, CulpritReport, find_culprits
+from muybridge.geometry.calibration.diagnosis.faults import CalibrationDiagnosis, DiagnosisOptions, diagnose
 from muybridge.geometry.calibration.diagnosis.hypotheses import changed, fit_camera, student_scale
 from muybridge.geometry.calibration.people.calibrate import refine_people
 from muybridge.geometry.cameras.camera import Camera
@@ -107,14 +107,14 @@ def _swapped(cameras: CameraGroup, seen: Landmarks, c: int) -> tuple[CameraGroup
 _FAULTS: dict[str, Fault] = {"turned": _turned, "shifted": _shifted, "focal": _zoomed, "swapped": _swapped}
 
 
-def _blames(report: CulpritReport, kind: str, culprits: set[int]) -> None:
+def _blames(report: CalibrationDiagnosis, kind: str, diagnosis: set[int]) -> None:
     """The right camera, of the right fault, alone, first in the order and in the sentence."""
     assert len(report.faults) == 1, report.sentence
     fault = report.faults[0]
-    assert {report.names.index(n) for n in fault.cameras} == culprits, report.sentence
+    assert {report.names.index(n) for n in fault.cameras} == diagnosis, report.sentence
     assert fault.kind == kind or kind in fault.also, report.sentence
-    assert set(report.order[: len(culprits)]) == culprits
-    assert report.probability[list(culprits)].min() > 0.95
+    assert set(report.order[: len(diagnosis)]) == diagnosis
+    assert report.probability[list(diagnosis)].min() > 0.95
     assert all(name in report.sentence for name in fault.cameras)
     assert report.corrected_px < report.noise_px
 
@@ -125,9 +125,9 @@ def test_the_right_camera_is_named(kind: str, count: int) -> None:
     for seed in range(1 if count == 4 else 2):
         c = (seed + count // 2 + len(kind)) % count
         rig = _rig(count)
-        cameras, seen, culprits = _FAULTS[kind](rig, _seen(rig, 10 * count + seed), c)
-        report = find_culprits(cameras, *seen)
-        _blames(report, kind, culprits)
+        cameras, seen, diagnosis = _FAULTS[kind](rig, _seen(rig, 10 * count + seed), c)
+        report = diagnose(cameras, *seen)
+        _blames(report, kind, diagnosis)
         size = report.faults[0].amount
         if kind == "turned":
             assert size == pytest.approx(1.0, abs=0.25)
@@ -141,7 +141,7 @@ def test_the_right_camera_is_named(kind: str, count: int) -> None:
 @pytest.mark.parametrize("count", [3, 4, pytest.param(8, marks=pytest.mark.slow)])
 def test_a_healthy_rig_is_not_blamed(count: int) -> None:
     rig = _rig(count)
-    report = find_culprits(rig, *_seen(rig, 200 + count))
+    report = diagnose(rig, *_seen(rig, 200 + count))
     assert report.faults == () and report.probability.max() < 0.95
     assert "All cameras agree" in report.sentence
 
@@ -156,7 +156,7 @@ def test_what_a_network_may_do_is_no_fault_of_a_camera(share: float, blamed: boo
     px += rng.normal(0, 0.5, px.shape)
     size = float(np.median((px[2].max(axis=1) - px[2].min(axis=1)).max(axis=-1)))
     px[2, ..., 0] += share * size
-    report = find_culprits(rig, px, np.full(px.shape[:-1], 0.25))
+    report = diagnose(rig, px, np.full(px.shape[:-1], 0.25))
     assert bool(report.faults) == blamed, report.sentence
     if blamed:
         assert report.faults[0].cameras == (rig.names[2],)
@@ -167,7 +167,7 @@ def test_a_video_of_another_take_is_named() -> None:
     px, variance = _seen(rig, 5)
     later, late = _seen(rig, 6, frames=240)
     px[3], variance[3] = later[3, 150:230], late[3, 150:230]
-    report = find_culprits(rig, px, variance)
+    report = diagnose(rig, px, variance)
     assert [f.cameras for f in report.faults] == [("cam4",)]
     assert report.order[0] == 3
 
@@ -177,8 +177,8 @@ def test_who_fills_the_picture_may_be_misread_by_more_pixels() -> None:
     px, variance = _seen(cameras, 3)
     px[1] += np.random.default_rng(3).normal(0, 75.0, px[1].shape)
     person = np.nanmedian(extent(px[1]))
-    assert 75 * 1.18 > CulpritOptions().unrelated * 1920 and person > 700
-    report = find_culprits(cameras, px, variance)
+    assert 75 * 1.18 > DiagnosisOptions().unrelated * 1920 and person > 700
+    report = diagnose(cameras, px, variance)
     assert not [f for f in report.faults if f.kind == "unrelated"], report.sentence
 
 
@@ -186,7 +186,7 @@ def test_who_fills_the_picture_may_be_misread_by_more_pixels() -> None:
 def test_files_that_went_round_are_all_named(order: tuple[int, ...]) -> None:
     rig = _rig(4)
     px, variance = _seen(rig, 9)
-    report = find_culprits(rig, px[list(order)], variance[list(order)])
+    report = diagnose(rig, px[list(order)], variance[list(order)])
     assert [f.kind for f in report.faults] == ["swapped"], report.sentence
     assert tuple(order[k] for k in report.files) == (0, 1, 2, 3)
     assert report.faults[0].cameras == tuple(n for k, n in enumerate(rig.names) if order[k] != k)
@@ -198,7 +198,7 @@ def test_two_faults_are_found_one_after_the_other() -> None:
     rig = _rig(6)
     cameras, seen, _ = _turned(rig, _seen(rig, 7), 1)
     cameras, seen, _ = _shifted(cameras, seen, 4)
-    report = find_culprits(cameras, *seen)
+    report = diagnose(cameras, *seen)
     assert {(f.kind, f.cameras[0]) for f in report.faults} == {("turned", "cam2"), ("shifted", "cam5")}
     assert set(report.order[:2]) == {1, 4}
 
@@ -207,12 +207,12 @@ def test_what_cannot_be_told_is_said() -> None:
     rig = _rig(4)
     px, variance = _seen(rig, 8)
     two = CameraGroup(rig.cameras[:2])
-    report = find_culprits(two, px[:2], variance[:2])
+    report = diagnose(two, px[:2], variance[:2])
     assert report.faults == () and "two cameras" in report.sentence
     px[:, 5:] = np.nan
-    assert "frames" in find_culprits(rig, px, variance).sentence
+    assert "frames" in diagnose(rig, px, variance).sentence
     with pytest.raises(ValueError, match="variance_px2"):
-        find_culprits(rig, px, variance[:, 1:])
+        diagnose(rig, px, variance[:, 1:])
 
 
 def test_a_camera_is_fitted_in_spite_of_wrong_points() -> None:
@@ -247,10 +247,10 @@ def people_refined(real_data: Path) -> tuple[CameraGroup, CameraGroup, Landmarks
 def test_the_real_rig(people_refined: tuple[CameraGroup, CameraGroup, Landmarks], kind: str) -> None:
     _, cameras, seen = people_refined
     if kind == "healthy":
-        assert find_culprits(cameras, *seen).faults == ()
+        assert diagnose(cameras, *seen).faults == ()
         return
-    wrong, landmarks, culprits = _FAULTS[kind](cameras, seen, len(kind) % 4)
-    _blames(find_culprits(wrong, *landmarks), kind, culprits)
+    wrong, landmarks, diagnosis = _FAULTS[kind](cameras, seen, len(kind) % 4)
+    _blames(diagnose(wrong, *landmarks), kind, diagnosis)
 
 
 def test_the_real_calibration_has_a_camera_that_was_turned(
@@ -259,6 +259,6 @@ def test_the_real_calibration_has_a_camera_that_was_turned(
     """Its maker's poses are off by one to two degrees: refined from the person, the third camera turns most."""
     given, refined, seen = people_refined
     turns = [Rotation.from_matrix(a.rotation @ b.rotation.T).magnitude() for a, b in zip(given, refined, strict=True)]
-    report = find_culprits(given, *seen, replace(CulpritOptions(), max_faults=1))
+    report = diagnose(given, *seen, replace(DiagnosisOptions(), max_faults=1))
     assert report.faults[0].kind in ("turned", "moved") and report.faults[0].cameras == (given.names[2],)
     assert 0.5 < report.faults[0].turn_deg < 2.5 and max(turns) > np.radians(0.3)

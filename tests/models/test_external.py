@@ -16,9 +16,9 @@ from muybridge.infer.commands.app import run_command  # noqa: E402
 from muybridge.infer.demo_take.take import demo_folder, true_points  # noqa: E402
 from muybridge.infer.detection.crop_pixels import extract_crops  # noqa: E402
 from muybridge.infer.detection.detect import DetectOptions, open_models  # noqa: E402
-from muybridge.infer.networks.external import OtherNetwork, open_keypoints  # noqa: E402
+from muybridge.infer.networks.external import ExternalModel, open_keypoints  # noqa: E402
 from muybridge.infer.networks.keypoints import OnnxOptions  # noqa: E402
-from muybridge.infer.reconstruction.landmarks import LEAST_SURE, SolveOptions  # noqa: E402
+from muybridge.infer.reconstruction.landmarks import MIN_CONFIDENCE, SolveOptions  # noqa: E402
 from muybridge.models.keypoints.external import LAYOUTS, find_card, load_card, shipped_cards  # noqa: E402
 from muybridge.models.keypoints.simcc import decode_simcc, decode_value_heatmaps  # noqa: E402
 from muybridge.models.shipped import shipped_model  # noqa: E402
@@ -87,7 +87,7 @@ def test_rtmpose_layouts_find_a_spot_in_the_image(
 ) -> None:
     path = _bright_spot_model(tmp_path / "model.onnx", count)
     network = open_keypoints(path, f"rtmpose-{layout}", OnnxOptions(batch=2))
-    assert isinstance(network, OtherNetwork)
+    assert isinstance(network, ExternalModel)
     spot = (311.3, 216.8)
     boxes = np.tile(network.fitted_boxes(np.array([box])), (3, 1))
     crops = crops_for_boxes(boxes, network.crop_size, None, network.box_padding)
@@ -154,7 +154,7 @@ def test_normalisation_and_colour_order_are_the_cards(tmp_path: Path) -> None:
     """A model that gives back its first channel's value at a pixel tells what it was fed."""
     path = _bright_spot_model(tmp_path / "model.onnx", 17, channel=2)
     card = load_card(_card(tmp_path, **{'"rgb"': '"bgr"'}))
-    network = OtherNetwork(path, card, OnnxOptions())
+    network = ExternalModel(path, card, OnnxOptions())
     fed = {}
     session = network._session
 
@@ -253,7 +253,7 @@ def test_a_card_beside_the_model_is_found(tmp_path: Path) -> None:
         ({"white = 255.0": "whyte = 255.0"}, "unknown whyte"),
         ({"std = [58.395, 57.12, 57.375]": "std = [1, 0, 1]"}, "std must be positive"),
         ({"std = [58.395, 57.12, 57.375]": "std = 3"}, "not three numbers"),
-        ({"[simcc]": "[score]\nleast_sure = 50\n[simcc]"}, "least_sure is 50.0, not from 0 to 1"),
+        ({"[simcc]": "[score]\nmin_confidence = 50\n[simcc]"}, "min_confidence is 50.0, not from 0 to 1"),
         ({"[input]": "[input"}, "not a readable model card"),
     ],
 )
@@ -284,12 +284,12 @@ def test_a_card_says_from_which_score_on_a_landmark_is_seen(tmp_path: Path) -> N
     path = _bright_spot_model(tmp_path / "model.onnx", 17)
 
     def used(asked: float | None, detect: DetectOptions) -> float:
-        return SolveOptions(least_sure=asked).with_card(open_models(detect).least_sure).sure_from
+        return SolveOptions(min_confidence=asked).with_card(open_models(detect).min_confidence).confident_from
 
     silent = DetectOptions(keypoint_model=path, model_card="rtmpose-coco17")
-    card = _card(tmp_path, **{"[simcc]": "[score]\nleast_sure = 0.3\n[simcc]"})
+    card = _card(tmp_path, **{"[simcc]": "[score]\nmin_confidence = 0.3\n[simcc]"})
     telling = DetectOptions(keypoint_model=path, model_card=str(card))
-    assert [used(None, how) for how in (DetectOptions(), silent, telling)] == [LEAST_SURE, 0.0, 0.3]
+    assert [used(None, how) for how in (DetectOptions(), silent, telling)] == [MIN_CONFIDENCE, 0.0, 0.3]
     assert [used(0.4, how) for how in (DetectOptions(), silent, telling)] == [0.4, 0.4, 0.4]
 
 

@@ -13,7 +13,7 @@ pytest.importorskip("kornia")
 from muybridge.models.keypoints.network import Block, ConvUnit, KeypointNet  # noqa: E402
 from muybridge.train.engine import gradient_worker as second  # noqa: E402
 from muybridge.train.engine import precision  # noqa: E402
-from muybridge.train.engine.gradient_worker import CHUNKS, Second, pays  # noqa: E402
+from muybridge.train.engine.gradient_worker import CHUNKS, GradientWorker, pays  # noqa: E402
 from muybridge.train.keypoints import train as keypoints  # noqa: E402
 from muybridge.train.keypoints.export import load_checkpoint  # noqa: E402
 from muybridge.train.keypoints.train import losses_of  # noqa: E402
@@ -73,7 +73,7 @@ def test_gradients_of_both_processes_add_up_to_those_of_one(monkeypatch):
     # Both in float32: in bfloat16 sums taken in another order differ by more than what is looked for.
     monkeypatch.setattr(precision, "_measured", lambda: False)
     net, before = small_net(SmoothNet), second.processors()
-    with Second(net, losses_of, 0.0) as other:
+    with GradientWorker(net, losses_of, 0.0) as other:
         for seed, (theirs, side) in enumerate(((0, 96), (1, 96), (3, 64), (2, 96))):
             batch = some_batch(seed, side)
             expected = of_one_process(net, batch)
@@ -102,7 +102,7 @@ def test_gradients_of_both_processes_add_up_to_those_of_one(monkeypatch):
 
 def test_what_fails_there_is_told_here():
     net = small_net()
-    with Second(net, operator.matmul, 0.0) as other:
+    with GradientWorker(net, operator.matmul, 0.0) as other:
         other.gradients(net, some_batch(0), loss_of)
         wait_until_ready(other)
         with pytest.raises(RuntimeError, match="--no-second does without it: TypeError"):
@@ -112,7 +112,7 @@ def test_what_fails_there_is_told_here():
 @pytest.mark.parametrize("answered", [False, True])
 def test_a_second_process_that_was_killed_is_missed(answered):
     net = small_net()
-    with Second(net, losses_of, 0.0) as other:
+    with GradientWorker(net, losses_of, 0.0) as other:
         other.gradients(net, some_batch(0), loss_of)
         if answered:  # then it is missed when the next batch is handed over
             wait_until_ready(other)
@@ -143,7 +143,7 @@ def test_it_gives_way_in_a_training_that_gives_way_itself(monkeypatch, before, i
     ("own", "theirs", "chunks"), [(0.16, 0.5, 1), (0.6, 0.65, 2), (0.6, 0.1, 3), (0.16, 3.0, 0), (0.16, 0.0, 1)]
 )
 def test_each_takes_what_it_manages(own, theirs, chunks):
-    other = Second(small_net(), losses_of, 0.0)
+    other = GradientWorker(small_net(), losses_of, 0.0)
     other._ready, other._own_seconds, other._second_seconds = True, own, theirs
     assert other._count() == chunks
     if not chunks:  # and is tried again at times
@@ -163,8 +163,10 @@ def test_it_pays_where_a_processor_is_to_spare(monkeypatch):
 def test_training_with_a_second_process_goes_on_and_resumes(store, tmp_path, monkeypatch):
     monkeypatch.setattr(second, "PAYS_AFTER_MINUTES", 0.0)
     taken = []
-    hand_over = Second._hand_over
-    monkeypatch.setattr(Second, "_hand_over", lambda self, batch, n: taken.append(n) or hand_over(self, batch, n))
+    hand_over = GradientWorker._hand_over
+    monkeypatch.setattr(
+        GradientWorker, "_hand_over", lambda self, batch, n: taken.append(n) or hand_over(self, batch, n)
+    )
 
     def one_as_soon_as_it_is_ready(self):  # however busy the machine is
         if not self._ready:
@@ -173,7 +175,7 @@ def test_training_with_a_second_process_goes_on_and_resumes(store, tmp_path, mon
             self._ready = True
         return 1
 
-    monkeypatch.setattr(Second, "_count", one_as_soon_as_it_is_ready)
+    monkeypatch.setattr(GradientWorker, "_count", one_as_soon_as_it_is_ready)
     options = KeypointTraining(
         renders=store, out=tmp_path / "run", minutes=0.1, size=64, batch=16, backgrounds=8, workers=1
     )

@@ -8,7 +8,7 @@ from muybridge.arrays import ByteArray, Float32Array
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
 from muybridge.models.keypoints import test_time as turning
 from muybridge.models.keypoints.decode import NO_IDEA
-from muybridge.models.keypoints.test_time import Series, turn_where_unsure
+from muybridge.models.keypoints.test_time import Series, test_time_augment
 from muybridge.models.shipped import shipped_model
 
 SPOT = 6  # half of a spot's side, px
@@ -106,7 +106,7 @@ def test_parts_of_people_are_not_turned(here: int, turned: bool) -> None:
         return [np.asarray(shown * cv2.resize(spot, fewer, interpolation=cv2.INTER_AREA), np.float32)]
 
     crops = np.zeros((1, card.input_size, card.input_size, 3), np.uint8)
-    found = turn_where_unsure(look, crops, [np.asarray(shown * spot, np.float32)], card, rows=1)
+    found = test_time_augment(look, crops, [np.asarray(shown * spot, np.float32)], card, rows=1)
     assert ((found.score[0] > NO_IDEA) == (turned | (np.arange(23) < here))).all()
     assert (np.isclose(found.points_crop_px[0, 0], 4 * np.array([11, 19]) + 1.5, atol=1).all()) != turned
 
@@ -153,10 +153,10 @@ def test_what_is_unsure_is_the_mean_of_three_looks(quarters: int) -> None:
 
     first = look(crop)
     plain = [m.copy() for m in first]
-    alone = turn_where_unsure(look, crop, plain, card, rows=1)
+    alone = test_time_augment(look, crop, plain, card, rows=1)
     shown.clear()
     tilted = [m.copy() for m in first]
-    found = turn_where_unsure(look, crop, tilted, card, rows=1, tilt=True)
+    found = test_time_augment(look, crop, tilted, card, rows=1, tilt=True)
     assert len(shown) == 5  # three quarters and, of the best of the four, two tilts
     np.testing.assert_allclose(found.points_crop_px, alone.points_crop_px, atol=2.5)
     assert not np.allclose(tilted[0], plain[0]) and np.corrcoef(tilted[0].ravel(), plain[0].ravel())[0, 1] > 0.9

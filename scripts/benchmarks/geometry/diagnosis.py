@@ -1,6 +1,6 @@
 """How often the right camera is named, over many rigs, takes and faults.
 
-    python -m scripts.benchmarks.geometry.culprits --seeds 20 --data ../shared/data
+    python -m scripts.benchmarks.geometry.diagnosis --seeds 20 --data ../shared/data
 
 Each seed draws a room: 4 to 8 cameras (3 with --fewest 3) around it at 3.5 to 6 m, 1 to 2.6 m high, of different
 focal lengths, looking at its middle with some error; and a person of 1.55 to 1.95 m who wanders about, turns and
@@ -33,7 +33,7 @@ from scipy.spatial.transform import Rotation
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration import fit_to_video, load_calibration
-from muybridge.geometry.calibration.diagnosis.faults import find_culprits
+from muybridge.geometry.calibration.diagnosis.faults import diagnose
 from muybridge.geometry.calibration.diagnosis.hypotheses import changed
 from muybridge.geometry.calibration.people.calibrate import refine_people
 from muybridge.geometry.cameras.camera import Camera
@@ -136,17 +136,17 @@ def put_wrong(take: Take, kind: str, c: int, rng: np.random.Generator) -> tuple[
     return (group, px, variance), {c}
 
 
-def judged(take: Take, kind: str, culprits: set[int]) -> tuple[bool, bool, bool, str]:
+def judged(take: Take, kind: str, diagnosis: set[int]) -> tuple[bool, bool, bool, str]:
     """Whether the right camera is named, alone, and for the right reason; and what was said."""
-    report = find_culprits(*take)
+    report = diagnose(*take)
     if kind == "healthy":
         quiet = not report.faults
         return quiet, quiet, quiet, report.sentence
     if not report.faults:
         return False, False, False, report.sentence
     first = report.faults[0]
-    right = {report.names.index(n) for n in first.cameras} == culprits
-    right = right and set(report.order[: len(culprits)]) == culprits
+    right = {report.names.index(n) for n in first.cameras} == diagnosis
+    right = right and set(report.order[: len(diagnosis)]) == diagnosis
     return right, right and len(report.faults) == 1, right and kind in (first.kind, *first.also), report.sentence
 
 
@@ -163,10 +163,10 @@ def table(
             count = len(take[0])
             for c in range(count) if every_camera and kind != "healthy" else [seed % count]:
                 rng = np.random.default_rng([seed, c, KINDS.index(kind)])
-                wrong, culprits = put_wrong(take, kind, c, rng)
-                results.append(judged(wrong, kind, culprits))
+                wrong, diagnosis = put_wrong(take, kind, c, rng)
+                results.append(judged(wrong, kind, diagnosis))
                 if verbose and not (results[-1][0] and results[-1][1]):
-                    blame = ", ".join(take[0].names[k] for k in sorted(culprits)) or "nobody"
+                    blame = ", ".join(take[0].names[k] for k in sorted(diagnosis)) or "nobody"
                     print(f"    seed {seed}, {count} cameras, {kind} {blame}: {results[-1][3]}")
         rates = np.mean([r[:3] for r in results], axis=0)
         print(f"  {kind:9} {len(results):4}  {rates[0]:6.1%}  {rates[1]:6.1%}  {rates[2]:6.1%}", flush=True)

@@ -8,9 +8,9 @@ import pytest
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.crops import crops_for_boxes
 from muybridge.geometry.landmarks.sets import BODY23
-from muybridge.infer.detection.background import Backdrop, silhouettes
+from muybridge.infer.detection.background import BackgroundModel, silhouettes
 from muybridge.infer.detection.crop_pixels import extract_crops
-from muybridge.infer.detection.orientation import Letterbox, Upright, upright_for
+from muybridge.infer.detection.orientation import FrameOrientation, Letterbox, orientation_for
 from muybridge.infer.networks.keypoints import KeypointNetwork
 from muybridge.models.shipped import shipped_model
 
@@ -26,8 +26,8 @@ ROLLED = Camera(
 def test_background_plate_forgets_who_moves() -> None:
     rng = np.random.default_rng(0)
     scene = rng.integers(0, 200, (64, 96, 3), dtype=np.uint8)
-    letterbox = Letterbox(Upright(96, 64), 96)
-    backdrop = Backdrop(letterbox)
+    letterbox = Letterbox(FrameOrientation(96, 64), 96)
+    backdrop = BackgroundModel(letterbox)
     assert backdrop(scene[None]).difference.max() == 0 and backdrop.plate is None
     for t in range(300):
         frame = scene.copy()
@@ -39,17 +39,17 @@ def test_background_plate_forgets_who_moves() -> None:
     expected = np.abs(frame.astype(float) - scene).mean(axis=-1) / 255
     np.testing.assert_allclose(small.difference[0], expected, atol=1e-6)
     # A plate that is known is there from the first frame, and stays; a moving camera has none.
-    again = Backdrop(letterbox, known=backdrop.plate)
+    again = BackgroundModel(letterbox, known=backdrop.plate)
     for _ in range(5):
         np.testing.assert_allclose(again(frame[None]).difference[0], expected, atol=1e-6)
-    moving = Backdrop(letterbox, enabled=False)
+    moving = BackgroundModel(letterbox, enabled=False)
     assert moving(np.stack([scene, frame] * 5)).difference.max() == 0 and moving.plate is None
 
 
 def test_a_camera_that_exposes_anew_shows_nobody_where_nobody_is() -> None:
     rng = np.random.default_rng(0)
     scene = rng.integers(30, 180, (96, 128, 3)).astype(np.uint8)
-    backdrop = Backdrop(Letterbox(Upright(128, 96), 128), known=scene)
+    backdrop = BackgroundModel(Letterbox(FrameOrientation(128, 96), 128), known=scene)
     frame = scene.copy()
     frame[20:70, 40:60] = 240 - frame[20:70, 40:60]
     brighter = (frame * np.array([1.25, 1.2, 1.15])).clip(0, 255).astype(np.uint8)
@@ -74,8 +74,8 @@ def test_who_sways_in_one_place_is_not_in_the_background() -> None:
         "right_ankle": (-6, 45),
     }.items():  # fmt: skip
         standing[BODY23.index(name)] = x, y
-    letterbox = Letterbox(Upright(96, 128), 128)
-    backdrop = Backdrop(letterbox)
+    letterbox = Letterbox(FrameOrientation(96, 128), 128)
+    backdrop = BackgroundModel(letterbox)
     tracks = standing + np.stack([48 + 16 * np.sin(np.arange(40) / 6), np.full(40, 64.0)], -1)[:, None, None]
     covered = silhouettes(tracks[:, 0][:, None], BODY23, (96, 128))
     for mask in covered:
@@ -94,11 +94,11 @@ def test_who_sways_in_one_place_is_not_in_the_background() -> None:
 @pytest.mark.parametrize("camera", [None, ROLLED], ids=["uncalibrated", "calibrated"])
 def test_crops_of_the_difference_lie_on_those_of_the_frame(camera: Camera | None) -> None:
     """The difference is taken at the detector's resolution, of frames turned upright, and cropped as the frame is."""
-    upright = upright_for(camera, WIDTH, HEIGHT)
+    upright = orientation_for(camera, WIDTH, HEIGHT)
     scene, box = np.full((HEIGHT, WIDTH, 3), 20, dtype=np.uint8), np.array([[250.0, 130.0, 350.0, 270.0]])
     frame = scene.copy()
     frame[190:206, 280:296] = 255
-    backdrop = Backdrop(letterbox := Letterbox(upright, 320), known=letterbox.apply(scene))
+    backdrop = BackgroundModel(letterbox := Letterbox(upright, 320), known=letterbox.apply(scene))
     crops = crops_for_boxes(box, CROP, camera)
     difference = backdrop.difference_in(crops, backdrop(frame[None]), 0)[0].astype(float)
     expected = extract_crops(frame, crops)[0, ..., 0] - 20.0

@@ -5,7 +5,7 @@ import pytest
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
-from muybridge.geometry.triangulation.plausibility import stretched_limbs, vague_points
+from muybridge.geometry.triangulation.plausibility import stretched_limbs, uncertain_points
 
 AT = BODY23.index
 
@@ -64,9 +64,9 @@ def test_points_of_which_nothing_is_known_are_vague_in_any_unit(standing) -> Non
     sure[6, AT("left_knee")] = np.diag([0.2, 0.1, 0.1]) ** 2  # a depth that is a guess alone is not enough
     expected = np.zeros((40, 23), bool)
     expected[5, AT("left_knee")] = True
-    np.testing.assert_array_equal(vague_points(standing, sure, BODY23), expected)
-    np.testing.assert_array_equal(vague_points(1000 * standing, 1e6 * sure, BODY23), expected)
+    np.testing.assert_array_equal(uncertain_points(standing, sure, BODY23), expected)
+    np.testing.assert_array_equal(uncertain_points(1000 * standing, 1e6 * sure, BODY23), expected)
     sure[7] = standing[7] = np.nan
-    np.testing.assert_array_equal(vague_points(standing, sure, BODY23), expected)
+    np.testing.assert_array_equal(uncertain_points(standing, sure, BODY23), expected)
     standing[8:] = np.nan
-    assert vague_points(standing, sure, BODY23).sum() == 0  # the trunk is known in seven frames
+    assert uncertain_points(standing, sure, BODY23).sum() == 0  # the trunk is known in seven frames

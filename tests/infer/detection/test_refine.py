@@ -16,9 +16,9 @@ from muybridge.infer.detection.detect import (
     is_finished,
     open_models,
 )
-from muybridge.infer.detection.orientation import Letterbox, Upright
+from muybridge.infer.detection.orientation import FrameOrientation, Letterbox
 from muybridge.infer.detection.pose_estimator import CameraTracks
-from muybridge.infer.detection.refine import SecondLook, SecondLookOptions, missing_views
+from muybridge.infer.detection.refine import RefinementOptions, TopDownRefinement, missing_views
 from muybridge.infer.networks.keypoints import Expectation, KeypointNetwork
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore
@@ -50,7 +50,7 @@ def demo(repository: Path, tmp_path: Path):
     return session, points, slots, pixels
 
 
-def look(demo, folder: Path, hung: float | None = None, **options: float) -> SecondLook:
+def look(demo, folder: Path, hung: float | None = None, **options: float) -> TopDownRefinement:
     """`hung`: the first look knew the background, and the cameras turned by this angle, radians."""
     options = {"everywhere": False, **options}
     session, _, slots, pixels = demo
@@ -62,7 +62,7 @@ def look(demo, folder: Path, hung: float | None = None, **options: float) -> Sec
             BODY23, px, np.where(known, 1.0, np.nan), known * 0.9, known * 0.9, np.full((len(px), 1, 4), np.nan),
             np.where(known.any(-1), 0, -1),
         )  # fmt: skip
-        upright = Upright(session.cameras[c].width, session.cameras[c].height, hung or 0.0)
+        upright = FrameOrientation(session.cameras[c].width, session.cameras[c].height, hung or 0.0)
         facts = {"frames_width_height_angle_and_long_side": [upright.width, upright.height, upright.angle, 320]}
         arrays = {"repeats": np.zeros(len(tracks.points_px), dtype=bool)}
         if hung is not None:
@@ -71,9 +71,9 @@ def look(demo, folder: Path, hung: float | None = None, **options: float) -> Sec
         stage = StageResult(arrays, facts, 0.0, False, f"camera {c}")
         detected.append(CameraResult(tracks, folder / "none.mp4", stage))
     folder.mkdir(exist_ok=True)
-    return SecondLook(
+    return TopDownRefinement(
         session, detected, session.cameras.names, open_models(DetectOptions()), StageStore(folder), DetectOptions(),
-        SecondLookOptions(**options), Progress(quiet=True),
+        RefinementOptions(**options), Progress(quiet=True),
     )  # fmt: skip
 
 
@@ -116,15 +116,15 @@ def test_only_views_that_should_see_the_person_are_looked_at(demo, tmp_path):
     session, points, slots, _ = demo
     expected = np.zeros(slots.shape, bool)
     expected[1, LOST] = True
-    np.testing.assert_array_equal(missing_views(session, slots, points, SecondLookOptions()), expected)
+    np.testing.assert_array_equal(missing_views(session, slots, points, RefinementOptions()), expected)
     behind = points.points_world + 20 * session.cameras[1].rotation[0]  # out of its picture
     away = Points3D(BODY23, behind, points.covariance_world, points.residual_px, points.inlier, points.fps)
-    assert not missing_views(session, slots, away, SecondLookOptions())[1].any()
+    assert not missing_views(session, slots, away, RefinementOptions())[1].any()
     # Somebody else's landmarks in a view are as good as none.
     stranger = points.inlier.copy()
     stranger[2, 5] = False
     other = Points3D(BODY23, points.points_world, points.covariance_world, points.residual_px, stranger, points.fps)
-    assert missing_views(session, slots, other, SecondLookOptions())[2, 5]
+    assert missing_views(session, slots, other, RefinementOptions())[2, 5]
 
 
 def test_every_view_is_read_again_where_the_person_is(demo, tmp_path):

@@ -6,7 +6,7 @@ import pytest
 from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.sets import BODY23
-from muybridge.geometry.triangulation.left_right import repair_swaps
+from muybridge.geometry.triangulation.left_right import repair_flips
 from tests.geometry.association.test_association import ring, walker
 
 MIRROR = list(BODY23.mirror)
@@ -26,15 +26,15 @@ def test_whole_views_are_put_back(count: int) -> None:
     wrong[1, 20:40] = True  # a whole stretch
     given = np.where(wrong[..., None, None], px[:, :, MIRROR], px)
     variance = np.full(px.shape[:-1], 36.0)
-    fixed, fixed_variance, swapped = repair_swaps(cameras, given, variance, BODY23)
+    fixed, fixed_variance, flipped = repair_flips(cameras, given, variance, BODY23)
     twin = np.array(MIRROR) != np.arange(len(BODY23))
     # Seen from the side, left and right lie on each other and nobody can tell, nor needs to.
-    right = swapped == (wrong[..., None] & twin)
+    right = flipped == (wrong[..., None] & twin)
     assert right[..., twin].mean() > 0.97
     before = np.median(np.linalg.norm(given - px, axis=-1)[wrong][:, twin])
     after = np.quantile(np.linalg.norm(fixed - px, axis=-1)[wrong][:, twin], 0.9)
     assert before > 30 and after < 0.5 * before
-    np.testing.assert_array_equal(swapped.any(axis=-1) & ~wrong, np.zeros_like(wrong))
+    np.testing.assert_array_equal(flipped.any(axis=-1) & ~wrong, np.zeros_like(wrong))
 
 
 def test_legs_alone_are_put_back() -> None:
@@ -43,10 +43,10 @@ def test_legs_alone_are_put_back() -> None:
             or "toe" in n]  # fmt: skip
     given = px.copy()
     given[2, 10:30][:, legs] = px[2, 10:30][:, [MIRROR[i] for i in legs]]
-    fixed, _, swapped = repair_swaps(cameras, given, np.full(px.shape[:-1], 36.0), BODY23)
-    expected = np.zeros_like(swapped)
+    fixed, _, flipped = repair_flips(cameras, given, np.full(px.shape[:-1], 36.0), BODY23)
+    expected = np.zeros_like(flipped)
     expected[2, 10:30, legs] = True
-    np.testing.assert_array_equal(swapped, expected)
+    np.testing.assert_array_equal(flipped, expected)
     np.testing.assert_array_equal(fixed, px)
 
 
@@ -56,8 +56,8 @@ def test_right_labels_stay_even_when_noisy_or_missing() -> None:
     px[0, 20:30] = np.nan
     px[:, 40:43] = np.nan
     variance = np.full(px.shape[:-1], 25.0)
-    fixed, fixed_variance, swapped = repair_swaps(cameras, px, variance, BODY23)
-    assert not swapped.any()
+    fixed, fixed_variance, flipped = repair_flips(cameras, px, variance, BODY23)
+    assert not flipped.any()
     np.testing.assert_array_equal(fixed, px)
     np.testing.assert_array_equal(np.isnan(fixed_variance), np.isnan(px[..., 0]))
 
@@ -67,8 +67,8 @@ def test_variance_goes_with_its_point() -> None:
     variance = np.random.default_rng(3).uniform(4, 16, px.shape[:-1])
     given, given_variance = px.copy(), variance.copy()
     given[0], given_variance[0] = px[0][:, MIRROR], variance[0][:, MIRROR]
-    fixed, fixed_variance, swapped = repair_swaps(cameras, given, given_variance, BODY23)
-    assert swapped[0].any(axis=-1).all() and not swapped[1:].any()
+    fixed, fixed_variance, flipped = repair_flips(cameras, given, given_variance, BODY23)
+    assert flipped[0].any(axis=-1).all() and not flipped[1:].any()
     np.testing.assert_array_equal(fixed, px)
     np.testing.assert_array_equal(fixed_variance, variance)
 
@@ -76,7 +76,7 @@ def test_variance_goes_with_its_point() -> None:
 def test_shapes_are_checked() -> None:
     cameras, px = views(3, 2, 1.0)
     with pytest.raises(ValueError, match=r"must be \(3, T, 23, 2\)"):
-        repair_swaps(cameras, px[:, :, :5], np.ones((3, 2, 5)), BODY23)
+        repair_flips(cameras, px[:, :, :5], np.ones((3, 2, 5)), BODY23)
 
 
 @pytest.mark.parametrize("step", [3, 8, 12])
@@ -91,14 +91,14 @@ def test_few_frames_a_second_are_long_strides(step: int) -> None:
         world[:, j, 0] += reach * swing * (name.startswith("left_") - name.startswith("right_"))
     px = cameras.project(world)
     px += np.random.default_rng(2).normal(0, 4.0, px.shape)
-    _, _, swapped = repair_swaps(cameras, px, np.full(px.shape[:-1], 16.0), BODY23)
-    assert not swapped.any()
+    _, _, flipped = repair_flips(cameras, px, np.full(px.shape[:-1], 16.0), BODY23)
+    assert not flipped.any()
 
 
 def test_a_single_frame() -> None:
     cameras, px = views(4, 1, 3.0)
     given = px.copy()
     given[1] = px[1][:, MIRROR]
-    fixed, _, swapped = repair_swaps(cameras, given, np.full(px.shape[:-1], 9.0), BODY23)
-    assert swapped[1].any()
+    fixed, _, flipped = repair_flips(cameras, given, np.full(px.shape[:-1], 9.0), BODY23)
+    assert flipped[1].any()
     np.testing.assert_array_equal(fixed, px)

@@ -12,11 +12,11 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.view_bias import (
-    ViewOffsetOptions,
-    ViewOffsets,
-    learn_view_offsets,
+    ViewBias,
+    ViewBiasOptions,
+    learn_view_bias,
     trunk_axes,
-    without_view_offsets,
+    without_view_bias,
 )
 
 FPS = 30.0
@@ -35,7 +35,7 @@ def seen(walk: tuple[CameraGroup, FloatArray], size_m: float) -> tuple[FloatArra
     camera's sight in the second half of the take."""
     cameras, truth = walk
     rng = np.random.default_rng(1)
-    habits = ViewOffsets(BODY23, rng.normal(0, size_m, (23, 3, 3)), np.zeros((23, 3)), size_m)
+    habits = ViewBias(BODY23, rng.normal(0, size_m, (23, 3, 3)), np.zeros((23, 3)), size_m)
     px = cameras.project(truth) + habits.px(cameras, truth, trunk_axes(truth, BODY23))
     px += rng.normal(0, PX, px.shape)
     hidden = rng.integers(0, 2, (4, 1, 23)).astype(bool)
@@ -49,8 +49,8 @@ def test_points_that_fewer_cameras_see_come_nearer(walk, size_m: float, most: fl
     cameras, truth = walk
     px, variance = seen(walk, size_m)
     found = triangulate(cameras, px, variance)
-    offsets = learn_view_offsets(cameras, px, variance, BODY23, FPS, found)
-    mended, better = without_view_offsets(cameras, px, variance, found, offsets)
+    offsets = learn_view_bias(cameras, px, variance, BODY23, FPS, found)
+    mended, better = without_view_bias(cameras, px, variance, found, offsets)
     assert np.array_equal(np.isfinite(mended), np.isfinite(px))
 
     def error(points: FloatArray, frames: slice) -> float:
@@ -81,23 +81,23 @@ def test_nothing_is_learned_where_nothing_can_be(walk) -> None:
     cameras, _ = walk
     px, variance = seen(walk, 0.02)
     found = triangulate(cameras, px, variance)
-    off = ViewOffsetOptions(enabled=False)
-    assert learn_view_offsets(cameras, px, variance, BODY23, FPS, found, options=off) is None
+    off = ViewBiasOptions(enabled=False)
+    assert learn_view_bias(cameras, px, variance, BODY23, FPS, found, options=off) is None
     pair = cameras.select(cameras.names[:2])
     by_two = triangulate(pair, px[:2], variance[:2])
-    assert learn_view_offsets(pair, px[:2], variance[:2], BODY23, FPS, by_two) is None
+    assert learn_view_bias(pair, px[:2], variance[:2], BODY23, FPS, by_two) is None
     short = triangulate(cameras, px[:, :5], variance[:, :5])
-    assert learn_view_offsets(cameras, px[:, :5], variance[:, :5], BODY23, FPS, short) is None
+    assert learn_view_bias(cameras, px[:, :5], variance[:, :5], BODY23, FPS, short) is None
     with pytest.raises(ValueError, match="alike_s"):
-        ViewOffsetOptions(alike_s=-1.0)
+        ViewBiasOptions(alike_s=-1.0)
 
 
 def test_a_long_take_is_sampled_evenly(walk) -> None:
     cameras, _ = walk
     px, variance = seen(walk, 0.02)
     found = triangulate(cameras, px, variance)
-    every = learn_view_offsets(cameras, px, variance, BODY23, FPS, found)
-    some = learn_view_offsets(cameras, px, variance, BODY23, FPS, found, options=ViewOffsetOptions(most_frames=60))
+    every = learn_view_bias(cameras, px, variance, BODY23, FPS, found)
+    some = learn_view_bias(cameras, px, variance, BODY23, FPS, found, options=ViewBiasOptions(most_frames=60))
     # A quarter of the frames, each of which counts four times as much.
     assert np.abs(some.by_view - every.by_view).mean() < 0.25 * np.abs(every.by_view).mean()
 

@@ -1,0 +1,7 @@
+"""What a Python caller can do about an error, by the key that the exception carries.
+
+The command line has a table with the same keys and commands to paste (`muybridge.infer.commands.remedies`); a test
+compares the two. Texts are format strings; the exception's `details` fill in the names.
+"""
+
+REMEDIES: dict[str, str] = {}

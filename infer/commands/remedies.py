@@ -1,0 +1,16 @@
+"""What a user of the command line can type about an error, by the key that the exception carries.
+
+The keys are those of `muybridge.remedies`. Texts are format strings; the exception's `details` fill in the names.
+"""
+
+from muybridge.errors import MuybridgeError
+
+COMMAND_REMEDIES: dict[str, str] = {}
+
+
+def error_line(error: MuybridgeError) -> str:
+    """The error's message and its remedy on the command line, in one line."""
+    text = error.message
+    if error.remedy is not None:
+        text = f"{text}; {COMMAND_REMEDIES[error.remedy].format(**error.details)}"
+    return " ".join(text.split())
