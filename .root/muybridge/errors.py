@@ -38,9 +38,7 @@ class MuybridgeError(Exception):
         return _rebuild, (type(self), self.message, self.remedy, self.details)
 
 
-def _rebuild(
-    kind: type[MuybridgeError], message: str, remedy: str | None, details: dict[str, Any]
-) -> MuybridgeError:
+def _rebuild(kind: type[MuybridgeError], message: str, remedy: str | None, details: dict[str, Any]) -> MuybridgeError:
     return kind(message, remedy=remedy, **details)
 
 

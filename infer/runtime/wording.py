@@ -11,8 +11,3 @@ def readable(name: str) -> str:
 def listed(items: Sequence[str]) -> str:
     """``a``, ``a and b``, ``a, b and c``."""
     return items[0] if len(items) == 1 else ", ".join(items[:-1]) + " and " + items[-1]
-
-
-def one_line(error: BaseException) -> str:
-    """An error's message with line breaks taken out."""
-    return " ".join(str(error).split())
