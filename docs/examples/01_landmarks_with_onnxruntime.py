@@ -1,46 +1,23 @@
-"""Body landmarks of one image, with nothing but onnxruntime and numpy.
+"""The 23 landmarks of one person in ten lines, with nothing but onnxruntime and numpy.
 
     python 01_landmarks_with_onnxruntime.py keypoints.onnx crop.npy
 
 `crop.npy` holds a square RGB image of one person as uint8, with the side that the network's metadata states.
 """
 
-# --8<-- [start:function]
-import json
 import sys
 
-import numpy as np
-import onnxruntime
+# --8<-- [start:snippet]
+import json, numpy, onnxruntime  # noqa: E401
 
+network = onnxruntime.InferenceSession(sys.argv[1])
+meta = network.get_modelmeta().custom_metadata_map
+image = numpy.load(sys.argv[2]).transpose(2, 0, 1)[None].astype("float32") / 255
+heatmaps = network.run(["heatmaps"], {"image": image})[0][0]  # (landmarks, rows, columns), logits
+names, stride = json.loads(meta["names"]), int(meta["stride"])
+v, u = numpy.unravel_index(heatmaps.reshape(len(names), -1).argmax(axis=1), heatmaps.shape[1:])
+pixels = numpy.stack([u, v], axis=1) * stride + (stride - 1) / 2  # of the crop; (0, 0) is its first pixel's centre
+# --8<-- [end:snippet]
 
-def find_landmarks(network: onnxruntime.InferenceSession, crop: np.ndarray) -> dict[str, tuple]:
-    meta = network.get_modelmeta().custom_metadata_map
-    stride, variance = int(meta["stride"]), json.loads(meta["variance"])
-    image = crop.transpose(2, 0, 1)[None].astype(np.float32) / 255
-    logits, visibility = network.run(["heatmaps", "visibility"], {"image": image})
-    p = np.exp(logits[0])  # (landmarks, rows, columns)
-    p /= p.sum(axis=(1, 2), keepdims=True)  # where each landmark is: a probability over cells
-    v, u = np.unravel_index(p.reshape(len(p), -1).argmax(axis=1)[:, None, None], p.shape[1:])
-    rows, columns = np.indices(p.shape[1:])
-    near = p * ((columns - u) ** 2 + (rows - v) ** 2 <= 6)  # the best cell's neighbourhood, not a global mean
-    u, v = ((near * x).sum(axis=(1, 2)) / near.sum(axis=(1, 2)) for x in (columns, rows))
-    spread = (p * ((columns - u[:, None, None]) ** 2 + (rows - v[:, None, None]) ** 2)).sum(axis=(1, 2)) / 2
-    spread = spread * stride**2
-    sigma = np.sqrt(variance["scale"] * spread + variance["floor_px2"])
-    if knots := variance.get("knots"):  # a finer map from spread to variance, straight in logarithms
-        at, value = np.log(knots).T
-        sigma = np.exp(np.interp(np.log(spread), at, value) / 2) * np.sqrt(np.maximum(spread / knots[-1][0], 1))
-    hidden = 1 / (1 + np.exp(visibility[0]))  # the probability that something is in front of it
-    sigma = sigma * variance.get("hidden", 1.0) ** (hidden / 2)
-    sigma = sigma * np.sqrt(variance.get("landmarks") or 1.0)  # toes are more precise than their spread says, hips less
-    x, y = u * stride + (stride - 1) / 2, v * stride + (stride - 1) / 2
-    return {name: (x[i], y[i], sigma[i]) for i, name in enumerate(json.loads(meta["names"]))}
-
-
-# --8<-- [end:function]
-
-if __name__ == "__main__":
-    onnxruntime.set_default_logger_severity(3)  # one input may be left out, which it would remark on
-    session = onnxruntime.InferenceSession(sys.argv[1])
-    for name, (x, y, sigma) in find_landmarks(session, np.load(sys.argv[2])).items():
-        print(f"{name:16s} {x:7.1f} {y:7.1f}  +- {sigma:.1f} px")
+for name, (x, y) in zip(names, pixels, strict=True):
+    print(f"{name} {x:.2f} {y:.2f}")

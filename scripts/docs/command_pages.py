@@ -105,10 +105,15 @@ def _option(action: Any) -> Iterator[str]:
     yield ", ".join(names) + (f" `{value}`" if value else "")
     text = re.sub(r"\s+", " ", action.help or "").strip()
     text = re.sub(r"\s*\(default: (?:None)?\)$", "", text)  # "no value" says nothing to a reader
-    text = re.sub(r"\(default: ([^()]*)\)$", lambda found: f"Default: `{found[1]}`.", text)
+    text = re.sub(r"\(default: ([^()]*)\)$", lambda found: f"Default: {_value(found[1])}.", text)
     text = text.replace("(required)", "Required.")
     yield f":   {_sentence(text) or 'See the description.'}"
     yield ""
+
+
+def _value(text: str) -> str:
+    """A default: code where it is one word, else the words of whoever wrote the help."""
+    return text if " " in text else f"`{text}`"
 
 
 def _sentence(text: str) -> str:
