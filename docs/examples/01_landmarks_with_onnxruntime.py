@@ -1,14 +1,16 @@
-"""The 23 landmarks of one person in ten lines, with nothing but onnxruntime and numpy.
+"""The 23 landmarks of one person in a few lines, with nothing but onnxruntime and numpy.
 
     python 01_landmarks_with_onnxruntime.py keypoints.onnx crop.npy
 
 `crop.npy` holds a square RGB image of one person as uint8, with the side that the network's metadata states.
 """
 
+# --8<-- [start:snippet]
+import json
 import sys
 
-# --8<-- [start:snippet]
-import json, numpy, onnxruntime  # noqa: E401
+import numpy
+import onnxruntime
 
 network = onnxruntime.InferenceSession(sys.argv[1])
 meta = network.get_modelmeta().custom_metadata_map
