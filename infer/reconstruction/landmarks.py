@@ -280,6 +280,7 @@ class _Stages:
         if result is not None:
             self._progress.say(f"{name}: resumed from {self._store.folder / (name + '.npz')}")
         else:
+            self._progress.stage(name)
             start = time.perf_counter()
             arrays, facts = compute()
             result = self._store.save(name, key, arrays, facts, time.perf_counter() - start)

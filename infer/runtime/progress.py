@@ -47,6 +47,9 @@ class Progress:
         """A line about something that the user should know."""
         self._print(f"note: {text}")
 
+    def stage(self, name: str) -> None:
+        """A stage that counts no units begins: nothing to show here, where its end is told."""
+
     def _print(self, text: str) -> None:
         with self._lock:
             if self._bars is not None:
