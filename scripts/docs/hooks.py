@@ -48,7 +48,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     pages = {f"{command_pages.FOLDER}/index.md": command_pages.index_page(commands)}
     pages |= {command_pages.page_path(n): command_pages.command_page(n, target) for n, target in commands.items()}
     pages |= {f"{api_pages.FOLDER}/index.md": api_pages.index_page(packages)}
-    pages |= {api_pages.page_path(package): api_pages.package_page(package) for package in packages}
+    pages |= api_pages.package_pages(packages)
     for path, content in pages.items():
         files.append(File.generated(config, path, content=content))
     return files

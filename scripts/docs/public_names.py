@@ -1,9 +1,14 @@
 """The public names of packages, for the API pages and for the check that all of them are documented."""
 
+import ast
 import importlib
 import inspect
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+Kind = Literal["function", "class", "options", "error", "value"]
 
 
 @dataclass(frozen=True)
@@ -15,12 +20,14 @@ class PublicName:
         name: as it is exported.
         home: where it is defined, dotted, for static analysis; `package.name` for what has no module of its own.
         documented: whether it has a docstring of its own. Plain values (constants) need none.
+        kind: what it is, for the page's sections.
     """
 
     package: str
     name: str
     home: str
     documented: bool
+    kind: Kind
 
 
 def public_names(package: str) -> list[PublicName]:
@@ -31,18 +38,37 @@ def public_names(package: str) -> list[PublicName]:
         AttributeError: `__all__` lists a name that the package does not have.
     """
     module = importlib.import_module(package)
-    names = sorted(getattr(module, "__all__", ()), key=str.lower)
-    return [_describe(package, name, getattr(module, name)) for name in names]
+    names = sorted((n for n in getattr(module, "__all__", ()) if not n.startswith("__")), key=str.lower)
+    stub = _homes_in_stub(package, getattr(module, "__file__", None))
+    return [_describe(package, name, getattr(module, name), stub.get(name)) for name in names]
 
 
-def _describe(package: str, name: str, value: object) -> PublicName:
-    home, documented = f"{package}.{name}", True
+def _homes_in_stub(package: str, file: str | None) -> dict[str, str]:
+    """Where the stub of a lazy package says that its names are defined."""
+    if file is None or not Path(file).with_suffix(".pyi").is_file():
+        return {}
+    homes: dict[str, str] = {}
+    stub = Path(file).with_suffix(".pyi")
+    for node in ast.parse(stub.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ImportFrom):
+            above = package.rsplit(".", node.level - 1)[0] if node.level else ""
+            module = ".".join(part for part in (above, node.module) if part)
+            homes |= {alias.asname or alias.name: f"{module}.{alias.name}" for alias in node.names}
+    return homes
+
+
+def _describe(package: str, name: str, value: object, home: str | None) -> PublicName:
+    documented, kind = True, _kind(name, value)
     if inspect.isclass(value) or inspect.isroutine(value):
-        home = f"{value.__module__}.{value.__qualname__}"
+        home = home or f"{value.__module__}.{value.__qualname__}"
         documented = bool((value.__doc__ or "").strip()) and not _generated(value)
-    elif inspect.ismodule(value):
-        home, documented = value.__name__, bool((value.__doc__ or "").strip())
-    return PublicName(package, name, home, documented)
+    return PublicName(package, name, home or f"{package}.{name}", documented, kind)
+
+
+def _kind(name: str, value: object) -> Kind:
+    if inspect.isclass(value):
+        return "error" if issubclass(value, BaseException) else "options" if name.endswith("Options") else "class"
+    return "function" if inspect.isroutine(value) else "value"
 
 
 def _generated(value: object) -> bool:

@@ -29,6 +29,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         "@dataclasses.dataclass\nclass Silent:\n    x: int = 0\n"
         "class Told:\n    '''A class.'''\n"
         "LIMIT = 3\n"
+        "__all__ = ['good', 'Told']\n"
     )
     (package / "__init__.py").write_text(
         "'''A toy.\n\nMore of it.'''\n"
@@ -53,6 +54,14 @@ def test_public_names_know_where_lazy_names_live(scripts: None, toy: str) -> Non
     assert list(found) == ["bare", "good", "LIMIT", "Silent", "Told"]
     assert found["good"].home == "toy_package.parts.good"
     assert found["LIMIT"].home == "toy_package.LIMIT"
+    assert [found[n].kind for n in ("good", "Told", "LIMIT")] == ["function", "class", "value"]
+
+
+def test_a_stub_says_where_names_live(scripts: None, toy: str, tmp_path: Path) -> None:
+    stub = "from .parts import LIMIT as LIMIT\nfrom .parts import good as good\n"
+    (tmp_path / "toy_package" / "__init__.pyi").write_text(stub)
+    found = {name.name: name.home for name in _load("public_names").public_names(toy)}
+    assert found["LIMIT"] == "toy_package.parts.LIMIT" and found["good"] == "toy_package.parts.good"
 
 
 def test_names_without_a_docstring_are_found(scripts: None, toy: str) -> None:
@@ -70,9 +79,13 @@ def test_a_name_that_is_not_there_is_an_error(scripts: None, monkeypatch: pytest
 
 def test_api_pages_have_an_entry_for_each_name(scripts: None, toy: str) -> None:
     pages = _load("api_pages")
-    page = pages.package_page(toy)
+    page = pages.package_pages([toy])["reference/api/toy_package.md"]
+    assert page.index("## Functions") < page.index("## Classes") < page.index("## Values")
     for name in ("bare", "good", "Silent", "Told"):
         assert f"::: toy_package.parts.{name}\n    options:\n      heading: {name}\n" in page
+    # A second package that exports the same things links to the first.
+    again = pages.package_pages([toy, "toy_package.parts"])["reference/api/toy_package.parts.md"]
+    assert ":::" not in again and "[`good`](toy_package.md#toy_package.parts.good)" in again
     index = pages.index_page([toy])
     assert "[`good`](toy_package.md#toy_package.parts.good)" in index
     assert "A toy." in index and "More of it" not in index
