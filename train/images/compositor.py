@@ -20,7 +20,7 @@ from muybridge.train.images.backgrounds import sample_backdrop
 from muybridge.train.images.clutter import add_clutter, tile_by_mirroring
 from muybridge.train.images.compositing import BaseCompositor
 from muybridge.train.images.occlusion import draw_occluders, pixelate_faces, truncate
-from muybridge.train.synthesis.rendering.close_ups import BORDER, SOMETHING, cut_boxes, to_crop
+from muybridge.train.synthesis.rendering.close_ups import BORDER, OCCLUDER, cut_boxes, map_cuts
 from muybridge.train.synthesis.rendering.store import RenderSet
 
 MIRROR = np.array([*BODY23.mirror, *(len(BODY23) + i for i in SURFACE.mirror)])
@@ -152,7 +152,7 @@ class Compositor(BaseCompositor):
         made = self.renders.cut_px[index]
         box, lines = cut_boxes(rng, self.renders.box_px[index], opt.close_up, made)
         matrix, flip = self._placement(box)
-        cuts = to_crop(rng, lines, matrix, np.isfinite(made[:, 0]))
+        cuts = map_cuts(rng, lines, matrix, np.isfinite(made[:, 0]))
         person, landmarks, visible = self._warp(index, matrix, flip)
         plate = self._background(count, opt.clutter)
         lit = self._backdrops(plate)
@@ -171,7 +171,7 @@ class Compositor(BaseCompositor):
         before = torch.from_numpy(mask)[:, None]
         pixelate_faces(image, landmarks, opt.mosaic, rng)
         visible = visible & ~cuts.hidden(landmarks)
-        for i in cuts.chosen(SOMETHING):
+        for i in cuts.chosen(OCCLUDER):
             mask = torch.from_numpy(cuts.mask(i, self.size))
             image[i, :, mask] = self._background(1)[0, :, mask]
             before[i, :, mask] = 1
