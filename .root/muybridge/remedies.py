@@ -5,16 +5,25 @@ compares the two. Texts are format strings; the exception's `details` fill in th
 """
 
 REMEDIES: dict[str, str] = {
+    "align_rigid": 'pass align="rigid"',
     "board_page": "use smaller squares, larger paper, or paper=None for a page as large as the board needs",
+    "butterworth": 'pass method="butterworth" with it',
     "calibration_path": "or pass the path of one",
+    "every_frame": "pass every=1",
+    "image_size": "pass size, videos or lenses",
     "lens_fisheye": 'if the lens is a fisheye lens, pass lens="fisheye"',
     "lens_pinhole": 'pass lens="pinhole", or keep the board away from the border of the image',
     "marker_dictionary": "or set marker_dictionary to the dictionary of the marker",
+    "max_offset": "pass a larger max_offset",
+    "no_model_card": "leave model_card out",
     "other_folder": "choose another folder",
     "other_name": "choose another name",
     "overwrite": "choose another name, or pass overwrite=True",
     "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",
     "points_or_lens": "add points, or pass the camera with its lens in lenses",
+    "shift": "pass the time between them as shift",
+    "still_moment": "name the image in which it does as moment",
+    "sync_by_images": 'pass methods=("epipolar", "motion")',
     "unwritable": "choose a folder you may write to, or free its disk",
     "video_rotated": 'pass "rotate-cw" or "rotate-ccw", or calibrate with the camera as it records',
 }

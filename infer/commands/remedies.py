@@ -6,16 +6,25 @@ The keys are those of `muybridge.remedies`. Texts are format strings; the except
 from muybridge.errors import MuybridgeError
 
 COMMAND_REMEDIES: dict[str, str] = {
+    "align_rigid": "give --align rigid",
     "board_page": "take smaller squares (--square), larger paper or --paper fit",
+    "butterworth": "give --smooth butterworth with it",
     "calibration_path": "or name one with --calibration",
+    "every_frame": "give --every 1",
+    "image_size": "give --size WIDTH HEIGHT, --videos or --lenses",
     "lens_fisheye": "if the lens is a fisheye lens, give --lens fisheye",
     "lens_pinhole": "give --lens pinhole, or keep the board away from the border of the image",
     "marker_dictionary": "or name its dictionary with --marker-dictionary",
+    "max_offset": "give a larger --max-offset",
+    "no_model_card": "leave out --model-card",
     "other_folder": "choose another folder with --out",
     "other_name": "choose another name",
     "overwrite": "choose another name, or give --overwrite",
     "points_off_shape": "add points well off the {shape}, or give the lens with --lenses",
     "points_or_lens": "add points, or give the lens with --lenses",
+    "shift": "give the time between them with --shift",
+    "still_moment": "name the image in which it does with --moment",
+    "sync_by_images": "give --methods epipolar motion",
     "unwritable": "free its disk or choose another --out",
     "video_rotated": "give --video-size rotate-cw or rotate-ccw, or calibrate with the camera as it records",
 }

@@ -3,7 +3,6 @@
 import importlib
 import re
 import tomllib
-import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -46,11 +45,9 @@ def index_page(commands: dict[str, str]) -> str:
 
 def command_page(name: str, target: str) -> str:
     """The page of one command: usage, description, arguments, and every group of options."""
-    import tyro
+    from muybridge.infer.commands.parsing import parser_of
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # the only public way to a parser; tyro's version is pinned
-        parser = tyro.extras.get_parser(_function(target), prog=f"muybridge {name}")
+    parser = parser_of(_function(target), name)
     lines = [f"# muybridge {name}", "", *_parser(parser, f"muybridge {name}", 2)]
     return "\n".join(lines)
 

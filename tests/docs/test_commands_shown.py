@@ -5,13 +5,12 @@ import importlib
 import re
 import shlex
 import sys
-import warnings
 from pathlib import Path
 from typing import Any
 
 import pytest
-import tyro
 
+from muybridge.infer.commands.parsing import parser_of
 from tests.paths import REPOSITORY
 
 DOCS = REPOSITORY / "docs"
@@ -32,10 +31,7 @@ def _commands() -> dict[str, str]:
 @functools.cache
 def _options(command: str) -> frozenset[str]:
     module, _, name = _commands()[command].partition(":")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        parser = tyro.extras.get_parser(getattr(importlib.import_module(module), name))
-    return frozenset(_collected(parser))
+    return frozenset(_collected(parser_of(getattr(importlib.import_module(module), name), command)))
 
 
 def _collected(parser: Any) -> set[str]:

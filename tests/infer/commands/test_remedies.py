@@ -17,18 +17,9 @@ FOLDERS = (*LOWER_LAYERS, "infer", "train", ".root/muybridge")
 FLAG = re.compile(r"(?<![\w-])--[a-z]|`muybridge ")
 # Files that still name flags or commands; they only ever become fewer.
 STILL_NAME_FLAGS = {
-    "geometry/calibration/board/extrinsics.py",
-    "geometry/calibration/board/intrinsics.py",
-    "geometry/calibration/board/pdf.py",
-    "geometry/calibration/diagnosis/faults.py",
-    "geometry/calibration/formats/registry.py",
-    "geometry/calibration/gravity.py",
     "geometry/calibration/people/calibrate.py",
     "geometry/calibration/people/initialise.py",
     "geometry/calibration/people/world.py",
-    "geometry/calibration/resection.py",
-    "geometry/calibration/structure_from_motion.py",
-    "geometry/cameras/video_size.py",
     "models/metadata_reader.py",
     "models/onnx_files/import_weights.py",
     "models/pseudo_labels.py",
