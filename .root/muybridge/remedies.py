@@ -20,7 +20,11 @@ REMEDIES: dict[str, str] = {
     "lens_fisheye": 'if the lens is a fisheye lens, pass lens="fisheye"',
     "lens_pinhole": 'pass lens="pinhole", or keep the board away from the border of the image',
     "marker_dictionary": "or set marker_dictionary to the dictionary of the marker",
+    "other_folder": "choose another folder",
+    "other_name": "choose another name",
+    "overwrite": "choose another name, or pass overwrite=True",
     "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",
     "points_or_lens": "add points, or pass the camera with its lens in lenses",
+    "unwritable": "choose a folder you may write to, or free its disk",
     "video_rotated": 'pass "rotate-cw" or "rotate-ccw", or calibrate with the camera as it records',
 }
