@@ -5,6 +5,9 @@ compares the two. Texts are format strings; the exception's `details` fill in th
 """
 
 REMEDIES: dict[str, str] = {
+    "other_name": "choose another name",
+    "overwrite": "choose another name, or pass overwrite=True",
+    "unwritable": "choose a folder you may write to, or free its disk",
     "board_page": "use smaller squares, larger paper, or paper=None for a page as large as the board needs",
     "calibration_path": "or pass the path of one",
     "lens_fisheye": 'if the lens is a fisheye lens, pass lens="fisheye"',

@@ -6,6 +6,9 @@ The keys are those of `muybridge.remedies`. Texts are format strings; the except
 from muybridge.errors import MuybridgeError
 
 COMMAND_REMEDIES: dict[str, str] = {
+    "other_name": "choose another name",
+    "overwrite": "choose another name, or give --overwrite",
+    "unwritable": "free its disk or choose another --out",
     "board_page": "take smaller squares (--square), larger paper or --paper fit",
     "calibration_path": "or name one with --calibration",
     "lens_fisheye": "if the lens is a fisheye lens, give --lens fisheye",
