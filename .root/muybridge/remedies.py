@@ -5,15 +5,25 @@ compares the two. Texts are format strings; the exception's `details` fill in th
 """
 
 REMEDIES: dict[str, str] = {
-    "other_name": "choose another name",
-    "overwrite": "choose another name, or pass overwrite=True",
-    "unwritable": "choose a folder you may write to, or free its disk",
     "board_page": "use smaller squares, larger paper, or paper=None for a page as large as the board needs",
+    "bvh_units": "pass `units`, one of {units}",
     "calibration_path": "or pass the path of one",
+    "choose_clip": "pass `clip`, a name or a number of this list",
+    "export_fbx": "export it again as binary FBX",
+    "export_gltf": "export it again as glTF 2.0",
+    "fit_points": "fit a body to them first (fit_body)",
+    "fps_range": "pass a number above zero as fps, not {fps}",
+    "fps_unstated": "pass `fps`, frames per second",
+    "frames_unnumbered": "number them in a column `frame`, or pass `fps` if no frame is missing",
     "lens_fisheye": 'if the lens is a fisheye lens, pass lens="fisheye"',
     "lens_pinhole": 'pass lens="pinhole", or keep the board away from the border of the image',
+    "list_body_points": "muybridge.geometry.landmarks.marker_sets.SURFACE.names has all",
     "marker_dictionary": "or set marker_dictionary to the dictionary of the marker",
+    "option_unused": "leave out `{option}`",
+    "other_name": "choose another name",
+    "overwrite": "choose another name, or pass overwrite=True",
     "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",
     "points_or_lens": "add points, or pass the camera with its lens in lenses",
+    "unwritable": "choose a folder you may write to, or free its disk",
     "video_rotated": 'pass "rotate-cw" or "rotate-ccw", or calibrate with the camera as it records',
 }
