@@ -217,7 +217,7 @@ def _add_mesh(objects: Node, links: Node, skeleton: Skeleton) -> None:
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:
-    """Of a rotation and a shift (4, 4)."""
+    """The inverse of a rotation and a shift (4, 4)."""
     out = np.eye(4)
     out[:3, :3] = matrix[:3, :3].T
     out[:3, 3] = -out[:3, :3] @ matrix[:3, 3]

@@ -187,5 +187,7 @@ def _animated(animations: list[dict[str, Any]]) -> set[int]:
     """Nodes that any animation turns, moves or scales."""
     targets = [channel["target"] for animation in animations for channel in animation["channels"]]
     return {
-        t["node"] for t in targets if isinstance(t.get("node"), int) and t["path"] in ("translation", "rotation", "scale")
+        t["node"]
+        for t in targets
+        if isinstance(t.get("node"), int) and t["path"] in ("translation", "rotation", "scale")
     }

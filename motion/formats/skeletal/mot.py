@@ -11,6 +11,7 @@ from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.skeletal.opensim import Coordinates, coordinates_of
 from muybridge.motion.formats.skeletal.rigid import with_rigid_bones
 
+
 def write_mot(path: Path, motion: Motion) -> None:
     """Write joint angles.
 

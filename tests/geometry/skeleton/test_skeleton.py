@@ -123,7 +123,9 @@ def test_selecting_frames_and_holding_bones():
     held = near.with_rigid_bones()
     assert held.translations is None and held.skeleton.sliding == ()
     np.testing.assert_allclose(held.joint_positions_world(), near.joint_positions_world(), atol=2e-3)
-    body = Motion(BODY.skeleton(prior_shape(1.7)), 1.0, np.zeros((1, 3)), np.tile([1.0, 0, 0, 0], (1, len(BODY.parents), 1)))
+    body = Motion(
+        BODY.skeleton(prior_shape(1.7)), 1.0, np.zeros((1, 3)), np.tile([1.0, 0, 0, 0], (1, len(BODY.parents), 1))
+    )
     assert body.with_rigid_bones() is body
 
 

@@ -154,7 +154,7 @@ def test_characters_are_read_with_all_their_joints(tmp_path, name):
 
 
 def test_every_joint_of_a_skin_is_a_joint(tmp_path):
-    for name in ("kaykit_knight.glb", "mesh2motion_female.glb", "mesh2motion_dog.glb", "mesh2motion_fox_animations.glb"):
+    for name in ("kaykit_knight.glb", *(f"mesh2motion_{n}.glb" for n in ("female", "dog", "fox_animations"))):
         path = real(CHARACTERS / name)
         document, _ = load(path)
         bound = {document["nodes"][n]["name"] for n in document["skins"][0]["joints"]}
@@ -183,7 +183,9 @@ def test_a_root_bone_over_moving_hips():
 
 
 @pytest.mark.parametrize("suffix", [".bvh", ".fbx"])
-@pytest.mark.parametrize(("name", "clip"), [("kaykit_knight.glb", "Walking_A"), ("mesh2motion_fox_animations.glb", "Death")])
+@pytest.mark.parametrize(
+    ("name", "clip"), [("kaykit_knight.glb", "Walking_A"), ("mesh2motion_fox_animations.glb", "Death")]
+)
 def test_rigs_as_bvh_and_fbx(tmp_path, name, clip, suffix):
     motion = read_gltf(real(CHARACTERS / name), clip)
     path = tmp_path / f"m{suffix}"
@@ -222,8 +224,8 @@ def joints_in(path: Path) -> int:
         words = path.read_text().split()
         return words.count("ROOT") + words.count("JOINT")
     if path.suffix == ".amc":
-        bones = path.with_name(f"{path.name.split('_')[0]}.asf").read_text().split(":bonedata")[1].split(":hierarchy")[0]
-        return 1 + bones.split().count("begin")
+        asf = path.with_name(f"{path.name.split('_')[0]}.asf").read_text()
+        return 1 + asf.split(":bonedata")[1].split(":hierarchy")[0].split().count("begin")
     (objects,) = read_fbx_nodes(path).all("Objects")
     limbs = [m for m in objects.all("Model") if m.properties[2] in ("LimbNode", "Root")]
     names = [str(m.properties[1]).split("\x00")[0] for m in limbs]
