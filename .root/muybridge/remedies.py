@@ -4,4 +4,8 @@ The command line has a table with the same keys and commands to paste (`muybridg
 compares the two. Texts are format strings; the exception's `details` fill in the names.
 """
 
-REMEDIES: dict[str, str] = {}
+REMEDIES: dict[str, str] = {
+    "other_name": "choose another name",
+    "overwrite": "choose another name, or pass overwrite=True",
+    "unwritable": "choose a folder you may write to, or free its disk",
+}

@@ -5,7 +5,11 @@ The keys are those of `muybridge.remedies`. Texts are format strings; the except
 
 from muybridge.errors import MuybridgeError
 
-COMMAND_REMEDIES: dict[str, str] = {}
+COMMAND_REMEDIES: dict[str, str] = {
+    "other_name": "choose another name",
+    "overwrite": "choose another name, or give --overwrite",
+    "unwritable": "free its disk or choose another --out",
+}
 
 
 def error_line(error: MuybridgeError) -> str:

@@ -15,8 +15,9 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.infer.reconstruction.judge import check_keypoints
+from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.runtime.stages import StageResult, StageStore
 
 STAGE = "calibration"
 _FIGURES = ("count", "residual_px", "p95_px", "leave_one_out_px", "focal_sd", "position_sd")
@@ -35,7 +36,7 @@ def judge(
         store: where finished stages are.
         progress: whom to tell.
     """
-    key = digest(STAGE, inputs, fps, code_digest("muybridge.geometry", "muybridge.infer.commands.calibrate.check"))
+    key = digest(STAGE, inputs, fps, code_digest("muybridge.geometry", "muybridge.infer.reconstruction"))
     stored = store.load(STAGE, key)
     if stored is not None:
         return unpacked(cameras, stored.arrays, stored.facts), stored

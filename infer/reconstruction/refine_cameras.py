@@ -13,8 +13,9 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.triangulation.left_right import repair_flips
 from muybridge.geometry.triangulation.validation import leave_one_out_error
+from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.session.session import Session, with_notice
 
 STAGE = "refine"
@@ -42,7 +43,7 @@ def refined(
         store: where finished stages are.
         progress: whom to tell.
     """
-    key = digest(STAGE, inputs, code_digest("muybridge.geometry", "muybridge.infer.reconstruction.refine_cameras"))
+    key = digest(STAGE, inputs, code_digest("muybridge.geometry", "muybridge.infer.reconstruction"))
     stage = store.load(STAGE, key)
     if stage is None:
         start = time.perf_counter()

@@ -21,36 +21,34 @@ from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import SessionOptions, open_session
 
 PAGE = "calibration.html"
-_FLAT = tyro.conf.arg(name="")
+COMMON_OPTIONS = {"check": ("out", "overwrite", "work", "calibration", "cameras", "workers")}
 
 
 def check(
-    session: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SESSION")],
+    path: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SESSION")],
     /,
     out: Path | None = None,
-    options: Annotated[DiagnosisOptions, _FLAT] = DiagnosisOptions(),  # noqa: B008 - frozen
+    options: DiagnosisOptions = DiagnosisOptions(),  # noqa: B008 - frozen
     work: Path | None = None,
-    read: Annotated[SessionOptions, _FLAT] = SessionOptions(),  # noqa: B008
-    detect: Annotated[DetectOptions, _FLAT] = DetectOptions(),  # noqa: B008
+    session: SessionOptions = SessionOptions(),  # noqa: B008
+    detect: DetectOptions = DetectOptions(),  # noqa: B008
     overwrite: bool = False,
-    quiet: bool = False,
 ) -> int:
     """Is the calibration good, and if not, which camera is it: turned, out of step, wrong lens or file?
 
     Args:
-        session: folder with `videos/` and a calibration, in which a person moves.
+        path: folder with `videos/` and a calibration, in which a person moves.
         out: page to write (default: `calibration.html` in the session's results folder).
         options: what counts as a fault.
         work: results folder whose finished 2D landmarks are used (default: `muybridge/` inside the session).
-        read: how the session folder is read.
+        session: how the session folder is read.
         detect: 2D landmarks.
         overwrite: replace --out where muybridge did not write it.
-        quiet: say only the result.
     """
     start = time.perf_counter()
     check_replaceable([] if out is None else [out], overwrite)
-    with Progress(quiet=quiet) as progress:
-        opened = open_session(session, read)
+    with Progress() as progress:
+        opened = open_session(path, session)
         for notice in opened.notices:
             progress.notice(notice)
         opened, keypoints = session_keypoints(opened, work, detect, progress)
@@ -58,7 +56,7 @@ def check(
     seconds = {"in all": time.perf_counter() - start}
     page = CalibrationPage(opened.name, quality, opened.notices, seconds)
     if out is None:
-        results = open_output(work or session / DEFAULT_RESULTS, (), [opened.calibration])
+        results = open_output(work or path / DEFAULT_RESULTS, (), [opened.calibration])
         place = results.write(PAGE, lambda path: write_calibration_page(path, page))
     else:
         place = write_calibration_page(out, page)
