@@ -9,6 +9,14 @@ COMMAND_REMEDIES: dict[str, str] = {
     "other_name": "choose another name",
     "overwrite": "choose another name, or give --overwrite",
     "unwritable": "free its disk or choose another --out",
+    "board_page": "take smaller squares (--square), larger paper or --paper fit",
+    "calibration_path": "or name one with --calibration",
+    "lens_fisheye": "if the lens is a fisheye lens, give --lens fisheye",
+    "lens_pinhole": "give --lens pinhole, or keep the board away from the border of the image",
+    "marker_dictionary": "or name its dictionary with --marker-dictionary",
+    "points_off_shape": "add points well off the {shape}, or give the lens with --lenses",
+    "points_or_lens": "add points, or give the lens with --lenses",
+    "video_rotated": "give --video-size rotate-cw or rotate-ccw, or calibrate with the camera as it records",
 }
 
 

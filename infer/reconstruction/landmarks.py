@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.association.select import TrackingOptions, select_person, take_slots
+from muybridge.geometry.association.options import TrackingOptions
+from muybridge.geometry.association.select import select_person, take_slots
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.fitting.body_fit import FitOptions, fit_body, landmarks_from_motion
 from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D

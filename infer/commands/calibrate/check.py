@@ -8,7 +8,7 @@ import numpy as np
 import tyro
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.calibration.diagnosis.faults import DiagnosisOptions
+from muybridge.geometry.calibration.diagnosis.findings import DiagnosisOptions
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
 from muybridge.infer.detection.detect import DetectOptions
@@ -16,6 +16,7 @@ from muybridge.infer.pipelines.landmarks import DEFAULT_RESULTS, session_keypoin
 from muybridge.infer.reconstruction.judge import check_keypoints
 from muybridge.infer.report.calibration_figures import blamed
 from muybridge.infer.report.calibration_page import CalibrationPage, write_calibration_page
+from muybridge.infer.report.diagnosis_wording import diagnosis_text
 from muybridge.infer.results.folder import open_output
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import SessionOptions, open_session
@@ -71,7 +72,7 @@ def told(quality: CalibrationQuality) -> list[str]:
     report = quality.diagnosis
     if report is None:
         raise MuybridgeError("no culprit was looked for")
-    rows = [report.sentence]
+    rows = [diagnosis_text(report)]
     width = max(len(n) for n in quality.cameras.names)
     for c in report.order if report.faults else range(len(quality.cameras)):
         name = quality.cameras.names[c]
