@@ -30,7 +30,7 @@ from .errors import MuybridgeError as MuybridgeError
 from .errors import OutputError as OutputError
 from .errors import SessionError as SessionError
 from .errors import VideoError as VideoError
-from .geometry.association.tracker import TrackingOptions as TrackingOptions
+from .geometry.association.options import TrackingOptions as TrackingOptions
 from .geometry.cameras.camera import Camera as Camera
 from .geometry.cameras.group import CameraGroup as CameraGroup
 from .geometry.fitting.body_fit import BodyFit as BodyFit

@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
@@ -26,8 +26,7 @@ from muybridge.infer.pipelines.solve_points import (
     write,
 )
 
-if TYPE_CHECKING:
-    pass
+COMMON_OPTIONS = {"solve": ("out", "units", "up", "fps", "overwrite", "method", "centres", "network", "correct")}
 
 
 def solve(

@@ -25,8 +25,9 @@ from muybridge.infer.detection.pose_estimator import CameraTracks, KeypointOptio
 from muybridge.infer.detection.resample import Repeats, frozen
 from muybridge.infer.networks.external import open_keypoints
 from muybridge.infer.networks.keypoints import SIZES, PeopleNetwork
+from muybridge.infer.runtime.digests import code_digest, digest, file_digest
 from muybridge.infer.runtime.progress import Progress, Task
-from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest, file_digest
+from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.runtime.threads import Stopped, in_threads
 from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import read_chunks
@@ -40,36 +41,13 @@ PROXY_LONG_SIDE_PX = 960
 _NAME_BYTES = 150
 # Of a stage's arrays and facts.
 _PLATE, _REPEATS, _ALIKE_FROM, _HUNG = "plate", "repeats", "alike_from", "frames_width_height_angle_and_long_side"
-# The code between a crop and its landmarks.
-READING_CODE = (
-    "muybridge.models.keypoints.decode",
-    "muybridge.models.keypoints.mirroring",
-    "muybridge.models.keypoints.rescale",
-    "muybridge.models.keypoints.patches",
-    "muybridge.models.keypoints.test_time",
-    "muybridge.models.keypoints.left_right",
-    "muybridge.infer.networks.keypoints",
-)
-# The code that a camera's 2D landmarks depend on.
-_CODE = (
-    *READING_CODE,
-    "muybridge.models.keypoints.simcc",
-    "muybridge.models.keypoints.external",
-    "muybridge.models.keypoints.metadata",
-    "muybridge.geometry.cameras.camera",
-    "muybridge.geometry.cameras.crops",
-    "muybridge.infer.detection.crop_pixels",
-    "muybridge.infer.detection.detect",
-    "muybridge.infer.detection.exposure",
-    "muybridge.infer.detection.pose_estimator",
-    "muybridge.infer.networks.external",
-    "muybridge.infer.detection.resample",
-    "muybridge.infer.detection.person_detector",
-    "muybridge.infer.detection.background",
-    "muybridge.infer.detection.crop_reader",
-    "muybridge.infer.detection.tracker",
-    "muybridge.infer.detection.orientation",
-    "muybridge.infer.session.video",
+# The code that 2D landmarks depend on.
+CODE = (
+    "muybridge.geometry",
+    "muybridge.models",
+    "muybridge.infer.detection",
+    "muybridge.infer.networks",
+    "muybridge.infer.session",
 )
 
 
@@ -265,14 +243,14 @@ def _key(session: Session, index: int, models: Models, options: DetectOptions) -
     """Of a camera's 2D stage."""
     video = session.videos[index]
     return digest(
-        [video.path.name, video.size_bytes, video.mtime_ns, video.rotation_deg],
+        [video.content, video.rotation_deg],
         session.frame_indices[index],
         session.fps,
         session.level_cameras[index],
         options.keypoints,
         options.markers != "none",
         models.metadata,
-        code_digest(*_CODE),
+        code_digest(*CODE),
     )
 
 

@@ -21,23 +21,19 @@ from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
 from muybridge.geometry.numerics.robust import row_median
 from muybridge.geometry.sync.clocks import own_frames, synchronised
 from muybridge.infer.detection.crop_reader import Pictures, PoseReader, Poses, body_boxes
-from muybridge.infer.detection.detect import READING_CODE, CameraResult, DetectOptions, Models
+from muybridge.infer.detection.detect import CODE, CameraResult, DetectOptions, Models
 from muybridge.infer.detection.exposure import well_exposed
 from muybridge.infer.detection.orientation import orientation_for
 from muybridge.infer.detection.pose_estimator import CameraTracks, first_frames, merge_markers, merge_tracks
 from muybridge.infer.detection.resample import in_time
 from muybridge.infer.networks.external import open_keypoints
 from muybridge.infer.networks.keypoints import Expectation
+from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress, Task
-from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.runtime.threads import Stopped, in_threads
 from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import read_chunks
-
-_CODE = (
-    *READING_CODE, "muybridge.infer.detection.refine", "muybridge.infer.detection.crop_reader", "muybridge.infer.detection.crop_pixels",
-    "muybridge.infer.detection.exposure", "muybridge.infer.detection.background",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -219,7 +215,7 @@ class TopDownRefinement:
         name, camera, world = f"again{number}-{self.file_names[c]}", self.session.cameras[c], expected.points_world
         own = self._own(c, wanted)
         how = self.options, self.detect.keypoints  # the first look need not have mirrored the crops
-        key = digest(self.detected[c].stage.key, own, world[wanted], how, code_digest(*_CODE))
+        key = digest(self.detected[c].stage.key, own, world[wanted], how, code_digest(*CODE))
         stored = self.store.load(name, key)
         if stored is not None:
             task.advance(len(wanted))

@@ -1,7 +1,6 @@
 """The demo: a short take that the project rendered itself, and how far a result is from its truth."""
 
 from dataclasses import dataclass
-from functools import partial
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
@@ -9,12 +8,12 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.errors import OutputError
+from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.infer.demo_take.take import TAKE, demo_folder, true_points
 from muybridge.infer.pipelines.videos import RunOptions, RunResult, run_session
 from muybridge.infer.results.folder import is_ours
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.runtime.stages import write_whole
 
 
 @dataclass(frozen=True)
@@ -68,12 +67,8 @@ def _copy(folder: Traversable, take: Path, ours: bool) -> None:
             continue
         if target.exists() and not ours:
             raise OutputError(f"{target} exists and is not the demo's; choose another --out")
-        try:
-            target.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            reason = (error.strerror or str(error)).lower()
-            raise OutputError(f"{target.parent} cannot be made ({reason}); choose another --out") from None
-        write_whole(target, partial(Path.write_bytes, data=data))
+        with replacing(target) as temporary:
+            temporary.write_bytes(data)
 
 
 def score(points: Points3D, truth_world: FloatArray, names: list[str]) -> Score:

@@ -36,8 +36,9 @@ from muybridge.infer.results import write as exports
 from muybridge.infer.results.folder import WORK, OutputFolder, open_output
 from muybridge.infer.results.overlay import OverlayOptions
 from muybridge.infer.results.provenance import calibration_facts, machine, session_facts, stage_facts, versions
+from muybridge.infer.runtime.digests import digest
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.runtime.stages import StageResult, StageStore, digest
+from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.session.session import Session, SessionOptions, open_session, with_frames, with_notice
 from muybridge.infer.session.sync_file import SYNC_FILE
 

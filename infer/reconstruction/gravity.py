@@ -17,11 +17,12 @@ from muybridge.geometry.association.select import find_people, take_person
 from muybridge.geometry.calibration.gravity import lean_note, levelled, on_their_heads, standing_axes
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.triangulation.multiview import triangulate
-from muybridge.infer.detection.detect import DetectOptions, Models, detect
+from muybridge.infer.detection.detect import CODE, DetectOptions, Models, detect
 from muybridge.infer.detection.pose_estimator import first_frames, merge_tracks
+from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.runtime.stages import StageStore, code_digest, digest
-from muybridge.infer.session.session import Session, with_notice
+from muybridge.infer.runtime.stages import StageStore
+from muybridge.infer.session.session import UPRIGHT_ADVICE, Session, with_notice
 
 STAGE = "up"
 # Three windows of two seconds, at this many frames a second, in the first half minute: films are decoded from their
@@ -47,10 +48,10 @@ def estimate_gravity(
     in_doubt = session.level_cameras is session.cameras
     if in_doubt and not on_their_heads(session.cameras):
         return session
-    videos = [[v.path.name, v.size_bytes, v.mtime_ns] for v in session.videos]
+    videos = [[v.content, v.rotation_deg] for v in session.videos]
     key = digest(
         STAGE, videos, session.frame_indices, session.fps, session.cameras.cameras, options.keypoints, models.metadata,
-        code_digest("muybridge.geometry", "muybridge.infer.reconstruction.gravity", "muybridge.infer.detection.detect"),
+        code_digest(*CODE, "muybridge.infer.reconstruction"),
     )  # fmt: skip
     stage = store.load(STAGE, key)
     if stage is None:
@@ -72,7 +73,7 @@ def estimate_gravity(
     elif turn:
         notices = ["the world was turned upright: results and the calibration beside them have Z up"]
     elif in_doubt:
-        notices = list(lean_note(session.cameras, stage.arrays["standing"]))
+        notices = [f"{note}; {UPRIGHT_ADVICE}" for note in lean_note(session.cameras, stage.arrays["standing"])]
     for notice in notices:
         session = with_notice(session, notice, progress)
     return replace(session, cameras=upright if turn else session.cameras, upright=upright)

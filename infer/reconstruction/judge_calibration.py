@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.calibration.diagnosis.faults import CalibrationDiagnosis, DiagnosisOptions, Fault
+from muybridge.geometry.calibration.diagnosis.findings import CalibrationDiagnosis, DiagnosisOptions, Fault
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, ImagePicture, Plan
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.infer.reconstruction.judge import check_keypoints
+from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.runtime.stages import StageResult, StageStore
 
 STAGE = "calibration"
 _FIGURES = ("count", "residual_px", "p95_px", "leave_one_out_px", "focal_sd", "position_sd")
@@ -35,7 +36,7 @@ def judge(
         store: where finished stages are.
         progress: whom to tell.
     """
-    key = digest(STAGE, inputs, fps, code_digest("muybridge.geometry", "muybridge.infer.commands.calibrate.check"))
+    key = digest(STAGE, inputs, fps, code_digest("muybridge.geometry", "muybridge.infer.reconstruction"))
     stored = store.load(STAGE, key)
     if stored is not None:
         return unpacked(cameras, stored.arrays, stored.facts), stored
@@ -71,6 +72,7 @@ def packed(quality: CalibrationQuality) -> tuple[dict[str, NDArray[Any]], dict[s
             "order": list(report.order),
             "files": list(report.files),
             "note": report.note,
+            "too_many": report.too_many,
             "noise_px": report.noise_px,
             "corrected_px": report.corrected_px,
             "cameras": [[c.model, list(c.params), c.cam_from_world.tolist()] for c in report.cameras],
@@ -119,6 +121,7 @@ def _report(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str,
         shifts=arrays["diagnosis_shifts"],
         files=tuple(facts["files"]),
         note=facts["note"],
+        too_many=facts["too_many"],
     )
 
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.association.select import TrackingOptions, select_person, take_slots
+from muybridge.geometry.association.options import TrackingOptions
+from muybridge.geometry.association.select import select_person, take_slots
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.fitting.body_fit import FitOptions, fit_body, landmarks_from_motion
 from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
@@ -29,8 +30,9 @@ from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.geometry.triangulation.view_bias import ViewBiasOptions, learn_view_bias, without_view_bias
 from muybridge.infer.detection.refine import RefinedTake, TopDownRefinement
 from muybridge.infer.reconstruction.virtual_markers import triangulate_markers
+from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.runtime.stages import StageResult, StageStore
 
 # Appended to the names of stages that follow a second look.
 _AGAIN = ", second look"
@@ -51,7 +53,7 @@ class SolveOptions:
     """How 2D landmarks become motion.
 
     Attributes:
-        person: which person is followed.
+        tracking: which person is tracked.
         flips: left and right, where one camera has exchanged them.
         triangulate: 3D points.
         view_bias: where the network puts a landmark from this side and from that.
@@ -66,7 +68,7 @@ class SolveOptions:
         everyone: follow the other people too.
     """
 
-    person: TrackingOptions = field(default_factory=TrackingOptions)
+    tracking: TrackingOptions = field(default_factory=TrackingOptions)
     flips: FlipOptions = field(default_factory=FlipOptions)
     triangulate: TriangulateOptions = field(default_factory=TriangulateOptions)
     view_bias: ViewBiasOptions = field(default_factory=ViewBiasOptions)
@@ -79,7 +81,7 @@ class SolveOptions:
 
     def __post_init__(self) -> None:
         if self.min_confidence is not None and not 0 <= self.min_confidence <= 1:
-            raise ValueError(f"least-sure is {self.min_confidence:g}: a score from 0 to 1")
+            raise ValueError(f"min_confidence is {self.min_confidence:g}: a score from 0 to 1")
 
     @property
     def confident_from(self) -> float:
@@ -152,8 +154,8 @@ def solve(
         markers: the same people's virtual markers, in the same slots.
         look_again: reads the views of a person again once they are known in 3D.
     """
-    stage = _Stages(store, progress, [inputs, code_digest("muybridge.geometry"), fps])
-    person = stage("person", options.person, lambda: _select(cameras, keypoints, options.person, fps))
+    stage = _Stages(store, progress, [inputs, code_digest("muybridge.geometry", "muybridge.infer.reconstruction"), fps])
+    person = stage("person", options.tracking, lambda: _select(cameras, keypoints, options.tracking, fps))
     take = _Take(stage, cameras, keypoints, markers, fps, options)
     main = _followed(take, "", person, look_again)
     if not options.everyone:

@@ -6,15 +6,16 @@ from dataclasses import replace
 import numpy as np
 
 from muybridge.errors import MuybridgeError
+from muybridge.geometry.association.options import TrackingOptions
 from muybridge.geometry.association.select import PersonSelection, select_person, take_person
-from muybridge.geometry.association.tracker import TrackingOptions
 from muybridge.geometry.calibration.people.calibrate import PeopleCalibrationOptions, refine_people
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.triangulation.left_right import repair_flips
 from muybridge.geometry.triangulation.validation import leave_one_out_error
+from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.session.session import Session, with_notice
 
 STAGE = "refine"
@@ -42,7 +43,7 @@ def refined(
         store: where finished stages are.
         progress: whom to tell.
     """
-    key = digest(STAGE, inputs, code_digest("muybridge.geometry", "muybridge.infer.reconstruction.refine_cameras"))
+    key = digest(STAGE, inputs, code_digest("muybridge.geometry", "muybridge.infer.reconstruction"))
     stage = store.load(STAGE, key)
     if stage is None:
         start = time.perf_counter()

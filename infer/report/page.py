@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.errors import OutputError
+from muybridge.files import replacing
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
@@ -129,17 +129,8 @@ def write_report(path: Path, data: ReportData) -> Path:
         ValueError: arrays of `data` do not fit each other.
     """
     page = render_report(data)
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        partial.write_text(page, encoding="utf-8", newline="\n")
-        partial.replace(path)
-    except OSError as error:
-        raise OutputError(
-            f"{path}: the report cannot be written ({error.strerror}); choose a writable folder with --out "
-            f"or free some space"
-        ) from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with replacing(path) as temporary:
+        temporary.write_text(page, encoding="utf-8", newline="\n")
     return path
 
 

@@ -5,22 +5,17 @@ that was changed since, is someone else's and stays unless `--overwrite` is give
 """
 
 import json
-import os
-import re
-import shutil
 import threading
-import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from muybridge.errors import OutputError
-from muybridge.infer.runtime.stages import file_digest, partial_name, write_whole
+from muybridge.files import cannot_write, remove_abandoned, replacing, temporary_path
+from muybridge.infer.runtime.digests import file_digest
 from muybridge.infer.session.discover import VIDEO_FOLDERS
 
 WORK = "work"
 MANIFEST = "manifest.json"
-_PARTIAL = ".partial"
-_LATELY = 3600.0  # seconds
 _REMEMBERED = 2  # digests a file: a run killed between manifest and rename leaves the earlier one in place
 
 
@@ -51,21 +46,12 @@ class OutputFolder:
             OutputError: the folder cannot be written or is full.
         """
         path = self.path / name
-        partial = self.work / f".{name}.{os.getpid()}{_PARTIAL}" / name
-        try:
-            partial.parent.mkdir(exist_ok=True)
-            write(partial)
-            digest = file_digest(partial)
+        with replacing(path, self.work) as temporary:
+            write(temporary)
+            digest = file_digest(temporary)
             with self._lock:
                 self._written[name] = [digest, *self._written.get(name, [])][:_REMEMBERED]
-                text = json.dumps({"written_by": "muybridge", "of": self.of, "files": self._written}, indent=1)
-                write_whole(self.work / MANIFEST, lambda p: _write_text(p, text))
-            os.replace(partial, path)
-        except OSError as error:
-            reason = (error.strerror or str(error)).lower()
-            raise OutputError(f"{path} cannot be written ({reason}); free its disk or choose another --out") from None
-        finally:
-            shutil.rmtree(partial.parent, ignore_errors=True)
+                _write_manifest(self.work, self.of, self._written)
         return path
 
     def retire(self, names: Iterable[str]) -> None:
@@ -129,7 +115,7 @@ def open_output(
         if output.of not in ("", of) and not overwrite and any(output.owns(name) for name in output.names):
             raise OutputError(f"{path} has the results of {output.of}: choose another --out, or give --overwrite")
         output.of = of
-    _sweep(path / WORK)
+    remove_abandoned(path / WORK)
     return output
 
 
@@ -150,43 +136,22 @@ def _foreign_work(work: Path) -> bool:
 
 
 def _make_writable(path: Path) -> None:
+    work = path / WORK
     try:
-        (path / WORK).mkdir(parents=True, exist_ok=True)
-        probe = partial_name(path / WORK / "probe")
+        work.mkdir(parents=True, exist_ok=True)
+        probe = temporary_path(work / "probe")
         probe.write_bytes(b"muybridge")
         probe.unlink()
-        if not (path / WORK / MANIFEST).exists():
-            write_whole(path / WORK / MANIFEST, lambda p: _write_text(p, '{"written_by": "muybridge", "files": {}}'))
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise OutputError(f"{path} cannot be written ({reason}); choose another folder with --out") from None
+        raise cannot_write(path, error) from None
+    if not (work / MANIFEST).exists():
+        _write_manifest(work, "", {})
 
 
-def _sweep(work: Path) -> None:
-    """Remove what runs that were killed left half-written, and nothing of one that works there now."""
-    for left in work.glob(f".*{_PARTIAL}*"):
-        if _is_written_now(left):
-            continue
-        if left.is_dir():
-            shutil.rmtree(left, ignore_errors=True)
-        else:
-            left.unlink(missing_ok=True)
-
-
-def _is_written_now(partial: Path) -> bool:
-    """Whether another process that is alive is writing a file."""
-    found = re.search(rf"\.(\d+){re.escape(_PARTIAL)}", partial.name)
-    if found is None or int(found[1]) == os.getpid():
-        return False
-    if os.name != "posix":  # where asking for a process would end it
-        return time.time() - partial.stat().st_mtime < _LATELY
-    try:
-        os.kill(int(found[1]), 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except OSError:
-        pass  # somebody else's
-    return True
+def _write_manifest(work: Path, of: str, files: Mapping[str, Sequence[str]]) -> None:
+    text = json.dumps({"written_by": "muybridge", "of": of, "files": files}, indent=1)
+    with replacing(work / MANIFEST) as temporary:
+        _write_text(temporary, text)
 
 
 def _read_manifest(path: Path) -> tuple[dict[str, list[str]], str]:

@@ -18,7 +18,8 @@ import cv2
 import numpy as np
 
 from muybridge.arrays import BoolArray, ByteArray, FloatArray
-from muybridge.errors import OutputError, VideoError
+from muybridge.errors import VideoError
+from muybridge.files import replacing
 from muybridge.geometry.landmarks.sets import LandmarkSet, side_of
 
 Colour = tuple[int, int, int]
@@ -127,7 +128,6 @@ def write_overlay(
     _check_shapes(landmarks, projected_px, keypoints_px, residual_px, inlier)
     if any(other.shape != projected_px.shape for other in others_px):
         raise ValueError(f"others_px must each have the shape of projected_px, {projected_px.shape}")
-    partial = path.with_name(f".{path.name}.partial")
 
     def drawn() -> Iterator[ByteArray]:
         for t, frame in zip(range(len(projected_px)), frames, strict=False):
@@ -146,18 +146,10 @@ def write_overlay(
                 [other[t] for other in others_px],
             )
 
-    try:
-        count, thumbnails = _encode(partial, drawn(), fps, set(thumbnail_frames), options)
+    with replacing(path) as temporary:  # PyAV's own errors on files are OSErrors too
+        count, thumbnails = _encode(temporary, drawn(), fps, set(thumbnail_frames), options)
         if not count:
             raise VideoError(f"{camera_name}: no frame to draw on, so {path.name} was not written")
-        partial.replace(path)
-    except OSError as error:  # PyAV's own errors on files are OSErrors too
-        raise OutputError(
-            f"{path}: the overlay cannot be written ({error.strerror or error}); choose a writable folder "
-            f"with --out or free some space"
-        ) from error
-    finally:
-        partial.unlink(missing_ok=True)
     return Overlay(path, count, thumbnails)
 
 

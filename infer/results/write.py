@@ -23,8 +23,9 @@ from muybridge.infer.report.page import ReportData, Thumbnail, pick_thumbnail_fr
 from muybridge.infer.report.sections import PersonPage
 from muybridge.infer.results.folder import OutputFolder
 from muybridge.infer.results.overlay import OverlayOptions, write_overlay
+from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress, Task
-from muybridge.infer.runtime.stages import StageResult, StageStore, code_digest, digest
+from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.session.probe import probe_video
 from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import read_chunks
@@ -40,11 +41,8 @@ THUMBNAILS = 4
 # Of a run that follows everyone; whoever comes after these in interest is left out.
 MOST_PEOPLE = 12
 _OVERLAY = "overlay_"
-_OVERLAY_CODE = (
-    "muybridge.infer.results.overlay",
-    "muybridge.infer.session.video",
-    "muybridge.geometry.cameras.camera",
-)
+# The code that overlays depend on.
+_CODE = ("muybridge.geometry", "muybridge.infer.results", "muybridge.infer.session")
 
 
 def overlay_name(camera_file: str) -> str:
@@ -153,7 +151,7 @@ def _write_overlay(
     others = [camera.project_seen(o.points.points_world) for o in written_people(solution)[1:]]
     residual, inlier = solution.measured.residual_px[index], solution.measured.inlier[index]
     key = digest(
-        code_digest(*_OVERLAY_CODE), detected.stage.key, camera, options, solution.points_px[index],
+        code_digest(*_CODE), detected.stage.key, camera, options, solution.points_px[index],
         projected, residual, inlier, session.fps, others,
     )  # fmt: skip
     stored = store.load(f"overlay-{camera_file}", key)

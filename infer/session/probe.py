@@ -1,6 +1,7 @@
 """What a video is: size, rate, frame times, without decoding it."""
 
 import contextlib
+import functools
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.errors import VideoError
+from muybridge.infer.runtime.digests import sampled_digest
 
 # Containers whose frame count is an index that lists every frame, so that a shortfall means lost frames.
 _COUNTED = {"mov", "mp4", "m4a", "3gp", "3g2", "mj2"}
@@ -38,7 +40,7 @@ class VideoInfo:
             recorder that joined a stream has pictures at its beginning that cannot be decoded: then the first is later.
         variable_rate: whether the frames' spacing wanders by more than a quarter of a frame.
         pixel_aspect: width of a pixel divided by its height.
-        size_bytes, mtime_ns: identity of the file, for resuming.
+        size_bytes: size of the file.
     """
 
     path: Path
@@ -55,7 +57,11 @@ class VideoInfo:
     variable_rate: bool
     pixel_aspect: float
     size_bytes: int
-    mtime_ns: int
+
+    @functools.cached_property
+    def content(self) -> str:
+        """Digest of the file's content; the key of stages that read the video."""
+        return sampled_digest(self.path)
 
     def unrotated(self) -> "VideoInfo":
         """The same video delivered as coded, its rotation flag ignored."""
@@ -91,8 +97,8 @@ def probe_video(path: Path) -> VideoInfo:
     Raises:
         VideoError: not a video, undecodable, or with fewer frames than its container declares.
     """
-    stat = path.stat()
-    if stat.st_size == 0:
+    size_bytes = path.stat().st_size
+    if size_bytes == 0:
         raise VideoError(f"{path} is empty (0 bytes); record or copy it again")
     with open(path) as container:
         stream = container.streams.best("video")
@@ -134,8 +140,7 @@ def probe_video(path: Path) -> VideoInfo:
         times=times,
         variable_rate=variable,
         pixel_aspect=aspect,
-        size_bytes=stat.st_size,
-        mtime_ns=stat.st_mtime_ns,
+        size_bytes=size_bytes,
     )
 
 

@@ -1,6 +1,6 @@
 """Write H.264 videos that browsers play."""
 
-import os
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -12,9 +12,7 @@ import cv2
 import numpy as np
 
 from muybridge.arrays import ByteArray
-from muybridge.errors import OutputError
-from muybridge.infer.runtime.stages import partial_name
-from muybridge.infer.session.probe import reason
+from muybridge.files import cannot_write, replacing
 
 
 def fit_inside(width: int, height: int, long_side: int) -> tuple[int, int]:
@@ -30,16 +28,22 @@ class VideoWriter:
     """
 
     def __init__(self, path: Path, width: int, height: int, fps: float, crf: int = 20, preset: str = "veryfast"):
-        """Open `path` for frames of `width` x `height` (even numbers) px."""
+        """Open `path` for frames of `width` x `height` (even numbers) px.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
         self.path = path
-        self._partial = partial_name(path)
         self.size = (width, height)
+        self._place = replacing(path)
+        temporary = self._place.__enter__()
         try:
-            self._container: Any = av.open(str(self._partial), "w", format="mp4", options={"movflags": "+faststart"})
+            self._container: Any = av.open(str(temporary), "w", format="mp4", options={"movflags": "+faststart"})
             rate = Fraction(fps).limit_denominator(1001)
             self._stream = self._container.add_stream("libx264", rate=rate)
         except (av.error.FFmpegError, OSError) as error:
-            raise OutputError(f"{path} cannot be written ({reason(error)}); choose another --out") from None
+            self._abandon()
+            raise cannot_write(path, error) from None
         self._stream.width, self._stream.height = width, height
         self._stream.pix_fmt = "yuv420p"
         self._stream.codec_context.thread_count = 1
@@ -49,21 +53,22 @@ class VideoWriter:
         return self
 
     def write(self, image: ByteArray) -> None:
-        """Add one (H, W, 3) RGB frame, scaled to the file's size where it differs."""
+        """Add one (H, W, 3) RGB frame, scaled to the file's size where it differs.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
         if (image.shape[1], image.shape[0]) != self.size:
             image = cv2.resize(image, self.size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
         self._encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24"))
 
     def _encode(self, frame: av.VideoFrame | None) -> None:
-        """A frame, or with None what the encoder still holds."""
+        """Encode a frame; None flushes what the encoder still holds."""
         try:
             for packet in self._stream.encode(frame):
                 self._container.mux(packet)
         except (av.error.FFmpegError, OSError) as error:
-            raise self._failure(error) from None
-
-    def _failure(self, error: Exception) -> OutputError:
-        return OutputError(f"{self.path} cannot be written ({reason(error)}); free its disk or choose another --out")
+            raise cannot_write(self.path, error) from None
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -71,12 +76,26 @@ class VideoWriter:
         try:
             if kind is None:
                 self._encode(None)
-            try:
-                self._container.close()
-                if kind is None:
-                    os.replace(self._partial, self.path)
-            except (av.error.FFmpegError, OSError) as failed:
-                if kind is None:  # else there is an error already, and it is the one to be told
-                    raise self._failure(failed) from None
-        finally:
-            self._partial.unlink(missing_ok=True)
+            self._container.close()
+        except (av.error.FFmpegError, OSError) as failure:
+            self._abandon()
+            if kind is None:  # otherwise the first error is the one to report
+                raise cannot_write(self.path, failure) from None
+        except BaseException:
+            self._abandon()
+            raise
+        else:
+            if kind is None:
+                self._place.__exit__(None, None, None)
+            else:
+                self._abandon()
+
+    def _abandon(self) -> None:
+        """Remove the temporary file; nothing replaces `path`."""
+        stop = _Abandoned()
+        with suppress(_Abandoned):
+            self._place.__exit__(_Abandoned, stop, None)
+
+
+class _Abandoned(Exception):
+    """Ends a block of `replacing` without a file."""

@@ -190,7 +190,7 @@ def find_calibration(session_dir: Path) -> Path:
         return own
     expected = (
         f"put calibration.toml into {session_dir}, or one file of a known format into "
-        f"{session_dir / 'calibration'}, or name one with --calibration; {_KNOWN}"
+        f"{session_dir / 'calibration'}; {_KNOWN}"
     )
     folders = [f for f in (session_dir / "calibration", session_dir) if f.is_dir()]
     listed = ""
@@ -198,21 +198,25 @@ def find_calibration(session_dir: Path) -> Path:
         try:
             found, others = _candidates(folder)
         except OSError as error:
-            raise CalibrationError(f"{folder}: cannot be read: {error.strerror or error}; {expected}") from None
+            raise CalibrationError(
+                f"{folder}: cannot be read: {error.strerror or error}; {expected}", remedy="calibration_path"
+            ) from None
         if len(found) > 1 and _one_camera_each(found):
             return folder
         if len(found) > 1:
             names = ", ".join(p.name if p != folder else "a COLMAP model" for p in found)
             raise CalibrationError(
-                f"{folder}: several calibrations ({names}); leave one there, or name one with --calibration"
+                f"{folder}: several calibrations ({names}); leave one there", remedy="calibration_path"
             )
         if found:
             return found[0]
         if others and folder != session_dir:
             listed = f" ({', '.join(others[:5])}{', ...' if len(others) > 5 else ''} is of none)"
     if len(folders) < 2:
-        raise CalibrationError(f"{session_dir}: no calibration; {expected}")
-    raise CalibrationError(f"{folders[0]}: no calibration file of a known format{listed}; {expected}")
+        raise CalibrationError(f"{session_dir}: no calibration; {expected}", remedy="calibration_path")
+    raise CalibrationError(
+        f"{folders[0]}: no calibration file of a known format{listed}; {expected}", remedy="calibration_path"
+    )
 
 
 def _candidates(folder: Path) -> tuple[list[Path], list[str]]:

@@ -7,7 +7,8 @@ import pytest
 
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
-from muybridge.geometry.association.select import TrackingOptions, find_people, select_person, take_person
+from muybridge.geometry.association.options import TrackingOptions
+from muybridge.geometry.association.select import find_people, select_person, take_person
 from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup

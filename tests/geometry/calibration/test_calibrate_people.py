@@ -8,7 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import fit_to_video, load_calibration
-from muybridge.geometry.calibration.bundle_adjustment.with_bones import AdjustProblem, AdjustState, adjust
+from muybridge.geometry.calibration.bundle_adjustment.with_bones import (
+    ArticulatedProblem,
+    ArticulatedState,
+    adjust_articulated,
+)
 from muybridge.geometry.calibration.people.calibrate import (
     PeopleCalibrationOptions,
     bone_pairs,
@@ -167,16 +171,16 @@ def test_the_jacobians_are_the_derivatives() -> None:
     px = truth.project(world)
     bones, sigma = bone_pairs(NAMES)
     lengths = np.linalg.norm(world[0, bones[:, 0]] - world[0, bones[:, 1]], axis=-1)
-    problem = AdjustProblem(
+    problem = ArticulatedProblem(
         truth.unproject(px), np.full(3, 1200.0), np.full(px.shape[:-1], 1.0), bones, sigma, focal_sigma=1.0
     )
     rng = np.random.default_rng(5)
-    start = AdjustState(
+    start = ArticulatedState(
         Rotation.from_rotvec(rng.normal(0, 0.01, (3, 3))).as_matrix() @ truth.cam_from_world[:, :, :3],
         truth.centers_world + rng.normal(0, 0.03, (3, 3)), np.full(3, 0.01),
         world + rng.normal(0, 0.02, world.shape), lengths * 1.02,
     )  # fmt: skip
-    done = adjust(problem, start, 40, 1e-12)
+    done = adjust_articulated(problem, start, 40, 1e-12)
     assert np.nanmax(done.residual_px) < 0.3
 
 

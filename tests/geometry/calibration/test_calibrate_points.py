@@ -124,7 +124,7 @@ def test_layouts_that_cannot_be_told_apart_are_refused():
         (flat, None, "camera c0: all 12 points lie in a plane.*focal length and distance.*off the plane"),
         (line, None, "camera c0: all 12 points lie on a line"),
         (line, CameraGroup((c,)), "lie on a line, about which the camera could turn"),
-        (rng.normal(size=(5, 3)) * 0.3, None, "5 points, at least 6 .* --lenses"),
+        (rng.normal(size=(5, 3)) * 0.3, None, "5 points, at least 6 .* in lenses"),
         (flat[:3], CameraGroup((c,)), "3 points, at least 4 .* up to four places fit"),
     ]
     for points, lenses, said in cases:

@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from muybridge.geometry.calibration import fit_to_video, load_calibration
-from muybridge.geometry.calibration.diagnosis.faults import CalibrationDiagnosis, DiagnosisOptions, diagnose
+from muybridge.geometry.calibration.diagnosis.faults import diagnose
+from muybridge.geometry.calibration.diagnosis.findings import CalibrationDiagnosis, DiagnosisOptions
 from muybridge.geometry.calibration.diagnosis.hypotheses import changed, fit_camera, student_scale
 from muybridge.geometry.calibration.people.calibrate import refine_people
 from muybridge.geometry.cameras.camera import Camera

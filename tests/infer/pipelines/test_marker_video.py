@@ -130,7 +130,7 @@ def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
                 seen = points[rng.random(len(points)) < 0.8]
                 image = draw_markers(camera, seen, np.zeros((0, 3)), VideoFaults(flickers=0.5), rng)
                 writer.write(np.repeat(image[..., None], 3, axis=2))
-    assert run_command(["run", str(tmp_path), "--markers-in-video", "--quiet"]) == 0
+    assert run_command(["run-markers", str(tmp_path), "--quiet"]) == 0
     out = tmp_path / "muybridge"
     points = read_c3d(out / "points.c3d")
     assert points.landmarks.names == PLUG_IN_GAIT.labels
@@ -145,7 +145,7 @@ def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
     gap = np.linalg.norm(joints[:, [motion.skeleton.names.index(n) for n in named]]
                          - at[:, [skeleton.names.index(n) for n in named]], axis=-1)  # fmt: skip
     assert len(named) > 15 and np.median(gap) < 0.02
-    assert run_command(["run", str(tmp_path), "--markers-in-video", "--marker-video.markerset", "nonsense"]) == 2
+    assert run_command(["run-markers", str(tmp_path), "--markerset", "nonsense"]) == 2
 
 
 @pytest.mark.parametrize("frames", [3])

@@ -231,7 +231,7 @@ def test_a_run_that_was_killed_resumes_from_its_last_finished_stage(take, staged
     assert "cam1: 2D landmarks resumed" in done.stderr and "cam3: 2D landmarks resumed" not in done.stderr
     assert finished.stat().st_mtime_ns == stamp
     assert {p.name for p in out.iterdir()} == FILES
-    assert not [p for p in out.rglob("*") if ".partial" in p.name]
+    assert not [p for p in out.rglob("*") if ".tmp" in p.name]
 
 
 def test_a_stage_that_was_damaged_is_computed_again(take, staged):

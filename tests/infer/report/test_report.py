@@ -350,7 +350,8 @@ def test_report_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     path = write_report(tmp_path / "report.html", _data())
     assert path.read_text(encoding="utf-8").rstrip().endswith("</html>")
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
-    with pytest.raises(OutputError, match=r"absent.*--out"):
+    (tmp_path / "absent").write_text("a file, not a folder")
+    with pytest.raises(OutputError, match=r"absent.*choose a folder"):
         write_report(tmp_path / "absent" / "report.html", _data())
 
 

@@ -162,7 +162,8 @@ def test_no_frames_and_no_folder_are_known_errors(tmp_path: Path) -> None:
     points = _spread_points(1)
     with pytest.raises(VideoError, match="cam07"):
         write_overlay(tmp_path / "a.mp4", iter(()), 30.0, 1.0, None, points, BODY23, "cam07")
-    with pytest.raises(OutputError, match=r"absent.*--out"):
+    (tmp_path / "absent").write_text("a file, not a folder")
+    with pytest.raises(OutputError, match=r"absent.*choose a folder"):
         write_overlay(tmp_path / "absent" / "a.mp4", _grey(1), 30.0, 1.0, None, points, BODY23, "a")
     with pytest.raises(ValueError, match="keypoints_px"):
         write_overlay(tmp_path / "a.mp4", _grey(1), 30.0, 1.0, points[:, :5], points, BODY23, "a")

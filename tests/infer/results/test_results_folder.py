@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from muybridge.errors import OutputError
+from muybridge.files import temporary_path
 from muybridge.infer.detection.detect import file_names
 from muybridge.infer.results.folder import open_output
 from muybridge.infer.results.write import is_overlay, overlay_name, result_names
@@ -31,15 +32,17 @@ def test_a_session_may_be_moved_with_its_results(tmp_path: Path) -> None:
     assert open_output(tmp_path / "b" / "muybridge", ("points.trc",), [], session=tmp_path / "b").owns("points.trc")
 
 
-def test_what_a_process_writes_now_is_not_swept(tmp_path: Path) -> None:
+def test_opening_a_folder_removes_only_abandoned_temporary_files(tmp_path: Path) -> None:
     work = open_output(tmp_path, (), []).work
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
+    own = f"-{os.getpid()}-"
+    video = temporary_path(work / "video-cam1.mp4").name
     for pid in (ended.pid, os.getppid(), os.getpid()):
-        (work / f".video-cam1.{pid}.partial.mp4").write_text("half")
-    (work / f".overlay_cam1.mp4.{ended.pid}.partial").mkdir()
+        (work / video.replace(own, f"-{pid}-")).write_text("half")
+    (work / temporary_path(work / "overlay_cam1.mp4").name.replace(own, f"-{ended.pid}-")).mkdir()
     open_output(tmp_path, (), [])
-    assert [path.name for path in work.glob(".*")] == [f".video-cam1.{os.getppid()}.partial.mp4"]
+    assert [path.name for path in work.glob(".*")] == [video.replace(own, f"-{os.getppid()}-")]
 
 
 def test_names_of_files_are_short_enough_and_differ() -> None:

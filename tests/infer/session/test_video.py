@@ -238,7 +238,9 @@ def test_a_full_disk_is_said_in_one_line(tmp_path):
         def close(self):
             raise OSError(28, "No space left on device")
 
-    with pytest.raises(OutputError, match="film.mp4 cannot be written .*; free its disk or choose another --out"):
+    with pytest.raises(
+        OutputError, match="film.mp4 cannot be written .*; choose a folder you may write to, or free its disk"
+    ):
         with VideoWriter(tmp_path / "film.mp4", 64, 48, 25) as writer:
             container, writer._container = writer._container, Full()
             writer.write(np.zeros((48, 64, 3), np.uint8))
