@@ -22,6 +22,7 @@ def convert(
     up: Up | None = None,
     fps: float | None = None,
     asf: Path | None = None,
+    clip: str | None = None,
     to_units: Literal["m", "cm"] = "m",
     fill_gaps: float = 0.0,
     smooth: Filter | None = None,

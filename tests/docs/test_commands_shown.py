@@ -1,5 +1,6 @@
 """Every option on a page is one of the command that it is shown with."""
 
+import argparse
 import functools
 import importlib
 import re
@@ -37,7 +38,8 @@ def _options(command: str) -> frozenset[str]:
 def _collected(parser: Any) -> set[str]:
     found: set[str] = set()
     for action in parser._actions:
-        found.update(action.option_strings)
+        if action.help != argparse.SUPPRESS:
+            found.update(action.option_strings)
         if isinstance(action.choices, dict):
             for sub in action.choices.values():
                 found |= _collected(sub)

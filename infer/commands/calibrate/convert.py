@@ -32,7 +32,7 @@ def convert(
     read = read_calibration(calibration)
     for note in read.notes:
         print(f"note: {note}")
-    check_replaceable(exported(read.cameras, out, to), overwrite)
+    check_replaceable(export_texts(read.cameras, out, to), overwrite)
     files = export_calibration(read.cameras, out, to)
     print(f"{read.format}, {len(read.cameras)} cameras: written as {to} to {', '.join(map(str, files))}")
     return 0

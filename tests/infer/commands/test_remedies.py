@@ -20,14 +20,6 @@ STILL_NAME_FLAGS = {
     "geometry/calibration/people/calibrate.py",
     "geometry/calibration/people/initialise.py",
     "geometry/calibration/people/world.py",
-    "models/metadata_reader.py",
-    "models/onnx_files/import_weights.py",
-    "models/pseudo_labels.py",
-    "motion/formats/points/columns.py",
-    "motion/formats/points/common.py",
-    "motion/formats/points/marker_protocol.py",
-    "motion/formats/points/npz.py",
-    "motion/formats/registry.py",
 }
 
 
