@@ -31,7 +31,7 @@ def convert(
 ) -> int:
     """Convert points or motion between file formats, which the suffixes name.
 
-    Points: .trc .c3d .csv .parquet .npz, and .tsv to read. Motion: .bvh .amc .glb .fbx, and .gltf to read, .usda and
+    Points: .trc .c3d .csv .parquet .npz, and .tsv to read. Motion: .bvh .amc .glb .fbx, .gltf .vrm .vrma to read, .usda
     .mot to write. A motion is written to a format of points as the positions of its joints. Points have no joint
     rotations: `muybridge solve` fits a body to them.
 
@@ -46,6 +46,7 @@ def convert(
             use is refused.
         fps: frames per second of FROM, where the file does not say or says it wrongly.
         asf: skeleton of an .amc file (default: the .asf beside it with the same name).
+        clip: name or number (from 0) of the animation, of a file that holds several (default: the first).
         to_units: unit of lengths in a BVH file that is written; every other format has its own.
         fill_gaps: fill gaps of points of at most so many seconds.
         smooth: filter over time, of points, or of a motion's rotations; without it, nothing is filtered.
@@ -54,7 +55,7 @@ def convert(
     """
     check_writable(target)
     check_replaceable(written_files(target), overwrite, read_files(source, asf))
-    take = read_file(source, ReadOptions(units, up, fps, asf))
+    take = read_file(source, ReadOptions(units, up, fps, asf, clip))
     take, notes = filter_take(take, FilterChoice(fill_gaps, smooth, cutoff))
     progress = Progress()
     for notice in (*take.notices, *notes):

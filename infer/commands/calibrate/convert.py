@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 
 from muybridge.geometry.calibration import ExportFormat, export_calibration, read_calibration
-from muybridge.geometry.calibration.formats.export import exported
+from muybridge.geometry.calibration.formats.export import export_texts
 from muybridge.infer.results.ownership import check_replaceable, refuse_root
 
 

@@ -147,7 +147,7 @@ def test_a_floor_without_a_board_is_said_before_the_work(tmp_path, capfd, monkey
     arguments = ["calibrate", "board", str(tmp_path), "--square", "0.05", "--out", str(tmp_path / "c.toml")]
     for floor, said in (("2", "was not seen at that moment"), ("3", "no camera has an image of that number")):
         assert run_command([*arguments, "--floor", floor]) == 2
-        assert f"--floor {floor}: " in (line := capfd.readouterr().err) and said in line
+        assert f"floor {floor}: " in (line := capfd.readouterr().err) and said in line
 
 
 def test_a_camera_that_was_moved_is_named_with_the_moments():

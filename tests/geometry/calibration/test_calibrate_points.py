@@ -15,6 +15,7 @@ from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.pipelines.calibration.known_points import read_points
 from muybridge.infer.pipelines.calibration.world import world_from_landmarks
+from tests.rigs import look_at
 
 SIZE = (1280, 720)
 

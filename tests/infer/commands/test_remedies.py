@@ -48,13 +48,19 @@ def uses(repository: Path) -> Iterator[tuple[str, str, set[str]]]:
                 place = f"{name}:{node.lineno}"
                 details = {k.arg for k in node.keywords} - {"remedy"}
                 assert None not in details, f"{place}: details must be named where the error is raised"
-                options = [keyword.value]
-                if isinstance(keyword.value, ast.IfExp):
-                    options = [keyword.value.body, keyword.value.orelse]
-                for value in options:
-                    assert isinstance(value, ast.Constant), f"{place}: the key must be a literal"
-                    if value.value is not None:
-                        yield place, value.value, {str(d) for d in details}
+                for key in keys(keyword.value, tree):
+                    yield place, key, {str(d) for d in details}
+
+
+def keys(value: ast.expr, tree: ast.Module) -> set[str]:
+    """The remedies that an expression can be: a literal, one of two, or what a module hands to a function of its own."""
+    if isinstance(value, ast.Constant):
+        return set() if value.value is None else {value.value}
+    if isinstance(value, ast.IfExp):
+        return keys(value.body, tree) | keys(value.orelse, tree)
+    found = {text for _, text in strings(tree)} & set(REMEDIES)
+    assert isinstance(value, ast.Name) and found, ast.dump(value)
+    return found
 
 
 def fields(text: str) -> set[str]:
