@@ -184,8 +184,7 @@ def calibrate_board(
                 return BoardCalibration(result, result.cameras, None)
             rig = calibrate_rig(board, views, sizes, options, known, source.floor)
         except CalibrationError as error:
-            message = f"{error.message}{_others(board, images, views)}"
-            raise CalibrationError(message, remedy=error.remedy, **error.details) from None
+            raise error.reworded(f"{error.message}{_others(board, images, views)}") from None
     if source.floor is None:
         change = level(rig.cameras, rig.world_from_boards[:, :, 3])
     else:
