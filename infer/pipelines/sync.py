@@ -166,8 +166,8 @@ def find_clocks(
         clocks.append(found[chosen][c] if chosen else Clock(0.0, 0.0, np.inf, np.inf, 0.0))
         origins.append("reference" if c == 0 else chosen or "none")
     clocks[0] = Clock(0.0, 0.0, 0.0, 0.0, 1.0)
-    said = disagreements(session.cameras.names, found, session.fps)
-    return SyncResult(tuple(clocks), tuple(origins), found, said)
+    contradictions = disagreements(session.cameras.names, found, session.fps)
+    return SyncResult(tuple(clocks), tuple(origins), found, contradictions)
 
 
 def _by_sound(sounds: Sequence[FloatArray | None], c: int, max_offset: float) -> Clock:
@@ -196,7 +196,7 @@ def _by_pictures(
 
 def disagreements(names: Sequence[str], found: dict[str, tuple[Clock, ...]], fps: float) -> tuple[str, ...]:
     """Sentences about cameras for which two methods differ by more than both their uncertainties allow."""
-    said = []
+    sentences = []
     methods = list(found)
     for c, name in enumerate(names):
         for k, a in enumerate(methods):
@@ -204,11 +204,11 @@ def disagreements(names: Sequence[str], found: dict[str, tuple[Clock, ...]], fps
                 one, two = found[a][c], found[b][c]
                 gap, sd = abs(one.offset - two.offset), float(np.hypot(one.offset_sd, two.offset_sd))
                 if np.isfinite(sd) and gap > max(_DISAGREE_SIGMA * sd, _DISAGREE_FRAMES / fps):
-                    said.append(
+                    sentences.append(
                         f"camera {name}: {a} says {one.offset * 1e3:.1f} ms, {b} {two.offset * 1e3:.1f} ms; "
                         "look at a fast movement in both videos, and choose a method"
                     )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def write_sync(path: Path, names: Sequence[str], result: SyncResult) -> None:
