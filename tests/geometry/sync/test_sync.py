@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from muybridge.errors import SessionError
-from muybridge.geometry.calibration import fit_to_video, load_calibration
+from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.cameras.video_size import fit_to_video
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.sync.clocks import parabola, synchronised
