@@ -5,11 +5,32 @@ compares the two. Texts are format strings; the exception's `details` fill in th
 """
 
 REMEDIES: dict[str, str] = {
+    "missing_weights": "reinstall muybridge, or pass the path of a model file",
+    "other_name": "choose another name",
+    "overwrite": "choose another name, or pass overwrite=True",
+    "pseudo_labels": "make one with `muybridge.models.pseudo_labels.save_pseudo_labels`",
+    "third_party_model": (
+        "for a third-party keypoint network pass its model card; otherwise pass a model that muybridge exported, "
+        "or none to use the shipped one"
+    ),
+    "unwritable": "choose a folder you may write to, or free its disk",
+    "use_muybridge_model": "pass a model that muybridge exported, or none to use the shipped one",
     "board_page": "use smaller squares, larger paper, or paper=None for a page as large as the board needs",
+    "bvh_units": "pass `units`, one of {units}",
     "calibration_path": "or pass the path of one",
+    "choose_clip": "pass `clip`, a name or a number of this list",
+    "export_fbx": "export it again as binary FBX",
+    "export_gltf": "export it again as glTF 2.0",
+    "fit_points": "fit a body to them first (fit_body)",
+    "fps_range": "pass a number above zero as fps, not {fps}",
+    "fps_unstated": "pass `fps`, frames per second",
+    "frames_unnumbered": "number them in a column `frame`, or pass `fps` if no frame is missing",
     "lens_fisheye": 'if the lens is a fisheye lens, pass lens="fisheye"',
     "lens_pinhole": 'pass lens="pinhole", or keep the board away from the border of the image',
+    "list_body_points": "muybridge.geometry.landmarks.marker_sets.SURFACE.names has all",
     "marker_dictionary": "or set marker_dictionary to the dictionary of the marker",
+    "other_folder": "choose another folder",
+    "option_unused": "leave out `{option}`",
     "other_name": "choose another name",
     "overwrite": "choose another name, or pass overwrite=True",
     "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",

@@ -106,7 +106,6 @@ def test_nothing_seen_is_nothing_found() -> None:
 
 def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
     """Videos in; named markers and a skeleton out."""
-    from muybridge.geometry.fitting.skeleton_fit import rest_positions
     from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
     from muybridge.geometry.skeleton.statistical_body import marker_body
 
@@ -117,7 +116,7 @@ def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
     angles[:, 1:] += 0.25 * np.sin(np.arange(frames)[:, None, None] / 12 + rng.uniform(0, 6, table.rest[1:].shape))
     angles = np.clip(angles, table.lower, table.upper)
     angles[:, 0] = 0
-    height = -rest_positions(skeleton)[:, 2].min() + 0.05
+    height = -skeleton.rest_positions[:, 2].min() + 0.05
     turns, at = skeleton.forward(np.tile([0, 0, height], (frames, 1)), skeleton.rotations_from_angles(angles))
     truth = at[:, table.carrier] + np.einsum("tmij,mj->tmi", turns[:, table.carrier], places)
     truth = truth[:, list(PLUG_IN_GAIT.surface_indices)]
