@@ -42,7 +42,7 @@ class Points3D:
         covariance_world: (T, J, 3, 3) square metres; NaN where unknown.
         residual_px: (C, T, J) distance of the reprojection to the 2D point; NaN where the camera had none.
         inlier: (C, T, J) whether the camera's 2D point took part.
-        fps: frames a second.
+        fps: frames per second.
     """
 
     landmarks: LandmarkSet

@@ -81,7 +81,7 @@ def clean_markers(points: FloatArray, fps: float, options: CleanOptions = CleanO
 
     Args:
         points: (T, M, 3) metres, any axis up.
-        fps: frames a second.
+        fps: frames per second.
         options: how.
         settled: (T, M) samples that a person has vouched for: they are no spikes.
     """

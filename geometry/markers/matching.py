@@ -216,7 +216,7 @@ def follow_points(cameras: CameraGroup, seen: list[list[FloatArray]], fps: float
     """All frames, each with where the points of those before, and then of those after, are going.
 
     Args:
-        cameras: C cameras. seen: for each of T frames C arrays (K, 2) of pixels. fps: frames a second.
+        cameras: C cameras. seen: for each of T frames C arrays (K, 2) of pixels. fps: frames per second.
 
     Returns:
         (T, N, 3) metres, unnamed and in no order, NaN for padding; and what each frame matched.
@@ -273,7 +273,7 @@ def without_ghosts(points: FloatArray, track: IndexArray, least: int, fps: float
     Args:
         points: (T, S, 3) metres in slots; track: (T, S) number of the trajectory, -1 for none.
         least: frames that a trajectory must last.
-        fps: frames a second.
+        fps: frames per second.
     """
     good = track >= 0
     numbers = np.unique(track[good])

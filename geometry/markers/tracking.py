@@ -61,7 +61,7 @@ def find_tracks(points: FloatArray, fps: float, options: TrackOptions = TrackOpt
 
     Args:
         points: (T, K, 3) metres, NaN where missing.
-        fps: frames a second.
+        fps: frames per second.
         options: how.
     """
     jumps = _jumps(points, fps, options)
@@ -83,7 +83,7 @@ def find_tracks(points: FloatArray, fps: float, options: TrackOptions = TrackOpt
 
 def _exchanged(points: FloatArray, most: int = 150) -> float:
     """Share of steps that lead to where another column's point would go more easily: near 1 where points are shuffled
-    in every frame, however few frames a second there are."""
+    in every frame, however few frames per second there are."""
     exchanged = steps = 0
     for t in np.unique(np.linspace(0, max(len(points) - 2, 0), most).astype(int)):
         pair = points[t : t + 2]

@@ -57,7 +57,7 @@ def cut_tracks(
         scores: (T, S, L + 1) logarithms, NaN where no point is.
         track: (T, S) numbers, -1 where no point is.
         points: (T, S, 3) metres, NaN where no point is.
-        fps: frames a second.
+        fps: frames per second.
         options: how.
     """
     # What is a marker does not become a ghost: whether it is one is for the votes to say.

@@ -10,7 +10,7 @@ import numpy as np
 import tyro
 
 from muybridge.errors import MuybridgeError, SessionError
-from muybridge.geometry.sync.motion import Clock
+from muybridge.geometry.sync.clocks import Clock
 from muybridge.infer.detection.detect import DetectOptions
 from muybridge.infer.pipelines.landmarks import session_keypoints
 from muybridge.infer.pipelines.sync import Method, find_clocks, write_sync
