@@ -7,22 +7,22 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from muybridge.arrays import FloatArray
+from muybridge.geometry.ik.two_bone import solve_two_bone
+from muybridge.geometry.skeleton.mass import centre_of_mass
 from muybridge.train.synthesis.motions.ground_contact import chosen_skin, flat_hand, sink_limbs
 from muybridge.train.synthesis.motions.rig import (
     NECK,
     SIDES,
     SPINE,
-    Skeleton,
+    SkinnedBody,
     apply,
     arm_rest,
     between,
-    centre_of_mass,
     forward,
     log,
     rot,
     skin,
     turn,
-    two_bone,
     unit,
 )
 
@@ -111,7 +111,7 @@ def limit(value: FloatArray, low: float, high: float, soft: float = 8.0) -> Floa
 class Solver:
     """Turns scripts into motion of one skeleton."""
 
-    def __init__(self, skeleton: Skeleton) -> None:
+    def __init__(self, skeleton: SkinnedBody) -> None:
         self.k = skeleton
         self.i = {b: n for n, b in enumerate(skeleton.bones)}
         toes = [b for b in skeleton.bones if b.startswith("toe") and b.endswith("-1.L")]
@@ -176,7 +176,7 @@ class Solver:
                              for s, _ in SIDES])  # fmt: skip
             load = self._load(script)
             support = (load[..., None] * foot).sum(0)
-            error = support - centre_of_mass(self.k, at)[:, :2]
+            error = support - centre_of_mass(at, self.k.roles)[:, :2]
             out[:, :2] = script["balance"][:, None] * error
         low = self._lowest(local, root, script.bearing)
         out[:, 2] = -low * script["ground"] + (1 - script["ground"]) * np.maximum(-low - 0.004, 0) * 0.7
@@ -232,7 +232,7 @@ class Solver:
     def _ballistics(self, script: Script, local: FloatArray, root: FloatArray) -> FloatArray:
         """Shift of the root that makes every flight of the centre of mass a parabola through its ends."""
         _, at = forward(self.k, local, root)
-        com, out = centre_of_mass(self.k, at), np.zeros_like(root)
+        com, out = centre_of_mass(at, self.k.roles), np.zeros_like(root)
         for a, b in script.flights:
             t, span = script.time[a : b + 1] - script.time[a], script.time[b] - script.time[a]
             line = com[a] + (com[b] - com[a]) * (t / span)[:, None]
@@ -327,7 +327,7 @@ class Solver:
         outward = apply(back, planted_foot[..., 0] * 1.0)
         pole = weight * outward + (1 - weight) * thigh[..., 0]
         pole = pole + 0.6 * weight * thigh[..., 0]
-        thigh, bend = two_bone(upper, lower, hinge, wanted, pole, (-6.0, 154.0))
+        thigh, bend = solve_two_bone(upper, lower, hinge, wanted, pole, (-6.0, 154.0))
         shank = pelvis @ thigh @ rot(0, bend)
         local[:, self.i["upperleg01." + side]] = thigh
         local[:, self.i["lowerleg01." + side]] = rot(0, bend)
@@ -399,7 +399,7 @@ class Solver:
         if hold:
             elbow_out = apply(into @ self._carried(local, root, SPINE[-1])[0], np.broadcast_to(hold.elbow, place.shape))
             pole = unit(pole) * (1 - weight) + unit(np.cross(elbow_out, place)) * weight
-        return two_bone(upper, lower, hinge, place, pole, (5 - bent, 150 - bent))
+        return solve_two_bone(upper, lower, hinge, place, pole, (5 - bent, 150 - bent))
 
     def _carried(self, local: FloatArray, root: FloatArray, bone: str) -> tuple[FloatArray, FloatArray]:
         """Rotation (T, 3, 3) and origin (T, 3) of a bone in the world, of those before it in `local`."""
