@@ -5,6 +5,16 @@ compares the two. Texts are format strings; the exception's `details` fill in th
 """
 
 REMEDIES: dict[str, str] = {
+    "missing_weights": "reinstall muybridge, or pass the path of a model file",
+    "other_name": "choose another name",
+    "overwrite": "choose another name, or pass overwrite=True",
+    "pseudo_labels": "make one with `muybridge.models.pseudo_labels.save_pseudo_labels`",
+    "third_party_model": (
+        "for a third-party keypoint network pass its model card; otherwise pass a model that muybridge exported, "
+        "or none to use the shipped one"
+    ),
+    "unwritable": "choose a folder you may write to, or free its disk",
+    "use_muybridge_model": "pass a model that muybridge exported, or none to use the shipped one",
     "board_page": "use smaller squares, larger paper, or paper=None for a page as large as the board needs",
     "bvh_units": "pass `units`, one of {units}",
     "calibration_path": "or pass the path of one",
@@ -19,6 +29,7 @@ REMEDIES: dict[str, str] = {
     "lens_pinhole": 'pass lens="pinhole", or keep the board away from the border of the image',
     "list_body_points": "muybridge.geometry.landmarks.marker_sets.SURFACE.names has all",
     "marker_dictionary": "or set marker_dictionary to the dictionary of the marker",
+    "other_folder": "choose another folder",
     "option_unused": "leave out `{option}`",
     "other_name": "choose another name",
     "overwrite": "choose another name, or pass overwrite=True",

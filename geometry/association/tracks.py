@@ -8,7 +8,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.geometry.landmarks.sets import LandmarkSet
-from muybridge.geometry.numerics.robust import extent
+from muybridge.geometry.numerics.robust import MAD_SIGMA, extent
 
 # Two trunks whose centres are this near, in body sizes, in this share of the frames of one of them, belong to one
 # person; so do two where one body takes over from the other.
@@ -222,7 +222,7 @@ def _build(body: Body, edges: IntArray) -> tuple[FloatArray, FloatArray]:
     known = np.isfinite(length).sum(0)
     with np.errstate(invalid="ignore", divide="ignore"):
         middle = np.nanmedian(np.where(known > 0, length, 0.0), axis=0)
-        spread = 1.4826 * np.nanmedian(np.where(known > 0, np.abs(length - middle), np.inf), axis=0)
+        spread = MAD_SIGMA * np.nanmedian(np.where(known > 0, np.abs(length - middle), np.inf), axis=0)
         return np.where(known > 0, middle, np.nan), 1.25 * spread / np.sqrt(known)
 
 

@@ -36,6 +36,7 @@ from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustPr
 from muybridge.geometry.calibration.bundle_adjustment.result import CalibrationResult, solved
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.numerics.robust import RAYLEIGH_MEDIAN
 
 FEWEST_POINTS, FEWEST_WITH_LENS = 6, 4
 _LINE, _PLANE = 1e-2, 1e-2
@@ -354,7 +355,7 @@ def _notes(answer: CalibrationResult) -> list[str]:
                 "it is wrong: check that each of its rows has a point and its own pixel"
             )
             continue
-        usual = max(float(np.median(answer.errors_px[mine])) / 1.1774, 0.1)
+        usual = max(float(np.median(answer.errors_px[mine])) / RAYLEIGH_MEDIAN, 0.1)
         wrong = [k for k in mine if not answer.errors_px[k] < max(_WRONG_SIGMAS * usual, 3.0)]
         for k in wrong[:5]:
             x, y, z = answer.points_world[k]

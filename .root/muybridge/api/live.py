@@ -86,7 +86,7 @@ class LiveCapture:
             fps: sets of images a second.
             window: seconds over which people are associated between cameras.
             detect: how 2D landmarks are found; by default the faster settings with which `capture` begins.
-            solve: of these `person`, `flips`, `triangulate` and `min_confidence` are used.
+            solve: of these `tracking`, `flips`, `triangulate` and `min_confidence` are used.
 
         Raises:
             ValueError: fewer than two cameras, or a frame rate or window that is not above zero.
@@ -158,7 +158,7 @@ class LiveCapture:
         self._frame += 1
         self._window.append(list(self._pool.map(self._read, range(len(frames)), frames)))
         keypoints, tracks = self._keypoints()
-        followed = track_people(self._cameras, keypoints, self._solve.person, self._fps)
+        followed = track_people(self._cameras, keypoints, self._solve.tracking, self._fps)
         people = [
             person
             for slots, number in zip(followed, self._identify(followed, tracks), strict=True)

@@ -160,8 +160,8 @@ class KeypointNetwork:
 
         Args:
             image: (H, W, 3) RGB.
-            boxes_px: (K, 4) left, top, right, bottom, px of the image: `PersonDetector.detect(image).boxes_px`. Where the
-                landmarks suggest another box, that is read too, and kept if the network is more confident of it.
+            boxes_px: (K, 4) left, top, right, bottom, px of the image: `PersonDetector.detect(image).boxes_px`.
+                Where the landmarks suggest another box, that is read too, and kept if the network is more confident.
             camera: the calibrated camera, Z up; crops are then those of a level virtual camera, as in training.
             background: (H, W, 3) RGB, what the camera sees without anybody; landmarks are more accurate with it.
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
-from muybridge.geometry.calibration.diagnosis.hypotheses import Correction, student_cost, student_scale
+from muybridge.geometry.calibration.diagnosis.hypotheses import Correction
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.numerics.robust import student_cost, student_scale
 from muybridge.geometry.sync.clocks import resample
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, take_noise, triangulate
 

@@ -16,7 +16,6 @@ from muybridge.geometry.calibration.diagnosis.hypotheses import (
     fit_camera,
     fit_shift,
     paired_score,
-    student_scale,
 )
 from muybridge.geometry.calibration.diagnosis.setup import (
     Setup,
@@ -28,6 +27,7 @@ from muybridge.geometry.calibration.diagnosis.setup import (
     with_files,
     with_shift,
 )
+from muybridge.geometry.numerics.robust import student_scale
 
 _PARAMETERS = {"turned": 3, "moved": 6, "focal": 1, "shifted": 1, "swapped": 1}
 # Up to this many cameras, all permutations of their files are tried.

@@ -1,10 +1,9 @@
-"""A network of fewer multiplications from a trained one: residual blocks left out, and channels within those that stay,
-whose part the others take over as well as least squares let them. It says nearly the same; training on makes up for
-most of the rest.
+"""Prune a trained keypoint network: drop residual blocks, and channels within those that remain, whose contribution the
+others take over by least squares. The outputs stay nearly the same; further training recovers most of the rest.
 
-Hassibi and Stork, "Second order derivatives for network pruning: optimal brain surgeon", NIPS 1992, for what leaving
-something out costs; He, Zhang and Sun, "Channel pruning for accelerating very deep neural networks", ICCV 2017, for
-doing so layer by layer on what the layer is to say.
+The cost of dropping something: Hassibi and Stork, "Second order derivatives for network pruning: optimal brain
+surgeon", NIPS 1992. Layer-wise reconstruction: He, Zhang and Sun, "Channel pruning for accelerating very deep neural
+networks", ICCV 2017.
 """
 
 import copy
@@ -16,25 +15,25 @@ from torch import Tensor, nn
 from muybridge.errors import ModelError
 from muybridge.models.keypoints.network import Block, KeypointNet
 
-# What the squares of inputs are raised by, over their mean, so that the products can be inverted.
+# Ridge relative to the mean square of the inputs, for a stable inverse.
 _RIDGE = 1e-6
-# Of each image at most so many cells are looked at.
+# Cells per image at most.
 _CELLS = 256
-# At most this share of the channels that are left goes at once.
+# At most this share of the remaining channels is dropped at once.
 _AT_ONCE = 1 / 32
 _IMAGES_AT_ONCE = 8
 _TAPS = 9  # of a 3x3 filter
 
 
 @torch.no_grad()
-def narrowed(net: KeypointNet, depths: Sequence[int], hidden: Sequence[int], images: Sequence[Tensor]) -> KeypointNet:
+def prune(net: KeypointNet, depths: Sequence[int], hidden: Sequence[int], images: Sequence[Tensor]) -> KeypointNet:
     """A network like `net` with fewer blocks and channels.
 
     Args:
-        net: left as it is.
-        depths: residual blocks on the way down at each of the four resolutions; the last of each level go.
+        net: not changed.
+        depths: residual blocks on the way down at each of the four resolutions; the last of each level are dropped.
         hidden: channels within the blocks at each of them, on the way down and up.
-        images: batches (N, 4, S, S) in 0..1, of the kind that it is used on.
+        images: batches (N, 4, S, S) in 0..1, like those in use.
 
     Raises:
         ModelError: more blocks or channels than there are, or no channels.
@@ -50,14 +49,14 @@ def narrowed(net: KeypointNet, depths: Sequence[int], hidden: Sequence[int], ima
     # Laterals begin at the third resolution.
     for i, part in (*enumerate(out.levels), *zip((2, 1, 0), out.laterals, strict=True)):
         for block in [module for module in part.modules() if isinstance(module, Block)]:
-            _narrow(block, hidden[i], out, images)
+            _prune_block(block, hidden[i], out, images)
     like = KeypointNet(have["landmarks"], have["widths"], tuple(depths), tuple(hidden))  # type: ignore[arg-type]
     like.load_state_dict(out.state_dict())
     return like.eval()
 
 
-def _narrow(block: Block, count: int, net: nn.Module, images: Sequence[Tensor]) -> None:
-    """Leaves a block of `net` with `count` hidden channels, those without which it says most nearly the same."""
+def _prune_block(block: Block, count: int, net: nn.Module, images: Sequence[Tensor]) -> None:
+    """Reduce a block of `net` to the `count` hidden channels that change its output least."""
     first, normalisation, second = block.first[0], block.first[1], block.second[0]
     assert isinstance(first, nn.Conv2d) and isinstance(normalisation, nn.BatchNorm2d) and isinstance(second, nn.Conv2d)
     channels = first.out_channels
@@ -66,7 +65,7 @@ def _narrow(block: Block, count: int, net: nn.Module, images: Sequence[Tensor]) 
     products = _products(block, net, images)
     outputs, whole = second.out_channels, second.weight.reshape(second.out_channels, -1).double()
     wanted = products[:, :-1] @ whole.T
-    kept, weights = _chosen(products, wanted, channels, count)
+    kept, weights = _select_channels(products, wanted, channels, count)
     index = torch.tensor(kept)
     block.first[0], block.second[0] = (
         nn.Conv2d(a, b, 3, 1, 1, bias=False) for a, b in ((first.in_channels, count), (count, outputs))
@@ -77,14 +76,15 @@ def _narrow(block: Block, count: int, net: nn.Module, images: Sequence[Tensor]) 
     for name in ("weight", "bias", "running_mean", "running_var"):
         getattr(block.first[1], name).data.copy_(getattr(normalisation, name)[index])
     block.first.eval()
-    # What the channels that went said on the whole, by the normalisation that follows.
+    # The mean contribution of the dropped channels goes into the bias of the next normalisation.
     after = block.second[1]
     assert isinstance(after, nn.BatchNorm2d) and after.running_var is not None
     after.bias.add_(after.weight / torch.sqrt(after.running_var + after.eps) * weights[-1].float())
 
 
 def _products(block: Block, net: nn.Module, images: Sequence[Tensor]) -> Tensor:
-    """(9 C + 1, 9 C + 1) sums of products of what the second filters of a block see, one beside it for the mean."""
+    """(9 C + 1, 9 C + 1) sums of products of the inputs of the second filters of a block, extended by a constant one
+    for the mean."""
     total: Tensor | None = None
     generator = torch.Generator().manual_seed(0)
 
@@ -106,8 +106,9 @@ def _products(block: Block, net: nn.Module, images: Sequence[Tensor]) -> Tensor:
     return total
 
 
-def _chosen(products: Tensor, wanted: Tensor, channels: int, count: int) -> tuple[list[int], Tensor]:
-    """Which `count` of the channels stay, and the weights (9 count + 1, outputs) that make up for the others."""
+def _select_channels(products: Tensor, wanted: Tensor, channels: int, count: int) -> tuple[list[int], Tensor]:
+    """Indices of the `count` channels to keep, and the weights (9 count + 1, outputs) that compensate for the
+    others."""
     kept, whole = list(range(channels)), len(products) - 1
 
     def rows() -> Tensor:
@@ -119,7 +120,7 @@ def _chosen(products: Tensor, wanted: Tensor, channels: int, count: int) -> tupl
         weights = inverse @ wanted[at]
         if len(kept) == count:
             return kept, weights
-        # How much farther off the best weights without a channel are.
+        # Increase of the error of the best weights without each channel.
         parts = [slice(_TAPS * c, _TAPS * (c + 1)) for c in range(len(kept))]
         cost = torch.stack([(weights[p] * torch.linalg.solve(inverse[p, p], weights[p])).sum() for p in parts])
         going = min(max(1, int(_AT_ONCE * len(kept))), len(kept) - count)

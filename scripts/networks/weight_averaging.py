@@ -12,9 +12,9 @@ import torch
 
 from muybridge.errors import ModelError
 from muybridge.models.keypoints.network import KeypointNet
-from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, people_net_from_onnx, trained_for
+from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, people_net_from_onnx, training_record
 from muybridge.models.people.network import PeopleNet
-from muybridge.train.engine.loop import Seen
+from muybridge.train.engine.loop import TrainingHistory
 
 
 def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
@@ -46,16 +46,16 @@ def _average(paths: Sequence[pathlib.Path], read: Callable[[pathlib.Path], Keypo
     mean = {k: torch.stack([s[k].float() for s in states]).mean(0).to(v.dtype) for k, v in states[0].items()}
     return {
         "average": mean, "config": nets[0].config, "state": _seen(dict.fromkeys(paths))._asdict(), "scores": {},
-        "options": {"seed": trained_for(paths[0])["seed"]},
+        "options": {"seed": training_record(paths[0])["seed"]},
     }  # fmt: skip
 
 
-def _seen(paths: Iterable[pathlib.Path]) -> Seen:
+def _seen(paths: Iterable[pathlib.Path]) -> TrainingHistory:
     """What networks saw together: what the youngest saw, from which the others are taken to have gone on, and what each
     of them saw since."""
-    seen = [Seen.of(path) for path in paths]
+    seen = [TrainingHistory.of_file(path) for path in paths]
     first = min(seen)
-    return Seen(
+    return TrainingHistory(
         first.images + sum(s.images - first.images for s in seen),
         first.seconds + sum(s.seconds - first.seconds for s in seen),
     )
