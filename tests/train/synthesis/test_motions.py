@@ -18,7 +18,8 @@ from muybridge.train.synthesis.motions.ground_contact import TRUNK_BONES, chosen
 from muybridge.train.synthesis.motions.hands import HABITS, hands_at_rest  # noqa: E402
 from muybridge.train.synthesis.motions.rig import LIMITS, SIDES, forward, joint_angles, log, skin, turn  # noqa: E402
 from muybridge.train.synthesis.motions.sampler import MOTIONS, MotionSampler  # noqa: E402
-from muybridge.train.synthesis.motions.standing import Stage, stand  # noqa: E402
+from muybridge.train.synthesis.motions.stage import Stage  # noqa: E402
+from muybridge.train.synthesis.motions.standing import stand  # noqa: E402
 
 FPS = 60.0
 OFF_THE_FEET = ("crawl", "lie", "get_up", "floor_sit", "handstand", "cartwheel")

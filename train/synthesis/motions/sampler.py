@@ -24,9 +24,10 @@ from muybridge.train.synthesis.motions import (
 )
 from muybridge.train.synthesis.motions.hands import hands_at_rest
 from muybridge.train.synthesis.motions.rig import LIMITS, SIDES, SkinnedBody, forward, joint_angles, log, rot, turn
+from muybridge.train.synthesis.motions.script import Script
 from muybridge.train.synthesis.motions.self_collision import penetrates
-from muybridge.train.synthesis.motions.solve import Script, Solver
-from muybridge.train.synthesis.motions.standing import Stage
+from muybridge.train.synthesis.motions.solve import Solver
+from muybridge.train.synthesis.motions.stage import Stage
 
 # Kinds of motion with their shares.
 MOTIONS: dict[str, float] = {
