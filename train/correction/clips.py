@@ -21,7 +21,7 @@ from muybridge.geometry.skeleton.rigid_bones import body_through
 from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
 from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of
 from muybridge.train.synthesis.markers.trajectories import FPS, MarkerBodies
-from muybridge.train.synthesis.motions.rig import Skeleton
+from muybridge.train.synthesis.motions.rig import SkinnedBody
 from muybridge.train.synthesis.motions.sampler import MotionSampler
 
 FRAMES = 128
@@ -82,7 +82,7 @@ def _shard(bodies: MarkerBodies) -> SolverClips:
 
 
 def _clip(
-    bodies: MarkerBodies, body: Skeleton, rotvec: FloatArray, root: FloatArray
+    bodies: MarkerBodies, body: SkinnedBody, rotvec: FloatArray, root: FloatArray
 ) -> tuple[NDArray[np.generic], ...]:
     points, normals = bodies.markers(body, rotvec, root)
     turns, places = joints_of(rig_of(body.bones, body.rest), body, rotvec, root)

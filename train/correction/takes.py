@@ -73,9 +73,9 @@ def take_of(
     bodies: MarkerBodies, body: object, rotvec: FloatArray, root: FloatArray, fps: float, placed: float
 ) -> SolverTake:
     """Markers and truth of a motion of `body`; each marker stays where it was placed on the skin about it."""
-    from muybridge.train.synthesis.motions.rig import Skeleton, forward, skin, turn
+    from muybridge.train.synthesis.motions.rig import SkinnedBody, forward, skin, turn
 
-    assert isinstance(body, Skeleton)
+    assert isinstance(body, SkinnedBody)
     jitter = bodies.rng.normal(0, 1, (len(SURFACE), 3)) * placement_spread()[:, None] * placed
     points, normals = bodies.markers(body, rotvec, root)
     # Along the skin as placed, turned with the triangle that carries the marker.

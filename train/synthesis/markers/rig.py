@@ -14,7 +14,7 @@ from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import roles_of
-from muybridge.train.synthesis.motions.rig import Skeleton, between, forward, turn, unit
+from muybridge.train.synthesis.motions.rig import SkinnedBody, between, forward, turn, unit
 
 # joint: bone at whose origin it is, bone that turns with it ("*" is the side)
 _BONES = {
@@ -111,13 +111,13 @@ def _frame(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.stack([x, y, np.cross(x, y)], -1)
 
 
-def joints_of(rig: Rig, body: Skeleton, rotvec: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
+def joints_of(rig: Rig, body: SkinnedBody, rotvec: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
     """World orientations (T, J, 3, 3) and places (T, J, 3) of the joints of a motion of `body`."""
     rotations, origins = forward(body, turn(rotvec), root)
     return rotations[:, rig.turner] @ np.swapaxes(rig.align, -1, -2), origins[:, rig.origin]
 
 
-def follow(body: Skeleton, motion: Motion) -> tuple[FloatArray, FloatArray]:
+def follow(body: SkinnedBody, motion: Motion) -> tuple[FloatArray, FloatArray]:
     """A recorded motion on one of anny's bodies: rotation vectors (T, bones, 3), `local-ref`, and roots (T, 3).
 
     Bones point as the recording's do; the back's bend is shared among its five bones, the neck's among its four, and
