@@ -3,7 +3,7 @@
 All take arrays with time first and any shape behind it, and know missing values: a stretch between NaNs is filtered
 for itself, NaN stays NaN. All but One-Euro are without lag (they see the future). `smooth_points` of
 `muybridge.geometry.smoothing.kalman` is the recommended one for landmarks: it measures the noise, weighs points by their
-covariance, drops outliers and fills gaps; the table in docs/smoothing.md compares them.
+covariance, drops outliers and fills gaps; the table in docs/explanation/smoothing.md compares them.
 """
 
 import math

@@ -75,3 +75,13 @@ def test_every_example_is_short_and_shown_on_a_page() -> None:
         assert re.match(r"\d\d_", example.name)
         assert len(example.read_text().splitlines()) < 60, example.name
         assert f'"{example.name}' in shown, f"{example.name} is on no page"
+
+
+def test_pages_that_the_source_names_exist() -> None:
+    lost = []
+    for top in ("geometry", "models", "motion", "infer", "train", "scripts", ".root/muybridge"):
+        for path in (REPOSITORY / top).rglob("*.py"):
+            for page in re.findall(r"\bdocs/[\w/-]+\.(?:md|webp)", path.read_text()):
+                if not (REPOSITORY / page).is_file():
+                    lost.append(f"{path.relative_to(REPOSITORY)}: {page}")
+    assert not lost

@@ -39,7 +39,7 @@ class AugmentOptions:
         second_person: share of crops with another person beside the subject.
         embrace: share of crops with another person right behind or before the subject, as in a hold: of whom limbs show
             where the subject's own are hidden. A network that is trained with it on crops of one size reads others no
-            more (docs/training-log.md).
+            more (docs/development/training-log.md).
         occluder: share of crops with things in front of the person.
         mosaic: share of crops with a pixelated face.
         truncate: share of crops that reach over the image's border (black there).
