@@ -27,8 +27,8 @@ def label(
         file: points as C3D, TRC or CSV.
         out: folder of the results: `labelled.c3d`, `label.json`, `report.html`.
         markerset: what the person wears: `pig39`, `cmu41`, ... or a text file of your own.
-        corrections: what a person settled, a line each (see docs/guides/label-markers.md); it is kept in the results folder, where
-            later runs find it.
+        corrections: what a person settled, a line each (see docs/guides/label-markers.md); it is kept in the results
+            folder, where later runs find it.
         model: labelling network; the shipped one by default.
         fps: frames a second, where the file does not say.
         overwrite: replace files in the results folder that muybridge did not write or that were changed.

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Draws docs/assets/markers.webp: the average adult from the front, the left and the back with every virtual marker, and
-the table of docs/reference/landmarks.md below its last heading.
+"""Draws docs/assets/markers.webp: the average adult from the front, the left and the back with every virtual
+marker, and the table of docs/reference/landmarks.md below its last heading.
 
 usage: python -m scripts.assets.marker_picture
 """
