@@ -5,16 +5,6 @@ compares the two. Texts are format strings; the exception's `details` fill in th
 """
 
 REMEDIES: dict[str, str] = {
-    "missing_weights": "reinstall muybridge, or pass the path of a model file",
-    "other_name": "choose another name",
-    "overwrite": "choose another name, or pass overwrite=True",
-    "pseudo_labels": "make one with `muybridge.models.pseudo_labels.save_pseudo_labels`",
-    "third_party_model": (
-        "for a third-party keypoint network pass its model card; otherwise pass a model that muybridge exported, "
-        "or none to use the shipped one"
-    ),
-    "unwritable": "choose a folder you may write to, or free its disk",
-    "use_muybridge_model": "pass a model that muybridge exported, or none to use the shipped one",
     "board_page": "use smaller squares, larger paper, or paper=None for a page as large as the board needs",
     "bvh_units": "pass `units`, one of {units}",
     "calibration_path": "or pass the path of one",
@@ -29,12 +19,19 @@ REMEDIES: dict[str, str] = {
     "lens_pinhole": 'pass lens="pinhole", or keep the board away from the border of the image',
     "list_body_points": "muybridge.geometry.landmarks.marker_sets.SURFACE.names has all",
     "marker_dictionary": "or set marker_dictionary to the dictionary of the marker",
-    "other_folder": "choose another folder",
+    "missing_weights": "reinstall muybridge, or pass the path of a model file",
     "option_unused": "leave out `{option}`",
+    "other_folder": "choose another folder",
     "other_name": "choose another name",
     "overwrite": "choose another name, or pass overwrite=True",
     "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",
     "points_or_lens": "add points, or pass the camera with its lens in lenses",
+    "pseudo_labels": "make one with `muybridge.models.pseudo_labels.save_pseudo_labels`",
+    "third_party_model": (
+        "for a third-party keypoint network pass its model card; otherwise pass a model that muybridge exported, "
+        "or none to use the shipped one"
+    ),
     "unwritable": "choose a folder you may write to, or free its disk",
+    "use_muybridge_model": "pass a model that muybridge exported, or none to use the shipped one",
     "video_rotated": 'pass "rotate-cw" or "rotate-ccw", or calibrate with the camera as it records',
 }

@@ -6,16 +6,6 @@ The keys are those of `muybridge.remedies`. Texts are format strings; the except
 from muybridge.errors import MuybridgeError
 
 COMMAND_REMEDIES: dict[str, str] = {
-    "missing_weights": "reinstall muybridge, or name a model file of yours",
-    "other_name": "choose another name",
-    "overwrite": "choose another name, or give --overwrite",
-    "pseudo_labels": "`muybridge adapt SESSION` makes one",
-    "third_party_model": (
-        "for a third-party keypoint network name its card with --model-card; otherwise name a model that muybridge "
-        "exported, or leave the option out to use the shipped one"
-    ),
-    "unwritable": "free its disk or choose another --out",
-    "use_muybridge_model": "name a model that muybridge exported, or leave the option out to use the shipped one",
     "board_page": "take smaller squares (--square), larger paper or --paper fit",
     "bvh_units": "state it with --units, one of {units}",
     "calibration_path": "or name one with --calibration",
@@ -30,13 +20,20 @@ COMMAND_REMEDIES: dict[str, str] = {
     "lens_pinhole": "give --lens pinhole, or keep the board away from the border of the image",
     "list_body_points": "`muybridge markerset points` lists all",
     "marker_dictionary": "or name its dictionary with --marker-dictionary",
-    "other_folder": "choose another folder with --out",
+    "missing_weights": "reinstall muybridge, or name a model file of yours",
     "option_unused": "leave out --{option}",
+    "other_folder": "choose another folder with --out",
     "other_name": "choose another name",
     "overwrite": "choose another name, or give --overwrite",
     "points_off_shape": "add points well off the {shape}, or give the lens with --lenses",
     "points_or_lens": "add points, or give the lens with --lenses",
+    "pseudo_labels": "`muybridge adapt SESSION` makes one",
+    "third_party_model": (
+        "for a third-party keypoint network name its card with --model-card; otherwise name a model that muybridge "
+        "exported, or leave the option out to use the shipped one"
+    ),
     "unwritable": "free its disk or choose another --out",
+    "use_muybridge_model": "name a model that muybridge exported, or leave the option out to use the shipped one",
     "video_rotated": "give --video-size rotate-cw or rotate-ccw, or calibrate with the camera as it records",
 }
 

@@ -26,7 +26,7 @@ from muybridge.models.keypoints.metadata import (
     crop_side,
     keypoint_card,
 )
-from muybridge.models.keypoints.test_time import Series, mean_of_mirrored, augment_at_test_time
+from muybridge.models.keypoints.test_time import Series, augment_at_test_time, mean_of_mirrored
 from muybridge.models.onnx_files.prune_outputs import without_outputs
 from muybridge.models.people.metadata import PeopleModelCard, people_card
 
