@@ -57,10 +57,10 @@ class DetectOptions:
 
     Attributes:
         precision: of the shipped keypoint network: `int8` looks at every crop twice, mirrored too, in the time that
-            `fp32` needs for once, and is the more accurate for it, see docs/networks.md.
+            `fp32` needs for once, and is the more accurate for it, see docs/explanation/networks.md.
         keypoint_model: keypoint network to use in place of the shipped one, whatever its precision.
         model_card: what that network takes in and gives out, where it is not one of muybridge's: a TOML file, or
-            the name of a card that came along, such as `rtmpose-coco17`; see docs/other-models.md.
+            the name of a card that came along, such as `rtmpose-coco17`; see docs/guides/other-models.md.
         people_model: person detector to use in place of the shipped one.
         markers: virtual markers on the skin, written to `markers.c3d` under a laboratory's names: Plug-in Gait's 39,
             CMU's 41, or all 72 that are known.
