@@ -15,7 +15,8 @@ import tyro
 
 from muybridge.errors import MissingExtraError, ModelError
 from muybridge.extras import extra_of
-from muybridge.infer.detection.detect import DetectOptions, open_models
+from muybridge.infer.detection.detect import DetectOptions
+from muybridge.infer.networks.models import open_models
 from muybridge.infer.pipelines.pseudo_labels import collect
 from muybridge.infer.pipelines.videos import ADAPTED, RunOptions, follow
 from muybridge.infer.reconstruction.landmarks import SolveOptions

@@ -6,8 +6,13 @@ The keys are those of `muybridge.remedies`. Texts are format strings; the except
 from muybridge.errors import MuybridgeError
 
 COMMAND_REMEDIES: dict[str, str] = {
+    "centres_of_landmarks": "leave out --centres",
+    "model_of_card": "name its file with --keypoint-model",
+    "network_of_landmarks": "leave out --network",
     "other_name": "choose another name",
     "overwrite": "choose another name, or give --overwrite",
+    "rename_labels": "rename them, or name unlabelled points with `muybridge label`",
+    "unit_of_points": "give --units {unit}",
     "unwritable": "free its disk or choose another --out",
 }
 

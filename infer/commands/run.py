@@ -94,7 +94,8 @@ def run(
     if markers_in_video:
         for path, place in plan(sessions, out):
             with Progress(quiet=quiet) as progress:
-                print(run_marker_session(path, place, session, marker_video, overwrite, progress), flush=True)
+                marked = run_marker_session(path, place, session, marker_video, overwrite, progress)
+                print(marked.summary, flush=True)
         return 0
     solve = SolveOptions(
         person, flips, triangulate, view_bias, pose_prior, smooth, fit, min_confidence, fill_share, everyone
