@@ -2,8 +2,9 @@
 # make test      adds the train and dev extras, then the quick tests and the linters
 # make test-all  the same with the slow tests
 # make lint      style, imports between the layers, types
+# make docs      the documentation as a site in site/, with every link and public name checked
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all quick-tests all-tests lint clean
+.PHONY: help demo test test-all quick-tests all-tests lint docs clean
 SHELL := /bin/bash
 
 VENV := .venv
@@ -39,6 +40,10 @@ lint: $(VENV)/.installed-dev
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
+docs: $(VENV)/.installed-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "The documentation is in site/; open site/index.html through a web server (python -m http.server -d site)"
+
 $(BIN)/python:
 	@scripts/ci/make_venv.sh $(VENV)
 
@@ -54,5 +59,10 @@ $(VENV)/.installed-dev: $(VENV)/.installed-base
 	@scripts/ci/ensure_egl.sh $(BIN)/python
 	@touch $@
 
+$(VENV)/.installed-docs: $(VENV)/.installed-base
+	@echo "Installing the docs extra into $(VENV)"
+	$(INSTALL) -e ".[docs]"
+	@touch $@
+
 clean:
-	rm -rf $(VENV) build dist *.egg-info
+	rm -rf $(VENV) build dist site *.egg-info

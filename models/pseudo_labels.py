@@ -1,4 +1,4 @@
-"""Crops of real people with where their landmarks are according to all cameras: what inference hands to training."""
+"""Crops of real people labelled by multi-view consensus: what inference hands to training."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class PseudoLabels(NamedTuple):
     """`N` crops of the people of one take.
 
     Attributes:
-        crops: (N, S, S, 4) uint8 RGB and the difference to the background plate, zero where there is none.
+        crops: (N, S, S, 4) uint8 RGB and the difference to the background model, zero where there is none.
         landmarks_px: (N, J, 2) crop px of the body's landmarks, then of the virtual markers; NaN without a label.
-        agreed: (N, J) whether what this camera's own network said agrees with the label.
-        held_out: (N,) crops that are kept from training.
-        padding: side of a crop over the longer side of the person's box.
-        facts: where it comes from.
+        agreed: (N, J) whether this camera's own detection agrees with the label.
+        held_out: (N,) crops that are not trained on.
+        padding: side of a crop relative to the longer side of the person's bounding box.
+        facts: provenance.
     """
 
     crops: ByteArray
@@ -36,13 +36,13 @@ class PseudoLabels(NamedTuple):
     facts: Mapping[str, Any]
 
 
-def save_pseudo_labels(path: Path, footage: PseudoLabels) -> None:
-    """Write a `.npz`, whole or not at all."""
-    facts = {"format": _FORMAT, "padding": footage.padding, "facts": dict(footage.facts)}
+def save_pseudo_labels(path: Path, labels: PseudoLabels) -> None:
+    """Write a `.npz`; it appears only when it is complete."""
+    facts = {"format": _FORMAT, "padding": labels.padding, "facts": dict(labels.facts)}
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez(
-            file, crops=footage.crops, landmarks_px=footage.landmarks_px, agreed=footage.agreed,
-            held_out=footage.held_out, about=json.dumps(facts),
+            file, crops=labels.crops, landmarks_px=labels.landmarks_px, agreed=labels.agreed,
+            held_out=labels.held_out, about=json.dumps(facts),
         )  # fmt: skip
 
 
@@ -60,11 +60,13 @@ def load_pseudo_labels(path: Path) -> PseudoLabels:
         count, joints = len(crops), landmarks.shape[1]
         shapes = (landmarks.shape, agreed.shape, held_out.shape) == ((count, joints, 2), (count, joints), (count,))
         if about["format"] != _FORMAT or crops.dtype != np.uint8 or crops.shape[1:] != (*crops.shape[1:2] * 2, 4):
-            raise ValueError("it is of another version")
+            raise ValueError("of another version")
         if not shapes or not count:
-            raise ValueError("its arrays do not belong together")
+            raise ValueError("its arrays do not fit together")
         return PseudoLabels(crops, landmarks, agreed, held_out, float(about["padding"]), about["facts"])
     except FileNotFoundError as error:
-        raise FormatError(f"{path}: no such file; `muybridge adapt SESSION` makes one") from error
-    except Exception as error:  # numpy's and zipfile's errors share no base but Exception
-        raise FormatError(f"{path}: not footage that `muybridge adapt` wrote ({error}); make it again") from error
+        raise FormatError(f"{path}: no such file", remedy="pseudo_labels") from error
+    except Exception as error:  # the exceptions of numpy and zipfile share no other base class
+        raise FormatError(
+            f"{path}: not a file of pseudo-labels, or a damaged one ({error})", remedy="pseudo_labels"
+        ) from error

@@ -1,1 +1,1 @@
-"""Synthetic people, the training loops and their evaluation. Needs the `train` extra."""
+"""Synthetic training data, the training of the networks, and their evaluation."""

@@ -34,6 +34,10 @@ class MuybridgeError(Exception):
             return self.message
         return f"{self.message}; {REMEDIES[self.remedy].format(**self.details)}"
 
+    def about(self, what: str) -> "MuybridgeError":
+        """The same error with a message that begins with the file, camera or argument that it is about."""
+        return type(self)(f"{what}: {self.message}", remedy=self.remedy, **self.details)
+
     def __reduce__(self) -> tuple[Any, ...]:  # exceptions cross process boundaries
         return _rebuild, (type(self), self.message, self.remedy, self.details)
 

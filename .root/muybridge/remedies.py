@@ -5,12 +5,38 @@ compares the two. Texts are format strings; the exception's `details` fill in th
 """
 
 REMEDIES: dict[str, str] = {
+    "board_page": "use smaller squares, larger paper, or paper=None for a page as large as the board needs",
+    "bvh_units": "pass `units`, one of {units}",
+    "calibration_path": "or pass the path of one",
     "centres_of_landmarks": "leave centres empty",
+    "choose_clip": "pass `clip`, a name or a number of this list",
+    "export_fbx": "export it again as binary FBX",
+    "export_gltf": "export it again as glTF 2.0",
+    "fit_points": "fit a body to them first (fit_body)",
+    "fps_range": "pass a number above zero as fps, not {fps}",
+    "fps_unstated": "pass `fps`, frames per second",
+    "frames_unnumbered": "number them in a column `frame`, or pass `fps` if no frame is missing",
+    "lens_fisheye": 'if the lens is a fisheye lens, pass lens="fisheye"',
+    "lens_pinhole": 'pass lens="pinhole", or keep the board away from the border of the image',
+    "list_body_points": "muybridge.geometry.landmarks.marker_sets.SURFACE.names has all",
+    "marker_dictionary": "or set marker_dictionary to the dictionary of the marker",
+    "missing_weights": "reinstall muybridge, or pass the path of a model file",
     "model_of_card": "name its file as keypoint_model",
     "network_of_landmarks": "leave network out",
+    "option_unused": "leave out `{option}`",
+    "other_folder": "choose another folder",
     "other_name": "choose another name",
     "overwrite": "choose another name, or pass overwrite=True",
+    "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",
+    "points_or_lens": "add points, or pass the camera with its lens in lenses",
+    "pseudo_labels": "make one with `muybridge.models.pseudo_labels.save_pseudo_labels`",
     "rename_labels": "rename them, or name unlabelled points with muybridge.infer.pipelines.labelling.run_label",
+    "third_party_model": (
+        "for a third-party keypoint network pass its model card; otherwise pass a model that muybridge exported, "
+        "or none to use the shipped one"
+    ),
     "unit_of_points": "read the file with units={unit!r}",
     "unwritable": "choose a folder you may write to, or free its disk",
+    "use_muybridge_model": "pass a model that muybridge exported, or none to use the shipped one",
+    "video_rotated": 'pass "rotate-cw" or "rotate-ccw", or calibrate with the camera as it records',
 }

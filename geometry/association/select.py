@@ -1,7 +1,7 @@
-"""Who is who between cameras, and who of them is the person of interest.
+"""People of a take, tracked over all cameras, and the selection of the person of interest.
 
-People whom two cameras see are followed in 3D (`muybridge.geometry.association.tracker`), whatever the cameras' own tracks
-say. What is left of these are people seen by one camera alone, of whom nothing in 3D is made up. No appearance is used.
+People whom two cameras see are tracked in 3D (`muybridge.geometry.association.tracker`), whatever the cameras' own
+tracks say. The remaining detections are people seen by one camera, which have no 3D position. No appearance is used.
 """
 
 from __future__ import annotations
@@ -12,27 +12,26 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
-from muybridge.geometry.association.tracker import TrackingOptions, track_people
+from muybridge.geometry.association.options import TrackingOptions
+from muybridge.geometry.association.tracker import track_people
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.numerics.robust import extent, row_median
 from muybridge.geometry.triangulation.multiview import triangulate
 
-__all__ = ["Person", "PersonSelection", "TrackingOptions", "find_people", "select_person", "take_person"]
-
 
 @dataclass(frozen=True)
 class Person:
-    """One person as the cameras follow it.
+    """One person.
 
     Attributes:
-        slots: (C, T) index into P, -1 where the camera does not see the person.
-        cameras: names of the cameras that see it.
-        seen_share: share of the frames in which two cameras or more see it.
+        slots: (C, T) index into the P slots of the keypoints, -1 where the camera does not see the person.
+        cameras: names of the cameras that see the person.
+        seen_share: share of the frames in which two cameras or more see the person.
         size_px: median size in the image.
-        motion: how far it moves about, in body sizes.
-        agreement: 0..1, how well the cameras agree on it (1: exactly).
-        rank: the product that decides who is of interest.
+        motion: distance travelled in the image, in body sizes.
+        agreement: 0 to 1, how well the cameras agree (1: exactly).
+        rank: product of these that decides who is the person of interest.
     """
 
     slots: IntArray
@@ -49,9 +48,9 @@ class PersonSelection:
     """The person of interest.
 
     Attributes:
-        slots: (C, T) index into P, or -1 where this camera does not see the person in this frame.
-        reason: one plain sentence: why this person, and how many others there are.
-        people: everyone that was found, the person of interest first, those seen by one camera last.
+        slots: (C, T) index into the P slots, or -1 where this camera does not see the person in this frame.
+        reason: one sentence: why this person, and how many others there are.
+        people: everyone, the person of interest first, people seen by one camera last.
     """
 
     slots: IntArray
@@ -62,16 +61,16 @@ class PersonSelection:
 def find_people(
     cameras: CameraGroup, keypoints: Keypoints2D, options: TrackingOptions | None = None, fps: float = 30.0
 ) -> tuple[Person, ...]:
-    """Groups the cameras' tracks into people.
+    """Associate the cameras' detections to people.
 
     Args:
         cameras: C calibrated cameras.
-        keypoints: their tracks.
+        keypoints: their detections.
         options: see `TrackingOptions`.
-        fps: frames a second.
+        fps: frames per second.
 
     Returns:
-        Everyone, by falling rank; people whom only one camera sees have a rank of zero.
+        Everyone, by decreasing rank; people whom only one camera sees have a rank of zero.
 
     Raises:
         ValueError: keypoints that do not have one row for each camera.
@@ -79,9 +78,9 @@ def find_people(
     options = options or TrackingOptions()
     if keypoints.points_px.shape[0] != len(cameras):
         raise ValueError(f"keypoints have {keypoints.points_px.shape[0]} cameras, the calibration {len(cameras)}")
-    followed = track_people(cameras, keypoints, options, fps)
-    people = [_described(cameras, keypoints, slots, _agreement(cameras, keypoints, slots)) for slots in followed]
-    people += [_described(cameras, keypoints, slots, 0.0) for slots in _left_over(keypoints, followed)]
+    tracked = track_people(cameras, keypoints, options, fps)
+    people = [_describe_person(cameras, keypoints, slots, _agreement(cameras, keypoints, slots)) for slots in tracked]
+    people += [_describe_person(cameras, keypoints, slots, 0.0) for slots in _single_view_pieces(keypoints, tracked)]
     people.sort(key=lambda person: (-person.rank, -float((person.slots >= 0).sum() * person.size_px)))
     return tuple(people)
 
@@ -89,16 +88,16 @@ def find_people(
 def select_person(
     cameras: CameraGroup, keypoints: Keypoints2D, options: TrackingOptions | None = None, fps: float = 30.0
 ) -> PersonSelection:
-    """Chooses the person that the take is about: followed by most cameras, large, moving.
+    """Select the person of interest: seen by most cameras, large, moving.
 
     Args:
         cameras: C calibrated cameras.
-        keypoints: their tracks.
+        keypoints: their detections.
         options: see `TrackingOptions`.
-        fps: frames a second.
+        fps: frames per second.
 
     Raises:
-        SessionError: nobody was found, or only one camera sees anybody.
+        SessionError: nobody was detected, or only one camera sees anybody.
         ValueError: keypoints that do not have one row for each camera.
     """
     people = find_people(cameras, keypoints, options, fps)
@@ -118,10 +117,10 @@ def select_person(
     if best.rank > 0:
         reason = _reason(best, people[1:], len(cameras), frames)
         return PersonSelection(best.slots, reason, people)
-    # Nobody is seen consistently by two cameras: the most conspicuous track of each camera is all there is.
+    # No two cameras agree on anybody: fall back to the most prominent track of each camera.
     fallback = _one_from_each(people)
     reason = (
-        "no two cameras agree on a person, so the most conspicuous one of each camera was taken: "
+        "no two cameras agree on a person, so the most prominent person of each camera was used: "
         "the calibration or the synchronisation is probably wrong"
     )
     return PersonSelection(fallback, reason, people)
@@ -130,7 +129,7 @@ def select_person(
 def take_person(
     keypoints: Keypoints2D, selection: PersonSelection | Person
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The 2D landmarks of one person.
+    """Select the 2D landmarks of one person.
 
     Returns:
         points_px (C, T, J, 2) and variance_px2 (C, T, J), NaN where missing, and score (C, T, J), zero there.
@@ -139,22 +138,22 @@ def take_person(
 
 
 def take_slots(keypoints: Keypoints2D, slots: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """As `take_person`, by the slot (C, T) that the person has in every camera and frame, -1 where none."""
+    """Select 2D landmarks by a person's slots (C, T), -1 where a camera does not see them; see `take_person`."""
     return (
-        _taken(keypoints.points_px, slots, np.nan),
-        _taken(keypoints.variance_px2, slots, np.nan),
-        _taken(keypoints.score, slots, 0.0),
+        _select(keypoints.points_px, slots, np.nan),
+        _select(keypoints.variance_px2, slots, np.nan),
+        _select(keypoints.score, slots, 0.0),
     )
 
 
-def _taken(values: FloatArray, slots: IntArray, missing: float) -> FloatArray:
-    """(C, T, ...) of the values (C, T, P, ...) those in the slots (C, T), `missing` where a slot is -1."""
+def _select(values: FloatArray, slots: IntArray, missing: float) -> FloatArray:
+    """(C, T, ...) values (C, T, P, ...) in the slots (C, T), `missing` where a slot is -1."""
     slots = slots.reshape(*slots.shape, *(1,) * (values.ndim - 2))
     return np.where(slots[:, :, 0] < 0, missing, np.take_along_axis(values, np.maximum(slots, 0), axis=2)[:, :, 0])
 
 
 def _reason(best: Person, others: tuple[Person, ...], cameras: int, frames: int) -> str:
-    """One plain sentence."""
+    """Why this person was selected, in one sentence."""
     share = round(100 * best.seen_share)
     sentence = f"followed by {len(best.cameras)} of {cameras} cameras in {share} % of {frames} frames"
     if not others:
@@ -177,7 +176,7 @@ def _reason(best: Person, others: tuple[Person, ...], cameras: int, frames: int)
 
 
 def _one_from_each(people: tuple[Person, ...]) -> IntArray:
-    """(C, T) the largest, most moving person of each camera."""
+    """(C, T) slots of the largest and most moving person of each camera."""
     slots = np.full_like(people[0].slots, -1)
     for c in range(slots.shape[0]):
         conspicuous = [p for p in people if (p.slots[c] >= 0).any()]
@@ -187,14 +186,14 @@ def _one_from_each(people: tuple[Person, ...]) -> IntArray:
     return slots
 
 
-# Tracks of one camera are cut where they pause for more frames, or jump farther (body sizes) from frame to frame.
+# Tracks of one camera are split where they pause for more frames, or jump farther (body sizes) between frames.
 _PAUSE, _JUMP = 10, 0.6
 
 
-def _left_over(keypoints: Keypoints2D, followed: list[IntArray]) -> list[IntArray]:
-    """Slots (C, T) of what single cameras see and nobody in 3D has: pieces of tracks without pause or jump."""
+def _single_view_pieces(keypoints: Keypoints2D, tracked: list[IntArray]) -> list[IntArray]:
+    """Slots (C, T) of detections that no tracked person has: pieces of one camera's tracks, without pause or jump."""
     points = keypoints.points_px.copy()
-    for slots in followed:
+    for slots in tracked:
         cameras, frames = np.nonzero(slots >= 0)
         points[cameras, frames, slots[cameras, frames]] = np.nan
     size = extent(points)
@@ -218,31 +217,31 @@ def _left_over(keypoints: Keypoints2D, followed: list[IntArray]) -> list[IntArra
 
 
 def _agreement(cameras: CameraGroup, keypoints: Keypoints2D, slots: IntArray) -> float:
-    """0..1, one less the median reprojection error in twelfths of the person's size."""
+    """0 to 1: one minus the median reprojection error in twelfths of the person's size."""
     points, variance, _ = take_slots(keypoints, slots)
     residual = triangulate(cameras, points, variance).residual_px
     off = row_median(residual, least=1) / extent(points)
     return float(np.clip(1 - 12 * np.nanmedian(off), 0.0, 1.0)) if np.isfinite(off).any() else 0.0
 
 
-def _described(
+def _describe_person(
     cameras: CameraGroup,
     keypoints: Keypoints2D,
     slots: IntArray,
     agreement: float,
 ) -> Person:
-    """A person with everything that decides whether it is of interest."""
+    """A person with all quantities that decide who is of interest."""
     seen = slots >= 0
     names = tuple(name for name, s in zip(cameras.names, seen, strict=True) if s.any())
     views = seen.sum(axis=0)
-    # Of the many whom one camera takes for somebody most are there for moments of a long take.
+    # Most detections that only one camera has are present for a small part of a long take.
     there = views > 0
-    points = _taken(keypoints.points_px[:, there], slots[:, there], np.nan)
+    points = _select(keypoints.points_px[:, there], slots[:, there], np.nan)
     size_px = extent(points)
     motions = [_wander(p, s) for p, s in zip(points, size_px, strict=True) if np.isfinite(s).any()]
     motion = float(np.median(motions)) if motions else 0.0
     median_size = float(np.nanmedian(size_px)) if np.isfinite(size_px).any() else 0.0
-    # Views beyond the first, because one view gives no 3D.
+    # Views beyond the first, because a single view gives no 3D position.
     support = float(np.maximum(views - 1, 0).mean())
     longer = max(max(camera.width, camera.height) for camera in cameras)
     rank = support * (median_size / longer) * (0.02 + motion) * (0.1 + agreement)
@@ -250,7 +249,7 @@ def _described(
 
 
 def _wander(points: FloatArray, size_px: FloatArray) -> float:
-    """How far the landmarks (T, J, 2) of one camera travel, in body sizes, their jitter averaged away."""
+    """Distance that landmarks (T, J, 2) of one camera travel, in body sizes, with their jitter averaged out."""
     frames = np.flatnonzero(np.isfinite(size_px))
     windows = np.array_split(frames, max(1, min(20, frames.size // 5)))
     means = np.stack([row_median(np.moveaxis(points[w], 0, -1), least=1) for w in windows])

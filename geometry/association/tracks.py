@@ -1,4 +1,4 @@
-"""Bodies that are followed, and who of them is the same person before and after an absence."""
+"""Tracked bodies: removal of duplicates and reflections, and identification of people who reappear."""
 
 from __future__ import annotations
 
@@ -8,25 +8,38 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.geometry.landmarks.sets import LandmarkSet
-from muybridge.geometry.numerics.robust import extent
+from muybridge.geometry.numerics.robust import MAD_SIGMA, extent
 
-# Two trunks whose middles are this near, in body sizes, in this share of the frames of one of them, are of one person;
-# so are two where one takes over from the other.
+# Two trunks whose centres are this near, in body sizes, in this share of the frames of one of them, belong to one
+# person; so do two where one body takes over from the other.
 _DOUBLE_SIZE, _DOUBLE_SHARE = 0.14, 0.8
-# Bodies that a camera sees both of in more than this share of their common frames are two people; a camera's track
-# passes from one to the other within so many seconds.
+# Bodies that a camera sees both of in more than this share of their common frames are two people; longest gap, in
+# seconds, at which a camera's track passes from one body to another.
 _BOTH_SHARE, _HANDED_WITHIN = 0.05, 0.2
-# Who stands tells where the floor is, if the line from the ankles to the shoulders is this near to the vertical
-# (cosine); a body of which two thirds lie this little above it or deeper, in lengths of that line, is no body.
-# Of who lies on the floor two thirds reach twice as high.
+# A person stands if the line from the ankles to the shoulders is this near to the vertical (cosine), and then shows
+# where the floor is. A body with two thirds of its landmarks below this height, in lengths of that line, is a
+# reflection: two thirds of the landmarks of a person lying on the floor reach twice as high.
 _STANDING, _FLAT = 0.94, 0.07
-# How far from where they were last seen people may be found again, in body sizes: at once, and more with every second.
+# Largest distance from the last position at which a person is identified again, in body sizes: at once, and its growth
+# per second.
 _NEAR_BY, _STRAYS = 0.3, 3.6
 
 
 @dataclass(eq=False)
 class Body:
-    """Someone who is followed: where, how fast, and which detection of which camera it had in every frame."""
+    """A tracked person.
+
+    Attributes:
+        points: (J, 3) current landmarks, metres.
+        slots: (C, T) detection of each camera in every frame, -1 for none.
+        confirmed: whether it is certain enough to be a person.
+        first: frame in which it was started.
+        velocity: (3,) metres per frame.
+        unseen: frames since any camera saw it.
+        unmet: frames since two cameras saw it.
+        met: number of frames in which two cameras saw it.
+        track: landmarks (J, 3) by frame, where two cameras saw it.
+    """
 
     points: FloatArray
     slots: IntArray
@@ -34,23 +47,22 @@ class Body:
     first: int
     velocity: FloatArray = field(default_factory=lambda: np.zeros(3))
     unseen: int = 0
-    """Frames since any camera saw it."""
     unmet: int = 0
-    """Frames since two cameras did."""
     met: int = 0
-    """Frames in which two cameras saw it."""
     track: dict[int, FloatArray] = field(default_factory=dict)
-    """Landmarks by frame, where two cameras saw it."""
 
 
-def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: float, same_build: float, fps: float) -> list[IntArray]:
-    """Slots of bodies, those joined that are the same person before and after they were out of sight.
+def rejoin(bodies: list[Body], landmarks: LandmarkSet, coast: float, same_build: float, fps: float) -> list[IntArray]:
+    """Join bodies that are the same person before and after they were out of sight.
 
     Args:
         bodies: in any order.
-        landmarks: what their landmarks are; its edges are the limbs that builds are compared by.
-        coast, same_build: see `people_tracking.TrackingOptions`.
-        fps: frames a second.
+        landmarks: the J landmarks; its edges are the limbs whose lengths are compared.
+        coast, same_build: see `muybridge.geometry.association.options.TrackingOptions`.
+        fps: frames per second.
+
+    Returns:
+        For each person the slots (C, T) of its bodies.
     """
     edges, trunk = np.array(landmarks.edge_indices, dtype=np.int64).reshape(-1, 2), _trunk(landmarks)
     bodies = sorted(bodies, key=lambda b: min(b.track))
@@ -62,8 +74,8 @@ def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: float, same_buil
             last = bodies[group[-1]]
             end, start = max(last.track), min(body.track)
             if end >= start:
-                # One that takes over while the other is still there is the same if it is in the same place, or if it
-                # goes on with what the cameras had followed as the other.
+                # A body that takes over while the other is still tracked is the same person if it is in the same
+                # place, or if it continues the cameras' tracks of the other.
                 if max(body.track) > end and (_inside(body, last, trunk) or _handed_over(last, body, fps)):
                     fitting.append((0.0, group))
                 continue
@@ -71,7 +83,7 @@ def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: float, same_buil
             jump = _jump(last, body) / size
             reach = _NEAR_BY + _STRAYS * (start - end) / fps
             difference = _difference(builds[group[-1]], builds[n])
-            # Who vanishes and is there again at once is the same, whatever the measurements of the limbs say.
+            # A person who disappears and reappears at once is the same, whatever the measured limb lengths.
             bound = same_build if (start - end) / fps > 2 * coast else 2 * same_build
             if jump < reach and difference < bound:
                 fitting.append((difference + 0.05 * jump / reach, group))
@@ -89,8 +101,10 @@ def rejoined(bodies: list[Body], landmarks: LandmarkSet, coast: float, same_buil
 
 
 def deduplicate(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
-    """The bodies without those that share another's place: two trunks cannot be in one another, but detectors see
-    people twice, such as one who lies and their legs."""
+    """Drop bodies that occupy the place of another one.
+
+    Two trunks cannot intersect, but detectors may find a person twice, such as a lying person and their legs.
+    """
     trunk = _trunk(landmarks)
     kept: list[Body] = []
     for body in sorted(bodies, key=lambda b: -b.met):
@@ -102,8 +116,10 @@ def deduplicate(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
 
 
 def drop_reflections(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
-    """The bodies without those that lie in the floor or beneath it: shadows and reflections, in which detectors see
-    people too. As long as somebody stands to tell where the floor is, in a world whose z is up."""
+    """Drop bodies that lie in the floor or below it: shadows and reflections, in which detectors find people too.
+
+    Needs a standing person as a reference for the floor, and a world whose Z axis points up.
+    """
     parts = {n: [k for k, name in enumerate(landmarks.names) if name.endswith(n)] for n in ("shoulder", "ankle")}
     if not all(parts.values()):
         return bodies
@@ -126,15 +142,20 @@ def drop_reflections(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
 
 
 def _beneath(points: FloatArray, height: float) -> bool:
-    """Whether two thirds of the landmarks (T, J, 3) are no higher, at the median of the frames that know any: of a
-    shadow the feet that throw it are often taken for its own, of who lies two thirds are twice as high and more."""
+    """Whether two thirds of the landmarks (T, J, 3) are below a height, at the median of the frames with any landmark.
+
+    Not all landmarks, since the feet that cast a shadow are often detected as its own.
+    """
     known = points[np.isfinite(points[..., 2]).any(1)]
     return len(known) > 0 and float(np.median(np.nanpercentile(known[..., 2], 67, axis=1))) < height
 
 
-def without_stray_end(body: Body, few: int, gap: float) -> None:
-    """Takes the end off a body that was lost, coasted for more than `gap` frames and then met by accident, in fewer
-    than `few` frames: from there nobody would find them again."""
+def drop_stray_end(body: Body, few: int, gap: float) -> None:
+    """Remove the end of a body that was lost, predicted for more than `gap` frames and then matched by accident.
+
+    The end is removed if it has fewer than `few` frames: the body is not where the person is, and would not find them
+    again. Changes the body in place.
+    """
     frames = np.array(sorted(body.track))
     breaks = np.flatnonzero(np.diff(frames) > max(2.0, gap)) + 1
     while len(breaks) and len(frames) - breaks[-1] < few:
@@ -146,11 +167,12 @@ def without_stray_end(body: Body, few: int, gap: float) -> None:
 
 
 def _trunk(landmarks: LandmarkSet) -> list[int]:
+    """Indices of the shoulders and hips."""
     return [n for n, name in enumerate(landmarks.names) if name.split("_")[-1] in ("shoulder", "hip")]
 
 
 def _inside(body: Body, other: Body, trunk: list[int]) -> bool:
-    """Whether a body's trunk is in the other's where both are followed."""
+    """Whether a body's trunk is inside the other's in the frames in which both are tracked."""
     common = sorted(body.track.keys() & other.track.keys())
     if not common or not trunk:
         return False
@@ -162,9 +184,10 @@ def _inside(body: Body, other: Body, trunk: list[int]) -> bool:
 
 
 def _handed_over(before: Body, after: Body, fps: float) -> bool:
-    """Whether two cameras or more that were with one body stayed with the same track and are with the other from then
-    on, no camera ever having seen both at a time: poor views of one person begin a body of their own beside the good
-    ones', and then draw these to itself."""
+    """Whether two cameras or more continue their track of one body with the other, and no camera ever saw both.
+
+    Wrong views of a person may start a second body beside the first, which then attracts the correct views as well.
+    """
     both = ((before.slots >= 0) & (after.slots >= 0)).any(0).sum()
     together = ((before.slots >= 0).any(0) & (after.slots >= 0).any(0)).sum()
     if both > _BOTH_SHARE * together:
@@ -180,8 +203,10 @@ def _handed_over(before: Body, after: Body, fps: float) -> bool:
 
 
 def _jump(before: Body, after: Body) -> float:
-    """Distance between where one body was last and another first seen: the least of a few frames each, since what a
-    body saw last may be what it was lost by."""
+    """Distance between the last positions of one body and the first of another, metres.
+
+    The smallest over a few frames of each, since the last position may be wrong and the reason why the body was lost.
+    """
     last, first = (
         np.stack([np.nanmedian(body.track[t], axis=0) for t in frames])
         for body, frames in ((before, sorted(before.track)[-3:]), (after, sorted(after.track)[:3]))
@@ -190,19 +215,19 @@ def _jump(before: Body, after: Body) -> float:
 
 
 def _build(body: Body, edges: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Median lengths of the limbs and their standard errors."""
+    """(L,) median lengths of the limbs, metres, and their standard errors."""
     frames = sorted(body.track)
     points = np.stack([body.track[t] for t in frames[:: max(1, len(frames) // 200)]])
     length = np.linalg.norm(points[:, edges[:, 0]] - points[:, edges[:, 1]], axis=-1)
     known = np.isfinite(length).sum(0)
     with np.errstate(invalid="ignore", divide="ignore"):
         middle = np.nanmedian(np.where(known > 0, length, 0.0), axis=0)
-        spread = 1.4826 * np.nanmedian(np.where(known > 0, np.abs(length - middle), np.inf), axis=0)
+        spread = MAD_SIGMA * np.nanmedian(np.where(known > 0, np.abs(length - middle), np.inf), axis=0)
         return np.where(known > 0, middle, np.nan), 1.25 * spread / np.sqrt(known)
 
 
 def _difference(a: tuple[FloatArray, FloatArray], b: tuple[FloatArray, FloatArray]) -> float:
-    """Mean relative difference of limbs that both know, each weighed by how well; zero where none is known."""
+    """Mean relative difference of the limb lengths known for both, weighted by precision; zero where none is."""
     with np.errstate(invalid="ignore", divide="ignore"):
         relative = np.abs(np.log(a[0] / b[0]))
         weight = 1 / (0.02**2 + (a[1] / a[0]) ** 2 + (b[1] / b[0]) ** 2)

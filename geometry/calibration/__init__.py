@@ -3,12 +3,12 @@
 from muybridge.geometry.calibration.formats.common import Calibration
 from muybridge.geometry.calibration.formats.export import EXPORT_FORMATS, ExportFormat, export_calibration
 from muybridge.geometry.calibration.formats.registry import (
-    KNOWN_FORMATS,
     find_calibration,
     load_calibration,
     read_calibration,
     save_calibration,
 )
+from muybridge.geometry.calibration.formats.table import KNOWN_FORMATS
 from muybridge.geometry.cameras.video_size import VideoFit, fit_to_video, sized_like
 
 __all__ = [

@@ -133,9 +133,7 @@ def lean_note(cameras: CameraGroup, standing: FloatArray | None = None) -> tuple
         where = f"{math.degrees(math.acos(up[2])):.0f} degrees off the calibration's Z axis"
     told = "seen from the cameras" if standing is None else "by the cameras and who stands before them"
     return (
-        f"{told}, up is {where}: people are looked for upright all the same, but results will lie as "
-        "the calibration does; `muybridge run --world upright` stands them up, `muybridge calibrate world` the "
-        "calibration",
+        f"{told}, up is {where}: people are detected upright all the same, but results keep the calibration's axes",
     )
 
 

@@ -36,6 +36,7 @@ from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustPr
 from muybridge.geometry.calibration.bundle_adjustment.result import CalibrationResult, solved
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.numerics.robust import RAYLEIGH_MEDIAN
 
 FEWEST_POINTS, FEWEST_WITH_LENS = 6, 4
 _LINE, _PLANE = 1e-2, 1e-2
@@ -251,16 +252,18 @@ def _start(name: str, known: KnownPoints, size: tuple[int, int], lens: Lens) -> 
     points, pixels = known.points, known.pixels
     if len(points) < FEWEST_POINTS:
         raise CalibrationError(
-            f"camera {name}: {len(points)} points, at least {FEWEST_POINTS} are needed where the lens is unknown; add "
-            f"points, or give its lens with --lenses ({FEWEST_WITH_LENS} points then)"
+            f"camera {name}: {len(points)} points, at least {FEWEST_POINTS} are needed where the lens is unknown and "
+            f"{FEWEST_WITH_LENS} where it is known",
+            remedy="points_or_lens",
         )
     shape = layout(points)
     if shape != "space":
         where = "on a line" if shape == "line" else "in a plane"
         raise CalibrationError(
-            f"camera {name}: all {len(points)} points lie {where}, where a longer lens farther away sees nearly the "
-            f"same: focal length and distance cannot be told apart; add points well off the {shape}, or give the lens "
-            "(--lenses)"
+            f"camera {name}: all {len(points)} points lie {where}, and a longer lens farther away gives nearly the "
+            "same image: focal length and distance cannot be separated",
+            remedy="points_off_shape",
+            shape=shape,
         )
     cameras = [_camera(name, linear_camera(points, pixels), size, lens)]
     if len(points) > _SUBSET and (cameras[0] is None or np.median(_errors(cameras[0], known)) > _FITS_PX):
@@ -352,7 +355,7 @@ def _notes(answer: CalibrationResult) -> list[str]:
                 "it is wrong: check that each of its rows has a point and its own pixel"
             )
             continue
-        usual = max(float(np.median(answer.errors_px[mine])) / 1.1774, 0.1)
+        usual = max(float(np.median(answer.errors_px[mine])) / RAYLEIGH_MEDIAN, 0.1)
         wrong = [k for k in mine if not answer.errors_px[k] < max(_WRONG_SIGMAS * usual, 3.0)]
         for k in wrong[:5]:
             x, y, z = answer.points_world[k]
@@ -364,6 +367,6 @@ def _notes(answer: CalibrationResult) -> list[str]:
         if share > 0.02:
             notes.append(
                 f"camera {names[c]}: its focal length is known to {share:.0%} only, however small the residuals; add "
-                "points at other depths, or give its lens (--lenses)"
+                "points at other depths, or calibrate its lens separately"
             )
     return notes

@@ -264,8 +264,8 @@ def _placed(
     middle = np.mean([c.center_world for c in rig.values()], axis=0)
     origin = middle - (middle @ up - floor) * up
     notes.append(
-        "up is how the photographs were held, and the floor where the lowest points are: lay a marker on the floor and "
-        "give --marker-on-floor for better"
+        "up is estimated from how the photographs were held, and the floor from the lowest points; a marker that lies "
+        "on the floor (option marker_on_floor) determines both"
     )
     return (scale, rotation, origin), marker_px, notes
 
@@ -299,8 +299,9 @@ def _marker(rec: Any, images: Path, options: ScanOptions) -> tuple[FloatArray, f
     if len(seen) < _FEWEST_MARKER_VIEWS:
         which = "no marker" if options.marker_id < 0 else f"marker {options.marker_id}"
         raise CalibrationError(
-            f"{which} of {options.marker_dictionary} is seen in two photographs that fit together: photograph it from "
-            "near and from several sides, or name its dictionary with --marker-dictionary"
+            f"{which} of {options.marker_dictionary} is visible in two registered photographs; photograph it from "
+            "nearby and from several sides",
+            remedy="marker_dictionary",
         )
     corners = np.stack([_meeting_point([c for c, _ in seen], np.stack([px[k] for _, px in seen])) for k in range(4)])
     off = [np.linalg.norm(c.project(corners) - px, axis=1) for c, px in seen]

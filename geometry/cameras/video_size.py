@@ -23,7 +23,7 @@ Whatever was assumed is said in one line, with how to override it.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -44,6 +44,27 @@ VideoFit = Literal["auto", "scale", "letterbox", "fill", "crop", "crop-corner", 
 - ``rotate-cw``, ``rotate-ccw``: turned by 90 degrees clockwise or counterclockwise, then as ``auto``; cameras
   whose shape is not turned stay as they are.
 """
+
+_UNTURNED: tuple[VideoFit, ...] = ("scale", "letterbox", "fill", "crop", "crop-corner")
+
+
+@dataclass(frozen=True)
+class FitAssumption:
+    """What `fit_to_video` assumed about the relation between the calibrated image and the video.
+
+    Attributes:
+        fit: the operation that was chosen, one of `VideoFit`.
+        sentence: the sizes, the operation and the reason, in one line.
+    """
+
+    fit: VideoFit
+    sentence: str
+
+    @property
+    def alternatives(self) -> tuple[VideoFit, ...]:
+        """The operations that could have been meant instead."""
+        return tuple(fit for fit in _UNTURNED if fit != self.fit)
+
 
 # Encoders want even sizes, so a proportional resize may be off by up to two pixels a side.
 _ROUNDING_PX = 2.0
@@ -67,7 +88,7 @@ def sized_like(camera: Camera, width: int, height: int) -> Camera:
 
 def fit_to_video(
     camera: Camera, width: int, height: int, how: VideoFit = "auto", image: NDArray[Any] | None = None
-) -> tuple[Camera, str | None]:
+) -> tuple[Camera, FitAssumption | None]:
     """The camera for a video of `width` x `height` px.
 
     Args:
@@ -100,19 +121,16 @@ def fit_to_video(
     sizes = f"camera {camera.name}: calibrated at {camera.width}x{camera.height}, video is {width}x{height}"
     if _is_turned(camera, width, height):
         raise CalibrationError(
-            f"{sizes}, the same shape turned by 90 degrees: say which way the calibrated picture was turned "
-            "with --video-size rotate-cw or rotate-ccw, or calibrate with the camera as it films"
+            f"{sizes}, the same shape rotated by 90 degrees; the direction of the rotation is unknown",
+            remedy="video_rotated",
         )
     chosen, why = _decide(camera, width, height, image)
-    return _fitted(camera, width, height, chosen), (
-        f"{sizes}; {why} ({chosen}); if that is wrong, give --video-size "
-        + " or ".join(h for h in ("scale", "letterbox", "fill", "crop", "crop-corner") if h != chosen)
-    )
+    return _fitted(camera, width, height, chosen), FitAssumption(chosen, f"{sizes}; {why} ({chosen})")
 
 
 def _fit_turned(
     camera: Camera, width: int, height: int, how: VideoFit, image: NDArray[Any] | None
-) -> tuple[Camera, str | None]:
+) -> tuple[Camera, FitAssumption | None]:
     """Turn the camera, unless its shape says that this one was not turned."""
     if camera.width != camera.height and not _is_turned(camera, width, height):
         return fit_to_video(camera, width, height, "auto", image)
@@ -154,7 +172,7 @@ def _is_turned(camera: Camera, width: int, height: int) -> bool:
     return abs(shape * video - 1) <= _SIMILAR_SHAPE
 
 
-def _decide(camera: Camera, width: int, height: int, image: NDArray[Any] | None) -> tuple[str, str]:
+def _decide(camera: Camera, width: int, height: int, image: NDArray[Any] | None) -> tuple[VideoFit, str]:
     """(one of `VideoFit`, why) for sizes that differ and are not turned."""
     if _same_shape((camera.width, camera.height), width, height):
         return "scale", f"the shape is the same: taken as resized by {width / camera.width:.4g}"

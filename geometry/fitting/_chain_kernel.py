@@ -19,7 +19,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray, IntArray
 from muybridge.geometry.numerics._numba import compiled
-from muybridge.geometry.skeleton.skeleton import Skeleton
+from muybridge.geometry.skeleton.skeleton import Skeleton, require_one_rigid_tree
 
 
 class Chain(NamedTuple):
@@ -53,7 +53,12 @@ def open_angles(skeleton: Skeleton) -> IndexArray:
 def make_chain(
     skeleton: Skeleton, landmark_joints: IndexArray, landmark_offsets: FloatArray, rest: FloatArray, prior: FloatArray
 ) -> Chain:
-    """A Chain; `rest` and `prior` are (J, 3)."""
+    """A Chain; `rest` and `prior` are (J, 3).
+
+    Raises:
+        ValueError: the skeleton has several roots, or joints that slide.
+    """
+    require_one_rigid_tree(skeleton, "a body fit")
     chosen = open_angles(skeleton)
     joint, axis = np.divmod(chosen, 3)
     first = 6 + np.searchsorted(joint, np.arange(len(skeleton) + 1))

@@ -220,7 +220,7 @@ def solvable(skeleton: Skeleton, rigging: Rigging, lever: float = 0.005) -> Skel
     if not np.isfinite(skeleton.lower[1:]).any() and not np.isfinite(skeleton.upper[1:]).any():
         skeleton = with_limits(skeleton)
     lower, upper = skeleton.lower.copy(), skeleton.upper.copy()
-    rest = rest_positions(skeleton)
+    rest = skeleton.rest_positions
     at = rest[rigging.joints] + rigging.offsets
     below = skeleton.is_ancestor[:, rigging.joints]
     for j in range(1, len(skeleton)):
@@ -229,14 +229,6 @@ def solvable(skeleton: Skeleton, rigging: Rigging, lever: float = 0.005) -> Skel
         still = reach < lever
         lower[j, still] = upper[j, still] = np.clip(0.0, skeleton.lower[j], skeleton.upper[j])[still]
     return replace(skeleton, lower=lower, upper=upper)
-
-
-def rest_positions(skeleton: Skeleton) -> FloatArray:
-    """(J, 3) metres from the root in the rest pose."""
-    out = np.zeros((len(skeleton), 3))
-    for j, parent in enumerate(skeleton.parents[1:], start=1):
-        out[j] = out[parent] + skeleton.offsets[j]
-    return out
 
 
 def _chain(skeleton: Skeleton, rigging: Rigging, options: SkeletonFitOptions) -> Chain:

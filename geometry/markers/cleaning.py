@@ -11,6 +11,14 @@ from enum import IntEnum
 import numpy as np
 
 from muybridge.arrays import BoolArray, ByteArray, FloatArray, IndexArray
+from muybridge.geometry.smoothing.gap_models import (
+    cubic_gap,
+    edge_velocity,
+    gap_share,
+    gaps_of,
+    rigid_gap,
+    rigid_motion,
+)
 
 
 class Sample(IntEnum):
@@ -109,7 +117,7 @@ def find_spikes(points: FloatArray, partners: IndexArray, options: CleanOptions 
     for t, m in zip(*np.nonzero(out), strict=True):
         a, b = max(t - 2, 1), min(t + 3, len(points) - 1)
         body = partners[m][np.isfinite(points[a - 1 : b + 1, partners[m], 0]).all(0)][:4]
-        carried = fill_rigid(points[:, m], points[:, body], a, b) if len(body) >= 3 else None
+        carried = rigid_gap(points[:, m], points[:, body], a, b) if len(body) >= 3 else None
         if carried is not None:
             out[t, m] = np.linalg.norm(carried[t - a] - points[t, m]) > 1.5 * options.spike_m
     return out
@@ -129,12 +137,6 @@ def _outdone(points: FloatArray, spikes: BoolArray) -> BoolArray:
 def _median(values: FloatArray) -> FloatArray:
     filled = np.where(np.isfinite(values).any(0), values, 0.0)
     return np.asarray(np.nanmedian(filled, 0) + 1e-4)
-
-
-def gaps_of(known: BoolArray) -> list[tuple[int, int]]:
-    """Spans [first, last) of a (T,) marker's missing frames."""
-    edges = np.diff(np.concatenate([[True], known, [True]]).astype(int))
-    return list(zip(np.nonzero(edges == -1)[0].tolist(), np.nonzero(edges == 1)[0].tolist(), strict=True))
 
 
 def _partners(points: FloatArray) -> IndexArray:
@@ -202,7 +204,7 @@ def _ways(marker: int, a: int, b: int, known: FloatArray, partners: IndexArray,
     seen = np.asarray(np.isfinite(known[max(a - 1, 0) : b + 1, :, 0]).all(axis=0))
     chosen = partners[seen[partners]][: options.partners]
     if len(chosen) >= 3:
-        for way, fill in ((Sample.RIGID, fill_rigid), (Sample.PATTERN, fill_pattern)):
+        for way, fill in ((Sample.RIGID, rigid_gap), (Sample.PATTERN, fill_pattern)):
             body = chosen[:4] if way == Sample.RIGID else chosen
             found = fill(known[:, marker], known[:, body], a, b)
             if found is not None:
@@ -235,46 +237,16 @@ def _trial(way: Sample, marker: int, a: int, b: int, known: FloatArray, body: In
 def _fill(way: Sample, path: FloatArray, body: FloatArray, a: int, b: int) -> FloatArray | None:
     if way == Sample.CURVE:
         return fill_curve(path, a, b)
-    return fill_rigid(path, body, a, b) if way == Sample.RIGID else fill_pattern(path, body, a, b)
+    return rigid_gap(path, body, a, b) if way == Sample.RIGID else fill_pattern(path, body, a, b)
 
 
 def fill_curve(path: FloatArray, a: int, b: int, support: int = 4) -> FloatArray | None:
-    """(b - a, 3) a cubic curve over the gap, by place and velocity at its ends; None at the ends of a recording."""
-    before, after = path[max(a - support, 0) : a], path[b : b + support]
-    if len(before) < 2 or len(after) < 2 or not (np.isfinite(before[-2:]).all() and np.isfinite(after[:2]).all()):
+    """(b - a, 3) a cubic curve over the gap, from position and velocity at its edges; None where the two frames next to
+    an edge are not known."""
+    if a < 2 or b + 2 > len(path) or not np.isfinite(path[[a - 2, a - 1, b, b + 1]]).all():
         return None
-    start, end = _velocity(before, last=True), _velocity(after, last=False)
-    span = b - a + 1
-    u = (np.arange(a, b) - a + 1)[:, None] / span
-    return np.asarray(
-        (2 * u**3 - 3 * u**2 + 1) * path[a - 1] + (u**3 - 2 * u**2 + u) * span * start
-        + (3 * u**2 - 2 * u**3) * path[b] + (u**3 - u**2) * span * end
-    )  # fmt: skip
-
-
-def _velocity(piece: FloatArray, last: bool) -> FloatArray:
-    """Metres a frame at the last or first of a few samples: a parabola through those that are known."""
-    time = np.arange(len(piece)) - (len(piece) - 1 if last else 0)
-    good = np.isfinite(piece[:, 0])
-    degree = 2 if good.sum() >= 4 else 1
-    fit = np.polynomial.polynomial.polyfit(time[good], piece[good], degree)
-    return np.asarray(fit[1])
-
-
-def fill_rigid(path: FloatArray, body: FloatArray, a: int, b: int) -> FloatArray | None:
-    """(b - a, 3) the gap filled from the rigid body that `body` (T, B, 3), B >= 3, makes: carried there from either
-    end of the gap and blended."""
-    carried, weights = [], []
-    for anchor, side in ((a - 1, 1.0), (b, 0.0)):
-        if 0 <= anchor < len(path) and np.isfinite(path[anchor, 0]) and np.isfinite(body[anchor]).all():
-            turn, middle = _bodies(body[a:b], body[anchor])
-            carried.append(np.einsum("tij,j->ti", turn, path[anchor] - body[anchor].mean(0)) + middle)
-            share = (np.arange(a, b) - a + 1)[:, None] / (b - a + 1)
-            weights.append(1 - share if side else share)
-    if not carried:
-        return None
-    total = sum(weights)
-    return np.asarray(sum(c * w for c, w in zip(carried, weights, strict=True)) / total)
+    before, after = edge_velocity(path, a - 1, -1, support, True), edge_velocity(path, b, 1, support, True)
+    return None if before is None or after is None else cubic_gap(path, a, b, before, after)
 
 
 def fill_pattern(
@@ -289,7 +261,7 @@ def fill_pattern(
     known = known[np.argsort(np.minimum(np.abs(known - a), np.abs(known - b)), kind="stable")[:most]]
     shape = body[known[len(known) // 2]]
     frames = np.concatenate([known, np.arange(a, b)])
-    turn, middle = _bodies(body[frames], shape)
+    turn, middle = rigid_motion(body[frames], shape)
     local = np.einsum("tji,tbj->tbi", turn, body[frames] - middle[:, None]).reshape(len(frames), -1)
     target = np.einsum("tji,tj->ti", turn[: len(known)], path[known] - middle[: len(known)])
     mean, aim = local[: len(known)].mean(0), target.mean(0)
@@ -298,7 +270,7 @@ def fill_pattern(
     weights = np.linalg.solve(gram + ridge * np.eye(len(gram)), x[: len(known)].T @ y)
     found = np.einsum("tij,tj->ti", turn, x @ weights + aim) + middle
     out = found[len(known) :]
-    share = (np.arange(a, b) - a + 1)[:, None] / (b - a + 1)
+    share = gap_share(a, b)
     miss = {int(f): path[f] - found[i] for i, f in enumerate(known) if f in (a - 1, b)}
     if not miss:
         return None
@@ -306,13 +278,3 @@ def fill_pattern(
     if before is None:
         return np.asarray(out + after)
     return np.asarray(out + before if after is None else out + before * (1 - share) + after * share)
-
-
-def _bodies(body: FloatArray, shape: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rotations (T, 3, 3) and middles (T, 3) that carry `shape` (B, 3) to the bodies (T, B, 3) best (Kabsch)."""
-    middle = body.mean(1)
-    covariance = np.einsum("bi,tbj->tij", shape - shape.mean(0), body - middle[:, None])
-    u, _, vt = np.linalg.svd(covariance)
-    flip = np.sign(np.linalg.det(vt.transpose(0, 2, 1) @ u.transpose(0, 2, 1)))
-    vt[:, 2] *= flip[:, None]
-    return vt.transpose(0, 2, 1) @ u.transpose(0, 2, 1), middle

@@ -15,6 +15,7 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.numerics._numba import compiled
+from muybridge.geometry.numerics.robust import MAD_SIGMA
 from muybridge.geometry.numerics.rotations import continuous_quat
 from muybridge.geometry.smoothing._kernel import smooth_all
 
@@ -121,7 +122,7 @@ def hampel(values: FloatArray, half: int, sigmas: float = 3.0) -> tuple[FloatArr
     median[counted] = np.nanmedian(windows[counted], axis=-1)
     spread[counted] = np.nanmedian(np.abs(windows[counted] - median[counted][:, None]), axis=-1)
     with np.errstate(invalid="ignore"):
-        far = np.abs(flat - median) > sigmas * 1.4826 * spread + 1e-12
+        far = np.abs(flat - median) > sigmas * MAD_SIGMA * spread + 1e-12
     flat[far] = np.nan
     return flat.reshape(np.shape(values)), far.reshape(np.shape(values))
 

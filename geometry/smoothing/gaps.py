@@ -9,10 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
-from muybridge.geometry.numerics.rotations import kabsch
+from muybridge.geometry.smoothing.gap_models import cubic_gap, edge_velocity, gap_share, gaps_of, rigid_gap
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ def fill_gaps(xyz: FloatArray, fps: float, method: str = "auto", options: GapOpt
     out = np.array(xyz, dtype=np.float64)
     out[~np.isfinite(out).all(axis=-1)] = np.nan
     known = np.isfinite(out[..., 0])
-    gaps = [g for g in _gaps(known) if (g[2] - g[1]) <= options.max_gap * fps]
+    gaps = [(j, *gap) for j in range(known.shape[1]) for gap in _inner_gaps(known[:, j], options.max_gap * fps)]
     if not gaps:
         return out
     source = out.copy()
@@ -71,31 +70,19 @@ def fill_gaps(xyz: FloatArray, fps: float, method: str = "auto", options: GapOpt
     return out
 
 
-def _gaps(known: BoolArray) -> list[tuple[int, int, int]]:
-    """(landmark, first missing frame, first known frame after) of every gap between known frames."""
-    out = []
-    for j in range(known.shape[1]):
-        frames = np.flatnonzero(known[:, j])
-        jumps = np.flatnonzero(np.diff(frames) > 1)
-        out += [(j, int(frames[k]) + 1, int(frames[k + 1])) for k in jumps]
-    return out
-
-
-def _velocity(path: FloatArray, at: int, towards: int) -> FloatArray:
-    """Velocity per frame at an edge of a gap, from up to four known frames on its outer side."""
-    frames = [f for f in range(at, at + 5 * towards, towards) if 0 <= f < len(path) and np.isfinite(path[f, 0])]
-    if len(frames) < 2:
-        return np.zeros(3)
-    return np.asarray(np.polyfit(frames, path[frames], 1)[0])
+def _inner_gaps(known: BoolArray, longest: float) -> list[tuple[int, int]]:
+    """Gaps [start, stop) between known frames of a point, as long as `longest` frames at most."""
+    return [(a, b) for a, b in gaps_of(known) if a > 0 and b < len(known) and b - a <= longest]
 
 
 def _spline(xyz: FloatArray, j: int, start: int, stop: int, _: GapOptions) -> FloatArray:
     """A cubic from edge to edge with the velocities on both sides."""
-    path, edges = xyz[:, j], [start - 1, stop]
-    # Slower where the gap is long: a velocity says little about what happens seconds later.
-    calm = min(1.0, 8.0 / (stop - start))
-    speeds = np.stack([_velocity(path, start - 1, -1), _velocity(path, stop, 1)]) * calm
-    return np.asarray(CubicHermiteSpline(edges, path[edges], speeds, axis=0)(np.arange(start, stop)))
+    path = xyz[:, j]
+    # Damped in long gaps: a velocity says little about the motion seconds later.
+    damping = min(1.0, 8.0 / (stop - start))
+    speeds = (edge_velocity(path, edge, step, 5) for edge, step in ((start - 1, -1), (stop, 1)))
+    before, after = (np.zeros(3) if speed is None else speed * damping for speed in speeds)
+    return cubic_gap(path, start, stop, before, after)
 
 
 def _through(xyz: FloatArray, j: int, start: int, stop: int) -> IndexArray:
@@ -122,16 +109,7 @@ def _rigid(xyz: FloatArray, j: int, start: int, stop: int, options: GapOptions) 
     chosen = others[np.argsort(spread)][:4][np.sort(spread)[:4] < options.rigid_spread]
     if len(chosen) < 3:
         return None
-    frames = np.arange(start, stop)
-    parts = []
-    for edge in (start - 1, stop):
-        at_edge = xyz[edge, chosen]
-        middle, centre = at_edge.mean(axis=0), xyz[frames][:, chosen].mean(axis=1)
-        source = np.broadcast_to(at_edge - middle, (len(frames), *at_edge.shape))
-        turn = kabsch(source, xyz[frames][:, chosen] - centre[:, None], np.ones(source.shape[:2]))
-        parts.append(centre + turn @ (xyz[edge, j] - middle))
-    share = ((frames - start + 1) / (stop - start + 1))[:, None]
-    return np.asarray((1 - share) * parts[0] + share * parts[1])
+    return rigid_gap(xyz[:, j], xyz[:, chosen], start, stop)
 
 
 def _pattern(xyz: FloatArray, j: int, start: int, stop: int, _: GapOptions) -> FloatArray | None:
@@ -145,8 +123,7 @@ def _pattern(xyz: FloatArray, j: int, start: int, stop: int, _: GapOptions) -> F
 
 def _joined(xyz: FloatArray, guess: FloatArray, j: int, start: int, stop: int) -> FloatArray:
     """A guess (T, J, 3) over the gap, shifted linearly in time so that it meets what is known at the edges."""
-    frames = np.arange(start, stop)
-    share = ((frames - start + 1) / (stop - start + 1))[:, None]
+    frames, share = np.arange(start, stop), gap_share(start, stop)
     off = [xyz[edge, j] - guess[edge, j] for edge in (start - 1, stop)]
     return np.asarray(guess[frames, j] + (1 - share) * off[0] + share * off[1])
 

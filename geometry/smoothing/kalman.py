@@ -14,10 +14,12 @@ import numpy as np
 from muybridge.arrays import BoolArray, FloatArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.geometry.numerics.robust import CHI2_3_MEDIAN, median_known
+from muybridge.geometry.numerics.robust import CHI2_3_MEDIAN, median_known, student_weight
 from muybridge.geometry.smoothing._kernel import smooth_all
 from muybridge.geometry.smoothing.filters import FilterOptions, smooth
 from muybridge.geometry.smoothing.left_right import undo_flips
+
+_DOF = 4.0  # degrees of freedom of the Student distribution of the noise
 
 Method = Literal["kalman", "butterworth", "savgol", "gcv_spline", "gaussian", "median", "loess"]
 
@@ -194,7 +196,6 @@ def _smooth(
     """
     known = np.isfinite(xyz[..., 0])
     scale, weight = np.ones(xyz.shape[1]), np.ones(known.shape)
-    student_dof = 4.0
     out = out_covariance = np.empty(0)
     for k in range(max(options.passes, 1)):
         noise = covariance * (scale / weight)[..., None, None]
@@ -208,7 +209,7 @@ def _smooth(
         scale = np.clip(scale * np.where(np.isfinite(ratio), ratio, 1.0), 0.02, 400.0)
         error = np.where(known[..., None], xyz - out, 0.0)
         solved = np.linalg.solve(covariance * scale[:, None, None], error[..., None])[..., 0]
-        weight = (student_dof + 3) / (student_dof + np.sum(error * solved, axis=-1))
+        weight = student_weight(np.sum(error * solved, axis=-1), _DOF, 3)
     return out, out_covariance
 
 

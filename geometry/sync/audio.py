@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.sync.clocks import MAD_SIGMA, UNKNOWN, Clock, Delays, clock_from_delays, parabola
+from muybridge.geometry.numerics.robust import MAD_SIGMA
+from muybridge.geometry.sync.clocks import UNKNOWN, Clock, Delays, clock_from_delays, parabola
 
 _ENVELOPE_RATE = 500.0
 _FINE_SEARCH = 0.02  # seconds about the envelopes' delay in which waveforms are compared

@@ -15,8 +15,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.landmarks.arrays import Keypoints2D
-
-MAD_SIGMA = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
+from muybridge.geometry.numerics.robust import MAD_SIGMA
 
 
 @dataclass(frozen=True)

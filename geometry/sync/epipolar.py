@@ -9,7 +9,8 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
-from muybridge.geometry.sync.clocks import MAD_SIGMA, Clock, resample
+from muybridge.geometry.numerics.robust import MAD_SIGMA
+from muybridge.geometry.sync.clocks import Clock, resample
 from muybridge.geometry.sync.pairwise import FEWEST_MOVING, all_smoothed, clocks_from_pairs
 
 _EPIPOLAR_SCALE_PX = 5.0

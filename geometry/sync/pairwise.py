@@ -8,7 +8,8 @@ from itertools import combinations
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.sync.clocks import MAD_SIGMA, Clock, Delays, clock_from_delays
+from muybridge.geometry.numerics.robust import MAD_SIGMA
+from muybridge.geometry.sync.clocks import Clock, Delays, clock_from_delays
 
 FEWEST_MOVING = 8  # frames that must overlap for a correlation to mean anything
 SPEED_SMOOTHING = 1.5  # frames

@@ -22,9 +22,9 @@ from numpy.typing import ArrayLike
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.numerics.robust import RAYLEIGH_MEDIAN
 from muybridge.geometry.triangulation._kernel import Limits, Rig, solve_points
 
-_RAYLEIGH_MEDIAN = 1.1774  # median length of a 2D Gaussian of unit variance
 _NOISE_SAMPLE = 1200
 _CHUNK = 1024
 
@@ -354,11 +354,11 @@ def _fit_noise(error2: FloatArray, variance: FloatArray) -> tuple[float, float]:
         return 0.0, 1.0
 
     def level(added_px2: float) -> float:
-        return float(np.median(ratio2 / (base + added_px2))) / _RAYLEIGH_MEDIAN**2
+        return float(np.median(ratio2 / (base + added_px2))) / RAYLEIGH_MEDIAN**2
 
     if level(0.0) <= 1.0:
         return 0.0, float(np.clip(level(0.0), 0.01, 1.0))
-    low, high = 0.0, float(np.median(ratio2)) / _RAYLEIGH_MEDIAN**2 + 1e-12
+    low, high = 0.0, float(np.median(ratio2)) / RAYLEIGH_MEDIAN**2 + 1e-12
     for _ in range(40):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if level(middle) > 1.0 else (low, middle)

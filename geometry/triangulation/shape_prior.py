@@ -1,16 +1,16 @@
-"""How a person's landmarks go together, learned from the take, and points that this makes better.
+"""A statistical model of one person's landmarks, learned from the take, and points that it improves.
 
-Where many cameras see a landmark, it needs nobody's help. Where people hide each other two views are left, in which
-nobody can tell a gross error, or one, which gives no depth. But the body is known from the rest of the take: seen from
-itself, its landmarks x lie near a mean shape plus a few ways in which this person moves,
+A landmark that many cameras see needs no prior. Where people occlude each other, two views remain, which cannot reveal
+a gross error, or one, which gives no depth. The body is known from the rest of the take: in its own frame, its
+landmarks x lie near a mean shape plus a few modes of motion of this person,
 
     x = c + R (mean + B a + e),   a ~ t(1),   e_j ~ t(tau_j),
 
-and what is left, tau, says how much may be concluded from the others: little for a wrist that does as it likes, much
-for a hip. B and tau come from the covariance of consecutive frames, in which noise does not show, being new in each.
-Every frame is then fitted to the pixels themselves, with the robust weights of triangulation, so that single views
-count as well. Both priors are Student's t, and where three cameras agree on a point the fit begins there: what the
-person does only once in the take is unlikely, but not outvoted.
+and the remaining deviation tau states how well the other landmarks predict one: poorly for a wrist, which moves freely,
+well for a hip. B and tau are estimated from the covariance of consecutive frames, which is free of noise that is
+independent between frames. Every frame is then fitted to the pixels themselves with the robust weights of the
+triangulation, so that single views contribute as well. Both priors are Student's t, and where three cameras agree on a
+point the fit starts there: a pose that occurs only once in the take is improbable, but not rejected.
 
 Source: D. Rubin, D. Thayer, "EM algorithms for ML factor analysis", Psychometrika 47, 1982 (the model).
 """
@@ -26,34 +26,35 @@ from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import LandmarkSet
-from muybridge.geometry.numerics.robust import row_median
+from muybridge.geometry.numerics.robust import MAD_SIGMA, row_median
+from muybridge.geometry.numerics.rotations import kabsch
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.geometry.triangulation._kernel import Limits
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, Triangulation, limits_of, views_of
 
-# Fewer show no body.
+# Minimum number of frames and landmarks from which a body is learned.
 _LEAST_FRAMES, _LEAST_LANDMARKS = 30, 8
-# A landmark that two cameras see in fewer frames than these, or than this share of those in which the body is learned,
-# is not learned: it would be where it was last seen, and as sure as if it had stayed there. How far the others leave it
-# free is then a guess, metres.
+# A landmark that two cameras see in fewer frames than this, or in less than this share of the frames in which the body
+# is learned, is not learned: its model would place it with certainty where it was last seen. Its deviation from the
+# prediction is set to `_FREE`, metres.
 _LEAST_SHOWN, _SHARE_SHOWN, _FREE = 15, 0.1, 0.3
 _CHUNK = 256
-# How much larger than noise makes them on average, in the product of independent samples, a way's eigenvalue has to be.
+# Factor by which a mode's eigenvalue has to exceed the mean eigenvalue of noise in products of independent samples.
 _NOISE_EDGE = 4.0
 
 
 @dataclass(frozen=True)
 class PosePriorOptions:
-    """How points are helped by the rest of the body.
+    """Options of the shape prior.
 
     Attributes:
-        enabled: help at all.
-        most_ways: most ways to move that are learned.
-        least_tau: metres, least deviation of a landmark from what the others say of it.
-        rounds: how often the body is learned anew.
-        steps: of Gauss-Newton for every frame.
-        one_view: frames from the last that two cameras saw, up to which one alone counts.
-        enough: what at least so many cameras see stays as it was triangulated, or was not.
+        enabled: whether the prior is used at all.
+        most_ways: maximum number of modes of motion.
+        least_tau: smallest deviation of a landmark from its prediction, metres.
+        rounds: number of times the body is learned and fitted.
+        steps: Gauss-Newton steps per frame.
+        one_view: largest distance, in frames, from a frame with two views at which a single view is used.
+        enough: landmarks seen by at least this many cameras keep their triangulated point, or its absence.
     """
 
     enabled: bool = True
@@ -67,7 +68,7 @@ class PosePriorOptions:
 
 @dataclass(frozen=True)
 class PosePrior:
-    """A body as it moved in a take: `mean` (J, 3), `ways` (J, 3, K) scaled to unit variance, `tau` (J,) metres."""
+    """The body of a take: `mean` (J, 3) metres, modes `ways` (J, 3, K) scaled to unit variance, `tau` (J,) metres."""
 
     mean: FloatArray
     ways: FloatArray
@@ -76,7 +77,7 @@ class PosePrior:
 
 @dataclass
 class _Poses:
-    """Where the body is in every frame: R (T, 3, 3), c (T, 3), a (T, K)."""
+    """The pose in every frame: R (T, 3, 3), c (T, 3) metres, a (T, K)."""
 
     rotation: FloatArray
     center: FloatArray
@@ -93,27 +94,27 @@ def with_pose_prior(
     triangulate: TriangulateOptions | None = None,
     options: PosePriorOptions | None = None,
 ) -> Triangulation:
-    """Triangulated points with what the rest of the body and the rest of the take say about them.
+    """Refine triangulated points with the shape prior of the person.
 
     Args:
         cameras: C calibrated cameras.
         points_px: (C, T, J, 2) px of one person; NaN where missing.
-        variance_px2: (C, T, J).
-        landmarks: what the J are.
-        fps: frames a second.
-        found: what `triangulate` made of them.
-        triangulate: the options that it had.
+        variance_px2: (C, T, J) px^2.
+        landmarks: the J landmarks.
+        fps: frames per second.
+        found: the triangulation of these points.
+        triangulate: the options of that triangulation.
         options: see `PosePriorOptions`.
 
     Returns:
-        As `found`; points that one camera alone sees are there where two saw the person shortly before or after, of
-        landmarks that the take shows often enough to know where on the body they are.
-        Unchanged where the take is too short, or too little is seen, to learn a body from.
+        As `found`, with points that only one camera sees where two cameras saw the person shortly before or after, for
+        landmarks that the take shows often enough. Unchanged where the take is too short, or too little of the person
+        is visible, to learn a body from.
     """
     options = options or PosePriorOptions()
     triangulate = triangulate or TriangulateOptions()
     known = np.isfinite(found.points_world).all(-1)
-    frames, count = known.shape
+    count = known.shape[1]
     full = known.sum(1) >= max(6, 0.5 * count)
     if not options.enabled or full.sum() < _LEAST_FRAMES or count < _LEAST_LANDMARKS:
         return found
@@ -122,17 +123,14 @@ def with_pose_prior(
     start = np.where(np.isfinite(start), start, np.nanmedian(start, axis=1, keepdims=True))
     if not np.isfinite(start).all():
         return found
-    views, info = views_of(cameras, points_px, variance_px2, found, triangulate)
-    shape = (frames, count, len(cameras))
-    sight = _Sight(cameras.cam_from_world, views.seen.reshape(*shape, 2), info.reshape(shape),
-                   limits_of(views, triangulate))  # fmt: skip
-    sure = np.where((found.inlier.sum(0) >= 3)[..., None], found.points_world, np.nan)
-    learned = _learned(found.points_world, full)
+    sight = _sight_of(cameras, points_px, variance_px2, found, triangulate)
+    reliable = np.where((found.inlier.sum(0) >= 3)[..., None], found.points_world, np.nan)
+    learned = _learnable(found.points_world, full)
     poses: _Poses | None = None
     result = start
     for _ in range(options.rounds):
         prior, poses = learn_prior(found.points_world, found.covariance_world, start, full, learned, poses, options)
-        result, covariance, inlier = _fitted(prior, poses, sight, sure, options.steps)
+        result, covariance, inlier = _fit_frames(prior, poses, sight, reliable, options.steps)
     keep = _worth_keeping(inlier, full, learned, options)
     result = np.where(keep[..., None], result, np.nan)
     settled = np.isfinite(np.asarray(variance_px2)).sum(0) >= options.enough
@@ -148,14 +146,14 @@ def with_pose_prior(
     )  # fmt: skip
 
 
-def _learned(raw: FloatArray, full: BoolArray) -> BoolArray:
-    """(J,) landmarks that the take shows often enough."""
+def _learnable(raw: FloatArray, full: BoolArray) -> BoolArray:
+    """(J,) landmarks that the take shows often enough to learn where they are on the body."""
     shown = np.isfinite(raw[full]).all(-1).sum(0)
     return np.asarray(shown >= max(_LEAST_SHOWN, _SHARE_SHOWN * full.sum()))
 
 
 def _worth_keeping(inlier: BoolArray, full: BoolArray, learned: BoolArray, options: PosePriorOptions) -> BoolArray:
-    """(T, J) points that two cameras agree on, or one near frames in which the whole person was known."""
+    """(T, J) points that two cameras agree on, or one camera near frames in which the whole person is known."""
     frames = np.arange(len(full))
     at = np.flatnonzero(full)
     following = np.minimum(np.searchsorted(at, frames), len(at) - 1)
@@ -169,7 +167,7 @@ def _worth_keeping(inlier: BoolArray, full: BoolArray, learned: BoolArray, optio
 
 @dataclass(frozen=True)
 class _Sight:
-    """The 2D points: poses (C, 3, 4), seen (T, J, C, 2) normalised, info (T, J, C), zero where there is none."""
+    """The 2D points: poses (C, 3, 4), seen (T, J, C, 2) normalised, info (T, J, C), zero where there is no point."""
 
     poses: FloatArray
     seen: FloatArray
@@ -180,23 +178,33 @@ class _Sight:
         return replace(self, seen=self.seen[rows], info=self.info[rows])
 
 
+def _sight_of(
+    cameras: CameraGroup, points_px: ArrayLike, variance_px2: ArrayLike, found: Triangulation,
+    triangulate: TriangulateOptions,
+) -> _Sight:  # fmt: skip
+    views, info = views_of(cameras, points_px, variance_px2, found, triangulate)
+    shape = (*found.points_world.shape[:2], len(cameras))
+    return _Sight(cameras.cam_from_world, views.seen.reshape(*shape, 2), info.reshape(shape),
+                  limits_of(views, triangulate))  # fmt: skip
+
+
 def learn_prior(
     raw: FloatArray, covariance: FloatArray, smooth: FloatArray, full: BoolArray, learned: BoolArray,
     poses: _Poses | None, options: PosePriorOptions,
 ) -> tuple[PosePrior, _Poses]:  # fmt: skip
-    """The body that a take shows.
+    """Learn the body that a take shows.
 
     Args:
-        raw: (T, J, 3) points of the single frames, NaN where unknown, with their covariance (T, J, 3, 3).
-        covariance: see raw.
-        smooth: (T, J, 3) the same over time, everywhere.
-        full: (T,) frames in which enough is known to learn from.
-        learned: (J,) landmarks that these show often enough; the others are left free.
-        poses: where the body is, if that is known better than from `smooth`.
+        raw: (T, J, 3) points of the single frames, metres, NaN where unknown.
+        covariance: (T, J, 3, 3) of `raw`, square metres.
+        smooth: (T, J, 3) the points smoothed over time, without gaps.
+        full: (T,) frames in which enough landmarks are known to learn from.
+        learned: (J,) landmarks to learn; the others are left free.
+        poses: pose in every frame, if it is known better than from `smooth`.
         options: see `PosePriorOptions`.
 
     Returns:
-        The body and where it is in each frame; shares start from zero.
+        The body and its pose in each frame, with all mode coefficients zero.
     """
     noise2 = np.trace(covariance, axis1=-2, axis2=-1) / 3
     usual = np.nan_to_num(row_median(np.where(full[:, None], noise2, np.nan).T, 1), nan=1e-3)
@@ -212,7 +220,7 @@ def learn_prior(
             rotation, center = _aligned(mean, smooth, 1 / (tau**2 + usual))
         own = np.einsum("tba,tjb->tja", rotation, points - center[:, None])
         mean = own[full].mean(axis=0)
-        tau = np.maximum(1.4826 * np.median(np.linalg.norm(own[full] - mean, axis=-1), axis=0) / 1.54, 0.005)
+        tau = np.maximum(MAD_SIGMA * np.median(np.linalg.norm(own[full] - mean, axis=-1), axis=0) / 1.54, 0.005)
     ways, tau = _ways(np.where(learned[:, None], own - mean, 0.0), full, usual, options)
     tau[~learned] = _FREE
     return PosePrior(mean, ways, tau), _Poses(rotation, center, np.zeros((len(raw), ways.shape[-1])))
@@ -221,11 +229,11 @@ def learn_prior(
 def _ways(
     off: FloatArray, full: BoolArray, noise2: FloatArray, options: PosePriorOptions
 ) -> tuple[FloatArray, FloatArray]:
-    """(J, 3, K) the ways to move and (J,) what they leave, from deviations (T, J, 3) of consecutive frames."""
+    """(J, 3, K) modes and (J,) remaining deviation, from the deviations (T, J, 3) of consecutive frames."""
     frames, landmarks = off.shape[:2]
     pairs = np.flatnonzero(full[1:] & full[:-1])
     flat = off.reshape(frames, -1)
-    spread = np.sqrt(np.median(flat[full] ** 2, axis=0)) * 1.4826
+    spread = np.sqrt(np.median(flat[full] ** 2, axis=0)) * MAD_SIGMA
     flat = np.clip(flat, -5 * spread - 0.01, 5 * spread + 0.01)
     shared = flat[pairs].T @ flat[pairs + 1] / max(len(pairs), 1)
     shared = 0.5 * (shared + shared.T)
@@ -246,34 +254,30 @@ def _aligned(mean: FloatArray, points: FloatArray, weight: FloatArray) -> tuple[
     """Rotations (T, 3, 3) and places (T, 3) that bring `mean` (J, 3) onto points (T, J, 3) (Kabsch 1976)."""
     share = weight / weight.sum()
     middle, centers = share @ mean, np.einsum("j,tja->ta", share, points)
-    cross = np.einsum("j,tja,jb->tab", share, points - centers[:, None], mean - middle)
-    left, _, right = np.linalg.svd(cross)
-    turn = np.ones((len(points), 3))
-    turn[:, 2] = np.sign(np.linalg.det(left @ right))
-    rotation = (left * turn[:, None, :]) @ right
+    rotation = kabsch(mean - middle, points - centers[:, None], share)
     return rotation, centers - np.einsum("tab,b->ta", rotation, middle)
 
 
-def _fitted(
-    prior: PosePrior, poses: _Poses, sight: _Sight, sure: FloatArray, steps: int
+def _fit_frames(
+    prior: PosePrior, poses: _Poses, sight: _Sight, reliable: FloatArray, steps: int
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Points (T, J, 3), covariance (T, J, 3, 3) and inliers (T, J, C); `poses` move to where the frames put them."""
+    """Points (T, J, 3), covariance (T, J, 3, 3) and inliers (T, J, C); updates `poses` in place."""
     parts = []
     for begin in range(0, len(poses.center), _CHUNK):
         rows = slice(begin, begin + _CHUNK)
         piece = _Poses(poses.rotation[rows], poses.center[rows], poses.share[rows])
-        parts.append(_fit_chunk(prior, piece, sight.part(rows), sure[rows], steps))
+        parts.append(_fit_chunk(prior, piece, sight.part(rows), reliable[rows], steps))
         poses.rotation[rows], poses.center[rows], poses.share[rows] = piece.rotation, piece.center, piece.share
     points, covariance, inlier = (np.concatenate(p) for p in zip(*parts, strict=True))
     return points, covariance, inlier
 
 
-# How far a start may be from the truth: metres and radians.
+# Standard deviation of the initial pose: metres and radians.
 _START = np.array([0.2, 0.2, 0.2, 0.3, 0.3, 0.3])
 
 
 def _fit_chunk(
-    prior: PosePrior, poses: _Poses, sight: _Sight, sure: FloatArray, steps: int
+    prior: PosePrior, poses: _Poses, sight: _Sight, reliable: FloatArray, steps: int
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     ways = prior.ways.shape[-1]
     eye = np.eye(3)
@@ -285,11 +289,11 @@ def _fit_chunk(
         shape = np.einsum("tab,jb->tja", poses.rotation, prior.mean)
         shape += np.einsum("tab,jbk,tk->tja", poses.rotation, prior.ways, poses.share)
         on_body = poses.center[:, None] + shape
-        points = points if k else np.asarray(np.where(np.isfinite(sure), sure, on_body), dtype=np.float64)
+        points = points if k else np.asarray(np.where(np.isfinite(reliable), reliable, on_body), dtype=np.float64)
         tau2 = (prior.tau**2 * _wider(np.sum((points - on_body) ** 2, axis=-1) / prior.tau**2, 3))[..., None, None]
         precision = np.concatenate([np.tile(_START**-2.0, (len(shape), 1)), 1 / _wider(poses.share**2, 1)], axis=1)
-        # A prediction is not the point itself: at first its own doubt is added to the pixels'.
-        doubt = prior.tau * (np.isnan(sure[..., 0]) & (k == 0))
+        # A prediction is not the point itself: in the first step its uncertainty is added to that of the pixels.
+        doubt = prior.tau * (np.isnan(reliable[..., 0]) & (k == 0))
         weight, info, pull = _evidence(points, sight, doubt)
         soften = _inverse(eye + tau2 * info)
         worth, wanted = soften @ info, np.einsum("tjab,tjb->tja", soften, pull)
@@ -318,13 +322,15 @@ def _fit_chunk(
 
 
 def _wider(off2: FloatArray, dimensions: int, student_dof: float = 4.0) -> FloatArray:
-    """By how much Student's t widens a variance for a deviation of square `off2`, in variances."""
+    """Factor by which Student's t widens a variance at a squared deviation of `off2` variances."""
     return np.maximum((student_dof + off2) / (student_dof + dimensions), 1.0)
 
 
 def _evidence(points: FloatArray, sight: _Sight, tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What the pixels say near points (T, J, 3): weights (T, J, C), information (T, J, 3, 3), and that times the
-    point (T, J, 3)."""
+    """Evidence of the pixels near points (T, J, 3).
+
+    Returns weights (T, J, C), information (T, J, 3, 3), and the information times the observed point (T, J, 3).
+    """
     turned = np.einsum("cab,tjb->tjca", sight.poses[:, :, :3], points) + sight.poses[:, :, 3]
     depth = np.where(turned[..., 2] > 0.05, turned[..., 2], np.inf)
     view = turned[..., :2] / depth[..., None]
@@ -342,7 +348,7 @@ def _evidence(points: FloatArray, sight: _Sight, tau: FloatArray) -> tuple[Float
 
 
 def _inverse(a: FloatArray) -> FloatArray:
-    """Of symmetric positive definite (..., 3, 3) matrices, several times faster than numpy's."""
+    """Inverse of symmetric positive definite (..., 3, 3) matrices, several times faster than numpy's."""
     first = np.cross(a[..., 1, :], a[..., 2, :])
     second = np.cross(a[..., 2, :], a[..., 0, :])
     third = np.cross(a[..., 0, :], a[..., 1, :])
@@ -351,7 +357,7 @@ def _inverse(a: FloatArray) -> FloatArray:
 
 
 def _weight(u: FloatArray, limits: Limits) -> FloatArray:
-    """The slope of triangulation's robust loss."""
+    """The derivative of the triangulation's robust loss."""
     v = 1 + u / limits.tail2
     right = np.exp(-0.5 * u)
     wrong = limits.kappa / v**1.5
@@ -359,7 +365,7 @@ def _weight(u: FloatArray, limits: Limits) -> FloatArray:
 
 
 def _minus_cross(points: FloatArray) -> FloatArray:
-    """(..., 3, 3) that turn a small rotation vector into how points (..., 3) move."""
+    """(..., 3, 3) matrices that map a small rotation vector to the displacement of points (..., 3)."""
     x, y, z = np.moveaxis(points, -1, 0)
     zero = np.zeros_like(x)
     rows = [zero, z, -y, -z, zero, x, y, -x, zero]

@@ -29,7 +29,8 @@ from muybridge.models.pseudo_labels import save_pseudo_labels
 
 RESULTS = ("keypoints.onnx", ADAPTED.name, "adapt.json")
 _NEEDED = ("torch", "kornia", "onnx")
-_Flat = tyro.conf.arg(name="")
+
+COMMON_OPTIONS = {"adapt": ("out", "overwrite", "minutes", "threads", "everyone", "calibration", "cameras")}
 
 
 @dataclass(frozen=True)
@@ -56,11 +57,10 @@ def adapt(
     /,
     out: Path | None = None,
     overwrite: bool = False,
-    quiet: bool = False,
     everyone: bool = False,
-    options: Annotated[AdaptOptions, _Flat] = AdaptOptions(),  # noqa: B008 - frozen
-    session: Annotated[SessionOptions, _Flat] = SessionOptions(),  # noqa: B008
-    detect: Annotated[DetectOptions, _Flat] = DetectOptions(),  # noqa: B008
+    options: AdaptOptions = AdaptOptions(),  # noqa: B008 - frozen
+    session: SessionOptions = SessionOptions(),  # noqa: B008
+    detect: DetectOptions = DetectOptions(),  # noqa: B008
 ) -> int:
     """Adapt the keypoint network to a session, without a label: all cameras together teach it what each one sees.
 
@@ -70,7 +70,6 @@ def adapt(
         path: session folder, as of `muybridge run`; more cameras and more movement teach more.
         out: folder of the network (default: `adapted/` inside the session).
         overwrite: replace files there that muybridge did not write or that were changed.
-        quiet: say only what should be known and the result.
         everyone: learn from the other people too whom two cameras see.
         options: how.
         session: how the session folder is read.
@@ -81,7 +80,7 @@ def adapt(
         raise ModelError("only muybridge's own networks can be adapted; leave out --model-card")
     base = replace(detect, precision="fp32", markers="all")
     run = RunOptions(session, base, SolveOptions(everyone=everyone), refine_cameras=True)
-    with Progress(quiet=quiet) as progress:
+    with Progress() as progress:
         opened, models = open_session(path, session), open_models(base)
         card = keypoint_card(models.metadata["keypoints"], models.keypoints)
         if card.metadata.get("precision") == "int8":

@@ -1,31 +1,36 @@
-"""The command line: finds commands by entry point, and says known errors in one line.
+"""The command line: finds commands by entry point and reports known errors in one line.
 
-A command is a plain function registered in the entry-point group ``muybridge.commands``. Its signature
-becomes flags (tyro), the first line of its docstring is its line in ``muybridge --help``, and what it returns
-is the exit code (None is 0). A command's name may be two words (`calibrate board`). The help reads that line
-from the source without importing it, so that it works at once and without the extras.
+A command is a plain function registered in the entry-point group `muybridge.commands`. Its signature becomes options
+(`muybridge.infer.commands.parsing`), the first line of its docstring is its line in `muybridge --help`, and its return
+value is the exit code (None is 0). A command's name may have two words (`calibrate board`). `muybridge --help` reads
+that line from the source without importing it, so it is fast and works without the extras.
 
-Exit codes: 0 done; 2 an error that the user can mend, in one line; 130 interrupted; anything else is a bug,
+Exit codes: 0 success; 2 an error that the user can fix, reported in one line; 130 interrupted; anything else is a bug,
 with its traceback.
 """
 
 import ast
 import difflib
-import functools
 import importlib.metadata
 import importlib.util
+import logging
 import os
+import platform
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from muybridge import __version__
 from muybridge.errors import MissingExtraError, MuybridgeError
 from muybridge.extras import extra_of
 from muybridge.infer.commands.remedies import error_line
 
+if TYPE_CHECKING:
+    from muybridge.infer.commands.parsing import Call
+
 GROUP = "muybridge.commands"
+_log = logging.getLogger(__name__)
 _FIRST = ("run", "demo")
 
 
@@ -42,7 +47,7 @@ def run_command(argv: Sequence[str]) -> int:
         print(f"error: {error_line(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("interrupted; the same command goes on from the last finished stage", file=sys.stderr)
+        print("interrupted; the same command resumes after the last finished stage", file=sys.stderr)
         return 130
     except BrokenPipeError:
         # The reader (`| head`) has gone; nothing may be flushed to it at exit either.
@@ -80,8 +85,13 @@ def find_commands() -> dict[str, importlib.metadata.EntryPoint]:
 
 
 def _call(entry: importlib.metadata.EntryPoint, arguments: list[str]) -> int:
+    from muybridge.infer.runtime.logs import verbosity
+
     try:
-        result = _parsed(entry, arguments)()
+        call = _parsed(entry, arguments)
+        with verbosity(call.console.verbose, call.console.quiet):
+            _log.debug("muybridge %s, Python %s: %s %s", __version__, platform.python_version(), entry.name, arguments)
+            result = call()
     except ModuleNotFoundError as error:
         missing = error.name or ""
         extra = extra_of(missing)
@@ -98,20 +108,19 @@ def _call(entry: importlib.metadata.EntryPoint, arguments: list[str]) -> int:
     return result if isinstance(result, int) else 0
 
 
-def _parsed(entry: importlib.metadata.EntryPoint, arguments: list[str]) -> Callable[[], Any]:
-    """The command with its arguments, ready to be called."""
-    command: Callable[..., Any] = entry.load()
-    import tyro
+def _parsed(entry: importlib.metadata.EntryPoint, arguments: list[str]) -> "Call":
+    """The command with its arguments, ready to be called.
 
-    @functools.wraps(command)
-    def bind(*given: Any, **named: Any) -> Callable[[], Any]:
-        return functools.partial(command, *given, **named)
+    Raises:
+        MuybridgeError: an options class refuses a value.
+    """
+    command: Callable[..., Any] = entry.load()
+    from muybridge.infer.commands.parsing import parse
 
     try:
-        call: Callable[[], Any] = tyro.cli(bind, prog=f"muybridge {entry.name}", args=arguments)
-    except ValueError as error:  # an options class refused what it was given
-        raise MuybridgeError(f"{error}; `muybridge {entry.name} --help` lists the options") from None
-    return call
+        return parse(command, entry.name, arguments)
+    except ValueError as error:
+        raise MuybridgeError(f"{error}; `muybridge {entry.name} --help-all` lists the options") from None
 
 
 def _help(commands: dict[str, importlib.metadata.EntryPoint], usage: str = "COMMAND") -> str:
@@ -126,7 +135,8 @@ def _help(commands: dict[str, importlib.metadata.EntryPoint], usage: str = "COMM
             "commands:",
             *lines,
             "",
-            "`muybridge COMMAND --help` lists a command's options; `muybridge --version` prints the version.",
+            "`muybridge COMMAND --help` shows a command's common options, `--help-all` every option;",
+            "`muybridge --version` prints the version.",
         ]
     )
 

@@ -44,9 +44,9 @@ def compare(
     align: Align = "none",
     shift: float = 0.0,
     plot: Path | None = None,
-    units: tuple[str, str] | None = None,
-    up: tuple[Up, Up] | None = None,
-    fps: tuple[float, float] | None = None,
+    units: Annotated[tuple[str, str] | None, tyro.conf.arg(metavar="UNIT UNIT")] = None,
+    up: Annotated[tuple[Up, Up] | None, tyro.conf.arg(metavar="{y,z} {y,z}")] = None,
+    fps: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="FPS FPS")] = None,
     overwrite: bool = False,
 ) -> int:
     """The distance of two results, points or motions of any format: per joint, and over time as a picture.

@@ -22,6 +22,7 @@ def convert(
     up: Up | None = None,
     fps: float | None = None,
     asf: Path | None = None,
+    clip: str | None = None,
     to_units: Literal["m", "cm"] = "m",
     fill_gaps: float = 0.0,
     smooth: Filter | None = None,
@@ -31,8 +32,8 @@ def convert(
     """Points or motion from one file format into another, by their suffixes.
 
     Points: .trc .c3d .csv .parquet .npz; read also from .tsv. Motion: .bvh .amc .glb .fbx; read also from .gltf,
-    written also as .usda and .mot. A motion is written as points by the places of its joints. Points have no joints
-    that turn: `muybridge solve` fits a body.
+    .vrm and .vrma; written also as .usda and .mot. A motion is written as points by the positions of its joints. Points
+    have no joints that turn: `muybridge solve` fits a body.
 
     Args:
         source: what to read.
@@ -42,6 +43,7 @@ def convert(
             use for is refused.
         fps: frames a second of FROM, where the file does not say or says it wrongly.
         asf: the skeleton of an .amc file (default: the .asf beside it that has its name).
+        clip: name or number (from 0) of the animation, of a file that holds several (default: the first).
         to_units: unit of lengths in a BVH that is written; every other format has its own.
         fill_gaps: fill gaps of points that are at most so many seconds long.
         smooth: filter over time, of points, or of a motion's rotations; none by default.
@@ -52,7 +54,7 @@ def convert(
 
     check_writable(target)
     _check_free(source, asf, target, overwrite)
-    take = read_file(source, ReadOptions(units, up, fps, asf))
+    take = read_file(source, ReadOptions(units, up, fps, asf, clip))
     take, told = _smoothed(take, fill_gaps, smooth, cutoff)
     for notice in (*take.notices, *told):
         print(f"note: {notice}", file=sys.stderr)

@@ -8,7 +8,6 @@ from typing import Annotated
 import tyro
 
 from muybridge.geometry.markers.cleaning import CleanOptions
-from muybridge.infer.labelling.label import LabelOptions
 
 
 def label(
@@ -20,8 +19,7 @@ def label(
     model: Path | None = None,
     fps: float | None = None,
     overwrite: bool = False,
-    options: Annotated[LabelOptions, tyro.conf.arg(name="")] = LabelOptions(),  # noqa: B008 - frozen
-    clean: CleanOptions = CleanOptions(),  # noqa: B008
+    clean: CleanOptions = CleanOptions(),  # noqa: B008 - frozen
 ) -> int:
     """Name the markers of a recording that nobody has labelled, or not rightly.
 
@@ -34,10 +32,10 @@ def label(
         model: labelling network; the shipped one by default.
         fps: frames a second, where the file does not say.
         overwrite: replace files in the results folder that muybridge did not write or that were changed.
-        options: how markers are named.
         clean: spikes and gaps.
     """
+    from muybridge.infer.labelling.label import LabelOptions
     from muybridge.infer.pipelines.labelling import run_label
 
-    print(run_label(file, out, markerset, corrections, model, fps, overwrite, options, clean))
+    print(run_label(file, out, markerset, corrections, model, fps, overwrite, LabelOptions(), clean))
     return 0

@@ -10,6 +10,8 @@ from muybridge.geometry.fitting.subject import MarkerFitOptions
 from muybridge.infer.pipelines.solve_points import Centres, Method, SolvePointsOptions, Units, Up, solve_points
 from muybridge.infer.runtime.progress import Progress
 
+COMMON_OPTIONS = {"solve": ("out", "units", "up", "fps", "overwrite", "method", "centres", "network", "correct")}
+
 
 def solve(
     points: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="POINTS")],

@@ -18,38 +18,37 @@ from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import SessionOptions, open_session
 from muybridge.infer.session.sync_file import SYNC_FILE
 
+COMMON_OPTIONS = {"sync": ("out", "methods", "max_offset", "calibration", "cameras", "workers")}
 _METHODS: tuple[Method, ...] = ("audio", "epipolar", "motion")
 
 
 def sync(
-    session: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SESSION")],
+    path: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SESSION")],
     /,
     out: Path | None = None,
     methods: tuple[Method, ...] = _METHODS,
     max_offset: float = 2.0,
     work: Path | None = None,
-    read: Annotated[SessionOptions, tyro.conf.arg(name="")] = SessionOptions(),  # noqa: B008
-    detect: Annotated[DetectOptions, tyro.conf.arg(name="")] = DetectOptions(),  # noqa: B008
-    quiet: bool = False,
+    session: SessionOptions = SessionOptions(),  # noqa: B008 - frozen
+    detect: DetectOptions = DetectOptions(),  # noqa: B008
 ) -> int:
     """Offsets and drifts of a session's cameras, by sound, by movement and by epipolar geometry.
 
     Args:
-        session: folder with `videos/` and a calibration.
+        path: folder with `videos/` and a calibration.
         out: file to write (default: `sync.toml` in the session, where `muybridge run` reads it).
         methods: which are tried; where several know a camera, the surest is used.
         max_offset: largest offset that is looked for, seconds; by sound, first, and then any.
         work: results folder whose finished 2D landmarks are used (default: `muybridge/` inside the session).
-        read: how the session folder is read.
+        session: how the session folder is read.
         detect: 2D landmarks.
-        quiet: say only what should be known.
     """
     if not methods:
         raise MuybridgeError(f"name at least one of {', '.join(_METHODS)} after --methods")
     if not max_offset > 0:
         raise MuybridgeError(f"--max-offset is {max_offset:g}: name the largest offset in seconds, more than 0")
-    with Progress(quiet=quiet) as progress:
-        opened = open_session(session, read, in_step=False)
+    with Progress() as progress:
+        opened = open_session(path, session, in_step=False)
         keypoints = None
         if set(methods) - {"audio"}:
             opened, keypoints = session_keypoints(opened, work, detect, progress)
@@ -64,11 +63,11 @@ def sync(
         print(f"methods disagree: {line}")
     if all(m in ("reference", "none") for m in result.methods):
         raise SessionError(
-            f"{session}: no way ({', '.join(methods)}) to find how the cameras' clocks stand; nothing was written. "
+            f"{path}: no way ({', '.join(methods)}) to find how the cameras' clocks stand; nothing was written. "
             "Sound needs to be in all videos, pictures need a person who moves in two views or more and offsets of at "
             f"most {max_offset:g} s (--max-offset)"
         )
-    write_sync(out or session / SYNC_FILE, names, result)
+    write_sync(out or path / SYNC_FILE, names, result)
     return 0
 
 

@@ -31,7 +31,7 @@ from muybridge.infer.runtime.threads import Stopped, in_threads
 from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import read_chunks
 from muybridge.infer.session.write_video import VideoWriter, fit_inside
-from muybridge.models.keypoints.rescale import FIRST_LOOK
+from muybridge.models.keypoints.test_time import FIRST_PASS
 from muybridge.models.shipped import Precision
 
 PROXY_LONG_SIDE_PX = 960
@@ -180,7 +180,7 @@ def first_look(options: DetectOptions) -> DetectOptions:
     keypoints, onnx = options.keypoints, options.keypoints.onnx
     if onnx.flip is None:
         onnx = replace(onnx, flip=False)
-    onnx = replace(onnx, size=max(FIRST_LOOK * onnx.size, SIZES[0]))
+    onnx = replace(onnx, size=max(FIRST_PASS * onnx.size, SIZES[0]))
     return replace(options, keypoints=replace(keypoints, onnx=onnx))
 
 

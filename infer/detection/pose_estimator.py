@@ -103,7 +103,7 @@ class PoseEstimator:
         self._smoother = BoxSmoother(options.track, fps)
         self._fps = fps
         self._parts: _Parts | None = None
-        self._frames = 0
+        self._frames = self._taken = 0
         self._found: list[_Found] = []
 
     @property
@@ -160,6 +160,16 @@ class PoseEstimator:
         min_seen = min(self._options.track.min_seen, looks)
         least = min_seen, self._options.min_confidence
         return _assemble(self._found, self._frames, self._network.sets, least)
+
+    def take(self) -> CameraTracks:
+        """What was found since the last call, accidents and all, and forget it: frame by frame, in bounded memory.
+
+        T is the number of frames since then; a slot is one track in all of them, `ids` say which.
+        """
+        found, first = self._found, self._taken
+        self._found, self._taken = [], self._frames
+        found = [f._replace(frame=f.frame - first) for f in found]
+        return _assemble(found, self._frames - first, self._network.sets, (0, 0.0))
 
     def _process_part(self, frames: ByteArray, parts: _Parts) -> None:
         backdrop, detector, tracker, reader = parts

@@ -27,8 +27,7 @@ from muybridge.models.keypoints.metadata import (
     crop_side,
     keypoint_card,
 )
-from muybridge.models.keypoints.mirroring import mean_of_mirrored
-from muybridge.models.keypoints.test_time import Series, test_time_augment
+from muybridge.models.keypoints.test_time import Series, augment_at_test_time, mean_of_mirrored
 from muybridge.models.onnx_files.prune_outputs import without_outputs
 from muybridge.models.people.metadata import PeopleModelCard, people_card
 
@@ -164,20 +163,20 @@ class KeypointNetwork:
         card = self.card
         maps = self(crops)
         if self._options.turn:
-            alone = test_time_augment(self, crops, maps, card, 1, series, tilt=self._flip)
+            alone = augment_at_test_time(self, crops, maps, card, 1, series, tilt=self._flip)
         else:
-            alone = card.decoded(maps[0])
+            alone = card.decode(maps[0])
         heatmaps, visibility, *markers = maps
-        alone = card.weighed(alone, visibility, self._flip)
+        alone = card.scale_variance(alone, visibility, self._flip)
         further = {}
         if markers:
-            further[self.sets[1].name] = _known(card.decoded_markers(markers[0], markers[1], self._flip))
+            further[self.sets[1].name] = _known(card.decode_markers(markers[0], markers[1], self._flip))
         nothing = alone.score < NO_IDEA
         if expected is None:
             return Located(_known(alone, nothing), visibility, further)
         sd_px = expected.sd * crops.shape[1]
         heatmaps = with_expectation(heatmaps, card.stride, expected.points_px, sd_px, expected.most)
-        found = card.weighed(card.decoded(heatmaps), visibility, self._flip, alone.score)
+        found = card.scale_variance(card.decode(heatmaps), visibility, self._flip, alone.score)
         # A map that says nothing would otherwise say what was expected.
         return Located(_known(found, nothing), visibility, further, _known(alone, nothing))
 

@@ -23,7 +23,7 @@ from muybridge.infer.networks.models import Models
 from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore
-from muybridge.infer.session.session import Session, with_notice
+from muybridge.infer.session.session import UPRIGHT_ADVICE, Session, with_notice
 
 STAGE = "up"
 # Three windows of two seconds, at this many frames a second, in the first half minute: films are decoded from their
@@ -75,7 +75,7 @@ def estimate_gravity(
     elif turn:
         notices = ["the world was turned upright: results and the calibration beside them have Z up"]
     elif in_doubt:
-        notices = list(lean_note(session.cameras, stage.arrays["standing"]))
+        notices = [f"{note}; {UPRIGHT_ADVICE}" for note in lean_note(session.cameras, stage.arrays["standing"])]
     for notice in notices:
         session = with_notice(session, notice, progress)
     return replace(session, cameras=upright if turn else session.cameras, upright=upright)

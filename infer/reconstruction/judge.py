@@ -4,7 +4,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.association.select import select_person, take_person
-from muybridge.geometry.calibration.diagnosis.faults import DiagnosisOptions
+from muybridge.geometry.calibration.diagnosis.findings import DiagnosisOptions
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, check_take
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D

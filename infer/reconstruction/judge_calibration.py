@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.calibration.diagnosis.faults import CalibrationDiagnosis, DiagnosisOptions, Fault
+from muybridge.geometry.calibration.diagnosis.findings import CalibrationDiagnosis, DiagnosisOptions, Fault
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, ImagePicture, Plan
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
@@ -72,6 +72,7 @@ def packed(quality: CalibrationQuality) -> tuple[dict[str, NDArray[Any]], dict[s
             "order": list(report.order),
             "files": list(report.files),
             "note": report.note,
+            "too_many": report.too_many,
             "noise_px": report.noise_px,
             "corrected_px": report.corrected_px,
             "cameras": [[c.model, list(c.params), c.cam_from_world.tolist()] for c in report.cameras],
@@ -120,6 +121,7 @@ def _report(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str,
         shifts=arrays["diagnosis_shifts"],
         files=tuple(facts["files"]),
         note=facts["note"],
+        too_many=facts["too_many"],
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.association.select import TrackingOptions
+from muybridge.geometry.association.options import TrackingOptions
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.fitting.body_fit import FitOptions
 from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
@@ -45,7 +45,7 @@ class SolveOptions:
     """How 2D landmarks become motion.
 
     Attributes:
-        person: which person is tracked.
+        tracking: which person is tracked.
         flips: repair of left-right flips in single cameras.
         triangulate: 3D points.
         view_bias: view-dependent bias of 2D landmarks, learned from the take.
@@ -60,7 +60,7 @@ class SolveOptions:
         everyone: track the other people too.
     """
 
-    person: TrackingOptions = field(default_factory=TrackingOptions)
+    tracking: TrackingOptions = field(default_factory=TrackingOptions)
     flips: FlipOptions = field(default_factory=FlipOptions)
     triangulate: TriangulateOptions = field(default_factory=TriangulateOptions)
     view_bias: ViewBiasOptions = field(default_factory=ViewBiasOptions)
@@ -73,7 +73,7 @@ class SolveOptions:
 
     def __post_init__(self) -> None:
         if self.min_confidence is not None and not 0 <= self.min_confidence <= 1:
-            raise ValueError(f"min-confidence is {self.min_confidence:g}: a score from 0 to 1")
+            raise ValueError(f"min_confidence is {self.min_confidence:g}: a score from 0 to 1")
 
     @property
     def confident_from(self) -> float:
@@ -143,7 +143,7 @@ def solve(
     stage = Stages(store, progress, [inputs, code, fps])
     take = _Take(stage, cameras, keypoints, fps, options)
     person = stage(
-        "person", options.person, lambda: compute.person_of_interest(cameras, take.body, options.person, fps)
+        "person", options.tracking, lambda: compute.person_of_interest(cameras, take.body, options.tracking, fps)
     )
     main = _solve_person(take, "", person, refinement)
     if not options.everyone:
@@ -248,7 +248,7 @@ def _solve_person(take: _Take, number: str, person: StageResult, refinement: Top
     except MuybridgeError as error:
         # The points and the overlays show the cause: they are worth writing without a motion.
         no_motion = str(error)
-        _log.warning("person%s: no motion: %s", number or " 1", no_motion)
+        _log.info("person%s: no motion: %s", number or " 1", no_motion)
     return Solution(
         person=str(read.landmarks.facts["reason"]),
         points_px=flips.arrays["points_px"],

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
-from muybridge.geometry.association.select import TrackingOptions, select_person, take_slots
+from muybridge.geometry.association.options import TrackingOptions
+from muybridge.geometry.association.select import select_person, take_slots
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
 from muybridge.geometry.landmarks.sets import LandmarkSet

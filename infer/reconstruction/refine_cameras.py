@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from muybridge.errors import MuybridgeError
+from muybridge.geometry.association.options import TrackingOptions
 from muybridge.geometry.association.select import PersonSelection, select_person, take_person
-from muybridge.geometry.association.tracker import TrackingOptions
 from muybridge.geometry.calibration.people.calibrate import PeopleCalibrationOptions, refine_people
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D

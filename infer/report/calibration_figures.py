@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.calibration.diagnosis.faults import KINDS, CalibrationDiagnosis
+from muybridge.geometry.calibration.diagnosis.findings import KINDS, CalibrationDiagnosis
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, ImagePicture, Plan
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup

@@ -18,6 +18,7 @@ from muybridge.infer.report.calibration_figures import (
     pixels,
     plan_figure,
 )
+from muybridge.infer.report.diagnosis_wording import diagnosis_text, fault_text, note_text
 from muybridge.infer.report.findings import Finding
 from muybridge.infer.report.packing import fill_page, read_asset
 from muybridge.infer.report.sections import findings_section, percent_text, run_section, tile
@@ -57,9 +58,9 @@ def calibration_findings(quality: CalibrationQuality | None) -> tuple[Finding, .
         return ()
     report = quality.diagnosis
     if report is not None:
-        found += [Finding("bad", fault.sentence) for fault in report.faults]
+        found += [Finding("bad", fault_text(fault)) for fault in report.faults]
         if report.note:
-            found.append(Finding("note", report.note))
+            found.append(Finding("note", note_text(report)))
     found += [Finding("bad" if m.grave else "look", m.sentence) for m in quality.misfits]
     if quality.fitted:
         found += _known_findings(quality)
@@ -130,7 +131,7 @@ def calibration_in_report(quality: CalibrationQuality | None) -> str:
     """The section of a take's report; empty where the calibration was not judged."""
     if quality is None or quality.diagnosis is None:
         return ""
-    said = quality.diagnosis.sentence
+    said = diagnosis_text(quality.diagnosis)
     if quality.diagnosis.faults:
         said = "No: the sentences at the top say which camera is wrong, and how."
     return (
@@ -216,15 +217,15 @@ def _verdict(quality: CalibrationQuality, said: Sequence[Finding]) -> tuple[str,
     report = quality.diagnosis
     if report is not None and report.faults:
         names = sorted({n for f in report.faults for n in f.cameras})
-        return "poor", f"Look at {' and '.join(names)}", report.faults[0].sentence
+        return "poor", f"Look at {' and '.join(names)}", fault_text(report.faults[0])
     if any(f.severity == "bad" for f in said):
         return "poor", "Not to be trusted", next(f.text for f in said if f.severity == "bad")
     if any(f.severity == "look" for f in said):
         return "fair", "Usable, with care", next(f.text for f in said if f.severity == "look")
     if report is not None and report.note:
-        return "fair", "Cannot be told", report.note
+        return "fair", "Cannot be determined", note_text(report)
     return "good", "Good calibration", (
-        report.sentence if report is not None else "Every focal length and position is known well."
+        diagnosis_text(report) if report is not None else "Every focal length and position is known well."
     )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
-"""The results folder: checked before any work, and nothing in it replaced that muybridge did not write.
+"""The results folder: checked before any work; files in it that muybridge did not write are kept.
 
-`work/manifest.json` remembers the digest of every file that was written here. A file that is not in it, or
-that was changed since, is someone else's and stays unless `--overwrite` is given.
+`work/manifest.json` has the digest of every file that was written here. A file that is not in it, or that was changed
+since, belongs to somebody else and is replaced only with `overwrite` (see `muybridge.infer.results.ownership`).
 """
 
 import json
@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from muybridge.errors import OutputError
-from muybridge.files import cannot_write, remove_abandoned, replacing, temporary_path
+from muybridge.files import remove_abandoned, replacing
+from muybridge.infer.results.ownership import make_writable, refuse_root
 from muybridge.infer.runtime.digests import file_digest
 from muybridge.infer.session.discover import VIDEO_FOLDERS
 
@@ -89,6 +90,7 @@ def open_output(
     Raises:
         OutputError: the folder belongs to the input, cannot be written, or holds such files.
     """
+    refuse_root(path)
     place = path.resolve()
     default = "name another folder with --out"
     if session is not None:
@@ -101,7 +103,9 @@ def open_output(
         raise OutputError(f"{path} is a file; --out must name a folder")
     if _foreign_work(path / WORK):
         raise OutputError(f"{path / WORK} was not made by muybridge: choose another --out or move it")
-    _make_writable(path)
+    make_writable(path / WORK)
+    if not is_ours(path):
+        _write_manifest(path / WORK, "", {})
     output = OutputFolder(path)
     foreign = [n for n in names if (path / n).exists() and not output.owns(n)]
     directories = [n for n in foreign if (path / n).is_dir()]
@@ -133,19 +137,6 @@ def _foreign_work(work: Path) -> bool:
     if not work.exists():
         return False
     return not work.is_dir() or (any(work.iterdir()) and not (work / MANIFEST).is_file())
-
-
-def _make_writable(path: Path) -> None:
-    work = path / WORK
-    try:
-        work.mkdir(parents=True, exist_ok=True)
-        probe = temporary_path(work / "probe")
-        probe.write_bytes(b"muybridge")
-        probe.unlink()
-    except OSError as error:
-        raise cannot_write(path, error) from None
-    if not (work / MANIFEST).exists():
-        _write_manifest(work, "", {})
 
 
 def _write_manifest(work: Path, of: str, files: Mapping[str, Sequence[str]]) -> None:

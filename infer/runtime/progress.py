@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Protocol, TextIO
 
+from muybridge.infer.runtime.logs import error_console, is_quiet
+
 
 class Task(Protocol):
     """One piece of work under way."""
@@ -19,10 +21,10 @@ class Task(Protocol):
 class Progress:
     """Tells the user about a run on `stream` (default stderr); used as a context manager."""
 
-    def __init__(self, stream: TextIO | None = None, quiet: bool = False):
-        """`quiet` says only notices."""
+    def __init__(self, stream: TextIO | None = None, quiet: bool | None = None):
+        """`quiet` prints notices only; by default as the command line asks for."""
         self._stream = stream or sys.stderr
-        self._quiet = quiet
+        self._quiet = is_quiet() if quiet is None else quiet
         self._bars: _Bars | None = None
         self._lock = threading.Lock()
 
@@ -46,6 +48,9 @@ class Progress:
     def notice(self, text: str) -> None:
         """A line about something that the user should know."""
         self._print(f"note: {text}")
+
+    def stage(self, name: str) -> None:
+        """A stage that counts no units begins: nothing to show here, where its end is told."""
 
     def _print(self, text: str) -> None:
         with self._lock:
@@ -86,7 +91,7 @@ class _Bars:
             MofNCompleteColumn(),
             TimeRemainingColumn(),
             TextColumn("left"),
-            console=Console(file=stream),
+            console=error_console() if stream is sys.stderr else Console(file=stream),
             transient=True,
         )
         self.rich.start()

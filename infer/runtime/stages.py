@@ -118,6 +118,7 @@ class Stages:
         if result is not None:
             self._progress.say(f"{name}: resumed from {self._store.path(name)}")
         else:
+            self._progress.stage(name)
             start = time.perf_counter()
             arrays, facts = compute()
             result = self._store.save(name, key, arrays, facts, time.perf_counter() - start)

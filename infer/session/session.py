@@ -16,7 +16,7 @@ import numpy as np
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
 from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, read_calibration, sized_like
-from muybridge.geometry.calibration.gravity import levelled
+from muybridge.geometry.calibration.gravity import lean_note, levelled
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.sync.clocks import Clock
@@ -28,6 +28,10 @@ from muybridge.infer.session.sync_file import clocks_in
 from muybridge.infer.session.timeline import common_time
 from muybridge.infer.session.timestamps import paired_by_time, time_table_in
 from muybridge.infer.session.video import read_chunks
+
+UPRIGHT_ADVICE = (
+    "`muybridge run --world upright` turns the results upright, `muybridge calibrate world` the calibration"
+)
 
 
 @dataclass(frozen=True)
@@ -112,7 +116,10 @@ def open_session(path: Path, options: SessionOptions = SessionOptions(), in_step
     calibration = options.calibration or find_calibration(path)
     read = read_calibration(calibration)
     group = read.cameras
-    notices += [f"{calibration.name}: {note}" for note in read.notes]
+    leaning = lean_note(group)
+    notices += [
+        f"{calibration.name}: {note}" + (f"; {UPRIGHT_ADVICE}" if note in leaning else "") for note in read.notes
+    ]
     if options.cameras:
         group, files = chosen(group, files, options.cameras, calibration)
     if len(files) < 2 or len(group) < 2:
@@ -182,7 +189,11 @@ def _fitted(camera: Camera, video: VideoInfo, how: VideoFit) -> tuple[Camera, st
     image = None
     if how == "auto" and size != (camera.width, camera.height):
         image = next(read_chunks(video, np.zeros(1, np.int64)))[0]
-    return fit_to_video(camera, *size, how, image)
+    fitted, assumption = fit_to_video(camera, *size, how, image)
+    if assumption is None:
+        return fitted, None
+    others = " or ".join(assumption.alternatives)
+    return fitted, f"{assumption.sentence}; if that is wrong, give --video-size {others}"
 
 
 def _squeezed(camera: Camera, video: VideoInfo) -> bool:

@@ -1,6 +1,6 @@
-"""What the solver's network sees of a fitted body, and what its answer means.
+"""Features of a fitted body for the correction network, and the meaning of its output.
 
-Both training and inference go through here, so that they cannot differ.
+Training and inference share this code, so that they cannot differ.
 """
 
 from dataclasses import dataclass
@@ -16,25 +16,27 @@ from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.skeleton.statistical_body import marker_body
 
-# Metres and radians of one unit of the network's.
+# Metres and radians per unit of the network's output.
 LENGTH, ANGLE = 0.01, 0.1
-# Residuals beyond this are as bad as missing, metres.
+# Larger residuals count as missing, metres.
 FAR = 0.06
 
 
 def carriers() -> list[int]:
-    """(M,) joint of BODY that carries each marker of SURFACE; a forearm's roll counts as the hand."""
+    """(M,) joint of BODY that carries each marker of SURFACE; the roll joint of the forearm counts as the hand."""
     table = marker_body()
     return [BODY.joint_names.index(table.names[j].replace("forearm_roll", "hand")) for j in table.carrier]
 
 
 @dataclass(frozen=True, eq=False)
 class SolverInput:
-    """The network's input for T frames: see `models.solver_net.SolverNet.forward`.
+    """The network's input for T frames: see `network.SolverNet.forward`.
 
     Attributes:
-        markers: (T, M, F); known: (T, M); joints: (T, J, 17).
-        turns, places: (T, J, 3, 3) and (T, J, 3) of the fit, in the world.
+        markers: (T, M, F).
+        known: (T, M) 1 for markers of the set.
+        joints: (T, J, 17).
+        turns, places: (T, J, 3, 3) and (T, J, 3) world_from_joint rotations and positions of the fit, metres.
     """
 
     markers: Float32Array
@@ -47,13 +49,13 @@ class SolverInput:
 def solver_input(fit: MarkerFit, points_world: FloatArray, spans: tuple[float, ...]) -> SolverInput:
     """Features of a fit.
 
-    Residuals are averaged over time with the fit's own weights, so that noise and exchanged markers vanish the more
-    frames a second there are, and shrunk towards zero where few frames tell.
+    Residuals are averaged over time with the fit's own weights, which suppresses noise and swapped markers the better
+    the higher the frame rate is, and shrunk towards zero where few frames contribute.
 
     Args:
         fit: of the markers.
-        points_world: (T, L, 3) metres, those that were fitted.
-        spans: seconds, standard deviations of the Gaussian windows; the whole take is one more.
+        points_world: (T, L, 3) metres, the fitted points.
+        spans: standard deviations of the Gaussian windows, seconds; the mean over the whole take is added.
     """
     table, motion, size = marker_body(), fit.motion, len(SURFACE)
     turns, places = motion.skeleton.forward(motion.root_positions_world, matrix_from_quat(motion.quat_wxyz))
@@ -64,7 +66,7 @@ def solver_input(fit: MarkerFit, points_world: FloatArray, spans: tuple[float, .
     weight = np.where(good, fit.weight, 0.0)
     columns = []
     for seconds in (*spans, np.inf):
-        mean, count = _averaged(off, weight, seconds * motion.fps)
+        mean, count = _smooth_residuals(off, weight, seconds * motion.fps)
         columns += [mean, np.log1p(count)[..., None] / 3]
     _, usual, _ = table.parts(table.mean)
     placed = fit.person.rigging.offsets[: len(markers)]
@@ -77,9 +79,17 @@ def solver_input(fit: MarkerFit, points_world: FloatArray, spans: tuple[float, .
     return SolverInput(out, known, _joint_features(fit, turns), turns, places)
 
 
-def _averaged(off: FloatArray, weight: FloatArray, sigma: float) -> tuple[FloatArray, FloatArray]:
-    """Means (T, L, 3) of residuals in a Gaussian window of `sigma` frames, shrunk as if one more frame had said zero;
-    and how many frames took part (T, L)."""
+def _smooth_residuals(off: FloatArray, weight: FloatArray, sigma: float) -> tuple[FloatArray, FloatArray]:
+    """Residuals averaged in a Gaussian window, shrunk as if one more frame had a residual of zero.
+
+    Args:
+        off: (T, L, 3) residuals.
+        weight: (T, L).
+        sigma: of the window, frames.
+
+    Returns:
+        Means (T, L, 3) and the weighted number of frames (T, L).
+    """
     both = np.concatenate([off * weight[..., None], weight[..., None]], -1)
     if np.isinf(sigma):
         total = np.broadcast_to(both.sum(0), both.shape)
@@ -92,11 +102,11 @@ def _averaged(off: FloatArray, weight: FloatArray, sigma: float) -> tuple[FloatA
 
 
 def _joint_features(fit: MarkerFit, turns: FloatArray) -> Float32Array:
-    """(T, J, 17): rotation against the parent and the parent's own, the bone beyond the statistical body's, how large
-    the person is and how well the markers agree."""
+    """(T, J, 17): rotation relative to the parent and the parent's own, the bone's difference to the statistical
+    body's, the size of the person and the agreement of the markers."""
     local = np.stack([turns[:, j] if p < 0 else np.swapaxes(turns[:, p], 1, 2) @ turns[:, j]
                       for j, p in enumerate(BODY.parents)], 1)  # fmt: skip
-    # The root's own heading tells nothing: its tilt does.
+    # The root's heading carries no information; its tilt does.
     up = turns[:, 0, 2]
     six = local[..., :2].reshape(*local.shape[:2], 6)
     six[:, 0] = np.concatenate([up, np.zeros_like(up)], -1)
@@ -115,17 +125,17 @@ def _joint_features(fit: MarkerFit, turns: FloatArray) -> Float32Array:
 def mirrored(
     markers: Float32Array, known: Float32Array, joints: Float32Array, target: Float32Array
 ) -> tuple[Float32Array, Float32Array, Float32Array, Float32Array]:
-    """The same features and answers of the person in a mirror: (..., M, F), (..., M), (..., J, 17), (..., J, 6)."""
-    of_markers = [SURFACE.index(_other(n)) for n in SURFACE.names]
-    of_joints = [BODY.joint_names.index(_other(n)) for n in BODY.joint_names]
+    """The same features and targets for the mirrored person: (..., M, F), (..., M), (..., J, 17), (..., J, 6)."""
+    of_markers = [SURFACE.index(_counterpart(n)) for n in SURFACE.names]
+    of_joints = [BODY.joint_names.index(_counterpart(n)) for n in BODY.joint_names]
     spans = (markers.shape[-1] - 6) // 4
     vector, rotation = np.array([-1, 1, 1], np.float32), np.array([1, -1, -1], np.float32)
     sides = np.concatenate([np.tile(np.r_[vector, 1], spans), vector, vector]).astype(np.float32)
-    # Two columns' rows: of R mirrored (S R S) the entries change sign that have one index x.
+    # First two columns: in the mirrored R (S R S) the entries with exactly one index x change sign.
     six = np.array([1, -1, -1, 1, -1, 1], np.float32)
     about = np.concatenate([six, six, vector, [1, 1]]).astype(np.float32)
     turned = joints[..., of_joints, :] * about
-    # The root tells where up is, and so does the parent's place of those that hang on it.
+    # The root's features are the up direction, and so are the parent's of its children.
     tilt = np.array([-1, 1, 1, 1, 1, 1], np.float32)
     for j, parent in enumerate(BODY.parents):
         if parent < 0:
@@ -136,22 +146,30 @@ def mirrored(
     return markers[..., of_markers, :] * sides, known[..., of_markers], turned, answer
 
 
-def _other(name: str) -> str:
-    """The name on the other side of the body."""
+def _counterpart(name: str) -> str:
+    """The name of the counterpart on the other side of the body."""
     flip = {"left_": "right_", "right_": "left_"}
     return next((flip[s] + name[len(s) :] for s in flip if name.startswith(s)), name)
 
 
 def apply_corrections(given: SolverInput, answer: NDArray[np.floating]) -> tuple[FloatArray, FloatArray]:
-    """Rotations (T, J, 3, 3) and places (T, J, 3) of the joints in the world, corrected by the network's answer
-    (T, J, 6)."""
-    said = np.asarray(answer, np.float64)
-    turns = given.turns @ exp_so3(said[..., :3] * ANGLE)
-    return turns, given.places + np.einsum("tjik,tjk->tji", given.turns, said[..., 3:] * LENGTH)
+    """Correct a fit.
+
+    Args:
+        given: the network's input.
+        answer: (T, J, 6) its output.
+
+    Returns:
+        Rotations (T, J, 3, 3) and positions (T, J, 3) of the joints in the world.
+    """
+    output = np.asarray(answer, np.float64)
+    turns = given.turns @ exp_so3(output[..., :3] * ANGLE)
+    return turns, given.places + np.einsum("tjik,tjk->tji", given.turns, output[..., 3:] * LENGTH)
 
 
 def target_of(given: SolverInput, turns: FloatArray, places: FloatArray) -> Float32Array:
-    """(T, J, 6) the answer that would be right, for the truth in the world."""
+    """(T, J, 6) the output that would be correct, given the true rotations (T, J, 3, 3) and positions (T, J, 3) in the
+    world."""
     from muybridge.geometry.numerics.rotations import log_so3
 
     off = log_so3(np.swapaxes(given.turns, -1, -2) @ turns) / ANGLE

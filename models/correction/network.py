@@ -1,12 +1,13 @@
-"""The solver's network: what a body fitted to markers is still off, by messages on a graph of markers and joints.
+"""The correction network: the remaining error of a body fitted to markers, by messages on a graph of markers and
+joints.
 
-Nodes are the markers of SURFACE and the joints of BODY. Edges run only where skeleton or rigidity has them: a marker
-to the joint that carries it and to that joint's parent, a joint to its parent and its children, a marker to the markers
-of the same joint. Two layers see two hops, so that a far limb cannot disturb. Every vector is given and returned in the
-axes of the joint that it belongs to: the network need not learn that a person may face any way.
+Nodes are the markers of SURFACE and the joints of BODY. Edges follow the skeleton and rigidity: from a marker to the
+joint that carries it and to that joint's parent, from a joint to its parent and its children, between markers of the
+same joint. Two layers reach two edges far, so that a distant limb cannot interfere. Every vector is expressed in the
+axes of the joint that it belongs to: the network need not learn that a person may face any direction.
 
-Source of the idea of locality: X. Pan and others, "A Locality-Based Neural Solver for Optical Motion Capture",
-SIGGRAPH Asia 2023; there the network solves by itself, here it corrects a classical fit.
+The locality follows X. Pan and others, "A Locality-Based Neural Solver for Optical Motion Capture", SIGGRAPH Asia 2023,
+where the network replaces the fit; here it corrects a classical fit.
 """
 
 from typing import Any
@@ -14,13 +15,13 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-# Standard deviations of the Gaussian windows that residuals are averaged in, seconds; the whole take is one more.
+# Standard deviations of the Gaussian windows over which residuals are averaged, seconds; the whole take is added.
 SPANS = (0.015, 0.06, 0.25)
-# Of a marker: in every window its mean residual and how many frames took part; its place beyond the statistical body's
-# and where it sits. Of a joint: see `geometry.solver_features`.
+# Per marker: in every window the mean residual and the number of frames; its position relative to the statistical
+# body's, and that position. Per joint: see `features`.
 MARKER_FEATURES = 4 * (len(SPANS) + 1) + 6
 JOINT_FEATURES = 17
-# Metres and radians of one unit.
+# Metres and radians per unit of output.
 LENGTH, ANGLE = 0.01, 0.1
 
 
@@ -40,16 +41,24 @@ class _Layer(nn.Module):
 
     def forward(self, m: Tensor, j: Tensor, carried: Tensor, same: Tensor, up: Tensor, down: Tensor
                 ) -> tuple[Tensor, Tensor]:  # fmt: skip
-        """Markers (B, M, W), joints (B, J, W); weights of the edges: marker to joint (B, J, M), marker to marker
-        (B, M, M), joint to its child (J, J) and to its parent (J, J)."""
+        """One round of messages.
+
+        Args:
+            m: markers (B, M, W).
+            j: joints (B, J, W).
+            carried: edge weights from marker to joint (B, J, M).
+            same: between markers (B, M, M).
+            up: from a joint to its child (J, J).
+            down: from a joint to its parent (J, J).
+        """
         gathered = carried @ self.to_joint(m) + up @ self.from_parent(j) + down @ self.from_child(j)
         j = j + self.joint(torch.cat([j, gathered], -1))
         back = carried.transpose(1, 2) @ self.to_marker(j) + same @ self.beside(m)
         return m + self.marker(torch.cat([m, back], -1)), j
 
 
-class _Own(nn.Module):
-    """A linear layer that every node has of its own: what a thigh is off is not what a head is."""
+class _PerNodeLinear(nn.Module):
+    """A linear layer with separate weights for every node: a thigh's errors differ from a head's."""
 
     def __init__(self, nodes: int, inputs: int, outputs: int, scale: float = 1.0) -> None:
         super().__init__()
@@ -62,10 +71,10 @@ class _Own(nn.Module):
         return answer
 
 
-class _Near(nn.Module):
-    """Of each joint a linear map of what markers and joints beside it have: the bulk of the answer.
+class _NeighbourhoodLinear(nn.Module):
+    """For each joint a linear map of the features of the markers and joints next to it: the bulk of the correction.
 
-    It is solved in closed form (`train.solver_linear`) and not trained by steps.
+    It is solved in closed form (`train.correction.ridge`) and not trained by gradient steps.
     """
 
     def __init__(self, carried: Tensor, touching: Tensor) -> None:
@@ -75,7 +84,7 @@ class _Near(nn.Module):
         self.joints: Tensor
         self.has_joint: Tensor
         for name, beside in (("marker", carried), ("joint", touching)):
-            order, there = _padded(beside > 0)
+            order, there = _neighbour_table(beside > 0)
             self.register_buffer(f"{name}s", order, persistent=False)
             self.register_buffer(f"has_{name}", there, persistent=False)
         inputs = self.markers.shape[1] * (MARKER_FEATURES + 1) + self.joints.shape[1] * JOINT_FEATURES
@@ -83,7 +92,7 @@ class _Near(nn.Module):
         self.bias = nn.Parameter(torch.zeros(len(carried), 6), requires_grad=False)
 
     def inputs(self, markers: Tensor, known: Tensor, joints: Tensor) -> Tensor:
-        """(B, J, inputs): features of the markers and joints beside each joint, zeros where there are fewer."""
+        """(B, J, inputs): features of the markers and joints next to each joint, padded with zeros."""
         m = torch.cat([markers, known.unsqueeze(-1)], -1)[:, self.markers] * self.has_marker.unsqueeze(-1)
         j = joints[:, self.joints] * self.has_joint.unsqueeze(-1)
         return torch.cat([m.flatten(2), j.flatten(2)], -1)
@@ -94,19 +103,22 @@ class _Near(nn.Module):
         return answer
 
 
-def _padded(beside: Tensor) -> tuple[Tensor, Tensor]:
-    """(J, K) which are beside each joint, and 1 where they are; K is the most that any has."""
+def _neighbour_table(beside: Tensor) -> tuple[Tensor, Tensor]:
+    """(J, K) indices of the neighbours of each joint, and 1 where they exist; K is the largest number of neighbours."""
     most = int(beside.sum(1).max())
     order = torch.argsort(beside.int(), dim=1, descending=True, stable=True)[:, :most]
     return order, beside.gather(1, order).float()
 
 
 class SolverNet(nn.Module):
-    """Corrections of joints: of each a linear map of what is beside it, and what messages add to that.
+    """Corrections of joints: a linear map of the neighbourhood, plus the result of message passing.
 
     Args:
-        carrier: joint of each marker, M numbers; parents: of each joint, -1 for the root.
-        width: of the features; layers: rounds of messages; dropout: share of the features that training leaves out.
+        carrier: joint of each marker, M numbers.
+        parents: of each joint, -1 for the root.
+        width: of the features.
+        layers: rounds of messages.
+        dropout: share of the features that training drops.
     """
 
     def __init__(
@@ -131,17 +143,18 @@ class SolverNet(nn.Module):
         self.register_buffer("same", same - torch.eye(markers), persistent=False)
         self.register_buffer("up", up, persistent=False)
         self.register_buffer("down", up.T / up.T.sum(1, keepdim=True).clamp(min=1), persistent=False)
-        self.near = _Near(self.carried, up + up.T + torch.eye(joints))
-        self.marker_in = _Own(markers, MARKER_FEATURES, width)
-        self.joint_in = _Own(joints, JOINT_FEATURES, width)
+        self.near = _NeighbourhoodLinear(self.carried, up + up.T + torch.eye(joints))
+        self.marker_in = _PerNodeLinear(markers, MARKER_FEATURES, width)
+        self.joint_in = _PerNodeLinear(joints, JOINT_FEATURES, width)
         self.layers = nn.ModuleList(_Layer(width) for _ in range(layers))
         self.norm = nn.LayerNorm(width)
         self.dropout = nn.Dropout(dropout)
-        self.hidden = _Own(joints, width, width)
-        self.out = _Own(joints, width, 6, scale=0.0)
+        self.hidden = _PerNodeLinear(joints, width, width)
+        self.out = _PerNodeLinear(joints, width, 6, scale=0.0)
 
     def forward(self, markers: Tensor, known: Tensor, joints: Tensor) -> Tensor:
-        """Corrections (B, J, 6): rotation vector in units of ANGLE and shift in units of LENGTH, in each joint's axes.
+        """Corrections (B, J, 6): rotation vector in units of ANGLE and translation in units of LENGTH, in each joint's
+        axes.
 
         Args:
             markers: (B, M, MARKER_FEATURES).
@@ -161,5 +174,5 @@ class SolverNet(nn.Module):
         return answer * self.reached(known).unsqueeze(-1)
 
     def reached(self, known: Tensor) -> Tensor:
-        """(B, J) 1 where a joint or one beside it carries a marker of the set; others stay as they were fitted."""
+        """(B, J) 1 where a joint or a neighbour carries a marker of the set; other joints stay as fitted."""
         return ((self.carried @ known.unsqueeze(-1)).squeeze(-1) > 0).to(known.dtype)

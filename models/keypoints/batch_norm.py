@@ -1,7 +1,7 @@
-"""Batch normalisation for training on a CPU: as torch's, but written for its compiler.
+"""Batch normalisation for training on a CPU: the same as torch's, but suited to its compiler.
 
-torch 2.13 compiles the usual one to loops that work out the spread's reciprocal root, by a division and a root, anew
-for every cell. Here what belongs to a channel is worked out once, and a cell costs a product and a sum.
+torch 2.13 compiles the built-in one to loops that compute the reciprocal standard deviation, with a division and a
+root, for every cell. Here everything that belongs to a channel is computed once, and a cell costs a product and a sum.
 """
 
 import math
@@ -13,18 +13,18 @@ from torch import Tensor, nn
 _PLANE = (0, 2, 3)
 
 
-def worked_out(x: Tensor) -> Tensor:
-    """`x`, contiguous, in a place in memory of its own.
+def materialise(x: Tensor) -> Tensor:
+    """`x`, contiguous, in a buffer of its own.
 
-    The compiler works out anew whatever takes few operations, wherever it is used, and looks through views; not
-    through this one, for which there has to be a place that it is a view of.
+    The compiler recomputes cheap expressions wherever they are used, and looks through views; but not through this one,
+    which needs a buffer to be a view of.
     """
     stride = [math.prod(x.shape[i + 1 :]) for i in range(x.ndim)]
     return x.contiguous().as_strided(x.shape, stride)
 
 
 class BatchNorm(nn.BatchNorm2d):
-    """`BatchNorm2d`, faster where a training step is compiled."""
+    """`BatchNorm2d`, faster in compiled training steps."""
 
     def forward(self, x: Tensor) -> Tensor:
         """(N, C, h, w) -> the same shape."""
@@ -45,14 +45,14 @@ class _Normalise(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, weight: Tensor, bias: Tensor, near: Tensor, eps: float) -> tuple[Tensor, ...]:
-        """`near` (C,) is about the mean: the closer, the less is lost in the difference of squares."""
+        """`near` (C,) approximates the mean: the closer, the less precision is lost in the difference of squares."""
         cells = x.numel() / x.shape[1]
         away = x.float() - _plane(near)
         first, second = away.sum(_PLANE) / cells, (away * away).sum(_PLANE) / cells
         mean, variance = near + first, (second - first * first).clamp(min=0)
         inverse = torch.rsqrt(variance + eps)
         scale = weight * inverse
-        per_channel = worked_out(torch.stack([scale, bias - mean * scale]))
+        per_channel = materialise(torch.stack([scale, bias - mean * scale]))
         out = x.float() * _plane(per_channel[0]) + _plane(per_channel[1])
         ctx.save_for_backward(x, weight, mean, inverse)
         ctx.mark_non_differentiable(mean, variance)
@@ -60,18 +60,18 @@ class _Normalise(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, Tensor, Tensor, None, None]:
-        """Of the input, weight and bias."""
+        """Gradients of the input, weight and bias."""
         x, weight, mean, inverse = ctx.saved_tensors
         g, cells = gradients[0].float(), x.numel() / x.shape[1]
         away = x.float() - _plane(mean)
         whole, along = g.sum(_PLANE), (g * away).sum(_PLANE)
         scale = weight * inverse
         slope = -scale * inverse * inverse * along / cells
-        per_channel = worked_out(torch.stack([scale, slope, -scale * whole / cells - slope * mean]))
+        per_channel = materialise(torch.stack([scale, slope, -scale * whole / cells - slope * mean]))
         out = g * _plane(per_channel[0]) + x.float() * _plane(per_channel[1]) + _plane(per_channel[2])
         return out.to(x.dtype), along * inverse, whole, None, None
 
 
 def _plane(channels: Tensor) -> Tensor:
-    """(C,) -> (C, 1, 1), to go with (N, C, h, w)."""
+    """(C,) -> (C, 1, 1), to broadcast with (N, C, h, w)."""
     return channels[:, None, None]

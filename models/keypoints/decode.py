@@ -1,8 +1,8 @@
-"""From the networks' outputs to points, variances and boxes: numpy, written once.
+"""From network outputs to points, variances and scores, in NumPy.
 
-Training evaluates with these functions and inference uses them, so that what was measured is what runs. Cells
-and pixels: cell (row v, column u) of a map with stride s is centred at input pixel (s*u + (s-1)/2,
-s*v + (s-1)/2), pixel (0, 0) being the centre of the top-left one.
+Training evaluates with these functions and inference uses them, so that the measured numbers hold in use. Cell (row v,
+column u) of a map with stride s is centred at input pixel (s*u + (s-1)/2, s*v + (s-1)/2); pixel (0, 0) is the centre of
+the top-left one.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from muybridge.models.keypoints.left_right import disambiguate_left_right
 from muybridge.models.keypoints.patches import patches
 from muybridge.models.uncertainty import SpreadCalibration
 
-# The refined point is the centre of a window of this half-width (cells) on its own probability mass, reached
-# in this many steps. A fixed window about the best cell would pull points towards the cell's centre.
+# The refined point is the centre of mass of the probability within a window of this half-width (cells) about itself,
+# found in this many steps. A fixed window about the best cell would bias points towards the cell's centre.
 _WINDOW_CELLS = 2.5
 _WINDOW_STEPS = 3
 
 # A point's score is the probability within this distance of it, in cells.
 _SCORE_RADIUS_CELLS = 2.5
 
-# A network with no more of its belief than this round the likeliest place knows nothing of a landmark: it is outside of
-# the picture, and what comes out is a quarter of a crop off (the median of held-out people seen in part).
+# If no more than this probability is near the likeliest place, the network has not located the landmark: it is outside
+# the image, and the point is a quarter of a crop off (median of held-out, partly visible people).
 NO_IDEA = 0.1
 
-# A crop in which some landmarks, but less than this share of them, are found shows a part of a person. Of whom fewer
-# than so many are found, nothing is known yet.
+# A crop that locates some landmarks, but less than this share of them, shows part of a person. With fewer landmarks
+# than the second number nothing can be said.
 _WHOLE, _LEAST_THERE = 0.85, 6
 
-# Half-width of the patch of cells gathered round the best one: it holds the window and the score's circle
-# wherever the point goes, which is at most one cell away.
+# Half-width of the patch of cells around the best one: it contains the window and the score's circle wherever the point
+# moves, which is at most one cell away.
 _PATCH = 3
 
 
@@ -57,20 +57,20 @@ def decode_heatmaps(
 ) -> DecodedHeatmaps:
     """Landmarks from classification maps.
 
-    The softmax over a landmark's cells is the probability of where it is. The point is the distribution's
-    mode, refined within its neighbourhood: never an average of two hypotheses (left or right leg). The
-    variance is taken over the *whole* distribution round that point, E|x - point|^2 / 2 a coordinate, so a
-    second hypothesis shows as a large variance, not as a shifted point.
+    The softmax over a landmark's cells is the probability of its position. The point is the distribution's mode,
+    refined within its neighbourhood: never an average of two hypotheses (left or right leg). The variance is taken over
+    the *whole* distribution about that point, E|x - point|^2 / 2 per coordinate, so a second hypothesis shows as a
+    large variance, not as a shifted point.
 
     Args:
         logits: (N, J, h, w).
-        stride: input pixels a cell.
-        spread: the network's calibration of variances.
-        twins: (J,) each landmark's counterpart on the other side (its own index where it has none), if those that are
-            found in one place shall be told apart where the crop shows a whole person, see `models.twins`.
+        stride: input pixels per cell.
+        spread: the network's variance calibration.
+        twins: (J,) index of each landmark's counterpart on the other side (its own index if it has none), to resolve
+            left-right ambiguity in crops that show a whole person, see `left_right`.
 
     Raises:
-        ValueError: `logits` has not four axes.
+        ValueError: `logits` does not have four axes.
     """
     if logits.ndim != 4:
         raise ValueError(f"logits must be (N, J, h, w), not {logits.shape}")
@@ -78,7 +78,7 @@ def decode_heatmaps(
     flat = np.ascontiguousarray(logits, dtype=np.float32).reshape(count * landmarks, height * width)
     best = flat.argmax(axis=1)
     rows = np.arange(len(flat))
-    with np.errstate(invalid="ignore"):  # maps that are not finite come out as missing
+    with np.errstate(invalid="ignore"):  # maps that are not finite become missing points
         probability = flat - flat[rows, best][:, None]
         np.exp(probability, out=probability)
         moments = probability @ _moment_basis(height, width)
@@ -92,7 +92,7 @@ def decode_heatmaps(
             moved, cells = disambiguate_left_right(maps, moments[:, 0], best, whole, twins)
             point_uv[moved], mass[moved] = _refine(maps[moved], cells)
             score[moved] = np.minimum(mass[moved] / moments[moved, 0], 1.0)
-        # Moments are about the map's middle, for float32's sake.
+        # Moments are about the map's centre to keep precision in float32.
         offset = point_uv - np.array([(width - 1) / 2, (height - 1) / 2])
         spread_cells2 = moments[:, 3] - 2 * (offset * moments[:, 1:3]).sum(axis=1) + (offset**2).sum(axis=1)
     missing = ~np.isfinite(moments[:, 0])
@@ -108,31 +108,32 @@ def sigmoid(logits: NDArray[np.floating]) -> FloatArray:
     return np.asarray(1 / (1 + np.exp(-np.clip(logits.astype(np.float64), -50, 50))))
 
 
-def there(score: FloatArray) -> IntArray:
-    """(N,) how many landmarks crops show, of whose places there is an idea, by their scores (N, J)."""
+def count_located(score: FloatArray) -> IntArray:
+    """(N,) number of landmarks that crops locate at all, by their scores (N, J)."""
     return np.asarray((score >= NO_IDEA).sum(axis=1))
 
 
 def in_part(score: FloatArray, whole: float = _WHOLE) -> BoolArray:
-    """(N,) which crops show a part of a person, less than the share `whole`, by the scores (N, J) of the landmarks."""
-    count = there(score)
+    """(N,) whether crops show only part of a person, less than the share `whole`, by the scores (N, J) of the
+    landmarks."""
+    count = count_located(score)
     return np.asarray((count >= _LEAST_THERE) & (count < whole * score.shape[1]))
 
 
 def with_expectation(
     logits: Float32Array, stride: int, expected_px: FloatArray, sd_px: float, most: float
 ) -> Float32Array:
-    """Maps that know where their landmarks are expected: the posterior of a robust Gaussian prior.
+    """Maps combined with an expected position: the posterior of a robust Gaussian prior.
 
-    Of two hypotheses the one that is expected wins; a sharp peak moves by less than its own width, and one that is
-    `most` surer than what was expected stays where it is.
+    Of two hypotheses the expected one wins. A sharp peak moves by less than its own width, and one that is `most` nats
+    above the expected place stays.
 
     Args:
         logits: (N, J, h, w).
-        stride: input pixels a cell.
+        stride: input pixels per cell.
         expected_px: (N, J, 2) px of the input; NaN where nothing is expected.
         sd_px: standard deviation of the expectation, px of the input.
-        most: that it can say against a place, nats.
+        most: the largest penalty of a place, nats.
     """
     height, width = logits.shape[2:]
     across, down = (np.arange(n) * stride + (stride - 1) / 2 for n in (width, height))
@@ -142,17 +143,24 @@ def with_expectation(
 
 
 def _moment_basis(height: int, width: int) -> Float32Array:
-    """(h*w, 4) columns 1, u, v, u^2 + v^2 about the map's middle."""
+    """(h*w, 4) columns 1, u, v, u^2 + v^2 about the map's centre."""
     u = np.tile(np.arange(width) - (width - 1) / 2, height)
     v = np.repeat(np.arange(height) - (height - 1) / 2, width)
     return np.stack([np.ones_like(u), u, v, u**2 + v**2], axis=1).astype(np.float32)
 
 
 def _refine(probability: Float32Array, best: IndexArray) -> tuple[FloatArray, FloatArray]:
-    """Points (K, 2) in cells (u, v), and the mass (K,) near them, of (K, h, w) maps with best cells `best`.
+    """Points refined to fractions of a cell.
 
-    A window with fractional edges moves to the centre of its mass: exact for a symmetric peak wherever it
-    lies between cells.
+    A window with fractional edges moves to the centre of its mass, which is exact for a symmetric peak anywhere between
+    cells.
+
+    Args:
+        probability: (K, h, w) maps.
+        best: (K,) flat index of their likeliest cells.
+
+    Returns:
+        Points (K, 2) in cells (u, v), and the mass (K,) near them.
     """
     count, width = len(probability), probability.shape[2]
     best_v, best_u = best // width, best % width
@@ -167,7 +175,7 @@ def _refine(probability: Float32Array, best: IndexArray) -> tuple[FloatArray, Fl
         lines = np.matmul(patch, weight_u[:, :, None])[..., 0] * weight_v
         total = columns.sum(axis=1)
         offset = np.stack([columns @ grid, lines @ grid], axis=1) / total[:, None]
-        # The mode stays in its cell or the next: a slope without a peak must not walk away.
+        # The mode stays within a cell of the best: on a slope without a peak it must not drift away.
         np.clip(offset, -1.0, 1.0, out=offset)
     away_u, away_v = (grid - offset[:, :1]) ** 2, (grid - offset[:, 1:]) ** 2
     distance2 = away_v[:, :, None] + away_u[:, None, :]

@@ -1,4 +1,4 @@
-"""Cards for other people's models: what an ONNX file that says nothing about itself takes in and gives out.
+"""Model cards of third-party models: what an ONNX file without muybridge's metadata takes in and returns.
 
 A card is a small TOML file, described in docs/other-models.md; some come with the package (`models/cards/`).
 """
@@ -34,29 +34,29 @@ LAYOUTS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Landmark layouts that cards may name, in the order of the models' outputs."""
 
-# What is said of uncertainty where a card says nothing: a hundredth of the crop's longer side, and the spread.
+# Default standard deviation where a card gives none: this share of the crop's longer side, added to the spread.
 _DEFAULT_FLOOR = 0.01
 
 
 @dataclass(frozen=True)
 class ModelCard:
-    """What other people's top-down model takes in and gives out.
+    """Inputs and outputs of a third-party top-down model.
 
     Attributes:
         name: for reports.
         input_name: of the image input; empty for the only one.
         width, height: of the input, px.
         colour: order of its channels.
-        white: the value that white has before `mean` and `std`.
-        mean, std: of each channel in the order of `colour`, subtracted from and divided into it.
-        box_padding: the crop over the person's box, widened to the input's shape.
+        white: the value of white before `mean` and `std` are applied.
+        mean, std: of each channel in the order of `colour`, subtracted and divided by.
+        box_padding: size of the crop relative to the person's bounding box, widened to the input's aspect ratio.
         names: (K,) the model's landmarks.
-        decode: what its outputs are.
-        outputs: their names: x and y, or the heatmaps.
-        split_ratio, softmax_scale: of SimCC, see `decode_simcc.decode_simcc`.
-        stride, origin_px, logits: of heatmaps, see `decode_simcc.decode_value_heatmaps`.
-        spread: calibration of the variance.
-        min_confidence: score, in 0..1, of which a camera has to be surer for a landmark to count as seen.
+        decode: kind of its outputs.
+        outputs: names of the outputs: x and y, or the heatmaps.
+        split_ratio, softmax_scale: of SimCC, see `simcc.decode_simcc`.
+        stride, origin_px, logits: of heatmaps, see `simcc.decode_value_heatmaps`.
+        spread: variance calibration.
+        min_confidence: score, in 0..1, above which a camera's detection of a landmark counts.
     """
 
     name: str
@@ -81,13 +81,13 @@ class ModelCard:
 
 
 def shipped_cards() -> dict[str, Path]:
-    """Cards that came with the package, by name."""
+    """Cards that come with the package, by name."""
     folder = Path(str(resources.files("muybridge.models"))) / "cards"
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
 def find_card(model: Path, card: str | None) -> Path | None:
-    """The card of a model: a file, the name of a shipped one, or the file of the model's name beside it.
+    """The card of a model: a file, the name of a shipped card, or the TOML file of the same name beside the model.
 
     Raises:
         ModelError: `card` is neither a file nor a shipped card.
@@ -107,7 +107,7 @@ def load_card(path: Path) -> ModelCard:
     """Read a card.
 
     Raises:
-        ModelError: it cannot be read, lacks something, or has something that is not known.
+        ModelError: it cannot be read, a key is missing or unknown, or a value is invalid.
     """
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -120,7 +120,7 @@ def load_card(path: Path) -> ModelCard:
     names = model.landmarks()
     width, height = image.whole("width"), image.whole("height")
     if (width - height) % 2:
-        raise image.error("width and height differ by an odd number, which no crop can be cut to")
+        raise image.error("width and height differ by an odd number, which no crop can have")
     variance, score = read.section("variance", needed=False), read.section("score", needed=False)
     simcc = decode == "simcc"
     card = ModelCard(
@@ -145,12 +145,12 @@ def load_card(path: Path) -> ModelCard:
     if not 0 <= card.min_confidence <= 1:
         raise score.error(f"min_confidence is {card.min_confidence}, not from 0 to 1")
     for section in (model, image, outputs, variance, score, read):
-        section.no_more()
+        section.refuse_unknown_keys()
     return card
 
 
 class _Table:
-    """Typed access to a table of a card; every complaint names the file and the key."""
+    """Typed access to a table of a card; every error names the file and the key."""
 
     def __init__(self, path: Path, table: dict[str, Any], name: str = "") -> None:
         self._path, self._table, self._name, self._used = path, table, name, set[str]()
@@ -210,20 +210,20 @@ class _Table:
         return float(value[0]), float(value[1]), float(value[2])
 
     def landmarks(self) -> tuple[str, ...]:
-        """The name of a layout, or a list of names."""
+        """The landmarks of a named layout, or a list of names."""
         value = self._get("landmarks", None)
         if isinstance(value, str) and value in LAYOUTS:
             return LAYOUTS[value]
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
             raise self.error(f"landmarks is {value!r}, neither a list of names nor one of {', '.join(LAYOUTS)}")
         if len(set(value)) != len(value):
-            raise self.error("a landmark is there twice")
+            raise self.error("a landmark is listed twice")
         if not set(value) & set(BODY23.names):
-            raise self.error(f"none of the landmarks is one of muybridge's: {', '.join(BODY23.names)}")
+            raise self.error(f"none of the landmarks is known to muybridge: {', '.join(BODY23.names)}")
         return tuple(value)
 
-    def no_more(self) -> None:
-        """ModelError where there is a key that nobody asked for."""
+    def refuse_unknown_keys(self) -> None:
+        """Raise ModelError if the table has a key that was never read."""
         unknown = sorted(set(self._table) - self._used)
         if unknown:
             raise self.error(f"unknown {', '.join(unknown)}")

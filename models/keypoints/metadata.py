@@ -1,8 +1,8 @@
-"""Shipped weights and what a network's file says about itself.
+"""What a keypoint network's file says about itself.
 
-A network of ours is an ONNX file whose metadata names its kind, version, input and meaning. The metadata is
-read by whoever opens the file (`muybridge.infer.networks.keypoints`, or the exporter's own check) and parsed here, once,
-into a frozen card. Formats are described in docs/embedding.md.
+A muybridge network is an ONNX file whose metadata give its kind, version, input and meaning. Whoever opens the file
+(`muybridge.infer.networks.keypoints`, or the exporter's own check) parses them here into a frozen card. The formats are
+described in docs/embedding.md.
 """
 
 from __future__ import annotations
@@ -24,29 +24,30 @@ from muybridge.models.metadata_reader import Reader
 from muybridge.models.uncertainty import SpreadCalibration
 
 _Value = TypeVar("_Value", np.uint8, np.float32)
-# Sides of crops that a keypoint network takes are multiples of this, px.
+# The side of a crop must be a multiple of this, px.
 SIDE_MULTIPLE = 32
-# What a keypoint network gives out: heatmaps and visibility, of the body and, if it finds them, of the virtual markers.
+# Output names of keypoint networks: heatmaps and visibility of the body and, if it detects them, of the virtual
+# markers.
 BODY_OUTPUTS = ("heatmaps", "visibility")
 MARKER_OUTPUTS = ("marker_heatmaps", "marker_visibility")
 
 
 @dataclass(frozen=True)
 class KeypointModelCard:
-    """What a keypoint network's file says about itself.
+    """Metadata of a keypoint network.
 
     Attributes:
         version: of the weights.
         landmarks: the meaning of the `J` axis.
         input_size: side of the square crops, px.
-        stride: crop px a heatmap cell.
-        spread: how a heatmap's spread becomes a variance.
-        markers: the virtual markers that the network finds too; None of one that finds none.
-        marker_spread: as `spread`, of the markers.
-        box_padding: side of a crop over the longer side of the person's box.
-        plate_input: name of the input that takes the difference to the background plate, and may be left out; None
-            where the network does not see it.
-        metadata: everything the file says, as text.
+        stride: crop px per heatmap cell.
+        spread: calibration from a heatmap's spread to a variance.
+        markers: the virtual markers that the network detects; None if it detects none.
+        marker_spread: as `spread`, for the markers.
+        box_padding: side of a crop relative to the longer side of the person's bounding box.
+        plate_input: name of the optional input for the difference to the background model; None if the network does not
+            use it.
+        metadata: all metadata, as text.
     """
 
     version: str
@@ -64,35 +65,44 @@ class KeypointModelCard:
     def _twins(self) -> IndexArray:
         return np.array(self.landmarks.mirror, dtype=np.intp)
 
-    def decoded(self, heatmaps: Float32Array) -> DecodedHeatmaps:
-        """The landmarks that heatmaps (N, J, h, w) of this network say, twins told apart."""
+    def decode(self, heatmaps: Float32Array) -> DecodedHeatmaps:
+        """Landmarks from heatmaps (N, J, h, w) of this network, with left-right ambiguity resolved."""
         return decode_heatmaps(heatmaps, self.stride, self.spread, self._twins)
 
-    def weighed(
+    def scale_variance(
         self, found: DecodedHeatmaps, visibility: Float32Array, mirrored: bool,
         score: FloatArray | None = None,
     ) -> DecodedHeatmaps:  # fmt: skip
-        """The landmarks with variances that know what looks hidden, by the logits `visibility` (N, J), whether crops
-        were looked at mirrored too, and which of them show a part of a person: by the landmarks' scores, or `score`
-        (N, J) where theirs are of what was expected too."""
-        return _weighed(found, self.spread, visibility, mirrored, found.score if score is None else score)
+        """The landmarks with variances that account for visibility, mirroring and partly visible people.
 
-    def decoded_markers(self, heatmaps: Float32Array, visibility: Float32Array, mirrored: bool) -> DecodedHeatmaps:
-        """The virtual markers that heatmaps (N, M, h, w) of this network say, which finds some, with variances as of
-        `weighed`."""
+        Args:
+            found: N crops' landmarks.
+            visibility: (N, J) logits.
+            mirrored: whether outputs were averaged with those of the mirrored crops.
+            score: (N, J) which decide which crops show part of a person; the landmarks' own by default. Needed where
+                those are of maps that were combined with an expectation.
+        """
+        return _scale_variance(found, self.spread, visibility, mirrored, found.score if score is None else score)
+
+    def decode_markers(self, heatmaps: Float32Array, visibility: Float32Array, mirrored: bool) -> DecodedHeatmaps:
+        """Virtual markers from heatmaps (N, M, h, w) and visibility logits (N, M), with variances as in
+        `scale_variance`.
+
+        Raises:
+            ValueError: this network detects no markers.
+        """
         if self.marker_spread is None:
-            raise ValueError("this network finds no virtual markers")
+            raise ValueError("this network detects no virtual markers")
         found = decode_heatmaps(heatmaps, self.stride, self.marker_spread)
-        return _weighed(found, self.marker_spread, visibility, mirrored, found.score)
+        return _scale_variance(found, self.marker_spread, visibility, mirrored, found.score)
 
     def inputs(self, crops: NDArray[_Value]) -> dict[str, NDArray[_Value]]:
-        """The parts of crops (N, 3 or 4, S, S), RGB and the plate's difference, that each of the network's inputs takes
-        in 0..1."""
+        """The network's inputs from crops (N, 3 or 4, S, S) in 0..1: RGB and the difference to the background model."""
         plate = {} if self.plate_input is None or crops.shape[1] < 4 else {self.plate_input: crops[:, 3:]}
         return {"image": crops[:, :3]} | plate
 
 
-def _weighed(
+def _scale_variance(
     found: DecodedHeatmaps, spread: SpreadCalibration, visibility: Float32Array, mirrored: bool,
     score: FloatArray,
 ) -> DecodedHeatmaps:  # fmt: skip
@@ -101,7 +111,7 @@ def _weighed(
 
 
 def crop_side(px: float) -> int:
-    """The side nearest to `px` of crops that a keypoint network takes."""
+    """The side nearest to `px` that a keypoint network accepts."""
     return max(1, round(px / SIDE_MULTIPLE)) * SIDE_MULTIPLE
 
 
@@ -113,7 +123,7 @@ def keypoint_card(metadata: Mapping[str, str], path: Path) -> KeypointModelCard:
         path: of the file, for messages.
 
     Raises:
-        ModelError: not a keypoint network of ours, or its metadata is damaged.
+        ModelError: not a muybridge keypoint network, or its metadata are damaged.
     """
     read = Reader(metadata, path)
     read.kind("keypoints")

@@ -1,8 +1,8 @@
-"""The keypoint network: a small dense U-shaped net from a crop to a distribution of every landmark's place.
+"""The keypoint network: a small dense U-shaped network from a crop to a position distribution for every landmark.
 
-Dense 3x3 convolutions throughout: on a CPU that multiplies in bfloat16 they train three times as fast as depthwise
-ones. The output is a classification over cells, not a regression: while left and right are ambiguous, a mode is right
-half of the time where a mean never is.
+All convolutions are dense and 3x3: on a CPU that multiplies in bfloat16 they train three times as fast as depthwise
+ones. The output is a classification over cells, not a regression: where left and right are ambiguous, a mode is right
+half of the time and a mean never.
 """
 
 import copy
@@ -14,10 +14,10 @@ from torch import Tensor, nn
 
 from muybridge.models.keypoints.batch_norm import BatchNorm
 
-CHANNELS = 4  # RGB and the difference to the background plate
-PLATE = "difference"  # the input of the fourth channel, in exported files
+CHANNELS = 4  # RGB and the difference to the background model
+PLATE = "difference"  # name of the input of the fourth channel in exported files
 STRIDE = 4
-BODY = 23  # landmarks of the body
+BODY = 23  # number of body landmarks
 
 
 class ConvUnit(nn.Sequential):
@@ -35,8 +35,8 @@ class Block(nn.Module):
     """Residual block of two 3x3 convolutions.
 
     Args:
-        channels: coming in and going out.
-        hidden: between the two, if not as many.
+        channels: of input and output.
+        hidden: between the two; as many by default.
     """
 
     def __init__(self, channels: int, hidden: int | None = None) -> None:
@@ -50,7 +50,7 @@ class Block(nn.Module):
 
 
 def upsample(x: Tensor) -> Tensor:
-    """(N, C, h, w) -> (N, C, 2h, 2w), bilinear, cells half a cell from the edges."""
+    """(N, C, h, w) -> (N, C, 2h, 2w), bilinear, with cell centres aligned at half-cell offsets."""
     if not torch.compiler.is_compiling() or torch.compiler.is_exporting():
         return nn.functional.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
     out: Tensor = Upsample.apply(x)  # type: ignore[no-untyped-call]
@@ -58,7 +58,7 @@ def upsample(x: Tensor) -> Tensor:
 
 
 class Upsample(torch.autograd.Function):
-    """`upsample` for the compiler: of the usual one torch 2.13 compiles a gradient of zero in bfloat16."""
+    """`upsample` for the compiler: torch 2.13 compiles the built-in one to a gradient of zero in bfloat16."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor) -> Tensor:
@@ -72,7 +72,7 @@ class Upsample(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> Tensor:
-        """(N, C, 2h, 2w) -> (N, C, h, w): each cell has a part in four, at the edge twice in the same."""
+        """(N, C, 2h, 2w) -> (N, C, h, w): each cell contributes to four, at the border twice to the same."""
         (g,) = gradients
         for axis in (2, 3):
             last = g.shape[axis] - 1
@@ -84,8 +84,8 @@ class Upsample(torch.autograd.Function):
 
 
 class Lateral(nn.Module):
-    """Brings coarse features up to a finer level: 1x1 convolution, bilinear upsampling, sum, a residual block of
-    `hidden` channels."""
+    """Merge coarse features into a finer level: 1x1 convolution, bilinear upsampling, sum, a residual block of `hidden`
+    channels."""
 
     def __init__(self, coarse: int, fine: int, hidden: int | None = None) -> None:
         super().__init__()
@@ -99,14 +99,16 @@ class Lateral(nn.Module):
 
 
 class Head(nn.Module):
-    """Heatmaps from features. The finest tell where to a cell a landmark is, and alone where markers on the skin are.
-    Coarser ones, which see more of the person and have more channels, tell too which of two twins a landmark of the
-    body is. They say nothing at first, as in files of networks that had none.
+    """Heatmaps from features.
+
+    The finest features locate landmarks to a cell, and are all that virtual markers on the skin use. Coarser features,
+    which have more channels and see more of the person, also help to decide between left and right for body landmarks;
+    their weights start at zero, as in files of networks that had none.
 
     Args:
         landmarks: number of landmarks J.
         widths: channels at 1/4, 1/8 and 1/16 of the input's resolution.
-        body: how many of the landmarks are of the body, the first.
+        body: number of body landmarks, which come first.
     """
 
     def __init__(self, landmarks: int, widths: Sequence[int], body: int) -> None:
@@ -123,8 +125,8 @@ class Head(nn.Module):
         return body if markers is None else torch.cat([body, markers], 1)
 
     def apart(self, features: Sequence[Tensor]) -> tuple[Tensor, Tensor | None]:
-        """Of the same, the logits of the body and those of the markers, if there are any: a loss of either needs no
-        copy of all."""
+        """The logits of the body and those of the markers (None without markers) separately, so that a loss of either
+        needs no copy of all."""
         sixteenth, eighth, quarter = features
         coarse = upsample(self.eighth(eighth) + upsample(self.sixteenth(sixteenth)))
         weight, bias = self.fine.weight, self.fine.bias
@@ -138,15 +140,15 @@ class Head(nn.Module):
 
 
 class KeypointNet(nn.Module):
-    """Landmark heatmaps and visibility from crops: RGB and the difference to the background plate, which a static
-    camera gives; all zero where there is none.
+    """Landmark heatmaps and visibility from crops: RGB and the difference to a static camera's background model, which
+    is zero where there is none.
 
     Args:
-        landmarks: number of landmarks J: those of the body first, then those of its surface (virtual markers).
+        landmarks: number of landmarks J: those of the body first, then those on its surface (virtual markers).
         widths: channels at 1/4, 1/8, 1/16 and 1/32 of the input's resolution.
         depths: residual blocks on the way down at each of these.
-        hidden: channels within the residual blocks at each of these, on the way down and up; as
-            many as outside if not given.
+        hidden: channels within the residual blocks at each of these, on the way down and up; as many as outside by
+            default.
     """
 
     def __init__(
@@ -174,12 +176,12 @@ class KeypointNet(nn.Module):
         return self.head(features), self.visibility(whole)
 
     def apart(self, image: Tensor) -> tuple[Tensor, Tensor | None, Tensor]:
-        """The same, with the body's heatmaps and the markers' (if there are any) as two, for their losses."""
+        """The same, with the heatmaps of body and markers (None without markers) separate, for their losses."""
         features, whole = self.features(image)
         return *self.head.apart(features), self.visibility(whole)
 
     def features(self, image: Tensor) -> tuple[list[Tensor], Tensor]:
-        """(N, 4, S, S) -> those of which heatmaps are made, as `Head` takes them, and (N, widths[3]) of the whole."""
+        """(N, 4, S, S) -> the features for the heatmaps, as `Head` takes them, and (N, widths[3]) of the whole crop."""
         x = self.stem(image)
         features = []
         for level in self.levels:
@@ -193,11 +195,15 @@ class KeypointNet(nn.Module):
 
 
 class SeparateHeads(nn.Module):
-    """A `KeypointNet` whose body landmarks and virtual markers come out apart, for whoever wants the body alone.
+    """A `KeypointNet` with separate outputs for body landmarks and virtual markers, so that either can be computed
+    alone.
 
     Args:
-        net: J landmarks, the first `body` of them of the body.
-        body: how many.
+        net: a network of J landmarks.
+        body: number of body landmarks, which come first.
+
+    Raises:
+        ValueError: the network has another number of body landmarks.
     """
 
     def __init__(self, net: KeypointNet, body: int) -> None:
@@ -221,10 +227,10 @@ class SeparateHeads(nn.Module):
 
 
 class PlateApart(nn.Module):
-    """A network of four channels as one of two inputs, for whoever has no plate: see `models.export`.
+    """A four-channel network as one of two inputs, for callers without a background model: see `onnx_files.export`.
 
     Args:
-        net: a `KeypointNet` or its `SeparateHeads`, which are left as they are.
+        net: a `KeypointNet` or its `SeparateHeads`; it is copied.
     """
 
     def __init__(self, net: nn.Module) -> None:

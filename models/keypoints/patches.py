@@ -1,4 +1,4 @@
-"""Squares of cells cut out of maps."""
+"""Square windows cut out of maps."""
 
 import numpy as np
 
@@ -6,8 +6,17 @@ from muybridge.arrays import Float32Array, IndexArray
 
 
 def patches(maps: Float32Array, which: IndexArray, cells: IndexArray, reach: int) -> Float32Array:
-    """(K, n, n) of the maps `which` (K,) of (M, h, w): the n = 2 reach + 1 rows and columns round `cells` (K,), which
-    are counted along the rows; zero beyond a map's edge."""
+    """Windows of 2 reach + 1 rows and columns.
+
+    Args:
+        maps: (M, h, w).
+        which: (K,) index of each window's map.
+        cells: (K,) flat index of each window's central cell.
+        reach: cells on each side of it.
+
+    Returns:
+        (K, n, n), zero beyond a map's edge.
+    """
     height, width = maps.shape[1:]
     around = np.arange(-reach, reach + 1)
     v, u = (at[:, None] + around for at in np.divmod(cells, width))

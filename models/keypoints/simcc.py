@@ -1,7 +1,7 @@
-"""From the outputs of other people's top-down models to points and variances: SimCC bins and plain heatmaps.
+"""From the outputs of third-party top-down models to points and variances: SimCC bins and plain heatmaps.
 
-SimCC (Li et al. 2022) classifies x and y apart over bins finer than the pixels; RTMPose is its best-known user.
-Bin b lies at input pixel b / split_ratio, pixel 0 being the centre of the first one.
+SimCC (Li et al. 2022) classifies x and y separately over bins finer than pixels; RTMPose is the best-known model that
+uses it. Bin b lies at input pixel b / split_ratio, pixel 0 being the centre of the first one.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from muybridge.arrays import Float32Array, FloatArray
 from muybridge.models.keypoints.decode import DecodedHeatmaps, decode_heatmaps
 from muybridge.models.uncertainty import SpreadCalibration
 
-# The point is the centre of its own probability mass within this many bins, found in so many steps.
+# The point is the centre of mass within this many bins of itself, found in this many steps.
 _WINDOW_BINS = 5.5
 _WINDOW_STEPS = 6
 
-# Heatmaps of values: what is below this share of a map's peak is noise, not probability.
+# In heatmaps of values, anything below this share of a map's peak is noise, not probability.
 _NOISE = 0.05
 
 
@@ -30,23 +30,23 @@ def decode_simcc(
 ) -> DecodedHeatmaps:
     """Landmarks from classifications of x and y.
 
-    The softmax over the bins of an axis is the probability of the coordinate. The point is its mode, refined
-    within its neighbourhood; the variance is the mean over both axes of E(x - point)^2 over all bins; the score is
-    the probability that both coordinates are near the point.
+    The softmax over the bins of an axis is the probability of the coordinate. The point is its mode, refined within its
+    neighbourhood; the variance is the mean over both axes of E(x - point)^2 over all bins; the score is the probability
+    that both coordinates are near the point.
 
     Args:
         x_logits: (N, K, X) over the input's width.
         y_logits: (N, K, Y) over its height.
-        split_ratio: bins an input pixel.
-        spread: calibration of the variance.
-        softmax_scale: factor on the logits before the softmax: what the model was trained with (RTMPose: 10).
-        score_radius_px: how near, input px.
+        split_ratio: bins per input pixel.
+        spread: variance calibration.
+        softmax_scale: factor on the logits before the softmax, as in the model's training (RTMPose: 10).
+        score_radius_px: radius for the score, input px.
 
     Returns:
-        points in input pixels, (N, K, 2); NaN where an axis is not finite.
+        Points in input pixels, (N, K, 2); NaN where an axis is not finite.
 
     Raises:
-        ValueError: outputs that have not three axes or differ in N or K.
+        ValueError: outputs without three axes, or of different N or K.
     """
     if x_logits.ndim != 3 or y_logits.ndim != 3 or x_logits.shape[:2] != y_logits.shape[:2]:
         raise ValueError(f"(N, K, X) and (N, K, Y) expected, not {x_logits.shape} and {y_logits.shape}")
@@ -60,9 +60,9 @@ def decode_simcc(
 
 
 def _decode_axis(logits: Float32Array, scale: float, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Place (bins), spread about it (bins^2) and mass within `radius` (bins) of it, each (N, K)."""
+    """Position (bins), spread about it (bins^2) and mass within `radius` (bins) of it, each (N, K)."""
     bins = np.arange(logits.shape[-1], dtype=np.float64)
-    with np.errstate(invalid="ignore"):  # what is not finite comes out as NaN
+    with np.errstate(invalid="ignore"):  # values that are not finite become NaN
         scaled = scale * logits.astype(np.float64)
         p = np.exp(scaled - scaled.max(axis=-1, keepdims=True))
         p /= p.sum(axis=-1, keepdims=True)
@@ -71,7 +71,7 @@ def _decode_axis(logits: Float32Array, scale: float, radius: float) -> tuple[Flo
         for _ in range(_WINDOW_STEPS):
             near = p * np.clip(_WINDOW_BINS + 0.5 - np.abs(bins - at[..., None]), 0.0, 1.0)
             at = (near * bins).sum(axis=-1) / near.sum(axis=-1)
-            # The mode stays near its bin: a slope without a peak must not walk away.
+            # The mode stays near its bin: on a slope without a peak it must not drift away.
             at = np.clip(at, best - 1.0, best + 1.0)
         away = bins - at[..., None]
         mass = (p * (np.abs(away) <= radius)).sum(axis=-1)
@@ -84,16 +84,19 @@ def decode_value_heatmaps(
     """Landmarks from heatmaps of other conventions.
 
     Args:
-        values: (N, K, h, w); logits of a softmax over the cells, or values that are 1 at a sure landmark and 0
-            elsewhere (networks trained with a squared error).
-        stride: input px a cell.
+        values: (N, K, h, w); logits of a softmax over the cells, or values from 0 to 1 at a certain landmark (networks
+            trained with a squared error).
+        stride: input px per cell.
         origin_px: input px of the first cell's centre, in x and in y.
-        spread: calibration of the variance.
-        logits: which of the two they are.
+        spread: variance calibration.
+        logits: whether `values` are logits.
 
     Returns:
-        points in input pixels, (N, K, 2); NaN where a map is not finite. The score of values is their peak, cut to
+        Points in input pixels, (N, K, 2); NaN where a map is not finite. The score of values is their peak, clipped to
         0..1.
+
+    Raises:
+        ValueError: `values` does not have four axes.
     """
     if values.ndim != 4:
         raise ValueError(f"heatmaps must be (N, K, h, w), not {values.shape}")
@@ -105,7 +108,7 @@ def decode_value_heatmaps(
             maps = np.log(np.where(maps > _NOISE * np.abs(peak), maps, np.float32(1e-30)))
     cells = decode_heatmaps(maps, 1, SpreadCalibration(1.0, 0.0))
     at = cells.points_crop_px
-    if not logits:  # Gaussians of two cells and more, which the window cuts off: their fourth power is half as wide
+    if not logits:  # wide Gaussians, which the window truncates: their fourth power is half as wide
         at = decode_heatmaps(4 * maps, 1, SpreadCalibration(1.0, 0.0)).points_crop_px
     points = at * stride + origin_px
     variance = spread.variance(cells.variance_crop_px2 * stride**2)

@@ -1,162 +1,175 @@
-"""Crops shown to a network again: smaller, turned by quarters, and tilted a little. One that knows people whole and
-upright best finds so who is seen in part, lies or stands on their hands, and what it is still unsure of it sees once
-more from either side."""
+"""Test-time augmentation of crops: mirrored, smaller, rotated by quarter turns, and tilted.
 
+The network is best on whole, upright people. Smaller crops help with partly visible people, quarter turns with people
+who lie or stand on their hands, and tilted crops reduce the uncertainty that remains.
+"""
+
+from collections.abc import Callable
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
-from muybridge.models.keypoints.decode import NO_IDEA, DecodedHeatmaps, in_part
-from muybridge.models.keypoints.metadata import KeypointModelCard
-from muybridge.models.keypoints.rescale import Look, Maps, Value, at_side, reading_sides, redrawn
+from muybridge.models.keypoints.decode import NO_IDEA, DecodedHeatmaps, count_located, in_part
+from muybridge.models.keypoints.metadata import KeypointModelCard, crop_side
 
-# A crop of whose landmarks the logarithms of the variances are more than this on average (px^2 of a crop of 192 px) is
-# unsure; another orientation counts where they are less by so much. Nobody is turned who is seen in part, at a desk or
-# by the picture's border: they are unsure for that and not for lying, and may look like a person any way up.
-_UNSURE, _SURER = 2.85, 0.6
-# What is more unsure than this is tilted to both sides by so much, and the mean of all three looks counts.
-_DOUBTFUL, _TILT = 2.05, np.radians(14.0)
+Maps = list[Float32Array]
+Value = TypeVar("Value", np.uint8, np.float32)
+Read = Callable[[NDArray[Value]], Maps]
+
+# Sides of crops relative to the network's best: of a first pass over a video, and of people of whom least is visible.
+FIRST_PASS, LEAST = 3 / 4, 5 / 8
+# If at most this share of the landmarks is located, the crop is read at this share of its side; measured on held-out
+# close-ups and people cut off by the image border.
+_SIDES = ((0.5, LEAST), (0.85, 3 / 4), (0.99, 7 / 8))
+
+# A crop is uncertain if the mean logarithm of its landmarks' variances (px^2 in a crop of 192 px) exceeds the first
+# number; another orientation is used if it lowers that by the second. Partly visible people, at a desk or at the image
+# border, are not rotated: that is why they are uncertain, and they may look like a person in any orientation.
+_UNCERTAIN, _GAIN = 2.85, 0.6
+# Crops more uncertain than this are tilted to both sides by this angle, and the mean of all three readings is used.
+_STILL_UNCERTAIN, _TILT = 2.05, np.radians(14.0)
 
 
 class Series(NamedTuple):
-    """Which crops show the same at one moment after another, so that not every one need be tried in every orientation:
-    what the detector takes for a person and is none is unsure in all of its frames.
+    """Which crops show the same person over time, so that not every one has to be tried in every orientation: false
+    detections of the person detector are uncertain in all of their frames.
 
     Attributes:
-        number: (N,) of the series; the crops of each are in order of time.
-        every: one of so many is tried in every orientation, the others in those that count for their neighbours.
+        number: (N,) of the series; the crops of each are in temporal order.
+        every: every n-th crop is tried in every orientation, the others only in those that helped their neighbours.
     """
 
     number: IntArray
     every: int
 
 
-def test_time_augment(
-    look: Look[Value], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
+def augment_at_test_time(
+    read: Read[Value], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
     series: Series | None = None, tilt: bool = False,
 ) -> DecodedHeatmaps:  # fmt: skip
-    """Replace what a network says of crops that show a part of somebody by what it says of them made smaller; of unsure
-    crops by what it says of them turned by quarters, where it is surer of that; of what is unsure still, by the mean
-    with what it says of it tilted.
+    """Decode crops with test-time augmentation.
+
+    Crops of partly visible people are read at a smaller size. Uncertain crops are read in other orientations, which
+    replace the first reading where they are less uncertain. Crops that remain uncertain are averaged with tilted
+    readings.
 
     Args:
-        look: runs the network: crops of any side that is a multiple of 32 to maps.
+        read: runs the network: crops of any side that is a multiple of 32, to maps.
         crops: (N, ...) with rows and columns of pixels at the axes `rows` and `rows + 1`.
-        maps: what the network says of them, changed in place: first the landmarks' heatmaps (N, J, h, w), logits, then
-            any others of four axes, and arrays of two axes that do not turn.
+        maps: the network's output for them, updated in place: first the landmarks' heatmaps (N, J, h, w), logits, then
+            any other arrays of four axes, and arrays of two axes, which do not rotate.
         card: of the network.
-        rows: axis of the crops.
-        series: of the crops; each stands for itself if absent.
-        tilt: crops too, two looks more at what is unsure.
+        rows: axis of the crops' pixel rows.
+        series: of the crops; without, each crop stands for itself.
+        tilt: also tilt uncertain crops, which costs two more readings of each.
 
     Returns:
-        the landmarks that the heatmaps then say.
+        The landmarks decoded from the final heatmaps.
     """
-    decoded, size = card.decoded(maps[0]), crops.shape[rows]
+    decoded, size = card.decode(maps[0]), crops.shape[rows]
     sides = reading_sides(decoded.score, size, card.input_size)
     (small,) = np.nonzero(sides < size)
     for side in np.unique(sides[small]):
         (here,) = np.nonzero(sides == side)
-        for out, found in zip(maps, at_side(look, int(side), rows)(crops[here]), strict=True):
+        for out, found in zip(maps, at_side(read, int(side), rows)(crops[here]), strict=True):
             out[here] = found
-    _decode_again(decoded, maps, card, small)
-    least = _doubt(decoded, size)
-    (unsure,) = np.nonzero((least > _UNSURE) & ~in_part(decoded.score))
-    quarters = _turn(look, crops, maps, card, rows, least - _SURER, unsure, series)
+    _update_decoded(decoded, maps, card, small)
+    limit = _uncertainty(decoded, size)
+    (uncertain,) = np.nonzero((limit > _UNCERTAIN) & ~in_part(decoded.score))
+    quarters = _rotate(read, crops, maps, card, rows, limit - _GAIN, uncertain, series)
     (changed,) = np.nonzero(quarters)
-    _decode_again(decoded, maps, card, changed)
+    _update_decoded(decoded, maps, card, changed)
     if not tilt:
         return decoded
-    (doubtful,) = np.nonzero(_doubt(decoded, size, in_part(decoded.score)) > _DOUBTFUL)
+    (uncertain,) = np.nonzero(_uncertainty(decoded, size, in_part(decoded.score)) > _STILL_UNCERTAIN)
     sides[changed] = size
-    for side in np.unique(sides[doubtful]):
-        here = doubtful[sides[doubtful] == side]
-        _tilt(at_side(look, int(side), rows), crops, maps, rows, here, quarters)
-    _decode_again(decoded, maps, card, doubtful)
+    for side in np.unique(sides[uncertain]):
+        here = uncertain[sides[uncertain] == side]
+        _tilt(at_side(read, int(side), rows), crops, maps, rows, here, quarters)
+    _update_decoded(decoded, maps, card, uncertain)
     return decoded
 
 
-def _decode_again(decoded: DecodedHeatmaps, maps: Maps, card: KeypointModelCard, changed: IndexArray) -> None:
-    """Brings the landmarks of some crops up to date with their heatmaps, in place."""
+def _update_decoded(decoded: DecodedHeatmaps, maps: Maps, card: KeypointModelCard, changed: IndexArray) -> None:
+    """Decode the heatmaps of some crops again, in place."""
     if len(changed):
-        for values, new in zip(decoded, card.decoded(maps[0][changed]), strict=True):
+        for values, new in zip(decoded, card.decode(maps[0][changed]), strict=True):
             values[changed] = new
 
 
-def _turn(
-    look: Look[Value], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
-    least: FloatArray, unsure: IndexArray, series: Series | None,
+def _rotate(
+    read: Read[Value], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
+    limit: FloatArray, uncertain: IndexArray, series: Series | None,
 ) -> IntArray:  # fmt: skip
-    """Turns the `unsure` crops, see `test_time_augment`; (N,) by how many quarters each is seen best. The doubt of them
-    has to be less than `least` (N,), which is changed."""
+    """Rotate the `uncertain` crops, see `augment_at_test_time`; (N,) number of quarter turns of each crop's best
+    orientation. Its uncertainty has to be below `limit` (N,), which is lowered in place."""
     quarters = np.zeros(len(crops), dtype=np.int64)
 
     def attempt(turn: int, tried: IndexArray) -> None:
         if not len(tried):
             return
-        turned = look(np.rot90(crops[tried], turn, axes=(rows, rows + 1)))
-        doubt = _doubt(card.decoded(turned[0]), crops.shape[rows])
-        surer = doubt < least[tried]
-        better = tried[surer]
-        least[better], quarters[better] = doubt[surer], turn
-        for out, found in zip(maps, turned, strict=True):
-            back = found[surer]
+        rotated = read(np.rot90(crops[tried], turn, axes=(rows, rows + 1)))
+        value = _uncertainty(card.decode(rotated[0]), crops.shape[rows])
+        better_here = value < limit[tried]
+        better = tried[better_here]
+        limit[better], quarters[better] = value[better_here], turn
+        for out, found in zip(maps, rotated, strict=True):
+            back = found[better_here]
             out[better] = np.rot90(back, -turn, axes=(2, 3)) if back.ndim == 4 else back
 
-    before, after = _samples(unsure, series)
-    sampled = (before == unsure) | (after == unsure)
+    before, after = _neighbours_in_series(uncertain, series)
+    sampled = (before == uncertain) | (after == uncertain)
     for turn in (1, 2, 3):
-        attempt(turn, unsure[sampled])
+        attempt(turn, uncertain[sampled])
     counts = quarters[before], quarters[after]
     for turn in (1, 2, 3):
-        attempt(turn, unsure[~sampled & ((counts[0] == turn) | (counts[1] == turn))])
+        attempt(turn, uncertain[~sampled & ((counts[0] == turn) | (counts[1] == turn))])
     return quarters
 
 
 def _tilt(
-    look: Look[Value], crops: NDArray[Value], maps: Maps, rows: int, doubtful: IndexArray,
+    read: Read[Value], crops: NDArray[Value], maps: Maps, rows: int, uncertain: IndexArray,
     quarters: IntArray,
 ) -> None:  # fmt: skip
-    """Makes what a network says of the `doubtful` crops, turned by their `quarters` (N,), the mean of that and of what
-    it says of them tilted to either side, in place."""
-    upright = np.stack([np.rot90(crops[k], quarters[k], axes=(rows - 1, rows)) for k in doubtful])
-    totals = [out[doubtful] for out in maps]
+    """Average the maps of the `uncertain` crops, rotated by their `quarters` (N,), with those of the same crops tilted
+    to either side, in place."""
+    upright = np.stack([np.rot90(crops[k], quarters[k], axes=(rows - 1, rows)) for k in uncertain])
+    totals = [out[uncertain] for out in maps]
     for angle in (_TILT, -_TILT):
-        for total, found in zip(totals, look(_tilted(upright, rows, angle)), strict=True):
+        for total, found in zip(totals, read(_tilt_crops(upright, rows, angle)), strict=True):
             if found.ndim == 2:
                 total += found
                 continue
-            back = _tilted_back(found, angle)
-            for k, turn in enumerate(quarters[doubtful]):
+            back = _tilt_maps_back(found, angle)
+            for k, turn in enumerate(quarters[uncertain]):
                 total[k] += np.rot90(back[k], -turn, axes=(1, 2))
     for out, total in zip(maps, totals, strict=True):
-        out[doubtful] = total / 3
+        out[uncertain] = total / 3
 
 
-def _tilted(crops: NDArray[Value], rows: int, angle: float) -> NDArray[Value]:
-    """Crops turned about their middle by `angle`, radians, counter-clockwise as one sees them; black beyond."""
+def _tilt_crops(crops: NDArray[Value], rows: int, angle: float) -> NDArray[Value]:
+    """Crops rotated about their centre by `angle`, radians, counter-clockwise as displayed; black beyond the border."""
     size = crops.shape[rows]
     matrix = cv2.getRotationMatrix2D(((size - 1) / 2, (size - 1) / 2), float(np.degrees(angle)), 1.0)
-    return redrawn(crops, rows, lambda p: cv2.warpAffine(p, matrix, (size, size), flags=cv2.INTER_LINEAR))
+    return _redraw(crops, rows, lambda p: cv2.warpAffine(p, matrix, (size, size), flags=cv2.INTER_LINEAR))
 
 
-def _tilted_back(maps: Float32Array, angle: float) -> Float32Array:
-    """Heatmaps (N, J, h, h) of crops that were tilted by `angle`, as if they had not been: bilinear, the nearest cell
-    beyond the edge."""
-    cells, weights = _sampling(maps.shape[-1], angle)
+def _tilt_maps_back(maps: Float32Array, angle: float) -> Float32Array:
+    """Heatmaps (N, J, h, h) of crops tilted by `angle`, resampled to the upright crop: bilinear, with the nearest cell
+    beyond the border."""
+    cells, weights = _bilinear(maps.shape[-1], angle)
     flat = maps.reshape(*maps.shape[:2], -1)
     out = sum(weight * flat[..., cell] for cell, weight in zip(cells, weights, strict=True))
     return np.asarray(out, dtype=np.float32).reshape(maps.shape)
 
 
 @lru_cache(maxsize=8)
-def _sampling(size: int, angle: float) -> tuple[IndexArray, Float32Array]:
-    """(4, size * size) cells of a map tilted by `angle`, and the weight with which each cell of the upright map is made
-    of them."""
+def _bilinear(size: int, angle: float) -> tuple[IndexArray, Float32Array]:
+    """(4, size * size) cells of a map tilted by `angle`, and the weight of each in every cell of the upright map."""
     middle = (size - 1) / 2
     v, u = np.indices((size, size)) - middle
     cos, sin = np.cos(angle), np.sin(angle)
@@ -168,24 +181,97 @@ def _sampling(size: int, angle: float) -> tuple[IndexArray, Float32Array]:
     return cells, weights
 
 
-def _samples(unsure: IndexArray, series: Series | None) -> tuple[IndexArray, IndexArray]:
-    """(n,) and (n,) of the unsure crops' own series those before and after each that are tried in every orientation;
-    of one that is, itself is one of them."""
-    before, after = unsure.copy(), unsure.copy()
+def _neighbours_in_series(uncertain: IndexArray, series: Series | None) -> tuple[IndexArray, IndexArray]:
+    """(n,) and (n,): for each uncertain crop, the nearest crops of its series before and after it that are tried in
+    every orientation; the crop itself if it is one of these."""
+    before, after = uncertain.copy(), uncertain.copy()
     if series is None:
         return before, after
-    number = series.number[unsure]
+    number = series.number[uncertain]
     for each in np.unique(number):
         (here,) = np.nonzero(number == each)
         place = np.arange(len(here))
-        before[here] = unsure[here[place // series.every * series.every]]
-        after[here] = unsure[here[np.minimum(-(-place // series.every) * series.every, len(here) - 1)]]
+        before[here] = uncertain[here[place // series.every * series.every]]
+        after[here] = uncertain[here[np.minimum(-(-place // series.every) * series.every, len(here) - 1)]]
     return before, after
 
 
-def _doubt(found: DecodedHeatmaps, size: int, partly: BoolArray | None = None) -> FloatArray:
-    """(N,) mean logarithm of the variances of landmarks found in crops of `size` px, px^2 of a crop of 192 px; of crops
-    seen `partly` (N,), of those landmarks that are there."""
-    doubt = np.log(found.variance_crop_px2 * (192 / size) ** 2)
+def _uncertainty(found: DecodedHeatmaps, size: int, partly: BoolArray | None = None) -> FloatArray:
+    """(N,) mean logarithm of the landmark variances in crops of `size` px, scaled to px^2 in a crop of 192 px. In crops
+    that are `partly` (N,) visible people only located landmarks count."""
+    value = np.log(found.variance_crop_px2 * (192 / size) ** 2)
     counted = True if partly is None else ~partly[:, None] | (found.score >= NO_IDEA)
-    return np.asarray(doubt.mean(axis=1, where=counted))
+    return np.asarray(value.mean(axis=1, where=counted))
+
+
+def mean_of_mirrored(once: Float32Array, mirrored: Float32Array, twins: IndexArray) -> Float32Array:
+    """The mean of the outputs for crops and for their mirror images, in the geometry of the crops.
+
+    Args:
+        once: (N, J, h, w) heatmaps or (N, J) visibility, logits.
+        mirrored: the same for the mirror images.
+        twins: (J,) index of each landmark's counterpart on the other side.
+    """
+    back = mirrored[:, twins]
+    return np.asarray((once + (back[..., ::-1] if back.ndim == 4 else back)) / 2, dtype=np.float32)
+
+
+def reading_sides(score: FloatArray, side: int, best: int) -> IntArray:
+    """Side at which crops are read best.
+
+    Args:
+        score: (N, J) scores of the landmarks at the present side.
+        side: of the crops, px.
+        best: crop side at which the network is best, px.
+
+    Returns:
+        (N,) px.
+    """
+    count, most = count_located(score), score.shape[1]
+    sides = np.full(len(score), side, dtype=np.int64)
+    for share, smaller in reversed(_SIDES):
+        sides[count <= share * most] = crop_side(best * smaller)
+    return np.where(in_part(score, 1.0), np.minimum(sides, side), side)
+
+
+def at_side(read: Read[Value], side: int, rows: int) -> Read[Value]:
+    """A `read` that makes crops smaller first; its maps have the size of those of the original crops.
+
+    Args:
+        read: runs the network: crops to maps, of which those with four axes are (N, J, h, w) logits.
+        side: of the crops that it gets, px.
+        rows: axis of the crops' pixel rows, before that of the columns.
+    """
+
+    def smaller(crops: NDArray[Value]) -> Maps:
+        size = crops.shape[rows]
+        if side == size:
+            return read(crops)
+        shrunk = _redraw(crops, rows, lambda p: cv2.resize(p, (side, side), interpolation=cv2.INTER_AREA))
+        maps = read(shrunk)
+        return [_enlarge(m, m.shape[-1] * size // side) if m.ndim == 4 else m for m in maps]
+
+    return smaller
+
+
+def _redraw(crops: NDArray[Value], rows: int, draw: Callable[[NDArray[Value]], NDArray[Any]]) -> NDArray[Value]:
+    """Apply an image operation to each crop.
+
+    Args:
+        crops: (N, ...) with rows and columns of pixels at the axes `rows` and `rows + 1`.
+        rows: 1 or 2.
+        draw: (h, w, C) to images of as many channels, all of one size.
+    """
+    pictures = np.ascontiguousarray(crops if rows == 1 else crops.transpose(0, 2, 3, 1))
+    drawn = np.stack([draw(p) for p in pictures])
+    drawn = drawn.reshape(*drawn.shape[:3], -1)  # OpenCV drops the axis of a single channel
+    return np.ascontiguousarray(drawn if rows == 1 else drawn.transpose(0, 3, 1, 2)).astype(crops.dtype, copy=False)
+
+
+def _enlarge(maps: Float32Array, cells: int) -> Float32Array:
+    """Maps (N, J, h, h) resampled to `cells` cells per side: linear between cell centres, the nearest cell beyond the
+    outermost."""
+    have = maps.shape[-1]
+    at = np.clip((np.arange(cells) + 0.5) * have / cells - 0.5, 0, have - 1)
+    weights = np.maximum(0, 1 - np.abs(at[:, None] - np.arange(have))).astype(np.float32)
+    return np.asarray(weights @ maps @ weights.T, dtype=np.float32)

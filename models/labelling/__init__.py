@@ -1,1 +1,5 @@
-"""."""
+"""The marker labelling network: its design and the metadata of its files."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

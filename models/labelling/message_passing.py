@@ -1,7 +1,7 @@
-"""Messages along the edges of a graph, summed up at the nodes: one pass over memory instead of a dozen.
+"""Messages along the edges of a graph, aggregated at the nodes: one pass over memory instead of a dozen.
 
-The training of the labelling network on a CPU spends most of its time here; elsewhere (a GPU, an export) the plain
-form is used, which gives the same numbers.
+Training the labelling network on a CPU spends most of its time here. Elsewhere (on a GPU, in an export) the plain form
+is used, which gives the same numbers.
 """
 
 from typing import Any
@@ -16,9 +16,9 @@ def gather_messages(here: Tensor, there: Tensor, edge: Tensor, neighbour: Tensor
     """Largest and mean message of every node.
 
     Args:
-        here: (R, M) what a node gives to its messages.
-        there: (R, M) what a neighbour gives.
-        edge: (R, K, M) what the edge gives.
+        here: (R, M) a node's part of its messages.
+        there: (R, M) a neighbour's part.
+        edge: (R, K, M) the edge's part.
         neighbour: (R * K) rows of the neighbours.
 
     Returns:

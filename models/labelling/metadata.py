@@ -16,16 +16,16 @@ from muybridge.models.metadata_reader import Reader
 
 @dataclass(frozen=True)
 class LabelModelCard:
-    """A labelling network's file.
+    """Metadata of a labelling network.
 
     Attributes:
         version: of the weights.
-        window: seconds before and after a frame at which the network looks.
-        neighbours: how many neighbours a point has; a frame must be padded to more points than that.
+        window: times relative to a frame that the network sees, seconds.
+        neighbours: neighbours of a point; a frame must be padded to more points than that.
         distance_m: (L, L) mean distance between the landmarks of `SURFACE` on the training bodies, metres.
-        motion_m: (L, L) how much it varies while a body moves (standard deviation within a clip), metres.
-        bodies_m: (L, L) how much its mean varies between bodies and placements, metres.
-        metadata: everything the file says, as text.
+        motion_m: (L, L) its standard deviation within a clip, while a body moves, metres.
+        bodies_m: (L, L) standard deviation of its mean between bodies and placements, metres.
+        metadata: all metadata, as text.
     """
 
     version: str
@@ -45,16 +45,16 @@ def label_card(metadata: Mapping[str, str], path: Path) -> LabelModelCard:
         path: of the file, for messages.
 
     Raises:
-        ModelError: not a labelling network of ours, or its metadata is damaged.
+        ModelError: not a muybridge labelling network, or its metadata are damaged.
     """
     read = Reader(metadata, path)
     read.kind("labels")
     rigidity = read.json_object("rigidity")
     distance, motion, bodies = (_matrix(rigidity.get(k), k, read) for k in ("distance_mm", "motion_mm", "bodies_mm"))
-    window = read._json("window")
+    window = read.json("window")
     if not isinstance(window, list) or not all(isinstance(w, float) for w in window):
         raise read.error("window is not a list of seconds")
-    if tuple(read._json("names")) != SURFACE.names:
+    if tuple(read.json("names")) != SURFACE.names:
         raise read.error("its label names are not those of the surface landmarks")
     return LabelModelCard(
         read.text("version"), tuple(window), read.integer("neighbours"), distance, motion, bodies, dict(metadata)

@@ -1,9 +1,9 @@
-"""The labelling network: which marker is which, by message passing between geometric neighbours.
+"""The labelling network: assigns labels to markers by message passing between geometric neighbours.
 
-A point is a node; its edges go to its nearest neighbours and nowhere else, so that what is far away (a second
-person, a ghost) cannot disturb. There is no attention, and no layer in which all points meet; only the final
-assignment (Sinkhorn) sees the frame as a whole. Points come with a short window: where they were and will be,
-as far as their trajectory is known.
+A point is a node; its edges go only to its nearest neighbours, so that distant points (a second person, ghost markers)
+cannot interfere. There is no attention, and no layer in which all points meet; only the final assignment (Sinkhorn) is
+global over the frame. Points come with a short time window: where they were and will be, as far as their trajectory is
+known.
 """
 
 from typing import Any
@@ -13,16 +13,16 @@ from torch import Tensor, nn
 
 from muybridge.models.labelling.message_passing import gather_messages
 
-# Seconds before and after a frame at which the window looks.
+# Times of the window relative to the frame, seconds.
 WINDOW = (-0.3, -0.1, 0.1, 0.3)
 NEIGHBOURS = 8
 FAR = 1e4
-# Lengths are divided by this, metres.
+# Unit of length in the features, metres.
 LENGTH = 0.3
 
 
 class _Layer(nn.Module):
-    """One round of messages: the largest and the mean over the neighbours, then a node-wise network."""
+    """One round of messages: maximum and mean over the neighbours, then a network per node."""
 
     def __init__(self, width: int, message: int, edge: int) -> None:
         super().__init__()
@@ -43,13 +43,13 @@ class LabelNet(nn.Module):
     """Points of a frame to the logarithm of their assignment to labels.
 
     Args:
-        labels: how many labels the network knows.
+        labels: number of labels.
         width: of the nodes' features.
-        message: of the messages.
-        edge: of the edges' features.
+        message: width of the messages.
+        edge: width of the edges' features.
         layers: rounds of messages.
         neighbours: edges of a node.
-        rounds: of Sinkhorn's normalisation.
+        rounds: of Sinkhorn normalisation.
     """
 
     def __init__(self, labels: int = 72, width: int = 64, message: int = 40, edge: int = 24, layers: int = 5,
@@ -67,7 +67,7 @@ class LabelNet(nn.Module):
         self.dust = nn.Parameter(torch.zeros(()))
 
     def forward(self, points: Tensor, seen: Tensor, asked: Tensor) -> Tensor:
-        """Scores of a batch of frames.
+        """Assignment of a batch of frames.
 
         Args:
             points: (B, 1 + W, N, 3) metres, z up; the frame itself, then the times of `WINDOW`.
@@ -80,11 +80,11 @@ class LabelNet(nn.Module):
         return self.assign(self.logits(points, seen, asked), seen, asked)
 
     def assign(self, scores: Tensor, seen: Tensor, asked: Tensor) -> Tensor:
-        """Sinkhorn's normalisation of `logits`; shapes as `forward`."""
+        """Sinkhorn normalisation of `logits`; shapes as in `forward`."""
         return sinkhorn(scores, seen[:, 0], asked, self.dust, self.rounds)
 
     def logits(self, points: Tensor, seen: Tensor, asked: Tensor) -> Tensor:
-        """(B, N, L + 1) before the assignment; arguments as `forward`."""
+        """(B, N, L + 1) before the assignment; arguments as in `forward`."""
         b, _, n, _ = points.shape
         at, known, k = points[:, 0] / LENGTH, seen[:, 0], self.neighbours
         neighbour = self._neighbours(at, known)
@@ -116,20 +116,20 @@ class LabelNet(nn.Module):
 
     @staticmethod
     def _heading(to: Tensor) -> Tensor:
-        """(R, 2) horizontal unit vectors of nodes: towards the middle of their neighbours.
+        """(R, 2) horizontal unit vectors of nodes: towards the mean of their neighbours.
 
-        All vectors at a node are seen from its heading, so that the network does not have to learn that a person may
-        face any way.
+        All vectors at a node are expressed relative to its heading, so that the network does not have to learn that a
+        person may face any direction.
         """
         towards = to[..., :2].mean(1)
         towards = towards + torch.tensor([1e-4, 0.0], device=to.device)
         return towards / towards.square().sum(-1, keepdim=True).sqrt()
 
     def _neighbours(self, at: Tensor, known: Tensor) -> Tensor:
-        """Flat indices (B * N * K) of the nearest known points; where there are fewer, the point itself."""
+        """Flat indices (B * N * K) of the nearest known points; the point itself where there are fewer."""
         b, n, _ = at.shape
         gap = (at.unsqueeze(2) - at.unsqueeze(1)).square().sum(-1)
-        # A point is no neighbour of itself, and an unknown one is nobody's.
+        # A point is not its own neighbour, and an unknown one is nobody's.
         hidden = (1 - known).unsqueeze(1) + torch.eye(n, device=at.device).unsqueeze(0)
         nearest, index = (gap + hidden * FAR).topk(self.neighbours, dim=2, largest=False)
         itself = torch.arange(n, device=at.device).reshape(1, n, 1)
@@ -138,19 +138,20 @@ class LabelNet(nn.Module):
 
 
 def _turn(vectors: Tensor, heading: Tensor) -> Tensor:
-    """Vectors (..., 2 or 3) as seen from horizontal headings (..., 2): the first axis along the heading, z as it is."""
+    """Vectors (..., 2 or 3) relative to horizontal headings (..., 2): the first axis along the heading, z unchanged."""
     c, s = heading[..., :1], heading[..., 1:]
     x, y = vectors[..., :1], vectors[..., 1:2]
     return torch.cat([x * c + y * s, y * c - x * s, vectors[..., 2:]], -1)
 
 
 def sinkhorn(scores: Tensor, known: Tensor, asked: Tensor, dust: Tensor, rounds: int) -> Tensor:
-    """Scores (B, N, L + 1) to the logarithm of an assignment in which every known point goes to one label or to the
-    dustbin, and every label asked for gets one point or none (Sarlin et al. 2020).
+    """Scores to the logarithm of an assignment in which every known point goes to one label or to the dustbin, and
+    every requested label gets one point or none (Sarlin et al. 2020).
 
     Args:
-        scores: the last column is the dustbin's.
-        known: (B, N) and `asked`: (B, L), 1 or 0.
+        scores: (B, N, L + 1); the last column is the dustbin's.
+        known: (B, N), 1 or 0.
+        asked: (B, L), 1 or 0.
         dust: score of a label that gets no point.
         rounds: of normalisation.
     """

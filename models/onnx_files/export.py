@@ -1,21 +1,62 @@
-"""Networks to ONNX files that say what they are. Needs torch and onnx (the `train` extra)."""
+"""Export networks to ONNX files that describe themselves. Needs torch and onnx (the `train` extra)."""
 
 from __future__ import annotations
 
 import json
 import logging
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
+from numpy.typing import NDArray
+from torch import Tensor, nn
 
+from muybridge.arrays import Float32Array
 from muybridge.files import replacing
 
 OPSET = 18
+
+
+def write_onnx(
+    net: nn.Module, path: Path, inputs: Mapping[str, Tensor], outputs: Sequence[str], dynamic_shapes: Sequence[Any],
+    metadata: Mapping[str, Any], edit: Callable[[Any], None] | None = None,
+) -> None:  # fmt: skip
+    """Write a network and its metadata to an ONNX file.
+
+    Args:
+        net: the network, in evaluation mode.
+        path: of the file; it appears only when it is complete.
+        inputs: names and example values of the network's inputs, in order.
+        outputs: names of its outputs.
+        dynamic_shapes: of each input, which axes vary: see `torch.export.Dim`.
+        metadata: the file's description; values other than text are written as JSON.
+        edit: called with the ONNX graph, to change it.
+    """
+    import onnx
+
+    with replacing(path) as temporary:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+            torch.onnx.export(
+                net, tuple(inputs.values()), str(temporary), input_names=list(inputs), output_names=list(outputs),
+                dynamic_shapes=tuple(dynamic_shapes), opset_version=OPSET, dynamo=True, verbose=False,
+                external_data=False,
+            )  # fmt: skip
+        model = onnx.load(str(temporary))
+        del model.metadata_props[:]
+        for node in model.graph.node:  # the exporter records source lines with paths of this machine
+            del node.metadata_props[:]
+            node.doc_string = ""
+        if edit is not None:
+            edit(model.graph)
+        for key, value in metadata.items():
+            model.metadata_props.add(key=key, value=value if isinstance(value, str) else json.dumps(value))
+        onnx.checker.check_model(model)
+        onnx.save(model, str(temporary))
 
 
 def export_onnx(
@@ -26,49 +67,30 @@ def export_onnx(
     metadata: Mapping[str, Any],
     optional: str | None = None,
 ) -> None:
-    """Writes `net` with its metadata; batch, height and width stay free.
+    """Write an image network and its metadata; batch size, height and width stay variable.
 
     Args:
         net: takes one image tensor (N, C, H, W), float32 in 0..1; with `optional` a second one of one channel.
-        path: of the file, written whole or not at all.
+        path: of the file; it appears only when it is complete.
         example: shape of an example input; H and W divisible by 32.
         outputs: names of the network's outputs.
-        metadata: what the file says about itself; values that are no text are written as JSON.
-        optional: name of a second input (N, 1, H, W), which whoever runs the file may leave out: then it is zero.
+        metadata: the file's description; values other than text are written as JSON.
+        optional: name of a second input (N, 1, H, W) that may be left out when the file is run; it is zero then.
     """
-    import onnx
-
-    net = net.cpu().float().eval()
-    # Height and width are multiples of 32 by their meaning, which the exporter has to be told.
+    # Height and width are multiples of 32, which the exporter cannot infer.
     height, width = torch.export.Dim("rows", min=1, max=64), torch.export.Dim("columns", min=1, max=64)
     shape = {0: torch.export.Dim("batch", min=1, max=4096), 2: 32 * height, 3: 32 * width}
     names = ["image", *([optional] if optional else [])]
-    examples = tuple(torch.rand(example[0], c, *example[2:]) for c in (example[1], 1)[: len(names)])
-    with replacing(path) as temporary:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            logging.getLogger("torch.onnx").setLevel(logging.ERROR)
-            torch.onnx.export(
-                net, examples, str(temporary), input_names=names, output_names=list(outputs),
-                dynamic_shapes=(shape,) * len(names), opset_version=OPSET, dynamo=True, verbose=False,
-                external_data=False,
-            )  # fmt: skip
-        model = onnx.load(str(temporary))
-        del model.metadata_props[:]
-        for node in model.graph.node:  # the exporter notes each node's source line, which is nobody's business
-            del node.metadata_props[:]
-            node.doc_string = ""
-        if optional:
-            _default_to_zero(model.graph, optional)
-        for key, value in metadata.items():
-            model.metadata_props.add(key=key, value=value if isinstance(value, str) else json.dumps(value))
-        onnx.checker.check_model(model)
-        onnx.save(model, str(temporary))
+    examples = {n: torch.rand(example[0], c, *example[2:]) for n, c in zip(names, (example[1], 1), strict=False)}
+    edit = None if optional is None else lambda graph: _default_to_zero(graph, optional)
+    write_onnx(net.cpu().float().eval(), path, examples, outputs, (shape,) * len(names), metadata, edit)
 
 
 def _default_to_zero(graph: Any, name: str) -> None:
-    """Gives an input of an ONNX graph a value for when it is left out: one zero, which is spread over the first input.
-    Its sizes get names of their own, since that zero is smaller than the image."""
+    """Give an input of an ONNX graph a default value: one zero, expanded to the size of the first input.
+
+    The input's sizes get names of their own, since the zero is smaller than the image.
+    """
     from onnx import helper, numpy_helper
 
     found = next(node for node in graph.input if node.name == name)
@@ -89,13 +111,28 @@ def _default_to_zero(graph: Any, name: str) -> None:
         graph.node.insert(0, node)
 
 
-def parity(net: nn.Module, path: Path, shape: tuple[int, int, int, int]) -> float:
-    """Largest difference of any output between `net` in torch and the file in onnxruntime, on random images."""
+def outputs_of_both(
+    net: nn.Module, path: Path, inputs: Mapping[str, Float32Array]
+) -> list[tuple[NDArray[Any], NDArray[Any]]]:
+    """Each output as computed by `net` in torch and by its file in onnxruntime.
+
+    Args:
+        net: the network, in evaluation mode.
+        path: of its ONNX file.
+        inputs: names and values of the inputs, in order.
+    """
     import onnxruntime
 
-    image = np.random.default_rng(0).random(shape, np.float32)
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    there = session.run(None, {"image": image})
+    of_file = session.run(None, dict(inputs))
     with torch.inference_mode():
-        here = net.cpu().float().eval()(torch.from_numpy(image))
-    return max(float(np.abs(a.numpy() - b).max()) for a, b in zip(here, there, strict=True))
+        of_net = net(*(torch.from_numpy(value) for value in inputs.values()))
+    of_net = (of_net,) if isinstance(of_net, Tensor) else of_net
+    return [(a.numpy(), b) for a, b in zip(of_net, of_file, strict=True)]
+
+
+def parity(net: nn.Module, path: Path, shape: tuple[int, int, int, int]) -> float:
+    """Largest difference of any output between `net` in torch and its file in onnxruntime, on random images."""
+    image = np.random.default_rng(0).random(shape, np.float32)
+    both = outputs_of_both(net.cpu().float().eval(), path, {"image": image})
+    return max(float(np.abs(a - b).max()) for a, b in both)

@@ -1,4 +1,4 @@
-"""Networks of ours back from their ONNX files, so that training can go on from what was shipped."""
+"""Load muybridge networks from their ONNX files, so that training can continue from shipped weights."""
 
 from __future__ import annotations
 
@@ -20,54 +20,54 @@ _HEADS = ("head", "visibility")
 
 
 def keypoint_net_from_onnx(path: Path) -> KeypointNet:
-    """The network of a file that `muybridge train keypoints` exported in fp32.
+    """The network of an exported fp32 keypoint file.
 
-    The exporter folds normalisation into convolutions: here it does nothing but add the bias that came of it. In
-    evaluation mode the outputs are those of the file.
+    The exporter folds normalisation into the convolutions, so normalisation layers only add the resulting bias here. In
+    evaluation mode the outputs equal those of the file.
 
     Raises:
         ModelError: the file is damaged, of 8 bits, or of another architecture.
     """
-    there, operators = _contents(path)
-    if there.pop(PLATE, None) is not None:
-        there = {name.removeprefix("net."): value for name, value in there.items()}
-    # A network without virtual markers was exported as it is, one with them within `SeparateHeads`.
-    marked = "body_visibility.weight" in there
-    with _other_design(path):
-        there = {name.replace("body_head.fine.", "body_head."): value for name, value in there.items()}
+    stored, operators = _read(path)
+    if stored.pop(PLATE, None) is not None:
+        stored = {name.removeprefix("net."): value for name, value in stored.items()}
+    # A network without virtual markers was exported directly, one with them inside `SeparateHeads`.
+    marked = "body_visibility.weight" in stored
+    with _design_errors(path):
+        stored = {name.replace("body_head.fine.", "body_head."): value for name, value in stored.items()}
         for name in _HEADS if marked else ():
             for kind in ("weight", "bias"):
-                parts = [there.pop(f"{part}_{name}.{kind}") for part in ("body", "marker")]
-                there[f"net.{name}.{kind}"] = torch.cat(parts)
-        here = {name.removeprefix("net.").removeprefix("body_") if marked else name: v for name, v in there.items()}
-        net = KeypointNet(len(here["visibility.bias"]), **_design(here))
+                parts = [stored.pop(f"{part}_{name}.{kind}") for part in ("body", "marker")]
+                stored[f"net.{name}.{kind}"] = torch.cat(parts)
+        state = {name.removeprefix("net.").removeprefix("body_") if marked else name: v for name, v in stored.items()}
+        net = KeypointNet(len(state["visibility.bias"]), **_design(state))
         if "Sub" in operators:
-            _take_normalisation_in(here, "Div" in operators)
-        # Networks of earlier versions did not know the plate: they begin by not heeding it.
-        stem = here["stem.0.0.weight"]
-        here["stem.0.0.weight"] = nn.functional.pad(stem, (0, 0, 0, 0, 0, CHANNELS - stem.shape[1]))
-        # And had heatmaps of the finest features alone.
-        if "head.weight" in here:
-            here |= {f"head.fine.{kind}": here.pop(f"head.{kind}") for kind in ("weight", "bias")}
+            _fold_input_normalisation(state, "Div" in operators)
+        # Networks of earlier versions had no background difference: its weights start at zero.
+        stem = state["stem.0.0.weight"]
+        state["stem.0.0.weight"] = nn.functional.pad(stem, (0, 0, 0, 0, 0, CHANNELS - stem.shape[1]))
+        # They also had heatmaps of the finest features only.
+        if "head.weight" in state:
+            state |= {f"head.fine.{kind}": state.pop(f"head.{kind}") for kind in ("weight", "bias")}
         coarser = {k: torch.zeros_like(v) for k, v in net.head.state_dict(prefix="head.").items() if ".fine." not in k}
-        here = coarser | here
-        net.load_state_dict(_unfolded(net, here))
+        state = coarser | state
+        net.load_state_dict(_unfold_state(net, state))
     return net.eval()
 
 
 def people_net_from_onnx(path: Path) -> PeopleNet:
-    """The detector of a file that `muybridge train people` exported, as `keypoint_net_from_onnx` does it.
+    """The network of an exported person detector, as in `keypoint_net_from_onnx`.
 
     Raises:
         ModelError: the file is damaged, or of another architecture.
     """
-    (there, _), net = _contents(path), PeopleNet()
-    with _other_design(path):
-        net.load_state_dict(_unfolded(net, there))
+    (stored, _), net = _read(path), PeopleNet()
+    with _design_errors(path):
+        net.load_state_dict(_unfold_state(net, stored))
     return net.eval()
 
 
-def _contents(path: Path) -> tuple[dict[str, Tensor], set[str]]:
+def _read(path: Path) -> tuple[dict[str, Tensor], set[str]]:
     """A file's weights by name, and its operators."""
     import onnx
     from onnx import numpy_helper
@@ -81,36 +81,37 @@ def _contents(path: Path) -> tuple[dict[str, Tensor], set[str]]:
 
 
 @contextmanager
-def _other_design(path: Path) -> Iterator[None]:
-    """What goes wrong with a file's weights, told as what it means."""
+def _design_errors(path: Path) -> Iterator[None]:
+    """Turn errors from loading the weights into a ModelError."""
     try:
         yield
     except (KeyError, RuntimeError) as error:
         raise ModelError(
-            f"{path}: training cannot go on from this file ({str(error).splitlines()[0]}): it takes an fp32 network of "
-            "this version's design, as the shipped one"
+            f"{path}: training cannot continue from this file ({str(error).splitlines()[0]}): it needs an fp32 "
+            "network of this version's design, like the shipped one"
         ) from error
 
 
-def trained_for(path: Path) -> dict[str, Any]:
-    """What the exporter noted of a network's training: `images`, `minutes` (where noted) and `seed`."""
+def training_record(path: Path) -> dict[str, Any]:
+    """What the exporter recorded about a network's training: `images`, `minutes` (if known) and `seed`."""
     import onnx
 
-    told = {p.key: p.value for p in onnx.load(str(path)).metadata_props}
-    training: dict[str, Any] = json.loads(told.get("training", "{}"))
-    return training | {"seed": told.get("seed", "")}
+    metadata = {p.key: p.value for p in onnx.load(str(path)).metadata_props}
+    training: dict[str, Any] = json.loads(metadata.get("training", "{}"))
+    return training | {"seed": metadata.get("seed", "")}
 
 
 @torch.no_grad()
 def measure_normalisation(net: nn.Module, images: Sequence[Tensor]) -> None:
-    """Unfolds normalisation: filters whose outputs have unit variance on `images`, followed by normalisations with that
-    variance and mean, so that a network from a file can be trained on as any other.
+    """Undo the folding of normalisation: scale filters to outputs of unit variance on `images`, followed by
+    normalisations with that variance and mean, so that training can continue as from any other network.
 
-    Folded filters are as large as the network's last touch made them, fifty times larger in one layer than in
-    another, and a step of one learning rate would be too large for some and nothing for others.
+    Folded filters have the scale of the last normalisation, fifty times larger in one layer than in another: the step
+    of one learning rate would be too large for some and too small for others.
 
     Args:
-        net: of convolutions that normalisations follow; changed in place, what it computes in evaluation mode stays.
+        net: of convolutions followed by normalisations; changed in place without changing its outputs in evaluation
+            mode.
         images: batches (N, 4, S, S) in 0..1, of the kind that it is trained on.
     """
     units = [list(m) for m in net.modules() if isinstance(m, nn.Sequential) and len(m) > 1]
@@ -147,19 +148,21 @@ def _design(weights: dict[str, Tensor]) -> dict[str, Any]:
     levels = range(4)
     blocks = [[n for n in weights if n.startswith(f"levels.{i}.") and n.endswith("first.0.weight")] for i in levels]
     widths = [len(weights["stem.1.0.weight"]), *(len(weights[f"levels.{i}.0.0.weight"]) for i in levels[1:])]
-    # The finest level may have no blocks on the way down, the coarsest has none on the way up.
+    # The finest level may have no blocks on the way down; the coarsest has none on the way up.
     hidden = [len(weights[f"laterals.{2 - i}.block.first.0.weight"]) for i in levels[:3]]
     hidden.append(len(weights[blocks[3][0]]) if blocks[3] else widths[3])
     return {"widths": tuple(widths), "depths": tuple(map(len, blocks)), "hidden": tuple(hidden)}
 
 
-def _take_normalisation_in(weights: dict[str, Tensor], divides: bool) -> None:
-    """Earlier networks took the images' mean off, and those which `divides` is true of divided by their deviation,
-    before the first filters: these do it themselves since. Nothing changes but that what is beyond the border was the
-    mean and is black.
+def _fold_input_normalisation(weights: dict[str, Tensor], divides: bool) -> None:
+    """Fold the input normalisation of earlier networks into their first filters.
+
+    These subtracted the images' mean and, if `divides`, divided by the standard deviation. The only difference is
+    beyond the border, which was the mean and is black.
 
     Args:
-        weights: by name as in a file of ours; changed.
+        weights: by name as in a muybridge file; changed in place.
+        divides: whether there was a division.
     """
     mean, deviation = (torch.tensor(values).view(1, -1, 1, 1) for values in (MEAN, STD))
     filters = weights["stem.0.0.weight"]
@@ -170,12 +173,12 @@ def _take_normalisation_in(weights: dict[str, Tensor], divides: bool) -> None:
     weights["stem.0.0.weight_bias"] = weights["stem.0.0.weight_bias"] - (filters * mean[:, :channels]).sum((1, 2, 3))
 
 
-def _unfolded(net: nn.Module, weights: dict[str, Tensor]) -> dict[str, Tensor]:
-    """A state of `net`: convolutions as they are in the file, normalisations with nothing but their bias."""
+def _unfold_state(net: nn.Module, weights: dict[str, Tensor]) -> dict[str, Tensor]:
+    """A state of `net`: convolutions as in the file, normalisations that only add a bias."""
     state = net.state_dict()
     normalisations = {name: m for name, m in net.named_modules() if isinstance(m, nn.BatchNorm2d)}
     for name, module in normalisations.items():
-        before = f"{name.rpartition('.')[0]}.0"  # the convolution that it follows
+        before = f"{name.rpartition('.')[0]}.0"  # the convolution before it
         state[f"{name}.running_mean"] = torch.zeros(module.num_features)
         state[f"{name}.running_var"] = torch.ones(module.num_features)
         state[f"{name}.weight"] = torch.full((module.num_features,), math.sqrt(1 + module.eps))

@@ -1,37 +1,37 @@
-"""Network files without the outputs that nobody asked for: onnxruntime works out all that a file promises, wanted or
-not, and what packages there are to change files come with training.
+"""Remove unused outputs from network files: onnxruntime computes every output of a file, whether it is requested or
+not, and the packages that can edit files come only with the `train` extra.
 
-A file is one Protocol Buffers message, of which only the few fields on the way to the outputs are read here:
+A file is one Protocol Buffers message, of which only the few fields on the way to the outputs are parsed here:
 https://protobuf.dev/programming-guides/encoding/ and https://github.com/onnx/onnx/blob/main/onnx/onnx.proto.
 """
 
 from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
-# Numbers of the fields: of the model, of its graph, of one of its nodes, of one of its outputs.
+# Field numbers: of the model, of its graph, of a node, of an output.
 _GRAPH = 7
 _NODE, _OUTPUT = 1, 12
 _NODE_INPUT, _NODE_OUTPUT = 1, 2
 _NAME = 1
-# How a field's end is found.
+# Wire types, which tell the length of a field.
 _VARINT, _FIXED64, _LENGTH, _FIXED32 = 0, 1, 2, 5
 
 
 class _Field(NamedTuple):
     number: int
-    whole: memoryview  # with its number and length
+    whole: memoryview  # including its number and length
     content: memoryview
 
 
 def without_outputs(model: bytes, names: Collection[str]) -> bytes:
-    """An ONNX file without some of its outputs and the nodes that make them.
+    """An ONNX file without some of its outputs and the nodes that compute them.
 
     Args:
-        model: the file.
-        names: of the outputs; what the file has not, or what other nodes need too, is passed over.
+        model: content of the file.
+        names: of the outputs; names that the file does not have, or that other nodes need, are ignored.
 
     Raises:
-        ValueError: not such a file.
+        ValueError: not an ONNX file.
     """
     fields = list(_fields(memoryview(model)))
     parts = [_graph_without(field, names) if field.number == _GRAPH else field.whole for field in fields]
@@ -41,25 +41,25 @@ def without_outputs(model: bytes, names: Collection[str]) -> bytes:
 def _graph_without(graph: _Field, names: Collection[str]) -> bytes:
     fields = list(_fields(graph.content))
     nodes = [field for field in fields if field.number == _NODE]
-    gone = set(names) - {name for node in nodes for name in _texts(node, _NODE_INPUT)}
+    removed = set(names) - {name for node in nodes for name in _strings(node, _NODE_INPUT)}
 
-    def kept(field: _Field) -> bool:
+    def is_kept(field: _Field) -> bool:
         if field.number == _NODE:
-            made = _texts(field, _NODE_OUTPUT)
-            return not made or not gone.issuperset(made)
-        return field.number != _OUTPUT or gone.isdisjoint(_texts(field, _NAME))
+            outputs = _strings(field, _NODE_OUTPUT)
+            return not outputs or not removed.issuperset(outputs)
+        return field.number != _OUTPUT or removed.isdisjoint(_strings(field, _NAME))
 
-    content = b"".join(field.whole for field in fields if kept(field))
-    return _varint(_GRAPH << 3 | _LENGTH) + _varint(len(content)) + content
+    content = b"".join(field.whole for field in fields if is_kept(field))
+    return _write_varint(_GRAPH << 3 | _LENGTH) + _write_varint(len(content)) + content
 
 
-def _texts(message: _Field, number: int) -> list[str]:
-    """The texts of one of a message's fields."""
+def _strings(message: _Field, number: int) -> list[str]:
+    """The strings of one of a message's fields."""
     return [bytes(field.content).decode() for field in _fields(message.content) if field.number == number]
 
 
 def _fields(message: memoryview) -> Iterator[_Field]:
-    """A message's fields; ValueError where it is none."""
+    """A message's fields; ValueError if it is not one."""
     at = 0
     while at < len(message):
         start = at
@@ -80,7 +80,7 @@ def _fields(message: memoryview) -> Iterator[_Field]:
 
 
 def _read_varint(message: memoryview, at: int) -> tuple[int, int]:
-    """A whole number, seven bits a byte, the lowest first, and where it ends."""
+    """A whole number, seven bits per byte, lowest first, and the position after it."""
     value = 0
     for shift in range(0, 70, 7):
         if at >= len(message):
@@ -92,7 +92,7 @@ def _read_varint(message: memoryview, at: int) -> tuple[int, int]:
     raise ValueError("number beyond its message's end")
 
 
-def _varint(value: int) -> bytes:
+def _write_varint(value: int) -> bytes:
     out = bytearray()
     while value > 127:
         out.append(value & 127 | 128)

@@ -1,9 +1,9 @@
 """8-bit versions of exported networks: static quantisation with onnxruntime. Needs onnx (the `train` extra).
 
-Weights become 7-bit integers with a scale for each output channel, activations 8-bit ones with a scale for each
-tensor, measured on calibration images. Seven bits, because the kernels of processors without VNNI add pairs of
-products in 16 bits, which eight would overflow. The head stays in float32: its output is the result, and it sums and
-enlarges what several convolutions say.
+Weights become 7-bit integers with a scale per output channel, activations 8-bit ones with a scale per tensor, measured
+on calibration images. Seven bits, because the kernels of processors without VNNI add pairs of products in 16 bits,
+which eight would overflow. The head stays in float32: its output is the result, and it sums and upsamples the outputs
+of several convolutions.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from muybridge.arrays import ByteArray, Float32Array
 from muybridge.errors import ModelError
 from muybridge.files import replacing
 
-# Operators that have 8-bit kernels worth having; the rest stays in float32.
+# Operators whose 8-bit kernels are worthwhile; all others stay in float32.
 _OPERATORS = ["Conv", "Add", "Resize", "Relu"]
 _IMAGES_AT_ONCE = 8
-# What onnxruntime says: its default, and less.
+# onnxruntime's log levels: its default, and errors only.
 _WARNINGS, _ERRORS = 2, 3
 
 
 def int8_path(path: Path) -> Path:
-    """Where the 8-bit version of the network `path` lies: `keypoints.onnx` has `keypoints-int8.onnx` beside it."""
+    """Path of the 8-bit version of a network: beside `keypoints.onnx`, `keypoints-int8.onnx`."""
     return path.with_name(f"{path.stem}-int8{path.suffix}")
 
 
@@ -37,12 +37,13 @@ def quantize(source: Path, target: Path, images: ByteArray) -> None:
 
     Args:
         source: float32 ONNX file whose inputs are float images (N, c, H, W) in 0..1.
-        target: of the 8-bit file, written whole or not at all.
-        images: (K, C, H, W), the inputs' channels one after another, to measure the activations' ranges on; a hundred
-            of what is seen in use will do.
+        target: of the 8-bit file; it appears only when it is complete.
+        images: (K, C, H, W), the channels of all inputs in order, to measure activation ranges on; a hundred images
+            like those in use suffice.
 
     Raises:
-        ModelError: `source` has no convolution to quantise, or is no ONNX file.
+        ModelError: `source` has no convolution to quantise, or is not an ONNX file.
+        ValueError: there are no images.
     """
     import onnx
     from onnxruntime.quantization import CalibrationMethod, QuantFormat, QuantType, quantize_static
@@ -65,7 +66,7 @@ def quantize(source: Path, target: Path, images: ByteArray) -> None:
                 quant_format=QuantFormat.QDQ, per_channel=True, reduce_range=True,
                 activation_type=QuantType.QUInt8, weight_type=QuantType.QInt8,
                 calibrate_method=CalibrationMethod.MinMax, op_types_to_quantize=_OPERATORS,
-                nodes_to_exclude=_kept_in_float(model, source),
+                nodes_to_exclude=_float_nodes(model, source),
             )  # fmt: skip
             quantized = onnx.load(str(temporary))
             onnx.helper.set_model_props(quantized, {**metadata, "precision": "int8"})
@@ -77,7 +78,8 @@ def quantize(source: Path, target: Path, images: ByteArray) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """No hints from onnxruntime on how the model might be prepared: it is, and that an input has a default is meant."""
+    """Suppress advice from onnxruntime about pre-processing, which is done, and about inputs with default values, which
+    are intended."""
     import onnxruntime
 
     before = logging.getLogger().level
@@ -90,34 +92,34 @@ def _quiet() -> Iterator[None]:
         onnxruntime.set_default_logger_severity(_WARNINGS)
 
 
-def _kept_in_float(model: object, source: Path) -> list[str]:
-    """Names of the convolutions that make an output, of the sums and enlargements between, and of what prepares the
-    image."""
+def _float_nodes(model: object, source: Path) -> list[str]:
+    """Names of the convolutions that compute an output, of the sums and upsampling after them, and of the nodes that
+    prepare the image."""
     graph = model.graph  # type: ignore[attr-defined]
     makes = {name: node for node in graph.node for name in node.output}
-    last: list[str] = []
+    output_nodes: list[str] = []
     results = [output.name for output in graph.output]
     while results:
         node = makes.get(results.pop())
         if node is not None and node.op_type in ("Conv", "Add", "Resize"):
-            last.append(node.name)
+            output_nodes.append(node.name)
             results += [] if node.op_type == "Conv" else list(node.input)
     convolutions = [node for node in graph.node if node.op_type == "Conv"]
     if not convolutions:
         raise ModelError(f"{source}: has no convolution to quantise; name a convolutional network")
     nodes = list(graph.node)
-    before = [node.name for node in nodes[: nodes.index(convolutions[0])]]  # on the image itself
-    return [*before, *last]
+    before = [node.name for node in nodes[: nodes.index(convolutions[0])]]  # these act on the image itself
+    return [*before, *output_nodes]
 
 
 def _channels(graph: object) -> dict[str, int]:
-    """How many channels each input has."""
+    """Number of channels of each input."""
     inputs = graph.input  # type: ignore[attr-defined]
     return {node.name: node.type.tensor_type.shape.dim[1].dim_value for node in inputs}
 
 
 class _Images:
-    """Calibration images, a few at a time; onnxruntime asks for `get_next` until it gives None."""
+    """Calibration images, a few at a time; onnxruntime calls `get_next` until it returns None."""
 
     def __init__(self, channels: dict[str, int], images: ByteArray) -> None:
         parts = np.split(images, np.cumsum(list(channels.values()))[:-1], axis=1)
@@ -128,5 +130,5 @@ class _Images:
         )  # fmt: skip
 
     def get_next(self) -> dict[str, Float32Array] | None:
-        """The next input of the network."""
+        """Inputs of the next run."""
         return next(self._parts, None)

@@ -11,7 +11,7 @@ from muybridge.models.keypoints.decode import sigmoid
 
 
 class DetectedPeople(NamedTuple):
-    """People of one image, best first.
+    """People in one image, highest score first.
 
     Attributes:
         boxes_px: (K, 4) left, top, right, bottom, px of the network's input.
@@ -30,18 +30,21 @@ def decode_people(
     max_people: int = 16,
     max_overlap: float = 0.5,
 ) -> list[DetectedPeople]:
-    """People's boxes from the detector's maps.
+    """Bounding boxes from the detector's maps.
 
     Args:
         heatmap: (N, 1, h, w) logits of a box's centre.
         box: (N, 4, h, w) distances from the cell's centre to the left, top, right and bottom edge, input px.
-        stride: input pixels a cell.
+        stride: input pixels per cell.
         threshold: least probability of a detection.
-        max_people: most detections an image.
-        max_overlap: of two boxes that overlap more (intersection over union) the better one stays.
+        max_people: most detections per image.
+        max_overlap: of two boxes with a larger intersection over union the one with the lower score is dropped.
 
     Returns:
-        one entry an image.
+        One entry per image.
+
+    Raises:
+        ValueError: the shapes do not fit together.
     """
     if heatmap.ndim != 4 or box.shape != (len(heatmap), 4, *heatmap.shape[2:]):
         raise ValueError(f"heatmap (N, 1, h, w) and box (N, 4, h, w) expected: {heatmap.shape}, {box.shape}")
@@ -63,7 +66,8 @@ def decode_people(
 
 
 def suppress_overlaps(boxes_px: FloatArray, scores: FloatArray, max_overlap: float) -> IndexArray:
-    """Indices, best first, of the boxes that no better box overlaps by more than `max_overlap` (IoU)."""
+    """Indices, highest score first, of the boxes that no box with a higher score overlaps by more than `max_overlap`
+    (IoU)."""
     order = np.argsort(-scores, kind="stable")
     overlap = box_overlap(boxes_px, boxes_px)
     keep: list[int] = []

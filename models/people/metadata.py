@@ -1,4 +1,4 @@
-"""Metadata of the person detector."""
+"""What a person detector's file says about itself."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from muybridge.models.metadata_reader import Reader
 
 @dataclass(frozen=True)
 class PeopleModelCard:
-    """What a person detector's file says about itself.
+    """Metadata of a person detector.
 
     Attributes:
         version: of the weights.
-        input_long_side: the longer side frames are resized to, px.
-        stride: input px a heatmap cell.
-        metadata: everything the file says, as text.
+        input_long_side: length to which the longer side of a frame is resized, px.
+        stride: input px per heatmap cell.
+        metadata: all metadata, as text.
     """
 
     version: str
@@ -27,7 +27,7 @@ class PeopleModelCard:
 
 
 def people_card(metadata: Mapping[str, str], path: Path) -> PeopleModelCard:
-    """Parse the metadata of a person detector; arguments and errors as `keypoint_card`."""
+    """Parse the metadata of a person detector; arguments and errors as in `keypoint_card`."""
     read = Reader(metadata, path)
     read.kind("people")
     return PeopleModelCard(

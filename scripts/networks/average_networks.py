@@ -12,13 +12,14 @@ import pathlib
 import sys
 
 import onnx
-import torch
 
-from muybridge.train.engine.weight_averaging import average_keypoints, average_people
+from muybridge.train.engine.checkpoint import save_checkpoint
 from muybridge.train.keypoints import train as keypoints
 from muybridge.train.keypoints.evaluate import load_model
-from muybridge.train.keypoints.export import keypoint_net, people_net, publish_keypoints, publish_people
+from muybridge.train.keypoints.export import keypoint_net, publish_keypoints
 from muybridge.train.people import train as people
+from muybridge.train.people.export import people_net, publish_people
+from scripts.networks.weight_averaging import average_keypoints, average_people
 
 
 def main() -> None:
@@ -33,13 +34,13 @@ def main() -> None:
     if told.get("muybridge_kind") == "people":
         saved = average_people(networks)
         saved["scores"] = people.evaluate(people_net(saved), people.held_out_scenes(renders, pool))
-        torch.save(saved, checkpoint)
+        save_checkpoint(checkpoint, saved)
         print(publish_people(checkpoint, out, command)["scores"])
     else:
         saved = average_keypoints(networks)
         batches = keypoints.held_out_batches(renders, pool, load_model(networks[0])[1].input_size, 24)
         saved["scores"] = keypoints.evaluate(keypoint_net(saved), batches[:8])
-        torch.save(saved, checkpoint)
+        save_checkpoint(checkpoint, saved)
         print(publish_keypoints(checkpoint, out, batches, command)["scores"])
 
 

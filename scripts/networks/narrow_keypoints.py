@@ -21,9 +21,9 @@ from muybridge.train.images.compositor import WHOLE, Compositor
 from muybridge.train.images.dataset import HELD_OUT
 from muybridge.train.keypoints.evaluate import load_model
 from muybridge.train.keypoints.export import CALIBRATION_IMAGES, write_keypoints
-from muybridge.train.keypoints.prune import narrowed
 from muybridge.train.keypoints.train import evaluate
 from muybridge.train.synthesis.rendering.store import SIZE, load_renders
+from scripts.networks.prune import prune
 
 SEED = 30_000
 
@@ -43,7 +43,7 @@ def main() -> None:
     compositor = Compositor(people, backgrounds, card.input_size, SEED, WHOLE)
     seen, held_out = ([compositor.batch(64) for _ in range(count)] for count in (2, 4))
     depths, hidden = options.depths or net.config["depths"], options.hidden or net.config["hidden"]
-    less = narrowed(net, depths, hidden, [batch.pixels.float().div(255) for batch in seen])
+    less = prune(net, depths, hidden, [batch.pixels.float().div(255) for batch in seen])
     metadata = {entry.key: entry.value for entry in onnx.load(str(options.network)).metadata_props}
     images = np.concatenate([batch.pixels.numpy() for batch in seen])[:CALIBRATION_IMAGES]
     write_keypoints(less, options.out, metadata, images)

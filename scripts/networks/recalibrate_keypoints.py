@@ -34,11 +34,11 @@ from muybridge.train.keypoints.evaluate import load_model, read_batch
 from muybridge.train.keypoints.export import CALIBRATION_IMAGES, calibration, version
 from muybridge.train.keypoints.train import evaluate
 from muybridge.train.keypoints.variance_calibration import (
-    LEAST_OF_A_LANDMARK,
-    Look,
-    fitted_ratio,
-    held_out,
-    shares_of,
+    LEAST_LANDMARKS,
+    Reader,
+    coverage,
+    fit_ratio,
+    read_held_out,
 )
 from muybridge.train.synthesis.rendering.store import SIZE, load_renders
 
@@ -46,7 +46,7 @@ from muybridge.train.synthesis.rendering.store import SIZE, load_renders
 SEED = 20_000
 
 
-def look_of(session: onnxruntime.InferenceSession, card: KeypointModelCard) -> Look:
+def reader_of(session: onnxruntime.InferenceSession, card: KeypointModelCard) -> Reader:
     """A network's session as a function: body first, then markers."""
     outputs = BODY_OUTPUTS if card.markers is None else BODY_OUTPUTS + MARKER_OUTPUTS
 
@@ -79,11 +79,11 @@ def as_read(
     whole = [np.concatenate(values) for values in zip(*parts, strict=True)]
     half = len(whole[0]) // 2
     halves = [[values[part] for values in whole] for part in (slice(half), slice(half, None))]
-    if min(inside.sum() for _, _, inside, _ in halves) < LEAST_OF_A_LANDMARK:
+    if min(inside.sum() for _, _, inside, _ in halves) < LEAST_LANDMARKS:
         return 1.0, {}
-    ratios = [fitted_ratio(error[at], variance[at], visible[at]) for error, variance, at, visible in halves]
+    ratios = [fit_ratio(error[at], variance[at], visible[at]) for error, variance, at, visible in halves]
     measured = [
-        shares_of(error, ratio * variance, inside, visible, look)
+        coverage(error, ratio * variance, inside, visible, look)
         for ratio, (error, variance, inside, visible) in zip(ratios[::-1], halves, strict=True)
     ]
     shares = {name: round(float(np.mean([each[name] for each in measured])), 3) for name in measured[0]}
@@ -110,7 +110,7 @@ def main() -> None:
     batches = [compositor.batch(64) for _ in range(-(-options.crops // 64))]
     close_ups = [near.batch(64) for _ in batches]
     scores = evaluate(keypoint_net_from_onnx(path), batches[:8])
-    measured = calibration(*held_out(look_of(session, card), batches))
+    measured = calibration(*read_held_out(reader_of(session, card), batches))
     new = {"input_size": str(size), "version": version(), **measured}
     new["scores"] = {key: round(value, 4) for key, value in scores.items()}
     model = onnx.load(str(path))

@@ -23,11 +23,11 @@ from muybridge.models.shipped import shipped_model  # noqa: E402
 from muybridge.models.uncertainty import SpreadCalibration  # noqa: E402
 from muybridge.train.keypoints.variance_calibration import (  # noqa: E402
     HeldOut,
-    _farthest_off,
     _fit_hidden,
+    _fit_hidden_slope,
     _groups,
-    _hidden,
-    calibrated,
+    _largest_miss,
+    calibrate,
     fit_mirrored,
     fit_spread,
     landmark_ratios,
@@ -203,11 +203,11 @@ def test_what_looks_hidden_weighs_as_much_less_as_makes_the_shares_right() -> No
     wide = np.where(~visible & (rng.random(count) < 0.25), 16.0, 1.0)
     error = rng.normal(size=(count, 2)) * np.sqrt(spread * wide)[:, None]
     parts = np.array_split(np.argsort(spread), 16)
-    slope = _hidden(error, seen, parts)
+    slope = _fit_hidden_slope(error, seen, parts)
     fitted = fit_spread(error, spread, visible, seen)
     assert fitted.hidden > 1.2 * slope
     groups = _groups(visible)
-    off = _farthest_off(error, fitted.variance(spread) * fitted.ratio(seen, False), groups)
+    off = _largest_miss(error, fitted.variance(spread) * fitted.ratio(seen, False), groups)
     assert off < _fit_hidden(error, spread, seen, slope, parts, groups)[0] - 0.001
 
 
@@ -226,7 +226,7 @@ def test_each_landmark_has_its_share_within_its_sigma() -> None:
     ratios = landmark_ratios(found, mirror)
     np.testing.assert_allclose(ratios, factor / np.exp(np.log(factor).mean()), rtol=0.1)
     assert ratios[0] == ratios[1] and ratios[3] == ratios[4] and np.prod(ratios) == pytest.approx(1.0)
-    metadata, shares = calibrated(found, found, slice(None), mirror)
+    metadata, shares = calibrate(found, found, slice(None), mirror)
     assert shares["one"] == pytest.approx(0.683, abs=0.02) and shares["two"] == pytest.approx(0.954, abs=0.02)
     spread_of = SpreadCalibration(knots=tuple(metadata["knots"]), landmarks=tuple(metadata["landmarks"]))
     for variance, off in ((spread_of.variance(spread), 0.02), (spread_of.variance(spread) / ratios, 0.3)):
@@ -250,11 +250,13 @@ def test_the_shipped_network_weighs_what_looks_hidden_and_what_was_mirrored() ->
     assert card.spread.hidden > 1.2 and 0.6 < card.spread.mirrored < 1.0 and 0.5 < card.spread.part < 1.0
     maps = np.zeros((1, 23, 56, 56), dtype=np.float32)
     maps[:, :, 20, 30] = 12.0
-    found = card.decoded(maps)
+    found = card.decode(maps)
     seen = np.full((1, 23), 20.0, dtype=np.float32)
-    np.testing.assert_allclose(card.weighed(found, seen, False).variance_crop_px2, found.variance_crop_px2, rtol=1e-6)
     np.testing.assert_allclose(
-        card.weighed(found, -seen, True).variance_crop_px2,
+        card.scale_variance(found, seen, False).variance_crop_px2, found.variance_crop_px2, rtol=1e-6
+    )
+    np.testing.assert_allclose(
+        card.scale_variance(found, -seen, True).variance_crop_px2,
         found.variance_crop_px2 * card.spread.hidden * card.spread.mirrored, rtol=1e-6,
     )  # fmt: skip
     shares = json.loads(card.metadata["sigma_coverage"])
@@ -300,16 +302,19 @@ def test_what_crops_show_of_a_part_of_a_person_may_be_surer() -> None:
     for crop, there in enumerate((23, 12, 4)):  # all of a person, a part of one, too little to say so
         maps[crop, :there, 12, 12] = 12.0
     seen = np.zeros((3, 23), dtype=np.float32)
-    found = plain.decoded(maps)
-    ratio = parts.weighed(found, seen, False).variance_crop_px2 / plain.weighed(found, seen, False).variance_crop_px2
+    found = plain.decode(maps)
+    ratio = (
+        parts.scale_variance(found, seen, False).variance_crop_px2
+        / plain.scale_variance(found, seen, False).variance_crop_px2
+    )
     np.testing.assert_allclose(ratio, np.broadcast_to([[1.0], [0.5], [1.0]], ratio.shape))
     # Where something was expected every landmark is somewhere: what counts is what was found without.
     expected = found._replace(score=np.ones_like(found.score))
     np.testing.assert_array_equal(
-        parts.weighed(expected, seen, False, found.score).variance_crop_px2,
-        parts.weighed(found, seen, False).variance_crop_px2,
+        parts.scale_variance(expected, seen, False, found.score).variance_crop_px2,
+        parts.scale_variance(found, seen, False).variance_crop_px2,
     )
-    assert (parts.weighed(expected, seen, False).variance_crop_px2 == found.variance_crop_px2).all()
+    assert (parts.scale_variance(expected, seen, False).variance_crop_px2 == found.variance_crop_px2).all()
     with pytest.raises(ModelError, match="part"):
         keypoint_card(base | {"variance": json.dumps({"scale": 2.0, "floor_px2": 0.5, "part": -1})}, pathlib.Path("x"))
 
@@ -325,7 +330,7 @@ def test_a_landmarks_variance_may_differ_from_the_others() -> None:
     maps = np.random.default_rng(0).normal(0, 3, (2, 23, 12, 12)).astype(np.float32)
     seen = np.random.default_rng(1).normal(0, 2, (2, 23)).astype(np.float32)
     cards = [keypoint_card(base | {"variance": json.dumps(v)}, where) for v in (alike, alike | {"landmarks": ratios})]
-    plain, own = (card.weighed(card.decoded(maps), seen, True) for card in cards)
+    plain, own = (card.scale_variance(card.decode(maps), seen, True) for card in cards)
     np.testing.assert_allclose(own.variance_crop_px2, plain.variance_crop_px2 * ratios)
     np.testing.assert_array_equal(own.points_crop_px, plain.points_crop_px)
     knots = {"knots": [[1.0, 2.0], [100.0, 200.0]], "landmarks": ratios}

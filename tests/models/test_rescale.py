@@ -7,8 +7,7 @@ from muybridge.arrays import ByteArray, Float32Array, FloatArray
 from muybridge.infer.detection.detect import DetectOptions, first_look
 from muybridge.infer.detection.pose_estimator import KeypointOptions
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
-from muybridge.models.keypoints.rescale import at_side, reading_sides
-from muybridge.models.keypoints.test_time import test_time_augment
+from muybridge.models.keypoints.test_time import at_side, augment_at_test_time, reading_sides
 from muybridge.models.shipped import shipped_model
 
 
@@ -66,7 +65,7 @@ def test_a_part_is_read_at_its_size(here: int, looks: list[int]) -> None:
         return maps(crops.shape[1], (10, 30))
 
     first = maps(256, (40, 20))
-    found = test_time_augment(look, np.zeros((1, 256, 256, 3), np.uint8), first, card, rows=1)
+    found = augment_at_test_time(look, np.zeros((1, 256, 256, 3), np.uint8), first, card, rows=1)
     assert shown == looks
     cell = (20, 40) if not looks else ((np.array([30, 10]) + 0.5) * 256 / looks[0] - 0.5)
     np.testing.assert_allclose(found.points_crop_px[0, 0], 4 * np.array(cell) + 1.5, atol=1.5)

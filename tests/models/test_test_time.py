@@ -8,7 +8,7 @@ from muybridge.arrays import ByteArray, Float32Array
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
 from muybridge.models.keypoints import test_time as turning
 from muybridge.models.keypoints.decode import NO_IDEA
-from muybridge.models.keypoints.test_time import Series, test_time_augment
+from muybridge.models.keypoints.test_time import Series, augment_at_test_time
 from muybridge.models.shipped import shipped_model
 
 SPOT = 6  # half of a spot's side, px
@@ -106,7 +106,7 @@ def test_parts_of_people_are_not_turned(here: int, turned: bool) -> None:
         return [np.asarray(shown * cv2.resize(spot, fewer, interpolation=cv2.INTER_AREA), np.float32)]
 
     crops = np.zeros((1, card.input_size, card.input_size, 3), np.uint8)
-    found = test_time_augment(look, crops, [np.asarray(shown * spot, np.float32)], card, rows=1)
+    found = augment_at_test_time(look, crops, [np.asarray(shown * spot, np.float32)], card, rows=1)
     assert ((found.score[0] > NO_IDEA) == (turned | (np.arange(23) < here))).all()
     assert (np.isclose(found.points_crop_px[0, 0], 4 * np.array([11, 19]) + 1.5, atol=1).all()) != turned
 
@@ -119,7 +119,7 @@ def test_what_is_tilted_comes_back_to_its_place() -> None:
     for rows, channels in ((1, (0, 2, 3, 1)), (2, (0, 1, 2, 3))):
         for angle in (turning._TILT, -turning._TILT):
             picture = np.ascontiguousarray(spot.transpose(channels))
-            tilted = turning._tilted(picture, rows, angle)
+            tilted = turning._tilt_crops(picture, rows, angle)
             assert tilted.shape == picture.shape
             maps = tilted if rows == 2 else tilted.transpose(0, 3, 1, 2)
             # It went where a turn about the middle takes it, counter-clockwise where the angle is positive.
@@ -128,7 +128,7 @@ def test_what_is_tilted_comes_back_to_its_place() -> None:
             v, u = np.indices((cells, cells))
             found = [(axis * maps[0, 0]).sum() / maps[0, 0].sum() for axis in (u, v)]
             np.testing.assert_allclose(found, there, atol=0.1)
-            back = turning._tilted_back(np.ascontiguousarray(maps, dtype=np.float32), angle)
+            back = turning._tilt_maps_back(np.ascontiguousarray(maps, dtype=np.float32), angle)
             assert np.abs(back - spot).max() < 5 and np.corrcoef(back.ravel(), spot.ravel())[0, 1] > 0.95
 
 
@@ -153,10 +153,10 @@ def test_what_is_unsure_is_the_mean_of_three_looks(quarters: int) -> None:
 
     first = look(crop)
     plain = [m.copy() for m in first]
-    alone = test_time_augment(look, crop, plain, card, rows=1)
+    alone = augment_at_test_time(look, crop, plain, card, rows=1)
     shown.clear()
     tilted = [m.copy() for m in first]
-    found = test_time_augment(look, crop, tilted, card, rows=1, tilt=True)
+    found = augment_at_test_time(look, crop, tilted, card, rows=1, tilt=True)
     assert len(shown) == 5  # three quarters and, of the best of the four, two tilts
     np.testing.assert_allclose(found.points_crop_px, alone.points_crop_px, atol=2.5)
     assert not np.allclose(tilted[0], plain[0]) and np.corrcoef(tilted[0].ravel(), plain[0].ravel())[0, 1] > 0.9

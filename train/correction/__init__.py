@@ -1,1 +1,5 @@
-"""."""
+"""Training and export of the network that corrects bodies fitted to markers."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

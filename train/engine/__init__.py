@@ -1,1 +1,5 @@
-"""."""
+"""The training loop and what it builds on: options, checkpoints, optimisers, precision, processes."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""Curves of a training run: loss, scores and throughput over the images seen."""
+"""Plots of a training run: loss, scores and throughput against the number of images."""
 
 import json
 import pathlib
@@ -6,18 +6,21 @@ from typing import Any
 
 from muybridge.files import replacing
 
-# Of a log line; everything else in it is a score.
+# Entries of a log line that are not plotted.
 _COUNTERS = ("step", "images", "seconds", "options")
 
 
 def write_curves(log: pathlib.Path) -> pathlib.Path | None:
-    """Draws the figures of `log.jsonl` (see `loop.log_line`) into `curves.png` beside it; None while there are none.
+    """Plot the figures of `log.jsonl` (see `loop.log_line`) into `curves.png` beside it.
 
-    Resumed runs are marked by dashed lines; a line that was cut off by a kill is passed over.
+    Dashed lines mark resumed runs; a line cut off by a killed process is skipped.
+
+    Returns:
+        Path of the picture; None if nothing has been scored yet.
     """
     from matplotlib.figure import Figure
 
-    lines = _lines(log)
+    lines = _read_lines(log)
     scored = [line for line in lines if "loss" in line]
     if not scored:
         return None
@@ -40,7 +43,7 @@ def write_curves(log: pathlib.Path) -> pathlib.Path | None:
     return path
 
 
-def _lines(log: pathlib.Path) -> list[dict[str, Any]]:
+def _read_lines(log: pathlib.Path) -> list[dict[str, Any]]:
     lines = []
     for text in log.read_text().splitlines():
         try:

@@ -1,9 +1,9 @@
-"""A second process that works out the gradients of a part of every batch.
+"""A second process that computes the gradients of part of every batch.
 
-Threads within a network wait for one another at every layer, so that a processor which also makes the crops holds up
-the other. A process with a copy of the network does not: it takes as many chunks of a batch as it manages while the
-training's own process works on the rest, and the gradients add up. On two processors the training keeps one for itself,
-or all three processes, the crops' too, would be moved to and fro between both.
+The threads of a network wait for one another at every layer, so that a processor which also makes crops holds up the
+others. A process with its own copy of the network does not: it takes as many chunks of a batch as it can finish while
+the main process works on the rest, and the gradients are summed. On two processors the main process keeps one for
+itself; otherwise the scheduler would move all three processes, including the one that makes crops, between both.
 """
 
 import contextlib
@@ -20,41 +20,42 @@ import torch.multiprocessing
 from torch import Tensor, nn
 
 from muybridge.train.engine import precision
-from muybridge.train.engine.compile import PAYS_AFTER_MINUTES, compiled
+from muybridge.train.engine.compile import PAYS_AFTER_MINUTES, compile_for_training
 from muybridge.train.engine.malloc import keep_memory
 from muybridge.train.engine.process_pool import processors
 
 Losses = Callable[..., tuple[Tensor, ...]]
 
-# A batch is so many chunks of one size: normalisation is over one chunk, and one compiled network does for all.
+# Chunks per batch, all of one size: normalisation is over one chunk, and one compiled network serves all.
 CHUNKS = 4
-# After so many steps without it, the second process is tried again: what kept its processor busy may be over.
-_TRIED_AGAIN = 50
-_ENDED = "the training's second process ended; --no-second does without it"
-# By how much less the second process is in a hurry than the training.
-_NICER = 10
-# What the newest step says of the time that a chunk takes.
+# After this many steps without it the second process is tried again: its processor may be free by then.
+_RETRY_STEPS = 50
+_ENDED = "the second training process ended; --no-second trains without it"
+# How much the niceness of the second process is raised.
+_NICENESS = 10
+# Weight of the newest step in the running mean of the time per chunk.
 _NEWEST = 0.2
 
 
 @dataclass(frozen=True)
 class _Shared:
-    """Memory that both processes see."""
+    """Memory shared by both processes."""
 
-    weights: Tensor  # all of them, one after the other
+    weights: Tensor  # all of them, concatenated
     gradients: Tensor
-    batch: tuple[Tensor, ...]  # the chunks that the second process takes, of a part one value after the other
+    batch: tuple[Tensor, ...]  # the chunks of the second process, each part flattened
 
 
 class GradientWorker:
-    """The second process, which starts with the first batch and ends with the block (a context manager), within which
-    those that make the batches have to be started.
+    """The second process, a context manager: it starts with the first batch and ends with the block.
+
+    Processes that make batches have to be started inside the block, which decides on which processors they run.
 
     Args:
-        net: whose parameters are trained; its `config` makes another one like it.
-        losses: of (network, batch): the loss first; it has to pickle.
-        minutes: of the training, for `compiled`.
-        threads: of the network in the training's own process.
+        net: the network being trained; its `config` creates a copy.
+        losses: of (network, batch): a tuple that begins with the loss; must be picklable.
+        minutes: length of the training, for `compile_for_training`.
+        threads: of the network in the main process.
     """
 
     def __init__(self, net: nn.Module, losses: Losses, minutes: float, threads: int = 1) -> None:
@@ -64,11 +65,11 @@ class GradientWorker:
         self._parameters = list(net.parameters())
         self._shared: _Shared | None = None
         self._ready, self._idle = False, 0
-        self._own_seconds = self._second_seconds = 0.0  # of a chunk
+        self._own_seconds = self._second_seconds = 0.0  # per chunk
 
     def __enter__(self) -> "GradientWorker":
         if self._tight:
-            os.sched_setaffinity(0, self._processors[1:])  # for now, so that all that is started runs there
+            os.sched_setaffinity(0, self._processors[1:])  # for now, so that child processes run there
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -81,16 +82,16 @@ class GradientWorker:
     def gradients(
         self, net: nn.Module, batch: tuple[Tensor, ...], loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]]
     ) -> Tensor:
-        """Sets the parameters' gradients to those of the mean loss of the batch's chunks.
+        """Set the parameters' gradients to those of the mean loss of the batch's chunks.
 
         Args:
-            net: the network, its gradients none.
-            batch: images and whatever the loss needs, of a multiple of `CHUNKS` images; no later one's
-                images are larger than those of the first.
+            net: the network; its gradients are None.
+            batch: images and whatever the loss needs, of a multiple of `CHUNKS` images. Images must not be larger
+                than those of the first batch.
             loss_of: of (network, batch): the loss, and a figure for the log.
 
         Returns:
-            the mean of the figure, over the chunks that this process worked on.
+            The figure's mean over the chunks of this process.
 
         Raises:
             RuntimeError: the second process failed.
@@ -100,48 +101,48 @@ class GradientWorker:
         theirs = self._count()
         if theirs:
             self._hand_over(batch, theirs)
-        began, shown = time.perf_counter(), []
+        start, figures = time.perf_counter(), []
         for k in range(theirs, CHUNKS):
             loss, figure = loss_of(net, _chunk(batch, k))
             (loss / CHUNKS).backward()  # type: ignore[no-untyped-call]
-            shown.append(figure)
-        each = (time.perf_counter() - began) / len(shown)
-        self._own_seconds = _moved(self._own_seconds, each)
+            figures.append(figure)
+        each = (time.perf_counter() - start) / len(figures)
+        self._own_seconds = _running_mean(self._own_seconds, each)
         if theirs:
-            self._second_seconds = _moved(self._second_seconds, self._answer() / theirs)
+            self._second_seconds = _running_mean(self._second_seconds, self._receive() / theirs)
             for p, gradient in zip(self._parameters, self._gradients, strict=True):
                 p.grad = gradient.clone() if p.grad is None else p.grad.add_(gradient)
-        return torch.stack(shown).mean()
+        return torch.stack(figures).mean()
 
     def _start(self, net: nn.Module, batch: tuple[Tensor, ...]) -> None:
         count = sum(p.numel() for p in self._parameters)
         self._shared = _Shared(
-            _memory(torch.empty(count)), _memory(torch.empty(count)),
-            tuple(_memory(torch.empty(part.numel(), dtype=part.dtype)) for part in batch),
+            _share(torch.empty(count)), _share(torch.empty(count)),
+            tuple(_share(torch.empty(part.numel(), dtype=part.dtype)) for part in batch),
         )  # fmt: skip
         self._weights, self._gradients = (
             _views(flat, self._parameters) for flat in (self._shared.weights, self._shared.gradients)
         )
         context = torch.multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        rough = precision.pays("cpu")
-        arguments = (theirs, self._shared, (type(net), net.config), self._losses, self._minutes, rough)
+        bfloat16 = precision.bfloat16_is_faster("cpu")
+        arguments = (theirs, self._shared, (type(net), net.config), self._losses, self._minutes, bfloat16)
         self._process = context.Process(target=_work, args=arguments, daemon=True)
         self._process.start()
         theirs.close()
         if self._tight:
             os.sched_setaffinity(0, self._processors[:1])
-        self._hand_over(batch, 1)  # compiles while this process goes on; what comes of it is not used
+        self._hand_over(batch, 1)  # makes it compile meanwhile; the result is not used
 
     def _count(self) -> int:
-        """How many chunks the second process takes, so that both are done as early as possible."""
+        """Number of chunks for the second process, such that both finish as early as possible."""
         if not self._ready:
             if not self._pipe.poll():
                 return 0
-            self._answer()
+            self._receive()
             self._ready = True
         self._idle += 1
-        if not self._second_seconds or self._idle > _TRIED_AGAIN:
+        if not self._second_seconds or self._idle > _RETRY_STEPS:
             theirs = 1
         else:
             theirs = min(range(CHUNKS), key=lambda n: max((CHUNKS - n) * self._own_seconds, n * self._second_seconds))
@@ -155,39 +156,39 @@ class GradientWorker:
         with torch.no_grad():
             for view, p in zip(self._weights, self._parameters, strict=True):
                 view.copy_(p)
-        for there, part in zip(_shaped(self._shared.batch, shapes), batch, strict=True):
-            there.copy_(part[:count])
+        for memory, part in zip(_in_shape(self._shared.batch, shapes), batch, strict=True):
+            memory.copy_(part[:count])
         try:
             self._pipe.send((chunks, shapes))
         except OSError as error:
             raise RuntimeError(_ENDED) from error
 
-    def _answer(self) -> float:
-        """Seconds that the second process took."""
+    def _receive(self) -> float:
+        """Wait for the second process; the seconds that it took."""
         try:
-            said = self._pipe.recv()
+            answer = self._pipe.recv()
         except (EOFError, OSError) as error:
             raise RuntimeError(_ENDED) from error
-        if isinstance(said, str):
-            raise RuntimeError(f"the training's second process failed; --no-second does without it: {said}")
-        return float(said)
+        if isinstance(answer, str):
+            raise RuntimeError(f"the second training process failed; --no-second trains without it: {answer}")
+        return float(answer)
 
 
-def pays(batch: int, threads: int, minutes: float) -> bool:
-    """Whether a training has a second process: on a CPU with a processor more than the network's threads, in a run
-    that is long enough to compile twice, with batches that can be divided."""
+def is_worthwhile(batch: int, threads: int, minutes: float) -> bool:
+    """Whether training should use a second process: on a CPU with more processors than the network has threads, in a
+    run long enough to compile twice, with a batch size divisible by `CHUNKS`."""
     spare = len(processors()) > threads
     return not torch.cuda.is_available() and spare and minutes >= PAYS_AFTER_MINUTES and batch % CHUNKS == 0
 
 
-def _memory(tensor: Tensor) -> Tensor:
-    """The tensor where other processes see it."""
+def _share(tensor: Tensor) -> Tensor:
+    """The tensor in shared memory."""
     shared: Tensor = tensor.share_memory_()  # type: ignore[no-untyped-call]
     return shared
 
 
-def _shaped(memory: tuple[Tensor, ...], shapes: list[tuple[int, ...]]) -> tuple[Tensor, ...]:
-    """The beginning of each part's memory in the shape of that part; images in the order of memory that is fastest."""
+def _in_shape(memory: tuple[Tensor, ...], shapes: list[tuple[int, ...]]) -> tuple[Tensor, ...]:
+    """The beginning of each part's memory in that part's shape; images in channels-last order, which is fastest."""
     parts = [flat[: math.prod(shape)].view(shape) for flat, shape in zip(memory, shapes, strict=True)]
     return tuple(
         part.view(len(part), *part.shape[2:], part.shape[1]).movedim(-1, 1) if part.ndim == 4 else part
@@ -196,17 +197,17 @@ def _shaped(memory: tuple[Tensor, ...], shapes: list[tuple[int, ...]]) -> tuple[
 
 
 def _chunk(batch: tuple[Tensor, ...], k: int, chunks: int = CHUNKS) -> tuple[Tensor, ...]:
-    """The k-th of a batch's chunks."""
+    """The k-th chunk of a batch."""
     size = len(batch[0]) // chunks
     return tuple(part[k * size : (k + 1) * size] for part in batch)
 
 
-def _moved(mean: float, newest: float) -> float:
+def _running_mean(mean: float, newest: float) -> float:
     return mean + _NEWEST * (newest - mean) if mean else newest
 
 
 def _views(flat: Tensor, parameters: list[nn.Parameter]) -> list[Tensor]:
-    """Each parameter's part of the memory of all, in its order of memory."""
+    """Each parameter's part of the concatenated memory, with the parameter's strides."""
     starts = [0]
     for p in parameters:
         starts.append(starts[-1] + p.numel())
@@ -215,50 +216,50 @@ def _views(flat: Tensor, parameters: list[nn.Parameter]) -> list[Tensor]:
 
 def _work(
     pipe: Connection, shared: _Shared, design: tuple[type[nn.Module], dict[str, Any]], losses: Losses, minutes: float,
-    rough: bool,
+    bfloat16: bool,
 ) -> None:  # fmt: skip
-    """The second process: chunks come, gradients go, until the other end of the pipe is closed, however its holder
-    ended."""
+    """Main function of the second process: receive chunks and send gradients until the other end of the pipe is closed,
+    in whatever way its process ended."""
     try:
-        _answer_all(pipe, shared, design, losses, minutes, rough)
+        _serve(pipe, shared, design, losses, minutes, bfloat16)
     except (EOFError, BrokenPipeError, ConnectionResetError, KeyboardInterrupt):
         return
-    except Exception as error:  # whatever it is, the training has to hear of it
+    except Exception as error:  # the main process reports it, whatever it is
         with contextlib.suppress(BrokenPipeError, ConnectionResetError):
             pipe.send(f"{type(error).__name__}: {error}")
 
 
-def _give_way() -> None:
-    """Whoever makes crops, or renders, comes first."""
+def _lower_priority() -> None:
+    """Give precedence to the processes that make crops or render."""
     if not hasattr(os, "nice"):
         return
     before = os.nice(0)
-    # A training that is at the lowest priority itself can't have a part of it at a lower one, but for this.
-    if os.nice(_NICER) < before + _NICER and hasattr(os, "SCHED_IDLE"):
+    # The niceness of a training with the lowest priority cannot be raised further, but SCHED_IDLE is lower still.
+    if os.nice(_NICENESS) < before + _NICENESS and hasattr(os, "SCHED_IDLE"):
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
-def _answer_all(
+def _serve(
     pipe: Connection, shared: _Shared, design: tuple[type[nn.Module], dict[str, Any]], losses: Losses, minutes: float,
-    rough: bool,
+    bfloat16: bool,
 ) -> None:  # fmt: skip
-    _give_way()
+    _lower_priority()
     torch.set_num_threads(1)
     keep_memory()
-    precision.settle(rough)
+    precision.fix_precision(bfloat16)
     kind, config = design
     net = kind(**config).to(memory_format=torch.channels_last).train()  # type: ignore[call-overload]
     parameters = list(net.parameters())
     for p, view in zip(parameters, _views(shared.weights, parameters), strict=True):
         p.data = view
-    gradients, fused = _views(shared.gradients, parameters), compiled(losses, minutes)
+    gradients, compiled = _views(shared.gradients, parameters), compile_for_training(losses, minutes)
     while True:
         chunks, shapes = pipe.recv()
-        began, batch = time.perf_counter(), _shaped(shared.batch, shapes)
+        start, batch = time.perf_counter(), _in_shape(shared.batch, shapes)
         net.zero_grad(set_to_none=True)
         for k in range(chunks):
-            loss, *_ = fused(net, _chunk(batch, k, chunks))
+            loss, *_ = compiled(net, _chunk(batch, k, chunks))
             (loss / CHUNKS).backward()  # type: ignore[no-untyped-call]
         for p, gradient in zip(parameters, gradients, strict=True):
             gradient.zero_() if p.grad is None else gradient.copy_(p.grad)
-        pipe.send(time.perf_counter() - began)
+        pipe.send(time.perf_counter() - start)

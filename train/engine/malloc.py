@@ -1,19 +1,22 @@
-"""Memory that is kept once the system has given it.
+"""Keep freed memory in the process.
 
-A training step allocates a gigabyte and gives it back. By default the C library hands large blocks back to the system,
-and the next step pays for every page of them anew: a tenth of a step where pages are dear, as in virtual machines.
+A training step allocates a gigabyte and frees it. By default the C library returns large blocks to the operating
+system, and the next step faults every page in again: a tenth of a step where page faults are expensive, as in virtual
+machines.
 """
 
 import ctypes
 import sys
 
-# Of glibc's malloc.h.
+# From glibc's malloc.h.
 _TRIM_THRESHOLD, _MMAP_MAX = -1, -4
 
 
 def keep_memory() -> bool:
-    """Has this process keep what it frees, for itself; returns whether the C library could be told so (glibc's can).
-    Processes that it starts decide for themselves."""
+    """Make this process keep the memory that it frees; True if the C library supports it (glibc does).
+
+    Child processes have to call it themselves.
+    """
     if not sys.platform.startswith("linux"):
         return False
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)

@@ -1,8 +1,13 @@
 """Muon for the filters of convolutions, AdamW for everything else.
 
-Muon (Jordan et al. 2024) makes every step of a weight matrix orthogonal: all directions move alike, also those
-that the gradient seldom shows. Steps are as large as AdamW's (Liu et al. 2025, "Muon is scalable for LLM training",
-equation 4), times `FASTER`.
+Muon (Jordan et al. 2024) orthogonalises every step of a weight matrix, so that all directions move equally, including
+those in which gradients are rare. Steps are scaled to the size of AdamW's (Liu et al. 2025, "Muon is scalable for LLM
+training", equation 4), times `FASTER`.
+
+`torch.optim.Muon` (torch 2.9 and later) takes the same steps, bit for bit, in bfloat16, but is not used here: it
+always iterates in bfloat16, which on a CPU without bfloat16 instructions takes 14 to 25 times as long for our filters
+and changes a step by one percent; and it accepts only two-dimensional parameters, while our filters have four axes in
+channels-last order, of which no matrix can be a view.
 """
 
 import math
@@ -12,24 +17,24 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from muybridge.train.engine.precision import pays
+from muybridge.train.engine.precision import bfloat16_is_faster
 
-# Learning rate of the filters over that of the rest.
+# Learning rate of the filters relative to that of all other parameters.
 FASTER = 2.5
 _MOMENTUM = 0.95
-# Quintic whose iteration takes singular values to about one (Jordan et al. 2024).
+# Coefficients of the quintic whose iteration takes singular values to about one (Jordan et al. 2024).
 _QUINTIC = (3.4445, -4.7750, 2.0315)
 _ITERATIONS = 5
-# Filters over fewer channels are the first layer's, which sees pixels.
+# Filters over fewer channels belong to the first layer, whose inputs are pixels; AdamW trains them.
 _LEAST_CHANNELS = 16
 
 
-def orthogonal(matrix: Tensor) -> Tensor:
-    """(m, n) about U V^T of a matrix U S V^T, by Newton-Schulz iteration: singular values of about one."""
+def orthogonalise(matrix: Tensor) -> Tensor:
+    """(m, n) approximately U V^T of a matrix U S V^T, by Newton-Schulz iteration: singular values of about one."""
     a, b, c = _QUINTIC
     tall = matrix.shape[0] > matrix.shape[1]
     x = matrix.mT if tall else matrix
-    x = x.bfloat16() if pays(matrix.device.type) else x.float()
+    x = x.bfloat16() if bfloat16_is_faster(matrix.device.type) else x.float()
     x = x / (x.norm() + 1e-7)
     for _ in range(_ITERATIONS):
         gram = x @ x.mT
@@ -39,12 +44,12 @@ def orthogonal(matrix: Tensor) -> Tensor:
 
 
 class Muon(torch.optim.Optimizer):
-    """See the module's text.
+    """Muon for convolution filters.
 
     Args:
-        params: filters (outputs, inputs, h, w), each worked on as a matrix of `outputs` rows.
-        lr: learning rate, as of AdamW.
-        weight_decay: share of a weight that goes away in a step, over the learning rate.
+        params: filters (outputs, inputs, h, w), each treated as a matrix of `outputs` rows.
+        lr: learning rate, in AdamW's units.
+        weight_decay: share of a weight removed per step, relative to the learning rate.
     """
 
     def __init__(self, params: Iterable[Tensor], lr: float, weight_decay: float) -> None:
@@ -52,7 +57,7 @@ class Muon(torch.optim.Optimizer):
 
     @torch.no_grad()
     def step(self, closure: Any = None) -> None:  # type: ignore[override]
-        """One step; there is no closure."""
+        """Take one step; `closure` is ignored."""
         for group in self.param_groups:
             rate = FASTER * group["lr"]
             for p in group["params"]:
@@ -62,19 +67,19 @@ class Muon(torch.optim.Optimizer):
                     self.state[p]["momentum"] = torch.zeros_like(p)
                 momentum = self.state[p]["momentum"]
                 momentum.lerp_(p.grad, 1 - _MOMENTUM)
-                step = p.grad.lerp(momentum, _MOMENTUM).flatten(1)  # Nesterov's
+                step = p.grad.lerp(momentum, _MOMENTUM).flatten(1)  # Nesterov momentum
                 p.mul_(1 - rate * group["weight_decay"])
-                p.add_(orthogonal(step).view_as(p), alpha=-0.2 * rate * math.sqrt(max(step.shape)))
+                p.add_(orthogonalise(step).view_as(p), alpha=-0.2 * rate * math.sqrt(max(step.shape)))
 
 
 class Optimisers:
-    """Both optimisers of a network as one.
+    """Both optimisers of a network behind one interface.
 
     Args:
         net: the network.
         lr: learning rate.
-        weight_decay: as of AdamW.
-        muon: without, AdamW has them all.
+        weight_decay: of both optimisers.
+        muon: if false, AdamW trains all parameters.
     """
 
     def __init__(self, net: nn.Module, lr: float, weight_decay: float = 0.02, muon: bool = True) -> None:
@@ -87,26 +92,26 @@ class Optimisers:
             self.parts.append(Muon(filters, lr, weight_decay))
 
     def set_rate(self, lr: float) -> None:
-        """Sets the learning rate."""
+        """Set the learning rate."""
         for part in self.parts:
             for group in part.param_groups:
                 group["lr"] = lr
 
     def step(self) -> None:
-        """One step of all parameters."""
+        """Take one step of all parameters."""
         for part in self.parts:
             part.step()
 
     def state_dict(self) -> list[dict[str, Any]]:
-        """For a checkpoint."""
+        """State of the optimisers, for a checkpoint."""
         return [part.state_dict() for part in self.parts]
 
-    def fits(self, states: Any) -> bool:
-        """Whether a checkpoint's are of the same optimisers: with Muon or without; the first versions' were of another
-        form."""
+    def accepts(self, states: Any) -> bool:
+        """Whether a checkpoint's states are of the same optimisers (with or without Muon); the first versions stored
+        them in another form."""
         return isinstance(states, list) and len(states) == len(self.parts)
 
     def load_state_dict(self, states: list[dict[str, Any]]) -> None:
-        """From a checkpoint that fits."""
+        """Restore states that `accepts` accepts."""
         for part, state in zip(self.parts, states, strict=True):
             part.load_state_dict(state)

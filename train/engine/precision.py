@@ -1,7 +1,7 @@
-"""In which precision a network is trained: bfloat16 where the machine multiplies in it, else float32.
+"""Training precision: bfloat16 where the machine multiplies in it natively, else float32.
 
-A processor without instructions for bfloat16 (AVX2 alone, as most laptops have) works it out in pieces: a convolution,
-forth and back, takes eight to eleven times as long as in float32. Where it has them, it takes a half to an eighth.
+A processor without bfloat16 instructions (AVX2 alone, as in most laptops) emulates it: the forward and backward pass of
+a convolution takes eight to eleven times as long as in float32. With them it takes an eighth to a half as long.
 """
 
 import time
@@ -10,57 +10,57 @@ from functools import lru_cache
 import torch
 from torch import Tensor, nn
 
-# By how much bfloat16 has to be faster, since it rounds.
-_PAYS = 1.2
+# How many times faster bfloat16 has to be, since it rounds.
+_LEAST_GAIN = 1.2
 _ROUNDS = 3
-_settled: bool | None = None
+_fixed: bool | None = None
 
 
 @torch.compiler.assume_constant_result  # type: ignore[untyped-decorator]
-def pays(kind: str) -> bool:
+def bfloat16_is_faster(kind: str) -> bool:
     """Whether training in bfloat16 is faster than in float32 on a device of this kind ("cpu", "cuda").
 
-    On a CPU it is measured, once a process, by a convolution, which takes 0.1 to 1 s: what a processor says that it
-    has does not tell how fast it is, nor what torch makes of it.
+    On a CPU it is measured with a convolution, once per process, which takes 0.1 to 1 s: a processor's feature flags
+    tell neither how fast it is nor what torch makes of them.
     """
     if kind != "cpu":
         return True
-    return _measured() if _settled is None else _settled
+    return _measure() if _fixed is None else _fixed
 
 
-def settle(rough: bool) -> None:
-    """Has this process do on a CPU as the one does that it works for, instead of measuring for itself."""
-    global _settled
-    _settled = rough
+def fix_precision(bfloat16: bool) -> None:
+    """Use this precision on the CPU instead of measuring, as a process does that works for another one."""
+    global _fixed
+    _fixed = bfloat16
 
 
 def autocast(device: torch.device) -> torch.autocast:
     """The context in which a network is trained on `device`."""
-    return torch.autocast(device.type, dtype=torch.bfloat16, enabled=pays(device.type))
+    return torch.autocast(device.type, dtype=torch.bfloat16, enabled=bfloat16_is_faster(device.type))
 
 
 def name(device: torch.device) -> str:
-    """Of the precision in which a network is trained on `device`: "bfloat16" or "float32"."""
-    return "bfloat16" if pays(device.type) else "float32"
+    """Name of the training precision on `device`: "bfloat16" or "float32"."""
+    return "bfloat16" if bfloat16_is_faster(device.type) else "float32"
 
 
 @lru_cache(maxsize=1)
-def _measured() -> bool:
+def _measure() -> bool:
     with torch.random.fork_rng(devices=[]):
         layer = nn.Conv2d(64, 64, 3, padding=1)
         image = torch.randn(2, 64, 48, 48).contiguous(memory_format=torch.channels_last)
-    # In turns, so that what else the machine does slows both; the first of each sets up.
-    rounds = [[_seconds(layer, image, rough) for rough in (False, True)] for _ in range(_ROUNDS + 1)][1:]
-    precise, rough = (min(each) for each in zip(*rounds, strict=True))
-    return bool(precise > _PAYS * rough)
+    # Alternating, so that other load slows both; the first round of each is a warm-up.
+    rounds = [[_seconds(layer, image, bfloat16) for bfloat16 in (False, True)] for _ in range(_ROUNDS + 1)][1:]
+    float32_s, bfloat16_s = (min(each) for each in zip(*rounds, strict=True))
+    return bool(float32_s > _LEAST_GAIN * bfloat16_s)
 
 
-def _seconds(layer: nn.Module, image: Tensor, rough: bool) -> float:
-    """Of the layer forth and back."""
+def _seconds(layer: nn.Module, image: Tensor, bfloat16: bool) -> float:
+    """Duration of the layer's forward and backward pass."""
     start = time.perf_counter()
     with torch.enable_grad():
         image = image.detach().requires_grad_()
-        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=rough):
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=bfloat16):
             out = layer(image)
         torch.autograd.grad(out.float().sum(), [image, *layer.parameters()])
     return time.perf_counter() - start

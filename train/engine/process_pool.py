@@ -1,4 +1,4 @@
-"""Processors, and work that is shared out among processes of their own."""
+"""Processors, and work distributed among child processes."""
 
 import contextlib
 import multiprocessing
@@ -21,36 +21,39 @@ _Result = TypeVar("_Result")
 
 
 def processors() -> list[int]:
-    """The numbers of those that this process may use."""
+    """Numbers of the processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return sorted(os.sched_getaffinity(0))
     return list(range(os.cpu_count() or 1))
 
 
-def affordable(memory: float) -> int:
-    """As many processes as there are processors, but no more than half of the machine's memory is enough for.
+def affordable_processes(memory: float) -> int:
+    """One process per processor, but no more than fit into half of the machine's memory.
 
     Args:
-        memory: bytes that one takes.
+        memory: bytes per process.
     """
     try:
-        there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, OSError, ValueError):  # a system that does not tell
+        total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):  # unknown on this system
         return len(processors())
-    return max(1, min(len(processors()), int(there / 2 / memory)))
+    return max(1, min(len(processors()), int(total / 2 / memory)))
 
 
-def shared_out(work: Callable[[_Item], _Result], items: Sequence[_Item], processes: int) -> Iterator[_Result]:
-    """What `work` makes of each item, in the order in which it is done. They end with this process, however that ends.
-    Where one of them is ended or crashes, which is said, one less goes on with what is not done.
+def map_in_processes(work: Callable[[_Item], _Result], items: Sequence[_Item], processes: int) -> Iterator[_Result]:
+    """Results of `work` for each item, in order of completion.
+
+    The child processes end with this process, in whatever way it ends. If one of them is killed or crashes, that is
+    reported, and one process fewer continues with the remaining items.
 
     Args:
-        work: has to pickle; each process has one copy of it for all its items. In this process where one is enough.
-        items: have to pickle, and so do the results. One that was begun may be begun anew.
-        processes: how many at most.
+        work: must be picklable; each process has one copy of it for all its items. Called in this process if one is
+            enough.
+        items: must be picklable, as must the results. An interrupted item may be started again.
+        processes: number of processes at most.
 
     Raises:
-        SessionError: processes were ended until one alone was, before it had done anything.
+        SessionError: processes were killed until the last one was, before it had finished anything.
     """
     processes = min(processes, len(items))
     if processes <= 1:
@@ -58,35 +61,35 @@ def shared_out(work: Callable[[_Item], _Result], items: Sequence[_Item], process
         return
     left = dict(enumerate(items))
     while left:
-        before, mine = len(left), set[BaseProcess]()
+        before, own = len(left), set[BaseProcess]()
         try:
-            for number, result in _in_pool(work, left, processes, mine):
+            for number, result in _in_pool(work, left, processes, own):
                 del left[number]
                 yield result
         except BrokenProcessPool as error:
-            ended = f"one of {processes} processes was ended{_by(mine)}"
+            event = f"one of {processes} processes was terminated{_cause(own)}"
             if processes == 1 and len(left) == before:
-                raise SessionError(f"{ended}. What was whole stays") from error
+                raise SessionError(f"{event}. Finished results are kept") from error
             processes = max(1, processes - 1)
-            print(f"note: {ended}; going on with {processes}", file=sys.stderr)
+            print(f"note: {event}; continuing with {processes}", file=sys.stderr)
 
 
 def _in_pool(
-    work: Callable[[_Item], _Result], items: Mapping[int, _Item], processes: int, mine: set[BaseProcess]
+    work: Callable[[_Item], _Result], items: Mapping[int, _Item], processes: int, own: set[BaseProcess]
 ) -> Iterator[tuple[int, _Result]]:
-    """The items' numbers and what became of them; notes its processes in `mine`, which have all ended when it ends."""
+    """Numbers and results of the items; adds its processes to `own`, which have all ended when this generator ends."""
     context, threads = multiprocessing.get_context("spawn"), max(1, len(processors()) // processes)
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(processes, context, _begin, (work, threads))
+    pool = ProcessPoolExecutor(processes, context, _initialise, (work, threads))
     try:
         with _without_main():
-            numbers = {pool.submit(_do, item): number for number, item in items.items()}
-        mine |= set(multiprocessing.active_children()) - others
+            numbers = {pool.submit(_run, item): number for number, item in items.items()}
+        own |= set(multiprocessing.active_children()) - others
         for done in as_completed(list(numbers)):
             yield numbers.pop(done), done.result()
-    except BaseException:  # nobody waits for the rest
-        for process in mine | set(multiprocessing.active_children()) - others:
-            with contextlib.suppress(ProcessLookupError):  # it ended by itself
+    except BaseException:  # the other results are not wanted any more
+        for process in own | set(multiprocessing.active_children()) - others:
+            with contextlib.suppress(ProcessLookupError):  # it has ended already
                 if process.pid is not None:
                     os.kill(process.pid, signal.SIGINT)
         raise
@@ -94,13 +97,15 @@ def _in_pool(
         pool.shutdown(cancel_futures=True)
 
 
-def _by(processes: Iterable[BaseProcess]) -> str:
-    """What ended them, in words, where that is known; of a pool that is shut down, which asks them itself: of two who
-    ask at once one is not told."""
+def _cause(processes: Iterable[BaseProcess]) -> str:
+    """Why processes ended, in words, if known.
+
+    Only for a pool that has been shut down: the pool collects exit codes too, and an exit code can be collected once.
+    """
     for process in processes:
-        # The pool ends those that are left when one has ended.
+        # When one has ended, the pool terminates the others (SIGTERM).
         if process.exitcode == -signal.SIGKILL:
-            return ", perhaps for want of memory: fewer need less"
+            return ", perhaps because memory ran out: fewer processes need less"
         if process.exitcode not in (None, 0, 1, -signal.SIGTERM, -signal.SIGINT):
             why = signal.strsignal(-process.exitcode) if process.exitcode < 0 else f"exit status {process.exitcode}"
             return f" ({why})"
@@ -109,8 +114,8 @@ def _by(processes: Iterable[BaseProcess]) -> str:
 
 @contextlib.contextmanager
 def _without_main() -> Iterator[None]:
-    """Processes that are started within do not run the program's own file again, which may not expect it (no `if
-    __name__ == "__main__"`) or be no file."""
+    """Keep processes that are started inside the block from running the main program's file again, which may lack `if
+    __name__ == "__main__"` or not be a file at all."""
     main = sys.modules["__main__"]
     file = {name: main.__dict__.pop(name) for name in ("__file__", "__spec__") if name in main.__dict__}
     main.__spec__ = None
@@ -121,31 +126,31 @@ def _without_main() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def one_at_a_time(what: str) -> Iterator[None]:
-    """Of a user's processes that have a name in common, one is in the block at a time; on systems without such locks
-    all of them."""
+def exclusive(name: str) -> Iterator[None]:
+    """Let only one of a user's processes at a time run a block of this `name`; no restriction on systems without file
+    locks."""
     try:
         import fcntl
     except ImportError:
         yield
         return
-    with (pathlib.Path(tempfile.gettempdir()) / f"muybridge-{os.getuid()}-{what}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # until it is closed
+    with (pathlib.Path(tempfile.gettempdir()) / f"muybridge-{os.getuid()}-{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # released when the file is closed
         yield
 
 
-_work: Callable[[Any], Any] | None = None  # of a process that `shared_out` started
+_work: Callable[[Any], Any] | None = None  # set in processes that `map_in_processes` started
 
 
-def _begin(work: Callable[[Any], Any], threads: int) -> None:
+def _initialise(work: Callable[[Any], Any], threads: int) -> None:
     global _work
     _work = work
-    os.environ.setdefault("LP_NUM_THREADS", str(threads))  # llvmpipe's, which takes all processors otherwise
+    os.environ.setdefault("LP_NUM_THREADS", str(threads))  # of llvmpipe, which uses all processors by default
     signal.signal(signal.SIGINT, _stop)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
 
 
-def _end_with_parent() -> None:
+def _exit_with_parent() -> None:
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join()
@@ -153,13 +158,13 @@ def _end_with_parent() -> None:
 
 
 def _stop(*_: object) -> None:
-    """What is half written is removed, and nothing else begun."""
+    """Interrupt the current item, whose half-written files are then removed, and start no other."""
     global _work
     _work = None
     raise KeyboardInterrupt
 
 
-def _do(item: Any) -> Any:
+def _run(item: Any) -> Any:
     if _work is None:
         raise KeyboardInterrupt
     return _work(item)

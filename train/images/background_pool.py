@@ -9,7 +9,7 @@ from rich.progress import Progress
 
 from muybridge.arrays import ByteArray
 from muybridge.files import replacing
-from muybridge.train.engine.process_pool import affordable, shared_out
+from muybridge.train.engine.process_pool import affordable_processes, map_in_processes
 from muybridge.train.images.backgrounds import make_backgrounds
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.rendering.renderer import Renderer
@@ -55,10 +55,10 @@ def make_background_pool(path: pathlib.Path, count: int, seed: int) -> None:
         for start in range(begin, end, _PART)
     ]
     pictures = np.empty((count, 3, SIZE, SIZE), np.uint8)
-    processes = min(affordable(MEMORY), max(1, count // _PAYS))
+    processes = min(affordable_processes(MEMORY), max(1, count // _PAYS))
     with Progress(transient=True) as progress:
         bar = progress.add_task("backgrounds", total=count)
-        for numbers, made in shared_out(_Backdrops(seed, painted).part, parts, processes):
+        for numbers, made in map_in_processes(_Backdrops(seed, painted).part, parts, processes):
             pictures[numbers.start : numbers.stop] = made
             progress.update(bar, advance=len(numbers))
     with replacing(path) as temporary:

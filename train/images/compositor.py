@@ -97,7 +97,7 @@ class Batch:
         return torch.cat([self.image, self.difference], 1)
 
 
-def turned(angle: FloatArray, scale: FloatArray, flip: BoolArray) -> FloatArray:
+def linear_maps(angle: FloatArray, scale: FloatArray, flip: BoolArray) -> FloatArray:
     """(n, 2, 2) maps that mirror x where `flip` (n,), then turn by `angle` (n,), radians, and scale by `scale` (n,)."""
     cos, sin = np.cos(angle) * scale, np.sin(angle) * scale
     linear = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
@@ -237,7 +237,7 @@ class Compositor:
         tumble = rng.random(n) < opt.tumble
         angle = np.where(tumble, np.radians(rng.uniform(-60, 60, n)), angle)
         flip = rng.random(n) < 0.5
-        linear = turned(angle, scale, flip)
+        linear = linear_maps(angle, scale, flip)
         middle = (size - 1) / 2 + shift
         matrix = np.concatenate([linear, (middle - np.einsum("nij,nj->ni", linear, center))[..., None]], -1)
         return matrix.astype(np.float32), flip

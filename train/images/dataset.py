@@ -1,4 +1,4 @@
-"""Batches of training images: renders composited on backgrounds, made in worker processes."""
+"""Batches of training images: renders composited on backgrounds in worker processes."""
 
 import pathlib
 from collections.abc import Callable, Iterator
@@ -9,24 +9,38 @@ import torch
 from torch.utils.data import DataLoader, IterableDataset
 
 from muybridge.errors import SessionError
-from muybridge.train.engine.loop import Batch, worker_seed, workers
+from muybridge.train.engine.loop import Batch, worker_count, worker_seed
 from muybridge.train.engine.malloc import keep_memory
+from muybridge.train.engine.options import Training
 from muybridge.train.images.background_pool import make_background_pool
-from muybridge.train.options import Training
 from muybridge.train.synthesis.rendering.store import RenderSet, load_renders, shard_numbers, shard_path
 from muybridge.train.synthesis.rendering.worker import RenderWorker
 
 # The first shards of a store are never trained on.
 HELD_OUT = range(0, 4)
-
-
 TRAINED_ON = range(HELD_OUT.stop, 100_000)
+# Training starts when this many more shards exist.
+_FIRST_SHARDS = 4
+# Batches after which a worker reloads the store and its compositors; a growing store is checked more often, since a
+# network soon memorises few people.
+_RELOAD_BATCHES, _CHECK_BATCHES, _GROWTH = 500, 25, 1.1
+
+# From renders and a seed to a function that gives the next batch.
+BatchMaker = Callable[[RenderSet, int], Callable[[], Batch]]
 
 
 @contextmanager
-def prepared(options: Training) -> Iterator[pathlib.Path]:
-    """Seeds torch, makes the background pool, whose path it gives, and waits for the first renders where there are
-    none; the others are made while the block runs. SessionError where there are none to train on, or to score with."""
+def training_data(options: Training) -> Iterator[pathlib.Path]:
+    """Set up training on images: random seed, threads, renders and backgrounds.
+
+    If there are no renders, the first are waited for, and the others are made while the block runs.
+
+    Yields:
+        Path of the background pool.
+
+    Raises:
+        SessionError: there are no renders to train on or to validate with.
+    """
     if 0 < options.shards <= HELD_OUT.stop and not shard_numbers(options.renders):
         raise SessionError(
             f"--shards {options.shards}: the first {HELD_OUT.stop} are held out from training; make more, such as 60"
@@ -36,18 +50,18 @@ def prepared(options: Training) -> Iterator[pathlib.Path]:
     keep_memory()
     with RenderWorker(options.renders, options.shards, options.seed) as renders:
         if renders.making:
-            background_pool(options)  # some minutes, in which the first are made
-        renders.wait_for(HELD_OUT.stop + 4)
+            background_pool(options)  # takes some minutes, in which the first renders are made
+        renders.wait_for(HELD_OUT.stop + _FIRST_SHARDS)
         _check_renders(options)
         yield background_pool(options)
 
 
 def _check_renders(options: Training) -> None:
     trained_on = load_renders(options.renders, TRAINED_ON)
-    if options.whole and len(trained_on) and not len(trained_on.whole):
+    if options.whole_people and len(trained_on) and not len(trained_on.whole):
         raise SessionError(
-            f"{options.renders}: renders of parts of people alone, of which no scenes can be made; name a store of "
-            "whole people (`muybridge synth` without --close-ups)"
+            f"{options.renders}: only renders of parts of people, which scenes cannot be made of; name a store "
+            "of whole people (`muybridge synth` without --close-ups)"
         )
     if not len(trained_on):
         raise SessionError(
@@ -56,27 +70,27 @@ def _check_renders(options: Training) -> None:
         )
     if not len(load_renders(options.renders, HELD_OUT)):
         first, last = (shard_path(options.renders, number).name for number in (HELD_OUT[0], HELD_OUT[-1]))
-        raise SessionError(f"{options.renders}: none of {first} to {last}, to score with; `muybridge synth` makes them")
+        raise SessionError(
+            f"{options.renders}: none of {first} to {last}, to validate with; `muybridge synth` makes them"
+        )
 
 
-def batches(
-    options: Training, make: Callable[[RenderSet, int], Callable[[], Batch]], start: int, on_cpu: int = 1
-) -> Iterator[Batch]:
-    """Endless training batches from processes of their own.
+def batches(options: Training, make: BatchMaker, start: int, on_cpu: int = 1) -> Iterator[Batch]:
+    """Endless training batches from worker processes.
 
     Args:
         options: the training's options.
-        make: from renders and a seed to a function that gives the next batch; it has to pickle.
-        start: step of the run, so that a resumed run sees other images than it saw before.
-        on_cpu: as of `workers`.
+        make: from renders and a seed to a function that gives the next batch; must be picklable.
+        start: step of the run, so that a resumed run gets other images than before.
+        on_cpu: as in `worker_count`.
     """
-    stream, count = _Stream(options, make, start), workers(options, on_cpu)
+    stream, count = _Stream(options, make, start), worker_count(options, on_cpu)
     ahead = 4 if count else None
     return iter(DataLoader(stream, batch_size=None, num_workers=count, prefetch_factor=ahead))
 
 
 class _Stream(IterableDataset[Batch]):
-    def __init__(self, options: Training, make: Callable[[RenderSet, int], Callable[[], Batch]], start: int) -> None:
+    def __init__(self, options: Training, make: BatchMaker, start: int) -> None:
         self.options, self.make, self.start = options, make, start
 
     def __iter__(self) -> Iterator[Batch]:
@@ -90,23 +104,26 @@ class _Stream(IterableDataset[Batch]):
             known = len(shard_numbers(self.options.renders))
             renders = load_renders(self.options.renders, TRAINED_ON)
             seed = worker_seed(self.options.seed, self.start, worker.id if worker else 0, count)
-            following = self.make(renders, seed)
-            for k in range(500):
-                yield following()
+            next_batch = self.make(renders, seed)
+            for k in range(1, _RELOAD_BATCHES + 1):
+                yield next_batch()
                 count += 1
-                # A store that has only begun is looked at more often, for a few people are soon learned by heart.
-                if k % 25 == 24 and len(shard_numbers(self.options.renders)) > 1.1 * known:
+                if k % _CHECK_BATCHES == 0 and len(shard_numbers(self.options.renders)) > _GROWTH * known:
                     break
 
 
 def background_pool(options: Training) -> pathlib.Path:
-    """The background pool on disk beside the run's folder, made on the first call: half of it painted, half of it
-    views of rendered rooms."""
+    """Path of the background pool beside the run's folder, made on the first call: half of it painted, half of it views
+    of rendered rooms.
+
+    Raises:
+        SessionError: the pool cannot be read.
+    """
     path = options.out.parent / f"pool-{options.backgrounds}-{options.seed}.npy"
     if not path.exists():
         make_background_pool(path, options.backgrounds, options.seed)
     try:
         np.load(path, mmap_mode="r")
     except (OSError, ValueError, EOFError) as error:
-        raise SessionError(f"{path}: backgrounds that cannot be read ({error}); remove it, it is made anew") from error
+        raise SessionError(f"{path}: unreadable background pool ({error}); remove it, and it is made again") from error
     return path

@@ -1,9 +1,9 @@
-"""A keypoint network that gets used to the very footage it is given, without a label.
+"""Adaptation of a keypoint network to unlabelled footage.
 
-What all cameras agree on in 3D is projected into every view and trained on (`models.footage`), from the shipped
-weights, for a few minutes. In the end every view knows what the others know: how these clothes look from behind, which
-leg is the left one. Several views as each other's teachers: Kocabas, Karagoz and Akbas, "Self-supervised learning of
-3D human pose using multi-view geometry", CVPR 2019; here the labels have the whole take's evidence in time and body.
+The multi-view consensus in 3D is projected into every view and used as a label (`models.pseudo_labels`), starting from
+the shipped weights, for a few minutes. Every view learns from the others: how these clothes look from behind, which leg
+is the left one. Views as each other's teachers: Kocabas, Karagoz and Akbas, "Self-supervised learning of 3D human pose
+using multi-view geometry", CVPR 2019; here the labels also use the whole take's evidence over time and the body model.
 """
 
 import copy
@@ -22,31 +22,31 @@ from muybridge.models.keypoints.decode import decode_heatmaps
 from muybridge.models.keypoints.network import CHANNELS, STRIDE, KeypointNet
 from muybridge.models.pseudo_labels import PseudoLabels
 from muybridge.models.uncertainty import SpreadCalibration
-from muybridge.train.engine.loop import AveragedWeights, device, learning_rate, placed
+from muybridge.train.engine.loop import AveragedWeights, device, learning_rate, to_training_device
 from muybridge.train.engine.precision import autocast
 from muybridge.train.images.camera_faults import CameraFaults
 from muybridge.train.images.compositor import MIRROR
 from muybridge.train.keypoints.loss import heatmap_loss
+from muybridge.train.keypoints.options import Adaptation
 from muybridge.train.keypoints.train import SURFACE_WEIGHT
-from muybridge.train.options import Adaptation
 
-# Of the loss, labels that the view's own network had not found: mostly hidden, some of them wrong.
+# Weight of labels that the view's own network did not detect: mostly hidden landmarks, some of them wrong labels.
 _NOT_FOUND = 0.35
 _VISIBILITY = 0.2
-_NO_PLATE = 0.3  # share of crops that are shown without the difference to the background plate
-_FAULTY = 0.5  # share of batches that a camera's faults are added to
+_NO_PLATE = 0.3  # share of crops without the difference to the background model
+_FAULTY = 0.5  # share of batches with camera faults
 _AVERAGE_DECAY = 0.99
-_AT_ONCE = 32  # images, where nothing is trained
+_AT_ONCE = 32  # images per call in evaluation
 _ROTATION_SD, _SCALE_SD, _SHIFT_SD = np.radians(6.0), 0.1, 0.04
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """How near a network's landmarks come to what all cameras agree on, in crops that nothing was trained on.
+    """Distance of a network's landmarks from the multi-view consensus in held-out crops.
 
     Attributes:
-        median_px, mean_px: distance in network pixels; the mean counts what lies beyond a quarter of the crop as that.
-        landmarks: how many were compared.
+        median_px, mean_px: in network pixels; the mean counts distances above a quarter of the crop as that.
+        landmarks: number of landmarks compared.
     """
 
     median_px: float
@@ -56,30 +56,30 @@ class Agreement:
 
 @dataclass(frozen=True)
 class View:
-    """PseudoLabels as a network sees it.
+    """Pseudo-labels in a network's crop geometry.
 
     Attributes:
-        footage: what there is.
+        labels: the pseudo-labels.
         size: side of the network's crops, px.
-        padding: side of the network's crops over the longer side of the person's box.
+        padding: side of the network's crops relative to the longer side of the person's bounding box.
     """
 
-    footage: PseudoLabels
+    labels: PseudoLabels
     size: int
     padding: float
 
     def plain(self, index: IndexArray) -> tuple[ByteArray, Float32Array]:
-        """Crops (N, 4, S, S) as they are in use, and their landmarks (N, J, 2) px."""
+        """Crops (N, 4, S, S) as in use, and their landmarks (N, J, 2) px."""
         zero = np.zeros(len(index))
-        return self.placed(index, zero, zero + 1, np.zeros((len(index), 2)), zero > 0)
+        return self.transform(index, zero, zero + 1, np.zeros((len(index), 2)), zero > 0)
 
-    def placed(
+    def transform(
         self, index: IndexArray, angle: FloatArray, scale: FloatArray,
         shift_px: FloatArray, flip: BoolArray,
     ) -> tuple[ByteArray, Float32Array]:  # fmt: skip
-        """The same turned (radians), scaled, moved and mirrored; the landmarks keep their order."""
-        source = self.footage.crops.shape[1]
-        zoom = scale * self.size / source * self.footage.padding / self.padding
+        """The same rotated (radians), scaled, translated and mirrored; the landmarks keep their order."""
+        source = self.labels.crops.shape[1]
+        zoom = scale * self.size / source * self.labels.padding / self.padding
         cos, sin = np.cos(angle) * zoom, np.sin(angle) * zoom
         linear = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
         linear[:, :, 0] *= np.where(flip, -1, 1)[:, None]
@@ -87,29 +87,30 @@ class View:
         matrix = np.concatenate([linear, moved[..., None]], -1)
         images = np.empty((len(index), CHANNELS, self.size, self.size), np.uint8)
         for k, i in enumerate(index):
-            warped = cv2.warpAffine(self.footage.crops[i], matrix[k], (self.size, self.size), flags=cv2.INTER_LINEAR)
+            warped = cv2.warpAffine(self.labels.crops[i], matrix[k], (self.size, self.size), flags=cv2.INTER_LINEAR)
             images[k] = warped.transpose(2, 0, 1)
-        at = np.einsum("nij,nkj->nki", linear, self.footage.landmarks_px[index]) + moved[:, None]
+        at = np.einsum("nij,nkj->nki", linear, self.labels.landmarks_px[index]) + moved[:, None]
         return images, at.astype(np.float32)
 
 
 class _Sampler:
-    """Batches of footage, each crop turned, scaled, moved and mirrored anew."""
+    """Batches of footage, each crop rotated, scaled, translated and mirrored at random."""
 
     def __init__(self, view: View, visibility: Float32Array, seed: int) -> None:
         self.view, self.visibility = view, visibility
-        self.chosen = np.flatnonzero(~view.footage.held_out)
+        self.chosen = np.flatnonzero(~view.labels.held_out)
         self.rng = np.random.default_rng(seed)
         self.faults = CameraFaults(self.rng)
 
     def batch(self, count: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """(B, 4, S, S) in 0..1, landmarks (B, J, 2) px, whether the view agreed (B, J), visibility (B, J) in 0..1."""
+        """Images (B, 4, S, S) in 0..1, landmarks (B, J, 2) px, whether the view agreed (B, J), visibility (B, J) in
+        0..1."""
         rng = self.rng
         index = rng.choice(self.chosen, count)
         angle, scale = rng.normal(0, _ROTATION_SD, count), np.exp(rng.normal(0, _SCALE_SD, count))
         shift_px, flip = rng.normal(0, _SHIFT_SD, (count, 2)) * self.view.size, rng.random(count) < 0.5
-        images, at = self.view.placed(index, angle, scale, shift_px, flip)
-        agreed, visible = self.view.footage.agreed[index], self.visibility[index]
+        images, at = self.view.transform(index, angle, scale, shift_px, flip)
+        agreed, visible = self.view.labels.agreed[index], self.visibility[index]
         for values in (at, agreed, visible):
             values[flip] = values[flip][:, MIRROR[: values.shape[1]]]
         image = torch.from_numpy(images).float() / 255
@@ -119,26 +120,26 @@ class _Sampler:
         return image, torch.from_numpy(at), torch.from_numpy(agreed), torch.from_numpy(visible)
 
 
-def adapted(
-    net: KeypointNet, view: View, options: Adaptation, tell: Callable[[float], None]
+def train_on_footage(
+    net: KeypointNet, view: View, options: Adaptation, report: Callable[[float], None]
 ) -> tuple[KeypointNet, int]:
-    """The network after training on footage.
+    """Train a network on footage.
 
     Args:
-        net: to begin with, normalisation folded (`models.weights_from_onnx`); it is left as it is.
+        net: the initial network, with folded normalisation (`models.onnx_files.import_weights`); it is not changed.
         view: crops with labels.
-        options: how.
-        tell: is told the share of the time that is over.
+        options: of the training.
+        report: called with the elapsed share of the time.
 
     Returns:
-        The network with averaged weights, and how many images it saw.
+        The network with averaged weights, and the number of images that it saw.
     """
     torch.manual_seed(options.seed)
-    student = placed(copy.deepcopy(net)).eval()  # normalisations stay what they are: a bias
+    student = to_training_device(copy.deepcopy(net)).eval()  # normalisation layers stay fixed: they are only a bias
     sampler = _Sampler(view, _visibility(net, view), options.seed)
     optimiser = torch.optim.AdamW(student.parameters(), options.rate, weight_decay=0.0)
-    average, step, began, budget = AveragedWeights(student, _AVERAGE_DECAY), 0, time.monotonic(), 60 * options.minutes
-    while (elapsed := time.monotonic() - began) < budget:
+    average, step, start, budget = AveragedWeights(student, _AVERAGE_DECAY), 0, time.monotonic(), 60 * options.minutes
+    while (elapsed := time.monotonic() - start) < budget:
         for group in optimiser.param_groups:
             group["lr"] = learning_rate(options.rate, 6 * step, elapsed, budget, 0.5)
         optimiser.zero_grad(set_to_none=True)
@@ -148,14 +149,14 @@ def adapted(
         optimiser.step()
         average.update(student, step)
         step += 1
-        tell(min(1.0, elapsed / budget))
+        report(min(1.0, elapsed / budget))
     out = copy.deepcopy(net)
     out.load_state_dict(average.state)
     return out.eval(), step * options.batch
 
 
 def _loss(net: nn.Module, image: Tensor, at: Tensor, agreed: Tensor, visible: Tensor) -> Tensor:
-    """Cross-entropy of the heatmaps; visibility stays what the network itself said of the crop at first."""
+    """Cross-entropy of the heatmaps; visibility is kept at the initial network's own prediction."""
     with autocast(image.device):
         heatmaps, visibility = net(image)
     inside = ((at >= 0) & (at <= image.shape[-1] - 1)).all(-1, keepdim=True)
@@ -168,17 +169,18 @@ def _loss(net: nn.Module, image: Tensor, at: Tensor, agreed: Tensor, visible: Te
 
 @torch.no_grad()
 def _visibility(net: KeypointNet, view: View) -> Float32Array:
-    """(N, J) visibility in 0..1 that the network gives the crops as they are."""
-    batches = np.split(np.arange(len(view.footage.crops)), range(_AT_ONCE, len(view.footage.crops), _AT_ONCE))
+    """(N, J) visibility in 0..1 that the network predicts for the crops as they are."""
+    batches = np.split(np.arange(len(view.labels.crops)), range(_AT_ONCE, len(view.labels.crops), _AT_ONCE))
     seen = [net(torch.from_numpy(view.plain(index)[0]).float() / 255)[1].sigmoid() for index in batches]
     return np.asarray(torch.cat(seen).numpy())
 
 
 @torch.no_grad()
-def agreement(net: KeypointNet, view: View) -> Agreement:
-    """How near the network comes to the labels of the body in the crops that are held out (in all, if none is)."""
-    footage, body = view.footage, len(BODY23)
-    chosen = np.flatnonzero(footage.held_out) if footage.held_out.any() else np.arange(len(footage.crops))
+def measure_agreement(net: KeypointNet, view: View) -> Agreement:
+    """Distance between the network's body landmarks and the labels in held-out crops (in all crops if none is held
+    out)."""
+    labels, body = view.labels, len(BODY23)
+    chosen = np.flatnonzero(labels.held_out) if labels.held_out.any() else np.arange(len(labels.crops))
     distances = []
     for index in np.split(chosen, range(_AT_ONCE, len(chosen), _AT_ONCE)):
         images, at = view.plain(index)

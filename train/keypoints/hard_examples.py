@@ -1,8 +1,8 @@
-"""Which renders the network finds hard, so that they are drawn more often.
+"""Hard example mining: renders with a high loss are drawn more often.
 
-Of a trained network's misses nearly half lie in a twelfth of the crops: people head down, folded up, running in
-profile. What it does well teaches it little more (importance sampling by loss, Katharopoulos and Fleuret 2018; here
-the loss is not weighted back: that hard poses count for more is meant).
+Nearly half of a trained network's misses lie in a twelfth of the crops: people upside down, folded up, or running in
+profile; it learns little more from what it does well (importance sampling by loss, Katharopoulos and Fleuret 2018).
+Unlike there, the loss is not reweighted: hard poses are meant to count more.
 """
 
 import pathlib
@@ -12,52 +12,52 @@ import numpy as np
 from muybridge.arrays import Float32Array, FloatArray, IntArray
 from muybridge.files import replacing
 
-# Of a render's mean loss, what its newest crop says: crops of one render differ by background, things in front and
-# light, so that one alone says little.
+# Weight of the newest crop in a render's mean loss: crops of one render differ by background, occluders and light, so
+# that one alone is noisy.
 _NEWEST = 0.3
-# Losses are counted above this quantile: nobody is easier than easy.
+# Losses count above this quantile; below it all renders are equally easy.
 _EASY = 0.2
 
 
 class Difficulty:
-    """Mean loss of a store's renders, kept in a file that the processes read which make crops.
+    """Mean loss of a store's renders, kept in a file for the processes that make crops.
 
     Args:
-        path: of the file (`.npy`, float32, NaN where unknown); what is there already is gone on with.
-        every: it is written after so many batches.
+        path: of the file (`.npy`, float32, NaN where unknown); an existing one is continued.
+        every: number of batches between writes.
     """
 
     def __init__(self, path: pathlib.Path, every: int = 100) -> None:
-        self.path, self.every, self.noted = path, every, 0
+        self.path, self.every, self.recorded = path, every, 0
         self.loss = read_difficulty(path)
 
-    def note(self, index: IntArray, loss: Float32Array) -> None:
-        """The losses (B,) of crops of the renders `index` (B,); NaN says nothing."""
+    def record(self, index: IntArray, loss: Float32Array) -> None:
+        """Record the losses (B,) of crops of the renders `index` (B,); NaN is ignored."""
         size = int(index.max()) + 1
         if size > len(self.loss):
             self.loss = np.append(self.loss, np.full(size - len(self.loss), np.nan, np.float32))
         index, loss = index[np.isfinite(loss)], loss[np.isfinite(loss)]
         before = self.loss[index]
         self.loss[index] = np.where(np.isnan(before), loss, before + _NEWEST * (loss - before))
-        self.noted += 1
-        if self.noted % self.every == 0:
+        self.recorded += 1
+        if self.recorded % self.every == 0:
             with replacing(self.path) as temporary:
                 np.save(temporary, self.loss)
 
 
 def read_difficulty(path: pathlib.Path) -> Float32Array:
-    """(N,) losses of the first renders of a store, NaN where unknown; none where there is no file."""
+    """(N,) losses of the first renders of a store, NaN where unknown; empty if there is no file."""
     return np.load(path) if path.exists() else np.zeros(0, np.float32)
 
 
 def drawing_probability(loss: Float32Array, count: int, hard: float) -> FloatArray:
-    """With which probability each of `count` renders is drawn: a share `hard` by how far its loss lies above the easy
-    ones', the rest evenly.
+    """Probability of drawing each of `count` renders.
 
     Args:
-        loss: (N,) of the first renders, NaN where unknown: such are drawn as the mean of the known.
-        count: of all renders.
-        hard: 0 to 1.
+        loss: (N,) of the first renders, NaN where unknown: these are drawn like the mean of the known ones.
+        count: number of renders.
+        hard: share, 0 to 1, that is drawn in proportion to how far the loss exceeds that of easy renders; the rest is
+            uniform.
     """
     even = np.full(count, 1 / count)
     known = np.full(count, np.nan)

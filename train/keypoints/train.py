@@ -22,33 +22,35 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.models.keypoints.decode import decode_heatmaps
 from muybridge.models.keypoints.metadata import crop_side
 from muybridge.models.keypoints.network import STRIDE, KeypointNet
-from muybridge.models.keypoints.rescale import FIRST_LOOK, LEAST, Maps, at_side
+from muybridge.models.keypoints.test_time import FIRST_PASS, LEAST, Maps, at_side
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, measure_normalisation
 from muybridge.models.uncertainty import SpreadCalibration
 from muybridge.train.engine import loop
-from muybridge.train.engine.compile import compiled
-from muybridge.train.engine.gradient_worker import GradientWorker, pays
+from muybridge.train.engine.checkpoint import CHECKPOINT
+from muybridge.train.engine.compile import compile_for_training
+from muybridge.train.engine.gradient_worker import GradientWorker, is_worthwhile
 from muybridge.train.engine.precision import autocast
+from muybridge.train.images import dataset
 from muybridge.train.images.compositor import WHOLE, Batch, Compositor
 from muybridge.train.keypoints.data_echoing import Echo
 from muybridge.train.keypoints.evaluate import LIMB, MIRROR
-from muybridge.train.keypoints.export import load_checkpoint
+from muybridge.train.keypoints.export import load_keypoint_checkpoint
 from muybridge.train.keypoints.hard_examples import Difficulty, drawing_probability, read_difficulty
 from muybridge.train.keypoints.loss import cross_entropy, targets
-from muybridge.train.options import KeypointTraining
+from muybridge.train.keypoints.options import KeypointTraining
 from muybridge.train.synthesis.rendering.store import RenderSet, load_renders
 
-# Of the virtual markers' loss beside the body landmarks'.
+# Weight of the virtual markers' loss relative to the body landmarks'.
 SURFACE_WEIGHT = 0.5
-# Sides of the crops that `muybridge run` reads at first, and of people seen in part, as shares of the whole.
-SMALLER = (FIRST_LOOK, LEAST)
-# Batches after which those who make crops look up which renders are hard.
-_LOOKED_UP = 100
+# Sides of the crops of `muybridge run`'s first pass and of partly visible people, as shares of the full side.
+SMALLER = (FIRST_PASS, LEAST)
+# Batches after which the workers that make crops reload which renders are hard.
+_REFRESH_BATCHES = 100
 
 
 @dataclass(frozen=True)
 class _Crops:
-    """Batches of training crops, for `loop.batches`."""
+    """Batches of training crops, for `dataset.batches`."""
 
     pool: pathlib.Path
     size: int
@@ -65,44 +67,52 @@ class _Crops:
         made = itertools.count()
         probability = np.empty(0)
 
-        def following() -> loop.Batch:
+        def next_batch() -> loop.Batch:
             nonlocal probability
             number = next(made)
-            if number % _LOOKED_UP == 0:
+            if number % _REFRESH_BATCHES == 0:
                 probability = drawing_probability(read_difficulty(self.difficulty), len(renders), self.hard)
             index = rng.choice(len(renders), self.count, p=probability)
-            # Not the first, whose size says how much memory the second process needs.
+            # Not the first, whose size determines how much memory the second process allocates.
             smaller = number and rng.random() < self.smaller
             batch = compositors[rng.integers(1, len(sides)) if smaller else 0].batch(self.count, index)
             landmarks = torch.cat([batch.landmarks_px, batch.markers_px], 1)
             visible = torch.cat([batch.visible, batch.markers_visible], 1)
-            pixels = batch.pixels.contiguous(memory_format=torch.channels_last)  # here, where there is time
+            pixels = batch.pixels.contiguous(memory_format=torch.channels_last)  # done here, since workers have time
             return pixels, landmarks, visible, torch.from_numpy(index)
 
-        return following
+        return next_batch
 
 
 class Loss:
-    """The loss of a batch, which also tells which renders are hard.
+    """The loss of a batch; it also records which renders are hard.
 
     Args:
-        difficulty: where it is noted.
-        losses: `losses_of`, as it is or compiled.
+        difficulty: where that is recorded.
+        losses: `losses_of`, compiled or not.
     """
 
     def __init__(self, difficulty: Difficulty, losses: Callable[..., tuple[Tensor, Tensor, Tensor]]) -> None:
         self.difficulty, self.losses = difficulty, losses
 
     def __call__(self, net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
-        """Total loss, and the mean cross-entropy of the visible landmarks of the body for the log."""
+        """Total loss, and the mean cross-entropy of the visible body landmarks for the log."""
         total, each, count = self.losses(net, batch[:3])
-        self.difficulty.note(batch[3].cpu().numpy(), (each / count).cpu().numpy())
+        self.difficulty.record(batch[3].cpu().numpy(), (each / count).cpu().numpy())
         return total, each.sum() / count.sum()
 
 
 def losses_of(net: KeypointNet, batch: loop.Batch) -> tuple[Tensor, Tensor, Tensor]:
-    """Total loss; (B,) summed cross-entropy of the visible landmarks of the body of each crop, without gradients; and
-    (B,) how many these are."""
+    """Losses of a batch.
+
+    Args:
+        net: the network.
+        batch: pixels (B, 4, S, S) uint8, landmarks (B, J, 2) px, visibility (B, J) bool.
+
+    Returns:
+        Total loss; (B,) summed cross-entropy of the visible body landmarks of each crop, without gradients; (B,) their
+        number.
+    """
     image, landmarks_px, visible = batch[:3]
     body, target = len(BODY23), targets(landmarks_px, image.shape[-2] // STRIDE, image.shape[-1] // STRIDE)
     with autocast(image.device):
@@ -111,7 +121,7 @@ def losses_of(net: KeypointNet, batch: loop.Batch) -> tuple[Tensor, Tensor, Tens
     if markers is not None:
         each = torch.cat([each, cross_entropy(markers, target.of(slice(body, None)))], 1)
     seen, known = visible.float(), landmarks_px.isfinite().all(-1).float()
-    # Hidden landmarks count too, less: the network shall guess them and know that it guesses.
+    # Hidden landmarks count too, but less: the network should guess them and be uncertain.
     weight = 0.35 + 0.65 * seen
     see = torch.nn.functional.binary_cross_entropy_with_logits(visibility.float(), seen, known)
     total = (each * weight)[:, :body].mean() + 0.2 * see
@@ -129,13 +139,20 @@ def body_maps(net: nn.Module, image: Tensor) -> Tensor:
 
 
 def evaluate(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
-    """Figures of merit of visible landmarks in held-out crops, points decoded as in use.
+    """Scores of visible landmarks in held-out crops, with points decoded as in use.
+
+    Args:
+        net: the network.
+        batches: of held-out crops.
 
     Returns:
-        median and mean error in crop pixels, PCK at 5 % of the crop, the share of the limbs' landmarks that lie
-        nearer to their mirror twin (left-right swaps), and the mean cross-entropy, which tells versions apart that
-        the others do not: it counts how sure the network is of each landmark and not only the few that tip over; and
-        PCK of the same crops made smaller, as those of people seen in part are.
+        Median and mean error in crop pixels; PCK at 5 % of the crop; the share of limb landmarks nearer to their
+        left-right
+        counterpart (flips); the mean cross-entropy, which separates versions that the others do not, since it counts
+        the
+        confidence in every landmark and not only the few that flip; and PCK of the same crops made smaller, like those
+        of
+        partly visible people.
     """
     where = next(net.parameters()).device
     errors, flips, losses, smaller = [], [], [], []
@@ -160,80 +177,87 @@ def evaluate(net: nn.Module, batches: list[Batch]) -> dict[str, float]:
 
 
 def _errors_smaller(net: nn.Module, batch: Batch) -> Tensor:
-    """(B, 23) errors of landmarks, in pixels of the crops as they are, read in crops of the last of `SMALLER`."""
+    """(B, 23) landmark errors, in pixels of the crops as they are, when read in crops of the last size in `SMALLER`."""
     device = next(net.parameters()).device
 
-    def look(crops: ByteArray) -> Maps:
+    def read(crops: ByteArray) -> Maps:
         return [body_maps(net, torch.from_numpy(crops).to(device)).numpy()]
 
     side = crop_side(SMALLER[-1] * batch.image.shape[-1])
-    (maps,) = at_side(look, side, rows=2)(batch.pixels.numpy())
+    (maps,) = at_side(read, side, rows=2)(batch.pixels.numpy())
     found = decode_heatmaps(maps, STRIDE, SpreadCalibration(), MIRROR).points_crop_px
     away: Tensor = torch.linalg.vector_norm(torch.from_numpy(found).float() - batch.landmarks_px, dim=-1)
     return away
 
 
 def held_out_batches(renders: pathlib.Path, pool: pathlib.Path, size: int, count: int = 8) -> list[Batch]:
-    """The same held-out crops for every call: seeded, of people who are never trained on (on known backgrounds;
-    `muybridge eval` draws others)."""
-    store = load_renders(renders, loop.HELD_OUT)
+    """The same held-out crops at every call: seeded, of people who are never trained on, but on the training's
+    backgrounds (`muybridge eval` draws others)."""
+    store = load_renders(renders, dataset.HELD_OUT)
     backgrounds = np.load(pool, mmap_mode="r")
     return [Compositor(store, backgrounds, size, 10_000 + i, WHOLE).batch(64) for i in range(count)]
 
 
-def _given(options: KeypointTraining) -> KeypointNet | None:
-    """A network as that of the run that goes on, else that of the file that training begins with, if there is one."""
+def _start_network(options: KeypointTraining) -> KeypointNet | None:
+    """A network like that of the run in `options.out`, else that of the file to start from, else None."""
     if loop.resumes(options):
-        config = load_checkpoint(options.out / loop.CHECKPOINT)["config"]
+        config = load_keypoint_checkpoint(options.out / CHECKPOINT)["config"]
         if "landmarks" not in config:
-            raise ModelError(f"{options.out}: a run of another network goes on there; name another folder with --out")
+            raise ModelError(f"{options.out}: it has a run of another network; name another folder with --out")
         return KeypointNet(**config)
-    return None if options.model is None else _network_of(options.model)
+    return None if options.model is None else _network_from_file(options.model)
 
 
-def _network_of(model: pathlib.Path) -> KeypointNet:
+def _network_from_file(model: pathlib.Path) -> KeypointNet:
     net = keypoint_net_from_onnx(model)
     if net.visibility.out_features != len(BODY23) + len(SURFACE):
-        raise ModelError(f"{model}: training needs a network that finds virtual markers too")
+        raise ModelError(f"{model}: training needs a network that detects virtual markers too")
     return net
 
 
-def _second(net: KeypointNet, options: KeypointTraining) -> AbstractContextManager[GradientWorker | None]:
-    """The second process, if it is wished for and pays."""
-    if options.second and pays(options.batch, options.threads, options.minutes):
+def _second_process(net: KeypointNet, options: KeypointTraining) -> AbstractContextManager[GradientWorker | None]:
+    """The second process if it is requested and worthwhile."""
+    if options.second and is_worthwhile(options.batch, options.threads, options.minutes):
         return GradientWorker(net, losses_of, options.minutes, options.threads)
     return nullcontext()
 
 
-def _echoed(stream: Iterator[loop.Batch], options: KeypointTraining) -> AbstractContextManager[Iterator[loop.Batch]]:
-    """The batches, and old ones among them where a GPU would wait for new ones."""
+def _with_echoes(
+    stream: Iterator[loop.Batch], options: KeypointTraining
+) -> AbstractContextManager[Iterator[loop.Batch]]:
+    """The batches and, where a GPU would wait for new ones, old ones in between."""
     if loop.device().type == "cuda" and options.echo > 1:
         return closing(Echo(stream, loop.device(), options.echo, options.seed))
     return nullcontext(stream)
 
 
 def train(options: KeypointTraining) -> pathlib.Path:
-    """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
+    """Train for `options.minutes` from the last checkpoint in `options.out`; return the path of the new one.
+
+    Raises:
+        ModelError: the options or the network to start from cannot be used.
+        SessionError: the renders or the checkpoint cannot be used.
+    """
     for name, share, what in (("hard", options.hard, "crops"), ("smaller", options.smaller, "batches")):
         if not 0 <= share <= 1:
-            raise ModelError(f"--{name} {share:g}: it is a share of the {what}, 0 to 1")
+            raise ModelError(f"--{name} {share:g}: must be a share of the {what}, from 0 to 1")
     model = None if loop.resumes(options) else options.model
-    given = _given(options)  # before all that takes minutes
-    with loop.prepared(options) as pool:
+    start = _start_network(options)  # before anything that takes minutes
+    with dataset.training_data(options) as pool:
         validation = held_out_batches(options.renders, pool, options.size)
-        net = given or KeypointNet(len(BODY23) + len(SURFACE))
+        net = start or KeypointNet(len(BODY23) + len(SURFACE))
         if model is not None:
             measure_normalisation(net, [validation[0].pixels.float().div(255)])
-        seen = loop.Seen() if model is None else loop.Seen.of(model)
-        fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
-        # Losses are of the renders of one store.
+        history = loop.TrainingHistory() if model is None else loop.TrainingHistory.of_file(model)
+        run = loop.TrainingRun(options, net, lambda net: evaluate(net, validation), history)
+        # The recorded losses belong to the renders of one store.
         store = zlib.crc32(str(options.renders.resolve()).encode())
         difficulty = Difficulty(options.out / f"difficulty-{store:08x}.npy")
         crops = _Crops(pool, options.size, options.smaller, options.batch, difficulty.path, options.hard)
-        loss = Loss(difficulty, compiled(losses_of, options.minutes))
+        loss = Loss(difficulty, compile_for_training(losses_of, options.minutes))
         with (
-            _second(net, options) as other,
-            _echoed(loop.batches(options, crops, fit.state["step"]), options) as stream,
+            _second_process(net, options) as worker,
+            _with_echoes(dataset.batches(options, crops, run.state["step"]), options) as stream,
         ):
-            fit.run(stream, loss, other)
-    return fit.checkpoint
+            run.run(stream, loss, worker)
+    return run.checkpoint

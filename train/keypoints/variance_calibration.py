@@ -1,4 +1,4 @@
-"""How far a keypoint network's landmarks are off, and the variance that says so: fitted on held-out crops."""
+"""Errors of a keypoint network's landmarks, and a variance that matches them: fitted on held-out crops."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -12,35 +12,35 @@ from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray
 from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.models.keypoints.decode import decode_heatmaps, sigmoid
-from muybridge.models.keypoints.mirroring import mean_of_mirrored
 from muybridge.models.keypoints.network import STRIDE, KeypointNet
+from muybridge.models.keypoints.test_time import mean_of_mirrored
 from muybridge.models.uncertainty import SpreadCalibration
 from muybridge.train.images.compositor import Batch
 
-# No landmark is known better than this, network pixels squared: a tenth of a pixel.
+# Least variance, network pixels squared: a standard deviation of a tenth of a pixel.
 LEAST_FLOOR_PX2 = 0.01
-# Shares of a Gaussian's values within one and two sigma, and the most knots of the map that is to give them.
+# Shares of a Gaussian's values within one and two sigma, and the largest number of knots of the map.
 WITHIN_ONE, WITHIN_TWO, KNOTS = 0.6827, 0.9545, 16
-# Landmarks of a pair of twins that say how much their variance differs from the others'; fewer say nothing.
-LEAST_OF_A_LANDMARK = 200
-# What is tried for the ratio of the variance of what looks hidden, times what the errors' slope says.
-_HIDDEN = np.geomspace(0.65, 2.0, 12)
-# What is tried for the ratio of the variance of crops looked at mirrored too to that of crops looked at once.
-_MIRRORED = np.geomspace(0.5, 1.25, 38)
+# Least number of errors of a left-right pair from which its ratio is estimated.
+LEAST_LANDMARKS = 200
+# Trial ratios of the variance of hidden landmarks, relative to the estimate from the slope of the errors.
+_HIDDEN_TRIALS = np.geomspace(0.65, 2.0, 12)
+# Trial ratios of the variance with averaging over the mirrored crop to that without.
+_MIRRORED_TRIALS = np.geomspace(0.5, 1.25, 38)
 
-Look = Callable[[Float32Array], tuple[Float32Array, Float32Array]]
-"""A network: crops (N, 4, S, S) in 0..1 to heatmaps (N, J, h, w) and visibility (N, J), logits."""
+Reader = Callable[[Float32Array], tuple[Float32Array, Float32Array]]
+"""A network: from crops (N, 4, S, S) in 0..1 to heatmaps (N, J, h, w) and visibility (N, J), logits."""
 
 
 class HeldOut(NamedTuple):
-    """How landmarks of held-out crops were found: N crops, J landmarks; or any selection of them, (K,) for (N, J).
+    """Landmarks detected in held-out crops: N crops, J landmarks; or any selection of them, (K,) instead of (N, J).
 
     Attributes:
         error_px: (N, J, 2), NaN where the truth is unknown.
         spread_px2: (N, J) of the heatmaps.
-        seen: (N, J) probability that the landmark is not hidden, as the network says.
-        inside: (N, J) the landmark is known and lies inside of the crop.
-        visible: (N, J) and is not hidden.
+        seen: (N, J) predicted probability that the landmark is not hidden.
+        inside: (N, J) whether the landmark is known and lies inside the crop.
+        visible: (N, J) whether, in addition, it is not hidden.
     """
 
     error_px: FloatArray
@@ -54,34 +54,41 @@ class HeldOut(NamedTuple):
         return HeldOut(*(values[at] for values in self))
 
 
-def look_of(net: KeypointNet) -> Look:
+def reader_of(net: KeypointNet) -> Reader:
     """A network under training as a function."""
 
-    def look(crops: Float32Array) -> tuple[Float32Array, Float32Array]:
+    def read(crops: Float32Array) -> tuple[Float32Array, Float32Array]:
         with torch.inference_mode():
             heatmaps, visibility = net(torch.from_numpy(crops))
         return heatmaps.numpy(), visibility.numpy()
 
-    return look
+    return read
 
 
-def held_out(look: Look, batches: list[Batch]) -> tuple[HeldOut, HeldOut]:
-    """All that a network finds in crops, body first, then markers, in crop pixels, decoded as in use: looked at once,
-    and by the mean of what it says of the crop and of its mirror image."""
+def read_held_out(read: Reader, batches: list[Batch]) -> tuple[HeldOut, HeldOut]:
+    """All landmarks that a network detects in crops, body first, then markers, in crop pixels, decoded as in use.
+
+    Args:
+        read: the network.
+        batches: of held-out crops.
+
+    Returns:
+        The landmarks of the crops, and those of outputs averaged with the mirrored crops.
+    """
     parts: tuple[list[HeldOut], list[HeldOut]] = [], []
     twins = np.concatenate([BODY23.mirror, len(BODY23) + np.array(SURFACE.mirror)])
     for batch in batches:
         crops = batch.pixels.numpy().astype(np.float32) / np.float32(255)
-        once, other = look(crops), look(np.ascontiguousarray(crops[..., ::-1]))
+        once, other = read(crops), read(np.ascontiguousarray(crops[..., ::-1]))
         each = twins[: once[0].shape[1]]
-        parts[0].append(_found(batch, *once))
-        parts[1].append(_found(batch, *(mean_of_mirrored(a, b, each) for a, b in zip(once, other, strict=True))))
+        parts[0].append(_decode(batch, *once))
+        parts[1].append(_decode(batch, *(mean_of_mirrored(a, b, each) for a, b in zip(once, other, strict=True))))
     first, both = (HeldOut(*(np.concatenate(v) for v in zip(*part, strict=True))) for part in parts)
     return first, both
 
 
-def _found(batch: Batch, heatmaps: Float32Array, visibility: Float32Array) -> HeldOut:
-    """What heatmaps and visibility of a batch say, beside the truth."""
+def _decode(batch: Batch, heatmaps: Float32Array, visibility: Float32Array) -> HeldOut:
+    """Decode heatmaps and visibility of a batch and compare them with the truth."""
     count, body, plain = heatmaps.shape[1], len(BODY23), SpreadCalibration(1.0, 1e-12)
     decoded = [decode_heatmaps(heatmaps[:, :body], STRIDE, plain, np.array(BODY23.mirror))]
     if count > body:
@@ -98,32 +105,32 @@ def fit_spread(
     error_px: FloatArray, spread_px2: FloatArray,
     visible: BoolArray | None = None, seen: FloatArray | None = None,
 ) -> SpreadCalibration:  # fmt: skip
-    """The map from spread to variance under which one and two sigma hold their share of held-out errors.
+    """The map from spread to variance under which one and two sigma contain their share of held-out errors.
 
-    "Within n sigma" is meant a coordinate: |x error| < n sigma and |y error| < n sigma count one each, and a
-    Gaussian has 68.3 and 95.4 % of them. Errors are no Gaussian given the spread, though: most landmarks are near
-    and a few lie on the other hypothesis, so that a sigma from the 68.3 % quantile is too small for 95.4 % and one
-    from half of the 95.4 % quantile too large for 68.3 %. In every range of spreads the variance lies between the
-    two, by one weight for all, with which no share is farther off than need be, neither of all landmarks nor of
-    the visible ones nor of the hidden ones.
+    "Within n sigma" is meant per coordinate: |x error| < n sigma and |y error| < n sigma count separately, and a
+    Gaussian has 68.3 and 95.4 % of them. Given the spread, errors are not Gaussian, though: most landmarks are near and
+    a few lie on the other hypothesis, so that a sigma from the 68.3 % quantile is too small for 95.4 % and one from
+    half of the 95.4 % quantile too large for 68.3 %. In every range of spreads the variance lies between the two, with
+    one weight for all ranges, chosen to minimise the largest deviation of a share among all landmarks, the visible ones
+    and the hidden ones.
 
     Args:
         error_px: (K, 2).
         spread_px2: (K,).
-        visible: (K,) which of them are not hidden; without, only all together are looked at.
-        seen: (K,) the probability of that, as the network says; with it, what looks hidden may have a larger variance
-            of the same spread: as much larger as makes the shares right, near what the errors' slope says.
+        visible: (K,) which of them are not hidden; without, only all of them together are considered.
+        seen: (K,) the predicted probability of that. With it, landmarks that look hidden may have a larger variance for
+            the same spread, by the ratio that best fits the shares, near what the slope of the errors suggests.
     """
     groups = [slice(None)] if visible is None else _groups(visible)
     seen = np.ones(len(error_px)) if seen is None else seen
     order = np.argsort(spread_px2)
     parts = np.array_split(order, max(1, min(KNOTS, len(order) // 50)))
-    slope = _hidden(error_px, seen, parts)
-    # Where the slope says nothing of it there is nothing to choose.
-    tried = np.unique(np.maximum(slope * _HIDDEN, 1.0)) if slope > 1 and len(groups) > 1 else [slope]
+    slope = _fit_hidden_slope(error_px, seen, parts)
+    # If the slope shows no growth, there is nothing to choose.
+    tried = np.unique(np.maximum(slope * _HIDDEN_TRIALS, 1.0)) if slope > 1 and len(groups) > 1 else [slope]
     fits = [_fit_hidden(error_px, spread_px2, seen, float(hidden), parts, groups) for hidden in tried]
     best = min(fits, key=lambda fit: fit[0])[1]
-    scale, floor = _line(spread_px2, best.variance(spread_px2))
+    scale, floor = _fit_line(spread_px2, best.variance(spread_px2))
     return replace(best, scale=scale, floor_px2=floor)
 
 
@@ -131,7 +138,7 @@ def _fit_hidden(
     error_px: FloatArray, spread_px2: FloatArray, seen: FloatArray, hidden: float,
     parts: list[IndexArray], groups: list[Any],
 ) -> tuple[float, SpreadCalibration]:  # fmt: skip
-    """`fit_spread` with a given ratio of hidden landmarks, and by how much a share is off at most."""
+    """`fit_spread` with a given ratio for hidden landmarks, and the largest deviation of a share."""
     at = np.array([np.exp(np.log(np.maximum(spread_px2[part], LEAST_FLOOR_PX2)).mean()) for part in parts])
     factor = SpreadCalibration(hidden=hidden).ratio(seen, False)
     error = np.abs(error_px) / np.sqrt(factor)[:, None]
@@ -143,23 +150,29 @@ def _fit_hidden(
         return SpreadCalibration(knots=_pairs(at, np.maximum.accumulate(variance)), hidden=hidden)
 
     fits = [calibration(float(weight)) for weight in np.linspace(0.0, 1.0, 21)]
-    off = [_farthest_off(error_px, fit.variance(spread_px2) * factor, groups) for fit in fits]
+    off = [_largest_miss(error_px, fit.variance(spread_px2) * factor, groups) for fit in fits]
     best = int(np.argmin(off))
     return off[best], fits[best]
 
 
 def fit_mirrored(spread: SpreadCalibration, found: HeldOut) -> SpreadCalibration:
-    """The calibration with the ratio by which variances are smaller where crops are looked at mirrored too, which
-    `found`, a selection of K landmarks, were."""
-    return replace(spread, mirrored=fitted_ratio(found.error_px, variances(spread, found), found.visible))
+    """The calibration with the ratio of the variances of outputs averaged with mirrored crops, from `found`, a
+    selection of K such landmarks."""
+    return replace(spread, mirrored=fit_ratio(found.error_px, variances(spread, found), found.visible))
 
 
-def fitted_ratio(error_px: FloatArray, variance_px2: FloatArray, visible: BoolArray) -> float:
-    """By what variances (K,) of coordinates (K, 2) have to be multiplied for no share within one or two sigma to be
-    farther off than need be, neither of all nor of the `visible` (K,) nor of the hidden."""
+def fit_ratio(error_px: FloatArray, variance_px2: FloatArray, visible: BoolArray) -> float:
+    """Factor on variances that minimises the largest deviation of a share within one or two sigma, among all landmarks,
+    the visible ones and the hidden ones.
+
+    Args:
+        error_px: (K, 2).
+        variance_px2: (K,) of each coordinate.
+        visible: (K,).
+    """
     groups = _groups(visible)
-    off = [_farthest_off(error_px, variance_px2 * ratio, groups) for ratio in _MIRRORED]
-    return float(_MIRRORED[int(np.argmin(off))])
+    off = [_largest_miss(error_px, variance_px2 * ratio, groups) for ratio in _MIRRORED_TRIALS]
+    return float(_MIRRORED_TRIALS[int(np.argmin(off))])
 
 
 def variances(spread: SpreadCalibration, found: HeldOut, mirrored: bool = False) -> FloatArray:
@@ -174,13 +187,17 @@ def within(error_px: FloatArray, variance_px2: FloatArray) -> tuple[float, float
 
 
 def landmark_ratios(found: HeldOut, mirror: Sequence[int]) -> FloatArray:
-    """(J,) by what each landmark's variance differs from the others' of the same spread, their product being one: the
-    geometric mean of what its 68.3 and its 95.4 % quantile say, equal for twins, whose errors are each other's. One for
-    landmarks that are hardly ever there.
+    """Ratio of each landmark's variance to the others' at the same spread.
+
+    It is the geometric mean of the ratios from the 68.3 and the 95.4 % quantile, equal for left-right twins, whose
+    errors are exchangeable; one for landmarks that are rarely in view. The ratios' product is one.
 
     Args:
         found: (N, J) landmarks.
-        mirror: (J,) each landmark's twin, itself where it has none.
+        mirror: (J,) index of each landmark's counterpart, its own if it has none.
+
+    Returns:
+        (J,).
     """
     alike = found.select(found.inside)
     spread = fit_spread(alike.error_px, alike.spread_px2, alike.visible, alike.seen)
@@ -189,7 +206,7 @@ def landmark_ratios(found: HeldOut, mirror: Sequence[int]) -> FloatArray:
     for landmark, twin in enumerate(mirror):
         pair = [landmark, twin]
         errors = away[:, pair][found.inside[:, pair]]
-        if len(errors) >= LEAST_OF_A_LANDMARK:
+        if len(errors) >= LEAST_LANDMARKS:
             one, two = np.quantile(errors, [WITHIN_ONE, WITHIN_TWO])
             logarithms[landmark] = np.log(one * two / 2)
     ratios = np.ones(len(mirror))
@@ -197,27 +214,32 @@ def landmark_ratios(found: HeldOut, mirror: Sequence[int]) -> FloatArray:
     return ratios
 
 
-def calibrated(
+def calibrate(
     once: HeldOut, mirrored: HeldOut, landmarks: slice, mirror: Sequence[int]
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """The variance's calibration from one half of the crops and its coverage on the other, as metadata.
+    """Calibrate the variance on one half of the crops and measure its coverage on the other, for the metadata.
 
     Args:
-        once, mirrored: the same crops, looked at once and mirrored too.
+        once: landmarks in crops.
+        mirrored: the same, from outputs averaged with the mirrored crops.
         landmarks: which of them.
-        mirror: of each of those its twin, itself where it has none.
+        mirror: index of the counterpart of each of these, its own if it has none.
+
+    Returns:
+        The calibration, and the coverage.
     """
     once, mirrored = (found.select((slice(None), landmarks)) for found in (once, mirrored))
     half = len(once.inside) // 2
     ratios = landmark_ratios(once.select(slice(half)), mirror)
-    # Errors over the root of the ratios are as large as any landmark's: what follows need not know whose they are.
+    # Divided by the root of the ratios, errors are equally large for all landmarks: what follows need not distinguish
+    # them.
     once, mirrored = (found._replace(error_px=found.error_px / np.sqrt(ratios)[:, None]) for found in (once, mirrored))
     first, both = (found.select(slice(half)).select(found.inside[:half]) for found in (once, mirrored))
     spread = fit_mirrored(fit_spread(first.error_px, first.spread_px2, first.visible, first.seen), both)
     shares: dict[str, float] = {}
     for look, found in (("", once.select(slice(half, None))), ("_mirrored", mirrored.select(slice(half, None)))):
         variance = variances(spread, found, bool(look))
-        shares |= shares_of(found.error_px, variance, found.inside, found.visible, look)
+        shares |= coverage(found.error_px, variance, found.inside, found.visible, look)
     metadata = {"scale": spread.scale, "floor_px2": spread.floor_px2, "knots": spread.knots}
     metadata |= {
         "hidden": spread.hidden,
@@ -227,29 +249,29 @@ def calibrated(
     return metadata, shares
 
 
-def shares_of(
+def coverage(
     error_px: FloatArray, variance_px2: FloatArray, inside: BoolArray,
     visible: BoolArray, look: str,
 ) -> dict[str, float]:  # fmt: skip
-    """Shares within one and two sigma, as a file's metadata has them: of all landmarks that are `inside` (N, J), of the
-    `visible` (N, J) and of the hidden.
+    """Shares within one and two sigma, as in a file's metadata: of all landmarks that are `inside`, of the visible and
+    of the hidden ones.
 
     Args:
         error_px: (N, J, 2).
         variance_px2: (N, J) of each coordinate.
-        inside, visible: as of `HeldOut`.
-        look: how they were looked at, the end of the shares' names.
+        inside, visible: as in `HeldOut`.
+        look: suffix of the shares' names, which tells how the crops were read.
     """
     shares: dict[str, float] = {}
-    for name, group in (("", inside), ("_visible", visible), ("_hidden", inside & ~visible)):
+    for name, group in (("", inside), ("_visible", visible), ("_fit_hidden_slope", inside & ~visible)):
         one, two = within(error_px[group], variance_px2[group])
         shares |= {f"one{name}{look}": round(one, 3), f"two{name}{look}": round(two, 3)}
     return shares
 
 
-def _hidden(error_px: FloatArray, seen: FloatArray, parts: list[IndexArray]) -> float:
-    """By what the variance grows from surely visible to surely hidden: the slope of the errors' logarithms within
-    `parts` of about one spread each, which the few errors that are far off hardly turn."""
+def _fit_hidden_slope(error_px: FloatArray, seen: FloatArray, parts: list[IndexArray]) -> float:
+    """Growth of the variance from certainly visible to certainly hidden: from the slope of the errors' logarithms
+    within `parts` of similar spread, on which the few large errors have little influence."""
     size = np.log(np.abs(error_px) + np.sqrt(LEAST_FLOOR_PX2)).mean(axis=1)
     x = np.concatenate([seen[part].mean() - seen[part] for part in parts])
     y = np.concatenate([size[part] - size[part].mean() for part in parts])
@@ -261,20 +283,20 @@ def _groups(visible: BoolArray) -> list[Any]:
     return [slice(None), *(group for group in (visible, ~visible) if group.any())]
 
 
-def _farthest_off(error_px: FloatArray, variance_px2: FloatArray, groups: list[Any]) -> float:
-    """By how much the share within one or two sigma is off in the group where it is most so."""
+def _largest_miss(error_px: FloatArray, variance_px2: FloatArray, groups: list[Any]) -> float:
+    """Largest deviation of the share within one or two sigma in any group."""
     shares = [within(error_px[group], variance_px2[group]) for group in groups]
     return max(max(abs(one - WITHIN_ONE), abs(two - WITHIN_TWO)) for one, two in shares)
 
 
 def _pairs(a: FloatArray, b: FloatArray) -> tuple[tuple[float, float], ...]:
-    """Pairs, without those whose first number does not ascend."""
+    """Pairs with ascending first numbers; others are dropped."""
     keep = np.concatenate([[True], np.diff(np.maximum.accumulate(a)) > 0])
     return tuple((float(x), float(y)) for x, y in zip(a[keep], b[keep], strict=True))
 
 
-def _line(spread_px2: FloatArray, variance_px2: FloatArray) -> tuple[float, float]:
-    """Scale and floor of the line nearest to the variances by their ratio, for readers that know no knots."""
+def _fit_line(spread_px2: FloatArray, variance_px2: FloatArray) -> tuple[float, float]:
+    """Scale and floor of the line nearest to the variances by ratio, for readers without support for knots."""
 
     def cost(log_parameters: FloatArray) -> float:
         scale, floor = np.exp(log_parameters)

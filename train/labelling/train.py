@@ -2,6 +2,7 @@
 
 import pathlib
 from collections.abc import Iterator
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -10,12 +11,12 @@ from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT, SURFACE
 from muybridge.models.labelling.network import WINDOW, LabelNet
 from muybridge.train.engine import loop
 from muybridge.train.engine.precision import autocast
-from muybridge.train.options import LabelTraining
+from muybridge.train.labelling.options import LabelTraining
 from muybridge.train.synthesis.markers.augment import DUST, CloudOptions, CloudSampler
 from muybridge.train.synthesis.markers.trajectories import MarkerClips, load_marker_clips, make_marker_clips
 
 HELD_OUT = range(0, 4)
-# Batches after which shards that were made meanwhile are taken in.
+# Batches after which new shards are loaded.
 REFRESH = 1500
 
 _SHARES = {
@@ -26,11 +27,11 @@ _SHARES = {
 
 
 def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
-    """Cross-entropy of the assignment over the known points, and the same for the log."""
+    """Cross-entropy of the assignment over the known points; the same again for the log."""
     points, seen, asked, labels = batch
     with autocast(points.device):
         scores = net.logits(points, seen, asked)  # type: ignore[operator]
-    # Columns that no frame of the batch asks for are left out.
+    # Columns of labels that no frame of the batch has are left out.
     columns = torch.cat([asked.amax(0) > 0, asked.new_ones(1) > 0])
     place = torch.cumsum(columns, 0) - 1
     scores, asked, labels = scores[..., columns], asked[:, columns[:-1]], torch.where(labels >= 0, place[labels], -1)
@@ -42,7 +43,7 @@ def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
 
 @torch.no_grad()
 def evaluate(net: nn.Module, batches: list[loop.Batch]) -> dict[str, float]:
-    """Share of markers that get their label: without any window, and with one."""
+    """Share of markers that get the right label, without a time window (`frame`) and with one (`window`)."""
     out = {}
     for name in ("frame", "window"):
         right = total = 0
@@ -50,9 +51,9 @@ def evaluate(net: nn.Module, batches: list[loop.Batch]) -> dict[str, float]:
             known = seen.clone()
             if name == "frame":
                 known[:, 1:] = 0
-            said = net(points, known, asked).argmax(-1)
+            predicted = net(points, known, asked).argmax(-1)
             marker = (labels >= 0) & (labels < DUST)
-            right += int((said == labels)[marker].sum())
+            right += int((predicted == labels)[marker].sum())
             total += int(marker.sum())
         out[name] = right / max(total, 1)
     return out
@@ -63,7 +64,7 @@ def _tensors(sampler: CloudSampler, count: int) -> loop.Batch:
 
 
 def held_out_batches(clips: pathlib.Path, count: int = 8, options: CloudOptions | None = None) -> list[loop.Batch]:
-    """The same frames of clips that are never trained on, for every call."""
+    """The same frames at every call, of clips that are never trained on."""
     sampler = CloudSampler(load_marker_clips(clips, HELD_OUT), WINDOW, 9, options or CloudOptions(window_lost=0.0))
     return [_tensors(sampler, 64) for _ in range(count)]
 
@@ -80,20 +81,19 @@ def _stream(options: LabelTraining, start: int) -> Iterator[loop.Batch]:
 
 
 def train(options: LabelTraining) -> pathlib.Path:
-    """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
+    """Train for `options.minutes` from the last checkpoint in `options.out`; return the path of the new one."""
     torch.manual_seed(options.seed)
     torch.set_num_threads(options.threads)
     if not len(load_marker_clips(options.clips, range(HELD_OUT.stop, 100_000)).points):
         make_marker_clips(options.clips, range(options.shards), options.seed)
     validation = held_out_batches(options.clips)
-    fit = loop.Fit(options, LabelNet(len(SURFACE)), lambda net: evaluate(net, validation))
-    fit.run(_stream(options, fit.state["step"]), loss_of)
-    return fit.checkpoint
+    run = loop.TrainingRun(options, LabelNet(len(SURFACE)), lambda net: evaluate(net, validation))
+    run.run(_stream(options, run.state["step"]), loss_of)
+    return run.checkpoint
 
 
-def trained_network(checkpoint: pathlib.Path) -> LabelNet:
-    """The network of a checkpoint with its averaged weights."""
-    saved = torch.load(checkpoint, map_location="cpu", weights_only=False)
+def label_net(saved: dict[str, Any]) -> LabelNet:
+    """The averaged network of a checkpoint."""
     net = LabelNet(**saved["config"])
     net.load_state_dict(saved["average"])
     return net.eval()

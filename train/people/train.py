@@ -1,5 +1,5 @@
-"""Training of the person detector: centres by the focal loss of CenterNet (Zhou et al. 2019), boxes by the
-generalised IoU (Rezatofighi et al. 2019) at the cells round each centre."""
+"""Training of the person detector: focal loss on centres as in CenterNet (Zhou et al. 2019), generalised IoU
+(Rezatofighi et al. 2019) on boxes at the cells around each centre."""
 
 import pathlib
 from collections.abc import Callable
@@ -14,23 +14,24 @@ from muybridge.models.onnx_files.import_weights import measure_normalisation, pe
 from muybridge.models.people.decode import box_overlap, decode_people
 from muybridge.models.people.network import STRIDE, PeopleNet
 from muybridge.train.engine import loop
-from muybridge.train.engine.compile import compiled
+from muybridge.train.engine.compile import compile_for_training
 from muybridge.train.engine.precision import autocast
+from muybridge.train.images import dataset
 from muybridge.train.images.scenes import SHAPES, SceneBatch, SceneCompositor
-from muybridge.train.options import PeopleTraining
+from muybridge.train.people.options import PeopleTraining
 from muybridge.train.synthesis.rendering.store import RenderSet, load_renders
 
 
 @dataclass(frozen=True)
 class _Targets:
-    heat: Float32Array  # (B, h, w): 1 at centres, falling off round them
-    weight: Float32Array  # (B, h, w): 0 where a hidden person may or may not be found
+    heat: Float32Array  # (B, h, w): 1 at centres, falling off around them
+    weight: Float32Array  # (B, h, w): 0 where detecting a hidden person is neither right nor wrong
     box: Float32Array  # (B, 4, h, w)
     has_box: Float32Array  # (B, h, w)
 
 
 def make_targets(batch: SceneBatch) -> _Targets:
-    """What the network should say for the boxes of `batch`."""
+    """Targets of the network for the boxes of `batch`."""
     count, _, height, width = batch.image.shape
     h, w = height // STRIDE, width // STRIDE
     heat, weight = np.zeros((count, h, w), np.float32), np.ones((count, h, w), np.float32)
@@ -40,8 +41,8 @@ def make_targets(batch: SceneBatch) -> _Targets:
         for b in batch.ignore[i]:
             weight[i][(x >= b[0]) & (x <= b[2]) & (y >= b[1]) & (y <= b[3])] = 0
         order = np.argsort([-(b[2] - b[0]) * (b[3] - b[1]) for b in batch.boxes[i]])
-        for b in batch.boxes[i][order]:  # small people last: they keep the cells that they share with large ones
-            # A centre outside of the image is moved to its border.
+        for b in batch.boxes[i][order]:  # small people last: they keep cells shared with large ones
+            # A centre outside the image is moved to its border.
             cx, cy = np.clip((b[0] + b[2]) / 2, 0, width - 1), np.clip((b[1] + b[3]) / 2, 0, height - 1)
             spread = np.maximum(0.12 * (b[2:] - b[:2]), 0.6 * STRIDE)
             bump = np.exp(-(((x - cx) / spread[0]) ** 2 + ((y - cy) / spread[1]) ** 2) / 2)
@@ -52,13 +53,13 @@ def make_targets(batch: SceneBatch) -> _Targets:
             near = bump > 0.6
             box[i][:, near] = np.stack([x - b[0], y - b[1], b[2] - x, b[3] - y])[:, near]
             has_box[i][near] = 1
-    # A box edge can't be on the wrong side of the cell's centre by more than the exponential can say.
+    # The network's exponential output is positive: an edge cannot be on the wrong side of a cell's centre.
     return _Targets(heat, weight, np.maximum(box, 0.2), has_box)
 
 
 @dataclass(frozen=True)
 class _Scenes:
-    """Batches of training scenes, for `loop.batches`."""
+    """Batches of training scenes, for `dataset.batches`."""
 
     pool: pathlib.Path
     count: int
@@ -75,7 +76,8 @@ def as_tensors(batch: SceneBatch) -> tuple[Tensor, ...]:
 
 
 def generalised_iou(a: Tensor, b: Tensor) -> Tensor:
-    """(...) of two boxes given as distances (..., 4) from one common point to left, top, right, bottom."""
+    """(...) of two boxes, each given as distances (..., 4) from one common point to its left, top, right and bottom
+    edge."""
     low, high = torch.minimum(a, b), torch.maximum(a, b)
     both = (low[..., 0] + low[..., 2]) * (low[..., 1] + low[..., 3])
     hull = (high[..., 0] + high[..., 2]) * (high[..., 1] + high[..., 3])
@@ -89,13 +91,13 @@ def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
     image, *targets = batch
     with autocast(image.device):
         logits, distance = net(image.float().div_(255))
-    return _loss(logits, distance, *targets)
+    return _loss_of_outputs(logits, distance, *targets)
 
 
-def _loss(
+def _loss_of_outputs(
     logits: Tensor, distance: Tensor, heat: Tensor, weight: Tensor, box: Tensor, has_box: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """`loss_of` what a network says."""
+    """`loss_of` for given network outputs."""
     logits = logits[:, 0].float()
     p = torch.sigmoid(logits).clamp(1e-5, 1 - 1e-5)
     positive = (heat >= 0.999).float()
@@ -109,15 +111,23 @@ def _loss(
 
 @torch.no_grad()
 def evaluate(net: nn.Module, batches: list[SceneBatch], threshold: float = 0.3) -> dict[str, float]:
-    """Recall of people, precision of detections at IoU 0.5, mean IoU of those found, and the loss, which tells small
-    gains."""
+    """Scores on held-out scenes.
+
+    Args:
+        net: the network.
+        batches: of scenes.
+        threshold: least score of a detection.
+
+    Returns:
+        Recall, and precision at IoU 0.5; mean IoU of the detected people; and the loss, which shows small gains.
+    """
     where = next(net.parameters()).device
     found, people, false, total, overlap, losses = 0, 0, 0, 0, [], []
     for batch in batches:
         image, *targets = (t.to(where) for t in as_tensors(batch))
         with autocast(where):
             logits, distance = net(image.float().div(255))
-        losses.append(float(_loss(logits, distance, *targets)[0]))
+        losses.append(float(_loss_of_outputs(logits, distance, *targets)[0]))
         detected = decode_people(
             logits.float().cpu().numpy(), distance.float().cpu().numpy(), STRIDE, threshold, max_people=8
         )
@@ -137,22 +147,22 @@ def evaluate(net: nn.Module, batches: list[SceneBatch], threshold: float = 0.3) 
 
 
 def held_out_scenes(renders: pathlib.Path, pool: pathlib.Path) -> list[SceneBatch]:
-    """The same scenes for every call, of people who are never trained on, a batch of each shape."""
-    held_out = SceneCompositor(load_renders(renders, loop.HELD_OUT), np.load(pool, mmap_mode="r"), 10_000)
+    """The same scenes at every call, of people who are never trained on: one batch of each shape."""
+    held_out = SceneCompositor(load_renders(renders, dataset.HELD_OUT), np.load(pool, mmap_mode="r"), 10_000)
     return [held_out.batch(32, shape) for shape in SHAPES]
 
 
 def train(options: PeopleTraining) -> pathlib.Path:
-    """Trains for `options.minutes` from the last checkpoint in `options.out`; returns the checkpoint's path."""
+    """Train for `options.minutes` from the last checkpoint in `options.out`; return the path of the new one."""
     model = None if loop.resumes(options) else options.model
-    given = None if model is None else people_net_from_onnx(model)  # before all that takes minutes
-    with loop.prepared(options) as pool:
+    start = None if model is None else people_net_from_onnx(model)  # before anything that takes minutes
+    with dataset.training_data(options) as pool:
         validation = held_out_scenes(options.renders, pool)
-        net = given or PeopleNet()
-        if given is not None:
+        net = start or PeopleNet()
+        if start is not None:
             measure_normalisation(net, [validation[0].image.float().div(255)])
-        seen = loop.Seen() if model is None else loop.Seen.of(model)
-        fit = loop.Fit(options, net, lambda net: evaluate(net, validation), seen)
-        scenes = loop.batches(options, _Scenes(pool, options.batch), fit.state["step"], on_cpu=2)
-        fit.run(scenes, compiled(loss_of, options.minutes))
-    return fit.checkpoint
+        history = loop.TrainingHistory() if model is None else loop.TrainingHistory.of_file(model)
+        run = loop.TrainingRun(options, net, lambda net: evaluate(net, validation), history)
+        scenes = dataset.batches(options, _Scenes(pool, options.batch), run.state["step"], on_cpu=2)
+        run.run(scenes, compile_for_training(loss_of, options.minutes))
+    return run.checkpoint

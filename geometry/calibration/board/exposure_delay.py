@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
+from muybridge.geometry.numerics.robust import student_weight
 from muybridge.geometry.numerics.rotations import log_so3
 
 FIRST_SPREAD = 0.1
@@ -137,8 +138,7 @@ def next_delays(before: Delays, swayed: FloatArray, variance: FloatArray, shared
     mean = (weight * delay).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-30)
     mean -= mean[shared.any(axis=1)].mean()
     power = (delay - mean[:, None]) ** 2 + variance[..., 0] * before.views**2
-    n = _DEGREES_OF_FREEDOM
-    say = (n + 1) / (n + power / before.spread**2)
-    spread = max(float(np.sqrt((say * power)[shared].mean())), _SMALLEST_SPREAD)
-    say = (n + 1) / (n + power / spread**2)
-    return Delays(mean, np.where(shared, spread / np.sqrt(say), spread), spread)
+    weight = student_weight(power / before.spread**2, _DEGREES_OF_FREEDOM, 1)
+    spread = max(float(np.sqrt((weight * power)[shared].mean())), _SMALLEST_SPREAD)
+    weight = student_weight(power / spread**2, _DEGREES_OF_FREEDOM, 1)
+    return Delays(mean, np.where(shared, spread / np.sqrt(weight), spread), spread)

@@ -198,7 +198,8 @@ def _fitting(lens: Camera, board: Board, views: Mapping[int, View]) -> dict[int,
     if len(out) < 0.5 * len(views):
         raise CalibrationError(
             f"camera {lens.name}: {len(views) - len(out)} of {len(views)} views of the board do not fit its lens; "
-            "was the lens calibrated at another zoom or size, or is the lens fisheye (--lens fisheye)?"
+            "was the lens calibrated at another zoom or image size?",
+            remedy="lens_fisheye",
         )
     return out
 

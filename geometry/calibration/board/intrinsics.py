@@ -138,10 +138,10 @@ def calibrate_lens(
         good = [views[t] for t in times]
         result, sigma = adjust_lens(result.cameras[0], board, good)
     if (median := float(np.nanmedian(np.linalg.norm(result.residuals_px, axis=1)))) > _MISREAD_PX:
-        hint = "" if lens == "fisheye" else ", or the lens is fisheye (--lens fisheye)"
         raise CalibrationError(
-            f"camera {name}: what was found looks like no flat board of that description (median error "
-            f"{median:.1f} px); the description is wrong{hint}"
+            f"camera {name}: the detected corners do not fit a flat board of this description (median error "
+            f"{median:.1f} px); the description of the board is wrong",
+            remedy=None if lens == "fisheye" else "lens_fisheye",
         )
     focal, known = result.cameras[0].params[0], result.focal_std[0]
     if not np.isfinite(known) or known > _HOPELESS * focal:
@@ -219,8 +219,8 @@ def _fisheye_start(name: str, board: Board, views: Sequence[View], size: tuple[i
             best = cost, camera
     if best is None:
         raise CalibrationError(
-            f"camera {name}: no fisheye lens fits its views of the board; try --lens pinhole, or keep the board "
-            "away from the border of the picture"
+            f"camera {name}: no fisheye lens fits its views of the board",
+            remedy="lens_pinhole",
         )
     return best[1]
 

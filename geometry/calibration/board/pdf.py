@@ -68,7 +68,8 @@ def board_pdf(board: Board, paper: tuple[float, float] | None = None) -> bytes:
     if need[0] > page[0] + 1e-9 or need[1] > page[1] + 1e-9:
         raise CalibrationError(
             f"the board needs {need[0] * 1e3:.0f} x {need[1] * 1e3:.0f} mm with its margin and text, the page has "
-            f"{page[0] * 1e3:.0f} x {page[1] * 1e3:.0f}; take smaller squares (--square), larger paper or --paper fit"
+            f"{page[0] * 1e3:.0f} x {page[1] * 1e3:.0f} mm",
+            remedy="board_page",
         )
     left, top = (page[0] - size[0]) / 2, (page[1] - _FOOT - size[1]) / 2
     return _document(page, _content(board, black, size, (left, top), page))

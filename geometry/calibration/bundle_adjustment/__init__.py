@@ -1,1 +1,1 @@
-"""."""
+"""Bundle adjustment of cameras with points, boards or people."""

@@ -30,7 +30,7 @@ class CalibrationResult:
         pixels: (N, 2) px, as observed.
         points_world: (N, 3) metres, where the adjustment puts the observed point; NaN where it has none.
         residuals_px: (N, 2) projected minus observed.
-        weights: (N,) robust weight, 1 for a full say.
+        weights: (N,) robust weight, from 1 (an inlier) down to 0.
         covariances: for each camera (D + 6, D + 6) of its lens parameters, rotation about its own axes (radians)
             and centre (metres, world axes); zero where held. Includes how well the observations really fit.
         noise_px: standard deviation of a coordinate, as the residuals show it.

@@ -14,10 +14,11 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.cameras.camera import Camera, colmap_camera
+from muybridge.geometry.numerics.robust import student_cost, student_scale
 from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.geometry.sync.clocks import parabola
 
-_FREEDOM = 3.0  # of the Student distribution: tails of 2D networks
+_DOF = 3.0  # of the Student distribution: tails of the errors of 2D networks
 _ITERATIONS = 12
 _FEWEST_POINTS = 12
 _FARTHEST = np.array([0.5, 0.5, 0.5, 2.0, 2.0, 2.0, 1.0])  # what else is no correction but another camera
@@ -52,32 +53,6 @@ def changed(camera: Camera, parameters: FloatArray) -> Camera:
         params[index] *= float(np.exp(parameters[6]))
     pose = np.column_stack([rotation, -rotation @ center])
     return replace(camera, params=tuple(params), cam_from_world=pose)
-
-
-def student_scale(squares: FloatArray, start: float | None = None) -> float:
-    """Scale of a bivariate Student distribution (3 degrees of freedom) with the greatest likelihood.
-
-    Args:
-        squares: (N,) squared lengths.
-        start: scale to begin with.
-    """
-    if not squares.size:
-        return float("nan")
-    scale2 = float(np.median(squares)) / 2 if start is None else start**2
-    scale2 = max(scale2, 1e-12)
-    for _ in range(50):
-        weight = (_FREEDOM + 2) / (_FREEDOM + squares / scale2)
-        new = max(float((weight * squares).mean()) / 2, 1e-12)
-        done = abs(new - scale2) < 1e-3 * scale2
-        scale2 = new
-        if done:
-            break
-    return float(np.sqrt(scale2))
-
-
-def student_cost(squares: FloatArray, scale: float) -> FloatArray:
-    """Negative log-likelihood of squared lengths under a scale, without constants."""
-    return np.asarray(2 * np.log(scale) + 0.5 * (_FREEDOM + 2) * np.log1p(squares / (_FREEDOM * scale**2)))
 
 
 def fit_camera(
@@ -123,7 +98,7 @@ def fit_camera(
         if cost > best - 1e-7:
             break
         best, total = cost, trial
-        weight = (_FREEDOM + 2) / (_FREEDOM * scale**2 + squares)
+        weight = (_DOF + 2) / (_DOF * scale**2 + squares)
         good = np.isfinite(jacobian).all((1, 2)) & (squares < 1e11)
         jw = jacobian[good] * weight[good, None, None]
         information = np.einsum("nai,naj->ij", jw, jacobian[good])

@@ -15,10 +15,12 @@ from muybridge.arrays import FloatArray, IntArray
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
 from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import ADJUSTABLE_MODELS
 from muybridge.geometry.calibration.bundle_adjustment.result import CalibrationResult, Misfit, image_cells, misfits
-from muybridge.geometry.calibration.diagnosis.faults import CalibrationDiagnosis, DiagnosisOptions, diagnose
+from muybridge.geometry.calibration.diagnosis.faults import diagnose
+from muybridge.geometry.calibration.diagnosis.findings import CalibrationDiagnosis, DiagnosisOptions
 from muybridge.geometry.calibration.diagnosis.hypotheses import alike
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.numerics.robust import RAYLEIGH_MEDIAN
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.validation import leave_one_out_error
 
@@ -271,7 +273,7 @@ def _known_to(
         return nothing, nothing
     error = cameras.project(points_world[chosen]) - px
     relative = np.sqrt(variance / np.nanmedian(variance))
-    level = float(np.median(np.linalg.norm(error, axis=-1)[seen] / relative[seen])) / 1.1774
+    level = float(np.median(np.linalg.norm(error, axis=-1)[seen] / relative[seen])) / RAYLEIGH_MEDIAN
     problem = AdjustProblem(
         cameras, camera, index[t, j], px[seen], np.maximum(level * relative[seen], 0.05), points_world[chosen][known],
         np.ones(int(known.sum()), dtype=bool), tuple(FreeCamera(focal=True) for _ in cameras), max_iterations=8,

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
-from muybridge.geometry.calibration.diagnosis.hypotheses import Correction, student_cost, student_scale
+from muybridge.geometry.calibration.diagnosis.hypotheses import Correction
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.numerics.robust import student_cost, student_scale
 from muybridge.geometry.sync.clocks import resample
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, take_noise, triangulate
 
@@ -30,12 +31,21 @@ class Setup:
 
 @dataclass
 class Take:
-    """The landmarks of a take at chosen frames."""
+    """The landmarks of a take at selected frames.
+
+    Attributes:
+        px: (C, T, J, 2) landmarks of every frame, px.
+        variance: (C, T, J) px^2.
+        frames: (K,) the selected frames.
+        held: (K,) which of the two halves a frame belongs to.
+        noise_px: noise floor of the reprojection errors, px.
+        relative: median variance, px^2; relative standard deviations refer to it.
+    """
 
     px: FloatArray
     variance: FloatArray
     frames: FloatArray
-    held: BoolArray  # (K,) which of two halves a frame belongs to
+    held: BoolArray
     noise_px: float = 0.0
     relative: float = field(init=False)
 
@@ -43,25 +53,25 @@ class Take:
         self.relative = float(np.nanmedian(self.variance))
 
     def of(self, setup: Setup, c: int, shift: float | None = None) -> tuple[FloatArray, FloatArray]:
-        """(K, J, 2) px and (K, J) variances that camera c has under a setup (or at another shift)."""
+        """(K, J, 2) px and (K, J) variances of camera c under a setup, or at another time shift."""
         row = setup.files[c]
         times = self.frames + (setup.shifts[c] if shift is None else shift)
         return resample(self.px[row], self.variance[row], 1.0, times)
 
     def all(self, setup: Setup) -> tuple[FloatArray, FloatArray]:
-        """(C, K, J, 2) and (C, K, J)."""
+        """(C, K, J, 2) px and (C, K, J) variances of all cameras under a setup."""
         each = [self.of(setup, c) for c in range(len(setup.cameras))]
         return np.stack([px for px, _ in each]), np.stack([v for _, v in each])
 
     def sigma(self, variance: FloatArray) -> FloatArray:
-        """Relative standard deviations, of which none is much smaller than the median."""
+        """Standard deviations relative to the median, bounded from below."""
         return np.sqrt(np.maximum(variance / self.relative, 0.1))
 
 
 def take_of(
     cameras: CameraGroup, points_px: FloatArray, variance_px2: FloatArray, max_frames: int
 ) -> tuple[Take | None, str]:
-    """The take at chosen frames; None and why, where nothing can be told."""
+    """The take at selected frames; or None and the reason why no diagnosis is possible."""
     px, variance = np.array(points_px, dtype=np.float64), np.array(variance_px2, dtype=np.float64)
     if px.ndim != 4 or px.shape[0] != len(cameras) or px.shape[3] != 2 or variance.shape != px.shape[:3]:
         raise ValueError(
@@ -71,20 +81,20 @@ def take_of(
     missing = ~(np.isfinite(px).all(-1) & np.isfinite(variance) & (variance > 0))
     px[missing], variance[missing] = np.nan, np.nan
     if len(cameras) < 3:
-        return None, "With two cameras it cannot be told which of them is wrong; a third would tell."
+        return None, "With two cameras it cannot be determined which of them is wrong; a third is needed."
     shared = np.flatnonzero(((~missing).sum(axis=0) >= 3).sum(axis=1) >= 3)
     if len(shared) < FEWEST_FRAMES:
         return None, (
-            f"Only {len(shared)} frames have landmarks that three cameras share, {FEWEST_FRAMES} are needed to "
-            "tell which camera is wrong."
+            f"Only {len(shared)} frames have landmarks that three cameras share; {FEWEST_FRAMES} are needed to "
+            "determine which camera is wrong."
         )
-    px, variance = _seen_most(px, variance)
+    px, variance = _select_landmarks(px, variance)
     most = min(len(shared), max_frames, max(40, _MOST_POINTS // variance.shape[2]))
     chosen = np.unique(np.linspace(0, len(shared) - 1, most).round().astype(int))
     frames = shared[chosen].astype(float)
     held = (np.arange(len(frames)) * _BLOCKS // len(frames)) % 2 == 1
     take = Take(px, variance, frames, held)
-    # The level of the noise is that of the cameras that agree best, so that a wrong one cannot hide in it.
+    # The noise level is that of the subset of cameras that agree best, so that a wrong camera does not raise it.
     near, spread = take.all(Setup(cameras, (0.0,) * len(cameras), tuple(range(len(cameras)))))
     levels = []
     for c in range(len(cameras)):
@@ -97,8 +107,8 @@ def take_of(
     return take, ""
 
 
-def _seen_most(px: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """As many landmarks as are needed, those that three cameras share most often."""
+def _select_landmarks(px: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """At most `_MOST_LANDMARKS` landmarks, those that three cameras share most often."""
     if variance.shape[2] <= _MOST_LANDMARKS:
         return px, variance
     shared = (np.isfinite(variance).sum(axis=0) >= 3).sum(axis=0)
@@ -114,7 +124,7 @@ def rig_errors(take: Take, setup: Setup, rows: BoolArray | None = None) -> Float
     found = triangulate(setup.cameras, px, variance, TriangulateOptions(noise_px=take.noise_px))
     error = setup.cameras.project(found.points_world) - px
     seen = np.isfinite(variance)
-    # Where no two cameras agree, each is as wrong as a camera that does not take part may be.
+    # Where no two cameras agree, each gets the largest error that a camera excluded from a point may have.
     far = 0.05 * max(max(c.width, c.height) for c in setup.cameras)
     error[seen & ~np.isfinite(error).all(-1)] = far
     error[:, seen.sum(axis=0) < min(3, len(setup.cameras))] = np.nan
@@ -122,7 +132,7 @@ def rig_errors(take: Take, setup: Setup, rows: BoolArray | None = None) -> Float
 
 
 def weighed(parts: list[FloatArray]) -> tuple[float, float, FloatArray]:
-    """Mean robust cost, scale in px, and the errors in one array."""
+    """Mean robust cost, scale in px, and the concatenated errors."""
     errors = np.concatenate(parts, axis=1)
     squares = (errors**2).sum(-1)
     known = squares[np.isfinite(squares)]
@@ -131,7 +141,7 @@ def weighed(parts: list[FloatArray]) -> tuple[float, float, FloatArray]:
 
 
 def left_out(take: Take, setup: Setup, c: int) -> FloatArray:
-    """(K, J, 3) points that the cameras other than c know."""
+    """(K, J, 3) points triangulated from all cameras other than c."""
     rest = [k for k in range(len(setup.cameras)) if k != c]
     px, variance = take.all(setup)
     others = CameraGroup(tuple(setup.cameras[k] for k in rest))
@@ -139,17 +149,19 @@ def left_out(take: Take, setup: Setup, c: int) -> FloatArray:
 
 
 def with_correction(setup: Setup, c: int, correction: Correction) -> Setup:
+    """The setup with camera c corrected."""
     cameras = list(setup.cameras)
     cameras[c] = correction.camera
     return replace(setup, cameras=CameraGroup(tuple(cameras)))
 
 
 def with_shift(setup: Setup, c: int, shift: float) -> Setup:
+    """The setup with the video of camera c delayed by `shift` more frames."""
     shifts = list(setup.shifts)
     shifts[c] += shift
     return replace(setup, shifts=tuple(shifts))
 
 
 def with_files(setup: Setup, order: Sequence[int]) -> Setup:
-    """Each camera with the file that camera `order[c]` has."""
+    """The setup in which each camera has the file of camera `order[c]`."""
     return replace(setup, files=tuple(setup.files[k] for k in order), shifts=tuple(setup.shifts[k] for k in order))

@@ -14,6 +14,8 @@ from __future__ import annotations
 import tomllib
 from typing import Any
 
+import tomli_w
+
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
@@ -27,7 +29,10 @@ from muybridge.geometry.calibration.formats.common import (
     pose_from,
     rotation_from,
 )
+from muybridge.geometry.calibration.formats.lens_terms import lens_distortion, lens_matrix
 from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.numerics.rotations import log_so3
 
 _MISSING: tuple[Any, ...] = (None, "null", "None", [])
 
@@ -115,3 +120,26 @@ def _camera(name: str, table: dict[str, Any]) -> Camera:
     rotation = rotation_from(numbers(table["rotation"], "rotation", (3, 9)), "rotation")
     translation = numbers(table["translation"], "translation", (3,))
     return make_camera(name, lens, size, pose_from(rotation, translation))
+
+
+def rig_toml_text(cameras: CameraGroup, program: str) -> str:
+    """The cameras in the TOML of `anipose`, `freemocap` (millimetres), `pose2sim` or `caliscope`.
+
+    Raises:
+        ValueError: a lens that OpenCV's terms cannot express.
+    """
+    caliscope, unit = program == "caliscope", "mm" if program == "freemocap" else "m"
+    tables: dict[str, Any] = {}
+    for k, camera in enumerate(cameras):
+        tables[str(k) if caliscope else f"cam_{k}"] = {
+            "name": camera.name,
+            **({"cam_id": k} if caliscope else {}),
+            "size": [camera.width, camera.height],
+            "matrix": lens_matrix(camera).tolist(),
+            "distortions": lens_distortion(camera),
+            "rotation": log_so3(camera.rotation).tolist(),
+            "translation": (camera.translation * (1000.0 if unit == "mm" else 1.0)).tolist(),
+            "fisheye": "FISHEYE" in camera.model,
+        }
+    metadata = {"adjusted": False, "error": 0.0, "unit": unit}
+    return tomli_w.dumps({**({"cameras": tables} if caliscope else tables), "metadata": metadata})

@@ -19,7 +19,9 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.formats.common import Calibration, Malformed, make_group, pose_from
 from muybridge.geometry.cameras._pycolmap import pycolmap
-from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, camera_from_colmap
+from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, camera_from_colmap, colmap_camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.numerics.rotations import quat_from_matrix
 
 _MODEL_OF_ID = {int(value): name for name, value in pycolmap.CameraModelId.__members__.items()}
 _FILES = ("cameras", "images", "points3D", "rigs", "frames")
@@ -122,6 +124,23 @@ def _pose(quat_wxyz: Sequence[float], translation: Sequence[float]) -> FloatArra
         raise Malformed("the rotation is not a unit quaternion")
     xyzw = quat[[1, 2, 3, 0]] / np.linalg.norm(quat)
     return pose_from(np.asarray(pycolmap.Rotation3d(xyzw).matrix()), moved)
+
+
+def colmap_texts(cameras: CameraGroup) -> dict[str, str]:
+    """The text files of a COLMAP model without points.
+
+    Raises:
+        ValueError: a name with spaces, which COLMAP's text files cannot hold.
+    """
+    lenses, images = [], []
+    for k, camera in enumerate(cameras, start=1):
+        if any(c.isspace() for c in camera.name):
+            raise ValueError(f"camera {camera.name}: COLMAP's names have no spaces")
+        params = " ".join(repr(float(p)) for p in colmap_camera(camera).params)
+        lenses.append(f"{k} {camera.model} {camera.width} {camera.height} {params}\n")
+        pose = " ".join(repr(float(v)) for v in (*quat_from_matrix(camera.rotation), *camera.translation))
+        images.append(f"{k} {pose} {k} {camera.name}\n\n")
+    return {"cameras.txt": "".join(lenses), "images.txt": "".join(images), "points3D.txt": ""}
 
 
 # --- text -------------------------------------------------------------------------------------------------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -143,6 +145,16 @@ def opencv_lens(matrix: FloatArray, distortion: FloatArray, fisheye: bool) -> tu
     if any((k3, k4, k5, k6)):
         return "FULL_OPENCV", (fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6)
     return "OPENCV", (fx, fy, cx, cy, k1, k2, p1, p2)
+
+
+def parse_xml(text: str) -> ET.Element:
+    """The root of an XML text; `Malformed` if it is none."""
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise Malformed("the XML declares entities, which a calibration never needs")
+    try:
+        return ET.fromstring(re.sub(r"\A\s*<\?xml[^>]*\?>", "", text))
+    except (ET.ParseError, ValueError) as error:
+        raise Malformed(f"broken XML, {error}; the file seems damaged or cut off: export it again") from None
 
 
 def make_camera(name: str, lens: tuple[str, tuple[float, ...]], size: tuple[int, int], pose: FloatArray) -> Camera:

@@ -24,8 +24,11 @@ from muybridge.geometry.calibration.formats.common import (
     pose_from,
     rotation_from,
 )
-from muybridge.geometry.calibration.formats.opencv import array_of, parse_yaml
+from muybridge.geometry.calibration.formats.lens_terms import five_terms, lens_matrix
+from muybridge.geometry.calibration.formats.opencv import array_of, parse_yaml, yaml_matrix
 from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.numerics.rotations import log_so3
 
 _PAIR = ("intri", "extri")
 
@@ -111,3 +114,24 @@ def _size(data: dict[str, Any], name: str) -> tuple[int, int] | None:
         return None
     sizes = pixel_count(number(width, f"W_{name}"), f"W_{name}"), pixel_count(number(height, f"H_{name}"), f"H_{name}")
     return None if min(sizes) < 2 else sizes
+
+
+def easymocap_texts(cameras: CameraGroup) -> dict[str, str]:
+    """The texts of `intri.yml` and `extri.yml`.
+
+    Raises:
+        ValueError: a lens with more than five distortion terms, or a name that EasyMocap cannot use.
+    """
+    for camera in cameras:
+        if not camera.name.replace("_", "").replace("-", "").isalnum() or not camera.name.isascii():
+            raise ValueError(f"camera {camera.name}: EasyMocap's names are letters, digits, - and _")
+    names = "%YAML:1.0\n---\nnames:\n" + "".join(f'  - "{c.name}"\n' for c in cameras)
+    intri, extri = [names], [names]
+    for camera in cameras:
+        intri += [yaml_matrix(f"K_{camera.name}", lens_matrix(camera))]
+        intri += [yaml_matrix(f"dist_{camera.name}", np.array(five_terms(camera)))]
+        intri += [f"H_{camera.name}: {camera.height}\nW_{camera.name}: {camera.width}\n"]
+        extri += [yaml_matrix(f"R_{camera.name}", log_so3(camera.rotation)[:, None])]
+        extri += [yaml_matrix(f"Rot_{camera.name}", camera.rotation)]
+        extri += [yaml_matrix(f"T_{camera.name}", camera.translation[:, None])]
+    return {"intri.yml": "".join(intri), "extri.yml": "".join(extri)}

@@ -21,6 +21,7 @@ of one camera each make a rig.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -42,7 +43,9 @@ from muybridge.geometry.calibration.formats.common import (
     pose_from,
     rotation_from,
 )
+from muybridge.geometry.calibration.formats.lens_terms import lens_distortion, lens_matrix
 from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 _MATRIX = ("camera_matrix", "cameraMatrix", "K", "intrinsic_matrix", "M")
 _DISTORTION = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "distortion", "dist", "D")
@@ -249,3 +252,32 @@ def _plain(node: Any, depth: int) -> Any:
     if node.isInt() or node.isReal():
         return float(node.real())
     return str(node.string()) if node.isString() else None
+
+
+def yaml_matrix(name: str, values: FloatArray, indent: str = "") -> str:
+    """A matrix under a key, as `cv2.FileStorage` writes it."""
+    table = np.atleast_2d(values)
+    data = ", ".join(repr(float(v)) for v in table.ravel())
+    return (
+        f"{indent}{name}: !!opencv-matrix\n{indent}   rows: {table.shape[0]}\n{indent}   cols: {table.shape[1]}\n"
+        f"{indent}   dt: d\n{indent}   data: [ {data} ]\n"
+    )
+
+
+def opencv_text(cameras: CameraGroup) -> str:
+    """The cameras as a sequence in OpenCV's YAML.
+
+    Raises:
+        ValueError: a lens that OpenCV's terms cannot express.
+    """
+    rows = ["%YAML:1.0\n---\ncameras:\n"]
+    for camera in cameras:
+        fisheye = "FISHEYE" in camera.model
+        rows.append(f"   -\n      camera_name: {json.dumps(camera.name, ensure_ascii=False)}\n")
+        rows.append(f"      image_width: {camera.width}\n      image_height: {camera.height}\n")
+        rows.append(f"      fisheye: {int(fisheye)}\n")
+        rows.append(yaml_matrix("camera_matrix", lens_matrix(camera), "      "))
+        rows.append(yaml_matrix("distortion_coefficients", np.array(lens_distortion(camera)), "      "))
+        rows.append(yaml_matrix("rotation_matrix", camera.rotation, "      "))
+        rows.append(yaml_matrix("translation_vector", camera.translation[:, None], "      "))
+    return "".join(rows)

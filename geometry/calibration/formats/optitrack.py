@@ -24,11 +24,12 @@ from muybridge.geometry.calibration.formats.common import (
     make_group,
     number,
     opencv_lens,
+    parse_xml,
     pixel_count,
     pose_from,
     rotation_from,
 )
-from muybridge.geometry.calibration.formats.vicon import parse_xml
+from muybridge.geometry.calibration.formats.lens_terms import five_terms, lens_terms
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 
@@ -40,17 +41,24 @@ _FLIP = np.diag([1.0, -1.0, -1.0])  # right, up, backwards and right, down, forw
 _ZUP_FROM_YUP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
-def read_optitrack_csv(text: str) -> Calibration:
-    """Cameras of a CSV table; `Malformed` says what is wrong, with camera and column."""
+def read_optitrack(text: str) -> Calibration:
+    """Cameras of an `.mcal` file or of a CSV table.
+
+    Raises:
+        Malformed: what is wrong, with camera and column or attribute.
+    """
+    return _cameras(_xml_rows(text) if text.lstrip().startswith("<") else _csv_rows(text))
+
+
+def _csv_rows(text: str) -> list[dict[str, str]]:
     try:
         rows = list(csv.DictReader(io.StringIO(text.lstrip("\ufeff")), skipinitialspace=True, strict=True))
     except csv.Error as error:
         raise Malformed(f"broken CSV: {error}") from None
-    return _cameras([{(k or "").strip(): v for k, v in row.items() if isinstance(v, str)} for row in rows])
+    return [{(k or "").strip(): v for k, v in row.items() if isinstance(v, str)} for row in rows]
 
 
-def read_optitrack_xml(text: str) -> Calibration:
-    """Cameras of an `.mcal` file; `Malformed` says what is wrong, with camera and attribute."""
+def _xml_rows(text: str) -> list[dict[str, str]]:
     rows = []
     for element in parse_xml(text).iter("Camera"):
         row: dict[str, str] = dict(element.attrib)
@@ -58,7 +66,7 @@ def read_optitrack_xml(text: str) -> Calibration:
             if child.tag in ("Attributes", "IntrinsicStandardCameraModel", "Extrinsic"):
                 row |= child.attrib
         rows.append(row)
-    return _cameras(rows)
+    return rows
 
 
 def _cameras(rows: list[dict[str, str]]) -> Calibration:
@@ -112,19 +120,20 @@ def _meet(world_from_cams: FloatArray, centers: FloatArray) -> float:
     return float(np.mean(missed + behind * np.linalg.norm(middle - centers, axis=1)))
 
 
-def optitrack_text(cameras: CameraGroup, terms: list[FloatArray]) -> str:
+def optitrack_text(cameras: CameraGroup) -> str:
     """The cameras as a CSV table.
 
-    Args:
-        cameras: C cameras.
-        terms: of each, OpenCV's fx, fy, cx, cy, k1, k2, p1, p2, k3.
+    Raises:
+        ValueError: a lens with more than five distortion terms.
     """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(_COLUMNS)
-    for camera, (fx, fy, cx, cy, k1, k2, p1, p2, k3) in zip(cameras, terms, strict=True):
-        turn = (_FLIP @ camera.rotation @ _ZUP_FROM_YUP).T
+    for camera in cameras:
+        terms = five_terms(camera)
+        fx, fy, cx, cy = lens_terms(camera)[:4]
+        rotation = (_FLIP @ camera.rotation @ _ZUP_FROM_YUP).T
         center = _ZUP_FROM_YUP.T @ camera.center_world
-        numbers = itertools.chain((cx, cy, fx, fy, k1, k2, p1, p2, k3), center, turn.ravel())
-        writer.writerow([camera.name, camera.width, camera.height, *(repr(float(v)) for v in numbers)])
+        values = itertools.chain((cx, cy, fx, fy), terms, center, rotation.ravel())
+        writer.writerow([camera.name, camera.width, camera.height, *(repr(float(v)) for v in values)])
     return out.getvalue()

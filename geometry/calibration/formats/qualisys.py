@@ -12,6 +12,7 @@ Per camera, as Qualisys writes it:
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -23,11 +24,14 @@ from muybridge.geometry.calibration.formats.common import (
     number,
     numbers,
     opencv_lens,
+    parse_xml,
     pixel_count,
     pose_from,
     rotation_from,
 )
+from muybridge.geometry.calibration.formats.lens_terms import five_terms, lens_matrix
 from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 _SUBPIXELS = 64.0
 _OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])
@@ -41,14 +45,7 @@ def read_qualisys(text: str) -> Calibration:
     Raises:
         Malformed: what is wrong, with line or camera and field.
     """
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise Malformed("the XML declares entities, which a calibration never needs")
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise Malformed(f"broken XML, {error}; the file seems damaged or cut off: export it again") from None
-    except ValueError as error:
-        raise Malformed(f"broken XML: {error}") from None
+    root = parse_xml(text)
     cameras: list[Camera] = []
     left_out: list[str] = []
     for position, element in enumerate(root.iter("camera"), start=1):
@@ -122,3 +119,32 @@ def _value(element: ET.Element, key: str, default: float | None = None) -> float
             raise Malformed(f"<{element.tag}> has no {key}")
         return default
     return number(text, f"{key} of <{element.tag}>")
+
+
+def qualisys_text(cameras: CameraGroup) -> str:
+    """The cameras as a `.qca.txt`.
+
+    Raises:
+        ValueError: a lens with more than five distortion terms.
+    """
+    rows = ['<?xml version="1.0" encoding="UTF-8"?>', '<calibration source="muybridge">', "<cameras>"]
+    for camera in cameras:
+        k1, k2, p1, p2, k3 = five_terms(camera)
+        (fx, _, cx), (_, fy, cy), _ = lens_matrix(camera).tolist()
+        rotation = _OPENCV_FROM_QUALISYS @ camera.rotation
+        x, y, z = (repr(float(v)) for v in camera.center_world * 1000)
+        lens = {
+            "focalLengthU": 64 * fx, "focalLengthV": 64 * fy, "centerPointU": 64 * cx, "centerPointV": 64 * cy,
+            "skew": 0.0, "radialDistortion1": k1, "radialDistortion2": k2, "radialDistortion3": k3,
+            "tangentalDistortion1": p1, "tangentalDistortion2": p2,
+        }  # fmt: skip
+        window = f'left="0" top="0" right="{camera.width - 1}" bottom="{camera.height - 1}"'
+        elements = " ".join(f'r{i + 1}{j + 1}="{float(rotation[i, j])!r}"' for i in range(3) for j in range(3))
+        rows += [
+            f'<camera active="1" calibrated="true" serial={quoteattr(camera.name)} model="video" viewrotation="0">',
+            f"<fov_video {window}/>",
+            f'<transform x="{x}" y="{y}" z="{z}" {elements}/>',
+            "<intrinsic " + " ".join(f'{k}="{float(v)!r}"' for k, v in lens.items()) + "/>",
+            "</camera>",
+        ]
+    return "\n".join([*rows, "</cameras>", "</calibration>", ""])

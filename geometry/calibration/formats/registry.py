@@ -2,92 +2,24 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from muybridge.errors import CalibrationError, OutputError
 from muybridge.files import replacing
-from muybridge.geometry.calibration.formats.anipose_toml import read_rig_toml
 from muybridge.geometry.calibration.formats.colmap import colmap_files, is_colmap_file, read_colmap
 from muybridge.geometry.calibration.formats.common import Calibration, Malformed
-from muybridge.geometry.calibration.formats.easymocap import easymocap_sibling, read_easymocap
-from muybridge.geometry.calibration.formats.native import native_text, read_native
-from muybridge.geometry.calibration.formats.opencv import (
-    MATRIX_KEYS,
-    is_one_camera,
-    read_opencv_files,
-    read_opencv_yaml,
-)
-from muybridge.geometry.calibration.formats.optitrack import read_optitrack_csv, read_optitrack_xml
-from muybridge.geometry.calibration.formats.qualisys import read_qualisys
-from muybridge.geometry.calibration.formats.vicon import read_vicon
+from muybridge.geometry.calibration.formats.easymocap import easymocap_sibling
+from muybridge.geometry.calibration.formats.native import native_text
+from muybridge.geometry.calibration.formats.opencv import is_one_camera, read_opencv_files
+from muybridge.geometry.calibration.formats.table import FORMATS, KNOWN_FORMATS, Reader
 from muybridge.geometry.calibration.gravity import lean_note
 from muybridge.geometry.cameras.group import CameraGroup
 
-KNOWN_FORMATS = (
-    "Muybridge TOML",
-    "Qualisys (.qca.txt)",
-    "Pose2Sim/Anipose TOML",
-    "Caliscope TOML",
-    "OpenCV YAML",
-    "EasyMocap (intri.yml and extri.yml)",
-    "Vicon (.xcp)",
-    "OptiTrack (.mcal, or a .csv of its attributes)",
-    "COLMAP model (text or binary: cameras and images)",
-)
-"""The formats that `load_calibration` reads."""
-
 _KNOWN = "known formats: " + ", ".join(KNOWN_FORMATS)
-# The largest rigs make files of some 100 KB; this is to not swallow a video that was taken for one.
+# Calibrations of the largest rigs have some 100 KB; the limit avoids reading a video that is mistaken for one.
 _MAX_BYTES = 16 * 2**20
-
-# Marks that survive a truncated or damaged file, so that its reader can say what is wrong with it. The first
-# that matches counts: our own TOML says what it is; XML and YAML have a first line; the rest is TOML.
-_Reader = Callable[[str, Path], Calibration]
-_XML = r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*"
-_OPENCV_KEY = r"\s*(?:-\s+)?(?:" + "|".join(MATRIX_KEYS) + r")\s*:"
-_MARKS: tuple[tuple[str, re.Pattern[str], _Reader], ...] = (
-    ("Muybridge TOML", re.compile(r"^\s*muybridge_calibration\s*=", re.M), lambda text, _: read_native(text)),
-    (
-        "Qualisys",
-        re.compile(r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*<(?:QTM_Parameters[^>]*>\s*<)?calibration\b", re.S),
-        lambda text, _: read_qualisys(text),
-    ),
-    (
-        "Vicon",
-        re.compile(_XML + r"<Cameras\b", re.S),
-        lambda text, _: read_vicon(text),
-    ),
-    (
-        "OptiTrack",
-        re.compile(_XML + r"<calibrationProfile\b", re.S),
-        lambda text, _: read_optitrack_xml(text),
-    ),
-    (
-        "OptiTrack",
-        re.compile(r"\A[^\n]*\bOrientMatrix0\b[^\n]*,|\A[^\n]*,\s*OrientMatrix0\b"),
-        lambda text, _: read_optitrack_csv(text),
-    ),
-    (
-        "EasyMocap",
-        re.compile(  # not beside a camera's own key: OpenCV's dist_coeffs begins as a camera named coeffs would
-            rf"\A(?![\s\S]*^{_OPENCV_KEY})[\s\S]*?^(?:K|R|Rot|T|dist)_[^\s:]+\s*:\s*!!opencv-matrix", re.M
-        ),
-        lambda text, path: read_easymocap(text, path),
-    ),
-    (
-        "OpenCV YAML",
-        re.compile(rf"\A%YAML|!!opencv-matrix|^{_OPENCV_KEY}", re.M),
-        lambda text, path: read_opencv_yaml(text, path.stem),
-    ),
-    (
-        "Pose2Sim, Anipose or Caliscope TOML",
-        re.compile(r"^\s*\[cameras\.|^\s*matrix\s*=", re.M),
-        lambda text, _: read_rig_toml(text),
-    ),
-)
 
 
 def load_calibration(path: Path) -> CameraGroup:
@@ -167,10 +99,11 @@ def _text(path: Path) -> str | None:
     return None if "\0" in text else text
 
 
-def _recognise(text: str | None) -> tuple[str, _Reader] | None:
-    for name, mark, reader in _MARKS:
-        if text is not None and mark.search(text):
-            return name, reader
+def _recognise(text: str | None) -> tuple[str, Reader] | None:
+    """Name and reader of the format of a text, or None."""
+    for row in FORMATS:
+        if text is not None and row.mark is not None and row.read is not None and row.mark.search(text):
+            return row.name, row.read
     return None
 
 
@@ -190,7 +123,7 @@ def find_calibration(session_dir: Path) -> Path:
         return own
     expected = (
         f"put calibration.toml into {session_dir}, or one file of a known format into "
-        f"{session_dir / 'calibration'}, or name one with --calibration; {_KNOWN}"
+        f"{session_dir / 'calibration'}; {_KNOWN}"
     )
     folders = [f for f in (session_dir / "calibration", session_dir) if f.is_dir()]
     listed = ""
@@ -198,21 +131,25 @@ def find_calibration(session_dir: Path) -> Path:
         try:
             found, others = _candidates(folder)
         except OSError as error:
-            raise CalibrationError(f"{folder}: cannot be read: {error.strerror or error}; {expected}") from None
+            raise CalibrationError(
+                f"{folder}: cannot be read: {error.strerror or error}; {expected}", remedy="calibration_path"
+            ) from None
         if len(found) > 1 and _one_camera_each(found):
             return folder
         if len(found) > 1:
             names = ", ".join(p.name if p != folder else "a COLMAP model" for p in found)
             raise CalibrationError(
-                f"{folder}: several calibrations ({names}); leave one there, or name one with --calibration"
+                f"{folder}: several calibrations ({names}); leave one there", remedy="calibration_path"
             )
         if found:
             return found[0]
         if others and folder != session_dir:
             listed = f" ({', '.join(others[:5])}{', ...' if len(others) > 5 else ''} is of none)"
     if len(folders) < 2:
-        raise CalibrationError(f"{session_dir}: no calibration; {expected}")
-    raise CalibrationError(f"{folders[0]}: no calibration file of a known format{listed}; {expected}")
+        raise CalibrationError(f"{session_dir}: no calibration; {expected}", remedy="calibration_path")
+    raise CalibrationError(
+        f"{folders[0]}: no calibration file of a known format{listed}; {expected}", remedy="calibration_path"
+    )
 
 
 def _candidates(folder: Path) -> tuple[list[Path], list[str]]:

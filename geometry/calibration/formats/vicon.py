@@ -12,7 +12,6 @@ taken as OpenCV's, for files that were written by others.
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ET
 from xml.sax.saxutils import quoteattr
 
@@ -25,6 +24,7 @@ from muybridge.geometry.calibration.formats.common import (
     make_camera,
     make_group,
     number,
+    parse_xml,
     pixel_count,
     pose_from,
 )
@@ -34,16 +34,6 @@ from muybridge.geometry.numerics.rotations import matrix_from_quat, quat_from_ma
 
 _ABSURD = 2.0  # growth of a corner's distance from the centre by a factor of more
 _CARRIED_PX = 0.3
-
-
-def parse_xml(text: str) -> ET.Element:
-    """The root of an XML text; `Malformed` if it is none."""
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise Malformed("the XML declares entities, which a calibration never needs")
-    try:
-        return ET.fromstring(re.sub(r"\A\s*<\?xml[^>]*\?>", "", text))
-    except (ET.ParseError, ValueError) as error:
-        raise Malformed(f"broken XML, {error}; the file seems damaged or cut off: export it again") from None
 
 
 def read_vicon(text: str) -> Calibration:

@@ -15,7 +15,12 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration.bundle_adjustment.with_bones import Adjusted, AdjustProblem, AdjustState, adjust
+from muybridge.geometry.calibration.bundle_adjustment.with_bones import (
+    ArticulatedProblem,
+    ArticulatedResult,
+    ArticulatedState,
+    adjust_articulated,
+)
 from muybridge.geometry.calibration.people.initialise import start_from_nothing
 from muybridge.geometry.calibration.people.world import world_from_people
 from muybridge.geometry.cameras.camera import Camera, colmap_camera
@@ -53,7 +58,7 @@ class PeopleCalibrationOptions:
         focal_sigma: how far a focal length may be off, as a share; 0 to hold them.
         prior_rotation_deg: when refining: standard deviation of the given rotations.
         prior_center: when refining: standard deviation of the given camera centres, metres.
-        loss_sigma: error, in standard deviations, from which a 2D point loses its say.
+        loss_sigma: error, in standard deviations, from which a 2D point is down-weighted.
         max_iterations: of the adjustment.
     """
 
@@ -136,7 +141,7 @@ def refine_people(
         points_px: (C, T, P, J, 2) px of P people who were put in order between the cameras; (C, T, J, 2) for
             one. NaN where missing.
         variance_px2: (C, T, P, J) or (C, T, J) of each coordinate; its relative size counts.
-        names: (J,) of the landmarks; they say where bones are.
+        names: (J,) of the landmarks; they name the ends of bones.
         options: how.
 
     Raises:
@@ -225,7 +230,7 @@ def _chosen_frames(
     if len(frames) < _FEWEST_FRAMES:
         raise CalibrationError(
             f"only {len(frames)} frames show a person to two cameras at once, {_FEWEST_FRAMES} are needed; "
-            "film for longer, with the whole person in view"
+            "record for longer, with the whole person in view"
         )
     if len(frames) > options.max_frames:
         frames = frames[np.linspace(0, len(frames) - 1, options.max_frames).round().astype(np.intp)]
@@ -240,33 +245,33 @@ def _all_bones(names: Sequence[str], people: int, options: PeopleCalibrationOpti
     return every, np.tile(sigma, people)
 
 
-def _state(cameras: CameraGroup, points: FloatArray, bones: IndexArray) -> AdjustState:
+def _state(cameras: CameraGroup, points: FloatArray, bones: IndexArray) -> ArticulatedState:
     vector = points[:, bones[:, 0]] - points[:, bones[:, 1]]
     length = np.linalg.norm(vector, axis=-1)
     known = np.isfinite(length).any(axis=0)
     lengths = np.zeros(len(bones))
     lengths[known] = np.nanmedian(length[:, known], axis=0)
     rotations = cameras.cam_from_world[:, :, :3]
-    return AdjustState(rotations, cameras.centers_world, np.zeros(len(cameras)), points, lengths)
+    return ArticulatedState(rotations, cameras.centers_world, np.zeros(len(cameras)), points, lengths)
 
 
 def _adjusted(
     cameras: CameraGroup,
     px: FloatArray,
     variance: FloatArray,
-    state: AdjustState,
+    state: ArticulatedState,
     bones: IndexArray,
     bone_sigma: FloatArray,
     prior: tuple[float, float] | None,
     options: PeopleCalibrationOptions,
-) -> tuple[Adjusted, CameraGroup, float]:
+) -> tuple[ArticulatedResult, CameraGroup, float]:
     """Adjust, with the noise as the take shows it; the adjusted cameras and the noise beside the result."""
     relative = np.sqrt(variance / np.nanmedian(variance))
     noise, alike, start = _FIRST_NOISE_PX, 1.0, state
     focal = np.array([np.sqrt(c.camera_matrix[0, 0] * c.camera_matrix[1, 1]) for c in cameras])
     seen = cameras.unproject(px)
     for _ in range(_NOISE_ROUNDS):
-        problem = AdjustProblem(
+        problem = ArticulatedProblem(
             seen=seen,
             focal_px=focal,
             sigma_px=noise * relative,
@@ -277,7 +282,7 @@ def _adjusted(
             prior_worth=alike,
             loss_sigma=options.loss_sigma,
         )
-        adjusted = adjust(problem, start, options.max_iterations)
+        adjusted = adjust_articulated(problem, start, options.max_iterations)
         start = replace(start, points=adjusted.state.points, lengths=adjusted.state.lengths)
         if prior is None:
             start = adjusted.state
@@ -329,7 +334,7 @@ def _frames_alike(error_px: FloatArray, noise: float) -> float:
 
 
 def _result(
-    cameras: CameraGroup, adjusted: Adjusted, frames: IndexArray, noise: float, notes: Sequence[str]
+    cameras: CameraGroup, adjusted: ArticulatedResult, frames: IndexArray, noise: float, notes: Sequence[str]
 ) -> PeopleCalibration:
     sd = np.sqrt(np.maximum(np.diag(adjusted.covariance), 0)).reshape(-1, 7)
     return PeopleCalibration(

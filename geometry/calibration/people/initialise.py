@@ -16,7 +16,11 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration.bundle_adjustment.with_bones import AdjustProblem, AdjustState, adjust
+from muybridge.geometry.calibration.bundle_adjustment.with_bones import (
+    ArticulatedProblem,
+    ArticulatedState,
+    adjust_articulated,
+)
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
@@ -107,7 +111,7 @@ def start_from_nothing(
     if not pairs:
         raise CalibrationError(
             "no two cameras agree on how they stand to each other: too few shared landmarks, or not the same "
-            "person, or the videos are not in step; check with the overlays, synchronise, or film a longer walk"
+            "person, or the videos are not in step; check with the overlays, synchronise, or record a longer walk"
         )
     pairs.sort(key=lambda p: -p.inliers * np.sqrt(p.shared) * np.sin(np.radians(np.clip(p.angle_deg, 0, 90))))
     best: tuple[float, CameraGroup] | None = None
@@ -176,15 +180,17 @@ def _settled(posed: dict[int, Camera], px: FloatArray, variance: FloatArray) -> 
     rows, spread = px[order], variance[order]
     points = triangulate(group, rows, spread, TriangulateOptions(noise_px=_GATE_PX)).points_world
     focal = np.array([c.camera_matrix[0, 0] for c in group])
-    problem = AdjustProblem(
+    problem = ArticulatedProblem(
         seen=group.unproject(rows),
         focal_px=focal,
         sigma_px=(_GATE_PX / 2) * np.sqrt(spread / np.nanmedian(spread)),
         bones=np.zeros((0, 2), dtype=np.intp),
         bone_sigma=np.zeros(0),
     )
-    state = AdjustState(group.cam_from_world[:, :, :3], group.centers_world, np.zeros(len(group)), points, np.zeros(0))
-    done = adjust(problem, state, _GROWTH_ITERATIONS)
+    state = ArticulatedState(
+        group.cam_from_world[:, :, :3], group.centers_world, np.zeros(len(group)), points, np.zeros(0)
+    )
+    done = adjust_articulated(problem, state, _GROWTH_ITERATIONS)
     for c, rotation, center in zip(order, done.state.rotations, done.state.centers, strict=True):
         posed[c] = posed[c].posed(np.concatenate([rotation, -(rotation @ center)[:, None]], axis=1))
     counted = max(int(np.isfinite(done.residual_px).sum()), 1)

@@ -35,6 +35,12 @@ from muybridge.infer.commands.calibrate.outputs import check_replaceable
 from muybridge.infer.report.calibration_page import write_solved_page
 from muybridge.infer.runtime.progress import Progress
 
+COMMON_OPTIONS = {
+    "board": (
+        "out", "overwrite", "board", "columns", "rows", "square", "dictionary", "board_file", "lenses", "lenses_only",
+        "floor",
+    )
+}  # fmt: skip
 _LOOKED_FOR_OTHERS = 12
 _OUT_OF_STEP = 0.05
 # Metres; larger ones are millimetres or, where few, centimetres.
@@ -114,22 +120,21 @@ def board(
     folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER")],
     /,
     out: Path = Path("calibration.toml"),
-    choice: Annotated[BoardChoice, tyro.conf.arg(name="")] = BoardChoice(),  # noqa: B008 - frozen
-    options: Annotated[BoardOptions, tyro.conf.arg(name="")] = BoardOptions(),  # noqa: B008
+    pattern: BoardChoice = BoardChoice(),  # noqa: B008 - frozen
+    options: BoardOptions = BoardOptions(),  # noqa: B008
     lenses: Path | None = None,
     lenses_only: bool = False,
     floor: int | None = None,
     timestamps: Path | None = None,
     every: int | None = None,
     overwrite: bool = False,
-    quiet: bool = False,
 ) -> int:
     """Lenses and poses of cameras from a board that is moved before them, seen in films or images.
 
     Args:
         folder: a film or a folder of images for each camera, named as the camera.
         out: calibration file to write (TOML).
-        choice: what board it is.
+        pattern: what board it is.
         options: how.
         lenses: calibration file whose lenses are kept; only the poses are found.
         lenses_only: find only the lenses: every camera from its own views, with no pose.
@@ -138,13 +143,12 @@ def board(
         timestamps: CSV that says which frames belong together (default: `timestamps.csv` in the folder).
         every: look at every so many-th frame of films (default: six a second).
         overwrite: replace files there that muybridge did not write.
-        quiet: say only the result.
     """
-    wanted = chosen_board(choice)
+    wanted = chosen_board(pattern)
     if every is not None and every < 1:
         raise CalibrationError(f"--every must be at least 1, not {every}")
     check_replaceable([out] if lenses_only else [out, out.with_suffix(".html")], overwrite)
-    with Progress(quiet=quiet) as progress:
+    with Progress() as progress:
         pictures = find_pictures(folder, timestamps, every, floor)
         if floor is not None:
             _check_floor(wanted, pictures, floor, progress)

@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 
 from muybridge.geometry.calibration import ExportFormat, export_calibration, read_calibration
-from muybridge.geometry.calibration.formats.export import exported
+from muybridge.geometry.calibration.formats.export import export_texts
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
 
 
@@ -28,7 +28,7 @@ def convert(
     read = read_calibration(calibration)
     for note in read.notes:
         print(f"note: {note}")
-    check_replaceable(exported(read.cameras, out, to), overwrite)
+    check_replaceable(export_texts(read.cameras, out, to), overwrite)
     files = export_calibration(read.cameras, out, to)
     print(f"{read.format}, {len(read.cameras)} cameras: written as {to} to {', '.join(map(str, files))}")
     return 0

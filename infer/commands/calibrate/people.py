@@ -25,36 +25,36 @@ from muybridge.infer.reconstruction.refine_cameras import person_of
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import SessionOptions, open_session
 
+COMMON_OPTIONS = {"people": ("out", "overwrite", "refine", "height", "work", "calibration", "cameras", "workers")}
+
 
 def people(
-    session: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SESSION")],
+    path: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SESSION")],
     /,
     out: Path,
     refine: bool = True,
-    options: Annotated[PeopleCalibrationOptions, tyro.conf.arg(name="")] = PeopleCalibrationOptions(),  # noqa: B008
+    options: PeopleCalibrationOptions = PeopleCalibrationOptions(),  # noqa: B008 - frozen
     work: Path | None = None,
-    read: Annotated[SessionOptions, tyro.conf.arg(name="")] = SessionOptions(),  # noqa: B008
-    detect: Annotated[DetectOptions, tyro.conf.arg(name="")] = DetectOptions(),  # noqa: B008
+    session: SessionOptions = SessionOptions(),  # noqa: B008
+    detect: DetectOptions = DetectOptions(),  # noqa: B008
     overwrite: bool = False,
-    quiet: bool = False,
 ) -> int:
     """Cameras from the people who move before them: refine a calibration, or find the poses from nothing.
 
     Args:
-        session: folder with `videos/` and a calibration; with --no-refine only its lenses are used.
+        path: folder with `videos/` and a calibration; with --no-refine only its lenses are used.
         out: calibration file to write (TOML); give it to `muybridge run` with --calibration.
         refine: start from the calibration's poses and keep its world; otherwise poses, size and floor come
             from the person.
         options: how.
         work: results folder whose finished 2D landmarks are used (default: `muybridge/` inside the session).
-        read: how the session folder is read.
+        session: how the session folder is read.
         detect: 2D landmarks.
         overwrite: replace files there that muybridge did not write.
-        quiet: say only the result.
     """
     check_replaceable([out], overwrite)
-    with Progress(quiet=quiet) as progress:
-        opened = open_session(session, read)
+    with Progress() as progress:
+        opened = open_session(path, session)
         for notice in opened.notices:
             progress.notice(notice)
         opened, keypoints = session_keypoints(opened, work, detect, progress)

@@ -74,7 +74,7 @@ def points(
     table_of_points: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="POINTS.csv")],
     /,
     out: Path = Path("calibration.toml"),
-    size: tuple[int, int] | None = None,
+    size: Annotated[tuple[int, int] | None, tyro.conf.arg(metavar="WIDTH HEIGHT")] = None,
     videos: Path | None = None,
     lenses: Path | None = None,
     lens: Lens = "pinhole",

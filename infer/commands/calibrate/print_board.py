@@ -14,7 +14,7 @@ from muybridge.infer.commands.calibrate.outputs import check_replaceable
 
 def print_board(
     out: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OUT.pdf")] = Path("board.pdf"),
-    choice: Annotated[BoardChoice, tyro.conf.arg(name="")] = BoardChoice(),  # noqa: B008 - frozen
+    pattern: BoardChoice = BoardChoice(),  # noqa: B008 - frozen
     paper: Literal["a4", "a3", "a2", "a1", "a0", "letter", "tabloid", "fit"] = "a4",
     overwrite: bool = False,
 ) -> int:
@@ -22,11 +22,11 @@ def print_board(
 
     Args:
         out: file to write.
-        choice: what board it is; the same options then describe it to `muybridge calibrate board`.
+        pattern: what board it is; the same options then describe it to `muybridge calibrate board`.
         paper: size of the page, turned as fits better; `fit` for one that is as large as the board needs.
         overwrite: replace OUT.pdf where muybridge did not write it.
     """
-    board = chosen_board(choice)
+    board = chosen_board(pattern)
     text = board_pdf(board, None if paper == "fit" else PAPERS[paper])
     if out.suffix.lower() != ".pdf":
         raise CalibrationError(f"{out}: the board is written as a PDF; give a name that ends in .pdf")

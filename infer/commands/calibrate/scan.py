@@ -28,6 +28,12 @@ from muybridge.infer.session.video import read_chunks
 
 _STILL_FRAMES = 9  # of a fixed camera's video, whose median has nobody walking through
 
+COMMON_OPTIONS = {
+    "scan": (
+        "cameras", "out", "overwrite", "distance", "between", "marker_size", "marker_id", "marker_on_floor", "lenses",
+    )
+}  # fmt: skip
+
 
 def scan(
     photos: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="PHOTOS_OR_VIDEO")],
@@ -37,10 +43,9 @@ def scan(
     between: tuple[str, ...] = (),
     lenses: Path | None = None,
     max_photos: int = 80,
-    options: Annotated[ScanOptions, tyro.conf.arg(name="")] = ScanOptions(),  # noqa: B008 - frozen
+    options: ScanOptions = ScanOptions(),  # noqa: B008 - frozen
     model: Path | None = None,
     overwrite: bool = False,
-    quiet: bool = False,
 ) -> int:
     """Cameras from a scan: photographs or a video that somebody took walking around the room.
 
@@ -54,11 +59,10 @@ def scan(
         options: how.
         model: folder to keep COLMAP's model in.
         overwrite: replace files there that muybridge did not write.
-        quiet: say only the result.
     """
     check_replaceable([out] if model is None else [out, model], overwrite)
     known = None if lenses is None else load_calibration(lenses)
-    with tempfile.TemporaryDirectory(prefix="muybridge-scan-") as temporary, Progress(quiet=quiet) as progress:
+    with tempfile.TemporaryDirectory(prefix="muybridge-scan-") as temporary, Progress() as progress:
         images = Path(temporary) / "images"
         count = _scan_photos(photos, images / SCAN_FOLDER, max_photos)
         names = _stills(cameras, images / FIXED_FOLDER)

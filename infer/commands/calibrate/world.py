@@ -29,6 +29,11 @@ from muybridge.infer.pipelines.landmarks import session_keypoints
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import SessionOptions, open_session
 
+COMMON_OPTIONS = {
+    "world": (
+        "out", "overwrite", "points", "floor_board", "people", "moment", "height", "keep_scale", "turn_deg", "origin",
+    )
+}  # fmt: skip
 _STILL_PX = 3.0
 
 
@@ -39,17 +44,16 @@ def world(
     points: Path | None = None,
     floor_board: Path | None = None,
     people: Path | None = None,
-    choice: Annotated[BoardChoice, tyro.conf.arg(name="")] = BoardChoice(),  # noqa: B008 - frozen
+    pattern: BoardChoice = BoardChoice(),  # noqa: B008 - frozen
     moment: int | None = None,
     height: float | None = None,
     keep_scale: bool = False,
     scale_by: float = 1.0,
     turn_deg: float = 0.0,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    read: Annotated[SessionOptions, tyro.conf.arg(name="")] = SessionOptions(),  # noqa: B008
-    detect: Annotated[DetectOptions, tyro.conf.arg(name="")] = DetectOptions(),  # noqa: B008
+    session: SessionOptions = SessionOptions(),  # noqa: B008
+    detect: DetectOptions = DetectOptions(),  # noqa: B008
     overwrite: bool = False,
-    quiet: bool = False,
 ) -> int:
     """Set a calibration's origin, floor, axes and size: from marked points, a board on the floor, or people.
 
@@ -61,17 +65,16 @@ def world(
         floor_board: folder with a film, or a folder of images, for each camera, that shows a board lying on the
             floor: its first corner becomes the origin, its columns run along +X, Z is up.
         people: session folder in which people walk about: the floor is where their feet are.
-        choice: what board it is.
+        pattern: what board it is.
         moment: picture (number of frame or image) in which the board lies there, if it does not in all of them.
         height: of the (first) person, metres; without it the calibration's size is kept.
         keep_scale: only turn and move, also where points or the board tell another size.
         scale_by: then also make everything larger by this factor.
         turn_deg: then also turn the world about Z, counterclockwise seen from above.
         origin: then also move the origin to this place, metres, in the world so far.
-        read: how the session folder is read.
+        session: how the session folder is read.
         detect: 2D landmarks.
         overwrite: replace files there that muybridge did not write.
-        quiet: say only the result.
     """
     check_replaceable([out], overwrite)
     cameras = load_calibration(calibration)
@@ -79,13 +82,13 @@ def world(
     _one_source((("--points", points), ("--floor-board", floor_board), ("--people", people)), by_hand)
     if not (np.isfinite([scale_by, turn_deg, *origin]).all() and scale_by > 0):
         raise CalibrationError(f"--scale-by must be positive, not {scale_by:g}; all numbers finite")
-    with Progress(quiet=quiet) as progress:
+    with Progress() as progress:
         if points is not None:
             changed, said = by_points(cameras, points, keep_scale)
         elif floor_board is not None:
-            changed, said = by_board(cameras, chosen_board(choice), floor_board, moment, keep_scale, progress)
+            changed, said = by_board(cameras, chosen_board(pattern), floor_board, moment, keep_scale, progress)
         elif people is not None:
-            before, after, said = by_people(people, replace(read, calibration=calibration), detect, height, progress)
+            before, after, said = by_people(people, replace(session, calibration=calibration), detect, height, progress)
             changed = _likewise(cameras, before, after)
         else:
             changed, said = cameras, []

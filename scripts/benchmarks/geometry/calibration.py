@@ -2,7 +2,7 @@
 
     python -m scripts.benchmarks.geometry.calibration board lenses people rigs sync --data ../shared/data
 
-- board: four webcams that filmed a ChArUco board, by `muybridge calibrate board` as a user runs it: all frames, then
+- board: four webcams that recorded a ChArUco board, by `muybridge calibrate board` as a user runs it: all frames, then
   both halves of the moments (odd and even, first and second) as folders of images; how far the distances between
   cameras differ.
 - lenses: the balancing take's checkerboards, against the focal lengths that Qualisys gave.
@@ -46,6 +46,7 @@ from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.infer.commands.app import run_command
 from scripts.benchmarks.geometry.diagnosis import balancing
+from tests.rigs import look_at
 
 _RIGS = 4
 CHECKERS = ("--board", "checkerboard", "--columns", "4", "--rows", "7", "--square", "0.06")
@@ -57,12 +58,12 @@ def command(*arguments: object) -> str:
     Raises:
         RuntimeError: it failed.
     """
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said):
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
         code = run_command([str(a) for a in arguments])
     if code:
         raise RuntimeError(f"muybridge {' '.join(map(str, arguments))}: exit code {code}")
-    return said.getvalue()
+    return printed.getvalue()
 
 
 def distances(cameras: CameraGroup) -> FloatArray:
@@ -72,28 +73,28 @@ def distances(cameras: CameraGroup) -> FloatArray:
 
 
 def images_of(data: Path, folder: Path, chosen: Callable[[int], bool]) -> None:
-    """The films' frames of some moments as folders of images, named by the moment."""
+    """The videos' frames of some moments as folders of images, named by the moment."""
     rows: dict[str, list[tuple[float, int]]] = {}
     with (data / "timestamps.csv").open(newline="") as file:
         for row in csv.DictReader(file):
             rows.setdefault(row["cam_id"], []).append((float(row["frame_time"]), int(row["sync_index"])))
     for camera, stamps in rows.items():
-        film = cv2.VideoCapture(str(data / f"cam_{camera}.mp4"))
+        video = cv2.VideoCapture(str(data / f"cam_{camera}.mp4"))
         (folder / f"cam_{camera}").mkdir(parents=True)
         for _, moment in sorted(stamps):
-            image = film.read()[1]
+            image = video.read()[1]
             if chosen(moment):
                 cv2.imwrite(str(folder / f"cam_{camera}" / f"{moment:04}.png"), image)
 
 
 def board(data: Path) -> None:
-    """Four webcams that filmed a board."""
-    films = data / "charuco"
-    flags = ("--board-file", films / "charuco.toml", "--quiet")
+    """Four webcams that recorded a board."""
+    folder = data / "charuco"
+    flags = ("--board-file", folder / "charuco.toml", "--quiet")
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "all.toml"
-        print(command("calibrate", "board", films, *flags, "--out", out).replace(scratch, "."))
-        moments = sorted({int(r["sync_index"]) for r in csv.DictReader((films / "timestamps.csv").open(newline=""))})
+        print(command("calibrate", "board", folder, *flags, "--out", out).replace(scratch, "."))
+        moments = sorted({int(r["sync_index"]) for r in csv.DictReader((folder / "timestamps.csv").open(newline=""))})
         middle = moments[len(moments) // 2]
         splits: dict[str, Callable[[int], bool]] = {
             "odd": lambda m: m % 2 == 1, "even": lambda m: m % 2 == 0,
@@ -101,10 +102,10 @@ def board(data: Path) -> None:
         }  # fmt: skip
         found = {}
         for name, chosen in splits.items():
-            images_of(films, Path(scratch) / name, chosen)
+            images_of(folder, Path(scratch) / name, chosen)
             file = Path(scratch) / f"{name}.toml"
-            said = command("calibrate", "board", Path(scratch) / name, *flags, "--out", file)
-            median = re.search(r"median reprojection error ([\d.]+)", said)
+            report = command("calibrate", "board", Path(scratch) / name, *flags, "--out", file)
+            median = re.search(r"median reprojection error ([\d.]+)", report)
             found[name] = distances(load_calibration(file))
             print(f"{name:7} median {median[1] if median else '?'} px, distances {np.round(found[name], 4)} m")
         whole = distances(load_calibration(out))
@@ -188,14 +189,8 @@ def ring(count: int, rng: np.random.Generator) -> CameraGroup:
     for k in range(count):
         angle = 2 * np.pi * k / count + rng.uniform(-0.1, 0.1)
         center = np.array([4 * np.cos(angle), 4 * np.sin(angle), rng.uniform(1.0, 2.8)])
-        z = np.array([0, 0, 1.0]) - center
-        z /= np.linalg.norm(z)
-        x = np.cross(z, [0, 0, 1.0])
-        x /= np.linalg.norm(x)
-        rotation = np.stack([x, np.cross(z, x), z])
         terms = (1300.0 + 30 * k, 1300.0 + 30 * k, 960.0, 540.0, -0.08, 0.02, 0.0005, -0.0005)
-        pose = np.column_stack([rotation, -rotation @ center])
-        cameras.append(Camera(f"c{k}", "OPENCV", 1920, 1080, terms, pose))
+        cameras.append(Camera(f"c{k}", "OPENCV", 1920, 1080, terms, look_at(center, (0, 0, 1))))
     return CameraGroup(tuple(cameras))
 
 

@@ -38,6 +38,7 @@ from muybridge.geometry.calibration.diagnosis.hypotheses import changed
 from muybridge.geometry.calibration.people.calibrate import refine_people
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
+from tests.rigs import look_at
 
 Take = tuple[CameraGroup, FloatArray, FloatArray]
 KINDS = ("turned", "shifted", "focal", "swapped", "healthy")
@@ -55,13 +56,8 @@ def room(count: int, rng: np.random.Generator) -> CameraGroup:
         angle = 2 * np.pi * (k + rng.uniform(-0.3, 0.3)) / count
         distance = rng.uniform(3.5, 6.0)
         center = np.array([distance * np.cos(angle), distance * np.sin(angle), rng.uniform(1.0, 2.6)])
-        z = np.array([0, 0, 0.9]) + rng.normal(0, 0.15, 3) - center
-        z /= np.linalg.norm(z)
-        x = np.cross(z, [0, 0, 1.0])
-        x /= np.linalg.norm(x)
-        rotation = np.stack([x, np.cross(z, x), z])
+        pose = look_at(center, np.array([0, 0, 0.9]) + rng.normal(0, 0.15, 3))
         focal = rng.uniform(0.17, 0.25) * distance * SIZE[0]
-        pose = np.column_stack([rotation, -rotation @ center])
         middle = (np.array(SIZE) - 1) / 2 + rng.normal(0, 10, 2)
         terms = (focal, focal, *middle, -0.08, 0.02, 0.0, 0.0)
         cameras.append(Camera(f"cam{k + 1}", "OPENCV", *SIZE, terms, pose))

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.markers.cleaning import CleanOptions, Sample, clean_markers, gaps_of
+from muybridge.geometry.markers.cleaning import CleanOptions, Sample, clean_markers
+from muybridge.geometry.smoothing.gap_models import gaps_of
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud
 
 

@@ -5,7 +5,7 @@ Usage: python -m scripts.benchmarks.markers.marker_video [--frames 240] [--kind 
 Six cameras of 1024 x 1024 at 120 Hz around one of anny's bodies with the 39 Plug-in Gait markers: one is seen where it
 faces a camera and no limb (capsules) is in front. Bloom, noise, three lamps in the room, and about one flicker a
 camera and frame. A marker counts as visible where at least two (three) cameras see it. With --session the take is
-written as a session folder for `muybridge run FOLDER --markers-in-video`, and that is run and scored.
+written as a session folder for `muybridge run-markers FOLDER`, and that is run and scored.
 """
 
 import argparse
@@ -147,7 +147,7 @@ def _run(folder: Path, truth: np.ndarray, views: np.ndarray) -> None:
     from muybridge.motion.formats.points.c3d import read_c3d
 
     begun = time.perf_counter()
-    command = [sys.executable, "-m", "muybridge", "run", str(folder), "--markers-in-video", "--overwrite"]
+    command = [sys.executable, "-m", "muybridge", "run-markers", str(folder), "--overwrite"]
     subprocess.run(command, check=True)
     points = read_c3d(folder / "muybridge" / "points.c3d").points_world
     named(points[: len(truth)], truth, views, f"muybridge run ({time.perf_counter() - begun:.0f} s), gaps filled")

@@ -7,13 +7,14 @@ import pytest
 
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
-from muybridge.geometry.association.select import TrackingOptions, find_people, select_person, take_person
+from muybridge.geometry.association.options import TrackingOptions
+from muybridge.geometry.association.select import find_people, select_person, take_person
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from tests.paths import DATA
+from tests.rigs import ring_of_cameras
 
 # A standing body of 1.75 m: x to its left, y backwards, z up. The right side mirrors the left.
 _HALF = {
@@ -33,18 +34,15 @@ BODY = np.array(
 
 
 def ring(count: int, radius: float = 4.5) -> CameraGroup:
-    cameras = []
-    for c in range(count):
-        angle = 2 * np.pi * c / count + 0.3 + 0.25 * (c % 2)
-        center = np.array([radius * np.cos(angle), radius * np.sin(angle), 1.6 + 0.3 * (c % 3)])
-        forward = np.array([0, 0, 0.9]) - center
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        pose = np.hstack([rotation, (-rotation @ center)[:, None]])
-        cameras.append(Camera(f"cam{c + 1:02d}", "PINHOLE", 1920, 1080, (1400, 1400, 959.5, 539.5), pose))
-    return CameraGroup(tuple(cameras))
+    return ring_of_cameras(
+        [f"cam{c + 1:02d}" for c in range(count)],
+        radius=radius,
+        height=[1.6 + 0.3 * (c % 3) for c in range(count)],
+        target=(0, 0, 0.9),
+        angles=[2 * np.pi * c / count + 0.3 + 0.25 * (c % 2) for c in range(count)],
+        size=(1920, 1080),
+        focal=1400,
+    )
 
 
 def walker(frames: int, center: tuple[float, float], travel: float, phase: float = 0.0) -> FloatArray:

@@ -7,9 +7,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from muybridge.geometry.association.options import TrackingOptions
 from muybridge.geometry.association.select import take_slots
-from muybridge.geometry.association.tracker import PeopleTracker, TrackingOptions, track_people
-from muybridge.geometry.association.tracks import Body, without_stray_end
+from muybridge.geometry.association.tracker import PeopleTracker, identify_people, track_people
+from muybridge.geometry.association.tracks import Body, drop_stray_end
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.rays import nearest_points, pair_points, ray_directions
 from muybridge.geometry.landmarks.arrays import Keypoints2D
@@ -46,8 +47,9 @@ def test_patience_is_of_seconds_not_of_frames(bench) -> None:
         px[:, round(fps) : round(1.5 * fps)] = np.nan
         for coast, bodies in ((1.0, 1), (0.25, 2)):
             options = TrackingOptions(coast=coast)
-            tracker = PeopleTracker(cameras, replace(keypoints, points_px=px), options, fps)
-            assert len(tracker.run()) == bodies, (fps, coast)
+            tracker = PeopleTracker(cameras, keypoints.landmarks, options, fps)
+            tracker.extend(px)
+            assert len(tracker.finish()) == bodies, (fps, coast)
 
 
 def test_who_leaves_and_comes_back_is_the_same_person(bench) -> None:
@@ -91,6 +93,21 @@ def test_slots_are_disjoint_and_point_at_detections(bench) -> None:
     assert taken.max() == 1
 
 
+@pytest.mark.parametrize(("count", "frames", "fps"), [(4, 150, 60.0), (5, 140, 30.0)])
+def test_tracking_frame_by_frame_gives_the_tracks_of_the_whole_take(bench, count: int, frames: int, fps: float) -> None:
+    rng = np.random.default_rng(count)
+    cameras, people = bench.room(count, rng), bench.walkers(3, frames, rng, fps)
+    keypoints = bench.keypoints_of(cameras, people, count, 6)
+    tracker = PeopleTracker(cameras, keypoints.landmarks, None, fps)
+    followed = [tracker.step(keypoints.points_px[:, t]) for t in range(frames)]
+    assert all(len(people) >= 3 for people in followed[frames // 2 :])
+    stepwise = identify_people(tracker.finish(), keypoints.landmarks, None, fps)
+    whole = track_people(cameras, keypoints, None, fps)
+    assert len(whole) == len(stepwise) == 3
+    for a, b in zip(whole, stepwise, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
 def seen_exactly(cameras, slots: list[np.ndarray]) -> Keypoints2D:
     """Detections of people (T, J, 3), one a slot, without error; NaN where they are not found."""
     px = np.stack([cameras.project(s) for s in slots], axis=2)
@@ -127,11 +144,11 @@ def test_the_end_that_a_lost_body_met_by_accident_is_taken_off() -> None:
     points = np.zeros((23, 3))
     slots = np.zeros((3, 100), int)
     body = Body(points, slots, True, 0, met=45, track={t: points for t in [*range(40), 60, 61, 90, 91, 92]})
-    without_stray_end(body, 5, 6.0)
+    drop_stray_end(body, 5, 6.0)
     assert sorted(body.track) == list(range(40)) and body.met == 40
     assert (body.slots[:, :40] == 0).all() and (body.slots[:, 40:] == -1).all()
     long = Body(points, slots * 0, True, 0, met=46, track={t: points for t in [*range(40), *range(60, 66)]})
-    without_stray_end(long, 5, 6.0)
+    drop_stray_end(long, 5, 6.0)
     assert len(long.track) == 46
 
 

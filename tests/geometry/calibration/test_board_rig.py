@@ -12,9 +12,8 @@ from muybridge.geometry.calibration.board.view_selection import choose_times
 from muybridge.geometry.calibration.bundle_adjustment.result import table
 from muybridge.geometry.calibration.gravity import level
 from muybridge.geometry.calibration.world import moved, on_board
-from muybridge.geometry.cameras.camera import Camera
-from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
+from tests.rigs import ring_of_cameras
 
 CHARUCO = Board("charuco", 7, 10, 0.06)
 SIZE = (1280, 720)
@@ -22,21 +21,19 @@ SIZE = (1280, 720)
 
 def ring(count, radius=2.5, model="OPENCV"):
     """Cameras all around the origin."""
-    cameras = []
-    for k in range(count):
-        angle = 2 * np.pi * k / count
-        center = np.array([radius * np.cos(angle), radius * np.sin(angle), 1.2 + 0.2 * (k % 3)])
-        z = -center / np.linalg.norm(center)
-        x = np.cross(z, [0, 0, 1.0])
-        x /= np.linalg.norm(x)
-        rotation = np.stack([x, np.cross(z, x), z])
-        focal = 900.0 + 15 * k
-        params = (focal, focal * 1.001, 650.0, 350.0, -0.1, 0.03, 0.0005, -0.0005)
-        if model == "OPENCV_FISHEYE":
-            params = (480.0 + 5 * k, 480.0 + 5 * k, 645.0, 355.0, 0.03, -0.01, 0.002, 0.0)
-        pose = np.column_stack([rotation, -rotation @ center])
-        cameras.append(Camera(f"c{k}", model, *SIZE, params, pose))
-    return CameraGroup(tuple(cameras))
+    fisheye = [(480.0 + 5 * k, 480.0 + 5 * k, 645.0, 355.0, 0.03, -0.01, 0.002, 0.0) for k in range(count)]
+    focal = [900.0 + 15 * k for k in range(count)]
+    return ring_of_cameras(
+        [f"c{k}" for k in range(count)],
+        radius=radius,
+        height=[1.2 + 0.2 * (k % 3) for k in range(count)],
+        target=(0, 0, 0),
+        first=0,
+        size=SIZE,
+        model=model,
+        params=fisheye if model == "OPENCV_FISHEYE"
+        else [(f, f * 1.001, 650.0, 350.0, -0.1, 0.03, 0.0005, -0.0005) for f in focal],
+    )  # fmt: skip
 
 
 def path(rng, count):

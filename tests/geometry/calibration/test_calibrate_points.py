@@ -15,19 +15,16 @@ from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.commands.calibrate.points import read_points
 from muybridge.infer.commands.calibrate.world import people_world
+from tests.rigs import look_at
 
 SIZE = (1280, 720)
 
 
 def camera(k, model="OPENCV", bend=-0.2):
     angle = 1.3 * k
-    center = np.array([3 * np.cos(angle), 3 * np.sin(angle), 1.6])
-    z = -center / np.linalg.norm(center)
-    x = np.cross(z, [0, 0, 1.0])
-    x /= np.linalg.norm(x)
-    rotation = np.stack([x, np.cross(z, x), z])
     lens = {"PINHOLE": (1000.0, 990.0, 650.0, 350.0), "OPENCV": (1000.0, 1000.0, 650.0, 350.0, bend, 0.05, 0.0, 0.0)}
-    return Camera(f"c{k}", model, *SIZE, lens[model], np.column_stack([rotation, -rotation @ center]))
+    pose = look_at((3 * np.cos(angle), 3 * np.sin(angle), 1.6), (0, 0, 0))
+    return Camera(f"c{k}", model, *SIZE, lens[model], pose)
 
 
 def rig(count=4):
@@ -124,7 +121,7 @@ def test_layouts_that_cannot_be_told_apart_are_refused():
         (flat, None, "camera c0: all 12 points lie in a plane.*focal length and distance.*off the plane"),
         (line, None, "camera c0: all 12 points lie on a line"),
         (line, CameraGroup((c,)), "lie on a line, about which the camera could turn"),
-        (rng.normal(size=(5, 3)) * 0.3, None, "5 points, at least 6 .* --lenses"),
+        (rng.normal(size=(5, 3)) * 0.3, None, "5 points, at least 6 .* in lenses"),
         (flat[:3], CameraGroup((c,)), "3 points, at least 4 .* up to four places fit"),
     ]
     for points, lenses, said in cases:

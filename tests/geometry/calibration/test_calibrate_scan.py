@@ -12,6 +12,7 @@ from muybridge.geometry.calibration.structure_from_motion import ScanCalibration
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.commands.app import run_command
+from tests.rigs import look_at
 
 _HALF = np.array([2.6, 2.1])  # of the room, metres
 _HEIGHT = 2.6
@@ -20,12 +21,7 @@ _MARKER = 0.4
 
 
 def _looking(name: str, at: tuple[float, float, float], to: tuple[float, float, float], params, size) -> Camera:
-    z = np.array(to, float) - at
-    z /= np.linalg.norm(z)
-    x = np.cross(z, [0, 0, 1.0])
-    x /= np.linalg.norm(x)
-    rotation = np.stack([x, np.cross(z, x), z])
-    return Camera(name, "SIMPLE_RADIAL", *size, params, np.column_stack([rotation, -rotation @ np.array(at)]))
+    return Camera(name, "SIMPLE_RADIAL", *size, params, look_at(at, to))
 
 
 class Room:

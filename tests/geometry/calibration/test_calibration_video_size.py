@@ -57,8 +57,8 @@ def affine(camera: Camera, fitted: Camera) -> FloatArray:
 )
 def test_what_each_way_does_to_pixels(calibrated, video, how, scale, offset) -> None:  # type: ignore[no-untyped-def]
     camera = camera_of(*calibrated)
-    fitted, said = fit_to_video(camera, *video, how=how)
-    assert (fitted.width, fitted.height) == video and said is None
+    fitted, assumption = fit_to_video(camera, *video, how=how)
+    assert (fitted.width, fitted.height) == video and assumption is None
     np.testing.assert_allclose(affine(camera, fitted), np.column_stack([scale, offset]), atol=1e-7)
 
 
@@ -94,14 +94,14 @@ def test_the_same_size_changes_nothing_whatever_is_asked() -> None:
 def test_the_automatic_choice(calibrated, video, bars, chosen) -> None:  # type: ignore[no-untyped-def]
     camera = camera_of(*calibrated)
     image = None if bars is None else picture(*video, bar_rows=bars[0], bar_columns=bars[1])
-    fitted, said = fit_to_video(camera, *video, image=image)
+    fitted, assumption = fit_to_video(camera, *video, image=image)
     assert fitted == fit_to_video(camera, *video, how=chosen)[0]
-    assert said is not None and "\n" not in said
-    assert said.startswith(
+    assert assumption is not None and "\n" not in assumption.sentence
+    assert assumption.sentence.startswith(
         f"camera cam01: calibrated at {calibrated[0]}x{calibrated[1]}, video is {video[0]}x{video[1]};"
     )
-    assert f"({chosen}); if that is wrong, give --video-size " in said
-    assert f"--video-size {chosen}" not in said
+    assert assumption.sentence.endswith(f"({chosen})") and assumption.fit == chosen
+    assert len(assumption.alternatives) == 4 and chosen not in assumption.alternatives
 
 
 def test_a_dark_frame_decides_nothing() -> None:
@@ -123,19 +123,17 @@ def test_grey_frames_serve_too() -> None:
 @pytest.mark.parametrize("video", [(1080, 1920), (720, 1280), (1080, 1900)])
 def test_a_turned_video_asks_which_way(video: tuple[int, int]) -> None:
     camera = camera_of(1920, 1080)
-    with pytest.raises(
-        CalibrationError, match="cam01: calibrated at 1920x1080, .*--video-size rotate-cw or rotate-ccw"
-    ):
+    with pytest.raises(CalibrationError, match='cam01: calibrated at 1920x1080, .*pass "rotate-cw" or "rotate-ccw"'):
         fit_to_video(camera, *video)
 
 
 @pytest.mark.parametrize(("how", "quarter_turns"), [("rotate-cw", 1), ("rotate-ccw", -1)])
 def test_turning_and_resizing(how: str, quarter_turns: int) -> None:
     camera = camera_of(1920, 1080)
-    fitted, said = fit_to_video(camera, 720, 1280, how)  # type: ignore[arg-type]
+    fitted, assumption = fit_to_video(camera, 720, 1280, how)  # type: ignore[arg-type]
     expected = camera.turned(quarter_turns).resized(720, 1280)
     np.testing.assert_allclose(fitted.project(POINTS_WORLD), expected.project(POINTS_WORLD), atol=1e-9)
-    assert said is not None and "resized by 0.6667" in said
+    assert assumption is not None and "resized by 0.6667" in assumption.sentence
     # A camera of the rig that was not turned stays as it is.
     upright = camera_of(1080, 1920)
     assert fit_to_video(upright, 1080, 1920, how) == (upright, None)  # type: ignore[arg-type]

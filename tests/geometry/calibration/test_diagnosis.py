@@ -9,12 +9,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from muybridge.geometry.calibration import fit_to_video, load_calibration
-from muybridge.geometry.calibration.diagnosis.faults import CalibrationDiagnosis, DiagnosisOptions, diagnose
-from muybridge.geometry.calibration.diagnosis.hypotheses import changed, fit_camera, student_scale
+from muybridge.geometry.calibration.diagnosis.faults import diagnose
+from muybridge.geometry.calibration.diagnosis.findings import CalibrationDiagnosis, DiagnosisOptions
+from muybridge.geometry.calibration.diagnosis.hypotheses import changed, fit_camera
 from muybridge.geometry.calibration.people.calibrate import refine_people
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
-from muybridge.geometry.numerics.robust import extent
+from muybridge.geometry.numerics.robust import extent, student_scale
+from tests.rigs import ring_of_cameras
 
 Landmarks = tuple[np.ndarray, np.ndarray]
 Fault = Callable[[CameraGroup, Landmarks, int], tuple[CameraGroup, Landmarks, set[int]]]
@@ -25,18 +27,15 @@ _HALF = np.array([(0.18, 0, 1.41), (0.24, 0, 1.11), (0.26, 0.05, 0.86), (0.11, 0
 
 
 def _rig(count: int) -> CameraGroup:
-    cameras = []
-    for k in range(count):
-        angle = 2 * np.pi * k / count + 0.4
-        center = np.array([4.5 * np.cos(angle), 4.5 * np.sin(angle), 1.3 + 0.25 * (k % 3)])
-        z = np.array([0.2, 0, 0.9]) - center
-        z /= np.linalg.norm(z)
-        x = np.cross(z, [0, 0, 1.0])
-        x /= np.linalg.norm(x)
-        rotation = np.stack([x, np.cross(z, x), z])
-        pose = np.column_stack([rotation, -rotation @ center])
-        cameras.append(Camera(f"cam{k + 1}", "PINHOLE", 1920, 1080, (1200, 1200, 960, 540), pose))
-    return CameraGroup(tuple(cameras))
+    return ring_of_cameras(
+        count,
+        radius=4.5,
+        height=[1.3 + 0.25 * (k % 3) for k in range(count)],
+        target=(0.2, 0, 0.9),
+        first=0.4,
+        size=(1920, 1080),
+        params=(1200, 1200, 960, 540),
+    )
 
 
 def _walk(frames: int) -> np.ndarray:

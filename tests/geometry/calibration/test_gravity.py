@@ -10,6 +10,7 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.infer.session.session import open_session
+from tests.rigs import look_at
 
 Z_UP = np.array([0.0, 0.0, 1.0])
 
@@ -19,11 +20,7 @@ def rig(rng: np.random.Generator, count: int, rolls_deg: np.ndarray) -> CameraGr
     cameras = []
     for i, azimuth in enumerate(np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.2, count)):
         center = np.array([4 * np.cos(azimuth), 4 * np.sin(azimuth), rng.uniform(0.8, 2.6)])
-        forward = (Z_UP - center) / np.linalg.norm(Z_UP - center)
-        right = np.cross(-Z_UP, forward) / np.linalg.norm(np.cross(-Z_UP, forward))
-        level = np.stack([right, np.cross(forward, right), forward])
-        rotation = Rotation.from_euler("z", rolls_deg[i], degrees=True).as_matrix() @ level
-        pose = np.column_stack([rotation, -rotation @ center])
+        pose = look_at(center, Z_UP, roll=np.radians(rolls_deg[i]))
         cameras.append(Camera(f"c{i}", "PINHOLE", 1280, 720, (900.0, 900.0, 640.0, 360.0), pose))
     return CameraGroup(tuple(cameras))
 

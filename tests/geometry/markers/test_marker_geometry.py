@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from muybridge.geometry.markers.cleaning import CleanOptions, Sample, clean_markers, fill_pattern, fill_rigid, gaps_of
+from muybridge.geometry.markers.cleaning import CleanOptions, Sample, clean_markers, fill_pattern
 from muybridge.geometry.markers.recovery import recover_points
 from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
 from muybridge.geometry.markers.subjects import split_people
 from muybridge.geometry.markers.tracking import Tracks, find_tracks
 from muybridge.geometry.markers.voting import VoteOptions, assign_frames, cut_tracks, elect, exchangeable, vote
+from muybridge.geometry.smoothing.gap_models import gaps_of, rigid_gap
 
 FPS = 100.0
 
@@ -151,7 +152,7 @@ def test_a_rigid_body_fills_its_own_gaps_exactly():
     hidden = points.copy()
     hidden[60:110, 2] = np.nan
     others = [0, 1, 3, 4]
-    for fill in (fill_rigid, fill_pattern):
+    for fill in (rigid_gap, fill_pattern):
         found = fill(hidden[:, 2], points[:, others], 60, 110)
         assert np.abs(found - points[60:110, 2]).max() < 1e-3, fill.__name__
 

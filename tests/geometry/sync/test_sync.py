@@ -8,7 +8,6 @@ import pytest
 
 from muybridge.errors import SessionError
 from muybridge.geometry.calibration import fit_to_video, load_calibration
-from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.landmarks.sets import BODY23
@@ -17,24 +16,19 @@ from muybridge.geometry.sync.epipolar import epipolar_clocks
 from muybridge.geometry.sync.motion import Clock, Delays, audio_clock, clock_from_delays, motion_clocks, resample
 from muybridge.infer.pipelines.sync import SyncResult, disagreements, read_audio, write_sync
 from muybridge.infer.session.sync_file import first_frames_in_common, read_sync
+from tests.rigs import ring_of_cameras
 
 FPS = 60.0
 
 
 def _rig(count: int) -> CameraGroup:
-    """Cameras on a circle of 5 m, 1.6 m up, looking at a point 1 m above the origin."""
-    cameras = []
-    for k in range(count):
-        angle = 2 * np.pi * k / count + 0.3
-        center = np.array([5 * np.cos(angle), 5 * np.sin(angle), 1.6 + 0.2 * k])
-        z = np.array([0, 0, 1.0]) - center
-        z /= np.linalg.norm(z)
-        x = np.cross(z, [0, 0, 1.0])
-        x /= np.linalg.norm(x)
-        rotation = np.stack([x, np.cross(z, x), z])
-        pose = np.concatenate([rotation, -(rotation @ center)[:, None]], axis=1)
-        cameras.append(Camera(f"cam{k + 1}", "PINHOLE", 1920, 1080, (1500, 1500, 960, 540), pose))
-    return CameraGroup(tuple(cameras))
+    return ring_of_cameras(
+        count,
+        radius=5,
+        height=[1.6 + 0.2 * k for k in range(count)],
+        size=(1920, 1080),
+        params=(1500, 1500, 960, 540),
+    )
 
 
 def _walker(times: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -13,23 +13,19 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, take_noise, triangulate, usable_points
 from muybridge.geometry.triangulation.validation import leave_one_out_error, leave_one_out_summary
 from tests.paths import DATA
+from tests.rigs import ring_of_cameras
 
 
 def ring(count: int, radius: float = 4.0, height: float = 1.5) -> CameraGroup:
-    """Cameras on a circle, looking at a point 1 m above its middle."""
-    cameras = []
-    for c in range(count):
-        angle = 2 * np.pi * c / count + 0.2
-        center = np.array([radius * np.cos(angle), radius * np.sin(angle), height])
-        forward = np.array([0, 0, 1.0]) - center
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        pose = np.hstack([rotation, (-rotation @ center)[:, None]])
-        lens = (1200.0, 1210.0, 639.5, 479.5, -0.1, 0.05, 0.001, -0.0005)
-        cameras.append(Camera(f"cam{c}", "OPENCV", 1280, 960, lens, pose))
-    return CameraGroup(tuple(cameras))
+    return ring_of_cameras(
+        [f"cam{c}" for c in range(count)],
+        radius=radius,
+        height=height,
+        first=0.2,
+        size=(1280, 960),
+        model="OPENCV",
+        params=(1200.0, 1210.0, 639.5, 479.5, -0.1, 0.05, 0.001, -0.0005),
+    )
 
 
 def cloud(frames: int, landmarks: int, seed: int = 0) -> FloatArray:

@@ -80,7 +80,7 @@ def test_every_command_explains_itself_without_the_extras(name):
 
 
 def test_run_has_its_stages_options():
-    said = installed("run", "--help").stdout
+    said = installed("run", "--help-all").stdout
     for flag in ("--calibration", "--video-size", "--workers", "--triangulate.min-views", "--overwrite"):
         assert flag in said
 

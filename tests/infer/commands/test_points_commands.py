@@ -16,7 +16,7 @@ from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.commands.compare import compare_points
-from muybridge.motion.formats.gltf.write import read_gltf
+from muybridge.motion.formats.gltf.read import read_gltf
 from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
 from muybridge.motion.formats.points.csv import write_csv
 from muybridge.motion.formats.points.trc import read_trc, write_trc

@@ -106,7 +106,6 @@ def test_nothing_seen_is_nothing_found() -> None:
 
 def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
     """Videos in; named markers and a skeleton out."""
-    from muybridge.geometry.fitting.skeleton_fit import rest_positions
     from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
     from muybridge.geometry.skeleton.statistical_body import marker_body
 
@@ -117,7 +116,7 @@ def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
     angles[:, 1:] += 0.25 * np.sin(np.arange(frames)[:, None, None] / 12 + rng.uniform(0, 6, table.rest[1:].shape))
     angles = np.clip(angles, table.lower, table.upper)
     angles[:, 0] = 0
-    height = -rest_positions(skeleton)[:, 2].min() + 0.05
+    height = -skeleton.rest_positions[:, 2].min() + 0.05
     turns, at = skeleton.forward(np.tile([0, 0, height], (frames, 1)), skeleton.rotations_from_angles(angles))
     truth = at[:, table.carrier] + np.einsum("tmij,mj->tmi", turns[:, table.carrier], places)
     truth = truth[:, list(PLUG_IN_GAIT.surface_indices)]
@@ -130,7 +129,7 @@ def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
                 seen = points[rng.random(len(points)) < 0.8]
                 image = draw_markers(camera, seen, np.zeros((0, 3)), VideoFaults(flickers=0.5), rng)
                 writer.write(np.repeat(image[..., None], 3, axis=2))
-    assert run_command(["run", str(tmp_path), "--markers-in-video", "--quiet"]) == 0
+    assert run_command(["run-markers", str(tmp_path), "--quiet"]) == 0
     out = tmp_path / "muybridge"
     points = read_c3d(out / "points.c3d")
     assert points.landmarks.names == PLUG_IN_GAIT.labels
@@ -145,7 +144,7 @@ def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
     gap = np.linalg.norm(joints[:, [motion.skeleton.names.index(n) for n in named]]
                          - at[:, [skeleton.names.index(n) for n in named]], axis=-1)  # fmt: skip
     assert len(named) > 15 and np.median(gap) < 0.02
-    assert run_command(["run", str(tmp_path), "--markers-in-video", "--marker-video.markerset", "nonsense"]) == 2
+    assert run_command(["run-markers", str(tmp_path), "--markerset", "nonsense"]) == 2
 
 
 @pytest.mark.parametrize("frames", [3])

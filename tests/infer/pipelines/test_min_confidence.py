@@ -64,7 +64,7 @@ def test_guesses_are_kept_where_they_are_asked_for_or_one_camera_is_sure(walk, t
 
 
 def test_a_score_is_a_share():
-    with pytest.raises(ValueError, match="min-confidence is 5"):
+    with pytest.raises(ValueError, match="min_confidence is 5"):
         SolveOptions(min_confidence=5)
 
 

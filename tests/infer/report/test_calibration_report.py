@@ -19,27 +19,17 @@ from muybridge.geometry.calibration.diagnosis.quality import (
     plan_of,
     residual_picture,
 )
-from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.commands.calibrate.check import told
 from muybridge.infer.reconstruction.judge import person_to_check
 from muybridge.infer.reconstruction.judge_calibration import packed, unpacked
 from muybridge.infer.report.calibration_page import CalibrationPage, calibration_findings, render_calibration
+from tests.rigs import ring_of_cameras
 
 
 def _rig(count: int = 4) -> CameraGroup:
-    cameras = []
-    for k in range(count):
-        angle = 2 * np.pi * k / count + 0.3
-        center = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.5])
-        z = np.array([0, 0, 0.9]) - center
-        z /= np.linalg.norm(z)
-        x = np.cross(z, [0, 0, 1.0])
-        x /= np.linalg.norm(x)
-        rotation = np.stack([x, np.cross(z, x), z])
-        pose = np.column_stack([rotation, -rotation @ center])
-        cameras.append(Camera(f"cam<{k + 1}>", "PINHOLE", 1280, 960, (1200, 1200, 639.5, 479.5), pose))
-    return CameraGroup(tuple(cameras))
+    names = [f"cam<{k + 1}>" for k in range(count)]
+    return ring_of_cameras(names, target=(0, 0, 0.9), size=(1280, 960), focal=1200)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from muybridge.errors import OutputError
-from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import BODY23
@@ -36,6 +35,7 @@ from muybridge.infer.report.page import (
     write_report,
 )
 from muybridge.infer.report.sections import PersonPage
+from tests.rigs import ring_of_cameras
 
 J = len(BODY23)
 FPS = 60.0
@@ -59,19 +59,13 @@ def _body() -> np.ndarray:
 
 def _rig(count: int = 4) -> CameraGroup:
     """Cameras on a ring of 4 m, 1.5 m up, looking at the body."""
-    cameras = []
-    for c in range(count):
-        angle = 2 * np.pi * (c + 0.3) / count
-        center = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.5])
-        forward = np.array([0, 0, 0.9]) - center
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        pose = np.c_[rotation, -rotation @ center]
-        params = (1200.0, 1200.0, 639.5, 479.5)
-        cameras.append(Camera(f"cam{c + 1:02d}", "PINHOLE", 1280, 960, params, pose))
-    return CameraGroup(tuple(cameras))
+    return ring_of_cameras(
+        [f"cam{c + 1:02d}" for c in range(count)],
+        target=(0, 0, 0.9),
+        angles=[2 * np.pi * (c + 0.3) / count for c in range(count)],
+        size=(1280, 960),
+        focal=1200.0,
+    )
 
 
 def _walk(frames: int) -> np.ndarray:

@@ -24,9 +24,10 @@ from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.train.correction.clips import FRAMES, SolverClips
 from muybridge.train.correction.examples import KEYS, examples
 from muybridge.train.correction.export import _export, parity, publish_solver
+from muybridge.train.correction.options import SolverTraining
 from muybridge.train.correction.takes import Spoiling, recorded_take, spoil
 from muybridge.train.correction.train import train
-from muybridge.train.options import SolverTraining
+from muybridge.train.engine.checkpoint import load_checkpoint
 from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 
 
@@ -203,9 +204,9 @@ def test_training_learns_resumes_logs_and_is_published(tmp_path: Path, capsys: p
                  places=clips.places, names=np.array(SURFACE.names), joints=np.array(BODY.joint_names))  # fmt: skip
     options = SolverTraining(out=tmp_path / "run", clips=store, shards=2, minutes=0.06, batch=32, workers=0)
     checkpoint = train(options)
-    first = torch.load(checkpoint, weights_only=False)["state"]
+    first = load_checkpoint(checkpoint)["state"]
     train(replace(options, minutes=0.02))
-    again = torch.load(checkpoint, weights_only=False)["state"]
+    again = load_checkpoint(checkpoint)["state"]
     assert again["step"] > first["step"] > 3 and again["images"] == 32 * again["step"]
     log = [json.loads(line) for line in (tmp_path / "run" / "log.jsonl").read_text().splitlines()]
     assert [e["net_mm"] > 0 and e["step"] for e in log if "net_mm" in e] == [first["step"], again["step"]]

@@ -8,7 +8,7 @@ from muybridge.models.keypoints.batch_norm import BatchNorm  # noqa: E402
 from muybridge.models.keypoints.network import KeypointNet, upsample  # noqa: E402
 from muybridge.train.engine import compile as module  # noqa: E402
 from muybridge.train.engine import precision  # noqa: E402
-from muybridge.train.engine.compile import PAYS_AFTER_MINUTES, compiled  # noqa: E402
+from muybridge.train.engine.compile import PAYS_AFTER_MINUTES, compile_for_training  # noqa: E402
 from muybridge.train.keypoints.train import losses_of  # noqa: E402
 
 
@@ -16,9 +16,9 @@ from muybridge.train.keypoints.train import losses_of  # noqa: E402
 @pytest.mark.parametrize("native", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_gradients_are_no_further_from_the_precise_ones_than_those_of_the_loss_as_it_is(monkeypatch, native):
     bfloat16 = (precision.name(torch.device("cpu")) == "bfloat16") == native
-    monkeypatch.setattr(precision, "_measured", lambda: bfloat16)
+    monkeypatch.setattr(precision, "_measure", lambda: bfloat16)
     torch.compiler.reset()
-    fused = compiled(losses_of, PAYS_AFTER_MINUTES)
+    fused = compile_for_training(losses_of, PAYS_AFTER_MINUTES)
     if fused is losses_of:
         pytest.skip("torch.compile does not work here")
     torch.manual_seed(1)  # of 0 a unit lies so near ReLU's edge that weights a millionth apart pass it on and do not
@@ -34,7 +34,7 @@ def test_gradients_are_no_further_from_the_precise_ones_than_those_of_the_loss_a
 
     rough, _, rough_each, rough_count = gradients(losses_of)
     ours, total, each, count = gradients(fused)
-    monkeypatch.setattr(precision, "_measured", lambda: False)
+    monkeypatch.setattr(precision, "_measure", lambda: False)
     precise, precise_total, *_ = gradients(losses_of)
 
     assert float(total) == pytest.approx(float(precise_total), rel=2e-3)
@@ -55,7 +55,7 @@ def test_gradients_are_no_further_from_the_precise_ones_than_those_of_the_loss_a
 
 
 def test_batch_normalisation_compiled_is_torchs_own():
-    if compiled(losses_of, PAYS_AFTER_MINUTES) is losses_of:
+    if compile_for_training(losses_of, PAYS_AFTER_MINUTES) is losses_of:
         pytest.skip("torch.compile does not work here")
     torch.manual_seed(0)
     usual, ours = torch.nn.BatchNorm2d(24), BatchNorm(24)
@@ -81,20 +81,20 @@ def test_batch_normalisation_compiled_is_torchs_own():
 
 
 def test_what_does_not_pay_or_does_not_work_is_left_as_it_is(monkeypatch, capsys):
-    assert compiled(losses_of, PAYS_AFTER_MINUTES / 2) is losses_of
+    assert compile_for_training(losses_of, PAYS_AFTER_MINUTES / 2) is losses_of
 
     def without_compiler(function):
         raise RuntimeError("backend='inductor' raised:\n\nno C++ compiler\nsearched everywhere")
 
     monkeypatch.setattr(module.torch, "compile", without_compiler)
-    assert compiled(losses_of, PAYS_AFTER_MINUTES) is losses_of
+    assert compile_for_training(losses_of, PAYS_AFTER_MINUTES) is losses_of
     assert "slower: no C++ compiler\n" in capsys.readouterr().out
 
     def without_a_word(function):
         raise NotImplementedError
 
     monkeypatch.setattr(module.torch, "compile", without_a_word)
-    assert compiled(losses_of, PAYS_AFTER_MINUTES) is losses_of
+    assert compile_for_training(losses_of, PAYS_AFTER_MINUTES) is losses_of
     assert "NotImplementedError" in capsys.readouterr().out
 
 

@@ -13,11 +13,11 @@ pytest.importorskip("kornia")
 from muybridge.models.keypoints.network import Block, ConvUnit, KeypointNet  # noqa: E402
 from muybridge.train.engine import gradient_worker as second  # noqa: E402
 from muybridge.train.engine import precision  # noqa: E402
-from muybridge.train.engine.gradient_worker import CHUNKS, GradientWorker, pays  # noqa: E402
+from muybridge.train.engine.gradient_worker import CHUNKS, GradientWorker, is_worthwhile  # noqa: E402
 from muybridge.train.keypoints import train as keypoints  # noqa: E402
-from muybridge.train.keypoints.export import load_checkpoint  # noqa: E402
+from muybridge.train.keypoints.export import load_keypoint_checkpoint  # noqa: E402
+from muybridge.train.keypoints.options import KeypointTraining  # noqa: E402
 from muybridge.train.keypoints.train import losses_of  # noqa: E402
-from muybridge.train.options import KeypointTraining  # noqa: E402
 
 
 class SmoothBlock(Block):
@@ -71,7 +71,7 @@ def wait_until_ready(other):
 
 def test_gradients_of_both_processes_add_up_to_those_of_one(monkeypatch):
     # Both in float32: in bfloat16 sums taken in another order differ by more than what is looked for.
-    monkeypatch.setattr(precision, "_measured", lambda: False)
+    monkeypatch.setattr(precision, "_measure", lambda: False)
     net, before = small_net(SmoothNet), second.processors()
     with GradientWorker(net, losses_of, 0.0) as other:
         for seed, (theirs, side) in enumerate(((0, 96), (1, 96), (3, 64), (2, 96))):
@@ -105,7 +105,7 @@ def test_what_fails_there_is_told_here():
     with GradientWorker(net, operator.matmul, 0.0) as other:
         other.gradients(net, some_batch(0), loss_of)
         wait_until_ready(other)
-        with pytest.raises(RuntimeError, match="--no-second does without it: TypeError"):
+        with pytest.raises(RuntimeError, match="--no-second trains without it: TypeError"):
             other.gradients(net, some_batch(1), loss_of)
 
 
@@ -119,7 +119,7 @@ def test_a_second_process_that_was_killed_is_missed(answered):
             assert other._count() == 1
         other._process.kill()
         other._process.join()
-        with pytest.raises(RuntimeError, match="second process ended"):
+        with pytest.raises(RuntimeError, match="second training process ended"):
             other.gradients(net, some_batch(1), loss_of)
 
 
@@ -134,7 +134,7 @@ def test_it_gives_way_in_a_training_that_gives_way_itself(monkeypatch, before, i
 
     monkeypatch.setattr(os, "nice", change)
     monkeypatch.setattr(os, "sched_setscheduler", lambda pid, policy, _: scheduled.append((pid, policy)))
-    second._give_way()
+    second._lower_priority()
     assert scheduled == ([(0, os.SCHED_IDLE)] if idle else [])
     assert nice == [min(before + 10, 19)]
 
@@ -153,10 +153,10 @@ def test_each_takes_what_it_manages(own, theirs, chunks):
 def test_it_pays_where_a_processor_is_to_spare(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     monkeypatch.setattr(second, "processors", lambda: [0, 1])
-    assert pays(64, 1, 60.0)
-    assert not pays(64, 2, 60.0) and not pays(30, 1, 60.0) and not pays(64, 1, 1.0)
+    assert is_worthwhile(64, 1, 60.0)
+    assert not is_worthwhile(64, 2, 60.0) and not is_worthwhile(30, 1, 60.0) and not is_worthwhile(64, 1, 1.0)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    assert not pays(64, 1, 60.0)
+    assert not is_worthwhile(64, 1, 60.0)
 
 
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one processor")
@@ -171,7 +171,7 @@ def test_training_with_a_second_process_goes_on_and_resumes(store, tmp_path, mon
     def one_as_soon_as_it_is_ready(self):  # however busy the machine is
         if not self._ready:
             wait_until_ready(self)
-            self._answer()
+            self._receive()
             self._ready = True
         return 1
 
@@ -179,9 +179,9 @@ def test_training_with_a_second_process_goes_on_and_resumes(store, tmp_path, mon
     options = KeypointTraining(
         renders=store, out=tmp_path / "run", minutes=0.1, size=64, batch=16, backgrounds=8, workers=1
     )
-    first = load_checkpoint(keypoints.train(options))
+    first = load_keypoint_checkpoint(keypoints.train(options))
     assert first["state"]["images"] == 16 * first["state"]["step"] > 0
     assert taken == [1] * (first["state"]["step"] + 1)  # the first, whose gradients nobody wants, sets it up
-    again = load_checkpoint(keypoints.train(replace(options, minutes=0.05, second=False)))
+    again = load_keypoint_checkpoint(keypoints.train(replace(options, minutes=0.05, second=False)))
     assert again["state"]["step"] > first["state"]["step"]
     assert all(torch.isfinite(value).all() for value in again["net"].values())

@@ -7,7 +7,8 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from muybridge.models.keypoints.network import KeypointNet  # noqa: E402
-from muybridge.train.engine.muon import Muon, Optimisers, orthogonal  # noqa: E402
+from muybridge.train.engine import precision  # noqa: E402
+from muybridge.train.engine.muon import FASTER, Muon, Optimisers, orthogonalise  # noqa: E402
 
 
 @pytest.mark.parametrize("shape", [(24, 200), (200, 24), (64, 64)])
@@ -15,7 +16,7 @@ def test_every_direction_of_a_step_is_about_as_long(shape: tuple[int, int]) -> N
     generator = torch.Generator().manual_seed(0)
     u, _, v = torch.linalg.svd(torch.randn(shape, generator=generator), full_matrices=False)
     matrix = u @ torch.diag(torch.logspace(0, -1.5, len(v))) @ v
-    out = orthogonal(matrix)
+    out = orthogonalise(matrix)
     assert out.shape == matrix.shape and out.dtype == matrix.dtype
     singular = torch.linalg.svdvals(out)
     assert singular.min() > 0.5 and singular.max() < 1.4
@@ -55,7 +56,9 @@ def test_a_checkpoint_goes_on_as_if_nothing_had_been() -> None:
     weights = {k: v.clone() for k, v in net.state_dict().items()}
     again, resumed = made()
     again.load_state_dict(weights)
-    assert resumed.fits(optimiser.state_dict()) and not Optimisers(net, 1e-3, muon=False).fits(optimiser.state_dict())
+    assert resumed.accepts(optimiser.state_dict()) and not Optimisers(net, 1e-3, muon=False).accepts(
+        optimiser.state_dict()
+    )
     resumed.load_state_dict(copy.deepcopy(optimiser.state_dict()))  # as from a file
     for one in ((net, optimiser), (again, resumed)):
         step(*one, 2)
@@ -71,3 +74,25 @@ def test_a_step_is_as_large_as_the_learning_rate_says() -> None:
     muon.step()
     # AdamW's steps have an RMS of 0.2 to 0.4 of its rate; Muon's 0.2, times how much faster it goes.
     assert 0.15e-3 * 2.5 < p.detach().square().mean().sqrt() < 0.25e-3 * 2.5
+
+
+@pytest.mark.skipif(not hasattr(torch.optim, "Muon"), reason="torch has Muon from 2.9 on")
+@pytest.mark.parametrize("shape", [(32, 16, 3, 3), (64, 64, 3, 3), (96, 128, 3, 3), (160, 160, 3, 3), (160, 48, 3, 3)])
+@pytest.mark.parametrize(("bfloat16", "tolerance"), [(True, 0.0), (False, 0.02)])
+def test_steps_are_those_of_torchs_muon(monkeypatch, shape, bfloat16, tolerance):
+    """Torch iterates in bfloat16, in which both agree to the last bit."""
+    monkeypatch.setattr(precision, "_measure", lambda: bfloat16)
+    generator = torch.Generator().manual_seed(0)
+    start = torch.randn(shape, generator=generator).contiguous(memory_format=torch.channels_last)
+    ours = torch.nn.Parameter(start.clone(memory_format=torch.preserve_format))
+    theirs = torch.nn.Parameter(start.flatten(1).clone())
+    muon = Muon([ours], 1e-3, 0.02)
+    reference = torch.optim.Muon([theirs], FASTER * 1e-3, 0.02, adjust_lr_fn="match_rms_adamw")
+    for _ in range(3):
+        gradient = torch.randn(shape, generator=generator)
+        ours.grad, theirs.grad = gradient.contiguous(memory_format=torch.channels_last), gradient.flatten(1).clone()
+        muon.step()
+        reference.step()
+    step = theirs.detach() - start.flatten(1)
+    assert (ours.detach().flatten(1) - theirs.detach()).norm() <= tolerance * step.norm()
+    assert step.norm() > 1e-3

@@ -12,8 +12,9 @@ pytest.importorskip("torch")
 from muybridge.errors import SessionError  # noqa: E402
 from muybridge.train.engine import loop  # noqa: E402
 from muybridge.train.engine import process_pool as processes
-from muybridge.train.engine.process_pool import shared_out  # noqa: E402
-from muybridge.train.options import KeypointTraining, PeopleTraining  # noqa: E402
+from muybridge.train.engine.process_pool import map_in_processes  # noqa: E402
+from muybridge.train.keypoints.options import KeypointTraining  # noqa: E402
+from muybridge.train.people.options import PeopleTraining  # noqa: E402
 from muybridge.train.synthesis.rendering.store import make_renders  # noqa: E402
 
 # Where the processes find it too.
@@ -22,7 +23,7 @@ import os, signal, time
 from dataclasses import dataclass
 from pathlib import Path
 from muybridge.errors import SessionError
-from muybridge.train.engine.process_pool import one_at_a_time
+from muybridge.train.engine.process_pool import exclusive
 
 @dataclass
 class Quick:
@@ -46,7 +47,7 @@ class Slow(Quick):
 
 class Alone(Quick):
     def make(self, number):
-        with one_at_a_time("test"):
+        with exclusive("test"):
             with open(self.folder / "busy", "x"):  # nobody else's
                 super().make(number)
             (self.folder / "busy").unlink()
@@ -85,7 +86,7 @@ def folder(tmp_path):
 
 
 def test_several_processes_make_every_shard_once(studios, folder):
-    assert list(shared_out(studios.Quick(folder).make, range(8), 2)) == ["nothing"] * 8
+    assert list(map_in_processes(studios.Quick(folder).make, range(8), 2)) == ["nothing"] * 8
 
     makers = {path.read_text() for path in folder.iterdir()}
     assert sorted(int(path.name) for path in folder.iterdir()) == list(range(8))
@@ -93,14 +94,17 @@ def test_several_processes_make_every_shard_once(studios, folder):
 
 
 def test_one_at_a_time(studios, folder):
-    assert list(shared_out(studios.Alone(folder).make, range(6), 2)) == [None] * 6
+    assert list(map_in_processes(studios.Alone(folder).make, range(6), 2)) == [None] * 6
 
 
 def test_what_goes_wrong_in_a_process_is_told(studios, folder):
     with pytest.raises(SessionError, match="shard 2 fails"):
-        list(shared_out(studios.Failing(folder).make, range(4), 2))
-    made = shared_out(studios.Dying(folder).make, range(6), 2)
-    with pytest.raises(SessionError, match="one of 1 processes was ended, perhaps for want of memory.*whole stays"):
+        list(map_in_processes(studios.Failing(folder).make, range(4), 2))
+    made = map_in_processes(studios.Dying(folder).make, range(6), 2)
+    with pytest.raises(
+        SessionError,
+        match="one of 1 processes was terminated, perhaps because memory.*Finished results are kept",
+    ):
         list(made)
     assert {int(path.name) for path in folder.iterdir()} >= {0, 1}
     with pytest.raises(SessionError, match="at least one"):
@@ -108,8 +112,8 @@ def test_what_goes_wrong_in_a_process_is_told(studios, folder):
 
 
 def test_where_a_process_crashes_the_others_go_on(studios, folder, capsys):
-    assert list(shared_out(studios.Crashing(folder).make, range(6), 2)) == ["nothing"] * 6
-    assert "one of 2 processes was ended (Segmentation fault); going on with 1" in capsys.readouterr().err
+    assert list(map_in_processes(studios.Crashing(folder).make, range(6), 2)) == ["nothing"] * 6
+    assert "one of 2 processes was terminated (Segmentation fault); continuing with 1" in capsys.readouterr().err
     assert {path.name for path in folder.iterdir()} == {"crashed", *map(str, range(6))}
 
 
@@ -118,8 +122,8 @@ WAITING = """
 import pathlib, signal, sys
 from render_studios import Slow
 signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell's background jobs ignore
-from muybridge.train.engine.process_pool import shared_out
-list(shared_out(Slow(pathlib.Path(sys.argv[1])).make, range(4), 2))
+from muybridge.train.engine.process_pool import map_in_processes
+list(map_in_processes(Slow(pathlib.Path(sys.argv[1])).make, range(4), 2))
 """
 
 
@@ -148,11 +152,15 @@ def test_processes_end_with_their_parent(tmp_path, studios, folder, gone, how, t
 def test_processes_take_half_of_the_memory_at_most(monkeypatch):
     monkeypatch.setattr(processes, "processors", lambda: list(range(16)))
     monkeypatch.setattr(processes.os, "sysconf", lambda name: {"SC_PHYS_PAGES": 4_000_000, "SC_PAGE_SIZE": 4096}[name])
-    assert processes.affordable(1e9) == 8 and processes.affordable(1e8) == 16 and processes.affordable(1e11) == 1
+    assert (
+        processes.affordable_processes(1e9) == 8
+        and processes.affordable_processes(1e8) == 16
+        and processes.affordable_processes(1e11) == 1
+    )
 
 
 def test_a_gpu_has_all_processors_but_one_make_its_images(monkeypatch):
     monkeypatch.setattr(loop, "processors", lambda: list(range(16)))
-    assert loop.workers(KeypointTraining()) == 1 and loop.workers(PeopleTraining(), on_cpu=2) == 2
+    assert loop.worker_count(KeypointTraining()) == 1 and loop.worker_count(PeopleTraining(), on_cpu=2) == 2
     monkeypatch.setattr(loop.torch.cuda, "is_available", lambda: True)
-    assert loop.workers(KeypointTraining()) == 15 and loop.workers(KeypointTraining(workers=3)) == 3
+    assert loop.worker_count(KeypointTraining()) == 15 and loop.worker_count(KeypointTraining(workers=3)) == 3

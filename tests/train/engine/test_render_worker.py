@@ -15,9 +15,9 @@ torch = pytest.importorskip("torch")
 
 from muybridge.errors import SessionError  # noqa: E402
 from muybridge.models.keypoints.metadata import keypoint_card  # noqa: E402
-from muybridge.train.engine import loop  # noqa: E402
+from muybridge.train.images import dataset  # noqa: E402
 from muybridge.train.keypoints import train as keypoints  # noqa: E402
-from muybridge.train.options import KeypointTraining  # noqa: E402
+from muybridge.train.keypoints.options import KeypointTraining  # noqa: E402
 from muybridge.train.synthesis.rendering import worker as beside  # noqa: E402
 from muybridge.train.synthesis.rendering.store import shard_numbers  # noqa: E402
 from muybridge.train.synthesis.rendering.worker import PLAN, RenderWorker  # noqa: E402
@@ -26,7 +26,7 @@ from muybridge.train.synthesis.rendering.worker import PLAN, RenderWorker  # noq
 _COPIER = """
 import pathlib, shutil, sys, time
 from muybridge.files import replacing
-from muybridge.train import beside
+from muybridge.train.synthesis.rendering import worker as beside
 
 def copies(folder, numbers, seed, processes):
     for number in numbers:
@@ -81,7 +81,7 @@ def test_new_shards_are_trained_on_as_they_come(tmp_path: pathlib.Path) -> None:
 
     with RenderWorker(options.renders, options.shards, seed=0) as others:
         others.wait_for(6)
-        stream = loop.batches(options, make, 0)
+        stream = dataset.batches(options, make, 0)
         for _ in range(450):
             next(stream)
     assert len(counts) >= 3 and sorted(set(counts)) == counts
@@ -114,7 +114,7 @@ def test_rendering_ends_with_a_killed_training(
     program = (
         # as a shell starts a background job
         f"import signal\nsignal.signal(signal.SIGINT, signal.{'SIG_IGN' if background else 'default_int_handler'})\n"
-        "import pathlib, sys, time\nfrom muybridge.train import beside\n"
+        "import pathlib, sys, time\nfrom muybridge.train.synthesis.rendering import worker as beside\n"
         f"beside._command = lambda *what: [sys.executable, '-c', {_COPIER!r}, {str(store)!r}, '0.2', *map(str, what)]\n"
         f"others = beside.RenderWorker(pathlib.Path({str(tmp_path)!r}), 60, 3)\nothers.wait_for(2)\n"
         "print(others._process.pid, flush=True)\ntime.sleep(60)\n"

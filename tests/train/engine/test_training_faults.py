@@ -14,9 +14,10 @@ from muybridge.errors import ModelError, SessionError  # noqa: E402
 from muybridge.train.engine import loop  # noqa: E402
 from muybridge.train.keypoints import train as keypoints  # noqa: E402
 from muybridge.train.keypoints.evaluate import evaluate_onnx  # noqa: E402
-from muybridge.train.keypoints.export import load_checkpoint  # noqa: E402
-from muybridge.train.options import Evaluation, KeypointTraining, PeopleTraining  # noqa: E402
+from muybridge.train.keypoints.export import load_keypoint_checkpoint  # noqa: E402
+from muybridge.train.keypoints.options import Evaluation, KeypointTraining  # noqa: E402
 from muybridge.train.people import train as people  # noqa: E402
+from muybridge.train.people.options import PeopleTraining  # noqa: E402
 from muybridge.train.synthesis.rendering.store import load_renders  # noqa: E402
 
 
@@ -34,7 +35,7 @@ def test_a_training_that_diverges_leaves_the_last_checkpoint(store, tmp_path):
 
 
 def test_who_interrupts_a_training_keeps_what_was_learned(store, tmp_path, monkeypatch):
-    step, made = loop.Fit._step, []
+    step, made = loop.TrainingRun._step, []
 
     def stopped(self, *args):
         if len(made) == 3:
@@ -42,18 +43,19 @@ def test_who_interrupts_a_training_keeps_what_was_learned(store, tmp_path, monke
         made.append(step(self, *args))
         return made[-1]
 
-    monkeypatch.setattr(loop.Fit, "_step", stopped)
+    monkeypatch.setattr(loop.TrainingRun, "_step", stopped)
     with pytest.raises(KeyboardInterrupt):
         keypoints.train(replace(_short(store, tmp_path / "run"), minutes=0.5, second=False))
-    assert load_checkpoint(tmp_path / "run" / "checkpoint.pt")["state"]["images"] == 24
+    assert load_keypoint_checkpoint(tmp_path / "run" / "checkpoint.pt")["state"]["images"] == 24
 
 
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"size": 32}, "--size 32: a multiple of 32, from 64 on"), ({"size": 100}, "--size 100"),
-        ({"minutes": 0.0}, "--minutes 0: it has to be above 0"), ({"rate": -1.0}, "--rate -1"),
-        ({"batch": 0}, "--batch 0: 1 at least"), ({"threads": 0}, "--threads 0"), ({"workers": -1}, "--workers -1"),
+        ({"size": 32}, "--size 32: must be a multiple of 32, at least 64"), ({"size": 100}, "--size 100"),
+        ({"minutes": 0.0}, "--minutes 0: must be above 0"), ({"rate": -1.0}, "--rate -1"),
+        ({"batch": 0}, "--batch 0: must be at least 1"), ({"threads": 0}, "--threads 0"),
+        ({"workers": -1}, "--workers -1"),
         ({"out": pathlib.Path(__file__) / "run"}, "is a file; name a folder"),
     ],
 )  # fmt: skip
@@ -73,7 +75,7 @@ def test_stores_that_cannot_be_trained_on_are_refused(store, tmp_path):
         elif path.suffix == ".npz":
             labels = dict(np.load(path))
             np.savez(parts / path.name, **(labels | {"cut_px": np.ones((len(labels["visible"]), 3))}))
-    with pytest.raises(SessionError, match="parts of people alone"):
+    with pytest.raises(SessionError, match="only renders of parts of people"):
         people.train(PeopleTraining(renders=parts, out=tmp_path / "run", minutes=0.02, batch=4, backgrounds=8))
     path = sorted(parts.glob("*.npz"))[-1]
     path.write_bytes(path.read_bytes()[:1000])
@@ -89,7 +91,7 @@ def test_stores_that_cannot_be_trained_on_are_refused(store, tmp_path):
 def test_a_checkpoint_of_something_else_is_refused(store, tmp_path):
     out = tmp_path / "run"
     people.train(PeopleTraining(renders=store, out=out, minutes=0.02, batch=4, backgrounds=8, workers=0))
-    with pytest.raises(ModelError, match="a run of another network goes on there"):
+    with pytest.raises(ModelError, match="it has a run of another network"):
         keypoints.train(_short(store, out))
     (out / "checkpoint.pt").write_bytes(b"nothing")
     with pytest.raises(SessionError, match="not a training checkpoint of muybridge, or a damaged one"):

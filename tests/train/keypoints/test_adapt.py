@@ -29,10 +29,10 @@ from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, p
 from muybridge.models.pseudo_labels import PseudoLabels, load_pseudo_labels, save_pseudo_labels
 from muybridge.models.shipped import shipped_model
 from muybridge.train.images.compositor import MIRROR
-from muybridge.train.keypoints.adapt import View, adapted, agreement
+from muybridge.train.keypoints.adapt import View, measure_agreement, train_on_footage
 from muybridge.train.keypoints.adapt_export import adapt
 from muybridge.train.keypoints.evaluate import load_model
-from muybridge.train.options import Adaptation
+from muybridge.train.keypoints.options import Adaptation
 
 JOINTS = len(BODY23) + len(SURFACE)
 
@@ -127,14 +127,14 @@ def test_crops_move_with_their_landmarks():
     count, rng = 12, np.random.default_rng(1)
     for flip in (np.zeros(count, bool), np.ones(count, bool)):
         angle, scale, shift_px = rng.normal(0, 0.3, count), rng.uniform(0.8, 1.2, count), rng.normal(0, 8, (count, 2))
-        images, at = view.placed(np.arange(count), angle, scale, shift_px, flip)
+        images, at = view.transform(np.arange(count), angle, scale, shift_px, flip)
         for image, (x, y) in zip(images, at[:, 0], strict=True):
             rows, columns = np.nonzero(image[0] > 100)
             assert abs(columns.mean() - x) < 1 and abs(rows.mean() - y) < 1
     plain, at = view.plain(np.arange(count))
     assert plain.shape == (count, 4, 192, 192)
     # A stored crop spans a third more of the world on a third more pixels.
-    np.testing.assert_allclose(at, view.footage.landmarks_px - 32, atol=1e-3)
+    np.testing.assert_allclose(at, view.labels.landmarks_px - 32, atol=1e-3)
 
 
 @pytest.mark.parametrize("count", [1, 4, 20, 49, 100, 1234])
@@ -181,10 +181,10 @@ def test_a_network_gets_used_to_footage(footage, worse_network, tmp_path):
     before = {k: v.clone() for k, v in net.state_dict().items()}
     shares = []
     options = Adaptation(tmp_path / "footage.npz", tmp_path, minutes=0.6, rate=1e-3)  # much, in seconds
-    student, images = adapted(net, view, options, shares.append)
+    student, images = train_on_footage(net, view, options, shares.append)
     assert images >= 64 and shares == sorted(shares) and shares[-1] <= 1
     assert all(torch.equal(v, before[k]) for k, v in net.state_dict().items())  # the teacher stays
-    assert agreement(student, view).mean_px < 0.95 * agreement(net, view).mean_px
+    assert measure_agreement(student, view).mean_px < 0.95 * measure_agreement(net, view).mean_px
 
 
 def test_what_is_no_better_is_not_written(footage, tmp_path):

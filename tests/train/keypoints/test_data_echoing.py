@@ -10,7 +10,7 @@ torch = pytest.importorskip("torch")
 from muybridge.geometry.landmarks.marker_sets import SURFACE  # noqa: E402
 from muybridge.geometry.landmarks.sets import BODY23  # noqa: E402
 from muybridge.train.keypoints import data_echoing as echo  # noqa: E402
-from muybridge.train.keypoints.data_echoing import Echo, altered  # noqa: E402
+from muybridge.train.keypoints.data_echoing import Echo, augment  # noqa: E402
 
 SIDE, COUNT = 96, len(BODY23) + len(SURFACE)
 LEFT, RIGHT = BODY23.index("left_wrist"), BODY23.index("right_wrist")
@@ -37,7 +37,7 @@ def centre(image):
 
 def test_landmarks_stay_where_they_are_on_altered_crops():
     pixels, landmarks, visible = crops(64)
-    new, at, seen = altered(pixels, landmarks, visible, np.random.default_rng(1))
+    new, at, seen = augment(pixels, landmarks, visible, np.random.default_rng(1))
     assert new.dtype == torch.uint8 and new.shape == pixels.shape
     mirrored = 0
     for k in range(64):
@@ -52,7 +52,7 @@ def test_landmarks_stay_where_they_are_on_altered_crops():
 
 def test_half_of_the_altered_crops_are_as_sharp_as_they_were():
     pixels, landmarks, visible = crops(64)
-    new, _, _ = altered(pixels, landmarks, visible, np.random.default_rng(2))
+    new, _, _ = augment(pixels, landmarks, visible, np.random.default_rng(2))
     same = [
         any((new[k, 3] == old).all() for old in (pixels[k, 3], pixels[k, 3].flip(-1)))
         for k in range(64)
@@ -63,7 +63,7 @@ def test_half_of_the_altered_crops_are_as_sharp_as_they_were():
 def test_what_is_moved_out_of_a_crop_is_no_longer_visible(monkeypatch):
     monkeypatch.setattr(echo, "_SHIFT_SD", 1.0)
     pixels, landmarks, visible = crops(64)
-    _, at, seen = altered(pixels, landmarks, visible, np.random.default_rng(3))
+    _, at, seen = augment(pixels, landmarks, visible, np.random.default_rng(3))
     inside = ((at >= 0) & (at <= SIDE - 1)).all(-1)
     assert (seen == inside).all() and 10 < int(inside.sum()) < 60
 
@@ -81,10 +81,10 @@ def test_old_crops_fill_the_time_until_new_ones_are_there():
     stream = Echo(slow_batches([32, 48, 32, 48]), CPU, times=3, seed=0)
     batches = list(stream)
     numbers = [set(batch[3].tolist()) for batch in batches]
-    assert stream.made == 32
+    assert stream.fresh == 32
     new = [n for n, batch in enumerate(batches) if len(numbers[n]) == 1 and (batch[0] == 10 + batch[3][0]).all()]
     assert set().union(*numbers) == {0, 1, 2, 3} and len(new) >= 4
-    assert 32 < stream.seen <= 3 * 32 + 8
+    assert 32 < stream.used <= 3 * 32 + 8
     for batch in batches:
         assert len(batch[0]) == 8
         assert {n % 2 for n in batch[3].tolist()} == {int(batch[0].shape[-1] == 48)}, "sides are not mixed"

@@ -9,10 +9,10 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
 from muybridge.errors import ModelError  # noqa: E402
-from muybridge.train.engine import loop  # noqa: E402
+from muybridge.train.images import dataset  # noqa: E402
 from muybridge.train.keypoints import train as keypoints  # noqa: E402
 from muybridge.train.keypoints.hard_examples import Difficulty, drawing_probability, read_difficulty  # noqa: E402
-from muybridge.train.options import KeypointTraining  # noqa: E402
+from muybridge.train.keypoints.options import KeypointTraining  # noqa: E402
 from muybridge.train.synthesis.rendering.store import SHARD, load_renders  # noqa: E402
 
 
@@ -20,15 +20,15 @@ def test_losses_are_averaged_and_read_by_others(tmp_path: pathlib.Path) -> None:
     path = tmp_path / "difficulty.npy"
     noted = Difficulty(path, every=2)
     assert not len(read_difficulty(path))
-    noted.note(np.array([3, 0]), np.array([2.0, np.nan], np.float32))
+    noted.record(np.array([3, 0]), np.array([2.0, np.nan], np.float32))
     assert not path.exists()
-    noted.note(np.array([3, 5]), np.array([4.0, 1.0], np.float32))
+    noted.record(np.array([3, 5]), np.array([4.0, 1.0], np.float32))
     loss = read_difficulty(path)
     np.testing.assert_array_equal(np.isnan(loss), [True, True, True, False, True, False])
     assert 2 < loss[3] < 3 and loss[5] == 1
     # Another call goes on from the file.
     again = Difficulty(path, every=1)
-    again.note(np.array([3]), loss[3:4])
+    again.record(np.array([3]), loss[3:4])
     np.testing.assert_allclose(read_difficulty(path), loss)
 
 
@@ -48,12 +48,12 @@ def test_a_share_is_drawn_by_the_loss_and_the_rest_evenly() -> None:
 
 def test_crops_of_hard_renders_come_more_often(store: pathlib.Path, tmp_path: pathlib.Path) -> None:
     options = KeypointTraining(renders=store, out=tmp_path / "run", size=64, backgrounds=8, workers=0, hard=0.5)
-    pool, path = loop.background_pool(options), tmp_path / "difficulty.npy"
+    pool, path = dataset.background_pool(options), tmp_path / "difficulty.npy"
     loss = np.ones(SHARD, np.float32)
     loss[[7, 100]] = 4
     np.save(path, loss)
     crops = keypoints._Crops(pool, 64, 0.0, 64, path, options.hard)
-    following = crops(load_renders(store, loop.TRAINED_ON), seed=1)
+    following = crops(load_renders(store, dataset.TRAINED_ON), seed=1)
     drawn = np.concatenate([following()[3].numpy() for _ in range(4)])
     share = np.isin(drawn, [7, 100]).mean()
     assert 0.38 < share < 0.62

@@ -16,7 +16,7 @@ from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx  #
 from muybridge.models.onnx_files.quantization import int8_path  # noqa: E402
 from muybridge.models.people.network import MEAN, STD  # noqa: E402
 from muybridge.models.shipped import shipped_model  # noqa: E402
-from muybridge.train.keypoints.prune import narrowed  # noqa: E402
+from scripts.networks.prune import prune  # noqa: E402
 
 WIDTHS, DEPTHS = (16, 16, 24, 24), (0, 1, 2, 1)
 
@@ -56,18 +56,18 @@ def test_what_says_nothing_of_its_own_can_go(net, images):
                 values[16:] = values[:8]
             for values in (normalisation.running_mean, normalisation.running_var):
                 values[16:] = values[:8]
-    less = narrowed(net, (0, 1, 1, 1), (16, 16, 16, 24), images)
+    less = prune(net, (0, 1, 1, 1), (16, 16, 16, 24), images)
     assert less.config["depths"] == (0, 1, 1, 1) and less.config["hidden"] == (16, 16, 16, 24)
     torch.testing.assert_close(says(less, images[0]), says(net, images[0]), rtol=1e-3, atol=1e-3)
     assert len(net.levels[2]) == 3 and net.levels[2][1].first[0].out_channels == 24  # left as it was
 
 
 def test_channels_that_stay_take_over(net, images):
-    less = narrowed(net, DEPTHS, (16, 16, 20, 24), images)
+    less = prune(net, DEPTHS, (16, 16, 20, 24), images)
     fresh = torch.rand(8, 4, 64, 64, generator=torch.Generator().manual_seed(2))
     whole, near = says(net, fresh), says(less, fresh)
     # Leaving them out alone, of the same channels.
-    bare = narrowed(net, DEPTHS, (16, 16, 20, 24), images)
+    bare = prune(net, DEPTHS, (16, 16, 20, 24), images)
     with torch.no_grad():
         for block, original in ((bare.levels[2][1], net.levels[2][1]), (bare.levels[2][2], net.levels[2][2]),
                                 (bare.laterals[0].block, net.laterals[0].block)):  # fmt: skip
@@ -80,15 +80,15 @@ def test_channels_that_stay_take_over(net, images):
 
 def test_more_than_there_is_cannot_be_left(net, images):
     with pytest.raises(ModelError, match=r"depths \(0, 1, 3, 1\).*\(0, 1, 2, 1\)"):
-        narrowed(net, (0, 1, 3, 1), WIDTHS, images)
+        prune(net, (0, 1, 3, 1), WIDTHS, images)
     with pytest.raises(ModelError, match=r"hidden \(16, 16, 25, 24\)"):
-        narrowed(net, DEPTHS, (16, 16, 25, 24), images)
+        prune(net, DEPTHS, (16, 16, 25, 24), images)
     with pytest.raises(ModelError, match=r"hidden \(16, 16, 0, 24\): each may be from 1 "):
-        narrowed(net, DEPTHS, (16, 16, 0, 24), images)
+        prune(net, DEPTHS, (16, 16, 0, 24), images)
 
 
 def test_a_file_says_its_design(net, images, tmp_path):
-    less, path = narrowed(net, (0, 1, 1, 1), (16, 16, 16, 8), images), tmp_path / "narrow.onnx"
+    less, path = prune(net, (0, 1, 1, 1), (16, 16, 16, 8), images), tmp_path / "narrow.onnx"
     export_onnx(PlateApart(less), path, (2, 3, 64, 64), ("heatmaps", "visibility"), {}, PLATE)
     again = keypoint_net_from_onnx(path)
     assert again.config == less.config

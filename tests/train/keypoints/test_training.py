@@ -22,23 +22,22 @@ from muybridge.models.people.metadata import people_card  # noqa: E402
 from muybridge.models.people.network import PeopleNet  # noqa: E402
 from muybridge.models.shipped import shipped_model  # noqa: E402
 from muybridge.models.uncertainty import SpreadCalibration  # noqa: E402
+from muybridge.train.correction.options import SolverTraining  # noqa: E402
 from muybridge.train.engine import loop  # noqa: E402
+from muybridge.train.engine.checkpoint import CHECKPOINT, save_checkpoint  # noqa: E402
+from muybridge.train.images import dataset  # noqa: E402
 from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.images.compositor import WHOLE, Batch, Compositor  # noqa: E402
 from muybridge.train.images.scenes import SceneBatch  # noqa: E402
 from muybridge.train.keypoints import train as keypoints  # noqa: E402
 from muybridge.train.keypoints.evaluate import MIRROR, _figures, evaluate_onnx  # noqa: E402
-from muybridge.train.keypoints.export import load_checkpoint, publish_keypoints  # noqa: E402
+from muybridge.train.keypoints.export import load_keypoint_checkpoint, publish_keypoints  # noqa: E402
 from muybridge.train.keypoints.loss import OUTSIDE, heatmap_loss  # noqa: E402
+from muybridge.train.keypoints.options import Evaluation, KeypointTraining  # noqa: E402
 from muybridge.train.keypoints.variance_calibration import fit_spread, within  # noqa: E402
-from muybridge.train.options import (  # noqa: E402
-    Evaluation,
-    KeypointTraining,
-    LabelTraining,
-    PeopleTraining,
-    SolverTraining,
-)
+from muybridge.train.labelling.options import LabelTraining  # noqa: E402
 from muybridge.train.people import train as people  # noqa: E402
+from muybridge.train.people.options import PeopleTraining  # noqa: E402
 from muybridge.train.synthesis.rendering.store import SIZE, load_renders  # noqa: E402
 
 
@@ -160,8 +159,8 @@ def test_spread_calibration_covers_errors():
 
 def test_a_share_of_the_batches_is_of_smaller_crops(store, tmp_path):
     options = KeypointTraining(renders=store, out=tmp_path / "run", backgrounds=8, workers=0)
-    crops = keypoints._Crops(loop.background_pool(options), 128, 0.5, 4, tmp_path / "difficulty.npy", 0.0)
-    following = crops(load_renders(store, loop.TRAINED_ON), seed=2)
+    crops = keypoints._Crops(dataset.background_pool(options), 128, 0.5, 4, tmp_path / "difficulty.npy", 0.0)
+    following = crops(load_renders(store, dataset.TRAINED_ON), seed=2)
     batches = [following() for _ in range(24)]
     sides = [batch[0].shape[-1] for batch in batches]
     assert sides[0] == 128  # the largest first: the second process makes room for it
@@ -207,8 +206,8 @@ def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
         renders=store, out=tmp_path / "run", minutes=0.25, size=64, batch=16, backgrounds=8, threads=1, workers=0
     )
     checkpoint = keypoints.train(options)
-    first = load_checkpoint(checkpoint)
-    again = load_checkpoint(keypoints.train(options))
+    first = load_keypoint_checkpoint(checkpoint)
+    again = load_keypoint_checkpoint(keypoints.train(options))
     assert again["state"]["images"] > first["state"]["images"] > 0
     assert again["state"]["step"] > first["state"]["step"]
     lines = [json.loads(line) for line in (options.out / "log.jsonl").read_text().splitlines()]
@@ -218,9 +217,9 @@ def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
     assert 2 < lines[-1]["held_out_loss"] < np.log(16 * 16)
     assert cv2.imread(str(options.out / "curves.png")).std() > 5
     assert len(again["optimiser"]) == 2
-    alone = load_checkpoint(keypoints.train(replace(options, minutes=0.02, muon=False)))
+    alone = load_keypoint_checkpoint(keypoints.train(replace(options, minutes=0.02, muon=False)))
     assert len(alone["optimiser"]) == 1 and alone["state"]["images"] > again["state"]["images"]
-    pool = loop.background_pool(options)
+    pool = dataset.background_pool(options)
     path = tmp_path / "out" / "keypoints.onnx"
     publish_keypoints(checkpoint, path, keypoints.held_out_batches(store, pool, 64, 2), "a test")
     import onnxruntime
@@ -319,13 +318,13 @@ def test_a_run_of_another_design_is_refused_by_name(store, tmp_path):
     options = KeypointTraining(
         renders=store, out=tmp_path / "run", minutes=0.02, size=64, batch=4, backgrounds=8, workers=0
     )
-    saved = load_checkpoint(keypoints.train(options))
+    saved = load_keypoint_checkpoint(keypoints.train(options))
     other = saved | {"net": KeypointNet(95, depths=(0, 2, 2, 3)).state_dict()}
-    loop.save_atomically(options.out / loop.CHECKPOINT, other)
-    with pytest.raises(SessionError, match=r"run.checkpoint\.pt: of another design"):
+    save_checkpoint(options.out / CHECKPOINT, other)
+    with pytest.raises(SessionError, match=r"run.checkpoint\.pt: of another network design"):
         keypoints.train(options)
     del saved["config"]["hidden"]  # as of networks that normalised their images
-    loop.save_atomically(options.out / loop.CHECKPOINT, saved)
+    save_checkpoint(options.out / CHECKPOINT, saved)
     with pytest.raises(ModelError, match=r"run.checkpoint\.pt: of an earlier version's network"):
         keypoints.train(options)
 
@@ -335,10 +334,10 @@ def test_training_goes_on_from_shipped_weights(kind, store, tmp_path):
     module, options = {"keypoints": (keypoints, KeypointTraining), "people": (people, PeopleTraining)}[kind]
     path = shipped_model(kind)
     some = options(renders=store, out=tmp_path / "run", minutes=0.02, batch=4, backgrounds=8, workers=0, model=path)
-    saved = load_checkpoint(module.train(some))
+    saved = load_keypoint_checkpoint(module.train(some))
     assert saved["state"]["images"] > 100_000 and saved["state"]["step"] < 1000
     # Where a run is there already it goes on, whatever file is named.
-    again = load_checkpoint(module.train(replace(some, model=tmp_path / "none.onnx")))
+    again = load_keypoint_checkpoint(module.train(replace(some, model=tmp_path / "none.onnx")))
     assert again["state"]["step"] >= saved["state"]["step"]
     with pytest.raises(ModelError, match="none.onnx"):
         module.train(replace(some, model=tmp_path / "none.onnx", out=tmp_path / "other"))
@@ -348,7 +347,7 @@ def test_people_training_learns(store, tmp_path):
     options = PeopleTraining(
         renders=store, out=tmp_path / "run", minutes=0.2, batch=8, backgrounds=8, threads=1, workers=0
     )
-    saved = load_checkpoint(people.train(options))
+    saved = load_keypoint_checkpoint(people.train(options))
     assert saved["state"]["images"] > 0
     assert set(saved["scores"]) == {"recall", "precision", "iou", "held_out_loss"}
 
@@ -453,7 +452,7 @@ def test_a_file_that_is_no_checkpoint_is_refused(tmp_path):
     path = tmp_path / "checkpoint.pt"
     path.write_bytes(b"nothing of the kind")
     with pytest.raises(ModelError, match="checkpoint"):
-        load_checkpoint(path)
+        load_keypoint_checkpoint(path)
 
 
 @pytest.mark.parametrize(("kind", "card"), [("keypoints", keypoint_card), ("people", people_card)])

@@ -16,11 +16,12 @@ from muybridge.errors import ModelError  # noqa: E402
 from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS  # noqa: E402
 from muybridge.models.keypoints.network import PLATE, PlateApart, SeparateHeads  # noqa: E402
 from muybridge.models.onnx_files.export import export_onnx  # noqa: E402
-from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, people_net_from_onnx, trained_for
+from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, people_net_from_onnx, training_record
 from muybridge.models.shipped import shipped_model  # noqa: E402
-from muybridge.train.engine.weight_averaging import average_keypoints, average_people  # noqa: E402
-from muybridge.train.keypoints.export import keypoint_net, people_net  # noqa: E402
-from muybridge.train.keypoints.prune import narrowed  # noqa: E402
+from muybridge.train.keypoints.export import keypoint_net  # noqa: E402
+from muybridge.train.people.export import people_net  # noqa: E402
+from scripts.networks.prune import prune  # noqa: E402
+from scripts.networks.weight_averaging import average_keypoints, average_people  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +47,7 @@ def test_the_average_of_a_network_with_itself_is_itself(shipped, tmp_path):
     with torch.inference_mode():
         ours, theirs = keypoint_net(saved)(image)[0], keypoint_net_from_onnx(shipped)(image)[0]
     assert torch.allclose(ours, theirs, atol=1e-5)
-    assert saved["state"]["images"] > 1e6 and saved["options"]["seed"] == trained_for(shipped)["seed"]
+    assert saved["state"]["images"] > 1e6 and saved["options"]["seed"] == training_record(shipped)["seed"]
 
 
 def test_weights_lie_in_the_middle(shipped, changed, tmp_path):
@@ -71,7 +72,7 @@ def test_detectors_are_averaged_too(tmp_path):
 
 def test_networks_of_other_designs_are_not_averaged(shipped, tmp_path):
     net, path = keypoint_net_from_onnx(shipped), tmp_path / "other.onnx"
-    other = narrowed(net, net.config["depths"], (32, 64, 80, 160), [torch.rand(2, 4, 64, 64)])
+    other = prune(net, net.config["depths"], (32, 64, 80, 160), [torch.rand(2, 4, 64, 64)])
     export_onnx(PlateApart(SeparateHeads(other, 23)), path, (2, 3, 64, 64), BODY_OUTPUTS + MARKER_OUTPUTS, {}, PLATE)
     with pytest.raises(ModelError, match=r"other\.onnx: of another design than .*keypoints\.onnx"):
         average_keypoints([shipped, path])

@@ -13,9 +13,10 @@ from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT, SURFACE  # no
 from muybridge.infer.networks.labelling import LabelNetwork  # noqa: E402
 from muybridge.models.labelling.message_passing import gather_messages  # noqa: E402
 from muybridge.models.labelling.network import WINDOW, LabelNet, sinkhorn  # noqa: E402
+from muybridge.train.engine.checkpoint import load_checkpoint  # noqa: E402
 from muybridge.train.labelling import train as labels  # noqa: E402
 from muybridge.train.labelling.export import example, publish_labels  # noqa: E402
-from muybridge.train.options import LabelTraining  # noqa: E402
+from muybridge.train.labelling.options import LabelTraining  # noqa: E402
 from muybridge.train.synthesis.bodies.surface_markers import virtual_markers  # noqa: E402
 from muybridge.train.synthesis.markers import trajectories as marker_clouds  # noqa: E402
 from muybridge.train.synthesis.markers.augment import DUST, CloudOptions, CloudSampler  # noqa: E402
@@ -149,9 +150,9 @@ def test_training_learns_resumes_and_is_published(store, tmp_path, monkeypatch):
     monkeypatch.setattr(labels, "held_out_batches", lambda clips, count=8, options=None: _few(store))
     options = LabelTraining(out=tmp_path / "run", clips=store, minutes=0.12, batch=16, rate=3e-3)
     checkpoint = labels.train(options)
-    first = torch.load(checkpoint, weights_only=False)["state"]
+    first = load_checkpoint(checkpoint)["state"]
     labels.train(replace(options, minutes=0.02))
-    again = torch.load(checkpoint, weights_only=False)["state"]
+    again = load_checkpoint(checkpoint)["state"]
     assert again["step"] > first["step"] > 3 and again["images"] == 16 * again["step"]
     monkeypatch.setattr("muybridge.train.labelling.export.held_out_batches", lambda clips, count: _few(store))
     scores = publish_labels(checkpoint, tmp_path / "labels.onnx", store, "muybridge train labels")

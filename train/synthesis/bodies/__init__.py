@@ -1,1 +1,5 @@
-"""."""
+"""Synthetic bodies: shapes, static poses and the markers on their surface."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

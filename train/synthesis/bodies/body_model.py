@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray
 from muybridge.geometry.landmarks.sets import BODY23
-from muybridge.train.engine.process_pool import one_at_a_time
+from muybridge.train.engine.process_pool import exclusive
 from muybridge.train.synthesis.bodies.pose_sampler import KINDS as STATIC
 from muybridge.train.synthesis.bodies.pose_sampler import Poses, PoseSampler
 from muybridge.train.synthesis.motions.rig import Skeleton
@@ -73,7 +73,7 @@ class BodyModel:
         self.rng = np.random.default_rng(seed)
         torch.set_num_threads(1)
         # The first on a machine works for minutes on files that the others read.
-        with one_at_a_time("anny"):
+        with exclusive("anny"):
             self.model = anny.Anny(topology="anny-full", phenotypes="all", skinning_method="lbs")
         self.model = self.model.to(dtype=torch.float32).eval()
         self.regressor = anny.KeypointsRegressor.coco(self.model)

@@ -1,1 +1,5 @@
-"""."""
+"""Marker trajectories on synthetic people, and faults of marker recordings."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

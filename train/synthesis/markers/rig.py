@@ -142,7 +142,7 @@ def follow(body: Skeleton, motion: Motion) -> tuple[FloatArray, FloatArray]:
     top = next(roles[r] for r in ("upper_chest", "chest") if r in roles)
     _share(world, ("spine05", "spine04", "spine03", "spine02", "spine01"), world["root"], poses[:, top, :3, :3])
     _share(world, ("neck01", "neck02", "neck03", "head"), world["spine01"], poses[:, roles["head"], :3, :3])
-    rest = _rest_of(skeleton)
+    rest = skeleton.rest_positions
     for side, letter in (("left", "L"), ("right", "R")):
         lean = _lean(skeleton, roles, rest, motion, side)
         for part in ("upper_arm", "forearm", "hand", "thigh", "shin", "foot"):
@@ -176,12 +176,6 @@ def _share(world: dict[str, FloatArray], bones: tuple[str, ...], start: FloatArr
     step = Rotation.from_matrix(np.swapaxes(start, -1, -2) @ end).as_rotvec()
     for k, bone in enumerate(bones, 1):
         world[bone] = start @ Rotation.from_rotvec(step * k / len(bones)).as_matrix()
-
-
-def _rest_of(skeleton: object) -> FloatArray:
-    from muybridge.geometry.fitting.skeleton_fit import rest_positions
-
-    return rest_positions(skeleton)  # type: ignore[arg-type]
 
 
 def _lean(

@@ -20,7 +20,7 @@ from muybridge.arrays import BoolArray, ByteArray, Float32Array, IndexArray
 from muybridge.errors import SessionError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.marker_sets import SURFACE
-from muybridge.train.engine.process_pool import shared_out
+from muybridge.train.engine.process_pool import map_in_processes
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
 from muybridge.train.synthesis.clothing.sample import sample_outfit
 from muybridge.train.synthesis.motions.sampler import MOTIONS
@@ -187,7 +187,7 @@ def make_renders(
     studio = _Studio(folder, seed, tuple(kinds), close_ups)
     with Progress() as progress:
         bar = progress.add_task("rendering", total=len(missing))
-        for device in shared_out(studio.make, missing, processes):
+        for device in map_in_processes(studio.make, missing, processes):
             progress.update(bar, advance=1, description=f"rendering on {device}")
 
 

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from muybridge.errors import SessionError
 from muybridge.files import replacing
-from muybridge.train.engine.process_pool import affordable
+from muybridge.train.engine.process_pool import affordable_processes
 from muybridge.train.synthesis.rendering.store import MEMORY, make_renders, shard_numbers
 
 # Lies in a store as long as such a process has work left, so that a killed training's successor takes it up. Stores
@@ -121,7 +121,7 @@ def main(folder: pathlib.Path, shards: int, seed: int) -> None:
     if hasattr(os, "nice"):
         os.nice(5)
     with contextlib.suppress(KeyboardInterrupt):  # what is half written is removed
-        make_renders(folder, range(shards), seed, processes=affordable(MEMORY))
+        make_renders(folder, range(shards), seed, processes=affordable_processes(MEMORY))
         (folder / PLAN).unlink(missing_ok=True)
 
 

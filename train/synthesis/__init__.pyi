@@ -1,0 +1,5 @@
+from .options import Synthesis as Synthesis
+
+__all__ = [
+    "Synthesis",
+]
