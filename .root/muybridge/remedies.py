@@ -10,6 +10,7 @@ REMEDIES: dict[str, str] = {
     "butterworth": 'pass method="butterworth" with it',
     "bvh_units": "pass `units`, one of {units}",
     "calibration_path": "or pass the path of one",
+    "centres_of_landmarks": "leave centres empty",
     "choose_clip": "pass `clip`, a name or a number of this list",
     "every_frame": "pass every=1",
     "export_fbx": "export it again as binary FBX",
@@ -26,6 +27,9 @@ REMEDIES: dict[str, str] = {
     "max_offset": "pass a larger max_offset",
     "missing_weights": "reinstall muybridge, or pass the path of a model file",
     "no_model_card": "leave model_card out",
+    "missing_weights": "reinstall muybridge, or pass the path of a model file",
+    "model_of_card": "name its file as keypoint_model",
+    "network_of_landmarks": "leave network out",
     "option_unused": "leave out `{option}`",
     "other_folder": "choose another folder",
     "other_name": "choose another name",
@@ -36,10 +40,12 @@ REMEDIES: dict[str, str] = {
     "shift": "pass the time between them as shift",
     "still_moment": "name the image in which it does as moment",
     "sync_by_images": 'pass methods=("epipolar", "motion")',
+    "rename_labels": "rename them, or name unlabelled points with muybridge.infer.pipelines.labelling.run_label",
     "third_party_model": (
         "for a third-party keypoint network pass its model card; otherwise pass a model that muybridge exported, "
         "or none to use the shipped one"
     ),
+    "unit_of_points": "read the file with units={unit!r}",
     "unwritable": "choose a folder you may write to, or free its disk",
     "use_muybridge_model": "pass a model that muybridge exported, or none to use the shipped one",
     "video_rotated": 'pass "rotate-cw" or "rotate-ccw", or calibrate with the camera as it records',

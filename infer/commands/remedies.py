@@ -11,6 +11,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "butterworth": "give --smooth butterworth with it",
     "bvh_units": "state it with --units, one of {units}",
     "calibration_path": "or name one with --calibration",
+    "centres_of_landmarks": "leave out --centres",
     "choose_clip": "choose one of this list with --clip",
     "every_frame": "give --every 1",
     "export_fbx": "export it again as binary FBX",
@@ -27,6 +28,9 @@ COMMAND_REMEDIES: dict[str, str] = {
     "max_offset": "give a larger --max-offset",
     "missing_weights": "reinstall muybridge, or name a model file of yours",
     "no_model_card": "leave out --model-card",
+    "missing_weights": "reinstall muybridge, or name a model file of yours",
+    "model_of_card": "name its file with --keypoint-model",
+    "network_of_landmarks": "leave out --network",
     "option_unused": "leave out --{option}",
     "other_folder": "choose another folder with --out",
     "other_name": "choose another name",
@@ -37,10 +41,12 @@ COMMAND_REMEDIES: dict[str, str] = {
     "shift": "give the time between them with --shift",
     "still_moment": "name the image in which it does with --moment",
     "sync_by_images": "give --methods epipolar motion",
+    "rename_labels": "rename them, or name unlabelled points with `muybridge label`",
     "third_party_model": (
         "for a third-party keypoint network name its card with --model-card; otherwise name a model that muybridge "
         "exported, or leave the option out to use the shipped one"
     ),
+    "unit_of_points": "give --units {unit}",
     "unwritable": "free its disk or choose another --out",
     "use_muybridge_model": "name a model that muybridge exported, or leave the option out to use the shipped one",
     "video_rotated": "give --video-size rotate-cw or rotate-ccw, or calibrate with the camera as it records",

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from muybridge.arrays import ByteArray, FloatArray
-from muybridge.infer.results.overlay import colour_of
+from muybridge.infer.results.overlay_drawing import colour_of
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 
 HEIGHT, FPS, SECONDS = 400, 12.5, 4.0
