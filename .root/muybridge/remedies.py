@@ -10,6 +10,7 @@ REMEDIES: dict[str, str] = {
     "butterworth": 'pass method="butterworth" with it',
     "bvh_units": "pass `units`, one of {units}",
     "calibration_path": "or pass the path of one",
+    "centres_of_landmarks": "leave centres empty",
     "choose_clip": "pass `clip`, a name or a number of this list",
     "every_frame": "pass every=1",
     "export_fbx": "export it again as binary FBX",
@@ -25,6 +26,8 @@ REMEDIES: dict[str, str] = {
     "marker_dictionary": "or set marker_dictionary to the dictionary of the marker",
     "max_offset": "pass a larger max_offset",
     "missing_weights": "reinstall muybridge, or pass the path of a model file",
+    "model_of_card": "name its file as keypoint_model",
+    "network_of_landmarks": "leave network out",
     "no_model_card": "leave model_card out",
     "option_unused": "leave out `{option}`",
     "other_folder": "choose another folder",
@@ -33,6 +36,7 @@ REMEDIES: dict[str, str] = {
     "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",
     "points_or_lens": "add points, or pass the camera with its lens in lenses",
     "pseudo_labels": "make one with `muybridge.models.pseudo_labels.save_pseudo_labels`",
+    "rename_labels": "rename them, or name unlabelled points with muybridge.infer.pipelines.labelling.run_label",
     "shift": "pass the time between them as shift",
     "still_moment": "name the image in which it does as moment",
     "sync_by_images": 'pass methods=("epipolar", "motion")',
@@ -40,6 +44,7 @@ REMEDIES: dict[str, str] = {
         "for a third-party keypoint network pass its model card; otherwise pass a model that muybridge exported, "
         "or none to use the shipped one"
     ),
+    "unit_of_points": "read the file with units={unit!r}",
     "unwritable": "choose a folder you may write to, or free its disk",
     "use_muybridge_model": "pass a model that muybridge exported, or none to use the shipped one",
     "video_rotated": 'pass "rotate-cw" or "rotate-ccw", or calibrate with the camera as it records',

@@ -11,6 +11,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "butterworth": "give --smooth butterworth with it",
     "bvh_units": "state it with --units, one of {units}",
     "calibration_path": "or name one with --calibration",
+    "centres_of_landmarks": "leave out --centres",
     "choose_clip": "choose one of this list with --clip",
     "every_frame": "give --every 1",
     "export_fbx": "export it again as binary FBX",
@@ -26,6 +27,8 @@ COMMAND_REMEDIES: dict[str, str] = {
     "marker_dictionary": "or name its dictionary with --marker-dictionary",
     "max_offset": "give a larger --max-offset",
     "missing_weights": "reinstall muybridge, or name a model file of yours",
+    "model_of_card": "name its file with --keypoint-model",
+    "network_of_landmarks": "leave out --network",
     "no_model_card": "leave out --model-card",
     "option_unused": "leave out --{option}",
     "other_folder": "choose another folder with --out",
@@ -34,6 +37,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "points_off_shape": "add points well off the {shape}, or give the lens with --lenses",
     "points_or_lens": "add points, or give the lens with --lenses",
     "pseudo_labels": "`muybridge adapt SESSION` makes one",
+    "rename_labels": "rename them, or name unlabelled points with `muybridge label`",
     "shift": "give the time between them with --shift",
     "still_moment": "name the image in which it does with --moment",
     "sync_by_images": "give --methods epipolar motion",
@@ -41,6 +45,7 @@ COMMAND_REMEDIES: dict[str, str] = {
         "for a third-party keypoint network name its card with --model-card; otherwise name a model that muybridge "
         "exported, or leave the option out to use the shipped one"
     ),
+    "unit_of_points": "give --units {unit}",
     "unwritable": "free its disk or choose another --out",
     "use_muybridge_model": "name a model that muybridge exported, or leave the option out to use the shipped one",
     "video_rotated": "give --video-size rotate-cw or rotate-ccw, or calibrate with the camera as it records",

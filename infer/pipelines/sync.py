@@ -14,8 +14,10 @@ from muybridge.errors import MuybridgeError, SessionError
 from muybridge.files import replacing
 from muybridge.geometry.association.select import select_person, take_person
 from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.sync.audio import audio_clock
+from muybridge.geometry.sync.clocks import Clock
 from muybridge.geometry.sync.epipolar import epipolar_clocks
-from muybridge.geometry.sync.motion import Clock, audio_clock, motion_clocks
+from muybridge.geometry.sync.motion import motion_clocks
 from muybridge.infer.detection.detect import DetectOptions
 from muybridge.infer.pipelines.landmarks import session_keypoints
 from muybridge.infer.runtime.progress import Progress

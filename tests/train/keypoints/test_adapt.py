@@ -17,7 +17,8 @@ from muybridge.geometry.sync.clocks import Clock, own_frames
 from muybridge.infer.commands import adapt as command
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.demo_take.take import demo_folder, true_points
-from muybridge.infer.detection.detect import DetectOptions, open_models
+from muybridge.infer.detection.detect import DetectOptions
+from muybridge.infer.networks.models import open_models
 from muybridge.infer.pipelines import videos as pipeline
 from muybridge.infer.pipelines.adapt import RESULTS
 from muybridge.infer.pipelines.pseudo_labels import PseudoLabelOptions, _held_out, collect
