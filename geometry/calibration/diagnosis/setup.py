@@ -1,4 +1,4 @@
-"""A rig and a take as `diagnosis` tries them: cameras, whose files they have, and when those begin."""
+"""Hypothetical setups of a rig, with corrected cameras, video files and time shifts, and their fit to a take."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from muybridge.geometry.numerics.robust import student_cost, student_scale
 from muybridge.geometry.sync.clocks import resample
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, take_noise, triangulate
 
-_BLOCKS = 6  # of frames, fitted and held out in turn
+_BLOCKS = 6  # number of blocks of frames, which belong to the two halves in turn
 FEWEST_FRAMES = 8
 _MOST_LANDMARKS = 25
 _MOST_POINTS = 1800
@@ -22,7 +22,7 @@ _MOST_POINTS = 1800
 
 @dataclass(frozen=True)
 class Setup:
-    """Cameras, and which landmarks they get from when."""
+    """A rig under a hypothesis: its cameras, the time shift of each video (frames), and each camera's video file."""
 
     cameras: CameraGroup
     shifts: tuple[float, ...]
