@@ -3,7 +3,7 @@
 All filters take arrays with time first and any trailing shape. NaN marks missing values: runs between NaNs are filtered
 separately, NaN stays NaN. All but One-Euro have no lag (they use future values). `smooth_points` of
 `muybridge.geometry.smoothing.kalman` is recommended for landmarks: it estimates the noise, weights points by their
-covariance, removes outliers and fills gaps; the table in docs/smoothing.md compares the filters.
+covariance, removes outliers and fills gaps; the table in docs/explanation/smoothing.md compares the filters.
 """
 
 import math
