@@ -99,7 +99,7 @@ def find_checkerboard(gray: ByteArray, columns: int, rows: int) -> FloatArray:
     Detected in a reduced image, which is several times faster and more reliable, then located in the full one.
     """
     size = (columns, rows)
-    small, scale = _reduced(gray)
+    small, scale = _reduce(gray)
     # A larger board contains the described one at several positions; that is not the described board.
     found, px, meta = cv2.findChessboardCornersSBWithMeta(small, size, _LARGER)
     if not found or meta.shape != (rows, columns):
@@ -121,7 +121,7 @@ def find_checkerboard(gray: ByteArray, columns: int, rows: int) -> FloatArray:
     return px
 
 
-def _reduced(gray: ByteArray) -> tuple[ByteArray, float]:
+def _reduce(gray: ByteArray) -> tuple[ByteArray, float]:
     """An image of at most `_SEARCH_PX`, and its scale."""
     scale = min(1.0, _SEARCH_PX / max(gray.shape))
     if scale == 1.0:
@@ -142,12 +142,12 @@ def fitting_descriptions(board: Board, images: list[ByteArray]) -> list[str]:
         tried += [(v, False) for v in _checkerboards(board, images)]
     if board.kind == "checkerboard" and not tried:
         tried += _charuco_variants(Board("charuco", board.columns + 1, board.rows + 1, board.square), images)
-    had = _seen(board, images)
+    had = _count_corners(board, images)
     counts = {}
     for variant, mirrored in tried:
         shown = [np.ascontiguousarray(i[:, ::-1]) for i in images] if mirrored else images
         words = variant.describe() + (", its pictures mirrored left to right" if mirrored else "")
-        counts[words] = _seen(variant, shown)
+        counts[words] = _count_corners(variant, shown)
     best = max(counts.values(), default=0)
     good = [w for w, n in sorted(counts.items(), key=lambda c: -c[1]) if n >= max(0.9 * best, 1.2 * had, 4)]
     return [w for w in good if w != board.describe()][:3]
@@ -159,7 +159,7 @@ def _telling(images: list[ByteArray]) -> list[ByteArray]:
         return images
     counts = []
     for image in images:
-        small = _reduced(image)[0]
+        small = _reduce(image)[0]
         shown = [small, 255 - small, np.ascontiguousarray(small[:, ::-1]), np.ascontiguousarray(255 - small[:, ::-1])]
         counts.append(max(len(_markers(name, [one])) for name in _FAMILIES for one in shown))
     if max(counts) < 2:  # none: any picture may contain a checkerboard
@@ -167,7 +167,7 @@ def _telling(images: list[ByteArray]) -> list[ByteArray]:
     return [images[k] for k in sorted(np.argsort(counts, kind="stable")[-_CLOSELY:])]
 
 
-def _seen(board: Board, images: list[ByteArray]) -> int:
+def _count_corners(board: Board, images: list[ByteArray]) -> int:
     """Number of corners that lie on a plane, in neighbouring positions."""
     detector, total = BoardDetector(board), 0
     for image in images:
@@ -185,14 +185,14 @@ def _charuco_variants(board: Board, images: list[ByteArray]) -> list[tuple[Board
     """ChArUco boards whose markers are in the images, and whether these are mirrored."""
     polarities = (board.inverted, not board.inverted)
     for mirrored, inverted in [(m, i) for m in (False, True) for i in polarities]:
-        shown = [_reduced(255 - i if inverted else i)[0] for i in images]
+        shown = [_reduce(255 - i if inverted else i)[0] for i in images]
         shown = [np.ascontiguousarray(i[:, ::-1]) for i in shown] if mirrored else shown
         ids, name = max(((_markers(name, shown), name) for name in _FAMILIES), key=lambda c: len(c[0]))
         if len(ids) < 2:
             continue
         found = _layouts(board, name, inverted, int(max(ids)) + 1)
         full = [np.ascontiguousarray(i[:, ::-1]) for i in images] if mirrored else images
-        if any(_seen(v, full) >= _SURE_CORNERS for v in found):  # not only false detections of markers
+        if any(_count_corners(v, full) >= _SURE_CORNERS for v in found):  # not only false detections of markers
             return [(v, mirrored) for v in found]
     return []
 
@@ -222,7 +222,7 @@ def _checkerboards(board: Board, images: list[ByteArray]) -> list[Board]:
     found = []
     for image in images:
         for inverted in (False, True):
-            small, _ = _reduced(255 - image if inverted else image)
+            small, _ = _reduce(255 - image if inverted else image)
             ok, _, meta = cv2.findChessboardCornersSBWithMeta(small, (3, 3), _LARGER)
             if ok:
                 rows, columns = meta.shape

@@ -90,7 +90,7 @@ def _content(
         border = 0.2 * board.square
         rectangle(at[0] - border, at[1] - border, size[0] + 2 * border, size[1] + 2 * border)
         lines.append("0 g f\n1 g")
-    for x, y, w, h in _merged(black):
+    for x, y, w, h in _merge_rectangles(black):
         rectangle(at[0] + x, at[1] + y, w, h)
     lines.append("f\n0 g")
     foot = page[1] - _FOOT
@@ -108,7 +108,7 @@ def _content(
     return "\n".join(lines).encode("latin-1")
 
 
-def _merged(black: FloatArray) -> FloatArray:
+def _merge_rectangles(black: FloatArray) -> FloatArray:
     """Rectangles with adjoining ones in a row merged, so that viewers draw no thin lines between them."""
     out: list[list[float]] = []
     for x, y, w, h in sorted(black.tolist(), key=lambda b: (round(b[3], 9), round(b[1], 9), b[0])):

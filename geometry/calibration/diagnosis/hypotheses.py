@@ -44,7 +44,7 @@ class Correction:
     sd: FloatArray
 
 
-def changed(camera: Camera, parameters: FloatArray) -> Camera:
+def perturb_camera(camera: Camera, parameters: FloatArray) -> Camera:
     """The camera rotated by (3,) radians about its own axes, moved by (3,) metres, and zoomed by exp(log focal)."""
     rotation = exp_so3(parameters[:3]) @ camera.rotation
     center = camera.center_world + parameters[3:6]
@@ -89,8 +89,8 @@ def fit_camera(
     information = np.eye(len(chosen))
     best = np.inf
     for _ in range(_ITERATIONS):
-        now = changed(camera, trial)
-        error, jacobian = _linearised(now, world, px)
+        now = perturb_camera(camera, trial)
+        error, jacobian = _linearise(now, world, px)
         error, jacobian = error * weight0[:, None], jacobian[..., chosen] * weight0[:, None, None]
         squares = np.where(np.isfinite(error).all(-1), (error**2).sum(-1), 1e12)
         scale = student_scale(squares, scale)
@@ -108,10 +108,10 @@ def fit_camera(
         trial = np.clip(trial, -_FARTHEST, _FARTHEST)
     sd = np.zeros(7)
     sd[chosen] = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0))
-    return Correction(changed(camera, total), total[:3].copy(), total[3:6].copy(), float(np.exp(total[6])), sd)
+    return Correction(perturb_camera(camera, total), total[:3].copy(), total[3:6].copy(), float(np.exp(total[6])), sd)
 
 
-def _linearised(camera: Camera, world: FloatArray, px: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _linearise(camera: Camera, world: FloatArray, px: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(N, 2) projected minus observed, px, and its (N, 2, 7) derivative by turn, move and log focal."""
     lens = camera.posed(np.eye(4)[:3])
     rel = (world - camera.center_world) @ camera.rotation.T
@@ -119,7 +119,7 @@ def _linearised(camera: Camera, world: FloatArray, px: FloatArray) -> tuple[Floa
     step = _STEP * np.abs(rel[:, 2])
     by_point = np.stack([lens.project(rel + step[:, None] * axis) - here for axis in np.eye(3)], axis=-1)
     by_point /= step[:, None, None]
-    zoomed = changed(lens, np.array([0, 0, 0, 0, 0, 0, _STEP]))
+    zoomed = perturb_camera(lens, np.array([0, 0, 0, 0, 0, 0, _STEP]))
     out = np.empty((len(world), 2, 7))
     out[..., :3] = np.cross(rel[:, None], by_point)
     out[..., 3:6] = -by_point @ camera.rotation
@@ -164,7 +164,7 @@ def fit_shift(
     return best + k - 2 + parabola(-near, k)
 
 
-def alike(errors: FloatArray) -> float:
+def frames_per_observation(errors: FloatArray) -> float:
     """Number of frames that count as one independent observation, since errors of a landmark persist over frames.
 
     The variance of each error's mean over the take, relative to its value for independent frames.

@@ -17,7 +17,7 @@ from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import ADJU
 from muybridge.geometry.calibration.bundle_adjustment.result import CalibrationResult, Misfit, image_cells, misfits
 from muybridge.geometry.calibration.diagnosis.faults import diagnose
 from muybridge.geometry.calibration.diagnosis.findings import CalibrationDiagnosis, DiagnosisOptions
-from muybridge.geometry.calibration.diagnosis.hypotheses import alike
+from muybridge.geometry.calibration.diagnosis.hypotheses import frames_per_observation
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.robust import RAYLEIGH_MEDIAN
@@ -281,6 +281,6 @@ def _known_to(
     result = adjust(problem)
     errors = np.full((*seen.shape, 2), np.nan)
     errors[seen] = result.residuals_px / problem.sigma_px[:, None]
-    grown = np.sqrt(alike(errors))
+    grown = np.sqrt(frames_per_observation(errors))
     focal = np.array([c.params[0] for c in result.cameras])
     return result.focal_std / focal * grown, result.position_std * grown

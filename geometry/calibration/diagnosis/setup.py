@@ -131,7 +131,7 @@ def rig_errors(take: Take, setup: Setup, rows: BoolArray | None = None) -> Float
     return np.asarray(error / take.sigma(variance)[..., None])
 
 
-def weighed(parts: list[FloatArray]) -> tuple[float, float, FloatArray]:
+def robust_cost(parts: list[FloatArray]) -> tuple[float, float, FloatArray]:
     """Mean robust cost, scale in px, and the concatenated errors."""
     errors = np.concatenate(parts, axis=1)
     squares = (errors**2).sum(-1)
@@ -140,7 +140,7 @@ def weighed(parts: list[FloatArray]) -> tuple[float, float, FloatArray]:
     return float(student_cost(known, scale).mean()), scale, errors
 
 
-def left_out(take: Take, setup: Setup, c: int) -> FloatArray:
+def leave_one_out_points(take: Take, setup: Setup, c: int) -> FloatArray:
     """(K, J, 3) points triangulated from all cameras other than c."""
     rest = [k for k in range(len(setup.cameras)) if k != c]
     px, variance = take.all(setup)

@@ -14,7 +14,7 @@ from muybridge.geometry.calibration.formats.easymocap import easymocap_sibling
 from muybridge.geometry.calibration.formats.native import native_text
 from muybridge.geometry.calibration.formats.opencv import is_one_camera, read_opencv_files
 from muybridge.geometry.calibration.formats.table import FORMATS, KNOWN_FORMATS, Reader
-from muybridge.geometry.calibration.gravity import lean_note
+from muybridge.geometry.calibration.gravity import tilt_notes
 from muybridge.geometry.cameras.group import CameraGroup
 
 _KNOWN = "known formats: " + ", ".join(KNOWN_FORMATS)
@@ -46,7 +46,7 @@ def read_calibration(path: Path) -> Calibration:
         calibration = _read(path)
     except OSError as error:
         raise CalibrationError(f"{path}: cannot be read: {error.strerror or error}; {_KNOWN}") from None
-    return replace(calibration, notes=(*calibration.notes, *lean_note(calibration.cameras)))
+    return replace(calibration, notes=(*calibration.notes, *tilt_notes(calibration.cameras)))
 
 
 def _read(path: Path) -> Calibration:

@@ -10,7 +10,7 @@ import pytest
 from muybridge.geometry.association.options import TrackingOptions
 from muybridge.geometry.association.select import take_slots
 from muybridge.geometry.association.tracker import PeopleTracker, identify_people, track_people
-from muybridge.geometry.association.tracks import Body, drop_stray_end
+from muybridge.geometry.association.tracks import BodyTrack, drop_stray_end
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.rays import nearest_points, pair_points, ray_directions
 from muybridge.geometry.landmarks.arrays import Keypoints2D
@@ -143,11 +143,11 @@ def test_who_passes_close_by_does_not_swallow_anybody(bench) -> None:
 def test_the_end_that_a_lost_body_met_by_accident_is_taken_off() -> None:
     points = np.zeros((23, 3))
     slots = np.zeros((3, 100), int)
-    body = Body(points, slots, True, 0, met=45, track={t: points for t in [*range(40), 60, 61, 90, 91, 92]})
+    body = BodyTrack(points, slots, True, 0, met=45, track={t: points for t in [*range(40), 60, 61, 90, 91, 92]})
     drop_stray_end(body, 5, 6.0)
     assert sorted(body.track) == list(range(40)) and body.met == 40
     assert (body.slots[:, :40] == 0).all() and (body.slots[:, 40:] == -1).all()
-    long = Body(points, slots * 0, True, 0, met=46, track={t: points for t in [*range(40), *range(60, 66)]})
+    long = BodyTrack(points, slots * 0, True, 0, met=46, track={t: points for t in [*range(40), *range(60, 66)]})
     drop_stray_end(long, 5, 6.0)
     assert len(long.track) == 46
 

@@ -10,8 +10,8 @@ from muybridge.geometry.calibration.board.intrinsics import calibrate_lens
 from muybridge.geometry.calibration.board.pose_graph import symmetries
 from muybridge.geometry.calibration.board.view_selection import choose_times
 from muybridge.geometry.calibration.bundle_adjustment.result import table
-from muybridge.geometry.calibration.gravity import level
-from muybridge.geometry.calibration.world import moved, on_board
+from muybridge.geometry.calibration.gravity import level_transform
+from muybridge.geometry.calibration.world import on_board, transform_cameras
 from muybridge.geometry.numerics.rotations import exp_so3
 from tests.rigs import ring_of_cameras
 
@@ -71,7 +71,7 @@ def sizes(cameras):
 def in_first(cameras):
     """The cameras seen from the first."""
     first = cameras[0]
-    return moved(cameras, np.column_stack([first.rotation, first.translation]))
+    return transform_cameras(cameras, np.column_stack([first.rotation, first.translation]))
 
 
 def errors(found, truth):
@@ -227,10 +227,10 @@ def test_few_moments_are_chosen_where_the_board_was_not_yet():
 def test_the_board_on_the_floor_is_the_world():
     truth = ring(4)
     for pose in (np.eye(4)[:3], np.column_stack([np.diag([1.0, -1, -1]), [0.3, 0.2, 0.1]])):
-        world = moved(truth, on_board(truth, pose))
+        world = transform_cameras(truth, on_board(truth, pose))
         assert world.centers_world[:, 2].min() > 0.9
     with pytest.raises(CalibrationError, match="c0.* from below"):
         on_board(truth, np.column_stack([np.array([[0, 0, -1.0], [0, 1, 0], [1, 0, 0]]), [2.4, 0, 0]]))
-    guessed = moved(in_first(truth), level(in_first(truth), np.zeros((1, 3)) + [0, 0, 2.5]))
+    guessed = transform_cameras(in_first(truth), level_transform(in_first(truth), np.zeros((1, 3)) + [0, 0, 2.5]))
     up = guessed[0].rotation @ np.array([0, 0, 1.0]) @ (truth[0].rotation @ [0, 0, 1.0])
     assert np.degrees(np.arccos(up)) < 3

@@ -8,7 +8,7 @@ import pytest
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.resection import KnownPoints, calibrate_points, layout, linear_camera
-from muybridge.geometry.calibration.world import check_shape, moved, on_points
+from muybridge.geometry.calibration.world import check_shape, on_points, transform_cameras
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
@@ -247,7 +247,7 @@ def test_tables_that_are_none(tmp_path):
 def elsewhere(cameras):
     """The cameras in another world, half the size; and that world."""
     turn = exp_so3(np.array([0.4, -1.0, 0.3]))
-    return moved(cameras, np.column_stack([turn, [1.0, 2, 3]]), 0.5)
+    return transform_cameras(cameras, np.column_stack([turn, [1.0, 2, 3]]), 0.5)
 
 
 def test_a_world_from_marked_points(tmp_path, capfd):

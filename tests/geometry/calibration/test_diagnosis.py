@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.diagnosis.faults import diagnose
 from muybridge.geometry.calibration.diagnosis.findings import CalibrationDiagnosis, DiagnosisOptions
-from muybridge.geometry.calibration.diagnosis.hypotheses import changed, fit_camera
+from muybridge.geometry.calibration.diagnosis.hypotheses import fit_camera, perturb_camera
 from muybridge.geometry.calibration.people.calibrate import refine_people
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
@@ -80,7 +80,7 @@ def _with(cameras: CameraGroup, c: int, camera: Camera) -> CameraGroup:
 def _turned(cameras: CameraGroup, seen: Landmarks, c: int) -> tuple[CameraGroup, Landmarks, set[int]]:
     axis = np.random.default_rng(c).normal(size=3)
     by = np.radians(1.0) * axis / np.linalg.norm(axis)
-    return _with(cameras, c, changed(cameras[c], np.array([*by, 0, 0, 0, 0]))), seen, {c}
+    return _with(cameras, c, perturb_camera(cameras[c], np.array([*by, 0, 0, 0, 0]))), seen, {c}
 
 
 def _shifted(cameras: CameraGroup, seen: Landmarks, c: int) -> tuple[CameraGroup, Landmarks, set[int]]:
@@ -94,7 +94,7 @@ def _shifted(cameras: CameraGroup, seen: Landmarks, c: int) -> tuple[CameraGroup
 
 def _zoomed(cameras: CameraGroup, seen: Landmarks, c: int) -> tuple[CameraGroup, Landmarks, set[int]]:
     by = np.log(1.03 if c % 2 else 0.97)
-    return _with(cameras, c, changed(cameras[c], np.array([0, 0, 0, 0, 0, 0, by]))), seen, {c}
+    return _with(cameras, c, perturb_camera(cameras[c], np.array([0, 0, 0, 0, 0, 0, by]))), seen, {c}
 
 
 def _swapped(cameras: CameraGroup, seen: Landmarks, c: int) -> tuple[CameraGroup, Landmarks, set[int]]:
@@ -222,7 +222,7 @@ def test_a_camera_is_fitted_in_spite_of_wrong_points() -> None:
     px = truth.project(world) + rng.normal(0, 1.0, (len(world), 2))
     px[::7] += rng.normal(0, 90.0, px[::7].shape)
     off = np.array([0.02, -0.01, 0.015, 0.05, -0.04, 0.03, 0.0])
-    fit = fit_camera(changed(truth, off), world, px, np.ones(len(world)), np.arange(7) < 6)
+    fit = fit_camera(perturb_camera(truth, off), world, px, np.ones(len(world)), np.arange(7) < 6)
     assert fit is not None
     assert np.abs(fit.camera.cam_from_world - truth.cam_from_world)[:, :3].max() < 2e-3
     assert np.linalg.norm(fit.camera.center_world - truth.center_world) < 5 * np.linalg.norm(fit.sd[3:6]) < 0.1

@@ -9,7 +9,7 @@ from muybridge.geometry.markers.recovery import recover_points
 from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
 from muybridge.geometry.markers.subjects import split_people
 from muybridge.geometry.markers.tracking import Tracks, find_tracks
-from muybridge.geometry.markers.voting import VoteOptions, assign_frames, cut_tracks, elect, exchangeable, vote
+from muybridge.geometry.markers.voting import VoteOptions, assign_frames, assign_labels, cut_tracks, exchangeable, vote
 from muybridge.geometry.smoothing.gap_models import gaps_of, rigid_gap
 
 FPS = 100.0
@@ -84,7 +84,7 @@ def test_elections_are_as_good_as_the_best_assignment_where_all_meet():
     for _ in range(10):
         votes = rng.normal(size=(24, 21))
         votes[:, -1] = -0.4
-        label = elect(votes, np.tile([0, 9], (24, 1)))
+        label = assign_labels(votes, np.tile([0, 9], (24, 1)))
         named = label[label >= 0]
         assert len(set(named)) == len(named)
         gain = votes[:, :-1] - votes[:, -1:]
@@ -96,7 +96,7 @@ def test_elections_are_as_good_as_the_best_assignment_where_all_meet():
 
 def test_trajectories_that_never_meet_may_share_a_label():
     votes = np.array([[5.0, 0, 0], [4.0, 3.0, 0], [4.0, 0, 0]])
-    assert elect(votes, np.array([[0, 10], [5, 20], [11, 30]])).tolist() == [0, 1, 0]
+    assert assign_labels(votes, np.array([[0, 10], [5, 20], [11, 30]])).tolist() == [0, 1, 0]
 
 
 def test_a_trajectory_is_cut_where_its_label_changes_for_good_but_not_where_it_wavers():

@@ -13,7 +13,7 @@ from muybridge.geometry.cameras.video_size import fit_to_video
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.sync.audio import audio_clock
-from muybridge.geometry.sync.clocks import Clock, Delays, clock_from_delays, parabola, resample, synchronised
+from muybridge.geometry.sync.clocks import Clock, Delays, clock_from_delays, parabola, resample, resample_keypoints
 from muybridge.geometry.sync.epipolar import epipolar_clocks
 from muybridge.geometry.sync.motion import motion_clocks
 from muybridge.infer.pipelines.sync import SyncResult, disagreements, read_audio, write_sync
@@ -201,7 +201,7 @@ def test_landmarks_are_put_in_step() -> None:
         np.pad(variance[:, :, None], pad, constant_values=np.nan),
         np.pad(np.ones_like(variance)[:, :, None], pad),
     )
-    moved = synchronised(everyone, [Clock(o, 0.0, 0.0, 0.0, 1.0) for o in offsets], FPS)
+    moved = resample_keypoints(everyone, [Clock(o, 0.0, 0.0, 0.0, 1.0) for o in offsets], FPS)
     truth = cameras.project(_walker(np.arange(px.shape[1]) / FPS, np.random.default_rng(5)))
     before = np.nanmedian(np.abs(px - truth)[1:])
     after = np.nanmedian(np.abs(moved.points_px[:, :, 0, :12] - truth)[1:])

@@ -12,7 +12,7 @@ from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.smoothing.kalman import smooth_points
 from muybridge.geometry.triangulation.multiview import Triangulation, triangulate
-from muybridge.geometry.triangulation.shape_prior import PosePriorOptions, with_pose_prior
+from muybridge.geometry.triangulation.shape_prior import PosePriorOptions, apply_pose_prior
 
 PX = 4.0
 
@@ -51,7 +51,7 @@ def solved(
     """Without and with the rest of the body."""
     variance = np.where(np.isfinite(px).all(-1), variance, np.nan)
     alone = triangulate(cameras, px, variance)
-    return alone, with_pose_prior(cameras, px, variance, BODY23, 30.0, alone, options=options)
+    return alone, apply_pose_prior(cameras, px, variance, BODY23, 30.0, alone, options=options)
 
 
 def error_mm(found: Triangulation, truth: FloatArray) -> FloatArray:
@@ -107,7 +107,7 @@ def test_one_view_counts_for_a_while_and_invents_nobody(walk: tuple[CameraGroup,
     # Farther from two views than allowed there is nothing.
     brief = PosePriorOptions(one_view=3)
     known = np.where(np.isfinite(px).all(-1), variance, np.nan)
-    short = with_pose_prior(cameras, px, known, BODY23, 30.0, alone, options=brief).points_world
+    short = apply_pose_prior(cameras, px, known, BODY23, 30.0, alone, options=brief).points_world
     assert np.isnan(short[84:95]).all() and np.isfinite(short[81]).any()
 
 
@@ -150,11 +150,11 @@ def test_too_little_leaves_points_alone(walk: tuple[CameraGroup, FloatArray]) ->
     cameras, truth = walk
     px, variance = seen(cameras, truth[:20])
     alone = triangulate(cameras, px, variance)
-    assert with_pose_prior(cameras, px, variance, BODY23, 30.0, alone) is alone
+    assert apply_pose_prior(cameras, px, variance, BODY23, 30.0, alone) is alone
     px, variance = seen(cameras, truth[:60])
     alone = triangulate(cameras, px, variance)
     off = PosePriorOptions(enabled=False)
-    assert with_pose_prior(cameras, px, variance, BODY23, 30.0, alone, options=off) is alone
+    assert apply_pose_prior(cameras, px, variance, BODY23, 30.0, alone, options=off) is alone
     nobody = np.full_like(px, np.nan), np.full_like(variance, np.nan)
     empty = triangulate(cameras, *nobody)
-    assert with_pose_prior(cameras, *nobody, BODY23, 30.0, empty) is empty
+    assert apply_pose_prior(cameras, *nobody, BODY23, 30.0, empty) is empty

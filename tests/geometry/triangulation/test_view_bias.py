@@ -15,8 +15,8 @@ from muybridge.geometry.triangulation.view_bias import (
     ViewBias,
     ViewBiasOptions,
     learn_view_bias,
+    remove_view_bias,
     trunk_axes,
-    without_view_bias,
 )
 
 FPS = 30.0
@@ -50,7 +50,7 @@ def test_points_that_fewer_cameras_see_come_nearer(walk, size_m: float, most: fl
     px, variance = seen(walk, size_m)
     found = triangulate(cameras, px, variance)
     offsets = learn_view_bias(cameras, px, variance, BODY23, FPS, found)
-    mended, better = without_view_bias(cameras, px, variance, found, offsets)
+    mended, better = remove_view_bias(cameras, px, variance, found, offsets)
     assert np.array_equal(np.isfinite(mended), np.isfinite(px))
 
     def error(points: FloatArray, frames: slice) -> float:
