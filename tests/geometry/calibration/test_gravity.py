@@ -93,16 +93,16 @@ def test_who_stands_tells_where_cameras_do_not_agree() -> None:
     people[20:, 4:] = people[20:, 2:4] + [0.5, 0, 0.0]  # bent over: they do not tell
     axes = standing_axes(people @ first.T, LandmarkSet("six", names, ()))
     assert len(axes) == 20
-    alone, told = (estimate_up(own, standing) for standing in (None, axes))
-    off = [np.degrees(np.arccos(direction @ up)) for direction in (alone, told)]
+    alone, with_people = (estimate_up(own, standing) for standing in (None, axes))
+    off = [np.degrees(np.arccos(direction @ up)) for direction in (alone, with_people)]
     assert off[1] < 8 and off[1] < off[0]
-    # A world that is level stays so, whoever leans.
+    # A level world is unchanged, even if people lean.
     np.testing.assert_array_equal(estimate_up(cameras, axes), Z_UP)
     assert standing_axes(people[:, :4], LandmarkSet("four", names[:4], ())).shape == (0, 3)
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 6])
-def test_who_stands_tells_a_world_upside_down_from_cameras_on_their_heads(count: int) -> None:
+def test_standing_people_resolve_an_upside_down_world(count: int) -> None:
     rng = np.random.default_rng(20 + count)
     for _ in range(8):
         rolls = rng.normal(0, 4, count)
@@ -116,7 +116,7 @@ def test_who_stands_tells_a_world_upside_down_from_cameras_on_their_heads(count:
         assert "the people who stand, up is about the calibration's -Z axis" in note
 
 
-def test_who_stands_on_a_level_floor_takes_doubts_away() -> None:
+def test_standing_people_reduce_false_corrections() -> None:
     """Where every camera is hung askew, what they agree on by chance is not up."""
     rng, doubted, off = np.random.default_rng(1), 0, []
     for _ in range(40):

@@ -1,4 +1,4 @@
-"""What the rest of the body and of the take say about a point: against triangulation, with the truth known."""
+"""The shape prior against plain triangulation, with a known truth."""
 
 from collections.abc import Callable
 from types import ModuleType
@@ -48,7 +48,7 @@ EVERYWHERE = PosePriorOptions(enough=99)
 def solved(
     cameras: CameraGroup, px: FloatArray, variance: FloatArray, options: PosePriorOptions = EVERYWHERE
 ) -> tuple[Triangulation, Triangulation]:
-    """Without and with the rest of the body."""
+    """Without and with the shape prior."""
     variance = np.where(np.isfinite(px).all(-1), variance, np.nan)
     alone = triangulate(cameras, px, variance)
     return alone, apply_pose_prior(cameras, px, variance, BODY23, 30.0, alone, options=options)
@@ -71,7 +71,7 @@ def test_points_are_nearer_to_the_truth(walk: tuple[CameraGroup, FloatArray]) ->
     assert np.nanquantile(helped, 0.99) < 0.5 * np.nanquantile(alone, 0.99)
 
 
-def test_what_three_cameras_see_stays_as_it_is(walk: tuple[CameraGroup, FloatArray]) -> None:
+def test_points_of_three_cameras_are_kept(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth)
     px[2:, 30:110:2] = np.nan
@@ -85,14 +85,14 @@ def test_what_three_cameras_see_stays_as_it_is(walk: tuple[CameraGroup, FloatArr
     assert off[1] < 0.6 * off[0]
 
 
-def test_what_happens_once_is_not_outvoted(walk: tuple[CameraGroup, FloatArray]) -> None:
+def test_unique_poses_are_kept(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     arm = [BODY23.index("left_elbow"), BODY23.index("left_wrist")]
     alone, helped = (error_mm(f, truth)[70:76, arm] for f in solved(cameras, *seen(cameras, truth, gross=0.0)))
     assert helped.mean() < 1.2 * alone.mean()
 
 
-def test_one_view_counts_for_a_while_and_invents_nobody(walk: tuple[CameraGroup, FloatArray]) -> None:
+def test_single_views_are_used_near_full_frames_only(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth)
     px[1:, 80:100] = np.nan
@@ -112,7 +112,7 @@ def test_one_view_counts_for_a_while_and_invents_nobody(walk: tuple[CameraGroup,
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_landmark_that_nobody_sees_hurts_no_other(walk: tuple[CameraGroup, FloatArray]) -> None:
+def test_a_landmark_that_no_camera_sees_does_not_affect_others(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth)
     hidden = BODY23.index("left_wrist")
@@ -123,7 +123,7 @@ def test_a_landmark_that_nobody_sees_hurts_no_other(walk: tuple[CameraGroup, Flo
     assert np.nanmedian(error_mm(helped, truth)[:, others]) < np.nanmedian(error_mm(alone, truth)[:, others])
 
 
-def test_one_view_says_nothing_of_a_landmark_that_the_take_never_showed(walk: tuple[CameraGroup, FloatArray]) -> None:
+def test_single_views_of_unlearned_landmarks_are_not_used(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth)
     feet = [j for j, name in enumerate(BODY23.names) if any(part in name for part in ("ankle", "toe", "heel"))]
@@ -136,7 +136,7 @@ def test_one_view_says_nothing_of_a_landmark_that_the_take_never_showed(walk: tu
     assert np.nanmean(error_mm(helped, truth)[:, others]) < 0.7 * np.nanmean(error_mm(alone, truth)[:, others])
 
 
-def test_covariance_says_how_far_points_are_off(walk: tuple[CameraGroup, FloatArray]) -> None:
+def test_covariance_matches_the_error_with_the_prior(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth, gross=0.0)
     px[2:, ::2] = np.nan
@@ -146,7 +146,7 @@ def test_covariance_says_how_far_points_are_off(walk: tuple[CameraGroup, FloatAr
     assert 0.4 < np.nanmedian(far) / 2.366 < 1.6
 
 
-def test_too_little_leaves_points_alone(walk: tuple[CameraGroup, FloatArray]) -> None:
+def test_short_takes_are_unchanged(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth[:20])
     alone = triangulate(cameras, px, variance)
@@ -155,6 +155,6 @@ def test_too_little_leaves_points_alone(walk: tuple[CameraGroup, FloatArray]) ->
     alone = triangulate(cameras, px, variance)
     off = PosePriorOptions(enabled=False)
     assert apply_pose_prior(cameras, px, variance, BODY23, 30.0, alone, options=off) is alone
-    nobody = np.full_like(px, np.nan), np.full_like(variance, np.nan)
-    empty = triangulate(cameras, *nobody)
-    assert apply_pose_prior(cameras, *nobody, BODY23, 30.0, empty) is empty
+    nothing = np.full_like(px, np.nan), np.full_like(variance, np.nan)
+    empty = triangulate(cameras, *nothing)
+    assert apply_pose_prior(cameras, *nothing, BODY23, 30.0, empty) is empty
