@@ -87,7 +87,9 @@ def test_a_body_that_stands_and_one_that_hangs():
         ("left_foot", "left_toe"), ("right_foot", "right_toe")]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "stance", "flight"), [("02_01.amc", (0.4, 0.7), 0.05), ("02_03.amc", (0.15, 0.4), 0.65)])
+@pytest.mark.parametrize(
+    ("name", "stance", "flight"), [("02_01.amc", (0.4, 0.7), 0.05), ("02_03.amc", (0.15, 0.4), 0.65)]
+)
 def test_recorded_walking_and_running(name, stance, flight):
     path = DATA / "motion" / name
     if not path.is_file():
