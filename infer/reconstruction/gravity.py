@@ -17,8 +17,9 @@ from muybridge.geometry.association.select import find_people, take_person
 from muybridge.geometry.calibration.gravity import lean_note, levelled, on_their_heads, standing_axes
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.triangulation.multiview import triangulate
-from muybridge.infer.detection.detect import CODE, DetectOptions, Models, detect
-from muybridge.infer.detection.pose_estimator import first_frames, merge_tracks
+from muybridge.infer.detection.detect import CODE, DetectOptions, detect
+from muybridge.infer.detection.tracks import first_frames, merge_tracks
+from muybridge.infer.networks.models import Models
 from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore
@@ -62,8 +63,9 @@ def estimate_gravity(
         doubt = "may point down" if in_doubt else "is not up"
         progress.say(f"the calibration's Z axis {doubt}: looking at a few moments for people who stand")
         found = detect(part, file_names, models, StageStore(store.folder / STAGE), options, progress)
-        shared = min(len(result.tracks.points_px) for result in found)  # a film may end before its header says
-        axes = _axes(part, merge_tracks([first_frames(result.tracks, shared) for result in found]))
+        shared = min(result.tracks.frames for result in found)  # a video may end before its header says
+        merged = merge_tracks([first_frames(result.tracks, shared) for result in found])
+        axes = _axes(part, next(iter(merged.values())))
         stage = store.save(STAGE, key, {"standing": axes}, {}, time.perf_counter() - start)
     upright = levelled(session.cameras, stage.arrays["standing"])
     notices: list[str] = []

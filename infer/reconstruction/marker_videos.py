@@ -17,10 +17,9 @@ from muybridge.geometry.markers.matching import MatchOptions, follow_points, mee
 from muybridge.geometry.markers.tracking import TrackOptions, track_points
 from muybridge.infer.detection.blobs import BlobOptions, find_blobs, find_threshold
 from muybridge.infer.labelling.label import LabelOptions
+from muybridge.infer.runtime.stages import Arrays, Facts
 from muybridge.infer.session.probe import VideoInfo
 from muybridge.infer.session.video import read_chunks
-
-UNNAMED, MARKERS_C3D, MARKERS_TRC, FACTS = "unnamed.c3d", "points.c3d", "points.trc", "markers.json"
 
 
 @dataclass(frozen=True)
@@ -76,6 +75,17 @@ def blobs_of(video: VideoInfo, indices: IntArray, options: BlobOptions) -> tuple
             threshold = find_threshold([grey[k] for k in np.linspace(0, len(grey) - 1, min(9, len(grey))).astype(int)])
         found += [find_blobs(image, threshold, options) for image in grey]
     return found, float(threshold or 0.0)
+
+
+def pack_blobs(blobs: list[FloatArray], threshold: float) -> tuple[Arrays, Facts]:
+    """The result of `blobs_of` as arrays and facts."""
+    counts = np.array([len(each) for each in blobs], dtype=np.int64)
+    return {"blobs": np.concatenate([np.empty((0, 3)), *blobs]), "counts": counts}, {"threshold": threshold}
+
+
+def unpack_blobs(arrays: Arrays) -> list[FloatArray]:
+    """Blobs (K, 3) of every frame."""
+    return np.split(arrays["blobs"], np.cumsum(arrays["counts"])[:-1])
 
 
 def find_markers(
@@ -143,6 +153,35 @@ def triangulate_again(cameras: CameraGroup, seen: list[list[FloatArray]], points
     lost = np.isnan(out[..., 0]) & np.isfinite(points[..., 0])
     out[lost] = points[lost]
     return out, views
+
+
+def nearest_blobs(
+    cameras: CameraGroup, seen: list[list[FloatArray]], points: FloatArray, reach_px: float
+) -> tuple[FloatArray, FloatArray]:
+    """Each marker's blob in each camera.
+
+    Args:
+        cameras: C cameras.
+        seen: blobs (K, 3) of every frame and camera.
+        points: (T, M, 3) metres.
+        reach_px: how far a blob may be from the projection.
+
+    Returns:
+        (C, T, M, 2) px and (C, T, M) distance to the projection, px; NaN where there is no blob within reach.
+    """
+    projected = cameras.project(points)
+    px, away = np.full(projected.shape, np.nan), np.full(projected.shape[:-1], np.nan)
+    for t, frame in enumerate(seen):
+        for c, blobs in enumerate(frame):
+            if not len(blobs):
+                continue
+            far = np.linalg.norm(projected[c, t, :, None] - blobs[None, :, :2], axis=-1)
+            far = np.where(np.isfinite(far), far, np.inf)
+            best = far.argmin(1)
+            least = far[np.arange(len(best)), best]
+            near = least < reach_px
+            px[c, t, near], away[c, t, near] = blobs[best[near], :2], least[near]
+    return px, away
 
 
 def _bridged(points: FloatArray, longest: int) -> tuple[FloatArray, BoolArray]:

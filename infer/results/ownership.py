@@ -13,9 +13,7 @@ from muybridge.errors import OutputError
 from muybridge.files import cannot_write, temporary_path
 
 _MOST_BYTES = 1 << 20
-_MARK = re.compile(
-    rb'^muybridge_(calibration|sync)\s*=|<p class="kicker">muybridge calibration</p>|^%muybridge', re.M
-)
+_MARK = re.compile(rb'^muybridge_(calibration|sync)\s*=|<p class="kicker">muybridge calibration</p>|^%muybridge', re.M)
 
 
 def check_replaceable(paths: Iterable[Path], overwrite: bool = False, read: Iterable[Path] = ()) -> None:

@@ -15,10 +15,11 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
-from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, read_calibration, sized_like
+from muybridge.geometry.calibration import find_calibration, read_calibration
 from muybridge.geometry.calibration.gravity import lean_note, levelled
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.cameras.video_size import VideoFit, fit_to_video, sized_like
 from muybridge.geometry.sync.clocks import Clock
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.discover import chosen, find_videos, video_folder

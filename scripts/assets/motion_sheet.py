@@ -1,6 +1,6 @@
 """A page of generated motion: every kind as stick figures over time, from the side and from the front.
 
-python -m scripts.assets.motion_sheet docs/motions.webp
+python -m scripts.assets.motion_sheet motions.webp
 """
 
 import argparse

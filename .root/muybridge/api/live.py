@@ -22,8 +22,10 @@ from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.triangulation.left_right import repair_flips
 from muybridge.geometry.triangulation.multiview import triangulate
-from muybridge.infer.detection.detect import DetectOptions, first_look, open_models
-from muybridge.infer.detection.pose_estimator import CameraTracks, PoseEstimator
+from muybridge.infer.detection.detect import DetectOptions, first_look
+from muybridge.infer.detection.pose_estimator import PoseEstimator
+from muybridge.infer.detection.tracks import CameraTracks
+from muybridge.infer.networks.models import open_models
 from muybridge.infer.reconstruction.landmarks import SolveOptions
 
 
@@ -257,6 +259,7 @@ def _last(tracks: CameraTracks) -> _Detections:
     """The people of the last frame."""
     there = np.flatnonzero(tracks.ids[-1] >= 0)
     there = there[np.argsort(tracks.ids[-1, there])]
+    body = tracks.body
     return _Detections(
-        tracks.ids[-1, there], tracks.points_px[-1, there], tracks.variance_px2[-1, there], tracks.score[-1, there]
+        tracks.ids[-1, there], body.points_px[-1, there], body.variance_px2[-1, there], body.score[-1, there]
     )

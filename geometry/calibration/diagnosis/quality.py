@@ -171,7 +171,7 @@ def check_take(
     Args:
         cameras: C cameras.
         points_px: (C, T, J, 2) px of one person, NaN where missing.
-        variance_px2: (C, T, J).
+        variance_px2: (C, T, J) px^2.
         diagnosis: how a culprit is looked for; None: it is not.
         source: phrase for where the landmarks are from.
 

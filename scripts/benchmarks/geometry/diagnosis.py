@@ -32,12 +32,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.calibration import fit_to_video, load_calibration
+from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.diagnosis.faults import diagnose
 from muybridge.geometry.calibration.diagnosis.hypotheses import changed
 from muybridge.geometry.calibration.people.calibrate import refine_people
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.cameras.video_size import fit_to_video
 from tests.rigs import look_at
 
 Take = tuple[CameraGroup, FloatArray, FloatArray]

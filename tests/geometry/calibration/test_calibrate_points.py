@@ -13,8 +13,8 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.infer.commands.app import run_command
-from muybridge.infer.commands.calibrate.points import read_points
-from muybridge.infer.commands.calibrate.world import people_world
+from muybridge.infer.pipelines.calibration.known_points import read_points
+from muybridge.infer.pipelines.calibration.world import world_from_landmarks
 from tests.rigs import look_at
 
 SIZE = (1280, 720)
@@ -319,10 +319,10 @@ def test_a_world_from_people():
     points = points + np.concatenate([rng.uniform(-1.5, 1.5, size=(200, 2)), np.zeros((200, 1))], axis=1)[:, None]
     turn = exp_so3(np.array([0.4, -1.0, 0.3]))
     there = 0.5 * points @ turn.T + [1.0, 2, 3]
-    found, said = people_world(elsewhere(truth), there, names, 1.72)
+    found, said = world_from_landmarks(elsewhere(truth), there, names, 1.72)
     np.testing.assert_allclose(found.centers_world[:, 2], truth.centers_world[:, 2], atol=0.06)
     assert any("times as large" in line for line in said)
-    kept, said = people_world(elsewhere(truth), there, names, None)
+    kept, said = world_from_landmarks(elsewhere(truth), there, names, None)
     apart = np.linalg.norm(kept.centers_world[1] - kept.centers_world[0])
     assert apart == pytest.approx(0.5 * np.linalg.norm(truth.centers_world[1] - truth.centers_world[0]), rel=1e-9)
     assert "size: kept" in said

@@ -6,8 +6,9 @@ import pytest
 
 from muybridge.arrays import ByteArray, FloatArray
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration import find_calibration, fit_to_video, load_calibration
+from muybridge.geometry.calibration import find_calibration, load_calibration
 from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.video_size import fit_to_video
 from tests.paths import SHARED
 
 POINTS_WORLD = np.random.default_rng(0).uniform([-1, -0.7, 3], [1, 0.7, 5], (40, 3))

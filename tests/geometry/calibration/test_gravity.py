@@ -107,7 +107,7 @@ def test_who_stands_tells_a_world_upside_down_from_cameras_on_their_heads(count:
         assert levelled(hung, standing) is hung and lean_note(hung, standing) == ()
         assert believed_up(hung, -standing)[2] < -0.95
         (note,) = lean_note(hung, -standing)
-        assert "who stands before them, up is about the calibration's -Z axis" in note
+        assert "the people who stand, up is about the calibration's -Z axis" in note
 
 
 def test_who_stands_on_a_level_floor_takes_doubts_away() -> None:

@@ -18,7 +18,7 @@ from muybridge.geometry.skeleton.joint_centres import JointCentres
 from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
 from muybridge.infer.commands.app import run_command
 from muybridge.motion.formats.points.c3d import write_c3d
-from muybridge.train.correction.takes import Spoiling, spoil
+from muybridge.train.correction.takes import MarkerFaults, add_faults
 
 FPS = 60.0
 QUICK = MarkerFitOptions(calibration_frames=40)
@@ -62,7 +62,7 @@ def solved(points: np.ndarray, columns: np.ndarray, **more: object) -> tuple[np.
 def spoiled() -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
     markers, turns, places = staged(1)
     columns = np.array(PLUG_IN_GAIT.surface_indices)
-    points, _ = spoil(markers[:, columns], FPS, Spoiling(hidden=0.2), np.random.default_rng(2))
+    points, _ = add_faults(markers[:, columns], FPS, MarkerFaults(hidden=0.2), np.random.default_rng(2))
     return points, columns, (turns, places)
 
 
@@ -123,7 +123,7 @@ def test_solve_takes_the_markers_and_says_so(tmp_path: Path) -> None:
                                            none.astype(bool), FPS))  # fmt: skip
     out = tmp_path / "out"
     assert run_command(["solve", str(tmp_path / "m.c3d"), "--out", str(out), "--centres", "harrington"]) == 0
-    facts = json.loads((out / "solve.json").read_text())
+    facts = json.loads((out / "run.json").read_text())["body"]
     assert facts["method"] == "markers" and facts["joint_centres"] == ["harrington"]
     assert facts["residual_mm"]["median"] < 6
     assert facts["network"] is None, "centres that were asked for are not corrected unasked"
@@ -132,7 +132,7 @@ def test_solve_takes_the_markers_and_says_so(tmp_path: Path) -> None:
     for more in ([], ["--no-correct"]):
         here = tmp_path / f"out{len(said)}"
         assert run_command(["solve", str(tmp_path / "m.c3d"), "--out", str(here), *more]) == 0
-        facts = json.loads((here / "solve.json").read_text())
+        facts = json.loads((here / "run.json").read_text())["body"]
         said.append(facts["network"])
         bones.append(list(facts["bone_lengths_m"].values()))
     assert said[0] and said[1] is None

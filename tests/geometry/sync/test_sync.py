@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from muybridge.errors import SessionError
-from muybridge.geometry.calibration import fit_to_video, load_calibration
+from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.cameras.video_size import fit_to_video
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.landmarks.sets import BODY23
-from muybridge.geometry.sync.clocks import parabola, synchronised
+from muybridge.geometry.sync.audio import audio_clock
+from muybridge.geometry.sync.clocks import Clock, Delays, clock_from_delays, parabola, resample, synchronised
 from muybridge.geometry.sync.epipolar import epipolar_clocks
-from muybridge.geometry.sync.motion import Clock, Delays, audio_clock, clock_from_delays, motion_clocks, resample
+from muybridge.geometry.sync.motion import motion_clocks
 from muybridge.infer.pipelines.sync import SyncResult, disagreements, read_audio, write_sync
 from muybridge.infer.session.sync_file import first_frames_in_common, read_sync
 from tests.rigs import ring_of_cameras

@@ -1,6 +1,5 @@
 """Markers in video: blobs to sub-pixel, matched without names, ghosts rejected; the whole way to a skeleton."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from muybridge.infer.session.write_video import VideoWriter
 from muybridge.motion.formats.points.c3d import read_c3d
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.train.synthesis.markers.video import VideoFaults, draw_markers, ring_of_cameras
+from tests.run_record import check_record
 
 
 def cloud(frames: int, count: int, rng: np.random.Generator, fps: float = 120.0) -> np.ndarray:
@@ -135,10 +135,10 @@ def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
     assert points.landmarks.names == PLUG_IN_GAIT.labels
     gap = np.linalg.norm(points.points_world - truth, axis=-1)
     assert np.mean(gap < 0.005) > 0.9
-    facts = json.loads((out / "markers.json").read_text())
-    assert facts["markers_found"] >= 37 and facts["residual_mm"]["median"] < 8
+    record = check_record(out, "marker_videos")
+    assert record["markers"]["found"] >= 37 and record["body"]["residual_mm"]["median"] < 8
     motion = read_bvh(out / "motion.bvh")
-    assert len(motion) == frames and facts["network"]
+    assert len(motion) == frames and record["body"]["network"]
     joints = motion.joint_positions_world()
     named = [n for n in skeleton.names if n in motion.skeleton.names]
     gap = np.linalg.norm(joints[:, [motion.skeleton.names.index(n) for n in named]]

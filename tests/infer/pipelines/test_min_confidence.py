@@ -33,7 +33,7 @@ def solved(walk, score, folder, **options):
     known = np.isfinite(px).all(-1)
     keypoints = Keypoints2D(BODY23, px, np.where(known, 1.0, np.nan), np.where(known, score[:, :, None], 0.0))
     with Progress(quiet=True) as progress:
-        return solve(cameras, keypoints, 25.0, "", StageStore(folder), SolveOptions(**options), progress)
+        return solve(cameras, {"body23": keypoints}, 25.0, "", StageStore(folder), SolveOptions(**options), progress)
 
 
 def test_what_no_camera_is_sure_of_is_left_out_and_said(walk, tmp_path):
@@ -136,9 +136,9 @@ def test_markers_that_no_camera_is_sure_of_are_left_out(walk, tmp_path):
     score[:, 5:, 0, crown] = 0.2
     known = np.isfinite(px).all(-1)
     body = Keypoints2D(BODY23, px, np.where(known, 1.0, np.nan), known.astype(float))
-    markers = Keypoints2D(SURFACE, marks, np.ones(score.shape), score)
+    keypoints = {"body23": body, "surface": Keypoints2D(SURFACE, marks, np.ones(score.shape), score)}
     with Progress(quiet=True) as progress:
-        solution = solve(cameras, body, 25.0, "", StageStore(tmp_path), SolveOptions(), progress, markers)
+        solution = solve(cameras, keypoints, 25.0, "", StageStore(tmp_path), SolveOptions(), progress)
     there = np.isfinite(solution.markers.points_world).all(-1)
     assert not there[5:, crown].any() and there[:5, crown].all()
     assert np.delete(there, crown, axis=1).all()

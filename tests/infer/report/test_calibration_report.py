@@ -20,7 +20,7 @@ from muybridge.geometry.calibration.diagnosis.quality import (
     residual_picture,
 )
 from muybridge.geometry.cameras.group import CameraGroup
-from muybridge.infer.commands.calibrate.check import told
+from muybridge.infer.pipelines.calibration.check import format_summary
 from muybridge.infer.reconstruction.judge import person_to_check
 from muybridge.infer.reconstruction.judge_calibration import packed, unpacked
 from muybridge.infer.report.calibration_page import CalibrationPage, calibration_findings, render_calibration
@@ -68,7 +68,7 @@ def test_the_page_names_the_culprit_first(turned: CalibrationQuality) -> None:
     parser = Tags()
     parser.feed(page)
     assert parser.stack == []
-    lines = told(turned)
+    lines = format_summary(turned)
     assert "cam<2>" in lines[0] and lines[1].strip().startswith("cam<2>") and lines[1].endswith("turned")
 
 
@@ -76,7 +76,7 @@ def test_of_two_cameras_none_can_be_left_out(staged_people: ModuleType) -> None:
     rig = CameraGroup(_rig().cameras[:2])
     px = rig.project(staged_people.person(40)) + np.random.default_rng(3).normal(0, 1.5, (2, 40, 23, 2))
     quality = check_take(rig, px, np.full(px.shape[:-1], 4.0), source="a staged person")
-    lines = told(quality)
+    lines = format_summary(quality)
     assert len(lines) == 3 and all("reprojection" in line for line in lines[1:])
     assert "nan" not in "".join(lines) + render_calibration(CalibrationPage("two", quality)).lower()
 
