@@ -175,7 +175,7 @@ def test_one_frame_converts(tmp_path, capfd):
 
 
 def test_docs_list_every_format(repository: Path):
-    text = (repository / "docs" / "formats.md").read_text()
+    text = (repository / "docs" / "reference" / "file-formats.md").read_text()
     for suffix in {*readable(), *writable()}:
         assert f"`{suffix}`" in text, suffix
 
