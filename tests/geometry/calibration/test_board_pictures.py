@@ -19,7 +19,7 @@ from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.pipelines.calibration.board import format_summary
 from muybridge.infer.pipelines.calibration.board_images import at_moment, find_images
-from muybridge.infer.report.calibration_page import calibration_findings
+from muybridge.infer.report.calibration_findings import calibration_findings
 from muybridge.infer.report.findings import Finding
 
 BOARD = Board("charuco", 7, 5, 0.08)

@@ -23,7 +23,8 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.pipelines.calibration.check import format_summary
 from muybridge.infer.reconstruction.judge import person_to_check
 from muybridge.infer.reconstruction.judge_calibration import packed, unpacked
-from muybridge.infer.report.calibration_page import CalibrationPage, calibration_findings, render_calibration
+from muybridge.infer.report.calibration_findings import calibration_findings
+from muybridge.infer.report.calibration_page import CalibrationPage, render_calibration
 from tests.rigs import ring_of_cameras
 
 
