@@ -17,10 +17,9 @@ import pytest
 
 from muybridge.arrays import ByteArray
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.cameras.camera import Camera
-from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.commands.app import run_command
 from tests.paths import REPOSITORY, SHARED
+from tests.rigs import ring_of_cameras
 
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 
@@ -100,24 +99,6 @@ def make_video() -> Callable[..., Path]:
     return make
 
 
-def ring_of_cameras(names: Sequence[str], width: int = 64, height: int = 48) -> CameraGroup:
-    """Cameras on a circle of 4 m, 1.5 m high, looking at a point 1 m above the origin."""
-    cameras = []
-    for k, name in enumerate(names):
-        angle = 2 * np.pi * k / len(names) + 0.3
-        center = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.5])
-        forward = np.array([0, 0, 1.0]) - center
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        pose = np.concatenate([rotation, -rotation @ center[:, None]], axis=1)
-        focal = 1.1 * width
-        params = (focal, focal, (width - 1) / 2, (height - 1) / 2)
-        cameras.append(Camera(name, "PINHOLE", width, height, params, pose))
-    return CameraGroup(tuple(cameras))
-
-
 @pytest.fixture
 def make_session(tmp_path: Path, make_video: Callable[..., Path]) -> Callable[..., Path]:
     """`make_session(["cam1", "cam2"], ...)` writes a session folder: calibration and videos.
@@ -136,7 +117,7 @@ def make_session(tmp_path: Path, make_video: Callable[..., Path]) -> Callable[..
     ) -> Path:
         folder = tmp_path / name
         folder.mkdir()
-        save_calibration(ring_of_cameras(cameras, width, height), folder / "calibration.toml")
+        save_calibration(ring_of_cameras(cameras, size=(width, height)), folder / "calibration.toml")
         for video in videos if videos is not None else [f"{c}.mp4" for c in cameras]:
             make_video(folder / "videos" / video, width=width, height=height, **how)
         return folder

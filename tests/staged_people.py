@@ -8,7 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,9 @@ from muybridge.infer.detection import refine as refinement
 from muybridge.infer.detection.background import BackgroundModel
 from muybridge.infer.detection.crop_reader import Pictures, Poses
 from muybridge.infer.detection.orientation import FrameOrientation
-from muybridge.infer.detection.pose_estimator import CameraTracks
+from muybridge.infer.detection.tracks import CameraTracks, LandmarkArrays, by_name
 from muybridge.infer.networks.keypoints import Expectation
+from muybridge.infer.networks.models import Models
 from muybridge.infer.pipelines import videos as pipeline
 
 # A standing person who faces -Y, metres: the subject's left is +X.
@@ -96,24 +97,18 @@ class StagedEstimator:
             points[:] = np.nan
         seen = np.isfinite(points).all(axis=-1)
         boxes = np.concatenate([points.min(axis=2), points.max(axis=2)], axis=-1)
-        tracks = CameraTracks(
-            landmarks=BODY23,
-            points_px=points,
-            variance_px2=np.where(seen, 0.25, np.nan),
-            score=np.where(seen, 0.9, 0.0),
-            visibility=np.where(seen, 0.9, 0.0),
-            boxes_px=boxes,
-            ids=np.zeros((t, 1), np.int64),
-        )
-        return replace(tracks, **self._skin(t)) if self._markers else tracks
+        score = np.where(seen, 0.9, 0.0)
+        found = [LandmarkArrays(BODY23, points, np.where(seen, 0.25, np.nan), score, score)]
+        found += [self._skin(t)] if self._markers else []
+        return CameraTracks(by_name(found), boxes, np.zeros((t, 1), np.int64))
 
     def background(self, tracks: CameraTracks) -> None:
         """There is none."""
 
-    def _skin(self, frames: int) -> dict[str, FloatArray]:
+    def _skin(self, frames: int) -> LandmarkArrays:
         points = self._camera.project(skin(frames))[:, None]
         known = np.full(points.shape[:-1], 1.0)
-        return {"markers_px": points, "markers_variance_px2": 0.25 * known, "markers_score": 0.9 * known}
+        return LandmarkArrays(SURFACE, points, 0.25 * known, 0.9 * known)
 
 
 class StagedReader:
@@ -132,10 +127,12 @@ class StagedReader:
         at = np.nanmedian(away, axis=-1).argmin(1)
         noise = np.random.default_rng(len(at)).normal(0, 0.3, (len(at), len(BODY23), 2))
         known = np.ones((len(at), len(BODY23)))
-        skin_px = self._camera.project(skin(120))[at] if self._markers else np.empty((len(at), 0, 2))
-        marked = np.ones(skin_px.shape[:2])
-        poses = Poses(views[at] + noise, 0.25 * known, 0.9 * known, 0.9 * known, boxes_px, skin_px, 0.25 * marked,
-                      0.9 * marked)  # fmt: skip
+        found = [LandmarkArrays(BODY23, views[at] + noise, 0.25 * known, 0.9 * known, 0.9 * known)]
+        if self._markers:
+            skin_px = self._camera.project(skin(120))[at]
+            marked = np.ones(skin_px.shape[:2])
+            found.append(LandmarkArrays(SURFACE, skin_px, 0.25 * marked, 0.9 * marked))
+        poses = Poses(by_name(found), boxes_px)
         return poses, poses
 
 
@@ -150,9 +147,9 @@ def _staged_keypoints(path: Path, card: str | None, options: Any, markers: bool)
     return _StagedNetwork(markers)
 
 
-def staged_models(options: detect.DetectOptions) -> detect.Models:
+def staged_models(options: detect.DetectOptions) -> Models:
     """Stands in for `open_models`."""
-    return detect.Models(Path("keypoints"), Path("people"), BODY23, {
+    return Models(Path("keypoints"), Path("people"), BODY23, {
         "keypoints": {"version": "staged"}, "people": {"input_long_side": "320"},
     })  # fmt: skip
 

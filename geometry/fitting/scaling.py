@@ -13,7 +13,6 @@ from muybridge.geometry.fitting.skeleton_fit import (
     SkeletonFitOptions,
     checked,
     fit_take,
-    rest_positions,
     take_problem,
     weighed,
 )
@@ -124,7 +123,7 @@ def _bone_scales(skeleton: Skeleton) -> tuple[IndexArray, list[tuple[int, int]]]
 
 def _common_scale(skeleton: Skeleton, rigging: Rigging, points_world: FloatArray) -> float:
     """Median of how much longer the points' distances are than at rest, over bones with points at both ends."""
-    at = rest_positions(skeleton)[rigging.joints] + rigging.offsets
+    at = skeleton.rest_positions[rigging.joints] + rigging.offsets
     ratios = []
     for a, joint in enumerate(rigging.joints):
         for b, other in enumerate(rigging.joints):

@@ -13,8 +13,9 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.fitting._chain_kernel import Chain, landmarks_of, make_chain
+from muybridge.geometry.fitting._chain_kernel import landmarks_of
 from muybridge.geometry.fitting._kalman_kernel import count_far, settle, track, track_one
+from muybridge.geometry.fitting.chain import Chain, make_chain
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem, landmark_positions, solve_in_stretches
 from muybridge.geometry.numerics.rotations import continuous_quat, exp_so3, kabsch, quat_from_matrix
 from muybridge.geometry.skeleton.motion import Motion
@@ -220,7 +221,7 @@ def solvable(skeleton: Skeleton, rigging: Rigging, lever: float = 0.005) -> Skel
     if not np.isfinite(skeleton.lower[1:]).any() and not np.isfinite(skeleton.upper[1:]).any():
         skeleton = with_limits(skeleton)
     lower, upper = skeleton.lower.copy(), skeleton.upper.copy()
-    rest = rest_positions(skeleton)
+    rest = skeleton.rest_positions
     at = rest[rigging.joints] + rigging.offsets
     below = skeleton.is_ancestor[:, rigging.joints]
     for j in range(1, len(skeleton)):
@@ -229,14 +230,6 @@ def solvable(skeleton: Skeleton, rigging: Rigging, lever: float = 0.005) -> Skel
         still = reach < lever
         lower[j, still] = upper[j, still] = np.clip(0.0, skeleton.lower[j], skeleton.upper[j])[still]
     return replace(skeleton, lower=lower, upper=upper)
-
-
-def rest_positions(skeleton: Skeleton) -> FloatArray:
-    """(J, 3) metres from the root in the rest pose."""
-    out = np.zeros((len(skeleton), 3))
-    for j, parent in enumerate(skeleton.parents[1:], start=1):
-        out[j] = out[parent] + skeleton.offsets[j]
-    return out
 
 
 def _chain(skeleton: Skeleton, rigging: Rigging, options: SkeletonFitOptions) -> Chain:

@@ -6,8 +6,8 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.fitting._chain_kernel import Chain, make_chain
 from muybridge.geometry.fitting._kalman_kernel import settle
+from muybridge.geometry.fitting.chain import Chain, make_chain
 from muybridge.geometry.fitting.gauss_newton import (
     Pose,
     Problem,
@@ -277,11 +277,9 @@ def _person(
 
 def _size(table: MarkerBody, points: FloatArray, markers: IndexArray) -> float:
     """How much larger than the mean: median over pairs of markers on one bone or on two that meet."""
-    from muybridge.geometry.fitting.skeleton_fit import rest_positions
-
     offsets, places, _ = table.parts(table.mean)
     joints = table.carrier[markers]
-    at = rest_positions(table.skeleton(offsets))[joints] + places[markers]
+    at = table.skeleton(offsets).rest_positions[joints] + places[markers]
     ratios = []
     for a in range(len(markers)):
         for b in range(a):

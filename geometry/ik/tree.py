@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from muybridge.arrays import FloatArray, IndexArray, IntArray
 from muybridge.geometry.fitting._chain_kernel import exp_one
 from muybridge.geometry.numerics._numba import compiled
-from muybridge.geometry.skeleton.skeleton import Skeleton
+from muybridge.geometry.skeleton.skeleton import Skeleton, require_one_rigid_tree
 
 
 class Links(NamedTuple):
@@ -207,7 +207,11 @@ def tree_of_skeleton(skeleton: Skeleton, preferred: FloatArray | None = None) ->
     Returns:
         The tree, and (J,) the last hinge of each joint (of its nearest ancestor that has one; -1 on the base): what
         a goal for that joint names. A joint without hinges shifts what follows by its offset.
+
+    Raises:
+        ValueError: the skeleton has several roots, or joints that slide.
     """
+    require_one_rigid_tree(skeleton, "inverse kinematics")
     names: list[str] = []
     parents: list[int] = []
     rows: list[tuple[FloatArray, FloatArray, float, float, float]] = []

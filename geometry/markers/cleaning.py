@@ -1,8 +1,8 @@
-"""Named markers made whole: spikes taken out, gaps filled, and every changed sample marked as changed.
+"""Cleaning of labelled markers: spikes are removed, gaps are filled, and every changed sample is marked.
 
-A gap is filled by whichever of three ways fills the frames beside it best: a curve through the marker's own path
-(short gaps), the rigid body of the markers whose distance to it varies least, or a regression on its partners in that
-body's frame, which also knows how the skin slides.
+A gap is filled by the one of three methods that predicts the frames beside it best: a curve through the marker's own
+path (short gaps), the rigid body of the markers whose distance to it varies least, or a regression on these markers in
+the frame of that body, which also models the sliding of the skin.
 """
 
 from dataclasses import dataclass
@@ -11,10 +11,18 @@ from enum import IntEnum
 import numpy as np
 
 from muybridge.arrays import BoolArray, ByteArray, FloatArray, IndexArray
+from muybridge.geometry.smoothing.gap_models import (
+    cubic_gap,
+    edge_velocity,
+    gap_share,
+    gaps_of,
+    rigid_gap,
+    rigid_motion,
+)
 
 
 class Sample(IntEnum):
-    """What a sample is."""
+    """Origin of a sample."""
 
     MISSING = 0
     MEASURED = 1
@@ -28,15 +36,15 @@ class CleanOptions:
     """How markers are cleaned.
 
     Attributes:
-        fill: gaps are filled.
+        fill: whether gaps are filled.
         curve_frames: longest gap that a curve may fill.
         longest_s: longest gap that is filled at all, seconds.
-        partners: markers a gap is filled from.
-        sure_frames: longest gap that a curve fills unrivalled,
-        sure_m: where it misses by no more than this in the frames beside, metres.
-        spike: how far a sample may stand off its neighbours in time, in robust standard deviations.
-        spike_m: and at least this far, metres.
-        trust_m: a gap that no way fills within this distance in the frames beside it stays open, metres.
+        partners: number of other markers from which a gap is filled.
+        sure_frames: longest gap that a curve fills without comparison to other methods, ...
+        sure_m: ... if its error in the frames beside the gap is at most this, metres.
+        spike: distance of a spike from its neighbours in time, in robust standard deviations, ...
+        spike_m: ... and at least this far, metres.
+        trust_m: largest error in the frames beside a gap at which it is filled, metres.
     """
 
     fill: bool = True
@@ -56,9 +64,9 @@ class Cleaned:
 
     Attributes:
         points: (T, M, 3) metres, NaN where missing.
-        sample: (T, M) what each sample is, a `Sample`.
-        spikes: (T, M) samples that were taken out.
-        error_m: (T, M) what the way of filling missed by in the frames beside the gap, NaN elsewhere.
+        sample: (T, M) origin of each sample, a `Sample`.
+        spikes: (T, M) removed samples.
+        error_m: (T, M) error of the chosen method in the frames beside the gap, metres; NaN outside of gaps.
     """
 
     points: FloatArray
@@ -69,13 +77,13 @@ class Cleaned:
 
 def clean_markers(points: FloatArray, fps: float, options: CleanOptions = CleanOptions(),
                   settled: BoolArray | None = None) -> Cleaned:  # fmt: skip
-    """Spikes out, gaps filled.
+    """Remove spikes and fill gaps.
 
     Args:
         points: (T, M, 3) metres, any axis up.
-        fps: frames a second.
-        options: how.
-        settled: (T, M) samples that a person has vouched for: they are no spikes.
+        fps: frames per second.
+        options: see `CleanOptions`.
+        settled: (T, M) samples that a person has confirmed, which are no spikes.
     """
     spikes = find_spikes(points, _partners(points), options)
     if settled is not None:
@@ -92,12 +100,15 @@ def clean_markers(points: FloatArray, fps: float, options: CleanOptions = CleanO
 
 
 def find_spikes(points: FloatArray, partners: IndexArray, options: CleanOptions = CleanOptions()) -> BoolArray:
-    """(T, M) samples that are off for a frame or two: from the line through those around them, as the marker's own
-    motion nearby is not, and from where the rigid body of its partners has it, so that an impact is no spike."""
+    """(T, M) samples that deviate for one or two frames.
+
+    They deviate from the line through the samples around them, more than the marker's own motion nearby, and from the
+    position that the rigid body of its partners predicts, so that an impact is no spike.
+    """
     out = np.zeros(points.shape[:2], bool)
     if len(points) < 7:
         return out
-    for first, second in ((1, 1), (1, 2), (2, 1)):  # single samples; the first and the second of two
+    for first, second in ((1, 1), (1, 2), (2, 1)):  # single samples; first and second of two
         between = points[: len(points) - first - second] * second + points[first + second :] * first
         off = np.full(points.shape[:2], np.nan)
         inner = slice(first, len(points) - second)
@@ -109,14 +120,14 @@ def find_spikes(points: FloatArray, partners: IndexArray, options: CleanOptions 
     for t, m in zip(*np.nonzero(out), strict=True):
         a, b = max(t - 2, 1), min(t + 3, len(points) - 1)
         body = partners[m][np.isfinite(points[a - 1 : b + 1, partners[m], 0]).all(0)][:4]
-        carried = fill_rigid(points[:, m], points[:, body], a, b) if len(body) >= 3 else None
+        carried = rigid_gap(points[:, m], points[:, body], a, b) if len(body) >= 3 else None
         if carried is not None:
             out[t, m] = np.linalg.norm(carried[t - a] - points[t, m]) > 1.5 * options.spike_m
     return out
 
 
 def _outdone(points: FloatArray, spikes: BoolArray) -> BoolArray:
-    """Spikes beside a worse one."""
+    """Spikes beside a larger one."""
     off = np.full(points.shape[:2], np.nan)
     off[1:-1] = np.linalg.norm(points[1:-1] - (points[:-2] + points[2:]) / 2, axis=-1)
     off = np.where(spikes, np.nan_to_num(off), 0.0)
@@ -131,14 +142,8 @@ def _median(values: FloatArray) -> FloatArray:
     return np.asarray(np.nanmedian(filled, 0) + 1e-4)
 
 
-def gaps_of(known: BoolArray) -> list[tuple[int, int]]:
-    """Spans [first, last) of a (T,) marker's missing frames."""
-    edges = np.diff(np.concatenate([[True], known, [True]]).astype(int))
-    return list(zip(np.nonzero(edges == -1)[0].tolist(), np.nonzero(edges == 1)[0].tolist(), strict=True))
-
-
 def _partners(points: FloatArray) -> IndexArray:
-    """(M, M - 1) the other markers, those first whose distance varies least over the recording."""
+    """(M, M - 1) the other markers, sorted by the variation of their distance over the recording."""
     some = points[:: max(1, len(points) // 400)]
     count = points.shape[1]
     spread = np.full((count, count), np.inf)
@@ -146,7 +151,7 @@ def _partners(points: FloatArray) -> IndexArray:
         distance = np.linalg.norm(some - some[:, m : m + 1], axis=-1)
         enough = np.isfinite(distance).sum(0) > 3
         spread[m, enough] = np.nanstd(distance[:, enough], 0)
-        # A distant marker says less about how the body turns here.
+        # A distant marker says less about the rotation of this part of the body.
         spread[m, enough] += 0.02 * np.nanmean(distance[:, enough], 0)
         spread[m, m] = np.inf
     return np.argsort(spread, 1, kind="stable")[:, : count - 1]
@@ -165,7 +170,7 @@ def _fill_marker(marker: int, known: FloatArray, partners: IndexArray, fps: floa
         ways = _ways(marker, a, b, known, partners, options)
         scores = {way: _trial(way, marker, a, b, known, ways[way][1], options) for way in ways}
         fitting = {w: e for w, e in scores.items() if np.isfinite(e)}
-        # Where nothing could be tried, a curve over a short gap is safe.
+        # Where no method could be tested, a curve over a short gap is safe.
         if not fitting and Sample.CURVE in ways and b - a <= options.curve_frames // 2:
             fitting = {Sample.CURVE: 0.0}
         if not fitting:
@@ -179,7 +184,7 @@ def _fill_marker(marker: int, known: FloatArray, partners: IndexArray, fps: floa
 
 def _sure_curve(marker: int, a: int, b: int, known: FloatArray, options: CleanOptions, filled: FloatArray,
                 sample: ByteArray, error: FloatArray) -> bool:  # fmt: skip
-    """Fills a gap by a curve, if that is as good as can be in the frames beside it."""
+    """Fill a short gap by a curve if its error in the frames beside the gap is small enough; returns whether it is."""
     curve = fill_curve(known[:, marker], a, b)
     if curve is None:
         return False
@@ -192,7 +197,7 @@ def _sure_curve(marker: int, a: int, b: int, known: FloatArray, options: CleanOp
 
 def _ways(marker: int, a: int, b: int, known: FloatArray, partners: IndexArray,
           options: CleanOptions) -> dict[Sample, tuple[FloatArray, IndexArray]]:  # fmt: skip
-    """Each way that can fill the gap, with what it fills it with and the partners that it goes by."""
+    """Every method that can fill the gap, with its result and the partners that it uses."""
     out: dict[Sample, tuple[FloatArray, IndexArray]] = {}
     none = np.zeros(0, np.intp)
     if b - a <= options.curve_frames:
@@ -202,7 +207,7 @@ def _ways(marker: int, a: int, b: int, known: FloatArray, partners: IndexArray,
     seen = np.asarray(np.isfinite(known[max(a - 1, 0) : b + 1, :, 0]).all(axis=0))
     chosen = partners[seen[partners]][: options.partners]
     if len(chosen) >= 3:
-        for way, fill in ((Sample.RIGID, fill_rigid), (Sample.PATTERN, fill_pattern)):
+        for way, fill in ((Sample.RIGID, rigid_gap), (Sample.PATTERN, fill_pattern)):
             body = chosen[:4] if way == Sample.RIGID else chosen
             found = fill(known[:, marker], known[:, body], a, b)
             if found is not None:
@@ -212,8 +217,10 @@ def _ways(marker: int, a: int, b: int, known: FloatArray, partners: IndexArray,
 
 def _trial(way: Sample, marker: int, a: int, b: int, known: FloatArray, body: IndexArray,
            options: CleanOptions) -> float:  # fmt: skip
-    """Median distance by which a way misses gaps as long as this one, put beside it (shorter ones, where there is no
-    room); infinite where none fits."""
+    """Median error of a method in artificial gaps of the same length beside this one, metres.
+
+    Shorter ones where there is no room; infinite where none fits.
+    """
     path, errors = known[:, marker], list[float]()
     whole = np.isfinite(path[:, 0]) & np.isfinite(known[:, body, 0]).all(1)
     for length in (b - a, (b - a + 1) // 2, (b - a + 3) // 4):
@@ -235,61 +242,36 @@ def _trial(way: Sample, marker: int, a: int, b: int, known: FloatArray, body: In
 def _fill(way: Sample, path: FloatArray, body: FloatArray, a: int, b: int) -> FloatArray | None:
     if way == Sample.CURVE:
         return fill_curve(path, a, b)
-    return fill_rigid(path, body, a, b) if way == Sample.RIGID else fill_pattern(path, body, a, b)
+    return rigid_gap(path, body, a, b) if way == Sample.RIGID else fill_pattern(path, body, a, b)
 
 
 def fill_curve(path: FloatArray, a: int, b: int, support: int = 4) -> FloatArray | None:
-    """(b - a, 3) a cubic curve over the gap, by place and velocity at its ends; None at the ends of a recording."""
-    before, after = path[max(a - support, 0) : a], path[b : b + support]
-    if len(before) < 2 or len(after) < 2 or not (np.isfinite(before[-2:]).all() and np.isfinite(after[:2]).all()):
+    """(b - a, 3) cubic curve over the gap, from position and velocity at its edges.
+
+    None where the two frames next to an edge are not known.
+    """
+    if a < 2 or b + 2 > len(path) or not np.isfinite(path[[a - 2, a - 1, b, b + 1]]).all():
         return None
-    start, end = _velocity(before, last=True), _velocity(after, last=False)
-    span = b - a + 1
-    u = (np.arange(a, b) - a + 1)[:, None] / span
-    return np.asarray(
-        (2 * u**3 - 3 * u**2 + 1) * path[a - 1] + (u**3 - 2 * u**2 + u) * span * start
-        + (3 * u**2 - 2 * u**3) * path[b] + (u**3 - u**2) * span * end
-    )  # fmt: skip
-
-
-def _velocity(piece: FloatArray, last: bool) -> FloatArray:
-    """Metres a frame at the last or first of a few samples: a parabola through those that are known."""
-    time = np.arange(len(piece)) - (len(piece) - 1 if last else 0)
-    good = np.isfinite(piece[:, 0])
-    degree = 2 if good.sum() >= 4 else 1
-    fit = np.polynomial.polynomial.polyfit(time[good], piece[good], degree)
-    return np.asarray(fit[1])
-
-
-def fill_rigid(path: FloatArray, body: FloatArray, a: int, b: int) -> FloatArray | None:
-    """(b - a, 3) the gap filled from the rigid body that `body` (T, B, 3), B >= 3, makes: carried there from either
-    end of the gap and blended."""
-    carried, weights = [], []
-    for anchor, side in ((a - 1, 1.0), (b, 0.0)):
-        if 0 <= anchor < len(path) and np.isfinite(path[anchor, 0]) and np.isfinite(body[anchor]).all():
-            turn, middle = _bodies(body[a:b], body[anchor])
-            carried.append(np.einsum("tij,j->ti", turn, path[anchor] - body[anchor].mean(0)) + middle)
-            share = (np.arange(a, b) - a + 1)[:, None] / (b - a + 1)
-            weights.append(1 - share if side else share)
-    if not carried:
-        return None
-    total = sum(weights)
-    return np.asarray(sum(c * w for c, w in zip(carried, weights, strict=True)) / total)
+    before, after = edge_velocity(path, a - 1, -1, support, True), edge_velocity(path, b, 1, support, True)
+    return None if before is None or after is None else cubic_gap(path, a, b, before, after)
 
 
 def fill_pattern(
     path: FloatArray, body: FloatArray, a: int, b: int, ridge: float = 1e-3, most: int = 600
 ) -> FloatArray | None:
-    """(b - a, 3) the gap filled by regression: in the body's frame the marker's place is a linear function of its
-    partners', learnt from the frames around where all are known (Gloersen and Federolf 2016 use principal components
-    to the same end); what it misses at the gap's ends is taken off along the gap."""
+    """(b - a, 3) regression over the gap.
+
+    In the frame of the body, the marker's position is a linear function of its partners' positions, learned from the
+    frames around the gap in which all are known (Gloersen and Federolf 2016 use principal components for the same
+    purpose). The error at the edges of the gap is subtracted along it.
+    """
     known = np.nonzero(np.isfinite(path[:, 0]) & np.isfinite(body).all((1, 2)))[0]
     if len(known) < 40:
         return None
     known = known[np.argsort(np.minimum(np.abs(known - a), np.abs(known - b)), kind="stable")[:most]]
     shape = body[known[len(known) // 2]]
     frames = np.concatenate([known, np.arange(a, b)])
-    turn, middle = _bodies(body[frames], shape)
+    turn, middle = rigid_motion(body[frames], shape)
     local = np.einsum("tji,tbj->tbi", turn, body[frames] - middle[:, None]).reshape(len(frames), -1)
     target = np.einsum("tji,tj->ti", turn[: len(known)], path[known] - middle[: len(known)])
     mean, aim = local[: len(known)].mean(0), target.mean(0)
@@ -298,7 +280,7 @@ def fill_pattern(
     weights = np.linalg.solve(gram + ridge * np.eye(len(gram)), x[: len(known)].T @ y)
     found = np.einsum("tij,tj->ti", turn, x @ weights + aim) + middle
     out = found[len(known) :]
-    share = (np.arange(a, b) - a + 1)[:, None] / (b - a + 1)
+    share = gap_share(a, b)
     miss = {int(f): path[f] - found[i] for i, f in enumerate(known) if f in (a - 1, b)}
     if not miss:
         return None
@@ -306,13 +288,3 @@ def fill_pattern(
     if before is None:
         return np.asarray(out + after)
     return np.asarray(out + before if after is None else out + before * (1 - share) + after * share)
-
-
-def _bodies(body: FloatArray, shape: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rotations (T, 3, 3) and middles (T, 3) that carry `shape` (B, 3) to the bodies (T, B, 3) best (Kabsch)."""
-    middle = body.mean(1)
-    covariance = np.einsum("bi,tbj->tij", shape - shape.mean(0), body - middle[:, None])
-    u, _, vt = np.linalg.svd(covariance)
-    flip = np.sign(np.linalg.det(vt.transpose(0, 2, 1) @ u.transpose(0, 2, 1)))
-    vt[:, 2] *= flip[:, None]
-    return vt.transpose(0, 2, 1) @ u.transpose(0, 2, 1), middle

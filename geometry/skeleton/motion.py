@@ -1,6 +1,7 @@
-"""Motion: joint rotations and root positions of a skeleton over time."""
+"""Motion: joint rotations, root positions and, where joints slide, translations of a skeleton over time."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,17 +15,20 @@ class Motion:
     """A skeleton over time.
 
     Attributes:
-        skeleton: its bones have one length for the whole take.
-        fps: frames a second.
-        root_positions_world: (T, 3) metres, Z up.
-        quat_wxyz: (T, J, 4) rotation of each joint relative to its parent (the root's: to the world), unit
+        skeleton: the joints; its bones have one length for the whole take, except above sliding joints.
+        fps: frames per second.
+        root_positions_world: (T, 3) metres, Z up; of the first root.
+        quat_wxyz: (T, J, 4) rotation of each joint relative to its parent (a root's: to the world), unit
             length, without sign flips from frame to frame.
+        translations: (T, S, 3) metres from the parent to each of `skeleton.sliding`, in the parent's axes (in the
+            world for a root); None where no joint slides.
     """
 
     skeleton: Skeleton
     fps: float
     root_positions_world: FloatArray
     quat_wxyz: FloatArray
+    translations: FloatArray | None = None
 
     def __post_init__(self) -> None:
         t = len(self.root_positions_world)
@@ -35,17 +39,66 @@ class Motion:
                 f"quat_wxyz must be {(t, len(self.skeleton), 4)}, as root_positions_world and the skeleton "
                 f"say, not {self.quat_wxyz.shape}"
             )
+        count = len(self.skeleton.sliding)
+        shape = None if self.translations is None else self.translations.shape
+        if shape != ((t, count, 3) if count else None):
+            raise ValueError(
+                f"translations must be {(t, count, 3) if count else None}, as {count} joints of the skeleton slide, "
+                f"not {shape}"
+            )
 
     def __len__(self) -> int:
         return len(self.root_positions_world)
 
     def forward(self) -> FloatArray:
-        """world_from_joints: (T, J, 4, 4)."""
-        turns, places = self.skeleton.forward(self.root_positions_world, matrix_from_quat(self.quat_wxyz))
+        """world_from_joints: (T, J, 4, 4). At rest every joint has the world's axes."""
+        turns, places = self.skeleton.forward(
+            self.root_positions_world, matrix_from_quat(self.quat_wxyz), self.translations
+        )
         out = np.zeros((*places.shape[:2], 4, 4))
         out[..., :3, :3], out[..., :3, 3], out[..., 3, 3] = turns, places, 1.0
+        return out
+
+    def joint_frames(self) -> FloatArray:
+        """world_from_joints: (T, J, 4, 4), each joint in its own axes (`Skeleton.axes`)."""
+        out = self.forward()
+        if self.skeleton.axes is not None:
+            out[..., :3, :3] = out[..., :3, :3] @ self.skeleton.axes
         return out
 
     def joint_positions_world(self) -> FloatArray:
         """(T, J, 3) metres."""
         return np.asarray(self.forward()[..., :3, 3])
+
+    def select(self, frames: Any) -> "Motion":
+        """The motion at some frames: whatever indexes an array's first axis and keeps it (a slice, a mask, indices)."""
+        return replace(
+            self,
+            root_positions_world=self.root_positions_world[frames],
+            quat_wxyz=self.quat_wxyz[frames],
+            translations=None if self.translations is None else self.translations[frames],
+        )
+
+    def with_rigid_bones(self, tolerance: float = 1e-3) -> "Motion":
+        """The same motion with every sliding joint held at its mean translation.
+
+        Args:
+            tolerance: metres that a joint may slide and still be held.
+
+        Raises:
+            ValueError: a joint slides farther, or there are several roots; the message names it.
+        """
+        skeleton = self.skeleton
+        if self.translations is None:
+            return self
+        if len(skeleton.roots) > 1:
+            names = ", ".join(skeleton.names[r] for r in skeleton.roots)
+            raise ValueError(f"there are {len(skeleton.roots)} roots ({names})")
+        reach = np.ptp(self.translations, axis=0).max(axis=1) if len(self) else np.zeros(len(skeleton.sliding))
+        if len(reach) and reach.max() > tolerance:
+            name = skeleton.names[skeleton.sliding[int(np.argmax(reach))]]
+            raise ValueError(f"the joint {name!r} slides by {reach.max() * 1e3:.1f} mm against its parent")
+        offsets = skeleton.offsets.copy()
+        if len(self):
+            offsets[list(skeleton.sliding)] = self.translations.mean(axis=0)
+        return replace(self, skeleton=replace(skeleton, offsets=offsets, sliding=()), translations=None)

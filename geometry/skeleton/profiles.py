@@ -228,9 +228,12 @@ def with_limits(skeleton: Skeleton, profile: str | None = None) -> Skeleton:
     by_joint |= {index: extras[name] for name, index in _found(skeleton.names, list(extras)).items()}
     lower, upper = np.full((len(skeleton), 3), -np.radians(150)), np.full((len(skeleton), 3), np.radians(150))
     twist = list(skeleton.twist_axis)
-    lower[0], upper[0] = -np.inf, np.inf
+    roots = list(skeleton.roots)
+    lower[roots], upper[roots] = -np.inf, np.inf
     lean = _lean(skeleton, by_joint)
     for j in range(1, len(skeleton)):
+        if j in roots:
+            continue
         role = by_joint.get(j)
         if role is None:
             lower[j, twist[j]], upper[j, twist[j]] = -np.pi / 2, np.pi / 2
@@ -247,6 +250,8 @@ def _lean(skeleton: Skeleton, by_joint: dict[int, str]) -> FloatArray:
     """(J, 3) radians: the swing from where the T-pose has a limb's bone to where the rest pose has it."""
     out = np.zeros((len(skeleton), 3))
     for j in range(1, len(skeleton)):
+        if skeleton.parents[j] < 0:
+            continue
         out[j] = out[skeleton.parents[j]]
         role = by_joint.get(j, "")
         part = role.split("_", 1)[-1]

@@ -6,7 +6,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.numerics.rotations import exp_so3, log_so3
-from muybridge.geometry.skeleton.skeleton import Skeleton
+from muybridge.geometry.skeleton.skeleton import Skeleton, require_one_rigid_tree
 
 # What a joint's told place and rotation are off, metres and radians: how far each yields to the other.
 PLACE, TURN = 0.004, 0.03
@@ -28,6 +28,7 @@ def body_through(skeleton: Skeleton, turns: FloatArray, places: FloatArray) -> t
     Returns:
         The skeleton with its bones, root (T, 3) and rotations (T, J, 3, 3) against the parent.
     """
+    require_one_rigid_tree(skeleton, "a body of rigid bones")
     parents = np.array(skeleton.parents)
     found, root = turns.copy(), places[:, 0].copy()
     offsets = _bones(skeleton.offsets, parents, found, places)

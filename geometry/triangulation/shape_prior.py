@@ -26,7 +26,8 @@ from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import LandmarkSet
-from muybridge.geometry.numerics.robust import row_median
+from muybridge.geometry.numerics.robust import MAD_SIGMA, row_median
+from muybridge.geometry.numerics.rotations import kabsch
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.geometry.triangulation._kernel import Limits
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, Triangulation, limits_of, views_of
@@ -83,7 +84,7 @@ class _Poses:
     share: FloatArray
 
 
-def with_pose_prior(
+def apply_pose_prior(
     cameras: CameraGroup,
     points_px: ArrayLike,
     variance_px2: ArrayLike,
@@ -211,15 +212,15 @@ def learn_prior(
     fine = np.isfinite(off) & (off < 4 * np.sqrt(3 * np.maximum(noise2, usual)))
     points = np.where(fine[..., None], raw, smooth)
     tau = np.full(raw.shape[1], 0.03)
-    mean = _centred(smooth[np.flatnonzero(full)[0]])
-    rotation, center = (poses.rotation, poses.center) if poses else _aligned(mean, smooth, 1 / (tau**2 + usual))
+    mean = _centre(smooth[np.flatnonzero(full)[0]])
+    rotation, center = (poses.rotation, poses.center) if poses else _align(mean, smooth, 1 / (tau**2 + usual))
     own = raw
     for k in range(1 if poses else 4):
         if k:
-            rotation, center = _aligned(mean, smooth, 1 / (tau**2 + usual))
+            rotation, center = _align(mean, smooth, 1 / (tau**2 + usual))
         own = np.einsum("tba,tjb->tja", rotation, points - center[:, None])
         mean = own[full].mean(axis=0)
-        tau = np.maximum(1.4826 * np.median(np.linalg.norm(own[full] - mean, axis=-1), axis=0) / 1.54, 0.005)
+        tau = np.maximum(MAD_SIGMA * np.median(np.linalg.norm(own[full] - mean, axis=-1), axis=0) / 1.54, 0.005)
     ways, tau = _ways(np.where(learned[:, None], own - mean, 0.0), full, usual, options)
     tau[~learned] = _FREE
     return PosePrior(mean, ways, tau), _Poses(rotation, center, np.zeros((len(raw), ways.shape[-1])))
@@ -232,7 +233,7 @@ def _ways(
     frames, landmarks = off.shape[:2]
     pairs = np.flatnonzero(full[1:] & full[:-1])
     flat = off.reshape(frames, -1)
-    spread = np.sqrt(np.median(flat[full] ** 2, axis=0)) * 1.4826
+    spread = np.sqrt(np.median(flat[full] ** 2, axis=0)) * MAD_SIGMA
     flat = np.clip(flat, -5 * spread - 0.01, 5 * spread + 0.01)
     shared = flat[pairs].T @ flat[pairs + 1] / max(len(pairs), 1)
     shared = 0.5 * (shared + shared.T)
@@ -245,19 +246,15 @@ def _ways(
     return ways.reshape(landmarks, 3, -1), np.sqrt(np.maximum(tau2, options.least_tau**2))
 
 
-def _centred(points: FloatArray) -> FloatArray:
+def _centre(points: FloatArray) -> FloatArray:
     return np.asarray(points - points.mean(axis=-2, keepdims=True))
 
 
-def _aligned(mean: FloatArray, points: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _align(mean: FloatArray, points: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotations (T, 3, 3) and places (T, 3) that bring `mean` (J, 3) onto points (T, J, 3) (Kabsch 1976)."""
     share = weight / weight.sum()
     middle, centers = share @ mean, np.einsum("j,tja->ta", share, points)
-    cross = np.einsum("j,tja,jb->tab", share, points - centers[:, None], mean - middle)
-    left, _, right = np.linalg.svd(cross)
-    turn = np.ones((len(points), 3))
-    turn[:, 2] = np.sign(np.linalg.det(left @ right))
-    rotation = (left * turn[:, None, :]) @ right
+    rotation = kabsch(mean - middle, points - centers[:, None], share)
     return rotation, centers - np.einsum("tab,b->ta", rotation, middle)
 
 

@@ -79,7 +79,7 @@ def run_markers(
 
     def work(path: Path, place: Path | None) -> str:
         with Progress() as progress:
-            return run_marker_session(path, place, session, options, overwrite, progress)
+            return run_marker_session(path, place, session, options, overwrite, progress).summary
 
     return run_each(plan(sessions, out), work)
 

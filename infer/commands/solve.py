@@ -1,30 +1,14 @@
 """The command `solve`: a body fitted to anyone's labelled points."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from muybridge.errors import FormatError
-from muybridge.geometry.fitting.body_fit import BodyFit, FitOptions
-from muybridge.geometry.fitting.marker_fit import MarkerFit
+from muybridge.geometry.fitting.body_fit import FitOptions
 from muybridge.geometry.fitting.subject import MarkerFitOptions
-from muybridge.infer.pipelines.solve_points import (
-    MARKERS,
-    RESULTS,
-    Centres,
-    Method,
-    Units,
-    Up,
-    check_size,
-    fit_marker_file,
-    open_corrector,
-    solve_facts,
-    tilt_deg,
-    understand,
-    write,
-)
+from muybridge.infer.pipelines.solve_points import Centres, Method, SolvePointsOptions, Units, Up, solve_points
+from muybridge.infer.runtime.progress import Progress
 
 COMMON_OPTIONS = {"solve": ("out", "units", "up", "fps", "overwrite", "method", "centres", "network", "correct")}
 
@@ -48,7 +32,7 @@ def solve(
 
     Understood are the landmarks of COCO, HALPE, OpenPose, Pose2Sim and MediaPipe, the joints of common skeletons, and
     the markers of Plug-in Gait and CMU. Written are motion.bvh, motion.glb, motion.mot (OpenSim's joint angles), the
-    body's own landmarks as landmarks.trc and landmarks.c3d, and solve.json with how well they agree.
+    body's own landmarks as landmarks.trc and landmarks.c3d, and run.json with how well they agree.
 
     Args:
         points: labelled points of one person.
@@ -68,39 +52,8 @@ def solve(
         fit: skeleton and joint angles, of landmarks.
         markers: the same of markers.
     """
-    from muybridge.geometry.fitting.body_fit import fit_body
-    from muybridge.infer.results.folder import open_output
-    from muybridge.motion.formats.registry import ReadOptions, read_file
-
-    take = read_file(points, ReadOptions(units, up, fps))
-    notices = list(take.notices)
-    labelled = understand(points, take.positions)
-    notices += [labelled.whose] if labelled.whose else []
-    stature = check_size(points, labelled, ReadOptions(units, up, fps))
-    tilt = tilt_deg(labelled.points.points_world)
-    if tilt > 60:
-        notices.append(f"the trunk is {tilt:.0f} degrees from upright in most frames: does the person lie? If not, "
-                       "the file's up axis is another one: see --up")  # fmt: skip
-    output = open_output(out, RESULTS, [points.resolve()], overwrite)
-    for notice in notices:
-        print(f"note: {notice}", file=sys.stderr)
-    by_markers = method == "markers" or (method == "auto" and len(labelled.columns) >= MARKERS)
-    if by_markers:
-        corrector = open_corrector(network, correct, centres)
-        fitted: BodyFit | MarkerFit = fit_marker_file(points, labelled, take.positions, centres, markers, corrector)
-    elif centres or network:
-        what = "--centres" if centres else "--network"
-        raise FormatError(f"{points}: {what} is for markers on the skin, and {labelled.how}; leave it out")
-    else:
-        fitted = fit_body(labelled.points, fit)
-    names = tuple(labelled.columns) if by_markers else labelled.points.landmarks.names
-    facts = solve_facts(points, labelled, fitted, stature, notices, names, centres)
-    facts["network"] = corrector.version if by_markers and corrector else None
-    write(output, fitted, facts)
-    error = facts["residual_mm"]
-    print(
-        f"{out}: {len(fitted.motion)} frames at {fitted.motion.fps:.6g} fps; {labelled.how}; stature "
-        f"{fitted.body.stature_m:.2f} m; {'markers' if by_markers else 'landmarks'} lie {error['median']:.1f} mm "
-        f"(median) and {error['p95']:.1f} mm (95 %) from the body's"
-    )
+    options = SolvePointsOptions(units, up, fps, method, centres, network, correct, fit, markers)
+    with Progress(quiet=True) as progress:
+        result = solve_points(points, out, options, overwrite, progress)
+    print(result.summary)
     return 0

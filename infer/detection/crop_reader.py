@@ -1,10 +1,13 @@
-"""Landmarks of people whose boxes are known: crop, run the network, decode, crop again where the box was poor."""
+"""Landmarks of people whose boxes are known: crop, run the network, decode; crop again where the box was poor."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from muybridge.arrays import BoolArray, ByteArray, FloatArray, IndexArray, IntArray
@@ -17,6 +20,7 @@ from muybridge.infer.detection.crop_pixels import extract_crops
 from muybridge.infer.detection.exposure import light_up
 from muybridge.infer.detection.orientation import FrameOrientation
 from muybridge.infer.detection.tracker import filled_boxes, smoothed_boxes, smoothing_frames
+from muybridge.infer.detection.tracks import LandmarkArrays, body_of, by_name, flat
 from muybridge.infer.networks.external import ExternalModel
 from muybridge.infer.networks.keypoints import Expectation, KeypointNetwork, Located
 from muybridge.models.keypoints.decode import DecodedHeatmaps, sigmoid
@@ -44,39 +48,51 @@ _MUCH_SURER = 0.1
 _SURE, _ENOUGH_SURE = 0.3, 5
 
 
-class Poses(NamedTuple):
-    """Landmarks of K boxes, K over frames and tracks.
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Landmarks in K boxes, K over frames and tracks.
 
     Attributes:
-        points_px: (K, J, 2) px of the frame.
-        variance_px2: (K, J).
-        score: (K, J).
-        visibility: (K, J).
-        boxes_px: (K, 4) that were cropped, upright px.
-        markers_px: (K, M, 2) px of the frame; M is zero where no virtual markers were asked for.
-        markers_variance_px2: (K, M).
-        markers_score: (K, M).
+        landmarks: (K, J, ...) arrays by the name of their set, the body's first; px of the frame.
+        boxes_px: (K, 4) boxes that were cropped, upright px.
     """
 
-    points_px: FloatArray
-    variance_px2: FloatArray
-    score: FloatArray
-    visibility: FloatArray
+    landmarks: Mapping[str, LandmarkArrays]
     boxes_px: FloatArray
-    markers_px: FloatArray
-    markers_variance_px2: FloatArray
-    markers_score: FloatArray
+
+    @property
+    def body(self) -> LandmarkArrays:
+        """The body's landmarks."""
+        return body_of(self.landmarks)
 
     @property
     def confidence(self) -> FloatArray:
-        """(K,) mean score of the landmarks that are there: others may be outside of the picture, or other people's
-        models may not know them. As of a third of them where there are fewer: an accident has one or two."""
-        there = np.isfinite(self.points_px).all(axis=-1).sum(axis=1)
-        return np.asarray(self.score.sum(axis=1) / np.maximum(there, self.score.shape[1] / 3), dtype=np.float64)
+        """(K,) mean score of the landmarks found; the others may lie outside the image, or another model may not know
+        them. With fewer than a third of the landmarks found, the sum is divided by that third, because a false
+        detection has one or two."""
+        body = self.body
+        there = np.isfinite(body.points_px).all(axis=-1).sum(axis=1)
+        return np.asarray(body.score.sum(axis=1) / np.maximum(there, body.score.shape[1] / 3), dtype=np.float64)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All arrays, without a copy: those of the sets as `body23.points_px` and so on, and `boxes_px`."""
+        return {**flat(self.landmarks), "boxes_px": self.boxes_px}
 
     def select(self, index: IndexArray) -> Poses:
         """The poses picked by an index array over K."""
-        return Poses(*(values[index] for values in self))
+        landmarks = {name: each.map(lambda _, a: a[index]) for name, each in self.landmarks.items()}
+        return Poses(landmarks, self.boxes_px[index])
+
+
+def join_poses(parts: Sequence[Poses]) -> Poses:
+    """The poses of several parts, one after another."""
+    joined = by_name(
+        replace(arrays, **{
+            field: np.concatenate([part.landmarks[name].arrays()[field] for part in parts]) for field in arrays.arrays()
+        })
+        for name, arrays in parts[0].landmarks.items()
+    )  # fmt: skip
+    return Poses(joined, np.concatenate([part.boxes_px for part in parts]))
 
 
 class Pictures(NamedTuple):
@@ -121,7 +137,7 @@ class PoseReader:
         boxes_px = _at_least(boxes_px)
         crops = self._crops(boxes_px)
         found = self._network.locate(self._pixels(pictures, frame, crops), series=Series(track, self._try_every))
-        return _poses(found, crops, boxes_px)
+        return self._poses(found, crops, boxes_px)
 
     def expecting(
         self, pictures: Pictures, frame: IndexArray, boxes_px: FloatArray, expected: Expectation
@@ -137,11 +153,19 @@ class PoseReader:
         in_crop = expected._replace(points_px=crops.to_crop(expected.points_px))
         one = Series(np.zeros(len(frame), dtype=np.int64), self._try_every)
         located = self._network.locate(self._pixels(pictures, frame, crops), in_crop, one)
-        poses = _poses(located, crops, boxes_px)
+        poses = self._poses(located, crops, boxes_px)
         if located.alone is None:
             return poses, poses
-        alone = _in_frame(located.alone, crops)
-        return poses, poses._replace(points_px=alone[0], variance_px2=alone[1], score=alone[2])
+        points, variance, score = _in_frame(located.alone, crops)
+        alone = replace(poses.body, points_px=points, variance_px2=variance, score=score)
+        return poses, replace(poses, landmarks={**poses.landmarks, alone.set.name: alone})
+
+    def _poses(self, located: Located, crops: Crops, boxes_px: FloatArray) -> Poses:
+        """What was located in crops of these boxes (K, 4), upright px."""
+        body, *further = self._network.sets
+        found = [LandmarkArrays(body, *_in_frame(located.found, crops), sigmoid(located.visibility))]
+        found += [LandmarkArrays(each, *_in_frame(located.further[each.name], crops)) for each in further]
+        return Poses(by_name(found), boxes_px)
 
     def _crops(self, boxes_px: FloatArray) -> Crops:
         network = self._network
@@ -153,7 +177,7 @@ class PoseReader:
 
     def own_boxes(self, poses: Poses) -> FloatArray:
         """(K, 4) boxes that the landmarks themselves suggest, upright px; NaN where there are none."""
-        return body_boxes(self.upright.to_upright(poses.points_px), self._network.landmarks)
+        return body_boxes(self.upright.to_upright(poses.body.points_px), self._network.landmarks)
 
     def refined(
         self,
@@ -194,23 +218,23 @@ class PoseReader:
             return poses
         second = self(pictures, frame[redo], track[redo], wanted[redo])
         # Of all landmarks: a crop that cuts some off is not the better one for being sure of the rest.
-        gain = (second.score - poses.score[redo]).mean(axis=1)
+        gain = (second.body.score - poses.body.score[redo]).mean(axis=1)
         for number in np.unique(track[redo]):
             here = track[redo] == number
             # All of a track's frames or none: two readings in turns would jitter.
             if gain[here].mean() <= 0:
                 continue
-            for values, new in zip(poses, second, strict=True):
+            for values, new in zip(poses.arrays().values(), second.arrays().values(), strict=True):
                 values[redo[here]] = new[here]
         return poses
 
     def duplicates(self, frame: IndexArray, track: IntArray, poses: Poses) -> IntArray:
         """Tracks whose landmarks lie on the person of another track in most frames that both are in."""
-        own = self.own_boxes(poses)
+        own, body = self.own_boxes(poses), poses.body
         side = (own[:, 2:] - own[:, :2]).max(axis=1)
         tracks = np.unique(track)
         # Of all landmarks: a box on a part of somebody finds few, and these surely.
-        confidence = {int(t): float(poses.score[track == t].mean()) for t in tracks}
+        confidence = {int(t): float(body.score[track == t].mean()) for t in tracks}
         gone: set[int] = set()
         for older, younger in [(int(a), int(b)) for i, a in enumerate(tracks) for b in tracks[i + 1 :]]:
             if gone & {older, younger}:
@@ -220,8 +244,8 @@ class PoseReader:
             if not len(in_a):
                 continue
             a, b = a[in_a], b[in_b]
-            away = np.linalg.norm(poses.points_px[a] - poses.points_px[b], axis=-1)
-            sure = np.minimum(poses.score[a], poses.score[b]) >= _SURE
+            away = np.linalg.norm(body.points_px[a] - body.points_px[b], axis=-1)
+            sure = np.minimum(body.score[a], body.score[b]) >= _SURE
             away = np.where(sure | (sure.sum(axis=1, keepdims=True) < _ENOUGH_SURE), away, np.nan)
             apart = row_median(away, 1) / np.maximum(side[a], side[b])
             if np.isfinite(apart).any() and np.nanmedian(apart) < _SAME_PERSON:
@@ -242,18 +266,6 @@ def crop_pixels(
             pixels[here, ..., 3] = backdrop.difference_in(crops.select(here), pictures.small, int(index))
     light_up(pixels)
     return pixels
-
-
-def _poses(located: Located, crops: Crops, boxes_px: FloatArray) -> Poses:
-    """What was located in crops of these boxes (K, 4), upright px."""
-    seen = sigmoid(located.visibility)
-    if located.markers is None:
-        none = np.empty((len(crops), 0))
-        marked = none[..., None].repeat(2, axis=-1), none, none
-    else:
-        marked = _in_frame(located.markers, crops)
-    points, variance, score = _in_frame(located.found, crops)
-    return Poses(points, variance, score, seen, boxes_px, *marked)
 
 
 def _in_frame(found: DecodedHeatmaps, crops: Crops) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -7,7 +7,7 @@ encoder all leave Python's lock alone), each in bounded memory.
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,26 +15,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, ByteArray
-from muybridge.errors import ModelError
 from muybridge.geometry.landmarks.marker_sets import MarkerChoice
-from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.infer.detection.background import BackgroundModel
 from muybridge.infer.detection.exposure import stretch
 from muybridge.infer.detection.orientation import FrameOrientation, Letterbox, orientation_for
-from muybridge.infer.detection.pose_estimator import CameraTracks, KeypointOptions, PoseEstimator
+from muybridge.infer.detection.pose_estimator import KeypointOptions, PoseEstimator
 from muybridge.infer.detection.resample import Repeats, frozen
-from muybridge.infer.networks.external import open_keypoints
-from muybridge.infer.networks.keypoints import SIZES, PeopleNetwork
-from muybridge.infer.runtime.digests import code_digest, digest, file_digest
+from muybridge.infer.detection.tracks import CameraTracks, tracks_from
+from muybridge.infer.networks.keypoints import SIZES, OnnxOptions
+from muybridge.infer.networks.models import Models
+from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress, Task
 from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.runtime.threads import Stopped, in_threads
 from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import read_chunks
 from muybridge.infer.session.write_video import VideoWriter, fit_inside
-from muybridge.models.keypoints.external import find_card
 from muybridge.models.keypoints.test_time import FIRST_PASS
-from muybridge.models.shipped import Precision, shipped_model
+from muybridge.models.shipped import Precision
 
 PROXY_LONG_SIDE_PX = 960
 # Of a camera's name within a file's, which may have 255.
@@ -57,10 +55,10 @@ class DetectOptions:
 
     Attributes:
         precision: of the shipped keypoint network: `int8` looks at every crop twice, mirrored too, in the time that
-            `fp32` needs for once, and is the more accurate for it, see docs/networks.md.
+            `fp32` needs for once, and is the more accurate for it, see docs/explanation/networks.md.
         keypoint_model: keypoint network to use in place of the shipped one, whatever its precision.
         model_card: what that network takes in and gives out, where it is not one of muybridge's: a TOML file, or
-            the name of a card that came along, such as `rtmpose-coco17`; see docs/other-models.md.
+            the name of a card that came along, such as `rtmpose-coco17`; see docs/guides/other-models.md.
         people_model: person detector to use in place of the shipped one.
         markers: virtual markers on the skin, written to `markers.c3d` under a laboratory's names: Plug-in Gait's 39,
             CMU's 41, or all 72 that are known.
@@ -80,29 +78,10 @@ class DetectOptions:
         if self.workers < 1:
             raise ValueError("workers must be at least 1")
 
-
-@dataclass(frozen=True)
-class Models:
-    """The networks of a run, opened once to see that they are ours.
-
-    Attributes:
-        keypoints, people: the files.
-        landmarks: what the keypoint network finds.
-        metadata: what the files say about themselves, and their digests; for `run.json`.
-        model_card: of the keypoint network, as it was named.
-    """
-
-    keypoints: Path
-    people: Path
-    landmarks: LandmarkSet
-    metadata: dict[str, dict[str, str]]
-    model_card: str | None = None
-
     @property
-    def min_confidence(self) -> float | None:
-        """What the keypoint network's card says of its scores; None for networks of ours."""
-        told = self.metadata["keypoints"].get("min_confidence")
-        return None if told is None else float(told)
+    def onnx(self) -> OnnxOptions:
+        """How the networks run."""
+        return self.keypoints.onnx
 
 
 @dataclass(frozen=True)
@@ -148,32 +127,6 @@ class CameraResult:
         width, height, angle, long_side = self.stage.facts[_HUNG]
         letterbox = Letterbox(FrameOrientation(width, height, angle), long_side)
         return BackgroundModel(letterbox, self.plate is not None, self.plate)
-
-
-def open_models(options: DetectOptions) -> Models:
-    """Find and check the networks.
-
-    Raises:
-        ModelError: a file is missing or not one of ours.
-    """
-    keypoints = options.keypoint_model or shipped_model("keypoints", options.precision)
-    if options.model_card is not None and options.keypoint_model is None:
-        raise ModelError(f"a model card ({options.model_card}) without a model; name its file with --keypoint-model")
-    marked = options.markers != "none"
-    network = open_keypoints(keypoints, options.model_card, options.keypoints.onnx, marked)
-    card = find_card(keypoints, options.model_card)
-    people = options.people_model or shipped_model("people")
-    people_card = PeopleNetwork(people, options.keypoints.onnx).card
-    metadata = {
-        "keypoints": {
-            **network.metadata,
-            "file": keypoints.name,
-            "sha256": file_digest(keypoints),
-            **({} if card is None else {"card": card.name, "card_sha256": file_digest(card)}),
-        },
-        "people": {**people_card.metadata, "file": people.name, "sha256": file_digest(people)},
-    }
-    return Models(keypoints, people, network.landmarks, metadata, options.model_card)
 
 
 def detect(
@@ -278,13 +231,11 @@ class _CameraWork:
         if stored is not None and self.proxy.is_file():
             self.progress.say(f"{self.name}: 2D landmarks resumed from {self.store.folder / (stage + '.npz')}")
             self.task.advance(self.session.frames)
-            return CameraResult(_tracks(stored, self.models.landmarks), self.proxy, stored)
+            return CameraResult(_tracks(stored, self.models), self.proxy, stored)
         start = time.perf_counter()
         tracks, plate, repeats, alike_from = self._compute()
         arrays: dict[str, NDArray[Any]] = {
-            f.name: values if f.name == "ids" else values.astype(np.float32)
-            for f in fields(tracks)
-            if f.name != "landmarks" and (values := getattr(tracks, f.name)) is not None
+            name: values if name == "ids" else values.astype(np.float32) for name, values in tracks.arrays().items()
         }
         arrays |= {_REPEATS: repeats, _ALIKE_FROM: np.array(alike_from)} | ({} if plate is None else {_PLATE: plate})
         camera = self.session.level_cameras[self.index]
@@ -292,7 +243,7 @@ class _CameraWork:
         upright = orientation_for(camera, camera.width, camera.height)
         facts = {_HUNG: [upright.width, upright.height, upright.angle, long_side]}
         result = self.store.save(stage, key, arrays, facts, time.perf_counter() - start)
-        return CameraResult(_tracks(result, self.models.landmarks), self.proxy, result)
+        return CameraResult(_tracks(result, self.models), self.proxy, result)
 
     def _compute(self) -> tuple[CameraTracks, ByteArray | None, BoolArray, int]:
         video, camera = self.session.videos[self.index], self.session.level_cameras[self.index]
@@ -318,11 +269,10 @@ class _CameraWork:
         return tracks, estimator.background(tracks), repeats.confirmed(tracks), repeats.alike_from
 
 
-def _tracks(stage: StageResult, landmarks: LandmarkSet) -> CameraTracks:
+def _tracks(stage: StageResult, models: Models) -> CameraTracks:
     """Tracks from a stored or just computed stage: the same to the bit in both cases."""
-    arrays = {name: values for name, values in stage.arrays.items() if name not in (_PLATE, _REPEATS, _ALIKE_FROM)}
-    values: dict[str, Any] = {n: a if n == "ids" else a.astype(np.float64) for n, a in arrays.items()}
-    return CameraTracks(landmarks=landmarks, **values)
+    values = {name: a if name == "ids" else a.astype(np.float64) for name, a in stage.arrays.items()}
+    return tracks_from(values, models.sets)
 
 
 def file_names(cameras: Sequence[str]) -> tuple[str, ...]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,16 +12,17 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from muybridge.geometry.cameras.camera import Camera
-from muybridge.geometry.landmarks.arrays import Keypoints2D
-from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.infer.detection.background import BackgroundModel
 from muybridge.infer.detection.crop_reader import Pictures, PoseReader
 from muybridge.infer.detection.orientation import Letterbox, orientation_for
 from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
 from muybridge.infer.detection.tracker import BoxSmoother, Tracker, TrackOptions
+from muybridge.infer.detection.tracks import CameraTracks, LandmarkArrays, by_name, missing_value
 from muybridge.infer.networks.external import open_keypoints
 from muybridge.infer.networks.keypoints import OnnxOptions, PeopleNetwork
+
+_log = logging.getLogger(__name__)
 
 # Frames worked on together: it bounds memory and is how far the boxes' smoothing may look ahead.
 _FRAMES_AT_ONCE = 16
@@ -49,34 +51,6 @@ class KeypointOptions:
     min_confidence: float = 0.4
 
 
-@dataclass(frozen=True, eq=False)
-class CameraTracks:
-    """Landmarks of the people in one camera's video; a slot `p` is one track (see `Keypoints2D`).
-
-    Attributes:
-        landmarks: the meaning of the `J` axis.
-        points_px: (T, P, J, 2) px of the video; NaN where missing.
-        variance_px2: (T, P, J) variance of each coordinate; NaN where missing.
-        score: (T, P, J) in 0..1, zero where missing.
-        visibility: (T, P, J) probability that the landmark is not hidden; zero where missing.
-        boxes_px: (T, P, 4) left, top, right, bottom of the box that was cropped; NaN where there was none.
-        ids: (T, P) number of the track, -1 where there is none. A slot may hold several, one after another.
-        markers_px, markers_variance_px2, markers_score: (T, P, M, 2) and (T, P, M), the same of the virtual markers
-            on the skin; None where they were not asked for.
-    """
-
-    landmarks: LandmarkSet
-    points_px: FloatArray
-    variance_px2: FloatArray
-    score: FloatArray
-    visibility: FloatArray
-    boxes_px: FloatArray
-    ids: IntArray
-    markers_px: FloatArray | None = None
-    markers_variance_px2: FloatArray | None = None
-    markers_score: FloatArray | None = None
-
-
 class _Found(NamedTuple):
     """What one chunk gave: K poses with their frame, slot and track; float32 to keep long takes small.
 
@@ -87,8 +61,8 @@ class _Found(NamedTuple):
     slot: IntArray
     track: IntArray
     seen: BoolArray
-    sure: FloatArray
-    poses: tuple[Float32Array, ...]
+    confidence: FloatArray
+    arrays: dict[str, Float32Array]
 
 
 class PoseEstimator:
@@ -123,7 +97,6 @@ class PoseEstimator:
             ModelError: a file is missing or not one of ours.
         """
         self._network = open_keypoints(keypoint_model, model_card, options.onnx, markers)
-        self._markers = len(SURFACE) if markers else 0
         self._people = PeopleNetwork(people_model, options.onnx)
         self._camera = camera
         self._options = options
@@ -179,14 +152,14 @@ class PoseEstimator:
     def background(self, tracks: CameraTracks) -> ByteArray | None:
         """(h, w, 3) what the frames so far show without the people of `tracks`, at the detector's resolution; None
         where too few frames tell, or a moving camera has none."""
-        return None if self._parts is None else self._parts.backdrop.without(tracks.points_px, tracks.landmarks)
+        return None if self._parts is None else self._parts.backdrop.without(tracks.body.points_px, tracks.body.set)
 
     def finish(self) -> CameraTracks:
         """Everything found so far; T is the number of frames processed, P the slots that were used."""
         looks = -(-self._frames // self._options.people.every)
         min_seen = min(self._options.track.min_seen, looks)
         least = min_seen, self._options.min_confidence
-        return _assemble(self._found, self._frames, self.landmarks, self._markers, least)
+        return _assemble(self._found, self._frames, self._network.sets, least)
 
     def take(self) -> CameraTracks:
         """What was found since the last call, accidents and all, and forget it: frame by frame, in bounded memory.
@@ -196,7 +169,7 @@ class PoseEstimator:
         found, first = self._found, self._taken
         self._found, self._taken = [], self._frames
         found = [f._replace(frame=f.frame - first) for f in found]
-        return _assemble(found, self._frames - first, self.landmarks, self._markers, (0, 0.0))
+        return _assemble(found, self._frames - first, self._network.sets, (0, 0.0))
 
     def _process_part(self, frames: ByteArray, parts: _Parts) -> None:
         backdrop, detector, tracker, reader = parts
@@ -227,8 +200,8 @@ class PoseEstimator:
                 tracker.confirm(int(slot[row]), own[row])
         keep = np.flatnonzero(~duplicate & ~(unsure & missed & ~_seen_later(ids, seen)[frame, slot]))
         frame, slot, poses = frame[keep], slot[keep], poses.select(keep)
-        poses = poses._replace(boxes_px=reader.upright.around_in_frame(poses.boxes_px))
-        arrays = tuple(values.astype(np.float32) for values in poses)
+        poses = replace(poses, boxes_px=reader.upright.around_in_frame(poses.boxes_px))
+        arrays = {name: values.astype(np.float32) for name, values in poses.arrays().items()}
         self._found.append(_Found(frame + first, slot, track[keep], seen[frame, slot], poses.confidence, arrays))
 
 
@@ -249,86 +222,49 @@ def _seen_later(ids: IntArray, seen: BoolArray) -> BoolArray:
     return later
 
 
-def _assemble(
-    found: list[_Found], frames: int, landmarks: LandmarkSet, markers: int, least: tuple[int, float]
-) -> CameraTracks:
-    """Dense arrays from the chunks' poses, without tracks that were seen in fewer than `least` frames, or whose
-    landmarks were less sure on average, and less than those of another one."""
-    frame, slot, track, seen, sure = (
+def _assemble(found: list[_Found], frames: int, sets: Sequence[LandmarkSet], least: tuple[int, float]) -> CameraTracks:
+    """Dense arrays from the chunks' poses.
+
+    Args:
+        found: of every chunk.
+        frames: T.
+        sets: landmark sets, the body's first.
+        least: a track is dropped if it was seen in fewer frames, or if the mean confidence of its landmarks is lower
+            than this and than that of another track.
+    """
+    frame, slot, track, seen, confidence = (
         np.concatenate([getattr(f, name) for f in found]) if found else np.empty(0, dtype=np.int64)
-        for name in ("frame", "slot", "track", "seen", "sure")
+        for name in ("frame", "slot", "track", "seen", "confidence")
     )
     times_seen = np.bincount(track, weights=seen)
-    confidence = np.bincount(track, weights=sure) / np.maximum(np.bincount(track), 1)
+    mean = np.bincount(track, weights=confidence) / np.maximum(np.bincount(track), 1)
     somebody = times_seen >= least[0]
-    somebody &= confidence >= min(least[1], confidence[somebody].max(initial=0))
+    somebody &= mean >= min(least[1], mean[somebody].max(initial=0))
+    if not somebody.all():
+        _log.debug("%d of %d tracks dropped: seen too seldom or of low confidence", (~somebody).sum(), len(somebody))
     keep = np.flatnonzero(somebody[track])
     frame, slot, track = frame[keep], slot[keep], track[keep]
     used, slot = np.unique(slot, return_inverse=True)
-    count, slots = len(landmarks), max(1, len(used))
+    slots = max(1, len(used))
 
-    def dense(which: int, shape: tuple[int, ...], missing: float) -> FloatArray:
-        values = np.full((frames, slots, *shape), missing)
+    def dense(name: str, shape: tuple[int, ...]) -> FloatArray:
+        values = np.full((frames, slots, *shape), missing_value(name.rpartition(".")[2]))
         if found:
-            values[frame, slot] = np.concatenate([f.poses[which] for f in found])[keep]
+            values[frame, slot] = np.concatenate([f.arrays[name] for f in found])[keep]
         return values
 
     ids = np.full((frames, slots), -1, dtype=np.int64)
     ids[frame, slot] = track
-    return CameraTracks(
-        landmarks=landmarks,
-        points_px=dense(0, (count, 2), np.nan),
-        variance_px2=dense(1, (count,), np.nan),
-        score=dense(2, (count,), 0.0),
-        visibility=dense(3, (count,), 0.0),
-        boxes_px=dense(4, (4,), np.nan),
-        ids=ids,
-        markers_px=dense(5, (markers, 2), np.nan) if markers else None,
-        markers_variance_px2=dense(6, (markers,), np.nan) if markers else None,
-        markers_score=dense(7, (markers,), 0.0) if markers else None,
-    )
-
-
-def first_frames(tracks: CameraTracks, frames: int) -> CameraTracks:
-    """The tracks in the first `frames` frames."""
-    if len(tracks.points_px) == frames:
-        return tracks
-    values = {f.name: getattr(tracks, f.name) for f in fields(tracks) if f.name != "landmarks"}
-    return replace(tracks, **{name: array[:frames] for name, array in values.items() if array is not None})
-
-
-def merge_tracks(tracks: Sequence[CameraTracks]) -> Keypoints2D:
-    """The cameras' tracks as one set of arrays, slots padded to the most that a camera has.
-
-    Raises:
-        ValueError: no camera, or numbers of frames or landmarks that differ.
-    """
-    if not tracks:
-        raise ValueError("no camera's tracks to merge")
-    frames = sorted({len(t.points_px) for t in tracks})
-    if len(frames) > 1 or any(t.landmarks != tracks[0].landmarks for t in tracks):
-        raise ValueError(f"the cameras differ in frames ({frames}) or landmarks")
-    return Keypoints2D(
-        landmarks=tracks[0].landmarks,
-        points_px=_merged([t.points_px for t in tracks], np.nan),
-        variance_px2=_merged([t.variance_px2 for t in tracks], np.nan),
-        score=_merged([t.score for t in tracks], 0.0),
-    )
-
-
-def merge_markers(tracks: Sequence[CameraTracks]) -> Keypoints2D | None:
-    """The virtual markers of the same people in the same slots as `merge_tracks`; None where there are none."""
-    parts = [(t.markers_px, t.markers_variance_px2, t.markers_score) for t in tracks]
-    points, variances, scores = ([p for p in part if p is not None] for part in zip(*parts, strict=True))
-    if len(points) < len(tracks):
-        return None
-    return Keypoints2D(SURFACE, _merged(points, np.nan), _merged(variances, np.nan), _merged(scores, 0.0))
-
-
-def _merged(parts: list[FloatArray], missing: float) -> FloatArray:
-    """(C, T, P, ...) of the cameras' (T, p, ...), p padded to the most that one has."""
-    slots = max(part.shape[1] for part in parts)
-    result = np.full((len(parts), len(parts[0]), slots, *parts[0].shape[2:]), missing)
-    for camera, part in enumerate(parts):
-        result[camera, :, : part.shape[1]] = part
-    return result
+    landmarks = []
+    for n, each in enumerate(sets):
+        name, count = each.name, len(each)
+        landmarks.append(
+            LandmarkArrays(
+                each,
+                dense(f"{name}.points_px", (count, 2)),
+                dense(f"{name}.variance_px2", (count,)),
+                dense(f"{name}.score", (count,)),
+                dense(f"{name}.visibility", (count,)) if n == 0 else None,
+            )
+        )
+    return CameraTracks(by_name(landmarks), dense("boxes_px", (4,)), ids)

@@ -9,31 +9,34 @@ lies on that prediction.
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, IndexArray, IntArray
 from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
 from muybridge.geometry.numerics.robust import row_median
-from muybridge.geometry.sync.clocks import own_frames, synchronised
-from muybridge.infer.detection.crop_reader import Pictures, PoseReader, Poses, body_boxes
-from muybridge.infer.detection.detect import CODE, CameraResult, DetectOptions, Models
+from muybridge.geometry.sync.clocks import own_frames, resample_keypoints
+from muybridge.infer.detection.crop_reader import Pictures, PoseReader, body_boxes, join_poses
+from muybridge.infer.detection.detect import CODE, CameraResult, DetectOptions
 from muybridge.infer.detection.exposure import well_exposed
 from muybridge.infer.detection.orientation import orientation_for
-from muybridge.infer.detection.pose_estimator import CameraTracks, first_frames, merge_markers, merge_tracks
 from muybridge.infer.detection.resample import in_time
+from muybridge.infer.detection.tracks import first_frames, merge_tracks, with_slots
 from muybridge.infer.networks.external import open_keypoints
 from muybridge.infer.networks.keypoints import Expectation
+from muybridge.infer.networks.models import Models
 from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress, Task
 from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.runtime.threads import Stopped, in_threads
 from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import read_chunks
+
+# Before the names of arrays that were read with nothing expected.
+_ALONE = "alone."
 
 
 @dataclass(frozen=True)
@@ -77,9 +80,8 @@ class RefinedTake(NamedTuple):
         stages: of the cameras that looked again, by name.
     """
 
-    keypoints: Keypoints2D
+    keypoints: dict[str, Keypoints2D]
     alone: Keypoints2D
-    markers: Keypoints2D | None
     slots: IntArray
     stages: dict[str, StageResult]
 
@@ -157,7 +159,7 @@ class TopDownRefinement:
             return None
         cameras = np.flatnonzero(wanted.any(axis=1)).tolist()
         stop = threading.Event()
-        with self.progress.task("second look", int(wanted.sum())) as task:
+        with self.progress.task("refinement", int(wanted.sum())) as task:
             jobs = [partial(self._look, c, np.flatnonzero(wanted[c]), expected, number, task, stop) for c in cameras]
             looks = in_threads(jobs, self.detect.workers, stop)
         return self._taken_in(slots, missing, wanted, dict(zip(cameras, looks, strict=True)), number)
@@ -168,15 +170,15 @@ class TopDownRefinement:
     ) -> RefinedTake | None:  # fmt: skip
         """The take with what the cameras' stages `looks` found."""
         tracks = [d.tracks for d in self.detected]
-        extra = max(t.points_px.shape[1] for t in tracks)
-        tracks = [_with(t, {name: _widened(name, a, extra + 1) for name, a in _arrays(t).items()}) for t in tracks]
-        alone = [_with(t, {name: a.copy() for name, a in _arrays(t).items()}) for t in tracks]
+        extra = max(t.ids.shape[1] for t in tracks)
+        tracks = [t.map(lambda name, array: with_slots(name, array, extra + 1)) for t in tracks]
+        alone = [t.map(lambda _, array: array.copy()) for t in tracks]
         slots = slots.copy()
         for c, stage in looks.items():
             at, found = np.flatnonzero(wanted[c]), stage.arrays["found"]
             own = self._own(c, at)
-            for those, kind in ((tracks[c], ""), (alone[c], "alone_")):
-                values = _arrays(those)
+            for those, kind in ((tracks[c], ""), (alone[c], _ALONE)):
+                values = those.arrays()
                 for key in values.keys() & stage.arrays.keys():
                     values[key][own[found], extra] = stage.arrays.get(kind + key, stage.arrays[key])[found]
                 values["ids"][own[found], extra] = values["ids"].max() + 1
@@ -192,20 +194,20 @@ class TopDownRefinement:
             [in_time(self.session, c, first_frames(t, slots.shape[1]), self.detected[c].repeats)
              for c, t in enumerate(those)] for those in (tracks, alone)
         )  # fmt: skip
-        markers = merge_markers(tracks)
+        body = tracks[0].body.set.name
         return RefinedTake(
-            self._in_step(merge_tracks(tracks)), self._in_step(merge_tracks(alone)),
-            None if markers is None else self._in_step(markers), slots,
-            {f"2D {self.file_names[c]}{number}, second look": stage for c, stage in looks.items()},
+            {name: self._in_step(found) for name, found in merge_tracks(tracks).items()},
+            self._in_step(merge_tracks(alone)[body]), slots,
+            {f"2D {self.file_names[c]}{number}, refined": stage for c, stage in looks.items()},
         )  # fmt: skip
 
     def _in_step(self, found: Keypoints2D) -> Keypoints2D:
         """Landmarks of cameras that run apart, in step."""
-        return synchronised(found, self.session.clocks, self.session.fps)
+        return resample_keypoints(found, self.session.clocks, self.session.fps)
 
     def _own(self, c: int, frames: IndexArray) -> IndexArray:
         """The camera's own frames at the session's."""
-        return own_frames(self.session.clocks, c, frames, self.session.fps, len(self.detected[c].tracks.points_px))
+        return own_frames(self.session.clocks, c, frames, self.session.fps, self.detected[c].tracks.frames)
 
     def _look(
         self, c: int, wanted: IndexArray, expected: Points3D, number: str, task: Task, stop: threading.Event
@@ -243,30 +245,13 @@ class TopDownRefinement:
             begin += len(chunk)
             task.advance(len(here))
         back = np.argsort(np.concatenate([here for here, _ in parts]), kind="stable")
-        poses, alone = (Poses(*map(np.concatenate, zip(*looks, strict=True))).select(back)
-                        for looks in zip(*(both for _, both in parts), strict=True))  # fmt: skip
-        away = np.linalg.norm(poses.points_px - predicted, axis=-1)
+        poses, alone = (join_poses(looks).select(back) for looks in zip(*(both for _, both in parts), strict=True))
+        away = np.linalg.norm(poses.body.points_px - predicted, axis=-1)
         side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
         near = row_median(away, 1) < self.options.max_distance * side  # never where nothing is in both
-        arrays = poses._asdict() | {"found": near & (poses.confidence >= self.detect.keypoints.min_confidence)}
+        arrays = poses.arrays() | {"found": near & (poses.confidence >= self.detect.keypoints.min_confidence)}
         arrays["boxes_px"] = reader.upright.around_in_frame(poses.boxes_px)
-        arrays |= {f"alone_{k}": getattr(alone, k) for k in ("points_px", "variance_px2", "score")}
+        name_of_body = alone.body.set.name
+        for field in ("points_px", "variance_px2", "score"):
+            arrays[f"{_ALONE}{name_of_body}.{field}"] = getattr(alone.body, field)
         return self.store.save(name, key, arrays, {}, time.perf_counter() - start)
-
-
-def _with(tracks: CameraTracks, arrays: dict[str, NDArray[np.generic]]) -> CameraTracks:
-    changed: dict[str, Any] = dict(arrays)
-    return replace(tracks, **changed)
-
-
-def _arrays(tracks: object) -> dict[str, NDArray[np.generic]]:
-    """The arrays of `CameraTracks` by name."""
-    return {name: value for name, value in vars(tracks).items() if isinstance(value, np.ndarray)}
-
-
-def _widened(name: str, array: NDArray[np.generic], slots: int) -> NDArray[np.generic]:
-    """(T, P, ...) of that name with empty slots added up to `slots`."""
-    empty = {"ids": -1, "score": 0.0, "visibility": 0.0, "markers_score": 0.0}.get(name, np.nan)
-    result = np.full((len(array), slots, *array.shape[2:]), empty, dtype=array.dtype)
-    result[:, : array.shape[1]] = array
-    return result

@@ -7,15 +7,15 @@ is 17 cm. So a camera's landmarks are put between those of its own pictures befo
 """
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
 from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, ByteArray, FloatArray, IndexArray
 from muybridge.geometry.numerics.robust import row_median
-from muybridge.infer.detection.pose_estimator import CameraTracks
+from muybridge.infer.detection.tracks import CameraTracks, missing_value
 from muybridge.infer.session.session import Session
 
 # Pictures are compared by the means of squares of so many pixels: alike if none differs by more, of 255. An arm that
@@ -72,7 +72,10 @@ class Repeats:
         told = np.array(self._told, dtype=np.bool_)
         low, high = _pictures_around(~told)
         same = (tracks.ids == tracks.ids[low]) & (tracks.ids == tracks.ids[high])
-        way, gone = tracks.points_px[high] - tracks.points_px[low], tracks.points_px - tracks.points_px[low]
+        way, gone = (
+            tracks.body.points_px[high] - tracks.body.points_px[low],
+            tracks.body.points_px - tracks.body.points_px[low],
+        )
         # Of most landmarks: one that jumps is no movement.
         moved = row_median(np.linalg.norm(way, axis=-1)) / _side(tracks, low)
         telling = same & told[:, None] & (moved > _STILL)
@@ -103,7 +106,7 @@ def frozen(found: Sequence[CameraTracks], alike_from: Sequence[int], fps: float)
         alike_from: of each, `Repeats.alike_from`.
         fps: frames a second.
     """
-    ends = [len(tracks.points_px) for tracks in found]
+    ends = [len(tracks.body.points_px) for tracks in found]
     hung: list[int | None] = []
     for c, start in enumerate(alike_from):
         others = [
@@ -146,7 +149,7 @@ def in_time(session: Session, c: int, tracks: CameraTracks, repeats: BoolArray) 
         last picture, and else those of a picture within half a step. Nobody is where there is no such picture, or where
         two are far apart and they moved.
     """
-    count = len(tracks.points_px)
+    count = len(tracks.body.points_px)
     steps = np.arange(count)
     at = steps + (session.late[c, :count] * session.fps if session.late is not None else 0.0)
     index = session.frame_indices[c, :count]
@@ -167,26 +170,23 @@ def in_time(session: Session, c: int, tracks: CameraTracks, repeats: BoolArray) 
     far = apart > max(_MOST_S * session.fps, _MOST_STEPS)
     between &= ~(far[:, None] & (_moved(tracks, low, high) > _STILL))
     nobody = ~between & ~near[:, None]
-    values: dict[str, Any] = {}
-    for name in (f.name for f in fields(tracks) if f.name != "landmarks"):
-        array = getattr(tracks, name)
-        if array is None:
-            continue
-        shape = (count, -1, *[1] * (array.ndim - 2))
+
+    def resampled(name: str, array: NDArray[Any]) -> NDArray[Any]:
         if name == "ids":
-            values[name] = np.where(nobody, -1, array[nearer])
-            continue
+            return np.where(nobody, -1, array[nearer])
+        shape = (count, -1, *[1] * (array.ndim - 2))
         weight = share.reshape(count, 1, *shape[2:])
         mixed = (1 - weight) * array[low] + weight * array[high]
         out = np.where(between.reshape(shape), mixed, array[nearer])
-        values[name] = np.where(nobody.reshape(shape), 0.0 if name.endswith(("score", "visibility")) else np.nan, out)
-    return replace(tracks, **values)
+        return np.where(nobody.reshape(shape), missing_value(name), out)
+
+    return tracks.map(resampled)
 
 
 def _moved(tracks: CameraTracks, low: IndexArray, high: IndexArray) -> FloatArray:
     """(n, P) how far people moved from frames `low` (n,) to `high` (n,), in sides of their box: the mean of what moved
     and what did not; infinite where they are not in both."""
-    away = np.linalg.norm(tracks.points_px[high] - tracks.points_px[low], axis=-1)
+    away = np.linalg.norm(tracks.body.points_px[high] - tracks.body.points_px[low], axis=-1)
     there = np.isfinite(away)
     mean = np.where(there, away, 0.0).sum(-1) / np.maximum(there.sum(-1), 1) / _side(tracks, low)
     return np.where(there.any(-1) & np.isfinite(mean), mean, np.inf)

@@ -91,8 +91,13 @@ class ExternalModel:
 
     @property
     def landmarks(self) -> LandmarkSet:
-        """What comes out."""
+        """The landmarks that it finds."""
         return BODY23
+
+    @property
+    def sets(self) -> tuple[LandmarkSet, ...]:
+        """Landmark sets that it finds."""
+        return (BODY23,)
 
     @property
     def crop_size(self) -> int:

@@ -6,9 +6,10 @@ networks, whereas several cameras, each with its own sessions, run side by side.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from muybridge.models.keypoints.metadata import (
     crop_side,
     keypoint_card,
 )
-from muybridge.models.keypoints.test_time import Series, mean_of_mirrored, augment_at_test_time
+from muybridge.models.keypoints.test_time import Series, augment_at_test_time, mean_of_mirrored
 from muybridge.models.onnx_files.prune_outputs import without_outputs
 from muybridge.models.people.metadata import PeopleModelCard, people_card
 
@@ -65,12 +66,18 @@ class OnnxOptions:
 
 
 class Located(NamedTuple):
-    """Landmarks of N crops: points, variances and scores in crop px, and visibility (N, J), logits; the same of the
-    virtual markers, where they were asked for; and what was found without the expectation, where there was one."""
+    """Landmarks in N crops.
+
+    Attributes:
+        found: points, variances and scores of the body's J landmarks, px of the crops.
+        visibility: (N, J) logits of the body's landmarks being in view.
+        further: the same as `found` for the network's other landmark sets, by name.
+        alone: `found` without the expectation, where there was one.
+    """
 
     found: DecodedHeatmaps
     visibility: Float32Array
-    markers: DecodedHeatmaps | None = None
+    further: Mapping[str, DecodedHeatmaps] = MappingProxyType({})
     alone: DecodedHeatmaps | None = None
 
 
@@ -95,6 +102,7 @@ class KeypointNetwork:
         path: of the file.
         card: what the file says about itself.
         metadata: the same as text, for reports.
+        sets: landmark sets that it finds: the body's and, where they were asked for, the virtual markers.
         channels: of the crops that it sees: 4 with the difference to the background plate, else 3.
     """
 
@@ -115,11 +123,11 @@ class KeypointNetwork:
         self.card: KeypointModelCard = keypoint_card(_metadata(self._session), path)
         count = len(self.card.landmarks)
         outputs = dict(zip(BODY_OUTPUTS, ((4, count), (2, count)), strict=True))
-        self._sets = [self.card.landmarks]
+        self.sets: tuple[LandmarkSet, ...] = (self.card.landmarks,)
         if markers:
             if self.card.markers is None:
                 raise ModelError(f"{path}: this network finds no virtual markers; {_REMEDY}, or ask for no markers")
-            self._sets.append(self.card.markers)
+            self.sets = self.card.landmarks, self.card.markers
             many = len(self.card.markers)
             outputs |= zip(MARKER_OUTPUTS, ((4, many), (2, many)), strict=True)
         _check_signature(self._session, path, channels=3, outputs=outputs)
@@ -134,11 +142,6 @@ class KeypointNetwork:
     def landmarks(self) -> LandmarkSet:
         """What comes out."""
         return self.card.landmarks
-
-    @property
-    def markers(self) -> LandmarkSet | None:
-        """The virtual markers that come out too, where they were asked for."""
-        return self._sets[1] if len(self._sets) > 1 else None
 
     @property
     def crop_size(self) -> int:
@@ -157,7 +160,7 @@ class KeypointNetwork:
     def locate(self, crops: ByteArray, expected: Expectation | None = None, series: Series | None = None) -> Located:
         """Landmarks in (N, S, S, C) crops, see `__call__`, where they are expected if need be; of crops that show the
         same at one moment after another not all are turned in vain."""
-        card, marked = self.card, None
+        card = self.card
         maps = self(crops)
         if self._options.turn:
             alone = augment_at_test_time(self, crops, maps, card, 1, series, tilt=self._flip)
@@ -165,16 +168,17 @@ class KeypointNetwork:
             alone = card.decode(maps[0])
         heatmaps, visibility, *markers = maps
         alone = card.scale_variance(alone, visibility, self._flip)
+        further = {}
         if markers:
-            marked = _known(card.decode_markers(markers[0], markers[1], self._flip))
+            further[self.sets[1].name] = _known(card.decode_markers(markers[0], markers[1], self._flip))
         nothing = alone.score < NO_IDEA
         if expected is None:
-            return Located(_known(alone, nothing), visibility, marked)
+            return Located(_known(alone, nothing), visibility, further)
         sd_px = expected.sd * crops.shape[1]
         heatmaps = with_expectation(heatmaps, card.stride, expected.points_px, sd_px, expected.most)
         found = card.scale_variance(card.decode(heatmaps), visibility, self._flip, alone.score)
         # A map that says nothing would otherwise say what was expected.
-        return Located(_known(found, nothing), visibility, marked, _known(alone, nothing))
+        return Located(_known(found, nothing), visibility, further, _known(alone, nothing))
 
     def __call__(self, crops: ByteArray) -> list[Float32Array]:
         """Run the network.
@@ -193,7 +197,7 @@ class KeypointNetwork:
             raise ValueError(f"crops must be {wanted}, not {crops.shape}")
         cells = size // self.card.stride
         maps = []
-        for each in self._sets:
+        for each in self.sets:
             maps.append(np.empty((len(crops), len(each), cells, cells), dtype=np.float32))
             maps.append(np.empty((len(crops), len(each)), dtype=np.float32))
         for part in batches(len(crops), self._options.batch):
@@ -202,7 +206,7 @@ class KeypointNetwork:
                 out[part] = once
             for other in mirrored:
                 for k, out in enumerate(maps):
-                    out[part] = mean_of_mirrored(out[part], other[k], np.array(self._sets[k // 2].mirror))
+                    out[part] = mean_of_mirrored(out[part], other[k], np.array(self.sets[k // 2].mirror))
         return maps
 
     def _views(self, crops: ByteArray) -> list[ByteArray]:
@@ -213,7 +217,7 @@ class KeypointNetwork:
         # Put in order as bytes, a quarter of what they are as numbers.
         planes = np.ascontiguousarray(crops.transpose(0, 3, 1, 2))
         inputs = {name: np.multiply(part, np.float32(1 / 255)) for name, part in self.card.inputs(planes).items()}
-        outputs = [*BODY_OUTPUTS, *MARKER_OUTPUTS][: 2 * len(self._sets)]
+        outputs = [*BODY_OUTPUTS, *MARKER_OUTPUTS][: 2 * len(self.sets)]
         return run_session(self._session, self.path, outputs, inputs)
 
 

@@ -4,10 +4,11 @@ from pathlib import Path
 
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import Keypoints2D
-from muybridge.geometry.sync.clocks import synchronised
-from muybridge.infer.detection.detect import DetectOptions, detect, file_names, first_look, is_finished, open_models
-from muybridge.infer.detection.pose_estimator import merge_tracks
+from muybridge.geometry.sync.clocks import resample_keypoints
+from muybridge.infer.detection.detect import DetectOptions, detect, file_names, first_look, is_finished
 from muybridge.infer.detection.resample import in_time
+from muybridge.infer.detection.tracks import merge_tracks
+from muybridge.infer.networks.models import open_models
 from muybridge.infer.reconstruction.gravity import estimate_gravity
 from muybridge.infer.results.folder import open_output
 from muybridge.infer.runtime.progress import Progress
@@ -38,10 +39,10 @@ def session_keypoints(
     session = estimate_gravity(session, names, models, store, first, progress)
     options = first if is_finished(session, names, models, store, first) else options
     found = detect(session, names, models, store, options, progress)
-    frames = min(len(d.tracks.points_px) for d in found)
+    frames = min(d.tracks.frames for d in found)
     if frames < session.frames:
         raise MuybridgeError(
             f"{session.path}: a video has fewer frames than its header suggests; run `muybridge run` to see which"
         )
-    keypoints = merge_tracks([in_time(session, c, d.tracks, d.repeats) for c, d in enumerate(found)])
-    return session, synchronised(keypoints, session.clocks, session.fps)
+    body = next(iter(merge_tracks([in_time(session, c, d.tracks, d.repeats) for c, d in enumerate(found)]).values()))
+    return session, resample_keypoints(body, session.clocks, session.fps)

@@ -1,149 +1,309 @@
-"""Videos of bright markers to labelled markers and a solved skeleton."""
+"""From videos of bright markers to labelled markers, a moving skeleton, files and a report."""
 
-import json
-import time
+import logging
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from muybridge.arrays import ByteArray, FloatArray, IndexArray
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
-from muybridge.geometry.fitting.marker_fit import MarkerFit, fit_markers
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.marker_sets import MarkerPlan
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.markers.cleaning import Sample, clean_markers
+from muybridge.infer.detection.blobs import BlobOptions
+from muybridge.infer.detection.detect import file_names
 from muybridge.infer.labelling.label import label_points
-from muybridge.infer.networks.correction import SolverNetwork, corrected
+from muybridge.infer.networks.correction import SolverNetwork
 from muybridge.infer.networks.labelling import LabelNetwork
+from muybridge.infer.reconstruction.body import (
+    BodySolution,
+    body_facts,
+    fit_labelled_markers,
+    open_corrector,
+    unpack_body,
+)
 from muybridge.infer.reconstruction.marker_videos import (
-    FACTS,
-    MARKERS_C3D,
-    MARKERS_TRC,
-    UNNAMED,
-    FoundMarkers,
     MarkerVideoOptions,
     blobs_of,
     find_markers,
+    nearest_blobs,
+    pack_blobs,
     triangulate_again,
+    unpack_blobs,
 )
-from muybridge.infer.results.folder import open_output
+from muybridge.infer.report.data import ReportData
+from muybridge.infer.report.page import problems, write_report
+from muybridge.infer.results.people import (
+    MOTION_BVH,
+    MOTION_GLB,
+    MOTION_MOT,
+    POINTS_C3D,
+    POINTS_TRC,
+    REPORT,
+)
+from muybridge.infer.results.provenance import session_facts, versions
+from muybridge.infer.results.record import json_value
+from muybridge.infer.results.run import DEFAULT_OUT, Run
+from muybridge.infer.runtime.digests import code_digest, file_digest
 from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.runtime.stages import Arrays, Facts, StageResult, Stages
+from muybridge.infer.session.probe import VideoInfo
 from muybridge.infer.session.session import Session, SessionOptions, open_session
 from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.points.marker_protocol import find_marker_set
 
-MOTION = ("motion.bvh", "motion.glb", "motion.mot")
+_log = logging.getLogger(__name__)
+
+UNNAMED = "unnamed.c3d"
+MOTIONS = MOTION_BVH, MOTION_GLB, MOTION_MOT
+RESULTS = (UNNAMED, POINTS_C3D, POINTS_TRC, *MOTIONS, REPORT)
+_FEWEST_MARKERS = 6
+# The code that the stages depend on.
+_CODE = ("muybridge.geometry", "muybridge.models", "muybridge.infer.detection", "muybridge.infer.labelling",
+         "muybridge.infer.networks", "muybridge.infer.reconstruction", "muybridge.infer.session")  # fmt: skip
 
 
-RESULTS = (UNNAMED, MARKERS_C3D, MARKERS_TRC, *MOTION, FACTS)
+@dataclass(frozen=True)
+class MarkerVideoResult:
+    """A finished run on marker videos.
+
+    Attributes:
+        out: the results folder.
+        session: the session.
+        plan: the marker set.
+        facts: figures of the markers, as in `run.json`.
+        body: the fitted body.
+        seconds: how long it took.
+    """
+
+    out: Path
+    session: Session
+    plan: MarkerPlan
+    facts: dict[str, Any]
+    body: BodySolution
+    seconds: float
+
+    @property
+    def summary(self) -> str:
+        """One line about the result."""
+        session, markers = self.session, self.plan.markers
+        return (
+            f"{self.out}: {session.frames} frames at {session.fps:.4g} fps, {len(session.cameras)} cameras; "
+            f"{self.facts['found']} of {len(markers)} markers of {markers.name} named, seen in "
+            f"{self.facts['seen']:.1%} of the frames; they lie {body_facts(self.body)['residual_mm']['median']:.1f} mm "
+            f"(median) from the body's; {self.seconds:.0f} s"
+        )
 
 
-def run_marker_session(path: Path, out: Path | None, session_options: SessionOptions, options: MarkerVideoOptions,
-                       overwrite: bool, progress: Progress) -> str:  # fmt: skip
-    """Works on one session of marker videos; returns what to tell the user.
+@dataclass(frozen=True)
+class _Markers:
+    """Stages of the labelled markers.
+
+    Attributes:
+        trajectories: unnamed.
+        names: points by label, with their confidence.
+        cleaned: triangulated again from all cameras, without spikes and gaps.
+    """
+
+    trajectories: StageResult
+    names: StageResult
+    cleaned: StageResult
+
+
+def run_marker_session(
+    path: Path, out: Path | None, session_options: SessionOptions, options: MarkerVideoOptions, overwrite: bool,
+    progress: Progress,
+) -> MarkerVideoResult:  # fmt: skip
+    """Process one session of marker videos.
+
+    Args:
+        path: the session's folder.
+        out: the results folder; None for `muybridge/` inside the session.
+        session_options: how the session folder is read.
+        options: of every stage.
+        overwrite: replace files in the results folder that muybridge did not write.
+        progress: receives progress messages.
 
     Raises:
-        MuybridgeError: of some kind, for everything that the user can mend.
+        MuybridgeError: of some kind, for everything that the user can fix.
     """
-    began = time.perf_counter()
     plan = find_marker_set(options.markerset)
     session = open_session(path, session_options)
-    place = path / "muybridge" if out is None else out
-    output = open_output(place, RESULTS, [session.calibration, *(v.path for v in session.videos)], overwrite, path)
+    labeller = LabelNetwork(shipped_model("labels"))
+    corrector = open_corrector(None, options.correct)
+    inputs = [session.calibration, *(v.path for v in session.videos)]
+    run = Run("marker_videos", path / DEFAULT_OUT if out is None else out, RESULTS, inputs, overwrite, progress, path)
     for notice in session.notices:
         progress.notice(notice)
-    seen, thresholds = _all_blobs(session, options, progress)
-    progress.say("matching between the cameras")
-    found = find_markers(session.cameras, seen, session.fps, options)
-    most = int(np.isfinite(found.points[..., 0]).sum(1).max(initial=0))
-    if most < 6:
-        raise SessionError(
-            f"{path}: no frame has more than {most} markers in 3D; are these videos of bright markers on a dark "
-            "picture, and is the calibration these cameras'?"
-        )
-    network = LabelNetwork(shipped_model("labels"))
-    labelled = label_points(found.points, session.fps, plan.markers, network, options.label)
-    for note in labelled.notes:
+    stage = Stages(run.store, progress, [code_digest(*_CODE), session.cameras.cameras, session.fps])
+    blobs = _blob_stages(session, options, stage, progress)
+    seen = _by_frame(blobs)
+    session = _with_frames(session, len(seen))
+    markers = _marker_stages(session, plan, options, stage, blobs, seen, labeller)
+    for note in markers.names.facts["notes"]:
         progress.notice(note)
-    again, views = triangulate_again(session.cameras, seen, labelled.points, options.match.error_px)
-    cleaned = clean_markers(again, session.fps, options.clean)
-    surface = np.array(plan.markers.surface_indices)
-    worn = np.isfinite(cleaned.points[..., 0]).any(0)
-    progress.say("fitting the body")
-    fit = fit_markers(cleaned.points[:, worn], surface[worn], session.fps, options.fit)
-    corrector = SolverNetwork(shipped_model("solver")) if options.correct else None
-    if corrector is not None:
-        fit = corrected(fit, cleaned.points[:, worn], corrector)
-    facts = _facts(session, plan, found, labelled.confidence, again, views, cleaned.sample, thresholds, fit,
-                   labelled.notes)  # fmt: skip
-    facts["network"] = corrector.version if corrector else None
-    _write(output, session, plan, found, cleaned.points, fit, facts)
-    return (
-        f"{place}: {session.frames} frames at {session.fps:.4g} fps, {len(session.cameras)} cameras; "
-        f"{facts['markers_found']} of {len(plan.markers)} markers of {plan.markers.name} named, seen in "
-        f"{facts['seen']:.1%} of the frames; they lie {facts['residual_mm']['median']:.1f} mm (median) from the "
-        f"body's; {time.perf_counter() - began:.0f} s"
-    )
+    fitted = _body_stage(plan, session, options, stage, markers.cleaned, corrector)
+    body = unpack_body(fitted.arrays, fitted.facts)
+    run.stages |= stage.done
+    facts = _marker_facts(session, plan, markers, blobs)
+    notices = (*session.notices, *markers.names.facts["notes"])
+    found_problems = _write(run, session, plan, markers, seen, body, options, notices)
+    seconds = run.finish(
+        frames=session.frames, fps=session.fps, session=session_facts(session), notices=notices,
+        problems=found_problems, options=asdict(options) | {"session": asdict(session_options)},
+        models=_model_facts(labeller, corrector), markers=facts, body=body_facts(body),
+        quality={"coverage": float(np.isfinite(markers.cleaned.arrays["points_world"][..., 0]).mean())},
+    )  # fmt: skip
+    return MarkerVideoResult(run.output.path, session, plan, facts, body, seconds)
 
 
-def _all_blobs(session: Session, options: MarkerVideoOptions, progress: Progress
-               ) -> tuple[list[list[FloatArray]], list[float]]:  # fmt: skip
-    columns, thresholds = [], []
+def _with_frames(session: Session, frames: int) -> Session:
+    return session if frames == session.frames else replace(session, frame_indices=session.frame_indices[:, :frames])
+
+
+def _blob_stages(session: Session, options: MarkerVideoOptions, stage: Stages, progress: Progress) -> list[StageResult]:
+    """(C,) stages of the markers in each camera's images."""
+    stages = []
     with progress.task("markers in the images", len(session.cameras)) as task:
-        for c, video in enumerate(session.videos):
-            found, threshold = blobs_of(video, session.frame_indices[c], options.blobs)
-            columns.append(found)
-            thresholds.append(threshold)
+        for name, video, indices in zip(
+            file_names(session.cameras.names), session.videos, session.frame_indices, strict=True
+        ):
+            given = [video.content, video.rotation_deg, indices, options.blobs]
+            stages.append(stage(f"blobs-{name}", given, partial(_blobs, video, indices, options.blobs)))
             task.advance()
-    frames = min(len(found) for found in columns)
-    return [[found[t] for found in columns] for t in range(frames)], thresholds
+    return stages
 
 
-def _facts(session: Session, plan: MarkerPlan, found: FoundMarkers, confidence: FloatArray, points: FloatArray,
-           views: IndexArray, sample: ByteArray, thresholds: list[float], fit: MarkerFit,
-           notes: list[str]) -> dict[str, Any]:  # fmt: skip
-    from muybridge import __version__
+def _blobs(video: VideoInfo, indices: IntArray, options: BlobOptions) -> tuple[Arrays, Facts]:
+    return pack_blobs(*blobs_of(video, indices, options))
 
-    there = np.isfinite(points[..., 0])
-    residual = fit.residual_m[np.isfinite(fit.residual_m)] * 1e3
+
+def _by_frame(stages: list[StageResult]) -> list[list[FloatArray]]:
+    """For each frame the blobs (K, 3) of every camera."""
+    columns = [unpack_blobs(stage.arrays) for stage in stages]
+    frames = min(len(column) for column in columns)
+    return [[column[t] for column in columns] for t in range(frames)]
+
+
+def _marker_stages(
+    session: Session, plan: MarkerPlan, options: MarkerVideoOptions, stage: Stages, blobs: list[StageResult],
+    seen: list[list[FloatArray]], network: LabelNetwork,
+) -> _Markers:  # fmt: skip
+    """Trajectories, names and cleaned markers."""
+    cameras, fps = session.cameras, session.fps
+
+    def find() -> tuple[Arrays, Facts]:
+        found = find_markers(cameras, seen, fps, options)
+        return {"points_world": found.points}, {"dropped": found.dropped}
+
+    given = [[b.key for b in blobs], options.shortest_s, options.match, options.track]
+    trajectories = stage("trajectories", given, find)
+    points = trajectories.arrays["points_world"]
+    most = int(np.isfinite(points[..., 0]).sum(1).max(initial=0))
+    if most < _FEWEST_MARKERS:
+        raise SessionError(
+            f"{session.path}: no frame has more than {most} markers in 3D; are these videos of bright markers on a "
+            "dark background, and is the calibration these cameras'?"
+        )
+
+    def label() -> tuple[Arrays, Facts]:
+        labelled = label_points(points, fps, plan.markers, network, options.label)
+        return {"points_world": labelled.points, "confidence": labelled.confidence}, {"notes": list(labelled.notes)}
+
+    named = stage("names", [trajectories.key, plan.markers, options.label, file_digest(network.path)], label)
+
+    def clean() -> tuple[Arrays, Facts]:
+        again, views = triangulate_again(cameras, seen, named.arrays["points_world"], options.match.error_px)
+        cleaned = clean_markers(again, fps, options.clean)
+        arrays = {"points_world": cleaned.points, "sample": cleaned.sample, "triangulated_world": again, "views": views}
+        return arrays, {}
+
+    return _Markers(trajectories, named, stage("cleaned markers", [named.key, options.match, options.clean], clean))
+
+
+def _body_stage(
+    plan: MarkerPlan, session: Session, options: MarkerVideoOptions, stage: Stages, cleaned: StageResult,
+    corrector: SolverNetwork | None,
+) -> StageResult:  # fmt: skip
+    points = cleaned.arrays["points_world"]
+    worn = np.isfinite(points[..., 0]).any(0)
+    surface = np.array(plan.markers.surface_indices)
+    labels = [label for label, known in zip(plan.markers.labels, worn, strict=True) if known]
+    return stage(
+        "body", [cleaned.key, options.fit, None if corrector is None else file_digest(corrector.path)],
+        lambda: fit_labelled_markers(
+            points[:, worn], surface[worn], labels, session.fps, options.fit, None, corrector),
+    )  # fmt: skip
+
+
+def _marker_facts(session: Session, plan: MarkerPlan, markers: _Markers, blobs: list[StageResult]) -> dict[str, Any]:
+    """The markers for `run.json`."""
+    there = np.isfinite(markers.cleaned.arrays["triangulated_world"][..., 0])
+    views, sample = markers.cleaned.arrays["views"], markers.cleaned.arrays["sample"]
+    confidence = markers.names.arrays["confidence"]
     return {
-        "muybridge": __version__, "session": session.name, "frames": len(points), "fps": session.fps,
-        "marker_set": plan.markers.name, "notes": [*session.notices, *notes],
-        "thresholds": {n: round(v, 1) for n, v in zip(session.cameras.names, thresholds, strict=True)},
-        "markers_found": int(there.any(0).sum()), "seen": round(float(there[:, there.any(0)].mean()), 4),
-        "filled": round(float((sample >= Sample.CURVE).mean()), 4), "trajectories_dropped": found.dropped,
-        "cameras_a_marker": round(float(views[views > 0].mean()), 2) if (views > 0).any() else 0.0,
-        "stature_m": round(fit.body.stature_m, 4),
-        "residual_mm": {"median": round(float(np.median(residual)), 3),
-                        "p95": round(float(np.percentile(residual, 95)), 3)},
-        "markers": {label: {"found": round(float(there[:, m].mean()), 4),
-                            "confidence": round(float(confidence[:, m].mean()), 4)}
-                    for m, label in enumerate(plan.markers.labels)},
+        "set": plan.markers.name,
+        "thresholds": {n: round(b.facts["threshold"], 1) for n, b in zip(session.cameras.names, blobs, strict=True)},
+        "found": int(there.any(0).sum()),
+        "seen": round(float(there[:, there.any(0)].mean()), 4),
+        "filled": round(float((sample >= Sample.CURVE).mean()), 4),
+        "trajectories_dropped": markers.trajectories.facts["dropped"],
+        "cameras_per_marker": round(float(views[views > 0].mean()), 2) if (views > 0).any() else 0.0,
+        "by_label": {
+            label: {"found": round(float(there[:, m].mean()), 4),
+                    "confidence": round(float(confidence[:, m].mean()), 4)}
+            for m, label in enumerate(plan.markers.labels)
+        },
     }  # fmt: skip
 
 
-def _points(names: tuple[str, ...], kind: str, xyz: FloatArray, fps: float) -> Points3D:
-    count, size = xyz.shape[:2]
-    return Points3D(LandmarkSet(kind, names, ()), xyz, np.full((count, size, 3, 3), np.nan), np.empty((0, count, size)),
+def _model_facts(labeller: LabelNetwork, corrector: SolverNetwork | None) -> dict[str, Any]:
+    models = {"labels": {"file": labeller.path.name, "sha256": file_digest(labeller.path)}}
+    if corrector is not None:
+        models["solver"] = {"file": corrector.path.name, "sha256": file_digest(corrector.path),
+                            "version": corrector.version}  # fmt: skip
+    return models
+
+
+def _write(
+    run: Run, session: Session, plan: MarkerPlan, markers: _Markers, seen: list[list[FloatArray]],
+    body: BodySolution, options: MarkerVideoOptions, notices: tuple[str, ...],
+) -> tuple[str, ...]:  # fmt: skip
+    """Write every result but `run.json`; returns what spoils the result, as sentences."""
+    unnamed, points = markers.trajectories.arrays["points_world"], markers.cleaned.arrays["points_world"]
+    labels = LandmarkSet(plan.markers.name, plan.markers.labels, ())
+    bare = LandmarkSet("unnamed", tuple(f"*{k + 1}" for k in range(unnamed.shape[1])), ())
+    named = _as_points(labels, points, session.fps)
+    run.write_points({UNNAMED: _as_points(bare, unnamed, session.fps), POINTS_C3D: named, POINTS_TRC: named})
+    run.write_motion(MOTIONS, body.motion)
+    measured = markers.cleaned.arrays["triangulated_world"]
+    px, residual = nearest_blobs(session.cameras, seen, measured, options.match.error_px)
+    skeleton = body.motion.skeleton
+    data = ReportData(
+        title=session.name,
+        cameras=session.cameras,
+        points=replace(_as_points(labels, measured, session.fps), residual_px=residual, inlier=np.isfinite(residual)),
+        delivered=named,
+        keypoints_px=px,
+        joint_positions_world=body.motion.joint_positions_world(),
+        joint_names=skeleton.names,
+        joint_parents=tuple(skeleton.parents),
+        warnings=notices,
+        timings_s=run.timings_s,
+        options=json_value(asdict(options)),
+        versions=versions(),
+        files=tuple(run.written),
+    )
+    run.write(REPORT, partial(write_report, data=data))
+    return problems(data)
+
+
+def _as_points(landmarks: LandmarkSet, points_world: FloatArray, fps: float) -> Points3D:
+    """Points of which no camera's residual is known."""
+    count, size = points_world.shape[:2]
+    return Points3D(landmarks, points_world, np.full((count, size, 3, 3), np.nan), np.empty((0, count, size)),
                     np.empty((0, count, size), bool), fps)  # fmt: skip
-
-
-def _write(output: Any, session: Session, plan: MarkerPlan, found: FoundMarkers, points: FloatArray, fit: MarkerFit,
-           facts: dict[str, Any]) -> None:  # fmt: skip
-    from muybridge.motion.formats.gltf.write import write_glb
-    from muybridge.motion.formats.points.c3d import write_c3d
-    from muybridge.motion.formats.points.trc import write_trc
-    from muybridge.motion.formats.skeletal.bvh import write_bvh
-    from muybridge.motion.formats.skeletal.mot import write_mot
-
-    bare = _points(tuple(f"*{k + 1}" for k in range(found.points.shape[1])), "unnamed", found.points, session.fps)
-    named = _points(plan.markers.labels, plan.markers.name, points, session.fps)
-    output.write(UNNAMED, lambda path: write_c3d(path, bare))
-    output.write(MARKERS_C3D, lambda path: write_c3d(path, named))
-    output.write(MARKERS_TRC, lambda path: write_trc(path, named))
-    output.write("motion.bvh", lambda path: write_bvh(path, fit.motion))
-    output.write("motion.glb", lambda path: write_glb(path, fit.motion))
-    output.write("motion.mot", lambda path: write_mot(path, fit.motion))
-    output.write_text(FACTS, json.dumps(facts, indent=2, ensure_ascii=False, allow_nan=False) + "\n")

@@ -168,7 +168,7 @@ def _held_out(count: int) -> BoolArray:
 def _cut(followed: Followed, view: _View, apart: IndexArray, shape: _Shape) -> Iterator[tuple[NDArray[Any], ...]]:
     """The first arrays of `PseudoLabels` of a view, chunk by chunk; the frames `apart` are held out."""
     session, c = followed.session, view.camera
-    camera, count = session.level_cameras[c], len(followed.detected[c].tracks.points_px)
+    camera, count = session.level_cameras[c], followed.detected[c].tracks.frames
     own = own_frames(session.clocks, c, view.frames, session.fps, count)
     crops = crops_for_boxes(view.boxes_px, shape.size_px, camera, shape.padding)
     frames, order = np.unique(own, return_inverse=True)

@@ -1,49 +1,53 @@
-"""The whole chain for one session: videos to 2D landmarks, to 3D points, to motion, to files."""
+"""From a session's videos to 2D landmarks, 3D points, motion and files."""
 
-import time
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
-from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from muybridge import __version__
 from muybridge.errors import SessionError
+from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.geometry.landmarks.arrays import Keypoints2D
-from muybridge.geometry.sync.clocks import synchronised
-from muybridge.infer.detection.detect import (
-    CameraResult,
-    DetectOptions,
-    Models,
-    detect,
-    file_names,
-    first_look,
-    open_models,
-)
-from muybridge.infer.detection.pose_estimator import first_frames, merge_markers, merge_tracks
+from muybridge.geometry.sync.clocks import resample_keypoints
+from muybridge.infer.detection.detect import CameraResult, DetectOptions, detect, file_names, first_look
 from muybridge.infer.detection.refine import RefinementOptions, TopDownRefinement
 from muybridge.infer.detection.resample import in_time, repeats_notice
+from muybridge.infer.detection.tracks import first_frames, merge_tracks
+from muybridge.infer.networks.models import Models, open_models
 from muybridge.infer.pipelines.warm_up import CompiledAhead
-from muybridge.infer.reconstruction import judge_calibration as calibration_stage
-from muybridge.infer.reconstruction import refine_cameras
+from muybridge.infer.reconstruction import judge_calibration, refine_cameras
 from muybridge.infer.reconstruction.gravity import estimate_gravity
 from muybridge.infer.reconstruction.landmarks import Solution, SolveOptions, solve
 from muybridge.infer.reconstruction.quality import Quality, assess, unsure_landmarks
-from muybridge.infer.results import write as exports
-from muybridge.infer.results.folder import WORK, OutputFolder, open_output
+from muybridge.infer.results.folder import WORK
 from muybridge.infer.results.overlay import OverlayOptions
-from muybridge.infer.results.provenance import calibration_facts, machine, session_facts, stage_facts, versions
+from muybridge.infer.results.overlay_stage import is_overlay, overlay_name, write_overlays
+from muybridge.infer.results.people import (
+    MOST_PEOPLE,
+    PERSONAL,
+    REPORT,
+    of_person,
+    write_people,
+    write_reports,
+    written_people,
+)
+from muybridge.infer.results.provenance import calibration_facts, session_facts, versions
+from muybridge.infer.results.record import json_value
+from muybridge.infer.results.run import DEFAULT_OUT, Run
 from muybridge.infer.runtime.digests import digest
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.session.session import Session, SessionOptions, open_session, with_frames, with_notice
 from muybridge.infer.session.sync_file import SYNC_FILE
 
-RUN_FORMAT = 1
-DEFAULT_OUT = "muybridge"
+_log = logging.getLogger(__name__)
+
+CALIBRATION = "calibration.toml"
 # Where `muybridge adapt` leaves a session's own network.
 ADAPTED = Path("adapted") / "keypoints-int8.onnx"
 
@@ -56,10 +60,10 @@ class RunOptions:
         session: how the session folder is read.
         detect: 2D landmarks.
         solve: 3D points and motion.
-        refinement: views that lack the person, looked at again where the others know them to be.
-        overlay: the videos with what was found.
-        refine_cameras: make the cameras' poses better by the person first.
-        world: whose axes results have: the `calibration`'s, or turned `upright` where its Z axis is not up.
+        refinement: when a person's views are read again with crops predicted from 3D.
+        overlay: the videos with landmarks and skeleton overlaid.
+        refine_cameras: refine the cameras' poses from the person first.
+        world: axes of the results: those of the `calibration`, or turned `upright` where its Z axis is not up.
         overwrite: replace files of our names in the results folder that muybridge did not write.
     """
 
@@ -79,12 +83,12 @@ class RunResult:
 
     Attributes:
         out: the results folder.
-        session: what was worked on.
-        solution: what was found.
-        quality: how good it is.
+        session: the session, with what was assumed about it.
+        solution: the person in 3D.
+        quality: the person's quality figures.
         seconds: how long this run took.
-        others: how good the other people are who were written, by number from 2.
-        problems: what spoils the result, a sentence each, as the report has them.
+        others: quality figures of the other people who were written, by number from 2.
+        problems: what spoils the result, as sentences; the report has the same.
     """
 
     out: Path
@@ -98,13 +102,13 @@ class RunResult:
 
 @dataclass(frozen=True)
 class Followed:
-    """A session whose person was followed.
+    """A session whose person was tracked.
 
     Attributes:
         session: with as many frames as every camera has, and the cameras that were used.
-        detected: what each camera found, in its own frames.
+        detected: each camera's 2D landmarks, in its own frames.
         solution: the person's motion.
-        calibration: how good the cameras are; None where that cannot be told.
+        calibration: how good the cameras are; None where that cannot be judged.
     """
 
     session: Session
@@ -113,50 +117,84 @@ class Followed:
     calibration: CalibrationQuality | None
 
 
+def result_names(camera_files: Sequence[str]) -> tuple[str, ...]:
+    """Every file that a run writes into its results folder, except `run.json`.
+
+    Args:
+        camera_files: the cameras' names as file names.
+    """
+    people = tuple(of_person(name, n) for n in range(1, MOST_PEOPLE + 1) for name in PERSONAL)
+    return (*people, *(overlay_name(name) for name in camera_files), CALIBRATION)
+
+
 def run_session(path: Path, out: Path | None, options: RunOptions, progress: Progress) -> RunResult:
-    """Work on one session folder.
+    """Process one session folder.
 
     Args:
         path: the session's folder.
         out: the results folder; None for `muybridge/` inside the session.
-        options: how.
-        progress: whom to tell.
+        options: of every stage.
+        progress: receives progress messages.
 
     Raises:
-        MuybridgeError: of some kind, for everything that the user can mend. Everything that can be known
-            beforehand is checked before the first frame is worked on, and before anything is written.
+        MuybridgeError: of some kind, for everything that the user can fix. Everything that can be known beforehand is
+            checked before the first frame is processed and before anything is written.
     """
-    start, began = time.perf_counter(), datetime.now(UTC)
     session = open_session(path, options.session)
     models = open_models(options.detect)
     files = file_names(session.cameras.names)
     inputs = [session.calibration, *(v.path for v in session.videos)]
     place = path / DEFAULT_OUT if out is None else out
-    output = open_output(place, exports.result_names(files), inputs, options.overwrite, path)
-    store = StageStore(output.work)
+    run = Run("videos", place, result_names(files), inputs, options.overwrite, progress, path)
     progress.say(f"{session.name}: {len(session.cameras)} cameras, {session.frames} frames at {session.fps:.4g} fps")
     for notice in session.notices:
         progress.notice(notice)
     if options.detect.keypoint_model is None and (path / ADAPTED).is_file():
         progress.notice(f"{path / ADAPTED} was adapted to this session and is not used; --keypoint-model names it")
-    followed = follow(session, models, store, options, progress)
-    session, solution, calibration = followed.session, followed.solution, followed.calibration
+    followed = follow(session, models, run.store, options, progress)
+    session, solution = followed.session, followed.solution
     if solution.motion is None:
         session = replace(session, notices=(*session.notices, f"there is no motion: {solution.no_motion}"))
-    qualities = [assess(session.cameras, person) for person in exports.written_people(solution)]
-    written, stages, problems = _write(
-        output, store, session, files, followed.detected, solution, qualities, calibration, options, progress
-    )
-    seconds = time.perf_counter() - start
-    facts = _facts(began, seconds, session, written, qualities, calibration, solution, stages, options, models.metadata)
-    facts["problems"] = problems
-    exports.write_run(output, facts)
+    qualities = [assess(session.cameras, person) for person in written_people(solution)]
+    problems = _write(run, session, followed, qualities, options)
+    earlier = (name for name in run.output.names if is_overlay(name))  # of cameras that take no part now
+    seconds = run.finish(
+        {*result_names(files), *earlier},
+        frames=session.frames, fps=session.fps, session=session_facts(session), quality=asdict(qualities[0]),
+        others=[{"person": n, "quality": asdict(q)} for n, q in enumerate(qualities[1:], start=2)],
+        calibration=calibration_facts(followed.calibration), person=solution.person, notices=session.notices,
+        problems=problems, options=asdict(options), models=models.metadata,
+    )  # fmt: skip
     if solution.motion is None:
         raise SessionError(
-            f"{path}: {solution.no_motion}; {output.path / exports.REPORT} and the overlays beside it show "
-            "what was found: if the marks are on the person, the calibration does not belong to these videos"
+            f"{path}: {solution.no_motion}; {run.output.path / REPORT} and the overlays beside it show the landmarks: "
+            "if they lie on the person, the calibration does not belong to these videos"
         )
-    return RunResult(output.path, session, solution, qualities[0], seconds, tuple(qualities[1:]), problems)
+    return RunResult(run.output.path, session, solution, qualities[0], seconds, tuple(qualities[1:]), problems)
+
+
+def _write(
+    run: Run, session: Session, followed: Followed, qualities: Sequence[Quality], options: RunOptions
+) -> tuple[str, ...]:
+    """Write every result but `run.json`; returns what spoils the result, as sentences."""
+    solution, files = followed.solution, file_names(session.cameras.names)
+    run.stages |= {f"2D {files[c]}": d.stage for c, d in enumerate(followed.detected)} | solution.stages
+    run.write(CALIBRATION, partial(_save_calibration, session=session))
+    write_people(run, solution, options.detect.markers)
+    thumbnails = write_overlays(
+        run, session, files, followed.detected, solution, options.overlay, options.detect.workers
+    )
+    shared: dict[str, Any] = {
+        "cameras": session.cameras, "warnings": session.notices, "timings_s": run.timings_s,
+        "options": json_value(asdict(options)), "versions": versions(),
+    }  # fmt: skip
+    # Overlays are drawn with the first person's points.
+    first = {"calibration": followed.calibration, "thumbnails": tuple(thumbnails)}
+    return write_reports(run, session.name, solution, qualities, shared, first)
+
+
+def _save_calibration(path: Path, session: Session) -> None:
+    save_calibration(session.cameras, path)
 
 
 def follow(session: Session, models: Models, store: StageStore, options: RunOptions, progress: Progress) -> Followed:
@@ -166,28 +204,31 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
         session: C cameras and their videos.
         models: the networks.
         store: where finished stages are.
-        options: how; those of overlays are not looked at.
-        progress: whom to tell.
+        options: of every stage but the overlays.
+        progress: receives progress messages.
 
     Raises:
-        SessionError: a video gave no frame.
+        SessionError: a video has no frame.
     """
     files = file_names(session.cameras.names)
-    look = options.refinement
-    first = first_look(options.detect) if look.enabled and look.everywhere else options.detect
+    again = options.refinement
+    first = first_look(options.detect) if again.enabled and again.everywhere else options.detect
     with CompiledAhead() as ahead:
         session = estimate_gravity(session, files, models, store, first, progress, turn=options.world == "upright")
         detected = detect(session, files, models, store, first, progress)
         ahead.wait(progress)
-    session, keypoints, markers = _common(session, detected, progress)
+    session, keypoints = _merge(session, detected, progress)
     if session.clocks is not None:
-        session = with_notice(session, f"the cameras' 2D landmarks were put in step by {SYNC_FILE}", progress)
+        session = with_notice(session, f"the cameras' 2D landmarks were synchronised by {SYNC_FILE}", progress)
     key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras, session.clocks, session.late)
-    session, calibration, before = _calibrated(session, keypoints, key, store, options, progress)
+    body = next(iter(keypoints.values()))
+    session, calibration, before = _judge_cameras(session, body, key, store, options, progress)
     key = digest(key, session.cameras.cameras)
-    again = TopDownRefinement(session, detected, files, models, store, options.detect, options.refinement, progress)
-    how = options.solve.with_card(models.min_confidence)
-    solution = solve(session.cameras, keypoints, session.fps, key, store, how, progress, markers, again)
+    refinement = TopDownRefinement(
+        session, detected, files, models, store, options.detect, options.refinement, progress
+    )
+    solve_options = options.solve.with_card(models.min_confidence)
+    solution = solve(session.cameras, keypoints, session.fps, key, store, solve_options, progress, refinement)
     progress.say(solution.person)
     for notice in unsure_landmarks(solution):
         session = with_notice(session, notice, progress)
@@ -195,96 +236,25 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
     return Followed(session, detected, solution, calibration)
 
 
-def _facts(
-    began: datetime,
-    seconds: float,
-    session: Session,
-    written: Sequence[str],
-    qualities: Sequence[Quality],
-    calibration: CalibrationQuality | None,
-    solution: Solution,
-    stages: Mapping[str, StageResult],
-    options: RunOptions,
-    models: Mapping[str, Any],
-) -> dict[str, Any]:
-    """What `run.json` says."""
-    return {
-        "format": RUN_FORMAT,
-        "muybridge": __version__,
-        "started": began.isoformat(timespec="seconds"),
-        "seconds": seconds,
-        "session": session_facts(session),
-        "results": [*written, exports.RUN],
-        "quality": asdict(qualities[0]),
-        "calibration": calibration_facts(calibration),
-        "person": solution.person,
-        "people": 1 + len(solution.others),
-        "others": [{"person": n, "quality": asdict(q)} for n, q in enumerate(qualities[1:], start=2)],
-        "notices": session.notices,
-        "stages": stage_facts(stages),
-        "options": asdict(options),
-        "models": models,
-        "versions": versions(),
-        "machine": machine(),
-    }
-
-
-def _calibrated(
-    session: Session,
-    keypoints: Keypoints2D,
-    key: str,
-    store: StageStore,
-    options: RunOptions,
-    progress: Progress,
+def _judge_cameras(
+    session: Session, keypoints: Keypoints2D, key: str, store: StageStore, options: RunOptions, progress: Progress
 ) -> tuple[Session, CalibrationQuality | None, dict[str, StageResult]]:
     """The session with its cameras refined if that was asked, how good they are, and the stages by name."""
     stages: dict[str, StageResult | None] = {}
     if options.refine_cameras:
         session, stages[refine_cameras.STAGE] = refine_cameras.refined(session, keypoints, key, store, progress)
         key = digest(key, session.cameras.cameras)
-    judged, stages[calibration_stage.STAGE] = calibration_stage.judge(
+    judged, stages[judge_calibration.STAGE] = judge_calibration.judge(
         session.cameras, keypoints, session.fps, key, store, progress
     )
     return session, judged, {name: stage for name, stage in stages.items() if stage is not None}
 
 
-def _write(
-    output: OutputFolder,
-    store: StageStore,
-    session: Session,
-    files: Sequence[str],
-    detected: Sequence[CameraResult],
-    solution: Solution,
-    qualities: Sequence[Quality],
-    calibration: CalibrationQuality | None,
-    options: RunOptions,
-    progress: Progress,
-) -> tuple[list[str], dict[str, StageResult], tuple[str, ...]]:
-    """Write every result but `run.json`; returns their names, all stages by name, and what spoils the result."""
-    stages = {f"2D {files[c]}": d.stage for c, d in enumerate(detected)} | solution.stages
-    written = exports.write_motion(output, session, solution, options.detect.markers)
-    drawn, thumbnails = exports.write_overlays(
-        output, store, session, files, detected, solution, options.overlay, options.detect.workers, progress
-    )
-    stages |= drawn
-    written += [exports.overlay_name(name) for name in files]
-    timings = {name: stage.seconds for name, stage in stages.items()}
-    pages, problems = exports.write_report_pages(
-        output, session, solution, qualities, calibration, thumbnails, timings, asdict(options), versions(), written
-    )
-    written += pages
-    kept = {*written, exports.RUN}
-    # Overlays of cameras that take no part now, or of another session.
-    earlier = (name for name in output.names if exports.is_overlay(name))
-    output.retire(name for name in {*exports.result_names(files), *earlier} if name not in kept)
-    return written, stages, problems
-
-
-def _common(
+def _merge(
     session: Session, detected: Sequence[CameraResult], progress: Progress
-) -> tuple[Session, Keypoints2D, Keypoints2D | None]:
-    """Everyone's 2D landmarks and markers, in step, over the frames that every camera really had."""
-    counts = [len(d.tracks.points_px) for d in detected]
+) -> tuple[Session, dict[str, Keypoints2D]]:
+    """Everyone's 2D landmarks by set, synchronised, over the frames that every camera really has."""
+    counts = [d.tracks.frames for d in detected]
     frames = min(counts)
     if frames == 0:
         empty = session.videos[counts.index(0)].path
@@ -298,13 +268,10 @@ def _common(
             session = with_notice(session, repeats, progress)
         if found.frozen_from is not None:
             name = session.videos[c].path.name
-            notice = f"{name} hangs from frame {found.frozen_from} to its end, while others see people move"
-            session = with_notice(session, f"{notice}: it is left out there", progress)
+            notice = f"{name} is frozen from frame {found.frozen_from} to its end, while other cameras see people move"
+            session = with_notice(session, f"{notice}: its landmarks are left out there", progress)
     tracks = [in_time(session, c, first_frames(d.tracks, frames), d.repeats) for c, d in enumerate(detected)]
-    markers = merge_markers(tracks)
-    if markers is not None:
-        markers = synchronised(markers, session.clocks, session.fps)
-    return session, synchronised(merge_tracks(tracks), session.clocks, session.fps), markers
+    return session, {n: resample_keypoints(k, session.clocks, session.fps) for n, k in merge_tracks(tracks).items()}
 
 
 def summary(result: RunResult) -> str:
@@ -326,7 +293,7 @@ def summary(result: RunResult) -> str:
     for number, other in enumerate(result.others, start=2):
         rows.append(f"  person {number}: 3D points for {other.coverage:.1%}, {_left_out(other.leave_one_out_px)}")
     rows += [f"  problem: {text}" for text in result.problems]
-    rows.append(f"  results: {result.out} ({exports.REPORT} shows them; {WORK}/ may be deleted)")
+    rows.append(f"  results: {result.out} ({REPORT} shows them; {WORK}/ may be deleted)")
     return "\n".join(rows)
 
 

@@ -87,7 +87,7 @@ def compile_now() -> None:
     with tempfile.TemporaryDirectory() as folder, Progress(quiet=True) as progress:
         store = StageStore(Path(folder))
         calibration_stage.judge(cameras, keypoints, 25.0, "", store, progress)
-        solve(cameras, keypoints, 25.0, "", store, SolveOptions(), progress)
+        solve(cameras, {BODY23.name: keypoints}, 25.0, "", store, SolveOptions(), progress)
 
 
 if __name__ == "__main__":

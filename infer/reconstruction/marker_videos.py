@@ -13,14 +13,13 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.rays import ray_directions
 from muybridge.geometry.fitting.subject import MarkerFitOptions
 from muybridge.geometry.markers.cleaning import CleanOptions
-from muybridge.geometry.markers.matching import MatchOptions, follow_points, meet, without_ghosts
+from muybridge.geometry.markers.matching import MatchOptions, find_real_markers, follow_points, intersect_rays
 from muybridge.geometry.markers.tracking import TrackOptions, track_points
 from muybridge.infer.detection.blobs import BlobOptions, find_blobs, find_threshold
 from muybridge.infer.labelling.label import LabelOptions
+from muybridge.infer.runtime.stages import Arrays, Facts
 from muybridge.infer.session.probe import VideoInfo
 from muybridge.infer.session.video import read_chunks
-
-UNNAMED, MARKERS_C3D, MARKERS_TRC, FACTS = "unnamed.c3d", "points.c3d", "points.trc", "markers.json"
 
 
 @dataclass(frozen=True)
@@ -78,6 +77,17 @@ def blobs_of(video: VideoInfo, indices: IntArray, options: BlobOptions) -> tuple
     return found, float(threshold or 0.0)
 
 
+def pack_blobs(blobs: list[FloatArray], threshold: float) -> tuple[Arrays, Facts]:
+    """The result of `blobs_of` as arrays and facts."""
+    counts = np.array([len(each) for each in blobs], dtype=np.int64)
+    return {"blobs": np.concatenate([np.empty((0, 3)), *blobs]), "counts": counts}, {"threshold": threshold}
+
+
+def unpack_blobs(arrays: Arrays) -> list[FloatArray]:
+    """Blobs (K, 3) of every frame."""
+    return np.split(arrays["blobs"], np.cumsum(arrays["counts"])[:-1])
+
+
 def find_markers(
     cameras: CameraGroup, seen: list[list[FloatArray]], fps: float, options: MarkerVideoOptions
 ) -> FoundMarkers:
@@ -88,7 +98,7 @@ def find_markers(
     """
     points, _ = follow_points(cameras, seen, fps, options.match)
     tracks = track_points(points, fps, options.track)
-    good = without_ghosts(tracks.points, tracks.track, max(3, round(options.shortest_s * fps)), fps)
+    good = find_real_markers(tracks.points, tracks.track, max(3, round(options.shortest_s * fps)), fps)
     kept = np.where(good[..., None], tracks.points, np.nan)
     dropped = len(np.unique(tracks.track[(tracks.track >= 0) & ~good]))
     used = good.any(0)
@@ -131,11 +141,11 @@ def triangulate_again(cameras: CameraGroup, seen: list[list[FloatArray]], points
         owner = np.take_along_axis(nearest, best, 1) == np.arange(len(known))
         near &= owner
         rays = ray_directions(cameras, np.take_along_axis(px, best[..., None], 1))
-        new = meet(centres, np.nan_to_num(np.moveaxis(rays, 0, 1)), near.T)
+        new = intersect_rays(centres, np.nan_to_num(np.moveaxis(rays, 0, 1)), near.T)
         error = np.linalg.norm(cameras.project(new) - np.take_along_axis(px, best[..., None], 1), axis=-1)
         good = near & (error < reach_px)
         enough = (good.sum(0) >= 2) & (good.sum(0) == near.sum(0))
-        again = meet(centres, np.nan_to_num(np.moveaxis(rays, 0, 1)), good.T)
+        again = intersect_rays(centres, np.nan_to_num(np.moveaxis(rays, 0, 1)), good.T)
         sure = (good.sum(0) >= 2) & (np.linalg.norm(again - expected[t, known], axis=-1) < 0.015)
         sure &= enough | (good.sum(0) >= 3)
         out[t, known[sure]], views[t, known[sure]] = again[sure], good.sum(0)[sure]
@@ -143,6 +153,35 @@ def triangulate_again(cameras: CameraGroup, seen: list[list[FloatArray]], points
     lost = np.isnan(out[..., 0]) & np.isfinite(points[..., 0])
     out[lost] = points[lost]
     return out, views
+
+
+def nearest_blobs(
+    cameras: CameraGroup, seen: list[list[FloatArray]], points: FloatArray, reach_px: float
+) -> tuple[FloatArray, FloatArray]:
+    """Each marker's blob in each camera.
+
+    Args:
+        cameras: C cameras.
+        seen: blobs (K, 3) of every frame and camera.
+        points: (T, M, 3) metres.
+        reach_px: how far a blob may be from the projection.
+
+    Returns:
+        (C, T, M, 2) px and (C, T, M) distance to the projection, px; NaN where there is no blob within reach.
+    """
+    projected = cameras.project(points)
+    px, away = np.full(projected.shape, np.nan), np.full(projected.shape[:-1], np.nan)
+    for t, frame in enumerate(seen):
+        for c, blobs in enumerate(frame):
+            if not len(blobs):
+                continue
+            far = np.linalg.norm(projected[c, t, :, None] - blobs[None, :, :2], axis=-1)
+            far = np.where(np.isfinite(far), far, np.inf)
+            best = far.argmin(1)
+            least = far[np.arange(len(best)), best]
+            near = least < reach_px
+            px[c, t, near], away[c, t, near] = blobs[best[near], :2], least[near]
+    return px, away
 
 
 def _bridged(points: FloatArray, longest: int) -> tuple[FloatArray, BoolArray]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -97,22 +96,3 @@ def unsure_landmarks(solution: Solution) -> list[str]:
                 "are left out there (--min-confidence 0 keeps what is guessed)"
             )
     return said
-
-
-def plain(value: Any) -> Any:
-    """Values as JSON holds them: numbers that are not finite become None or text, paths text."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float):
-        if np.isnan(value):
-            return None
-        return round(value, 6) if np.isfinite(value) else str(value)
-    if value is None or isinstance(value, (str, int, bool)):
-        return value
-    return str(value)

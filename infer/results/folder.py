@@ -1,19 +1,22 @@
-"""The results folder: checked before any work, and nothing in it replaced that muybridge did not write.
+"""The results folder: checked before any work; files in it that muybridge did not write are kept.
 
-`work/manifest.json` remembers the digest of every file that was written here. A file that is not in it, or
-that was changed since, is someone else's and stays unless `--overwrite` is given.
+`work/manifest.json` has the digest of every file that was written here. A file that is not in it, or that was changed
+since, belongs to somebody else and is replaced only with `overwrite` (see `muybridge.infer.results.ownership`).
 """
 
 import json
+import logging
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from muybridge.errors import OutputError
-from muybridge.files import cannot_write, remove_abandoned, replacing, temporary_path
+from muybridge.files import remove_abandoned, replacing
+from muybridge.infer.results.ownership import make_writable, refuse_root
 from muybridge.infer.runtime.digests import file_digest
 from muybridge.infer.session.discover import VIDEO_FOLDERS
 
+_log = logging.getLogger(__name__)
 WORK = "work"
 MANIFEST = "manifest.json"
 _REMEMBERED = 2  # digests a file: a run killed between manifest and rename leaves the earlier one in place
@@ -52,6 +55,7 @@ class OutputFolder:
             with self._lock:
                 self._written[name] = [digest, *self._written.get(name, [])][:_REMEMBERED]
                 _write_manifest(self.work, self.of, self._written)
+        _log.info("wrote %s", path)
         return path
 
     def retire(self, names: Iterable[str]) -> None:
@@ -89,6 +93,7 @@ def open_output(
     Raises:
         OutputError: the folder belongs to the input, cannot be written, or holds such files.
     """
+    refuse_root(path)
     place = path.resolve()
     default = "name another folder with --out"
     if session is not None:
@@ -101,7 +106,9 @@ def open_output(
         raise OutputError(f"{path} is a file; --out must name a folder")
     if _foreign_work(path / WORK):
         raise OutputError(f"{path / WORK} was not made by muybridge: choose another --out or move it")
-    _make_writable(path)
+    make_writable(path / WORK)
+    if not is_ours(path):
+        _write_manifest(path / WORK, "", {})
     output = OutputFolder(path)
     foreign = [n for n in names if (path / n).exists() and not output.owns(n)]
     directories = [n for n in foreign if (path / n).is_dir()]
@@ -133,19 +140,6 @@ def _foreign_work(work: Path) -> bool:
     if not work.exists():
         return False
     return not work.is_dir() or (any(work.iterdir()) and not (work / MANIFEST).is_file())
-
-
-def _make_writable(path: Path) -> None:
-    work = path / WORK
-    try:
-        work.mkdir(parents=True, exist_ok=True)
-        probe = temporary_path(work / "probe")
-        probe.write_bytes(b"muybridge")
-        probe.unlink()
-    except OSError as error:
-        raise cannot_write(path, error) from None
-    if not (work / MANIFEST).exists():
-        _write_manifest(work, "", {})
 
 
 def _write_manifest(work: Path, of: str, files: Mapping[str, Sequence[str]]) -> None:

@@ -1,13 +1,14 @@
-"""Finished stages on disk, so that a run that was stopped goes on from the last of them.
+"""Finished stages on disk, so that a run that was stopped continues after the last of them.
 
-A stage's result is one `.npz`, written under a temporary name and renamed, that carries the key it was
-computed for: a digest of everything that went in (options, input files, networks, the code itself). A result
-is used again only under the same key.
+A stage's result is one `.npz`, written atomically, that carries the key it was computed for: a digest of everything
+that went in (options, input files, networks, the code itself). A result is used again only under the same key.
 """
 
 import json
+import logging
+import time
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,22 +17,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.files import replacing
+from muybridge.infer.runtime.digests import digest
+from muybridge.infer.runtime.progress import Progress
+
+_log = logging.getLogger(__name__)
+
+Arrays = Mapping[str, NDArray[Any]]
+Facts = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class StageResult:
-    """What a stage found.
+    """The result of a stage.
 
     Attributes:
         arrays: by name.
-        facts: anything that JSON can hold.
+        facts: by name; anything that JSON can hold.
         seconds: how long it took to compute, also where it was read from disk.
         resumed: whether it was read from disk.
         key: what it was computed for.
     """
 
-    arrays: Mapping[str, NDArray[Any]]
-    facts: Mapping[str, Any]
+    arrays: Arrays
+    facts: Facts
     seconds: float
     resumed: bool
     key: str
@@ -44,38 +52,76 @@ class StageStore:
         """`folder` must exist."""
         self.folder = folder
 
+    def path(self, stage: str) -> Path:
+        """The file of a stage."""
+        return self.folder / f"{stage}.npz"
+
     def holds(self, stage: str, key: str) -> bool:
         """Whether a stage's result for this key is stored; its arrays are not read."""
         try:
-            with np.load(self.folder / f"{stage}.npz", allow_pickle=False) as stored:
+            with np.load(self.path(stage), allow_pickle=False) as stored:
                 return bool(json.loads(str(stored["stage"]))["key"] == key)
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             return False
 
     def load(self, stage: str, key: str) -> StageResult | None:
         """The stored result of a stage, or None where there is none for this key."""
-        path = self.folder / f"{stage}.npz"
         try:
-            with np.load(path, allow_pickle=False) as stored:
+            with np.load(self.path(stage), allow_pickle=False) as stored:
                 head = json.loads(str(stored["stage"]))
                 if head["key"] != key:
+                    _log.debug("stage %s: stored for other inputs or another version; computed again", stage)
                     return None
                 arrays = {name[6:]: stored[name] for name in stored.files if name.startswith("array_")}
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+            _log.info("stage %s: its file is damaged (%s); computed again", stage, error)
             return None
         return StageResult(arrays, head["facts"], head["seconds"], True, key)
 
-    def save(
-        self,
-        stage: str,
-        key: str,
-        arrays: Mapping[str, NDArray[Any]],
-        facts: Mapping[str, Any],
-        seconds: float,
-    ) -> StageResult:
-        """Store a stage's result under its key."""
+    def save(self, stage: str, key: str, arrays: Arrays, facts: Facts, seconds: float) -> StageResult:
+        """Store a stage's result under its key.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
         head = json.dumps({"key": key, "facts": dict(facts), "seconds": seconds})
         named: dict[str, Any] = {f"array_{n}": a for n, a in arrays.items()}
-        with replacing(self.folder / f"{stage}.npz") as temporary, temporary.open("wb") as file:
+        with replacing(self.path(stage)) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, stage=np.array(head), **named)
         return StageResult(dict(arrays), dict(facts), seconds, False, key)
+
+
+class Stages:
+    """Computes the stages of a run, or reads them from the store.
+
+    Attributes:
+        done: the stages by name, in order.
+    """
+
+    def __init__(self, store: StageStore, progress: Progress, inputs: Sequence[Any]):
+        """`inputs`: what all stages depend on."""
+        self._store, self._progress, self._inputs = store, progress, inputs
+        self.done: dict[str, StageResult] = {}
+
+    def __call__(self, name: str, given: Any, compute: Callable[[], tuple[Arrays, Facts]]) -> StageResult:
+        """The stage `name`, which also depends on `given`.
+
+        Args:
+            name: of the stage and of its file.
+            given: what it depends on besides the inputs of all stages.
+            compute: called where the store has no result: arrays and facts.
+        """
+        key = digest(name, self._inputs, given)
+        result = self._store.load(name, key)
+        if result is not None:
+            self._progress.say(f"{name}: resumed from {self._store.path(name)}")
+        else:
+            self._progress.stage(name)
+            start = time.perf_counter()
+            arrays, facts = compute()
+            result = self._store.save(name, key, arrays, facts, time.perf_counter() - start)
+            self._progress.say(f"{name}: {result.seconds:.1f} s")
+        self.done[name] = result
+        return result

@@ -1,9 +1,10 @@
 """Markdown of the command-line reference, from the parsers of the commands themselves."""
 
+import argparse
 import importlib
 import re
+import textwrap
 import tomllib
-import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,8 @@ def index_page(commands: dict[str, str]) -> str:
     lines = [
         "# Command line",
         "",
-        "Every page of this section is generated from the command's own `--help`. Exit codes: 0 for success, 2 for an"
+        "`muybridge COMMAND --help` shows a command's common options, `--help-all` every option. The pages of this"
+        " section are generated from the commands themselves and list every option. Exit codes: 0 for success, 2 for an"
         " error that you can fix (one line on standard error says what to do), 130 when interrupted. Anything else is"
         " a bug: please report it with its traceback.",
         "",
@@ -46,11 +48,9 @@ def index_page(commands: dict[str, str]) -> str:
 
 def command_page(name: str, target: str) -> str:
     """The page of one command: usage, description, arguments, and every group of options."""
-    import tyro
+    from muybridge.infer.commands.parsing import parser_of
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # the only public way to a parser; tyro's version is pinned
-        parser = tyro.extras.get_parser(_function(target), prog=f"muybridge {name}")
+    parser = parser_of(_function(target), name)
     lines = [f"# muybridge {name}", "", *_parser(parser, f"muybridge {name}", 2)]
     return "\n".join(lines)
 
@@ -62,11 +62,10 @@ def _function(target: str) -> Callable[..., Any]:
 
 
 def _parser(parser: Any, name: str, level: int) -> Iterator[str]:
-    yield from (parser.description or "").strip().split("\n")
-    yield ""
+    yield from (_description(parser.description or ""), "")
     yield from ("```console", f"{name} {_usage(parser)}".rstrip(), "```", "")
     for group in parser._action_groups:
-        actions = [a for a in group._group_actions if a.dest != "help"]
+        actions = [a for a in group._group_actions if _shown(a)]
         if not actions or all(_subparsers(a) for a in actions):
             continue
         yield from ("#" * level + f" {_title(group.title)}", "")
@@ -79,13 +78,25 @@ def _parser(parser: Any, name: str, level: int) -> Iterator[str]:
             yield from ("#" * level + f" {name} {word}", "", *_parser(sub, f"{name} {word}", level + 1))
 
 
+def _description(text: str) -> str:
+    """Indented lines, which show a command, as a block of code."""
+    blocks = re.sub(
+        r"((?:^    .*\n?)+)", lambda found: f"\n```sh\n{textwrap.dedent(found[1]).rstrip()}\n```\n", text, flags=re.M
+    )
+    return blocks.strip()
+
+
+def _shown(action: Any) -> bool:
+    return action.dest != "help" and action.help != argparse.SUPPRESS
+
+
 def _subparsers(action: Any) -> dict[str, Any]:
     choices = getattr(action, "choices", None)
     return choices if isinstance(choices, dict) else {}
 
 
 def _usage(parser: Any) -> str:
-    words = ["[OPTIONS]"] if any(a.option_strings and a.dest != "help" for a in parser._actions) else []
+    words = ["[OPTIONS]"] if any(a.option_strings and _shown(a) for a in parser._actions) else []
     for action in parser._actions:
         if _subparsers(action):
             words.append("{" + ",".join(_subparsers(action)) + "}")

@@ -210,7 +210,7 @@ def test_examples_run(result: muybridge.Result, place: Path, monkeypatch: pytest
     assert summary.attempted > 0 and summary.failed == 0
 
 
-def test_the_readme_of_the_package_runs_from_a_shell(result: muybridge.Result, place: Path) -> None:
+def test_it_prints_nothing_in_a_process_of_its_own(result: muybridge.Result, place: Path) -> None:
     code = "import muybridge; muybridge.capture('session').save('walk.bvh')"
     done = subprocess.run([sys.executable, "-c", code], cwd=place, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -8,7 +8,7 @@ import pytest
 import muybridge
 from muybridge.geometry.fitting.body_fit import landmarks_from_motion
 from muybridge.geometry.skeleton.body import BODY, prior_shape
-from tests.conftest import ring_of_cameras
+from tests.rigs import ring_of_cameras
 from tests.staged_people import person
 
 FPS = 30.0
@@ -16,7 +16,7 @@ FPS = 30.0
 
 @pytest.fixture(scope="module")
 def cameras() -> muybridge.CameraGroup:
-    return ring_of_cameras(["a", "b", "c", "d", "e"], 1280, 960)
+    return ring_of_cameras(5, size=(1280, 960))
 
 
 @pytest.fixture(scope="module")

@@ -1,17 +1,17 @@
 """Every option on a page is one of the command that it is shown with."""
 
+import argparse
 import functools
 import importlib
 import re
 import shlex
 import sys
-import warnings
 from pathlib import Path
 from typing import Any
 
 import pytest
-import tyro
 
+from muybridge.infer.commands.parsing import parser_of
 from tests.paths import REPOSITORY
 
 DOCS = REPOSITORY / "docs"
@@ -32,16 +32,14 @@ def _commands() -> dict[str, str]:
 @functools.cache
 def _options(command: str) -> frozenset[str]:
     module, _, name = _commands()[command].partition(":")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        parser = tyro.extras.get_parser(getattr(importlib.import_module(module), name))
-    return frozenset(_collected(parser))
+    return frozenset(_collected(parser_of(getattr(importlib.import_module(module), name), command)))
 
 
 def _collected(parser: Any) -> set[str]:
     found: set[str] = set()
     for action in parser._actions:
-        found.update(action.option_strings)
+        if action.help != argparse.SUPPRESS:
+            found.update(action.option_strings)
         if isinstance(action.choices, dict):
             for sub in action.choices.values():
                 found |= _collected(sub)

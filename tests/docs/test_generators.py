@@ -121,8 +121,8 @@ def test_command_pages_list_every_option(scripts: None, monkeypatch: pytest.Monk
     page = _load("command_pages").command_page("toy", "toy_command:command")
     assert page.startswith("# muybridge toy\n\nDo a toy's work.\n\nWith care.\n")
     assert "`--target` `PATH`\n:   What to write" in page
-    assert "`--options.strength` `FLOAT`\n:   How strongly. Default: as it was.\n" in page
-    assert "`--options.tail` `STR`\n:   What comes last. Default: `end`.\n" in page
+    assert "`--strength` `FLOAT`\n:   How strongly. Default: as it was.\n" in page
+    assert "`--tail` `STR`\n:   What comes last. Default: `end`.\n" in page
     assert "toy" in _load("command_pages").index_page({"toy": "toy_command:command"})
 
 

@@ -15,9 +15,10 @@ from muybridge.geometry.landmarks.sets import BODY23  # noqa: E402
 from muybridge.infer.commands.app import run_command  # noqa: E402
 from muybridge.infer.demo_take.take import demo_folder, true_points  # noqa: E402
 from muybridge.infer.detection.crop_pixels import extract_crops  # noqa: E402
-from muybridge.infer.detection.detect import DetectOptions, open_models  # noqa: E402
+from muybridge.infer.detection.detect import DetectOptions  # noqa: E402
 from muybridge.infer.networks.external import ExternalModel, open_keypoints  # noqa: E402
 from muybridge.infer.networks.keypoints import OnnxOptions  # noqa: E402
+from muybridge.infer.networks.models import open_models  # noqa: E402
 from muybridge.infer.reconstruction.landmarks import MIN_CONFIDENCE, SolveOptions  # noqa: E402
 from muybridge.models.keypoints.external import LAYOUTS, find_card, load_card, shipped_cards  # noqa: E402
 from muybridge.models.keypoints.simcc import decode_simcc, decode_value_heatmaps  # noqa: E402
@@ -95,8 +96,8 @@ def test_rtmpose_layouts_find_a_spot_in_the_image(
     # The whole person lies in the middle columns that the model sees.
     corners = crops.to_crop(np.tile(np.array(box).reshape(1, 2, 2), (3, 1, 1)))
     assert (corners[..., 0] > 32).all() and (corners[..., 0] < 32 + WIDTH - 1).all()
-    (points, variance, score), visibility, markers, _ = network.locate(extract_crops(_frame_with_spot(spot), crops))
-    assert markers is None
+    (points, variance, score), visibility, further, _ = network.locate(extract_crops(_frame_with_spot(spot), crops))
+    assert not further
     found = crops.to_image(points)
     known = [j for j, name in enumerate(BODY23.names) if name in LAYOUTS[layout]]
     missing = sorted(set(range(23)) - set(known))

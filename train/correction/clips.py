@@ -21,7 +21,7 @@ from muybridge.geometry.skeleton.statistical_body import marker_body, without_ro
 from muybridge.train.engine.shards import Arrays, concatenate, missing_shards, read_shards, save_shard
 from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of
 from muybridge.train.synthesis.markers.trajectories import FPS, MarkerBodies
-from muybridge.train.synthesis.motions.rig import Skeleton
+from muybridge.train.synthesis.motions.rig import SkinnedBody
 from muybridge.train.synthesis.motions.sampler import MotionSampler
 
 FRAMES = 128
@@ -78,7 +78,7 @@ def _make_clips(bodies: MarkerBodies) -> SolverClips:
 
 
 def _clip(
-    bodies: MarkerBodies, body: Skeleton, rotvec: FloatArray, root: FloatArray
+    bodies: MarkerBodies, body: SkinnedBody, rotvec: FloatArray, root: FloatArray
 ) -> tuple[NDArray[np.generic], ...]:
     points, normals = bodies.markers(body, rotvec, root)
     turns, places = joints_of(rig_of(body.bones, body.rest), body, rotvec, root)

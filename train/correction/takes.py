@@ -11,7 +11,7 @@ from muybridge.train.synthesis.bodies.surface_markers import marker_table
 from muybridge.train.synthesis.markers.augment import LOOSE
 from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of
 from muybridge.train.synthesis.markers.trajectories import MarkerBodies
-from muybridge.train.synthesis.motions.rig import Skeleton, forward, skin, turn
+from muybridge.train.synthesis.motions.rig import SkinnedBody, forward, skin, turn
 
 # Range of markers that laboratories place anywhere along a limb, as in the labelling network's training, metres.
 ALONG_M = 0.03
@@ -72,7 +72,7 @@ def recorded_take(bodies: MarkerBodies, phenotype: Float32Array, motion: Motion,
 
 
 def take_of(
-    bodies: MarkerBodies, body: Skeleton, rotvec: FloatArray, root: FloatArray, fps: float, placement: float
+    bodies: MarkerBodies, body: SkinnedBody, rotvec: FloatArray, root: FloatArray, fps: float, placement: float
 ) -> SolverTake:
     """Markers and truth of a motion of `body`; each marker stays where it was placed on the skin."""
     jitter = bodies.rng.normal(0, 1, (len(SURFACE), 3)) * placement_spread()[:, None] * placement

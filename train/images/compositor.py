@@ -39,7 +39,7 @@ class AugmentOptions:
         second_person: share of crops with another person beside the subject.
         embrace: share of crops with another person right behind or in front of the subject, as in a hold, whose limbs
             show where the subject's own are hidden. A network trained with it on crops of one size fails at others
-            (docs/training-log.md).
+            (docs/development/training-log.md).
         occluder: share of crops with objects in front of the person.
         mosaic: share of crops with a pixelated face.
         truncate: share of crops that extend over the image border (black there).

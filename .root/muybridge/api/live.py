@@ -16,14 +16,16 @@ from muybridge.api.networks import checked_image
 from muybridge.arrays import ByteArray, FloatArray, IntArray
 from muybridge.geometry.association.select import take_slots
 from muybridge.geometry.association.tracker import track_people
-from muybridge.geometry.calibration.gravity import levelled
+from muybridge.geometry.calibration.gravity import level_cameras
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.triangulation.left_right import repair_flips
 from muybridge.geometry.triangulation.multiview import triangulate
-from muybridge.infer.detection.detect import DetectOptions, first_look, open_models
-from muybridge.infer.detection.pose_estimator import CameraTracks, PoseEstimator
+from muybridge.infer.detection.detect import DetectOptions, first_look
+from muybridge.infer.detection.pose_estimator import PoseEstimator
+from muybridge.infer.detection.tracks import CameraTracks
+from muybridge.infer.networks.models import open_models
 from muybridge.infer.reconstruction.landmarks import SolveOptions
 
 
@@ -86,7 +88,7 @@ class LiveCapture:
             fps: sets of images a second.
             window: seconds over which people are associated between cameras.
             detect: how 2D landmarks are found; by default the faster settings with which `capture` begins.
-            solve: of these `person`, `flips`, `triangulate` and `min_confidence` are used.
+            solve: of these `tracking`, `flips`, `triangulate` and `min_confidence` are used.
 
         Raises:
             ValueError: fewer than two cameras, or a frame rate or window that is not above zero.
@@ -110,7 +112,7 @@ class LiveCapture:
         self._solve = (solve or SolveOptions()).with_card(models.min_confidence)
         self._estimators = [
             PoseEstimator(models.keypoints, models.people, camera, self._detect.keypoints, models.model_card, fps=fps)
-            for camera in levelled(cameras)
+            for camera in level_cameras(cameras)
         ]
         self.landmarks: LandmarkSet = models.landmarks
         self._window: deque[list[_Detections]] = deque(maxlen=max(2, round(window * fps)))
@@ -158,7 +160,7 @@ class LiveCapture:
         self._frame += 1
         self._window.append(list(self._pool.map(self._read, range(len(frames)), frames)))
         keypoints, tracks = self._keypoints()
-        followed = track_people(self._cameras, keypoints, self._solve.person, self._fps)
+        followed = track_people(self._cameras, keypoints, self._solve.tracking, self._fps)
         people = [
             person
             for slots, number in zip(followed, self._identify(followed, tracks), strict=True)
@@ -257,6 +259,7 @@ def _last(tracks: CameraTracks) -> _Detections:
     """The people of the last frame."""
     there = np.flatnonzero(tracks.ids[-1] >= 0)
     there = there[np.argsort(tracks.ids[-1, there])]
+    body = tracks.body
     return _Detections(
-        tracks.ids[-1, there], tracks.points_px[-1, there], tracks.variance_px2[-1, there], tracks.score[-1, there]
+        tracks.ids[-1, there], body.points_px[-1, there], body.variance_px2[-1, there], body.score[-1, there]
     )

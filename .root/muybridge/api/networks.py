@@ -160,8 +160,8 @@ class KeypointNetwork:
 
         Args:
             image: (H, W, 3) RGB.
-            boxes_px: (K, 4) left, top, right, bottom, px of the image: `PersonDetector.detect(image).boxes_px`. Where the
-                landmarks suggest another box, that is read too, and kept if the network is more confident of it.
+            boxes_px: (K, 4) left, top, right, bottom, px of the image: `PersonDetector.detect(image).boxes_px`.
+                Where the landmarks suggest another box, that is read too, and kept if the network is more confident.
             camera: the calibrated camera, Z up; crops are then those of a level virtual camera, as in training.
             background: (H, W, 3) RGB, what the camera sees without anybody; landmarks are more accurate with it.
 
@@ -186,12 +186,13 @@ class KeypointNetwork:
         options = self._options
         poses = reader(pictures, where, person, _around_upright(upright, boxes))
         poses = reader.refined(pictures, where, person, poses, options.min_confidence, options.refine_change)
+        body = poses.body
         return ImageLandmarks(
             landmarks=self.landmarks,
-            points_px=np.asarray(poses.points_px, dtype=np.float64),
-            sd_px=np.sqrt(poses.variance_px2),
-            confidence=np.asarray(poses.score, dtype=np.float64),
-            visibility=np.asarray(poses.visibility, dtype=np.float64),
+            points_px=np.asarray(body.points_px, dtype=np.float64),
+            sd_px=np.sqrt(body.variance_px2),
+            confidence=np.asarray(body.score, dtype=np.float64),
+            visibility=np.asarray(body.visibility, dtype=np.float64),
             boxes_px=upright.around_in_frame(poses.boxes_px),
         )
 

@@ -16,7 +16,7 @@ from muybridge.infer.pipelines.videos import RunOptions, run_session
 from muybridge.infer.reconstruction.landmarks import Solution
 from muybridge.infer.reconstruction.quality import Quality
 from muybridge.infer.reconstruction.virtual_markers import marker_set
-from muybridge.infer.results.write import written_people
+from muybridge.infer.results.people import written_people
 from muybridge.motion.formats.registry import write_file
 from muybridge.motion.take import Take
 

@@ -1,18 +1,19 @@
 """The TOML calibrations of Pose2Sim, Anipose (also FreeMoCap's) and Caliscope.
 
-They agree on the content of a camera's table: `size`, `matrix`, `distortions` (OpenCV's order), `rotation`
-(a rotation vector, or by rows a matrix in some Caliscope files), `translation` (both `cam_from_world`) and
-`fisheye`. They differ in where the tables are and how cameras are named:
+A camera's table has the same content in all of them: `size`, `matrix`, `distortions` (OpenCV's order), `rotation` (a
+rotation vector, or a matrix by rows in some Caliscope files), `translation` (both `cam_from_world`) and `fisheye`. They
+differ in the position of the tables and in the names of the cameras:
 
-- Pose2Sim, Anipose: tables at the top level, the camera's name in `name`, else the table's.
-- Caliscope: tables in `cameras`, named after `cam_id` (older: `port`): ``cam_0`` or ``port_0``, as
-  its videos are.
+- Pose2Sim, Anipose: tables at the top level; the camera's name is in `name`, else that of the table.
+- Caliscope: tables in `cameras`, named after `cam_id` (older files: `port`): ``cam_0`` or ``port_0``, like its videos.
 """
 
 from __future__ import annotations
 
 import tomllib
 from typing import Any
+
+import tomli_w
 
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
@@ -27,13 +28,16 @@ from muybridge.geometry.calibration.formats.common import (
     pose_from,
     rotation_from,
 )
+from muybridge.geometry.calibration.formats.lens_terms import lens_distortion, lens_matrix
 from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.numerics.rotations import log_so3
 
 _MISSING: tuple[Any, ...] = (None, "null", "None", [])
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The table of a TOML text; `Malformed`, with line and column, if it is none."""
+    """Parse a TOML text; raises `Malformed` with line and column."""
     try:
         return tomllib.loads(text)
     except RecursionError:
@@ -43,11 +47,11 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def read_rig_toml(text: str) -> Calibration:
-    """Cameras of a Pose2Sim, Anipose or Caliscope TOML.
+    """Read the cameras of a Pose2Sim, Anipose or Caliscope TOML.
 
-    The unit of the translations is that of `unit` in the table `metadata`, if there is one (m, cm, mm, in);
-    else see `in_metres`. Cameras that Caliscope ignores are left out, and those without a pose if two others have one;
-    notes say so.
+    The unit of the translations is `unit` in the table `metadata`, if there is one (m, cm, mm, in), otherwise see
+    `in_metres`. Cameras that Caliscope ignores are left out, and those without a pose if two others have one; notes
+    report this.
 
     Raises:
         Malformed: what is wrong, with line or camera and field.
@@ -115,3 +119,26 @@ def _camera(name: str, table: dict[str, Any]) -> Camera:
     rotation = rotation_from(numbers(table["rotation"], "rotation", (3, 9)), "rotation")
     translation = numbers(table["translation"], "translation", (3,))
     return make_camera(name, lens, size, pose_from(rotation, translation))
+
+
+def rig_toml_text(cameras: CameraGroup, program: str) -> str:
+    """The cameras in the TOML of `anipose`, `freemocap` (millimetres), `pose2sim` or `caliscope`.
+
+    Raises:
+        ValueError: a lens that OpenCV's terms cannot express.
+    """
+    caliscope, unit = program == "caliscope", "mm" if program == "freemocap" else "m"
+    tables: dict[str, Any] = {}
+    for k, camera in enumerate(cameras):
+        tables[str(k) if caliscope else f"cam_{k}"] = {
+            "name": camera.name,
+            **({"cam_id": k} if caliscope else {}),
+            "size": [camera.width, camera.height],
+            "matrix": lens_matrix(camera).tolist(),
+            "distortions": lens_distortion(camera),
+            "rotation": log_so3(camera.rotation).tolist(),
+            "translation": (camera.translation * (1000.0 if unit == "mm" else 1.0)).tolist(),
+            "fisheye": "FISHEYE" in camera.model,
+        }
+    metadata = {"adjusted": False, "error": 0.0, "unit": unit}
+    return tomli_w.dumps({**({"cameras": tables} if caliscope else tables), "metadata": metadata})

@@ -1,7 +1,8 @@
 """EasyMocap's calibration: `intri.yml` (K_NAME, dist_NAME) and `extri.yml` (R_NAME or Rot_NAME, T_NAME) side by side.
 
-Both hold the sequence `names`. R is a rotation vector, Rot a matrix; they take world to camera, in metres. Newer files
-say the image's size (`H_NAME`, `W_NAME`); without it, it is guessed as twice the principal point, which is noted.
+Both contain the sequence `names`. R is a rotation vector, Rot a matrix; they map world to camera, in metres. Newer
+files contain the image size (`H_NAME`, `W_NAME`); without it, it is guessed as twice the principal point, which is
+noted.
 """
 
 from __future__ import annotations
@@ -24,14 +25,17 @@ from muybridge.geometry.calibration.formats.common import (
     pose_from,
     rotation_from,
 )
-from muybridge.geometry.calibration.formats.opencv import array_of, parse_yaml
+from muybridge.geometry.calibration.formats.lens_terms import five_terms, lens_matrix
+from muybridge.geometry.calibration.formats.opencv import array_of, parse_yaml, yaml_matrix
 from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.numerics.rotations import log_so3
 
 _PAIR = ("intri", "extri")
 
 
 def easymocap_sibling(path: Path) -> Path | None:
-    """The other file of the pair, where the name is that of one (`intri.yml`, `my_extri.yaml`)."""
+    """The other file of the pair, if the name is that of one (`intri.yml`, `my_extri.yaml`)."""
     for one, other in (_PAIR, _PAIR[::-1]):
         if one in path.stem:
             return path.with_name(path.stem.replace(one, other) + path.suffix)
@@ -39,10 +43,10 @@ def easymocap_sibling(path: Path) -> Path | None:
 
 
 def read_easymocap(text: str, path: Path) -> Calibration:
-    """Cameras of a pair of files, of which one is given.
+    """Read the cameras of a pair of files, one of which is given.
 
     Raises:
-        Malformed: what is wrong, with camera and key; also where the other file is not there.
+        Malformed: what is wrong, with camera and key; also if the other file is missing.
     """
     data = parse_yaml(text)
     sibling = easymocap_sibling(path)
@@ -82,7 +86,7 @@ def read_easymocap(text: str, path: Path) -> Calibration:
 
 
 def _name(value: Any) -> str:
-    if isinstance(value, float):  # a name that YAML takes for a number
+    if isinstance(value, float):  # a name that YAML parses as a number
         return f"{value:g}"
     if not isinstance(value, str) or not value:
         raise Malformed("a name in `names` is no text")
@@ -111,3 +115,24 @@ def _size(data: dict[str, Any], name: str) -> tuple[int, int] | None:
         return None
     sizes = pixel_count(number(width, f"W_{name}"), f"W_{name}"), pixel_count(number(height, f"H_{name}"), f"H_{name}")
     return None if min(sizes) < 2 else sizes
+
+
+def easymocap_texts(cameras: CameraGroup) -> dict[str, str]:
+    """The texts of `intri.yml` and `extri.yml`.
+
+    Raises:
+        ValueError: a lens with more than five distortion terms, or a name that EasyMocap cannot use.
+    """
+    for camera in cameras:
+        if not camera.name.replace("_", "").replace("-", "").isalnum() or not camera.name.isascii():
+            raise ValueError(f"camera {camera.name}: EasyMocap's names are letters, digits, - and _")
+    names = "%YAML:1.0\n---\nnames:\n" + "".join(f'  - "{c.name}"\n' for c in cameras)
+    intri, extri = [names], [names]
+    for camera in cameras:
+        intri += [yaml_matrix(f"K_{camera.name}", lens_matrix(camera))]
+        intri += [yaml_matrix(f"dist_{camera.name}", np.array(five_terms(camera)))]
+        intri += [f"H_{camera.name}: {camera.height}\nW_{camera.name}: {camera.width}\n"]
+        extri += [yaml_matrix(f"R_{camera.name}", log_so3(camera.rotation)[:, None])]
+        extri += [yaml_matrix(f"Rot_{camera.name}", camera.rotation)]
+        extri += [yaml_matrix(f"T_{camera.name}", camera.translation[:, None])]
+    return {"intri.yml": "".join(intri), "extri.yml": "".join(extri)}

@@ -1,4 +1,4 @@
-"""Muybridge's own calibration file: readable TOML with a version, which keeps every float exactly.
+"""Muybridge's own calibration file: readable TOML with a version number; floats are stored exactly.
 
 ```toml
 muybridge_calibration = 1
@@ -19,8 +19,9 @@ cam_from_world = [
 
 from __future__ import annotations
 
-import json
 from typing import Any
+
+import tomli_w
 
 from muybridge.geometry.calibration.formats.anipose_toml import parse_toml
 from muybridge.geometry.calibration.formats.common import (
@@ -44,7 +45,7 @@ _HEADER = """\
 
 
 def read_native(text: str) -> Calibration:
-    """Cameras of our own TOML.
+    """Read the cameras of our own TOML.
 
     Raises:
         Malformed: what is wrong, with line or camera and field.
@@ -85,17 +86,17 @@ def _camera(position: int, table: Any) -> Camera:
 
 
 def native_text(cameras: CameraGroup) -> str:
-    """The cameras as our own TOML. Floats have the shortest form that reads back to the same bits."""
-    blocks = [_HEADER + f"muybridge_calibration = {VERSION}\n"]
+    """The cameras as our own TOML. Floats have the shortest form that reads back to the same bits.
+
+    Arrays are formatted here and not by `tomli_w`, which writes one number per line and no comments.
+    """
+    blocks = [_HEADER + tomli_w.dumps({"muybridge_calibration": VERSION})]
     for camera in cameras:
         order = pycolmap.Camera.create_from_model_name(0, camera.model, 1.0, 1, 1).params_info
         rows = "".join(f"    [{_floats(row)}],\n" for row in camera.cam_from_world.tolist())
+        scalars = {"name": camera.name, "model": camera.model, "width": camera.width, "height": camera.height}
         blocks.append(
-            "[[cameras]]\n"
-            f"name = {_quoted(camera.name)}\n"
-            f'model = "{camera.model}"\n'
-            f"width = {camera.width}\n"
-            f"height = {camera.height}\n"
+            f"[[cameras]]\n{tomli_w.dumps(scalars)}"
             f"params = [{_floats(camera.params)}]  # {order}\n"
             f"cam_from_world = [\n{rows}]\n"
         )
@@ -104,8 +105,3 @@ def native_text(cameras: CameraGroup) -> str:
 
 def _floats(values: Any) -> str:
     return ", ".join(repr(float(v)) for v in values)
-
-
-def _quoted(text: str) -> str:
-    # JSON's escapes are TOML's, except that TOML also wants DEL escaped.
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -2,16 +2,17 @@
 
 Per camera, as Qualisys writes it:
 
-- `intrinsic`: focal lengths and centre in 1/64 of a sensor pixel; `radialDistortion1..3` and
-  `tangentalDistortion1..2` are OpenCV's k1, k2, k3, p1, p2 as they stand.
-- `transform`: x, y, z is the camera's centre in millimetres; r11..r33 is the rotation into axes with y up and
-  z backwards, so that `cam_from_world = diag(1, -1, -1) [r_ij]`.
+- `intrinsic`: focal lengths and centre in 1/64 of a sensor pixel; `radialDistortion1..3` and `tangentalDistortion1..2`
+  are OpenCV's k1, k2, k3, p1, p2 without conversion.
+- `transform`: x, y, z is the camera's centre in millimetres; r11..r33 is the rotation into axes with y up and z
+  backwards, so that `cam_from_world = diag(1, -1, -1) [r_ij]`.
 - `fov_video`: the window of the sensor that the video shows (last pixel included).
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -23,32 +24,28 @@ from muybridge.geometry.calibration.formats.common import (
     number,
     numbers,
     opencv_lens,
+    parse_xml,
     pixel_count,
     pose_from,
     rotation_from,
 )
+from muybridge.geometry.calibration.formats.lens_terms import five_terms, lens_matrix
 from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.group import CameraGroup
 
 _SUBPIXELS = 64.0
 _OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])
 
 
 def read_qualisys(text: str) -> Calibration:
-    """Cameras of a `.qca.txt` file, named by their serial numbers.
+    """Read the cameras of a `.qca.txt` file, named by their serial numbers.
 
-    Cameras that Qualisys marks as inactive or not calibrated are left out, and a note says so.
+    Cameras that Qualisys marks as inactive or not calibrated are left out, which a note reports.
 
     Raises:
         Malformed: what is wrong, with line or camera and field.
     """
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise Malformed("the XML declares entities, which a calibration never needs")
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise Malformed(f"broken XML, {error}; the file seems damaged or cut off: export it again") from None
-    except ValueError as error:
-        raise Malformed(f"broken XML: {error}") from None
+    root = parse_xml(text)
     cameras: list[Camera] = []
     left_out: list[str] = []
     for position, element in enumerate(root.iter("camera"), start=1):
@@ -95,7 +92,7 @@ def _camera(name: str, element: ET.Element) -> Camera:
 
 
 def _units_per_pixel(camera: ET.Element, lens: ET.Element, axis: str, ends: tuple[str, str]) -> float:
-    """Lens units in a video pixel: 64, or more where the video is a reduced picture of the sensor."""
+    """Lens units per video pixel: 64, or more where the video is a reduced image of the sensor."""
     whole = camera.find("fov_video_max")
     if whole is None or lens.get(f"sensorMax{axis}") is None:
         return _SUBPIXELS
@@ -103,7 +100,7 @@ def _units_per_pixel(camera: ET.Element, lens: ET.Element, axis: str, ends: tupl
     sensor = _value(lens, f"sensorMax{axis}") - _value(lens, f"sensorMin{axis}", 0.0)
     if last <= first or sensor <= 0:
         return _SUBPIXELS
-    # The sensor's extent is given as 64 * (n - 1) or 64 * n - 1, so a small difference means nothing.
+    # The sensor's extent is given as 64 * (n - 1) or 64 * n - 1, so small differences are ignored.
     units = sensor / (last - first)
     return _SUBPIXELS if abs(units / _SUBPIXELS - 1.0) < 0.02 else units
 
@@ -122,3 +119,32 @@ def _value(element: ET.Element, key: str, default: float | None = None) -> float
             raise Malformed(f"<{element.tag}> has no {key}")
         return default
     return number(text, f"{key} of <{element.tag}>")
+
+
+def qualisys_text(cameras: CameraGroup) -> str:
+    """The cameras as a `.qca.txt`.
+
+    Raises:
+        ValueError: a lens with more than five distortion terms.
+    """
+    rows = ['<?xml version="1.0" encoding="UTF-8"?>', '<calibration source="muybridge">', "<cameras>"]
+    for camera in cameras:
+        k1, k2, p1, p2, k3 = five_terms(camera)
+        (fx, _, cx), (_, fy, cy), _ = lens_matrix(camera).tolist()
+        rotation = _OPENCV_FROM_QUALISYS @ camera.rotation
+        x, y, z = (repr(float(v)) for v in camera.center_world * 1000)
+        lens = {
+            "focalLengthU": 64 * fx, "focalLengthV": 64 * fy, "centerPointU": 64 * cx, "centerPointV": 64 * cy,
+            "skew": 0.0, "radialDistortion1": k1, "radialDistortion2": k2, "radialDistortion3": k3,
+            "tangentalDistortion1": p1, "tangentalDistortion2": p2,
+        }  # fmt: skip
+        window = f'left="0" top="0" right="{camera.width - 1}" bottom="{camera.height - 1}"'
+        elements = " ".join(f'r{i + 1}{j + 1}="{float(rotation[i, j])!r}"' for i in range(3) for j in range(3))
+        rows += [
+            f'<camera active="1" calibrated="true" serial={quoteattr(camera.name)} model="video" viewrotation="0">',
+            f"<fov_video {window}/>",
+            f'<transform x="{x}" y="{y}" z="{z}" {elements}/>',
+            "<intrinsic " + " ".join(f'{k}="{float(v)!r}"' for k, v in lens.items()) + "/>",
+            "</camera>",
+        ]
+    return "\n".join([*rows, "</cameras>", "</calibration>", ""])

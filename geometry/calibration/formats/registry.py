@@ -1,97 +1,29 @@
-"""Finding, recognising, reading and writing calibration files."""
+"""Finding, recognising and reading of calibration files, and writing of our own."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from muybridge.errors import CalibrationError, OutputError
 from muybridge.files import replacing
-from muybridge.geometry.calibration.formats.anipose_toml import read_rig_toml
 from muybridge.geometry.calibration.formats.colmap import colmap_files, is_colmap_file, read_colmap
 from muybridge.geometry.calibration.formats.common import Calibration, Malformed
-from muybridge.geometry.calibration.formats.easymocap import easymocap_sibling, read_easymocap
-from muybridge.geometry.calibration.formats.native import native_text, read_native
-from muybridge.geometry.calibration.formats.opencv import (
-    MATRIX_KEYS,
-    is_one_camera,
-    read_opencv_files,
-    read_opencv_yaml,
-)
-from muybridge.geometry.calibration.formats.optitrack import read_optitrack_csv, read_optitrack_xml
-from muybridge.geometry.calibration.formats.qualisys import read_qualisys
-from muybridge.geometry.calibration.formats.vicon import read_vicon
-from muybridge.geometry.calibration.gravity import lean_note
+from muybridge.geometry.calibration.formats.easymocap import easymocap_sibling
+from muybridge.geometry.calibration.formats.native import native_text
+from muybridge.geometry.calibration.formats.opencv import is_one_camera, read_opencv_files
+from muybridge.geometry.calibration.formats.table import FORMATS, KNOWN_FORMATS, Reader
+from muybridge.geometry.calibration.gravity import tilt_notes
 from muybridge.geometry.cameras.group import CameraGroup
 
-KNOWN_FORMATS = (
-    "Muybridge TOML",
-    "Qualisys (.qca.txt)",
-    "Pose2Sim/Anipose TOML",
-    "Caliscope TOML",
-    "OpenCV YAML",
-    "EasyMocap (intri.yml and extri.yml)",
-    "Vicon (.xcp)",
-    "OptiTrack (.mcal, or a .csv of its attributes)",
-    "COLMAP model (text or binary: cameras and images)",
-)
-"""The formats that `load_calibration` reads."""
-
 _KNOWN = "known formats: " + ", ".join(KNOWN_FORMATS)
-# The largest rigs make files of some 100 KB; this is to not swallow a video that was taken for one.
+# Calibrations of the largest rigs have some 100 KB; the limit avoids reading a video that is mistaken for one.
 _MAX_BYTES = 16 * 2**20
-
-# Marks that survive a truncated or damaged file, so that its reader can say what is wrong with it. The first
-# that matches counts: our own TOML says what it is; XML and YAML have a first line; the rest is TOML.
-_Reader = Callable[[str, Path], Calibration]
-_XML = r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*"
-_OPENCV_KEY = r"\s*(?:-\s+)?(?:" + "|".join(MATRIX_KEYS) + r")\s*:"
-_MARKS: tuple[tuple[str, re.Pattern[str], _Reader], ...] = (
-    ("Muybridge TOML", re.compile(r"^\s*muybridge_calibration\s*=", re.M), lambda text, _: read_native(text)),
-    (
-        "Qualisys",
-        re.compile(r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*<(?:QTM_Parameters[^>]*>\s*<)?calibration\b", re.S),
-        lambda text, _: read_qualisys(text),
-    ),
-    (
-        "Vicon",
-        re.compile(_XML + r"<Cameras\b", re.S),
-        lambda text, _: read_vicon(text),
-    ),
-    (
-        "OptiTrack",
-        re.compile(_XML + r"<calibrationProfile\b", re.S),
-        lambda text, _: read_optitrack_xml(text),
-    ),
-    (
-        "OptiTrack",
-        re.compile(r"\A[^\n]*\bOrientMatrix0\b[^\n]*,|\A[^\n]*,\s*OrientMatrix0\b"),
-        lambda text, _: read_optitrack_csv(text),
-    ),
-    (
-        "EasyMocap",
-        re.compile(  # not beside a camera's own key: OpenCV's dist_coeffs begins as a camera named coeffs would
-            rf"\A(?![\s\S]*^{_OPENCV_KEY})[\s\S]*?^(?:K|R|Rot|T|dist)_[^\s:]+\s*:\s*!!opencv-matrix", re.M
-        ),
-        lambda text, path: read_easymocap(text, path),
-    ),
-    (
-        "OpenCV YAML",
-        re.compile(rf"\A%YAML|!!opencv-matrix|^{_OPENCV_KEY}", re.M),
-        lambda text, path: read_opencv_yaml(text, path.stem),
-    ),
-    (
-        "Pose2Sim, Anipose or Caliscope TOML",
-        re.compile(r"^\s*\[cameras\.|^\s*matrix\s*=", re.M),
-        lambda text, _: read_rig_toml(text),
-    ),
-)
 
 
 def load_calibration(path: Path) -> CameraGroup:
-    """The cameras of a calibration file of any known format; see `read_calibration`."""
+    """Load the cameras of a calibration file of any known format; see `read_calibration`."""
     return read_calibration(path).cameras
 
 
@@ -99,22 +31,22 @@ def read_calibration(path: Path) -> Calibration:
     """Read a calibration file of any known format, recognised by its content.
 
     Args:
-        path: a file; or, for a COLMAP model, its folder or one of its files; or a folder of OpenCV's YAML, one file a
-            camera.
+        path: a file; or, for a COLMAP model, its folder or one of its files; or a folder of OpenCV YAML files with one
+            camera each.
 
     Returns:
-        The cameras (metres, world to camera), the format's name and notes on what was assumed.
+        The cameras (metres, world to camera), the format's name and notes on assumptions.
 
     Raises:
-        CalibrationError: the file cannot be read, is of no known format, or is damaged; the message names the
-            file, what is wrong (line, camera, field) and what would be valid.
+        CalibrationError: the file cannot be read, is of no known format, or is damaged; the message contains the file,
+            what is wrong (line, camera, field) and what would be valid.
     """
     path = Path(path)
     try:
         calibration = _read(path)
     except OSError as error:
         raise CalibrationError(f"{path}: cannot be read: {error.strerror or error}; {_KNOWN}") from None
-    return replace(calibration, notes=(*calibration.notes, *lean_note(calibration.cameras)))
+    return replace(calibration, notes=(*calibration.notes, *tilt_notes(calibration.cameras)))
 
 
 def _read(path: Path) -> Calibration:
@@ -152,7 +84,7 @@ def _read(path: Path) -> Calibration:
 
 
 def _text(path: Path) -> str | None:
-    """The file as text; None if it is binary or too large for a calibration."""
+    """The text of a file; None if it is binary or too large for a calibration."""
     if not path.is_file() or path.stat().st_size > _MAX_BYTES:
         return None
     data = path.read_bytes()
@@ -167,22 +99,23 @@ def _text(path: Path) -> str | None:
     return None if "\0" in text else text
 
 
-def _recognise(text: str | None) -> tuple[str, _Reader] | None:
-    for name, mark, reader in _MARKS:
-        if text is not None and mark.search(text):
-            return name, reader
+def _recognise(text: str | None) -> tuple[str, Reader] | None:
+    """Name and reader of the format of a text, or None."""
+    for row in FORMATS:
+        if text is not None and row.mark is not None and row.read is not None and row.mark.search(text):
+            return row.name, row.read
     return None
 
 
 def find_calibration(session_dir: Path) -> Path:
-    """The calibration of a session folder.
+    """Find the calibration of a session folder.
 
-    That is `calibration.toml` in it; else the one file of a known format directly in its folder
-    `calibration` (a COLMAP model, which is several files, counts as one and is returned as that folder, and so do
-    OpenCV's YAML files of one camera each); else the one directly in the session, where other programs put theirs.
+    That is `calibration.toml` in it; else the only file of a known format directly in its folder `calibration` (a
+    COLMAP model, which consists of several files, counts as one and is returned as that folder, as do OpenCV YAML files
+    of one camera each); else the only one directly in the session folder, where other programs write theirs.
 
     Raises:
-        CalibrationError: none, or several (they are named).
+        CalibrationError: none, or several, whose names the message lists.
     """
     session_dir = Path(session_dir)
     own = session_dir / "calibration.toml"
@@ -231,7 +164,7 @@ def _candidates(folder: Path) -> tuple[list[Path], list[str]]:
             continue
         sibling = easymocap_sibling(path)
         if sibling is not None and sibling in found:
-            continue  # the two files of one calibration
+            continue  # the second file of a pair
         if _recognise(_text(path)):
             found.append(path)
         else:
@@ -240,7 +173,7 @@ def _candidates(folder: Path) -> tuple[list[Path], list[str]]:
 
 
 def _one_camera_each(found: Sequence[Path]) -> dict[str, str]:
-    """The texts, by their files' stems, if all that was found is OpenCV's YAML of one camera a file."""
+    """The texts by file stem, if all files are OpenCV YAML with one camera each."""
     texts: dict[str, str] = {}
     for path in found:
         text = _text(path) if path.is_file() else None
@@ -254,7 +187,7 @@ def _one_camera_each(found: Sequence[Path]) -> dict[str, str]:
 def save_calibration(cameras: CameraGroup, path: Path) -> None:
     """Write cameras as our own TOML, which reads back to the same bits.
 
-    The file is written under a temporary name and renamed, so that a killed run leaves no half file.
+    The file is written under a temporary name and renamed, so that an aborted run leaves no partial file.
 
     Raises:
         OutputError: the file cannot be written.

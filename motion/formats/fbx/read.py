@@ -9,7 +9,7 @@ from muybridge.errors import FormatError
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.fbx.container import read_fbx_nodes
 from muybridge.motion.formats.fbx.scene import Complaint, Model, Scene, read_scene
-from muybridge.motion.formats.skeletal.world_axes import frame_times, motion_in_world_axes
+from muybridge.motion.formats.skeletal.joint_frames import frame_times, motion_from_frames
 
 _DEFAULT_FPS = 30.0
 _LIMBS = ("LimbNode", "Limb", "Root")
@@ -17,13 +17,14 @@ _LIMBS = ("LimbNode", "Limb", "Root")
 _ENDS = ("_End", "_end", "_Nub")
 
 
-def read_fbx(path: Path) -> tuple[Motion, tuple[str, ...]]:
-    """Read a file's largest skeleton and its first animation into metres, Z up.
+def read_fbx(path: Path, clip: str | int | None = None) -> tuple[Motion, tuple[str, ...]]:
+    """Read a file's largest skeleton and one of its animations into metres, Z up.
 
     Binary FBX 7.0 to 7.7. Tangents with weights count as such without; layers of animation have to be one.
 
     Args:
         path: a `.fbx` file.
+        clip: name or number (from 0) of the animation stack; None is the first.
 
     Returns:
         A Motion at the frame rate of the keys, or the file's where they lie farther apart; one frame where nothing
@@ -31,20 +32,20 @@ def read_fbx(path: Path) -> tuple[Motion, tuple[str, ...]]:
         one sentence each.
 
     Raises:
-        FormatError: malformed, text, no skeleton, or bones that are stretched or slide.
+        FormatError: malformed, text, no skeleton, no such clip (the message lists those there are), or joints below a node that stretches or mirrors.
     """
 
-    def error(problem: str) -> FormatError:
-        return FormatError(f"{path}: {problem}; export it again as binary FBX")
+    def error(problem: str, remedy: str = "export_fbx") -> FormatError:
+        return FormatError(f"{path}: {problem}", remedy=remedy)
 
     try:
-        return _read(Path(path), error)
+        return _read(Path(path), clip, error)
     except (TypeError, ValueError, IndexError, OverflowError) as problem:
         raise error(f"is not as FBX is known to be ({type(problem).__name__}: {problem})") from problem
 
 
-def _read(path: Path, error: Complaint) -> tuple[Motion, tuple[str, ...]]:
-    scene = read_scene(read_fbx_nodes(path), error)
+def _read(path: Path, clip: str | int | None, error: Complaint) -> tuple[Motion, tuple[str, ...]]:
+    scene = read_scene(read_fbx_nodes(path), error, clip)
     above = {n: _above(scene, n, error) for n, m in scene.models.items() if m.kind in _LIMBS}
     if not above:
         raise error("holds no skeleton (no limb nodes)")
@@ -57,6 +58,8 @@ def _read(path: Path, error: Complaint) -> tuple[Motion, tuple[str, ...]]:
         names = [scene.models[top].name for top in trees if top != largest]
         kept = scene.models[largest].name
         notices.append(f"{path.name}: of {len(trees)} skeletons {kept!r} was read, {', '.join(names)} not")
+    if clip is None and len(scene.clips) > 1:
+        notices.append(f"{path.name}: the first of its {len(scene.clips)} clips was read, {scene.clips[0]!r}")
     return _motion(scene, trees[largest], error), tuple(notices)
 
 
@@ -73,27 +76,45 @@ def _above(scene: Scene, number: int, error: Complaint) -> list[int]:
 
 def _motion(scene: Scene, lines: list[list[int]], error: Complaint) -> Motion:
     """The motion of the limbs at the ends of `lines`, each with the models above it, and of what is between them."""
-    common = 0
-    while all(len(line) > common and line[common] == lines[0][common] for line in lines):
-        common += 1
-    order = _parents_first(scene, {n for line in lines for n in line[common - 1 :]})
+    limbs = {line[-1] for line in lines}
+    wanted: set[int] = set()
+    for line in lines:
+        wanted.update(line[next(k for k, n in enumerate(line) if n in limbs) :])
+    order = _parents_first(scene, wanted)
+    above = _parents_first(scene, {n for line in lines for n in line} - wanted)
     fps, times = _even_times(scene, order, error)
-    turns, places, sizes = _forward(scene, [*lines[0][: common - 1], *order], times, error)
-    rest = _rest(scene, lines[0][: common - 1], order)
+    turns, places, sizes = _forward(scene, _parents_first(scene, {*above, *order}), times, error)
+    rest = _rest(scene, above, order)
     children = {n: [m for m in order if scene.models[m].parent == n] for n in order}
-    ends = {n for n in order[1:] if _is_end(scene, n, children)}
+    ends = {n for n in order if scene.models[n].parent in wanted and _is_end(scene, n, children)}
     kept = [n for n in order if n not in ends]
     tips = np.full((len(kept), 3), np.nan)
     for k, n in enumerate(kept):
         if children[n] and set(children[n]) <= ends:
             tips[k] = scene.metres * sizes[n] * scene.models[children[n][0]].vectors["Lcl Translation"]
-    return motion_in_world_axes(
+    return motion_from_frames(
         [scene.models[n].name for n in kept],
-        [kept.index(scene.models[n].parent) if k else -1 for k, n in enumerate(kept)],
+        [kept.index(scene.models[n].parent) if scene.models[n].parent in wanted else -1 for n in kept],
         scene.axes @ np.stack([turns[n] for n in kept], axis=1),
         scene.metres * np.stack([places[n] for n in kept], axis=1) @ scene.axes.T,
-        scene.axes @ np.stack([rest[n] for n in kept]), tips, fps, error,
+        scene.axes @ np.stack([rest[n] for n in kept]), tips, fps, scene.axes, _bound_translations(scene, kept),
     )  # fmt: skip
+
+
+def _bound_translations(scene: Scene, order: list[int]) -> FloatArray:
+    """(J, 3) metres from the parent, in its axes, in the pose that skins are bound in; NaN where there is none."""
+    out = np.full((len(order), 3), np.nan)
+    for k, n in enumerate(order):
+        parent = scene.models[n].parent
+        if n not in scene.bound:
+            continue
+        if parent not in order:
+            out[k] = scene.metres * scene.axes @ scene.bound[n][:3, 3]
+        elif parent in scene.bound:
+            u, size, vt = np.linalg.svd(scene.bound[parent][:3, :3])
+            if size.min() > 1e-9:
+                out[k] = scene.metres * (u @ vt).T @ (scene.bound[n][:3, 3] - scene.bound[parent][:3, 3])
+    return out
 
 
 def _parents_first(scene: Scene, wanted: set[int]) -> list[int]:

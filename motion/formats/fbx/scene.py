@@ -13,9 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import FormatError
+from muybridge.motion.formats.clip_choice import choose_clip
 from muybridge.motion.formats.fbx.container import Node, Property
+from muybridge.motion.formats.skeletal.joint_frames import different_names
 
-Complaint = Callable[[str], FormatError]
+Complaint = Callable[..., FormatError]
 Table = Mapping[str, tuple[Property, ...]]
 Links = Sequence[tuple[Property, ...]]
 Objects = Mapping[Any, Node]
@@ -134,6 +136,7 @@ class Scene:
         metres: that one of the file's units is.
         axes: (3, 3) our world (Z up) from the file's.
         fps: what the file says, NaN where it says nothing.
+        clips: names of its animation stacks.
     """
 
     models: dict[int, Model]
@@ -141,10 +144,11 @@ class Scene:
     metres: float
     axes: FloatArray
     fps: float
+    clips: tuple[str, ...]
 
 
-def read_scene(top: Node, error: Complaint) -> Scene:
-    """The scene of a file's nodes; what is wrong is raised by `error`."""
+def read_scene(top: Node, error: Complaint, clip: str | int | None = None) -> Scene:
+    """The scene of a file's nodes, moved by one of its animations (None: the first); `error` makes exceptions."""
     objects = {n.properties[0]: n for section in top.all("Objects") for n in section.children or [] if n.properties}
     links = [c.properties for section in top.all("Connections") for c in section.all("C") if len(c.properties) >= 3]
     defaults = _template(top)
@@ -156,9 +160,12 @@ def read_scene(top: Node, error: Complaint) -> Scene:
         kind, child, parent = link[:3]
         if kind == "OO" and child in models and parent in models and child != parent:
             models[int(child)].parent = int(parent)
-    _animate(models, objects, links, error)
+    stacks = {n: o for n, o in objects.items() if o.name == "AnimationStack"}
+    names = different_names([str((*o.properties[1:2], "")[0]).split("\x00")[0] for o in stacks.values()])
+    number = choose_clip(names, clip, error)
+    _animate(models, objects, links, None if number is None else list(stacks)[number], error)
     settings = next((_properties(n) for n in top.all("GlobalSettings")), {})
-    return Scene(models, _bound(models, objects, links), *_units(settings, error))
+    return Scene(models, _bound(models, objects, links), *_units(settings, error), names)
 
 
 def _properties(node: Node) -> Table:
@@ -199,11 +206,10 @@ def _model(node: Node, defaults: Table, error: Complaint) -> Model:
     return Model(name, kind, 0, vectors, ORDERS[order])
 
 
-def _animate(models: dict[int, Model], objects: Objects, links: Links, error: Complaint) -> None:
-    """Gives the models the curves of the first animation."""
+def _animate(models: dict[int, Model], objects: Objects, links: Links, stack: object, error: Complaint) -> None:
+    """Gives the models the curves of the animation stack of this number."""
     of_kind = {kind: {n for n, o in objects.items() if o.name == kind}
-               for kind in ("AnimationStack", "AnimationLayer", "AnimationCurveNode", "AnimationCurve")}  # fmt: skip
-    stack = next((n for n, o in objects.items() if o.name == "AnimationStack"), None)
+               for kind in ("AnimationLayer", "AnimationCurveNode", "AnimationCurve")}  # fmt: skip
     layers = {link[1] for link in links if link[1] in of_kind["AnimationLayer"] and link[2] == stack}
     nodes = {link[1]: link[2] for link in links if link[1] in of_kind["AnimationCurveNode"] and link[2] in layers}
     driven = {link[1]: (link[2], str(link[3])) for link in links if link[1] in nodes and len(link) > 3}

@@ -1,22 +1,26 @@
 """FBX: a skeleton of limb nodes, its animation and a mesh of its bones, as it is written.
 
-Centimetres, Y up, facing +Z at rest, as what is exported for game engines: Unreal, Unity and Maya take it as it stands.
-Every frame is a key; angles are unwrapped, so that what lies between two keys is between them.
+Centimetres, Y up, facing +Z at rest, as exporters for game engines write it; Unreal, Unity and Maya import it without
+settings. Joints have their own axes, and the bind pose holds how they stand at rest. Every frame is a key, of rotations
+and, for roots and joints that slide, of translations; angles are unwrapped, so that a value between two keys lies
+between them. Several roots stand under one null node.
 """
 
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from muybridge import __version__
 from muybridge.arrays import FloatArray, IntArray
-from muybridge.geometry.numerics.rotations import continuous_quat
+from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
+from muybridge.geometry.skeleton.local_frames import motion_frames, own_axes, rest_frames
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.fbx.container import CREATION_TIME, FILE_ID, VERSION, Node, Table, write_fbx_nodes
 from muybridge.motion.formats.fbx.scene import CUSTOM_RATE, RATES, TICKS_A_SECOND
-from muybridge.motion.formats.skeletal.bone_meshes import BoneMesh, bone_mesh, rest_positions
+from muybridge.motion.formats.skeletal.bone_meshes import BoneMesh, bone_mesh
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.skeletal.euler import smooth_euler
 
@@ -26,7 +30,7 @@ _TAKE = "Take 001"
 # A key of straight lines: no tangents; the numbers are those of "nothing set".
 _LINEAR = np.array([4], np.int32)
 _TANGENTS = np.array([0, 0, 9.419963346924634e-30, 0], np.float32)
-_DOCUMENT, _STACK, _LAYER, _MESH, _GEOMETRY, _SKIN, _POSE, _MATERIAL = range(100001, 100009)
+_DOCUMENT, _STACK, _LAYER, _MESH, _GEOMETRY, _SKIN, _POSE, _MATERIAL, _HOLDER = range(100001, 100010)
 # Numbers of a joint's objects, joint j having base + j; of its curves three each.
 _JOINT, _ATTRIBUTE, _CLUSTER, _END, _END_ATTRIBUTE = (200000, 300000, 400000, 500000, 600000)
 _NODE_OF = {"T": 700000, "R": 800000}
@@ -118,54 +122,71 @@ def _takes(motion: Motion) -> Node:
     return out
 
 
-def _model(number: int, name: str, kind: str, place: FloatArray) -> Node:
+def _model(number: int, name: str, kind: str, place: FloatArray, turn: FloatArray | None = None) -> Node:
+    """A model at `place` (3,) that stands as `turn` (3, 3) in its parent's axes; None: as its parent."""
+    angles = np.zeros(3)
+    if turn is not None:
+        angles = np.degrees(smooth_euler(Rotation.from_matrix(turn).as_quat()[None, None], "xyz")[0, 0])
     table = Table().integer("InheritType", 1, "enum")
     table.line("Lcl Translation", "Lcl Translation", "", "A", *map(float, place))
-    table.line("Lcl Rotation", "Lcl Rotation", "", "A", 0.0, 0.0, 0.0)
+    table.line("Lcl Rotation", "Lcl Rotation", "", "A", *map(float, angles))
     table.line("Lcl Scaling", "Lcl Scaling", "", "A", 1.0, 1.0, 1.0)
     seen = [Node("Shading", (True,)), Node("Culling", ("CullingOff",))]
     children = [Node("Version", (np.int32(232),)), table.node, *seen]
     return Node("Model", (number, _name(name, "Model"), kind), children)
 
 
-def _limb(
-    objects: Node, links: Node, numbers: tuple[int, int, int], name: str, place: FloatArray, length: float
-) -> None:
-    """A joint as a model and what makes it a limb; `numbers` are the model's, the attribute's and the parent's."""
-    model, attribute, parent = numbers
+def _limb(objects: Node, links: Node, numbers: tuple[int, int, int], name: str, length: float, model: Node) -> None:
+    """A joint's model and what makes it a limb; `numbers` are the model's, the attribute's and the parent's."""
+    number, attribute, parent = numbers
     size = Table().number("Size", length).node
     attributes = [Node("TypeFlags", ("Skeleton",)), size]
     objects.append(Node("NodeAttribute", (attribute, _name(name, "NodeAttribute"), "LimbNode"), attributes))
-    objects.append(_model(model, name, "LimbNode", place))
-    links.add("C", "OO", model, parent)
-    links.add("C", "OO", attribute, model)
+    objects.append(model)
+    links.add("C", "OO", number, parent)
+    links.add("C", "OO", attribute, number)
 
 
 def _add_joints(objects: Node, links: Node, skeleton: Skeleton, ends: Iterable[int]) -> None:
     """The joints at rest, with an end where a last one's bone ends; and the pose that the mesh is bound in."""
-    offsets, rest = CM * skeleton.offsets @ BVH_FROM_WORLD.T, CM * rest_positions(skeleton) @ BVH_FROM_WORLD.T
-    lengths = CM * np.linalg.norm(skeleton.offsets, axis=1)
+    axes = own_axes(skeleton, BVH_FROM_WORLD.T)
+    turns, places = rest_frames(skeleton, BVH_FROM_WORLD.T)
+    lengths, top = CM * skeleton.bone_lengths, 0
+    if len(skeleton.roots) > 1:
+        top = _HOLDER
+        objects.append(_model(top, "skeleton", "Null", np.zeros(3)))
+        links.add("C", "OO", top, 0)
     for j, (name, parent) in enumerate(zip(skeleton.names, skeleton.parents, strict=True)):
-        numbers = (_JOINT + j, _ATTRIBUTE + j, _JOINT + parent if parent >= 0 else 0)
-        _limb(objects, links, numbers, name, offsets[j] if parent >= 0 else np.zeros(3), float(lengths[j]))
+        numbers = (_JOINT + j, _ATTRIBUTE + j, _JOINT + parent if parent >= 0 else top)
+        turn = None if skeleton.axes is None else turns[j]
+        model = _model(_JOINT + j, name, "LimbNode", CM * places[j], turn)
+        _limb(objects, links, numbers, name, float(lengths[j]), model)
     for j in ends:
-        tip = CM * BVH_FROM_WORLD @ skeleton.tips[j]
-        numbers = (_END + j, _END_ATTRIBUTE + j, _JOINT + j)
-        _limb(objects, links, numbers, f"{skeleton.names[j]}_End", tip, float(np.linalg.norm(tip)))
+        tip = CM * axes[j].T @ skeleton.tips[j]
+        numbers, name = (_END + j, _END_ATTRIBUTE + j, _JOINT + j), f"{skeleton.names[j]}_End"
+        _limb(objects, links, numbers, name, float(np.linalg.norm(tip)), _model(_END + j, name, "LimbNode", tip))
     pose = Node("Pose", (_POSE, _name("BindPose", "Pose"), "BindPose"), [])
     pose.add("Type", "BindPose")
     pose.add("Version", np.int32(100))
     pose.add("NbPoseNodes", np.int32(len(skeleton) + 1))
-    for number, place in [(_MESH, np.zeros(3)), *((_JOINT + j, place) for j, place in enumerate(rest))]:
-        pose.add("PoseNode", children=[Node("Node", (number,)), Node("Matrix", (_matrix(place),))])
+    entries = [(_MESH, np.eye(4)), *((_JOINT + j, matrix) for j, matrix in enumerate(_bind(skeleton)))]
+    for number, matrix in entries:
+        pose.add("PoseNode", children=[Node("Node", (number,)), Node("Matrix", (_columns(matrix),))])
     objects.append(pose)
 
 
-def _matrix(place: FloatArray) -> FloatArray:
-    """A translation as FBX has its matrices: (16,), columns first."""
-    out = np.eye(4)
-    out[3, :3] = place
-    return out.ravel()
+def _bind(skeleton: Skeleton) -> FloatArray:
+    """(J, 4, 4) the file's axes from each joint at rest, centimetres."""
+    out = np.tile(np.eye(4), (len(skeleton), 1, 1))
+    out[:, :3, 3] = CM * skeleton.rest_positions @ BVH_FROM_WORLD.T
+    if skeleton.axes is not None:
+        out[:, :3, :3] = BVH_FROM_WORLD @ skeleton.axes
+    return out
+
+
+def _columns(matrix: FloatArray) -> FloatArray:
+    """A matrix as FBX stores it: (16,), column after column."""
+    return matrix.T.ravel()
 
 
 def _add_mesh(objects: Node, links: Node, skeleton: Skeleton) -> None:
@@ -179,7 +200,7 @@ def _add_mesh(objects: Node, links: Node, skeleton: Skeleton) -> None:
     objects.append(Node("Deformer", (_SKIN, _name("bones", "Deformer"), "Skin"), skin))
     for child, parent in ((_MESH, 0), (_GEOMETRY, _MESH), (_MATERIAL, _MESH), (_SKIN, _GEOMETRY)):
         links.add("C", "OO", child, parent)
-    rest = CM * rest_positions(skeleton) @ BVH_FROM_WORLD.T
+    bind = _bind(skeleton)
     for j, name in enumerate(skeleton.names):
         moved = np.flatnonzero(mesh.joints == j).astype(np.int32)
         cluster = Node("Deformer", (_CLUSTER + j, _name(name, "SubDeformer"), "Cluster"), [])
@@ -188,11 +209,19 @@ def _add_mesh(objects: Node, links: Node, skeleton: Skeleton) -> None:
         if len(moved):
             cluster.add("Indexes", moved)
             cluster.add("Weights", np.ones(len(moved)))
-        cluster.add("Transform", _matrix(-rest[j]))  # the mesh as the joint sees it
-        cluster.add("TransformLink", _matrix(rest[j]))
+        cluster.add("Transform", _columns(_inverse(bind[j])))  # the mesh as the joint sees it
+        cluster.add("TransformLink", _columns(bind[j]))
         objects.append(cluster)
         links.add("C", "OO", _CLUSTER + j, _SKIN)
         links.add("C", "OO", _JOINT + j, _CLUSTER + j)
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """The inverse of a rotation and a shift (4, 4)."""
+    out = np.eye(4)
+    out[:3, :3] = matrix[:3, :3].T
+    out[:3, 3] = -out[:3, :3] @ matrix[:3, 3]
+    return out
 
 
 def _geometry(mesh: BoneMesh) -> Node:
@@ -220,7 +249,7 @@ def _geometry(mesh: BoneMesh) -> Node:
 
 
 def _add_animation(objects: Node, links: Node, motion: Motion) -> None:
-    """Every joint's angles and the root's place, a key a frame."""
+    """Every joint's angles, and the translations of roots and of joints that slide: one key per frame."""
     last = _ticks(len(motion) - 1, motion.fps)
     table = Table()
     for key, at in (("LocalStart", 0), ("LocalStop", last), ("ReferenceStart", 0), ("ReferenceStop", last)):
@@ -229,14 +258,19 @@ def _add_animation(objects: Node, links: Node, motion: Motion) -> None:
     objects.append(Node("AnimationLayer", (_LAYER, _name("BaseLayer", "AnimLayer"), ""), []))
     links.add("C", "OO", _LAYER, _STACK)
     times = np.array([_ticks(t, motion.fps) for t in range(len(motion))], np.int64)
-    quat = continuous_quat(motion.quat_wxyz)
-    xyzw = np.concatenate([quat[..., 1:] @ BVH_FROM_WORLD.T, quat[..., :1]], axis=-1)
+    skeleton = motion.skeleton
+    turns, places = motion_frames(motion, BVH_FROM_WORLD.T)
+    if skeleton.axes is None:  # without a detour over matrices, which rounds
+        quat = continuous_quat(motion.quat_wxyz)
+        xyzw = np.concatenate([quat[..., 1:] @ BVH_FROM_WORLD.T, quat[..., :1]], axis=-1)
+    else:
+        xyzw = np.roll(continuous_quat(quat_from_matrix(turns)), -1, axis=-1)
     angles = np.degrees(smooth_euler(xyzw, "xyz"))  # FBX's order: about X first
-    places = CM * motion.root_positions_world @ BVH_FROM_WORLD.T
-    for j in range(len(motion.skeleton)):
+    root = CM * motion.root_positions_world @ BVH_FROM_WORLD.T
+    for j in range(len(skeleton)):
         _add_curves(objects, links, "R", "Lcl Rotation", j, times, angles[:, j])
-        if motion.skeleton.parents[j] < 0:
-            _add_curves(objects, links, "T", "Lcl Translation", j, times, places)
+        if j == 0 or j in skeleton.sliding:
+            _add_curves(objects, links, "T", "Lcl Translation", j, times, CM * places[:, j] if j else root)
 
 
 def _add_curves(objects: Node, links: Node, kind: str, what: str, j: int, times: IntArray, values: FloatArray) -> None:

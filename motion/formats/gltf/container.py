@@ -99,9 +99,9 @@ class Document:
             raise self.error(f"is not glTF 2.0, or damaged ({type(error).__name__}: {error})") from error
         self._buffers: dict[int, bytes] = {}
 
-    def error(self, problem: str) -> FormatError:
-        """A complaint that names the file."""
-        return FormatError(f"{self.path}: {problem}; export it again as glTF 2.0")
+    def error(self, problem: str, remedy: str = "export_gltf") -> FormatError:
+        """An error that names the file."""
+        return FormatError(f"{self.path}: {problem}", remedy=remedy)
 
     def _unpack(self, data: bytes) -> bytes:
         magic, version, length = struct.unpack_from("<III", data)

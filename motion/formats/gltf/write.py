@@ -1,8 +1,9 @@
 """glTF 2.0: a skinned skeleton with its animation, as one `.glb` file; read from `.glb` and `.gltf`.
 
-Metres, Y up, facing +Z at rest, as the specification has it: (x, y, z)_gltf = (x_world, z_world, -y_world). What is
-written: one node a joint whose rotation is animated, the root's translation too; a skin with inverse bind matrices
-of the rest pose; and a mesh of one octahedron a bone, so that any viewer shows something.
+Metres, Y up, facing +Z at rest, as the specification has it: (x, y, z)_gltf = (x_world, z_world, -y_world). The file
+has one node per joint, in the joint's own axes, with its rotation animated and, of a root and of joints that slide,
+its translation; a skin with inverse bind matrices of the rest pose; and a mesh of one octahedron per bone, so that
+any viewer shows something. Several roots stand under one node, as the specification wants it of a skin.
 
 Source: Khronos Group, glTF 2.0 Specification, sections 3.7.3 (skins) and 3.11 (animations).
 """
@@ -15,16 +16,13 @@ import numpy as np
 from muybridge import __version__
 from muybridge.arrays import FloatArray
 from muybridge.files import replacing
-from muybridge.geometry.numerics.rotations import continuous_quat
+from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
+from muybridge.geometry.skeleton.local_frames import motion_frames, own_axes, rest_frames
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.gltf.container import ARRAY_BUFFER, UNSIGNED_BYTE, UNSIGNED_SHORT, Buffer, pack_glb
-from muybridge.motion.formats.gltf.read import read_gltf
-from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions
+from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
-
-__all__ = ["read_gltf", "write_glb"]
-
 
 GLTF_FROM_WORLD = BVH_FROM_WORLD
 _BONE_COLOUR = [0.80, 0.62, 0.36, 1.0]
@@ -44,14 +42,19 @@ def write_glb(path: Path, motion: Motion) -> None:
         raise ValueError("a motion without frames cannot be written: glTF's animations need a key")
     skeleton = motion.skeleton
     buffer = Buffer()
-    rest = rest_positions(skeleton)
+    rest = skeleton.rest_positions
     reach = np.concatenate([rest, (rest + skeleton.tips)[np.isfinite(skeleton.tips).all(axis=1)]])
     rest -= (0.0, 0.0, reach[:, 2].min())  # at rest it stands on the ground
+    nodes = _joint_nodes(skeleton, rest)
+    tops = list(skeleton.roots)
+    if len(tops) > 1:
+        nodes.append({"name": "skeleton", "children": tops})
+        tops = [len(nodes) - 1]
     document: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": f"muybridge {__version__}"},
         "scene": 0,
-        "scenes": [{"nodes": [0, len(skeleton)]}],
-        "nodes": [*_joint_nodes(skeleton, rest), {"name": "bones", "mesh": 0, "skin": 0}],
+        "scenes": [{"nodes": [*tops, len(nodes)]}],
+        "nodes": [*nodes, {"name": "bones", "mesh": 0, "skin": 0}],
         "meshes": [_mesh(skeleton, rest, buffer)],
         "materials": [
             {
@@ -66,9 +69,9 @@ def write_glb(path: Path, motion: Motion) -> None:
         "skins": [
             {
                 "name": "skeleton",
-                "skeleton": 0,
+                "skeleton": tops[0],
                 "joints": list(range(len(skeleton))),
-                "inverseBindMatrices": buffer.add(_inverse_bind(rest), "MAT4"),
+                "inverseBindMatrices": buffer.add(_inverse_bind(skeleton, rest), "MAT4"),
             }
         ],
         "animations": [_animation(motion, buffer)],
@@ -81,23 +84,30 @@ def write_glb(path: Path, motion: Motion) -> None:
 
 
 def _joint_nodes(skeleton: Skeleton, rest: FloatArray) -> list[dict[str, Any]]:
+    """A node per joint as it stands at rest; `rest` (J, 3) has the places in the world."""
+    axes = own_axes(skeleton, GLTF_FROM_WORLD.T)
+    turns, places = rest_frames(skeleton, GLTF_FROM_WORLD.T)
     nodes = []
-    for j, name in enumerate(skeleton.names):
-        place = rest[0] if j == 0 else skeleton.offsets[j]
-        node: dict[str, Any] = {"name": name, "translation": (GLTF_FROM_WORLD @ place + 0.0).tolist()}
-        children = [k for k, parent in enumerate(skeleton.parents) if parent == j]
+    for j, (name, parent) in enumerate(zip(skeleton.names, skeleton.parents, strict=True)):
+        place = GLTF_FROM_WORLD @ rest[j] if parent < 0 else places[j]
+        node: dict[str, Any] = {"name": name, "translation": (place + 0.0).tolist()}
+        if skeleton.axes is not None:
+            node["rotation"] = np.roll(quat_from_matrix(turns[j]), -1).tolist()
+        children = [k for k, p in enumerate(skeleton.parents) if p == j]
         if children:
             node["children"] = children
         elif np.isfinite(skeleton.tips[j]).all():
-            node["extras"] = {"tip": (GLTF_FROM_WORLD @ skeleton.tips[j] + 0.0).tolist()}
+            node["extras"] = {"tip": (axes[j].T @ skeleton.tips[j] + 0.0).tolist()}
         nodes.append(node)
     return nodes
 
 
-def _inverse_bind(rest: FloatArray) -> FloatArray:
-    """(J, 16), column after column: at rest every joint has the world's axes, so they only move back."""
+def _inverse_bind(skeleton: Skeleton, rest: FloatArray) -> FloatArray:
+    """(J, 16), column after column: joint from mesh where the joints are at rest."""
     out = np.tile(np.eye(4), (len(rest), 1, 1))
     out[:, :3, 3] = -rest @ GLTF_FROM_WORLD.T
+    if skeleton.axes is not None:
+        out[:, :3] = np.swapaxes(GLTF_FROM_WORLD @ skeleton.axes, 1, 2) @ out[:, :3]
     return np.asarray(np.swapaxes(out, 1, 2).reshape(-1, 16) + 0.0)
 
 
@@ -120,12 +130,18 @@ def _mesh(skeleton: Skeleton, rest: FloatArray, buffer: Buffer) -> dict[str, Any
 
 
 def _animation(motion: Motion, buffer: Buffer) -> dict[str, Any]:
-    xyzw = np.roll(continuous_quat(motion.quat_wxyz), -1, axis=-1)
-    xyzw = xyzw / np.linalg.norm(xyzw, axis=-1, keepdims=True)
-    xyzw[..., :3] = xyzw[..., :3] @ GLTF_FROM_WORLD.T
+    skeleton = motion.skeleton
+    turns, places = motion_frames(motion, GLTF_FROM_WORLD.T)
+    if skeleton.axes is None:  # without a detour over matrices, which rounds
+        xyzw = np.roll(continuous_quat(motion.quat_wxyz), -1, axis=-1)
+        xyzw = xyzw / np.linalg.norm(xyzw, axis=-1, keepdims=True)
+        xyzw[..., :3] = xyzw[..., :3] @ GLTF_FROM_WORLD.T
+    else:
+        xyzw = np.roll(continuous_quat(quat_from_matrix(turns)), -1, axis=-1)
     time = buffer.add(np.arange(len(motion)) / motion.fps, "SCALAR", bounds=True)
     outputs = [(0, "translation", buffer.add(motion.root_positions_world @ GLTF_FROM_WORLD.T, "VEC3"))]
-    outputs += [(j, "rotation", buffer.add(xyzw[:, j], "VEC4")) for j in range(len(motion.skeleton))]
+    outputs += [(j, "translation", buffer.add(places[:, j], "VEC3")) for j in skeleton.sliding]
+    outputs += [(j, "rotation", buffer.add(xyzw[:, j], "VEC4")) for j in range(len(skeleton))]
     return {
         "name": "motion",
         "extras": {"fps": float(motion.fps)},

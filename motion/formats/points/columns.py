@@ -106,12 +106,12 @@ def rate_of(path: Path, times: FloatArray | None) -> float:
     steps = np.diff(times[known]) / np.diff(known) if times is not None else np.zeros(0)
     step = float(np.median(steps)) if len(steps) else 0.0
     if not step > 1e-6:
-        raise FormatError(f"{path}: has no column of rising times, so no frame rate; say it with --fps")
+        raise FormatError(f"{path}: has no column of rising times, so no frame rate", remedy="fps_unstated")
     even = float(np.sum(steps * np.diff(known)) / (known[-1] - known[0]))
     fps = 1.0 / (even if abs(even - step) < 0.01 * step else step)
     if fps < _SLOWEST:
-        raise FormatError(f"{path}: its times give {fps:.3g} frames a second: are they milliseconds? Say the rate with "
-                          "--fps")  # fmt: skip
+        raise FormatError(f"{path}: its times give {fps:.3g} frames a second: are they milliseconds? If so, the rate is "
+                          "unknown", remedy="fps_unstated")  # fmt: skip
     return float(round(fps)) if abs(fps - round(fps)) < 1e-4 * fps else fps
 
 

@@ -36,9 +36,9 @@ def check_unit(path: Path, unit: str, where: str) -> str:
 
 
 def check_fps(fps: float | None) -> None:
-    """MuybridgeError unless frames a second, as the option gives them, are finite and above zero."""
+    """MuybridgeError unless frames per second are finite and above zero."""
     if fps is not None and not 0 < fps < math.inf:
-        raise MuybridgeError(f"--fps {fps:g}: frames a second must be a number above zero")
+        raise MuybridgeError(f"frames per second must be above zero, not {fps:g}", remedy="fps_range", fps=f"{fps:g}")
 
 
 def read_text(path: Path, kind: str) -> str:
@@ -87,8 +87,8 @@ def frames_of_rows(path: Path, numbers: FloatArray | None, times: FloatArray | N
             at = int(steps.argmax())
             raise FormatError(
                 f"{path}: there is no row between the times {times[at]:g} and {times[at + 1]:g}, and frames have no "
-                "numbers; number them in a column `frame`, or say with --fps that nothing is missing"
-            )
+                "numbers", remedy="frames_unnumbered"
+            )  # fmt: skip
     length = len(numbers) if numbers is not None else len(times) if times is not None else 0
     return np.arange(length, dtype=np.intp)
 

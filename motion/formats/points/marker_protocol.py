@@ -34,7 +34,7 @@ def find_marker_set(name: str) -> MarkerPlan:
     if path.is_file():
         return read_marker_set(path)
     near = difflib.get_close_matches(name, SETS, n=1)
-    hint = f"did you mean {near[0]}?" if near else "or name a text file of your own (see docs/labelling.md)"
+    hint = f"did you mean {near[0]}?" if near else "or name a text file of your own (see docs/guides/label-markers.md)"
     raise FormatError(f"no marker set and no file {name!r}; known sets: {', '.join(SETS)}; {hint}")
 
 
@@ -79,8 +79,8 @@ def _marker(path: Path, number: int, words: list[str]) -> tuple[str, str, dict[s
         raise FormatError(f"{path}: line {number}: {words[0]!r} stands alone; write a label and a body point")
     if words[1] not in SURFACE.names:
         near = difflib.get_close_matches(words[1], SURFACE.names, n=3, cutoff=0.4)
-        raise FormatError(f"{path}: line {number}: no body point {words[1]!r}; near it are {', '.join(near) or 'none'} "
-                          "(`muybridge markerset points` lists all)")  # fmt: skip
+        raise FormatError(f"{path}: line {number}: no body point {words[1]!r}; near it are {', '.join(near) or 'none'}",
+                          remedy="list_body_points")  # fmt: skip
     extra: dict[str, str] = {}
     for word in words[2:]:
         key, _, value = word.partition("=")

@@ -31,18 +31,9 @@ class BoneMesh:
     joints: IndexArray
 
 
-def rest_positions(skeleton: Skeleton) -> FloatArray:
-    """(J, 3) metres: the joints in the rest pose, the root at the origin."""
-    out = np.zeros((len(skeleton), 3))
-    for j, parent in enumerate(skeleton.parents):
-        if parent >= 0:
-            out[j] = out[parent] + skeleton.offsets[j]
-    return out
-
-
 def bone_mesh(skeleton: Skeleton) -> BoneMesh:
     """The bones from every joint to its children, and to the tips of those that have none."""
-    rest = rest_positions(skeleton)
+    rest = skeleton.rest_positions
     bones = [(p, rest[p], rest[j]) for j, p in enumerate(skeleton.parents) if p >= 0]
     has_child = set(skeleton.parents)
     bones += [

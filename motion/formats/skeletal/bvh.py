@@ -1,10 +1,11 @@
-"""BVH, the text file of animation: a hierarchy of offsets and Euler angles.
+"""BVH, the text format of animation: a hierarchy of offsets and Euler angles.
 
-Ours is Y up and in metres, which Blender's default import (scale 1, forward -Z, up Y) takes upright and at
-the right size: (x, y, z)_bvh = (x_world, z_world, -y_world). At rest the figure stands in a T-pose and faces
-+Z.
+Our files are Y up and in metres, so that Blender's default import (scale 1, forward -Z, up Y) shows them upright and at
+the right size: (x, y, z)_bvh = (x_world, z_world, -y_world). At rest the body stands in a T-pose and faces +Z.
 
-BVH says neither unit nor axes, so reading keeps lengths unless a scale is given, and takes Y for up.
+The format states neither unit nor axes: reading keeps lengths unless a scale is given, and takes Y for up. All joints
+have the file's axes at rest; a skeleton's own axes are not written. Joints that slide have position channels, which
+replace their OFFSET; several roots are several hierarchies.
 """
 
 from collections.abc import Iterator
@@ -27,11 +28,12 @@ from muybridge.motion.formats.skeletal.euler import smooth_euler
 _SHORTEST_M = 0.01
 BVH_FROM_WORLD = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 _AXES = "xyz"
+_STILL = 2e-6  # of a unit, or of the position: by less a joint does not slide
 _PRECISE = 0.02  # share of a frame's time that its text may be off by and still tell the rate
 
 
 def write_bvh(path: Path, motion: Motion, units: Literal["m", "cm"] = "m") -> None:
-    """Write a motion: six channels on the root, three on every other joint, end sites on the tips.
+    """Write a motion: six channels on roots and sliding joints, three on every other, end sites on the tips.
 
     An end site is at least 1 cm from its joint, as some programs drop a bone without length. Spaces in names become
     underscores, since a name ends at a space.
@@ -39,7 +41,7 @@ def write_bvh(path: Path, motion: Motion, units: Literal["m", "cm"] = "m") -> No
     Args:
         path: the file to write; replaced only once it is complete.
         motion: metres, Z up.
-        units: what one unit of the file is; the format does not say it.
+        units: what one unit of the file is; the format does not state it.
 
     Raises:
         OutputError: the file cannot be written.
@@ -52,14 +54,19 @@ def write_bvh(path: Path, motion: Motion, units: Literal["m", "cm"] = "m") -> No
     scaled = replace(
         skeleton, names=tuple(names), offsets=skeleton.offsets * per_metre, tips=_long_tips(skeleton) * per_metre
     )
-    _write_joint(scaled, 0, 0, lines, order)
+    for root in skeleton.roots:
+        _write_joint(scaled, root, 0, lines, order)
     xyzw = np.roll(motion.quat_wxyz[:, order], -1, axis=-1)
     xyzw[..., :3] = xyzw[..., :3] @ BVH_FROM_WORLD.T
     t_count = len(motion)
-    degrees = np.degrees(smooth_euler(xyzw, "ZXY")).reshape(t_count, -1)
-    root = motion.root_positions_world @ BVH_FROM_WORLD.T * per_metre
+    degrees = np.degrees(smooth_euler(xyzw, "ZXY"))
+    moved = {0: motion.root_positions_world @ BVH_FROM_WORLD.T * per_metre}
+    if motion.translations is not None:
+        slides = motion.translations @ BVH_FROM_WORLD.T * per_metre
+        moved |= {j: slides[:, k] for k, j in enumerate(skeleton.sliding)}
+    columns = [c for k, j in enumerate(order) for c in ([moved[j]] if j in moved else []) + [degrees[:, k]]]
     lines += ["MOTION", f"Frames: {t_count}", f"Frame Time: {1 / motion.fps:.9f}"]
-    lines += [" ".join(f"{v:.6f}" for v in row) for row in np.concatenate([root, degrees], axis=1)]
+    lines += [" ".join(f"{v:.6f}" for v in row) for row in np.concatenate(columns, axis=1)]
     with replacing(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
@@ -85,8 +92,9 @@ def _write_joint(skeleton: Skeleton, j: int, depth: int, lines: list[str], order
     lines.append(f"{indent}{'JOINT' if depth else 'ROOT'} {skeleton.names[j]}")
     lines.append(f"{indent}{{")
     lines.append(f"{indent}  {offset(skeleton.offsets[j])}")
-    position = "" if depth else "Xposition Yposition Zposition "
-    lines.append(f"{indent}  CHANNELS {3 if depth else 6} {position}{rotations}")
+    moves = depth == 0 or j in skeleton.sliding
+    position = "Xposition Yposition Zposition " if moves else ""
+    lines.append(f"{indent}  CHANNELS {6 if moves else 3} {position}{rotations}")
     children = [k for k, parent in enumerate(skeleton.parents) if parent == j]
     for child in children:
         _write_joint(skeleton, child, depth + 1, lines, order)
@@ -169,8 +177,8 @@ def read_bvh(path: Path, metres_per_unit: float = 1.0) -> Motion:
         metres_per_unit: what one unit of the file is: 1 for ours, 0.01 for many, 0.0254 / 0.45 for CMU's.
 
     Returns:
-        A Motion; its skeleton has no limits (BVH knows none) and the file's rest pose. Position channels of other
-        joints than the root replace their OFFSET; they may not change over time.
+        A Motion; its skeleton has no limits (BVH knows none) and the file's rest pose. Position channels of joints
+        below the root replace their OFFSET; where they change over time, the joint slides.
 
     Raises:
         FormatError: malformed; the message names the line.
@@ -185,11 +193,18 @@ def read_bvh(path: Path, metres_per_unit: float = 1.0) -> Motion:
     words.expect("ROOT")
     joints: list[_Joint] = []
     _read_joints(words, joints)
+    while words.expect("MOTION", "ROOT") == "root":
+        _read_joints(words, joints)
     values, fps = _read_values(words, sum(len(j.channels or ()) for j in joints))
-    positions, quat_xyzw = _split_channels(path, joints, values)
+    places, quat_xyzw = _split_channels(joints, values)
     quat_xyzw[..., :3] = quat_xyzw[..., :3] @ BVH_FROM_WORLD
-    offsets = np.array([j.offset for j in joints]) @ BVH_FROM_WORLD * metres_per_unit
+    still = np.array([j.offset for j in joints])
+    sliding = tuple(j for j in range(1, len(joints)) if j in places or joints[j].parent < 0)
+    offsets = still @ BVH_FROM_WORLD * metres_per_unit
     tips = np.array([np.full(3, np.nan) if j.tip is None else j.tip for j in joints]) @ BVH_FROM_WORLD
+    for j, joint in enumerate(joints):
+        if joint.parent < 0 and j:
+            offsets[j] -= offsets[0]
     offsets[0] = 0.0
     free = np.full((len(joints), 3), np.inf)
     skeleton = Skeleton(
@@ -200,9 +215,12 @@ def read_bvh(path: Path, metres_per_unit: float = 1.0) -> Motion:
         twist_axis=(2,) * len(joints),
         lower=-free,
         upper=free,
+        sliding=sliding,
     )
     quat = continuous_quat(np.roll(quat_xyzw, 1, axis=-1))
-    return Motion(skeleton, fps, positions @ BVH_FROM_WORLD * metres_per_unit, quat)
+    slides = [places.get(j, np.tile(still[j], (len(values), 1))) @ BVH_FROM_WORLD for j in sliding]
+    translations = np.stack(slides, axis=1) * metres_per_unit if slides else None
+    return Motion(skeleton, fps, places[0] @ BVH_FROM_WORLD * metres_per_unit, quat, translations)
 
 
 def _read_joints(words: _Words, joints: list[_Joint]) -> None:
@@ -262,8 +280,7 @@ def _read_end_site(words: _Words) -> FloatArray:
 
 
 def _read_values(words: _Words, channels: int) -> tuple[FloatArray, float]:
-    """(T, channels) and frames a second."""
-    words.expect("MOTION")
+    """(T, channels) and frames per second, from behind the word MOTION."""
     words.expect("Frames:")
     frames = words.count("the number of frames")
     words.expect("Frame")
@@ -304,12 +321,15 @@ def _rate(text: str, seconds: float) -> float:
     return whole if rounded or abs(fps - whole) < 2e-5 * fps else fps
 
 
-def _split_channels(path: Path, joints: list[_Joint], values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Root positions (T, 3) and rotations (T, J, 4) xyzw in the file's axes."""
+def _split_channels(joints: list[_Joint], values: FloatArray) -> tuple[dict[int, FloatArray], FloatArray]:
+    """Positions (T, 3) of the roots and of joints that slide, and rotations (T, J, 4) xyzw, in the file's axes.
+
+    Position channels of other joints replace their OFFSET in `joints`.
+    """
     t_count = len(values)
     quat = np.zeros((t_count, len(joints), 4))
     quat[..., 3] = 1.0
-    positions = np.tile(np.asarray(joints[0].offset), (t_count, 1))
+    places: dict[int, FloatArray] = {}
     column = 0
     for j, joint in enumerate(joints):
         names = joint.channels or ()
@@ -320,17 +340,14 @@ def _split_channels(path: Path, joints: list[_Joint], values: FloatArray) -> tup
             order = "".join(names[k][0] for k in turning).upper()
             angles = mine[:, turning] if len(turning) > 1 else mine[:, turning[0]]
             quat[:, j] = Rotation.from_euler(order, angles, degrees=True).as_quat().reshape(t_count, 4)
+        assert joint.offset is not None
+        place = np.tile(joint.offset, (t_count, 1))
         for k, name in enumerate(names):
-            if not name.endswith("position"):
-                continue
-            axis = _AXES.index(name[0])
-            if j == 0:
-                positions[:, axis] = mine[:, k]
-            elif t_count and np.ptp(mine[:, k]) > 1e-3 * max(1.0, float(np.abs(mine[:, k]).max())):
-                raise FormatError(
-                    f"{path}: line {joint.line}: the joint {joint.name!r} slides against its parent; a "
-                    "skeleton with constant bones is needed: bake the positions into rotations before export"
-                )
-            elif t_count and joint.offset is not None:
-                joint.offset[axis] = np.median(mine[:, k])
-    return positions, quat
+            if name.endswith("position"):
+                place[:, _AXES.index(name[0])] = mine[:, k]
+        # A few units of the last decimal that files print are no movement.
+        if joint.parent < 0 or t_count and (np.ptp(place, axis=0) > _STILL * np.maximum(1.0, abs(place).max(0))).any():
+            places[j] = place
+        elif t_count:
+            joint.offset = np.median(place, axis=0)
+    return places, quat

@@ -1,6 +1,7 @@
 """USD Skel, as text (`.usda`): a skeleton, its animation and a mesh of its bones; written, not read.
 
-Metres, Y up, facing +Z at rest, as in our glTF. A time code is a frame.
+Metres, Y up, facing +Z at rest, as in our glTF. A time code is a frame. Joints are written in the file's axes at rest,
+not in their own.
 
 Source: Pixar, UsdSkel: Schemas In-Depth, OpenUSD documentation.
 """
@@ -16,7 +17,7 @@ from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
-from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions
+from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 
 
@@ -40,7 +41,7 @@ def write_usda(path: Path, motion: Motion) -> None:
         fps=f"{motion.fps:.10g}",
         joints=joints,
         names=", ".join(f'"{n}"' for n in (re.sub(r'[\\"\n]', "_", n) for n in skeleton.names)),
-        bind=_matrices(rest_positions(skeleton)),
+        bind=_matrices(skeleton.rest_positions),
         rest=_matrices(np.concatenate([np.zeros((1, 3)), skeleton.offsets[1:]])),
         mesh=_mesh(skeleton),
         scales=", ".join(["(1, 1, 1)"] * len(skeleton)),
@@ -101,12 +102,20 @@ def _animation(motion: Motion) -> str:
     quat = continuous_quat(motion.quat_wxyz)
     quat = quat / np.linalg.norm(quat, axis=-1, keepdims=True)
     quat[..., 1:] = quat[..., 1:] @ BVH_FROM_WORLD.T
+    sliding = motion.skeleton.sliding
     offsets = [_numbers(BVH_FROM_WORLD @ o) for o in motion.skeleton.offsets[1:]]
     root = motion.root_positions_world @ BVH_FROM_WORLD.T
+    slides = np.zeros((len(motion), 0, 3)) if motion.translations is None else motion.translations @ BVH_FROM_WORLD.T
+    places = []
+    for t, place in enumerate(root):
+        row = [_numbers(place), *offsets]
+        for k, j in enumerate(sliding):
+            row[j] = _numbers(slides[t, k])
+        places.append(row)
     out = ["        quatf[] rotations.timeSamples = {"]
     out += [f"            {t}: [{', '.join(map(_numbers, frame))}]," for t, frame in enumerate(quat)]
     out += ["        }", "        float3[] translations.timeSamples = {"]
-    out += [f"            {t}: [{', '.join([_numbers(place), *offsets])}]," for t, place in enumerate(root)]
+    out += [f"            {t}: [{', '.join(row)}]," for t, row in enumerate(places)]
     return "\n".join([*out, "        }"])
 
 

@@ -39,13 +39,15 @@ from muybridge.geometry.calibration.people.calibrate import PeopleCalibrationOpt
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
+from muybridge.geometry.sync.audio import audio_clock
 from muybridge.geometry.sync.clocks import Clock
 from muybridge.geometry.sync.epipolar import epipolar_clocks
-from muybridge.geometry.sync.motion import audio_clock, motion_clocks
+from muybridge.geometry.sync.motion import motion_clocks
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.infer.commands.app import run_command
 from scripts.benchmarks.geometry.diagnosis import balancing
+from tests.rigs import look_at
 
 _RIGS = 4
 CHECKERS = ("--board", "checkerboard", "--columns", "4", "--rows", "7", "--square", "0.06")
@@ -188,14 +190,8 @@ def ring(count: int, rng: np.random.Generator) -> CameraGroup:
     for k in range(count):
         angle = 2 * np.pi * k / count + rng.uniform(-0.1, 0.1)
         center = np.array([4 * np.cos(angle), 4 * np.sin(angle), rng.uniform(1.0, 2.8)])
-        z = np.array([0, 0, 1.0]) - center
-        z /= np.linalg.norm(z)
-        x = np.cross(z, [0, 0, 1.0])
-        x /= np.linalg.norm(x)
-        rotation = np.stack([x, np.cross(z, x), z])
         terms = (1300.0 + 30 * k, 1300.0 + 30 * k, 960.0, 540.0, -0.08, 0.02, 0.0005, -0.0005)
-        pose = np.column_stack([rotation, -rotation @ center])
-        cameras.append(Camera(f"c{k}", "OPENCV", 1920, 1080, terms, pose))
+        cameras.append(Camera(f"c{k}", "OPENCV", 1920, 1080, terms, look_at(center, (0, 0, 1))))
     return CameraGroup(tuple(cameras))
 
 

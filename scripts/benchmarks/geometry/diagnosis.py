@@ -32,12 +32,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.calibration import fit_to_video, load_calibration
+from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.diagnosis.faults import diagnose
-from muybridge.geometry.calibration.diagnosis.hypotheses import changed
+from muybridge.geometry.calibration.diagnosis.hypotheses import perturb_camera
 from muybridge.geometry.calibration.people.calibrate import refine_people
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.cameras.video_size import fit_to_video
+from tests.rigs import look_at
 
 Take = tuple[CameraGroup, FloatArray, FloatArray]
 KINDS = ("turned", "shifted", "focal", "swapped", "healthy")
@@ -55,13 +57,8 @@ def room(count: int, rng: np.random.Generator) -> CameraGroup:
         angle = 2 * np.pi * (k + rng.uniform(-0.3, 0.3)) / count
         distance = rng.uniform(3.5, 6.0)
         center = np.array([distance * np.cos(angle), distance * np.sin(angle), rng.uniform(1.0, 2.6)])
-        z = np.array([0, 0, 0.9]) + rng.normal(0, 0.15, 3) - center
-        z /= np.linalg.norm(z)
-        x = np.cross(z, [0, 0, 1.0])
-        x /= np.linalg.norm(x)
-        rotation = np.stack([x, np.cross(z, x), z])
+        pose = look_at(center, np.array([0, 0, 0.9]) + rng.normal(0, 0.15, 3))
         focal = rng.uniform(0.17, 0.25) * distance * SIZE[0]
-        pose = np.column_stack([rotation, -rotation @ center])
         middle = (np.array(SIZE) - 1) / 2 + rng.normal(0, 10, 2)
         terms = (focal, focal, *middle, -0.08, 0.02, 0.0, 0.0)
         cameras.append(Camera(f"cam{k + 1}", "OPENCV", *SIZE, terms, pose))
@@ -131,7 +128,7 @@ def put_wrong(take: Take, kind: str, c: int, rng: np.random.Generator) -> tuple[
         change[:3] = np.radians(1.0) * axis / np.linalg.norm(axis)
     else:
         change[6] = np.log(1.03 if rng.random() < 0.5 else 1 / 1.03)
-    wrong = changed(cameras[c], change)
+    wrong = perturb_camera(cameras[c], change)
     group = CameraGroup(tuple(wrong if k == c else camera for k, camera in enumerate(cameras)))
     return (group, px, variance), {c}
 

@@ -19,8 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.geometry.markers.cleaning import CleanOptions, Sample, clean_markers, gaps_of
+from muybridge.geometry.markers.cleaning import CleanOptions, Sample, clean_markers
 from muybridge.geometry.smoothing.filters import FilterOptions, hampel, residual_cutoff, smooth
+from muybridge.geometry.smoothing.gap_models import gaps_of
 from muybridge.geometry.smoothing.gaps import GAP_METHODS, fill_gaps
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.motion.formats.points.c3d import read_c3d

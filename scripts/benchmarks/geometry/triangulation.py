@@ -25,6 +25,7 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
 from muybridge.geometry.triangulation.validation import leave_one_out_error
 from scripts.benchmarks.geometry.whole_take import TakeOptions, triangulate_take
+from tests.rigs import ring_of_cameras
 
 DEFAULT_CASE = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "triangulation_case.npz"
 
@@ -45,19 +46,14 @@ def load_case(path: Path) -> tuple[CameraGroup, FloatArray, FloatArray]:
 
 def synthetic(count: int, frames: int = 1000, landmarks: int = 25) -> tuple[CameraGroup, FloatArray, FloatArray]:
     """A ring of cameras, 3 px noise, 5 % outliers of 80 px a coordinate."""
-    cameras = []
-    for c in range(count):
-        angle = 2 * np.pi * c / count + 0.2
-        center = np.array([4.0 * np.cos(angle), 4.0 * np.sin(angle), 1.5 + 0.4 * (c % 3)])
-        forward = np.array([0.0, 0.0, 1.0]) - center
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        pose = np.hstack([rotation, (-rotation @ center)[:, None]])
-        lens = (1400.0, 1400.0, 959.5, 539.5, -0.05, 0.02, 0.0, 0.0)
-        cameras.append(Camera(f"cam{c:02d}", "OPENCV", 1920, 1080, lens, pose))
-    group = CameraGroup(tuple(cameras))
+    group = ring_of_cameras(
+        [f"cam{c:02d}" for c in range(count)],
+        height=[1.5 + 0.4 * (c % 3) for c in range(count)],
+        first=0.2,
+        size=(1920, 1080),
+        model="OPENCV",
+        params=(1400.0, 1400.0, 959.5, 539.5, -0.05, 0.02, 0.0, 0.0),
+    )
     rng = np.random.default_rng(count)
     truth = rng.uniform([-0.7, -0.7, 0.0], [0.7, 0.7, 1.9], (frames, landmarks, 3))
     px = group.project(truth) + rng.normal(0, 3, (count, frames, landmarks, 2))

@@ -97,7 +97,7 @@ def score_take(data: Path, found: Path, run: Path) -> None:
     (cameras, reference_px, reference_variance), names = balancing(data)
     truth = balancing_joints(data)
     theirs = np.load(found)["points"]
-    with np.load(run / "work" / "person, second look.npz") as ours:
+    with np.load(run / "work" / "person, refined.npz") as ours:
         px, variance = ours["array_points_px"], ours["array_variance_px2"]
     order = [names.index(n) for n in BODY23.names]
     sources = {

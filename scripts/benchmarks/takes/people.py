@@ -34,9 +34,10 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.geometry.triangulation.left_right import repair_flips
 from muybridge.geometry.triangulation.multiview import triangulate
-from muybridge.geometry.triangulation.shape_prior import with_pose_prior
+from muybridge.geometry.triangulation.shape_prior import apply_pose_prior
 from muybridge.infer.detection.tracker import Tracker, TrackOptions
 from muybridge.models.people.decode import DetectedPeople
+from tests.rigs import look_at
 
 WIDTH, HEIGHT = 1920, 1080
 NOISE_PX, NEAR_M, LEAST_APART_M = 4.0, 0.4, 0.35
@@ -61,12 +62,7 @@ def room(count: int, rng: np.random.Generator) -> CameraGroup:
     for c in range(count):
         angle = 2 * np.pi * (c + rng.uniform(-0.2, 0.2)) / count
         center = np.array([*(rng.uniform(4.5, 6.0) * np.array([np.cos(angle), np.sin(angle)])), rng.uniform(1.2, 3.0)])
-        forward = np.array([*rng.normal(0, 0.3, 2), 0.9]) - center
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        pose = np.hstack([rotation, (-rotation @ center)[:, None]])
+        pose = look_at(center, [*rng.normal(0, 0.3, 2), 0.9])
         focal = rng.uniform(1000, 1400)
         cameras.append(Camera(f"cam{c + 1}", "PINHOLE", WIDTH, HEIGHT, (focal, focal, 959.5, 539.5), pose))
     return CameraGroup(tuple(cameras))
@@ -181,7 +177,7 @@ def solved(cameras: CameraGroup, keypoints: Keypoints2D, fps: float = 30.0) -> l
         px, variance, _ = take_person(keypoints, person)
         px, variance, _ = repair_flips(cameras, px, variance, BODY23)
         cloud = triangulate(cameras, px, variance)
-        cloud = with_pose_prior(cameras, px, variance, BODY23, fps, cloud)
+        cloud = apply_pose_prior(cameras, px, variance, BODY23, fps, cloud)
         points = Points3D(BODY23, cloud.points_world, cloud.covariance_world, cloud.residual_px, cloud.inlier, fps)
         found.append(smooth_points(points, SmoothOptions()).points_world)
     return found

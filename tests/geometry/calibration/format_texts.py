@@ -8,29 +8,26 @@ import pycolmap
 
 from muybridge.geometry.cameras.camera import Camera, colmap_camera
 from muybridge.geometry.cameras.group import CameraGroup
+from tests.rigs import ring_of_cameras
 
 POINTS_WORLD = np.random.default_rng(1).uniform([-0.8, -0.8, 0.2], [0.8, 0.8, 1.8], (50, 3))
 
 
 def rig(model: str = "OPENCV", cameras: int = 3) -> CameraGroup:
     """Upright cameras on a circle of 4 m, each with its own lens."""
-    made = []
-    for k in range(cameras):
-        angle = 0.4 + 2.1 * k
-        center = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.5 + 0.1 * k])
-        z = (np.array([0.0, 0.0, 1.0]) - center) / np.linalg.norm(np.array([0.0, 0.0, 1.0]) - center)
-        x = np.cross(z, [0.0, 0.0, 1.0])
-        x /= np.linalg.norm(x)
-        rotation = np.stack([x, np.cross(z, x), z])
-        distortion = {
-            "OPENCV": (-0.05, 0.03, 0.002, -0.003),
-            "FULL_OPENCV": (-0.05, 0.03, 0.002, -0.003, 0.01, 0.0, 0.0, 0.0),
-            "OPENCV_FISHEYE": (0.03, -0.01, 0.004, -0.001),
-        }[model]
-        params = (900.0 + k, 910.0, 652.25, 347.875 + k, *distortion)
-        pose = np.column_stack([rotation, -rotation @ center])
-        made.append(Camera(f"cam{k + 1:02d}", model, 1280, 720, params, pose))
-    return CameraGroup(tuple(made))
+    distortion = {
+        "OPENCV": (-0.05, 0.03, 0.002, -0.003),
+        "FULL_OPENCV": (-0.05, 0.03, 0.002, -0.003, 0.01, 0.0, 0.0, 0.0),
+        "OPENCV_FISHEYE": (0.03, -0.01, 0.004, -0.001),
+    }[model]
+    return ring_of_cameras(
+        [f"cam{k + 1:02d}" for k in range(cameras)],
+        height=[1.5 + 0.1 * k for k in range(cameras)],
+        angles=[0.4 + 2.1 * k for k in range(cameras)],
+        size=(1280, 720),
+        model=model,
+        params=[(900.0 + k, 910.0, 652.25, 347.875 + k, *distortion) for k in range(cameras)],
+    )
 
 
 def assert_same_rig(found: CameraGroup, expected: CameraGroup, atol_px: float = 1e-6) -> None:

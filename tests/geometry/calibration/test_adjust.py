@@ -13,21 +13,21 @@ from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import proj
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
+from tests.rigs import ring_of_cameras
 
 
 def rig(count, rng):
     """Cameras on a ring of 3 m that look at the origin."""
-    cameras = []
-    for k in range(count):
-        angle = 2 * np.pi * k / count
-        center = np.array([3 * np.cos(angle), 3 * np.sin(angle), 1.5 + 0.3 * rng.normal()])
-        z = -center / np.linalg.norm(center)
-        x = np.cross(z, [0, 0, 1.0])
-        x /= np.linalg.norm(x)
-        rotation = np.stack([x, np.cross(z, x), z])
-        params = (1000.0 + 20 * k, 1005.0, 640.0, 360.0, -0.1, 0.02, 0.001, -0.001)
-        cameras.append(Camera(f"c{k}", "OPENCV", 1280, 720, params, np.column_stack([rotation, -rotation @ center])))
-    return CameraGroup(tuple(cameras))
+    return ring_of_cameras(
+        [f"c{k}" for k in range(count)],
+        radius=3,
+        height=[1.5 + 0.3 * rng.normal() for _ in range(count)],
+        target=(0, 0, 0),
+        first=0,
+        size=(1280, 720),
+        model="OPENCV",
+        params=[(1000.0 + 20 * k, 1005.0, 640.0, 360.0, -0.1, 0.02, 0.001, -0.001) for k in range(count)],
+    )
 
 
 def moved(cameras, rng, turn=0.02, shift=0.05):

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration import fit_to_video, load_calibration
+from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.bundle_adjustment.with_bones import (
     ArticulatedProblem,
     ArticulatedState,
@@ -19,17 +19,19 @@ from muybridge.geometry.calibration.people.calibrate import (
     calibrate_people,
     refine_people,
 )
-from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.cameras.video_size import fit_to_video
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.validation import leave_one_out_error
 from tests.paths import SHARED
+from tests.rigs import ring_of_cameras
 
 NAMES = tuple(
     f"{side}_{part}"
     for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "heel", "big_toe")
     for side in ("left", "right")
 )
+
 # A standing person of 1.72 m: x to the side, y forward, z up; one side.
 _BODY = {
     "shoulder": (0.18, 0, 1.407), "elbow": (0.24, 0, 1.11), "wrist": (0.26, 0.05, 0.86), "hip": (0.11, 0, 0.912),
@@ -39,18 +41,15 @@ _BODY = {
 
 
 def _rig(count: int) -> CameraGroup:
-    cameras = []
-    for k in range(count):
-        angle = 2 * np.pi * k / count + 0.4
-        center = np.array([4.5 * np.cos(angle), 4.5 * np.sin(angle), 1.3 + 0.25 * (k % 3)])
-        z = np.array([0.2, 0, 0.9]) - center
-        z /= np.linalg.norm(z)
-        x = np.cross(z, [0, 0, 1.0])
-        x /= np.linalg.norm(x)
-        rotation = np.stack([x, np.cross(z, x), z])
-        pose = np.concatenate([rotation, -(rotation @ center)[:, None]], axis=1)
-        cameras.append(Camera(f"cam{k + 1}", "PINHOLE", 1920, 1080, (1200, 1200, 960, 540), pose))
-    return CameraGroup(tuple(cameras))
+    return ring_of_cameras(
+        count,
+        radius=4.5,
+        height=[1.3 + 0.25 * (k % 3) for k in range(count)],
+        target=(0.2, 0, 0.9),
+        first=0.4,
+        size=(1920, 1080),
+        params=(1200, 1200, 960, 540),
+    )
 
 
 def _walk(frames: int) -> np.ndarray:

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, camera_from_colmap, colmap_camera
 from muybridge.geometry.cameras.group import CameraGroup
+from tests.rigs import look_at
 
 # Mild distortion of each model, so that every pixel of the image has one ray.
 DISTORTION = {
@@ -49,15 +50,6 @@ DISTORTION = {
     "FISHEYE": (),
     "EUCM": (0.4, 1.1),
 }
-
-
-def look_at(center: FloatArray, target: FloatArray) -> FloatArray:
-    """(3, 4) pose of an upright camera at `center` that looks at `target`."""
-    z = (target - center) / np.linalg.norm(target - center)
-    x = np.cross(z, [0.0, 0.0, 1.0])
-    x /= np.linalg.norm(x)
-    rotation = np.stack([x, np.cross(z, x), z])
-    return np.column_stack([rotation, -rotation @ center])
 
 
 def make_camera(model: str, name: str = "cam", angle: float = 0.7) -> Camera:

@@ -9,21 +9,11 @@ from muybridge.arrays import ByteArray, FloatArray
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.crops import crops_for_boxes, virtual_views
 from muybridge.infer.detection.crop_pixels import extract_crops
-
-
-def _look_at(position: FloatArray, target: FloatArray, roll: float) -> FloatArray:
-    """cam_from_world (3, 4) of a camera that looks at a target, then turned by `roll` about its axis."""
-    forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross([0.0, 0.0, -1.0], forward)
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    turn = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1.0]])
-    rotation = turn @ rotation
-    return np.column_stack([rotation, -rotation @ position])
+from tests.rigs import look_at
 
 
 def _camera(roll: float = 0.0, model: str = "PINHOLE", extra: tuple[float, ...] = ()) -> Camera:
-    pose = _look_at(np.array([3.0, -4.0, 2.5]), np.array([0.3, 0.2, 1.0]), roll)
+    pose = look_at((3.0, -4.0, 2.5), (0.3, 0.2, 1.0), roll=roll)
     return Camera("c", model, 1280, 960, (900.0, 910.0, 637.2, 481.9, *extra), pose)
 
 

@@ -123,7 +123,7 @@ def test_solve_takes_the_markers_and_says_so(tmp_path: Path) -> None:
                                            none.astype(bool), FPS))  # fmt: skip
     out = tmp_path / "out"
     assert run_command(["solve", str(tmp_path / "m.c3d"), "--out", str(out), "--centres", "harrington"]) == 0
-    facts = json.loads((out / "solve.json").read_text())
+    facts = json.loads((out / "run.json").read_text())["body"]
     assert facts["method"] == "markers" and facts["joint_centres"] == ["harrington"]
     assert facts["residual_mm"]["median"] < 6
     assert facts["network"] is None, "centres that were asked for are not corrected unasked"
@@ -132,7 +132,7 @@ def test_solve_takes_the_markers_and_says_so(tmp_path: Path) -> None:
     for more in ([], ["--no-correct"]):
         here = tmp_path / f"out{len(said)}"
         assert run_command(["solve", str(tmp_path / "m.c3d"), "--out", str(here), *more]) == 0
-        facts = json.loads((here / "solve.json").read_text())
+        facts = json.loads((here / "run.json").read_text())["body"]
         said.append(facts["network"])
         bones.append(list(facts["bone_lengths_m"].values()))
     assert said[0] and said[1] is None

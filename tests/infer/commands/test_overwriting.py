@@ -6,7 +6,7 @@ import pytest
 from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.commands.app import run_command
-from muybridge.motion.formats.skeletal.asf_amc import write_amc
+from muybridge.motion.formats.skeletal.amc import write_amc
 from muybridge.motion.formats.skeletal.bvh import write_bvh
 
 

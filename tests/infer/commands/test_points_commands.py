@@ -15,8 +15,8 @@ from muybridge.geometry.skeleton.aliases import body_landmark, map_body, map_sur
 from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.commands.app import run_command
-from muybridge.infer.commands.compare import compare_points
-from muybridge.motion.formats.gltf.write import read_gltf
+from muybridge.infer.pipelines.compare import compare_points
+from muybridge.motion.formats.gltf.read import read_gltf
 from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
 from muybridge.motion.formats.points.csv import write_csv
 from muybridge.motion.formats.points.trc import read_trc, write_trc
@@ -175,7 +175,7 @@ def test_one_frame_converts(tmp_path, capfd):
 
 
 def test_docs_list_every_format(repository: Path):
-    text = (repository / "docs" / "formats.md").read_text()
+    text = (repository / "docs" / "reference" / "file-formats.md").read_text()
     for suffix in {*readable(), *writable()}:
         assert f"`{suffix}`" in text, suffix
 
@@ -213,9 +213,9 @@ def test_solve_finds_the_body(tmp_path, capfd):
     write_trc(tmp_path / "p.trc", make_points())
     code, out, err = run(capfd, "solve", tmp_path / "p.trc", "--out", tmp_path / "out")
     assert code == 0 and "24 frames at 60 fps; 23 landmarks by their names" in out and err == ""
-    names = {"motion.bvh", "motion.glb", "motion.mot", "landmarks.trc", "landmarks.c3d", "solve.json", "work"}
+    names = {"motion.bvh", "motion.glb", "motion.mot", "landmarks.trc", "landmarks.c3d", "run.json", "work"}
     assert {p.name for p in (tmp_path / "out").iterdir()} == names
-    facts = json.loads((tmp_path / "out" / "solve.json").read_text())
+    facts = json.loads((tmp_path / "out" / "run.json").read_text())["body"]
     assert facts["stature_m"] == pytest.approx(1.74, abs=0.04) and facts["residual_mm"]["median"] < 12
     truth = make_motion()
     found = read_bvh(tmp_path / "out" / "motion.bvh")
@@ -274,7 +274,7 @@ def test_solve_markers_of_plug_in_gait(tmp_path, capfd):
     write_c3d(tmp_path / "serve.c3d", short)
     code, out, _ = run(capfd, "solve", tmp_path / "serve.c3d", "--out", tmp_path / "out")
     assert code == 0 and "21 landmarks from 39 markers" in out
-    facts = json.loads((tmp_path / "out" / "solve.json").read_text())
+    facts = json.loads((tmp_path / "out" / "run.json").read_text())["body"]
     assert 1.5 < facts["stature_m"] < 1.9 and facts["residual_mm"]["median"] < 15
     # The body's joints lie within the markers around them.
     motion = read_bvh(tmp_path / "out" / "motion.bvh")

@@ -25,8 +25,9 @@ from muybridge.infer.detection.crop_pixels import extract_crops
 from muybridge.infer.detection.crop_reader import body_boxes
 from muybridge.infer.detection.orientation import FrameOrientation, Letterbox, orientation_for
 from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
-from muybridge.infer.detection.pose_estimator import KeypointOptions, PoseEstimator, merge_tracks
+from muybridge.infer.detection.pose_estimator import KeypointOptions, PoseEstimator
 from muybridge.infer.detection.tracker import TrackOptions
+from muybridge.infer.detection.tracks import by_name, merge_tracks
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions, PeopleNetwork
 from muybridge.models.keypoints.decode import decode_heatmaps
 from muybridge.models.keypoints.metadata import keypoint_card
@@ -150,14 +151,14 @@ def test_two_people_are_followed(models: tuple[Path, Path], camera: Camera | Non
     for start in range(0, 40, chunk):
         estimator.process(np.stack([_frame(list(c), rng) for c in truth[start : start + chunk]]))
     tracks = estimator.finish()
-    assert tracks.points_px.shape == (40, 2, 3, 2) and tracks.boxes_px.shape == (40, 2, 4)
-    assert np.isfinite(tracks.points_px).all() and (tracks.ids == tracks.ids[0]).all()
-    order = np.argsort(tracks.points_px[0, :, 0, 1])
-    error = np.linalg.norm(tracks.points_px[:, order] - (truth[:, :, None] + OFFSETS_PX), axis=-1)
+    assert tracks.body.points_px.shape == (40, 2, 3, 2) and tracks.boxes_px.shape == (40, 2, 4)
+    assert np.isfinite(tracks.body.points_px).all() and (tracks.ids == tracks.ids[0]).all()
+    order = np.argsort(tracks.body.points_px[0, :, 0, 1])
+    error = np.linalg.norm(tracks.body.points_px[:, order] - (truth[:, :, None] + OFFSETS_PX), axis=-1)
     assert error.max() < 2.5 and np.median(error) < 0.7
     # A sigma of the right size: the blobs' own, as this network's maps follow them.
-    assert 1.0 < np.sqrt(np.median(tracks.variance_px2)) < 8.0
-    assert tracks.score.min() > 0.5 and tracks.visibility.min() > 0.9
+    assert 1.0 < np.sqrt(np.median(tracks.body.variance_px2)) < 8.0
+    assert tracks.body.score.min() > 0.5 and tracks.body.visibility.min() > 0.9
 
 
 def test_a_person_who_is_gone_is_missing(models: tuple[Path, Path]) -> None:
@@ -166,10 +167,10 @@ def test_a_person_who_is_gone_is_missing(models: tuple[Path, Path]) -> None:
         there = [np.array([200.0 + t, 200.0])] if t < 12 else []
         estimator.process(_frame(there)[None])
     tracks = estimator.finish()
-    assert tracks.points_px.shape == (30, 1, 3, 2)
-    assert np.isfinite(tracks.points_px[:12]).all()
-    assert np.isnan(tracks.points_px[12:]).all() and np.isnan(tracks.variance_px2[12:]).all()
-    assert (tracks.score[12:] == 0).all() and (tracks.ids[12:] == -1).all()
+    assert tracks.body.points_px.shape == (30, 1, 3, 2)
+    assert np.isfinite(tracks.body.points_px[:12]).all()
+    assert np.isnan(tracks.body.points_px[12:]).all() and np.isnan(tracks.body.variance_px2[12:]).all()
+    assert (tracks.body.score[12:] == 0).all() and (tracks.ids[12:] == -1).all()
 
 
 def _patch_detector(monkeypatch: pytest.MonkeyPatch, change: Callable[[int, DetectedPeople], DetectedPeople]) -> None:
@@ -196,8 +197,8 @@ def test_landmarks_keep_a_track_that_the_detector_loses(
     for start in range(0, 120, 4):
         estimator.process(np.stack([_frame([c]) for c in positions[start : start + 4]]))
     tracks = estimator.finish()
-    error = np.linalg.norm(tracks.points_px[:, 0] - (positions[:, None] + OFFSETS_PX), axis=-1)
-    assert tracks.points_px.shape[1] == 1 and error.max() < 3.0
+    error = np.linalg.norm(tracks.body.points_px[:, 0] - (positions[:, None] + OFFSETS_PX), axis=-1)
+    assert tracks.body.points_px.shape[1] == 1 and error.max() < 3.0
 
 
 def test_a_second_track_on_one_person_is_dropped(models: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -212,8 +213,8 @@ def test_a_second_track_on_one_person_is_dropped(models: tuple[Path, Path], monk
     center = np.array([300.0, 200.0])
     estimator.process(np.stack([_frame([center])] * 20))
     tracks = estimator.finish()
-    assert tracks.points_px.shape[1] == 1
-    assert np.abs(tracks.points_px[:, 0] - center - OFFSETS_PX).max() < 2.5
+    assert tracks.body.points_px.shape[1] == 1
+    assert np.abs(tracks.body.points_px[:, 0] - center - OFFSETS_PX).max() < 2.5
 
 
 def test_a_track_in_which_nobody_is_to_be_seen_is_dropped(
@@ -253,10 +254,10 @@ def test_what_nothing_is_known_of_is_missing(models: tuple[Path, Path], monkeypa
     estimator = PoseEstimator(*models, options=KeypointOptions(min_confidence=0.2))
     estimator.process(np.stack([frame] * 20))
     tracks = estimator.finish()
-    assert tracks.points_px.shape[1] == 1
-    assert np.isnan(tracks.points_px[:, 0, 2]).all() and (tracks.score[:, 0, 2] == 0).all()
-    assert np.isnan(tracks.variance_px2[:, 0, 2]).all()
-    assert np.abs(tracks.points_px[:, 0, :2] - center - OFFSETS_PX[:2]).max() < 2.5
+    assert tracks.body.points_px.shape[1] == 1
+    assert np.isnan(tracks.body.points_px[:, 0, 2]).all() and (tracks.body.score[:, 0, 2] == 0).all()
+    assert np.isnan(tracks.body.variance_px2[:, 0, 2]).all()
+    assert np.abs(tracks.body.points_px[:, 0, :2] - center - OFFSETS_PX[:2]).max() < 2.5
 
 
 def test_nobody_at_all(models: tuple[Path, Path]) -> None:
@@ -264,7 +265,7 @@ def test_nobody_at_all(models: tuple[Path, Path]) -> None:
     assert estimator.finish().points_px.shape == (0, 1, 3, 2)
     estimator.process(np.stack([_frame([])] * 3))
     tracks = estimator.finish()
-    assert tracks.points_px.shape == (3, 1, 3, 2) and np.isnan(tracks.points_px).all()
+    assert tracks.body.points_px.shape == (3, 1, 3, 2) and np.isnan(tracks.body.points_px).all()
 
 
 @pytest.mark.parametrize("every", [1, 4])
@@ -275,7 +276,7 @@ def test_looking_less_often_follows_as_well(models: tuple[Path, Path], every: in
     for start in range(0, 40, 8):
         estimator.process(np.stack([_frame([c]) for c in positions[start : start + 8]]))
     tracks = estimator.finish()
-    error = np.linalg.norm(tracks.points_px[:, 0] - (positions[:, None] + OFFSETS_PX), axis=-1)
+    error = np.linalg.norm(tracks.body.points_px[:, 0] - (positions[:, None] + OFFSETS_PX), axis=-1)
     assert error.max() < 2.5
 
 
@@ -290,7 +291,7 @@ def test_a_poor_box_is_cropped_again(models: tuple[Path, Path], monkeypatch: pyt
             estimator = PoseEstimator(*models, options=KeypointOptions(refine_crop=refine, min_confidence=0.1))
             estimator.process(np.stack([_frame([np.array([300.0, 200.0])])] * 12))
         tracks = estimator.finish()
-        errors.append(np.linalg.norm(tracks.points_px[:, 0] - truth, axis=-1).mean())
+        errors.append(np.linalg.norm(tracks.body.points_px[:, 0] - truth, axis=-1).mean())
         sides.append((tracks.boxes_px[:, 0, 3] - tracks.boxes_px[:, 0, 1]).mean())
         trembling.append(np.abs(np.diff(tracks.boxes_px[:, 0], axis=0)).mean())
     assert sides[1] < 0.7 * sides[0] and trembling[1] < trembling[0]
@@ -311,12 +312,13 @@ def test_cameras_merge_with_padded_slots(models: tuple[Path, Path]) -> None:
         estimator = PoseEstimator(*models)
         estimator.process(np.stack([_frame(people)] * 6))
         results.append(estimator.finish())
-    merged = merge_tracks(results)
+    (merged,) = merge_tracks(results).values()
     assert merged.points_px.shape == (2, 6, 2, 3, 2)
-    np.testing.assert_array_equal(merged.points_px[0, :, 0], results[0].points_px[:, 0])
+    np.testing.assert_array_equal(merged.points_px[0, :, 0], results[0].body.points_px[:, 0])
     assert np.isnan(merged.points_px[0, :, 1]).all() and (merged.score[0, :, 1] == 0).all()
     with pytest.raises(ValueError, match="landmarks"):
-        merge_tracks([results[0], replace(results[1], landmarks=BODY23)])
+        other = replace(results[1], landmarks=by_name([replace(results[1].body, set=BODY23)]))
+        merge_tracks([results[0], other])
 
 
 def test_body_boxes_reach_beyond_the_landmarks() -> None:

@@ -14,12 +14,12 @@ from muybridge.infer.detection.detect import (
     file_names,
     first_look,
     is_finished,
-    open_models,
 )
 from muybridge.infer.detection.orientation import FrameOrientation, Letterbox
-from muybridge.infer.detection.pose_estimator import CameraTracks
 from muybridge.infer.detection.refine import RefinementOptions, TopDownRefinement, missing_views
+from muybridge.infer.detection.tracks import CameraTracks, LandmarkArrays, by_name
 from muybridge.infer.networks.keypoints import Expectation, KeypointNetwork
+from muybridge.infer.networks.models import open_models
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.session.session import SessionOptions, open_session, with_frames
@@ -58,13 +58,11 @@ def look(demo, folder: Path, hung: float | None = None, **options: float) -> Top
     for c in range(len(pixels)):
         px = np.where(slots[c, :, None, None] < 0, np.nan, pixels[c])[:, None]
         known = np.isfinite(px).all(-1)
-        tracks = CameraTracks(
-            BODY23, px, np.where(known, 1.0, np.nan), known * 0.9, known * 0.9, np.full((len(px), 1, 4), np.nan),
-            np.where(known.any(-1), 0, -1),
-        )  # fmt: skip
+        body = LandmarkArrays(BODY23, px, np.where(known, 1.0, np.nan), known * 0.9, known * 0.9)
+        tracks = CameraTracks(by_name([body]), np.full((len(px), 1, 4), np.nan), np.where(known.any(-1), 0, -1))
         upright = FrameOrientation(session.cameras[c].width, session.cameras[c].height, hung or 0.0)
         facts = {"frames_width_height_angle_and_long_side": [upright.width, upright.height, upright.angle, 320]}
-        arrays = {"repeats": np.zeros(len(tracks.points_px), dtype=bool)}
+        arrays = {"repeats": np.zeros(tracks.frames, dtype=bool)}
         if hung is not None:
             frames = next(iter(read_chunks(session.videos[c])))
             arrays["plate"] = Letterbox(upright, 320).apply(frames[-1])
@@ -81,7 +79,7 @@ def test_the_background_is_that_of_the_cameras_before_they_were_refined(demo, tm
     """Its picture is of another size where a refined camera hangs otherwise."""
     _, points, slots, pixels = demo
     again = look(demo, tmp_path / "work", hung=0.1)(slots, points)
-    seen = again.keypoints.points_px[1, LOST, 1]
+    seen = again.keypoints["body23"].points_px[1, LOST, 1]
     side = np.ptp(pixels[1, LOST], axis=1).max()
     assert np.median(np.linalg.norm(seen - pixels[1, LOST], axis=-1)) < 0.03 * side
 
@@ -91,7 +89,7 @@ def test_a_lost_person_is_found_again(demo, tmp_path):
     again = look(demo, tmp_path / "work")(slots, points)
     found = again.slots[1, LOST]
     assert (found == 1).all() and (again.slots[0] == 0).all()
-    seen = again.keypoints.points_px[1, LOST, 1]
+    seen = again.keypoints["body23"].points_px[1, LOST, 1]
     side = np.ptp(pixels[1, LOST], axis=1).max()
     # By the picture, not by the prediction: near, and yet never the same.
     away = np.linalg.norm(seen - pixels[1, LOST], axis=-1)
@@ -100,7 +98,7 @@ def test_a_lost_person_is_found_again(demo, tmp_path):
     # What was found is kept for a run that resumes.
     twice = look(demo, tmp_path / "work")(slots, points)
     assert all(stage.resumed for stage in twice.stages.values())
-    np.testing.assert_array_equal(twice.keypoints.points_px, again.keypoints.points_px)
+    np.testing.assert_array_equal(twice.keypoints["body23"].points_px, again.keypoints["body23"].points_px)
 
 
 def test_nobody_is_invented_where_the_prediction_is_wrong(demo, tmp_path):
@@ -132,17 +130,17 @@ def test_every_view_is_read_again_where_the_person_is(demo, tmp_path):
     again = look(demo, tmp_path / "work", everywhere=True)(slots, points)
     assert (again.slots == 1).all()
     side = np.ptp(pixels, axis=2).max(-1)
-    for found in (again.keypoints, again.alone):
+    for found in (again.keypoints["body23"], again.alone):
         away = np.linalg.norm(found.points_px[:, :, 1] - pixels, axis=-1) / side[..., None]
         assert np.nanmedian(away) < 0.02
     # What is expected decides where a view alone is of two minds, and hardly moves what it is sure of.
     error = {k: np.linalg.norm(f.points_px[:, :, 1] - pixels, axis=-1) / side[..., None]
-             for k, f in (("told", again.keypoints), ("alone", again.alone))}  # fmt: skip
+             for k, f in (("told", again.keypoints["body23"]), ("alone", again.alone))}  # fmt: skip
     assert np.nanpercentile(error["told"], 99) < 0.8 * np.nanpercentile(error["alone"], 99)
-    moved = np.linalg.norm(again.keypoints.points_px[:, :, 1] - again.alone.points_px[:, :, 1], axis=-1)
+    moved = np.linalg.norm(again.keypoints["body23"].points_px[:, :, 1] - again.alone.points_px[:, :, 1], axis=-1)
     assert np.nanmedian(moved / side[..., None]) < 0.003
     untold = look(demo, tmp_path / "other", everywhere=True, expected_most=0)(slots, points)
-    np.testing.assert_array_equal(untold.keypoints.points_px, untold.alone.points_px)
+    np.testing.assert_array_equal(untold.keypoints["body23"].points_px, untold.alone.points_px)
 
 
 def test_what_a_view_says_nothing_of_is_not_made_up_from_what_is_expected():

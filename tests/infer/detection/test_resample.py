@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from muybridge.geometry.landmarks.sets import BODY23
-from muybridge.infer.detection.pose_estimator import CameraTracks
 from muybridge.infer.detection.resample import Repeats, frozen, in_time, on_time, repeats_notice
+from muybridge.infer.detection.tracks import CameraTracks, LandmarkArrays, by_name
 from muybridge.infer.session.probe import probe_video
 from muybridge.infer.session.video import read_chunks
 from muybridge.infer.session.write_video import VideoWriter
@@ -30,14 +30,15 @@ def tracks(x, ids=None):
     points[..., 0] += x[:, None, None]
     box = np.stack([x, 0 * x, x + 200, 0 * x + 200], -1)[:, None]
     shape = (len(x), 1, COUNT)
+    body = LandmarkArrays(BODY23, points, np.full(shape, 4.0), np.full(shape, 0.9), np.full(shape, 0.8))
     return CameraTracks(
-        BODY23, points, np.full(shape, 4.0), np.full(shape, 0.9), np.full(shape, 0.8), box,
+        by_name([body]), box,
         np.zeros((len(x), 1), np.int64) if ids is None else np.array(ids)[:, None],
     )  # fmt: skip
 
 
 def at(found):
-    return found.points_px[:, 0, 0, 0]
+    return found.body.points_px[:, 0, 0, 0]
 
 
 NONE = np.zeros(40, bool)
@@ -57,7 +58,7 @@ def test_landmarks_are_put_at_the_moments():
     assert np.abs(150 * times - 150 * np.arange(40) / FPS).max() > 1
     assert at(found)[inside] == pytest.approx(150 * np.arange(40)[inside] / FPS, abs=0.1)
     assert (found.ids == 0).all() and np.isfinite(found.boxes_px).all()
-    assert found.score == pytest.approx(0.9) and found.variance_px2 == pytest.approx(4.0)
+    assert found.body.score == pytest.approx(0.9) and found.body.variance_px2 == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize("how", ["repeated", "taken twice"])
@@ -76,7 +77,7 @@ def test_of_a_camera_that_hung_nothing_is_made_up_unless_they_stood_still():
     repeats = np.append(False, np.diff(source) == 0)
     moved = in_time(session(40), 0, tracks(5.0 * source), repeats)
     assert np.isnan(at(moved)[11:30]).all() and np.isfinite(at(moved)[[*range(11), *range(30, 40)]]).all()
-    assert (moved.ids[11:30] == -1).all() and not moved.score[11:30].any()
+    assert (moved.ids[11:30] == -1).all() and not moved.body.score[11:30].any()
     still = in_time(session(40), 0, tracks(0.01 * source), repeats)
     assert np.isfinite(at(still)).all() and at(still) == pytest.approx(0.01 * np.arange(40), abs=0.01)
     ended = in_time(session(40), 0, tracks(5.0 * np.minimum(np.arange(40), 30)), np.arange(40) > 30)
@@ -132,7 +133,7 @@ def test_a_film_that_hangs_to_its_end_is_told_by_the_others():
     assert frozen([froze, walks], [36, 40], FPS) == [None, None]
     assert frozen([froze, froze], [20, 20], FPS) == [None, None]
     left = in_time(session(40), 0, froze, np.arange(40) >= 20)
-    assert (left.ids[:20] == 0).all() and (left.ids[20:] == -1).all() and np.isnan(left.points_px[20:]).all()
+    assert (left.ids[:20] == 0).all() and (left.ids[20:] == -1).all() and np.isnan(left.body.points_px[20:]).all()
 
 
 def test_pictures_that_are_alike_to_the_end_are_counted():

@@ -1,5 +1,6 @@
 """Tracks: people who cross, detections that are missing, slots and smoothing."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.detection.crop_reader import PoseReader, Poses
 from muybridge.infer.detection.orientation import FrameOrientation
 from muybridge.infer.detection.tracker import BoxSmoother, TrackedFrame, Tracker, TrackOptions
+from muybridge.infer.detection.tracks import LandmarkArrays, by_name
 from muybridge.models.people.decode import DetectedPeople
 
 
@@ -182,8 +184,7 @@ def test_landmarks_that_both_are_sure_of_tell_that_two_tracks_are_one_person() -
     points[5:, 13:] += 80  # one crop cuts the legs off
     score = np.full((10, 23), 0.1)
     score[:, upper] = 0.8
-    empty = np.empty((10, 0))
-    poses = Poses(points, score, score, score, np.zeros((10, 4)), np.empty((10, 0, 2)), empty, empty)
+    poses = Poses(by_name([LandmarkArrays(BODY23, points, score, score, score)]), np.zeros((10, 4)))
     network = SimpleNamespace(landmarks=BODY23, channels=3)
     reader = PoseReader(network, None, FrameOrientation(640, 480), None, 30.0)  # type: ignore[arg-type]
     frame, track = np.tile(np.arange(5), 2), np.repeat([0, 1], 5)
@@ -191,7 +192,12 @@ def test_landmarks_that_both_are_sure_of_tell_that_two_tracks_are_one_person() -
     # Where nothing is sure all landmarks count; and where the sure ones are apart, they are two.
     apart = points.copy()
     apart[5:] += [60, 0]
-    assert reader.duplicates(frame, track, poses._replace(points_px=apart)).tolist() == []
+    assert (
+        reader.duplicates(
+            frame, track, replace(poses, landmarks=by_name([replace(poses.body, points_px=apart)]))
+        ).tolist()
+        == []
+    )
 
 
 def test_a_track_is_not_pulled_off_its_person_so_that_a_stray_one_gets_a_box() -> None:

@@ -1,13 +1,12 @@
 """Markers in video: blobs to sub-pixel, matched without names, ghosts rejected; the whole way to a skeleton."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.markers.matching import MatchOptions, follow_points, match_points, without_ghosts
+from muybridge.geometry.markers.matching import MatchOptions, find_real_markers, follow_points, match_points
 from muybridge.geometry.markers.tracking import track_points
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.detection.blobs import find_blobs, find_threshold
@@ -15,6 +14,7 @@ from muybridge.infer.session.write_video import VideoWriter
 from muybridge.motion.formats.points.c3d import read_c3d
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.train.synthesis.markers.video import VideoFaults, draw_markers, ring_of_cameras
+from tests.run_record import check_record
 
 
 def cloud(frames: int, count: int, rng: np.random.Generator, fps: float = 120.0) -> np.ndarray:
@@ -92,7 +92,7 @@ def test_matching_finds_markers_and_rejects_accidents() -> None:
         assert hit / truth[..., 0].size > 0.97
         assert ghosts < most
     tracks = track_points(found, 120.0)
-    good = without_ghosts(tracks.points, tracks.track, 5, 120.0)
+    good = find_real_markers(tracks.points, tracks.track, 5, 120.0)
     gap = np.linalg.norm(tracks.points[:, :, None] - truth[:, None], axis=-1)
     assert (np.nan_to_num(gap, nan=9.0).min(2)[good] > 0.01).sum() == 0
 
@@ -106,7 +106,6 @@ def test_nothing_seen_is_nothing_found() -> None:
 
 def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
     """Videos in; named markers and a skeleton out."""
-    from muybridge.geometry.fitting.skeleton_fit import rest_positions
     from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
     from muybridge.geometry.skeleton.statistical_body import marker_body
 
@@ -117,7 +116,7 @@ def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
     angles[:, 1:] += 0.25 * np.sin(np.arange(frames)[:, None, None] / 12 + rng.uniform(0, 6, table.rest[1:].shape))
     angles = np.clip(angles, table.lower, table.upper)
     angles[:, 0] = 0
-    height = -rest_positions(skeleton)[:, 2].min() + 0.05
+    height = -skeleton.rest_positions[:, 2].min() + 0.05
     turns, at = skeleton.forward(np.tile([0, 0, height], (frames, 1)), skeleton.rotations_from_angles(angles))
     truth = at[:, table.carrier] + np.einsum("tmij,mj->tmi", turns[:, table.carrier], places)
     truth = truth[:, list(PLUG_IN_GAIT.surface_indices)]
@@ -136,10 +135,10 @@ def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
     assert points.landmarks.names == PLUG_IN_GAIT.labels
     gap = np.linalg.norm(points.points_world - truth, axis=-1)
     assert np.mean(gap < 0.005) > 0.9
-    facts = json.loads((out / "markers.json").read_text())
-    assert facts["markers_found"] >= 37 and facts["residual_mm"]["median"] < 8
+    record = check_record(out, "marker_videos")
+    assert record["markers"]["found"] >= 37 and record["body"]["residual_mm"]["median"] < 8
     motion = read_bvh(out / "motion.bvh")
-    assert len(motion) == frames and facts["network"]
+    assert len(motion) == frames and record["body"]["network"]
     joints = motion.joint_positions_world()
     named = [n for n in skeleton.names if n in motion.skeleton.names]
     gap = np.linalg.norm(joints[:, [motion.skeleton.names.index(n) for n in named]]
@@ -158,5 +157,5 @@ def test_lamps_and_flickers_are_no_markers(frames: int) -> None:
     points[:, 2] = np.array([2.0, 2, 2]) + rng.normal(0, 2e-4, (60, 3))
     points[20 : 20 + frames, 3] = [1.0, 1, 1]
     tracks = track_points(points, 120.0)
-    good = without_ghosts(tracks.points, tracks.track, 5, 120.0)
+    good = find_real_markers(tracks.points, tracks.track, 5, 120.0)
     assert good.sum() == 120

@@ -17,12 +17,12 @@ import pytest
 
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.gravity import standing_axes
-from muybridge.geometry.calibration.world import moved
+from muybridge.geometry.calibration.world import transform_cameras
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.commands.app import run_command
-from muybridge.infer.detection.pose_estimator import CameraTracks
+from muybridge.infer.detection.tracks import CameraTracks, LandmarkArrays, by_name
 from muybridge.infer.pipelines.demo import score
 from muybridge.motion.formats.points.c3d import read_c3d
 from muybridge.motion.formats.points.trc import read_trc
@@ -99,7 +99,7 @@ def test_a_world_that_is_a_cameras_own_is_no_hindrance(take, staged, staged_peop
     file = take / "calibration.toml"
     cameras = load_calibration(file)
     own = np.column_stack([cameras[0].rotation, cameras[0].translation])
-    save_calibration(moved(cameras, own), file)
+    save_calibration(transform_cameras(cameras, own), file)
     done = staged("run", take)
     assert done.returncode == 0 and "not +Z" in done.stderr + done.stdout
     lying = read_trc(take / "muybridge" / "points.trc").points_world
@@ -455,15 +455,9 @@ def test_the_real_take_with_the_references_landmarks(real_data, tmp_path, staged
         known = seen[camera, ..., 2] > 0.3
         points = np.where(known[..., None], seen[camera, ..., :2], np.nan)[:, None]
         known = known[:, None]
-        return CameraTracks(
-            landmarks=BODY23,
-            points_px=points,
-            variance_px2=np.where(known, 16.0, np.nan),
-            score=np.where(known, 0.9, 0.0),
-            visibility=np.where(known, 0.9, 0.0),
-            boxes_px=np.full((100, 1, 4), np.nan),
-            ids=np.zeros((100, 1), np.int64),
-        )
+        score = np.where(known, 0.9, 0.0)
+        body = LandmarkArrays(BODY23, points, np.where(known, 16.0, np.nan), score, score)
+        return CameraTracks(by_name([body]), np.full((100, 1, 4), np.nan), np.zeros((100, 1), np.int64))
 
     monkeypatch.setattr(staged_people.StagedEstimator, "finish", finish)
     assert staged("run", real_data / "balancing", "--out", tmp_path / "out").returncode == 0

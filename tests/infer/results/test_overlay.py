@@ -10,15 +10,15 @@ import pytest
 
 from muybridge.errors import OutputError, VideoError
 from muybridge.geometry.landmarks.sets import BODY23, side_of
-from muybridge.infer.results.overlay import (
+from muybridge.infer.results.overlay import OverlayOptions, write_overlay
+from muybridge.infer.results.overlay_drawing import (
     LEFT,
     MIDDLE,
     REJECTED,
     RIGHT,
-    OverlayOptions,
+    OverlayData,
     colour_of,
     draw_overlay,
-    write_overlay,
 )
 
 J = len(BODY23)
@@ -33,6 +33,20 @@ def _spread_points(count: int) -> np.ndarray:
     """(T, J, 2) landmarks on a grid of a 640 x 480 original, far enough apart not to cover each other."""
     grid = np.stack([(np.arange(J) % 6) * 90.0 + 80.0, (np.arange(J) // 6) * 90.0 + 90.0], axis=-1)
     return np.repeat(grid[None], count, axis=0)
+
+
+def _data(
+    keypoints: np.ndarray | None, projected: np.ndarray, name: str = "a", fps: float = 30.0, **more: object
+) -> OverlayData:
+    """What is drawn; arrays of single frames are repeated for four."""
+    if projected.ndim == 2:
+        projected = np.repeat(projected[None], 4, axis=0)
+        keypoints = None if keypoints is None else np.repeat(keypoints[None], 4, axis=0)
+        more = {key: np.repeat(np.asarray(value)[None], 4, axis=0) for key, value in more.items()}
+    return OverlayData(
+        camera_name=name, fps=fps, landmarks=BODY23, projected_px=projected, keypoints_px=keypoints,
+        **more,  # type: ignore[arg-type]
+    )  # fmt: skip
 
 
 def _distance(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
@@ -55,7 +69,7 @@ def test_points_land_on_scaled_pixel(scale: float) -> None:
     frame = np.zeros((round(480 * scale), round(640 * scale), 3), np.uint8)
     projected = np.full((J, 2), np.nan)
     projected[BODY23.index("left_wrist")] = original / 2 - 0.25
-    image = draw_overlay(frame, 0, 30.0, scale, None, projected, BODY23, "a", legend=False)
+    image = draw_overlay(frame, 0, scale, _data(None, projected), legend=False)
     rows, columns = np.nonzero(_distance(image, LEFT) < 60)
     wanted = (original / 2 - 0.25 + 0.5) * scale - 0.5
     np.testing.assert_allclose([columns.mean(), rows.mean()], wanted, atol=0.6)
@@ -64,9 +78,7 @@ def test_points_land_on_scaled_pixel(scale: float) -> None:
 def test_scale_may_differ_by_axis() -> None:
     projected = np.full((J, 2), np.nan)
     projected[BODY23.index("right_wrist")] = [400.0, 300.0]
-    image = draw_overlay(
-        np.zeros((240, 640, 3), np.uint8), 0, 30.0, (1.0, 0.5), None, projected, BODY23, "a", legend=False
-    )
+    image = draw_overlay(np.zeros((240, 640, 3), np.uint8), 0, (1.0, 0.5), _data(None, projected), legend=False)
     rows, columns = np.nonzero(_distance(image, RIGHT) < 60)
     np.testing.assert_allclose([columns.mean(), rows.mean()], [400.0, 149.75], atol=0.6)
 
@@ -77,7 +89,7 @@ def test_rejected_points_differ_from_inliers() -> None:
     frame = np.full((480, 640, 3), 90, np.uint8)
     inlier = np.ones(J, bool)
     inlier[7] = False
-    image = draw_overlay(frame, 0, 30.0, 1.0, points, nothing, BODY23, "a", inlier=inlier, legend=False)
+    image = draw_overlay(frame, 0, 1.0, _data(points, nothing, inlier=inlier), legend=False)
     rows, columns = np.nonzero(_distance(image, REJECTED) < 90)
     assert len(rows) > 5
     np.testing.assert_allclose([columns.mean(), rows.mean()], points[7], atol=1.0)
@@ -86,7 +98,7 @@ def test_rejected_points_differ_from_inliers() -> None:
 def test_missing_is_not_drawn_and_input_is_untouched() -> None:
     frame = np.full((480, 640, 3), 90, np.uint8)
     nothing = np.full((J, 2), np.nan)
-    image = draw_overlay(frame, 3, 30.0, 1.0, nothing, nothing, BODY23, "", legend=False)
+    image = draw_overlay(frame, 3, 1.0, _data(nothing, nothing, ""), legend=False)
     assert (frame == 90).all()
     # The caption is at the top; below it nothing has changed.
     assert (image[120:] == 90).all()
@@ -96,7 +108,7 @@ def test_missing_is_not_drawn_and_input_is_untouched() -> None:
 def test_far_outside_points_do_not_break_drawing() -> None:
     projected = _spread_points(1)[0]
     projected[:4] = [[1e12, 5.0], [-1e7, 3.0], [np.inf, 0.0], [np.nan, np.nan]]
-    image = draw_overlay(np.zeros((240, 320, 3), np.uint8), 0, 30.0, 0.5, projected, projected, BODY23, "a")
+    image = draw_overlay(np.zeros((240, 320, 3), np.uint8), 0, 0.5, _data(projected, projected))
     assert image.any()
 
 
@@ -104,8 +116,8 @@ def test_video_plays_back_with_figure_in_place(tmp_path: Path) -> None:
     count, path = 12, tmp_path / "overlay_cam01.mp4"
     points = _spread_points(count)
     result = write_overlay(
-        path, _grey(count, 241, 321), 29.97, 0.5, points, points, BODY23, "cam01",
-        residual_px=np.full((count, J), 2.0), thumbnail_frames=(0, 5, 40),
+        path, _grey(count, 241, 321), 0.5,
+        _data(points, points, "cam01", 29.97, residual_px=np.full((count, J), 2.0)), thumbnail_frames=(0, 5, 40),
     )  # fmt: skip
     assert result.frames == count and path.is_file()
     assert not list(tmp_path.glob(".*"))
@@ -130,7 +142,7 @@ def test_video_plays_back_with_figure_in_place(tmp_path: Path) -> None:
 def test_thumbnails_are_shrunk(tmp_path: Path) -> None:
     points = _spread_points(1)
     result = write_overlay(
-        tmp_path / "a.mp4", _grey(1), 30.0, 0.5, None, points, BODY23, "a",
+        tmp_path / "a.mp4", _grey(1), 0.5, _data(None, points),
         thumbnail_frames=(0,), options=OverlayOptions(thumbnail_side_px=100),
     )  # fmt: skip
     shape = cv2.imdecode(np.frombuffer(result.thumbnails[0], np.uint8), cv2.IMREAD_COLOR).shape
@@ -139,8 +151,8 @@ def test_thumbnails_are_shrunk(tmp_path: Path) -> None:
 
 def test_shorter_input_decides_length(tmp_path: Path) -> None:
     points = _spread_points(5)
-    assert write_overlay(tmp_path / "a.mp4", _grey(3), 30.0, 1.0, None, points, BODY23, "a").frames == 3
-    assert write_overlay(tmp_path / "b.mp4", _grey(9), 30.0, 1.0, None, points, BODY23, "a").frames == 5
+    assert write_overlay(tmp_path / "a.mp4", _grey(3), 1.0, _data(None, points)).frames == 3
+    assert write_overlay(tmp_path / "b.mp4", _grey(9), 1.0, _data(None, points)).frames == 5
 
 
 def test_failed_write_leaves_nothing(tmp_path: Path) -> None:
@@ -153,7 +165,7 @@ def test_failed_write_leaves_nothing(tmp_path: Path) -> None:
     target = tmp_path / "overlay_a.mp4"
     target.write_bytes(b"the previous run's")
     with pytest.raises(RuntimeError, match="decoder died"):
-        write_overlay(target, breaks(), 30.0, 1.0, None, points, BODY23, "a")
+        write_overlay(target, breaks(), 1.0, _data(None, points))
     assert target.read_bytes() == b"the previous run's"
     assert [p.name for p in tmp_path.iterdir()] == ["overlay_a.mp4"]
 
@@ -161,9 +173,9 @@ def test_failed_write_leaves_nothing(tmp_path: Path) -> None:
 def test_no_frames_and_no_folder_are_known_errors(tmp_path: Path) -> None:
     points = _spread_points(1)
     with pytest.raises(VideoError, match="cam07"):
-        write_overlay(tmp_path / "a.mp4", iter(()), 30.0, 1.0, None, points, BODY23, "cam07")
+        write_overlay(tmp_path / "a.mp4", iter(()), 1.0, _data(None, points, "cam07"))
     (tmp_path / "absent").write_text("a file, not a folder")
     with pytest.raises(OutputError, match=r"absent.*choose a folder"):
-        write_overlay(tmp_path / "absent" / "a.mp4", _grey(1), 30.0, 1.0, None, points, BODY23, "a")
+        write_overlay(tmp_path / "absent" / "a.mp4", _grey(1), 1.0, _data(None, points))
     with pytest.raises(ValueError, match="keypoints_px"):
-        write_overlay(tmp_path / "a.mp4", _grey(1), 30.0, 1.0, points[:, :5], points, BODY23, "a")
+        write_overlay(tmp_path / "a.mp4", _grey(1), 1.0, _data(points[:, :5], points))

@@ -10,8 +10,9 @@ import pytest
 from muybridge.errors import OutputError
 from muybridge.files import temporary_path
 from muybridge.infer.detection.detect import file_names
+from muybridge.infer.pipelines.videos import result_names
 from muybridge.infer.results.folder import open_output
-from muybridge.infer.results.write import is_overlay, overlay_name, result_names
+from muybridge.infer.results.overlay_stage import is_overlay, overlay_name
 
 
 def test_results_of_another_session_are_not_replaced(tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ from muybridge.errors import FormatError
 from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.skeleton.motion import Motion
+from muybridge.motion.formats.skeletal.amc import read_amc, write_amc
 from muybridge.motion.formats.skeletal.asf import find_asf, read_asf
-from muybridge.motion.formats.skeletal.asf_amc import read_amc, write_amc
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 from tests.paths import SHARED
 

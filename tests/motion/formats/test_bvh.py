@@ -207,12 +207,18 @@ def test_malformed_files_name_the_line(tmp_path, old, new, says):
     assert "bad.bvh" in str(raised.value) and "\n" not in str(raised.value)
 
 
-def test_sliding_joints_are_refused_and_missing_files_named(tmp_path):
+def test_sliding_joints_keep_their_places_and_missing_files_are_named(tmp_path):
     path = tmp_path / "s.bvh"
     moved = GOOD.replace("CHANNELS 3 Zrotation Xrotation Yrotation", "CHANNELS 1 Xposition")
     path.write_text(moved.replace("90 0 0", "3").replace("0 90 0", "4"))
-    with pytest.raises(FormatError, match="line 6: the joint 'head' slides"):
-        read_bvh(path)
+    motion = read_bvh(path)
+    assert motion.skeleton.sliding == (1,)
+    offset = motion.skeleton.offsets[1]
+    np.testing.assert_allclose(motion.translations[:, 0], [[3, *offset[1:]], [4, *offset[1:]]])
+    write_bvh(tmp_path / "again.bvh", motion)
+    back = read_bvh(tmp_path / "again.bvh")
+    np.testing.assert_allclose(back.forward(), motion.forward(), atol=2e-6)
+    np.testing.assert_allclose(back.skeleton.offsets, motion.skeleton.offsets, atol=1e-8)
     with pytest.raises(FormatError, match="cannot be read"):
         read_bvh(tmp_path / "none.bvh")
 

@@ -16,12 +16,13 @@ from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.fbx.read import read_fbx
 from muybridge.motion.formats.fbx.write import write_fbx
-from muybridge.motion.formats.gltf.write import read_gltf, write_glb
+from muybridge.motion.formats.gltf.read import read_gltf
+from muybridge.motion.formats.gltf.write import write_glb
 from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
 from muybridge.motion.formats.points.csv import read_csv, write_csv
 from muybridge.motion.formats.points.npz import read_npz, write_npz
 from muybridge.motion.formats.points.trc import read_trc, write_trc
-from muybridge.motion.formats.skeletal.asf_amc import read_amc, write_amc
+from muybridge.motion.formats.skeletal.amc import read_amc, write_amc
 from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
 from muybridge.motion.formats.skeletal.mot import read_mot, write_mot
 

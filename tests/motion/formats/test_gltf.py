@@ -23,8 +23,9 @@ from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.fbx.write import write_fbx
 from muybridge.motion.formats.gltf.container import Buffer, pack_glb
-from muybridge.motion.formats.gltf.write import read_gltf, write_glb
-from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions
+from muybridge.motion.formats.gltf.read import clip_names, read_gltf, read_gltf_take
+from muybridge.motion.formats.gltf.write import write_glb
+from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh
 from muybridge.motion.formats.skeletal.bvh import write_bvh
 
 # A Python that has Blender's module: its own process, since Blender takes over much of the one it runs in.
@@ -134,7 +135,7 @@ def test_bone_mesh_is_closed_and_faces_outward():
     triangles = mesh.positions.reshape(-1, 8, 3, 3)
     volumes = np.einsum("bti,bti->b", triangles[..., 0, :], np.cross(triangles[..., 1, :], triangles[..., 2, :])) / 6
     assert (volumes > 0).all() and len(volumes) >= len(skeleton) - 1
-    start = rest_positions(skeleton)[mesh.joints]
+    start = skeleton.rest_positions[mesh.joints]
     assert np.linalg.norm(mesh.positions - start, axis=1).max() < 0.5
 
 
@@ -148,7 +149,7 @@ def foreign(motion: Motion, scale: float = 1.0, cubic: bool = False, matrix: boo
     holder = Rotation.from_euler("xyz", [90, 20, -30], degrees=True).as_matrix()
     turns, places = skeleton.forward(motion.root_positions_world, matrix_from_quat(motion.quat_wxyz))
     turns, places = to_gltf @ turns @ to_gltf.T @ own, places @ to_gltf.T
-    rest = rest_positions(skeleton) @ to_gltf.T
+    rest = skeleton.rest_positions @ to_gltf.T
     buffer = Buffer()
     nodes, channels, samplers = [], [], []
     times = buffer.add(0.5 + np.arange(len(motion)) / motion.fps, "SCALAR", bounds=True)
@@ -224,7 +225,7 @@ def damage(document: dict, what: str) -> None:
     if what == "asset":
         document["asset"]["version"] = "1.0"
     elif what == "skins":
-        del document["skins"]
+        del document["skins"], document["animations"]
     elif what == "cycle":
         document["nodes"][-2]["children"] = [0]
     elif what == "two parents":
@@ -272,14 +273,59 @@ def test_malformed(tmp_path, what, says):
         read_gltf(tmp_path / "short.glb")
 
 
-def test_sliding_bones_are_refused(tmp_path):
+def test_sliding_bones_keep_their_translations(tmp_path):
     motion = make_motion(5)
     write_glb(tmp_path / "m.glb", motion)
     document, binary = unpack(tmp_path / "m.glb")
+    root, name = document["nodes"][0]["translation"], document["nodes"][4]["name"]
     document["animations"][0]["channels"][0]["target"]["node"] = 4
     (tmp_path / "s.glb").write_bytes(pack_glb(document, binary))
-    with pytest.raises(FormatError, match="slides by"):
-        read_gltf(tmp_path / "s.glb")
+    seen = read_gltf(tmp_path / "s.glb")
+    j = seen.skeleton.index(name)
+    assert seen.skeleton.sliding == (j,)
+    # The track of the root's places now moves joint 4 against its parent, and the root stays where its node is.
+    np.testing.assert_allclose(seen.translations[:, 0], motion.root_positions_world, atol=1e-6)
+    np.testing.assert_allclose(seen.root_positions_world, np.tile([root[0], -root[2], root[1]], (5, 1)), atol=1e-6)
+    np.testing.assert_allclose(seen.skeleton.offsets[j], motion.skeleton.offsets[4], atol=1e-6)
+
+
+def test_without_a_skin_what_moves_is_a_joint(tmp_path):
+    motion = make_motion(6)
+    write_glb(tmp_path / "m.glb", motion)
+    document, binary = unpack(tmp_path / "m.glb")
+    del document["skins"], document["meshes"]
+    document["nodes"][-1] = {"name": "bones"}
+    (tmp_path / "a.glb").write_bytes(pack_glb(document, binary))
+    assert_same(read_gltf(tmp_path / "a.glb"), motion)
+
+
+def test_a_clip_is_chosen_by_name_or_number(tmp_path):
+    one, two = make_motion(6, 1), make_motion(6, 2)
+    write_glb(tmp_path / "1.glb", one)
+    write_glb(tmp_path / "2.glb", two)
+    document, binary = unpack(tmp_path / "1.glb")
+    other, more = unpack(tmp_path / "2.glb")
+    views, accessors = len(document["bufferViews"]), len(document["accessors"])
+    for view in other["bufferViews"]:
+        document["bufferViews"].append(view | {"byteOffset": view["byteOffset"] + len(binary)})
+    for accessor in other["accessors"]:
+        document["accessors"].append(accessor | {"bufferView": accessor["bufferView"] + views})
+    clip = other["animations"][0]
+    for sampler in clip["samplers"]:
+        sampler["input"], sampler["output"] = sampler["input"] + accessors, sampler["output"] + accessors
+    document["animations"][0]["name"] = clip["name"] = "walk"
+    document["animations"].append(clip)
+    document["buffers"][0]["byteLength"] = len(binary + more)
+    (tmp_path / "both.glb").write_bytes(pack_glb(document, binary + more))
+    path = tmp_path / "both.glb"
+    assert clip_names(path) == ("walk", "walk.001")
+    for clip, motion in ((None, one), ("walk", one), (0, one), ("walk.001", two), (1, two), ("1", two)):
+        assert_same(read_gltf(path, clip), motion)
+    assert read_gltf_take(path).notices == ("both.glb: the first of its 2 clips was read, 'walk'",)
+    assert not read_gltf_take(path, 1).notices
+    for clip in ("run", 2, -1):
+        with pytest.raises(FormatError, match=r"has no clip .*; its clips are: 0 'walk', 1 'walk\.001'; pass `clip`"):
+            read_gltf(path, clip)
 
 
 def blender_sees(path: Path, fps: float, folder: Path) -> dict[str, np.ndarray]:
@@ -306,7 +352,7 @@ def test_blender_sees_the_joints_where_they_are(tmp_path, suffix):
     if suffix == ".glb":
         mesh = bone_mesh(motion.skeleton)
         joint = motion.forward()[-1][mesh.joints]
-        local = mesh.positions - rest_positions(motion.skeleton)[mesh.joints]
+        local = mesh.positions - motion.skeleton.rest_positions[mesh.joints]
         skin = np.einsum("vij,vj->vi", joint[:, :3, :3], local) + joint[:, :3, 3]
         far = np.linalg.norm(seen["vertices"][:, None] - skin[None], axis=2)
         assert far.min(axis=0).max() < 1e-4 and far.min(axis=1).max() < 1e-4

@@ -10,8 +10,9 @@ from muybridge.errors import FormatError
 from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.skeleton.motion import Motion
-from muybridge.motion.formats.skeletal.asf_amc import read_amc
-from muybridge.motion.formats.skeletal.mot import coordinates_of, motion_of, read_mot, write_mot
+from muybridge.motion.formats.skeletal.amc import read_amc
+from muybridge.motion.formats.skeletal.mot import read_mot, write_mot
+from muybridge.motion.formats.skeletal.opensim import coordinates_of, motion_of
 from tests.paths import SHARED
 
 DATA = SHARED / "data" / "motion"

@@ -8,8 +8,8 @@ from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
 from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.geometry.skeleton.aliases import map_body, map_surface, one_of_several, subject_of
 from muybridge.infer.commands.app import run_command
-from muybridge.infer.commands.compare import compare_points
-from muybridge.infer.pipelines.solve_points import understand
+from muybridge.infer.pipelines.compare import compare_points
+from muybridge.infer.reconstruction.recognise import recognise
 from muybridge.motion.formats.points.c3d import C3DTake, write_c3d
 from muybridge.motion.formats.points.csv import write_csv
 from muybridge.motion.formats.points.trc import write_trc
@@ -31,7 +31,7 @@ def test_markers_of_two_people_are_never_mixed(tmp_path, between):
     assert len(found) == len(labels) and all(names[i].startswith("Bob") for i in found.values())
     said = one_of_several(names, list(found.values()))
     assert "Anna (38), Bob (39)" in said and "taken are those of Bob" in said
-    labelled = understand(tmp_path / "a.c3d", make_points(names))
+    labelled = recognise(tmp_path / "a.c3d", make_points(names))
     assert labelled.whose == said and all(name.startswith("Bob") for name in labelled.used)
     alone = [n for n in names if n.startswith("Anna")] + ["*12", "*13"]
     assert one_of_several(alone, list(map_surface(alone).values())) == ""
@@ -63,7 +63,7 @@ def test_of_two_people_one_is_compared_with_one():
 def test_markers_without_points_are_not_counted(tmp_path):
     points = make_points(PLUG_IN_GAIT.labels)
     points.points_world[:, :4] = np.nan
-    labelled = understand(tmp_path / "a.c3d", points)
+    labelled = recognise(tmp_path / "a.c3d", points)
     assert "from 35 markers" in labelled.how and labelled.unused == PLUG_IN_GAIT.labels[:4]
 
 

@@ -58,7 +58,7 @@ def test_parquet_round_trip(tmp_path):
 
 def test_one_frame_needs_its_rate_said(tmp_path):
     write_csv(tmp_path / "p.csv", make_points(1))
-    with pytest.raises(FormatError, match="--fps"):
+    with pytest.raises(FormatError, match="pass `fps`"):
         read_csv(tmp_path / "p.csv")
     assert len(read_csv(tmp_path / "p.csv", fps=60).points_world) == 1
 

@@ -8,7 +8,7 @@ import pytest
 from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.skeleton.motion import Motion
-from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh, rest_positions
+from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh
 from muybridge.motion.formats.skeletal.usd import joint_paths, write_usda
 
 TO_WORLD = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
@@ -45,7 +45,7 @@ def test_openusd_sees_the_motion(tmp_path):
     query = cache.GetSkelQuery(binding.GetSkeleton())
     at = motion.joint_positions_world()
     mesh = bone_mesh(motion.skeleton)
-    local = mesh.positions - rest_positions(motion.skeleton)[mesh.joints]
+    local = mesh.positions - motion.skeleton.rest_positions[mesh.joints]
     for t in range(len(motion)):
         joints = np.array(query.ComputeJointSkelTransforms(t))
         np.testing.assert_allclose(joints[:, 3, :3] @ TO_WORLD.T, at[t], atol=1e-5)

@@ -15,7 +15,7 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.engine.process_pool import exclusive
 from muybridge.train.synthesis.bodies.pose_sampler import KINDS as STATIC
 from muybridge.train.synthesis.bodies.pose_sampler import Poses, PoseSampler
-from muybridge.train.synthesis.motions.rig import Skeleton
+from muybridge.train.synthesis.motions.rig import SkinnedBody
 from muybridge.train.synthesis.motions.sampler import MOTIONS, MotionSampler
 from muybridge.train.synthesis.motions.self_collision import penetrates
 
@@ -204,7 +204,7 @@ class BodyModel:
         """(B,) whether limbs, approximated by capsules between `joints` (B, bones, 3), intersect the body."""
         return penetrates(self.bones, joints, height)
 
-    def skeleton(self, phenotypes: Float32Array, points: int = 700) -> Skeleton:
+    def skeleton(self, phenotypes: Float32Array, points: int = 700) -> SkinnedBody:
         """The skeleton of a body, to generate motion on.
 
         Args:
@@ -228,7 +228,7 @@ class BodyModel:
         order = np.argsort(-weights, 1)[:, :4]
         weights = np.take_along_axis(weights, order, 1)
         weights /= weights.sum(1, keepdims=True)
-        return Skeleton(tuple(self.bones), np.array([int(p) for p in self.model.bone_parents]), joints - shift,
+        return SkinnedBody(tuple(self.bones), np.array([int(p) for p in self.model.bone_parents]), joints - shift,
                         skin[self._spread] - shift, np.take_along_axis(bones, order, 1), weights)  # fmt: skip
 
 

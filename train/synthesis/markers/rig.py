@@ -14,7 +14,7 @@ from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import roles_of
-from muybridge.train.synthesis.motions.rig import Skeleton, between, forward, turn, unit
+from muybridge.train.synthesis.motions.rig import SkinnedBody, between, forward, turn, unit
 
 # Per joint: the bone at whose origin it is, and the bone that rotates with it ("*" is the side).
 _BONES = {
@@ -111,13 +111,13 @@ def _frame(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.stack([x, y, np.cross(x, y)], -1)
 
 
-def joints_of(rig: Rig, body: Skeleton, rotvec: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
+def joints_of(rig: Rig, body: SkinnedBody, rotvec: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
     """World orientations (T, J, 3, 3) and positions (T, J, 3) of the joints for a motion of `body`."""
     rotations, origins = forward(body, turn(rotvec), root)
     return rotations[:, rig.turner] @ np.swapaxes(rig.align, -1, -2), origins[:, rig.origin]
 
 
-def follow(body: Skeleton, motion: Motion) -> tuple[FloatArray, FloatArray]:
+def follow(body: SkinnedBody, motion: Motion) -> tuple[FloatArray, FloatArray]:
     """A recorded motion retargeted to one of anny's bodies: rotation vectors (T, bones, 3), `local-ref`, and root
     positions (T, 3).
 
@@ -143,7 +143,7 @@ def follow(body: Skeleton, motion: Motion) -> tuple[FloatArray, FloatArray]:
     top = next(roles[r] for r in ("upper_chest", "chest") if r in roles)
     _interpolate(world, ("spine05", "spine04", "spine03", "spine02", "spine01"), world["root"], poses[:, top, :3, :3])
     _interpolate(world, ("neck01", "neck02", "neck03", "head"), world["spine01"], poses[:, roles["head"], :3, :3])
-    rest = _rest_of(skeleton)
+    rest = skeleton.rest_positions
     for side, letter in (("left", "L"), ("right", "R")):
         rest_rotation = _rest_rotations(skeleton, roles, rest, motion, side)
         for part in ("upper_arm", "forearm", "hand", "thigh", "shin", "foot"):
@@ -177,12 +177,6 @@ def _interpolate(world: dict[str, FloatArray], bones: tuple[str, ...], start: Fl
     step = Rotation.from_matrix(np.swapaxes(start, -1, -2) @ end).as_rotvec()
     for k, bone in enumerate(bones, 1):
         world[bone] = start @ Rotation.from_rotvec(step * k / len(bones)).as_matrix()
-
-
-def _rest_of(skeleton: object) -> FloatArray:
-    from muybridge.geometry.fitting.skeleton_fit import rest_positions
-
-    return rest_positions(skeleton)  # type: ignore[arg-type]
 
 
 def _rest_rotations(

@@ -16,7 +16,7 @@ from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.train.engine.shards import Arrays, concatenate, missing_shards, read_shards, save_shard
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
-from muybridge.train.synthesis.motions.rig import Skeleton, forward, skin, turn
+from muybridge.train.synthesis.motions.rig import SkinnedBody, forward, skin, turn
 from muybridge.train.synthesis.motions.sampler import MOTIONS, MotionSampler
 
 FPS = 30.0
@@ -78,7 +78,7 @@ class MarkerBodies:
         mean = normals[marker_table().vertices].sum(1)
         return np.where((np.cross(b - a, c - a) * mean).sum(-1) >= 0, 1.0, -1.0)
 
-    def skeleton(self, phenotypes: Float32Array) -> Skeleton:
+    def skeleton(self, phenotypes: Float32Array) -> SkinnedBody:
         """The skeleton of a body, with the landmarks' vertices as its skin."""
         import torch
 
@@ -92,7 +92,7 @@ class MarkerBodies:
         surface += base.rest[0] - joint
         return replace(base, surface=surface, skin=self.bones, weights=self.weights)
 
-    def markers(self, skeleton: Skeleton, rotvec: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def markers(self, skeleton: SkinnedBody, rotvec: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Markers (T, M, 3) including their stand-off, and unit normals (T, M, 3), for a motion of `skeleton`."""
         rotations, origins = forward(skeleton, turn(rotvec), root)
         corners = skin(skeleton, rotations, origins)[:, self.place]

@@ -37,6 +37,7 @@ from muybridge.motion.formats.skeletal.asf import (
 )
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.skeletal.euler import smooth_euler
+from muybridge.motion.formats.skeletal.rigid import with_rigid_bones
 
 CMU_FPS = 120.0
 
@@ -98,9 +99,11 @@ def write_amc(path: Path, motion: Motion) -> Path:
         The ASF file.
 
     Raises:
+        FormatError: a joint slides, or there are several roots.
         OutputError: a file cannot be written.
     """
     path = Path(path)
+    motion = with_rigid_bones(path, motion)
     skeleton = motion.skeleton
     names = ["root", *(word(n) for n in skeleton.names[1:])]
     names = [n if n not in names[:i] else f"{n}_{i}" for i, n in enumerate(names)]

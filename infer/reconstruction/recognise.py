@@ -1,0 +1,143 @@
+"""Which labels of a file of points are landmarks or markers of a body, and whether the points have a person's size."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from muybridge.arrays import FloatArray
+from muybridge.errors import FormatError
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.geometry.skeleton.aliases import map_body, map_surface, one_of_several
+from muybridge.geometry.skeleton.body import SHAPE_PRIOR
+from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
+from muybridge.geometry.triangulation.plausibility import trunk_of
+from muybridge.motion.formats.registry import ReadOptions, can_use, read_file
+
+# Statures of people who stand, metres; children from two years on are inside.
+_STATURES = (0.75, 2.60)
+_FEWEST_LABELS = 6
+_UNITS = {"m": "metres", "cm": "centimetres", "mm": "millimetres"}
+_LIMBS = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"),
+          "shin": ("knee", "ankle"), "trunk": ("hip", "shoulder")}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class RecognisedPoints:
+    """Points of a file as landmarks of a body.
+
+    Attributes:
+        points: landmarks of BODY23.
+        used: the file's labels of the points that were used.
+        unused: the other labels.
+        how: one sentence on how the labels were recognised.
+        columns: marker of SURFACE -> column of the file's points; empty where these are landmarks.
+        whose: one sentence on the chosen subject, where the file has several.
+    """
+
+    points: Points3D
+    used: tuple[str, ...]
+    unused: tuple[str, ...]
+    how: str
+    columns: Mapping[str, int] = field(default_factory=dict)
+    whose: str = ""
+
+
+def recognise(path: Path, points: Points3D) -> RecognisedPoints:
+    """Landmarks of BODY23 from a file's points, by their labels.
+
+    Args:
+        path: of the file, for messages.
+        points: what it holds.
+
+    Raises:
+        FormatError: too few labels are known; the message lists what is there.
+    """
+    names = points.landmarks.names
+    body, surface = (
+        {n: i for n, i in known(names).items() if np.isfinite(points.points_world[:, i, 0]).any()}
+        for known in (map_body, map_surface)
+    )
+    if len(body) < _FEWEST_LABELS and len(surface) < _FEWEST_LABELS:
+        known = "nose, LShoulder, left_hip, RKnee, ...; LASI, RKNE, ..."
+        raise FormatError(
+            f"{path}: of {len(names)} labels ({', '.join(names[:6])}, ...) only {max(len(body), len(surface))} are "
+            f"known landmarks or markers ({known})",
+            remedy="rename_labels",
+        )
+    if len(body) >= len(surface):
+        mapped, columns, skin = _body_landmarks(points, body), set(body.values()), {}
+        how = f"{len(body)} landmarks by their names"
+    else:
+        mapped, columns, skin = landmarks_from_markers(points, surface), set(surface.values()), surface
+        count = int(np.isfinite(mapped.points_world).any(axis=(0, 2)).sum())
+        how = f"{count} landmarks from {len(surface)} markers"
+    used = tuple(n for i, n in enumerate(names) if i in columns)
+    unused = tuple(n for i, n in enumerate(names) if i not in columns)
+    return RecognisedPoints(mapped, used, unused, how, skin, one_of_several(names, sorted(columns)))
+
+
+def _body_landmarks(points: Points3D, columns: Mapping[str, int]) -> Points3D:
+    shape = (len(points.points_world), len(BODY23), 3)
+    xyz, covariance = np.full(shape, np.nan), np.full((*shape, 3), np.nan)
+    for landmark, column in columns.items():
+        xyz[:, BODY23.index(landmark)] = points.points_world[:, column]
+        covariance[:, BODY23.index(landmark)] = points.covariance_world[:, column]
+    none = (0, *shape[:2])
+    return replace(points, landmarks=BODY23, points_world=xyz, covariance_world=covariance,
+                   residual_px=np.empty(none), inlier=np.empty(none, dtype=np.bool_))  # fmt: skip
+
+
+def stature_of(points_world: FloatArray) -> float:
+    """The height, metres, that the median lengths of trunk and limbs suggest; NaN where none is known.
+
+    Args:
+        points_world: (T, 23, 3) of BODY23.
+    """
+    found = []
+    for part, (a, b) in _LIMBS.items():
+        for side in ("left", "right"):
+            bone = points_world[:, BODY23.index(f"{side}_{a}")] - points_world[:, BODY23.index(f"{side}_{b}")]
+            length = np.linalg.norm(bone, axis=-1)
+            if np.isfinite(length).any():
+                found.append(float(np.nanmedian(length)) / SHAPE_PRIOR[part][0])
+    return float(np.median(found)) if found else float("nan")
+
+
+def check_size(path: Path, recognised: RecognisedPoints, options: ReadOptions) -> float:
+    """The person's stature in metres; NaN where it is unknown.
+
+    Args:
+        path: the file.
+        recognised: its points.
+        options: how it was read.
+
+    Raises:
+        FormatError: no person has this height; the message has the likely unit of the file's numbers.
+    """
+    stature = stature_of(recognised.points.points_world)
+    if not np.isfinite(stature) or _STATURES[0] <= stature <= _STATURES[1]:
+        return stature
+    message = f"{path}: the person would be {stature:,.4g} m tall"
+    for unit in _UNITS if can_use(path, "units") else ():
+        other = read_file(path, replace(options, units=unit)).positions  # type: ignore[arg-type]
+        if _STATURES[0] <= stature_of(recognise(path, other).points.points_world) <= _STATURES[1]:
+            message += f"; the file's numbers are likely {_UNITS[unit]}"
+            raise FormatError(message, remedy="unit_of_points", unit=unit)
+    raise FormatError(f"{message}; no usual unit makes that a person: are the labels right?")
+
+
+def tilt_deg(points_world: FloatArray) -> float:
+    """Median angle between the trunk and up, degrees; 0 where it is unknown.
+
+    Args:
+        points_world: (T, 23, 3) of BODY23.
+    """
+    trunk = trunk_of(points_world, BODY23)
+    length = np.linalg.norm(trunk, axis=-1)
+    known = np.isfinite(length) & (length > 1e-6)
+    if not known.any():
+        return 0.0
+    return float(np.degrees(np.median(np.arccos(np.clip(trunk[known, 2] / length[known], -1, 1)))))

@@ -1,0 +1,100 @@
+"""The files of each person of a session of videos: points, motion, markers and report pages."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from muybridge.arrays import FloatArray
+from muybridge.geometry.landmarks.marker_sets import MarkerChoice
+from muybridge.infer.reconstruction.landmarks import Solution
+from muybridge.infer.reconstruction.quality import Quality
+from muybridge.infer.reconstruction.virtual_markers import marker_set
+from muybridge.infer.report.data import PersonPage, ReportData
+from muybridge.infer.report.page import problems, write_report
+from muybridge.infer.results.record import json_value
+from muybridge.infer.results.run import Run
+
+POINTS_TRC, POINTS_C3D, MARKERS_C3D = "points.trc", "points.c3d", "markers.c3d"
+MOTION_BVH, MOTION_GLB, MOTION_MOT = "motion.bvh", "motion.glb", "motion.mot"
+REPORT = "report.html"
+PERSONAL = POINTS_TRC, POINTS_C3D, MOTION_BVH, MOTION_GLB, MARKERS_C3D, REPORT
+# Most people that get files; those of least interest get none.
+MOST_PEOPLE = 12
+
+
+def of_person(name: str, number: int) -> str:
+    """A result's name for a person: `points.trc` of the second is `points_2.trc`."""
+    path = Path(name)
+    return name if number == 1 else f"{path.stem}_{number}{path.suffix}"
+
+
+def written_people(solution: Solution) -> tuple[Solution, ...]:
+    """Everyone who gets files: the person of interest, then the others."""
+    return solution, *solution.others[: MOST_PEOPLE - 1]
+
+
+def write_people(run: Run, solution: Solution, markers: MarkerChoice) -> None:
+    """Write everyone's points, motion and markers of a set."""
+    for number, person in enumerate(written_people(solution), start=1):
+        points = {POINTS_TRC: person.points, POINTS_C3D: person.points}
+        if person.markers is not None:
+            points[MARKERS_C3D] = marker_set(person.markers, markers)
+        run.write_points({of_person(name, number): each for name, each in points.items()})
+        if person.motion is not None:
+            run.write_motion([of_person(name, number) for name in (MOTION_BVH, MOTION_GLB)], person.motion)
+
+
+def write_reports(
+    run: Run, title: str, solution: Solution, qualities: Sequence[Quality], shared: Mapping[str, Any],
+    first: Mapping[str, Any],
+) -> tuple[str, ...]:  # fmt: skip
+    """Write `report.html`, and one more page for each further person.
+
+    Args:
+        run: receives the files.
+        title: of the first person's page.
+        solution: the people.
+        qualities: everyone's.
+        shared: fields of `ReportData` that all pages have.
+        first: fields that the first page alone has.
+
+    Returns:
+        What spoils the first person's result, as sentences.
+    """
+    people = written_people(solution)
+    names = [of_person(REPORT, n) for n in range(1, len(people) + 1)]
+    pages = tuple(PersonPage(name, q.coverage, q.leave_one_out_px) for name, q in zip(names, qualities, strict=True))
+    shared = {**shared, "pages": pages if len(pages) > 1 else (), "files": tuple(run.written)}
+    serious: tuple[str, ...] = ()
+    for n, (person, quality) in enumerate(zip(people, qualities, strict=True)):
+        others = tuple(p.points.points_world for p in people if p is not person)
+        own = first if n == 0 else {}
+        data = _report_data(title, n + 1, person, others, quality, {**shared, **own})
+        run.write(names[n], partial(write_report, data=data))
+        serious = problems(data) if n == 0 else serious
+    return serious
+
+
+def _report_data(
+    title: str, number: int, person: Solution, others: tuple[FloatArray, ...], quality: Quality,
+    shared: Mapping[str, Any],
+) -> ReportData:  # fmt: skip
+    motion = person.motion
+    tables = ("cameras", "landmarks")
+    return ReportData(
+        title=title if number == 1 else f"{title}, person {number}",
+        points=person.measured,
+        delivered=person.points,
+        number=number,
+        others=others,
+        keypoints_px=person.points_px,
+        leave_one_out_px=person.leave_one_out_px,
+        joint_positions_world=None if motion is None else motion.joint_positions_world(),
+        joint_names=() if motion is None else motion.skeleton.names,
+        joint_parents=() if motion is None else tuple(motion.skeleton.parents),
+        person=person.person,
+        quality=json_value({k: v for k, v in asdict(quality).items() if k not in tables}),
+        **shared,
+    )
