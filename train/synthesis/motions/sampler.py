@@ -38,7 +38,7 @@ MOTIONS: dict[str, float] = {
 # Share of the clips of a kind in which hands rest somewhere (`motion_hands`).
 HANDS_AT_REST = {"stand": 0.65, "walk": 0.3, "sit": 0.55, "kneel": 0.2}
 TRIES = 7
-FASTEST = 2200.0  # degrees a second, any joint
+FASTEST = 2200.0  # degrees per second, any joint
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class MotionClip:
     Attributes:
         rotvec: (T, bones, 3) rotation vectors, radians, `local-ref`.
         root: (T, 3) metres, origin of the root bone in the world (z up, floor z = 0).
-        fps: frames a second.
+        fps: frames per second.
         kind: name of the motion.
         contacts: (T, 2) whether the left and right foot stand on the floor; a standing foot's ball does not move.
         flights: spans (first, last) of frames between which nothing is touched.
@@ -62,7 +62,7 @@ class MotionClip:
     flights: tuple[tuple[int, int], ...] = ()
 
     def velocity(self, frame: int) -> FloatArray:
-        """(bones, 3) rates of the rotation vectors, radians a second, by central difference."""
+        """(bones, 3) rates of the rotation vectors, radians per second, by central difference."""
         a, b = max(frame - 1, 0), min(frame + 1, len(self.root) - 1)
         return np.asarray((self.rotvec[b] - self.rotvec[a]) * self.fps / max(b - a, 1))
 
@@ -72,7 +72,7 @@ class PoseSamples:
     """Single frames of clips.
 
     Attributes:
-        rotvec: (N, bones, 3) radians, `local-ref`; velocity: (N, bones, 3) radians a second.
+        rotvec: (N, bones, 3) radians, `local-ref`; velocity: (N, bones, 3) radians per second.
         kinds: (N,) index into `MOTIONS`.
     """
 
@@ -146,7 +146,7 @@ class MotionSampler:
         return nearest(*core) < 0.3 or nearest(wrists[0], core[1]) < 0.15 or nearest(wrists[1], core[0]) < 0.15
 
     def sample_poses(self, n: int, kinds: Sequence[str] | None = None) -> PoseSamples:
-        """`n` single frames, well apart: clips of 8 s at 15 frames a second, twelve frames from each."""
+        """`n` single frames, well apart: clips of 8 s at 15 frames per second, twelve frames from each."""
         names = [m for m in MOTIONS if kinds is None or m in kinds]
         share = np.array([MOTIONS[m] for m in names])
         rotvec: list[FloatArray] = []
