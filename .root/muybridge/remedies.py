@@ -26,10 +26,9 @@ REMEDIES: dict[str, str] = {
     "marker_dictionary": "or set marker_dictionary to the dictionary of the marker",
     "max_offset": "pass a larger max_offset",
     "missing_weights": "reinstall muybridge, or pass the path of a model file",
-    "no_model_card": "leave model_card out",
-    "missing_weights": "reinstall muybridge, or pass the path of a model file",
     "model_of_card": "name its file as keypoint_model",
     "network_of_landmarks": "leave network out",
+    "no_model_card": "leave model_card out",
     "option_unused": "leave out `{option}`",
     "other_folder": "choose another folder",
     "other_name": "choose another name",
@@ -37,10 +36,10 @@ REMEDIES: dict[str, str] = {
     "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",
     "points_or_lens": "add points, or pass the camera with its lens in lenses",
     "pseudo_labels": "make one with `muybridge.models.pseudo_labels.save_pseudo_labels`",
+    "rename_labels": "rename them, or name unlabelled points with muybridge.infer.pipelines.labelling.run_label",
     "shift": "pass the time between them as shift",
     "still_moment": "name the image in which it does as moment",
     "sync_by_images": 'pass methods=("epipolar", "motion")',
-    "rename_labels": "rename them, or name unlabelled points with muybridge.infer.pipelines.labelling.run_label",
     "third_party_model": (
         "for a third-party keypoint network pass its model card; otherwise pass a model that muybridge exported, "
         "or none to use the shipped one"

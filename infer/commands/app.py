@@ -94,6 +94,7 @@ def _call(entry: importlib.metadata.EntryPoint, arguments: list[str]) -> int:
             refuse_root(path)
         with verbosity(call.console.verbose, call.console.quiet):
             _log.debug("muybridge %s, Python %s: %s %s", __version__, platform.python_version(), entry.name, arguments)
+            _log.debug("arguments: %s", call.arguments)
             result = call()
     except ModuleNotFoundError as error:
         missing = error.name or ""

@@ -27,10 +27,9 @@ COMMAND_REMEDIES: dict[str, str] = {
     "marker_dictionary": "or name its dictionary with --marker-dictionary",
     "max_offset": "give a larger --max-offset",
     "missing_weights": "reinstall muybridge, or name a model file of yours",
-    "no_model_card": "leave out --model-card",
-    "missing_weights": "reinstall muybridge, or name a model file of yours",
     "model_of_card": "name its file with --keypoint-model",
     "network_of_landmarks": "leave out --network",
+    "no_model_card": "leave out --model-card",
     "option_unused": "leave out --{option}",
     "other_folder": "choose another folder with --out",
     "other_name": "choose another name",
@@ -38,10 +37,10 @@ COMMAND_REMEDIES: dict[str, str] = {
     "points_off_shape": "add points well off the {shape}, or give the lens with --lenses",
     "points_or_lens": "add points, or give the lens with --lenses",
     "pseudo_labels": "`muybridge adapt SESSION` makes one",
+    "rename_labels": "rename them, or name unlabelled points with `muybridge label`",
     "shift": "give the time between them with --shift",
     "still_moment": "name the image in which it does with --moment",
     "sync_by_images": "give --methods epipolar motion",
-    "rename_labels": "rename them, or name unlabelled points with `muybridge label`",
     "third_party_model": (
         "for a third-party keypoint network name its card with --model-card; otherwise name a model that muybridge "
         "exported, or leave the option out to use the shipped one"

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from muybridge.errors import ModelError
-from muybridge.infer.detection.detect import DetectOptions, open_models
+from muybridge.infer.detection.detect import DetectOptions
+from muybridge.infer.networks.models import open_models
 from muybridge.infer.pipelines.pseudo_labels import collect
 from muybridge.infer.pipelines.videos import ADAPTED, RunOptions, follow
 from muybridge.infer.reconstruction.landmarks import SolveOptions
