@@ -44,6 +44,11 @@ class GoalArrays(NamedTuple):
     turn_weight: FloatArray  # (E,) metres per radian
 
 
+# The former name: kernels that were compiled before and lie in numba's cache refer to it, and numba looks it up before
+# it sees that they are out of date.
+Wishes = GoalArrays
+
+
 @dataclass(frozen=True, eq=False)
 class KinematicTree:
     """Hinges, parents before children, on a base that does not move.

@@ -162,7 +162,7 @@ def test_axes_units_and_places(tmp_path):
         (ASF, "", "no section :root"),
         ("length 0.0254", "length 0", "line 6: the unit of length"),
         ("angle deg", "angle grad", "line 7: .*deg or rad"),
-        ("order TX TY TZ RX RY RZ", "order TX TX", "line 10: .*different ones"),
+        ("order TX TY TZ RX RY RZ", "order TX TX", "line 10: .*distinct channels"),
         ("axis XYZ", "axis XYX", "line 11: .*order of axes"),
         ("direction 2 0 0", "direction 2 0", "line 18: the direction has 2 numbers"),
         ("direction 2 0 0", "direction 2 0 nan", "line 18: .*finite"),
