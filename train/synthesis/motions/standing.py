@@ -1,6 +1,6 @@
-"""Programmes of motion on the feet: standing, walking, running, jumping, squatting, reaching, balancing, ...
+"""Generators of motion on the feet: standing, walking, running, jumping, squatting, reaching, balancing, ...
 
-A programme draws a style (amplitude, tempo, asymmetry) and fills the channels of a `Script`. At yaw 0 the person
+A generator draws a style (amplitude, tempo, asymmetry) and fills the channels of a `Script`. At yaw 0 the person
 faces -y; lengths are in metres, times in seconds, angles in degrees. Lengths scale with the leg.
 """
 
