@@ -135,8 +135,8 @@ def test_a_set_of_ones_own_round_trips(tmp_path):
 
 
 @pytest.mark.parametrize("text, what", [
-    ("LASI left_hip\n", "line 1: no body point 'left_hip'"), ("LASI\n", "stands alone"),
-    ("A c7\nB c7\n", "line 2: 'c7' is there twice"), ("A c7 colour=red\n", "colour=red"),
+    ("LASI left_hip\n", "line 1: no body point 'left_hip'"), ("LASI\n", "is alone on its line"),
+    ("A c7\nB c7\n", "line 2: 'c7' appears twice"), ("A c7 colour=red\n", "colour=red"),
     ("A c7 jitter=-3\n", "jitter"), ("A c7\nB t10\n", "at least 6"),
     ("A c7 mirror=Z\nB t10\nC left_asis\nD right_asis\nE left_heel\nF right_heel\n", "mirror of A"),
 ])  # fmt: skip
