@@ -41,8 +41,9 @@ from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.train.correction.takes import MarkerFaults, SolverTake, add_faults, marker_columns, recorded_take
 from muybridge.train.synthesis.markers.trajectories import MarkerBodies
+from scripts.benchmarks.common import CMU_METRES_PER_UNIT, DATA
 
-DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "motion" / "01_01.bvh"
+RECORDING = DATA / "motion" / "01_01.bvh"
 CASES = {
     "10 % hidden, 10 % shifted": MarkerFaults(),
     "20 % hidden, 10 % shifted": MarkerFaults(hidden=0.2),
@@ -54,7 +55,7 @@ CASES = {
 
 def read_motion(path: Path, every: int, frames: int) -> Motion:
     """CMU's motion without its first frame, a T-pose; `frames` of it, spread in two stretches."""
-    motion = read_bvh(path, metres_per_unit=0.0254 / 0.45)
+    motion = read_bvh(path, metres_per_unit=CMU_METRES_PER_UNIT)
     chosen = np.arange(1, len(motion), every)[:frames]
     return Motion(motion.skeleton, motion.fps / every, motion.root_positions_world[chosen], motion.quat_wxyz[chosen])
 
@@ -121,7 +122,7 @@ def _world(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--motion", type=Path, default=DATA)
+    parser.add_argument("--motion", type=Path, default=RECORDING)
     parser.add_argument("--bodies", type=int, default=3)
     parser.add_argument("--every", type=int, default=4)
     parser.add_argument("--frames", type=int, default=400)
