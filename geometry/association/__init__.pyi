@@ -8,10 +8,10 @@ from .select import take_slots as take_slots
 from .tracker import PeopleTracker as PeopleTracker
 from .tracker import identify_people as identify_people
 from .tracker import track_people as track_people
-from .tracks import Body as Body
+from .tracks import BodyTrack as BodyTrack
 
 __all__ = [
-    "Body",
+    "BodyTrack",
     "PeopleTracker",
     "Person",
     "PersonSelection",

@@ -7,8 +7,8 @@ from .formats.registry import load_calibration as load_calibration
 from .formats.registry import read_calibration as read_calibration
 from .formats.registry import save_calibration as save_calibration
 from .formats.table import KNOWN_FORMATS as KNOWN_FORMATS
-from .gravity import level as level
-from .gravity import levelled as levelled
+from .gravity import level_cameras as level_cameras
+from .gravity import level_transform as level_transform
 from .resection import KnownPoints as KnownPoints
 from .resection import PointsCalibration as PointsCalibration
 from .resection import calibrate_points as calibrate_points
@@ -29,8 +29,8 @@ __all__ = [
     "calibrate_scan",
     "export_calibration",
     "find_calibration",
-    "level",
-    "levelled",
+    "level_transform",
+    "level_cameras",
     "load_calibration",
     "read_calibration",
     "save_calibration",

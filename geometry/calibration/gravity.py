@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.calibration.world import facing, moved
+from muybridge.geometry.calibration.world import facing_transform, transform_cameras
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.sets import LandmarkSet
 
@@ -40,7 +40,7 @@ _DIRECTIONS = 20_000
 _NEAR = math.radians(6.0)
 
 
-def believed_up(cameras: CameraGroup, standing: FloatArray | None = None) -> FloatArray:
+def estimate_up(cameras: CameraGroup, standing: FloatArray | None = None) -> FloatArray:
     """(3,) unit vector that points up: world Z, unless the cameras together contradict it.
 
     Three hypotheses are compared (Bayes): that Z is up and the cameras have any orientation, that Z is down, and that
@@ -66,7 +66,7 @@ def believed_up(cameras: CameraGroup, standing: FloatArray | None = None) -> Flo
     return -z_up if down > leaning and not its_own else _likeliest(each)
 
 
-def level(cameras: CameraGroup, points: FloatArray) -> FloatArray:
+def level_transform(cameras: CameraGroup, points: FloatArray) -> FloatArray:
     """(3, 4) new_from_old with Z along the vertical estimated from the cameras, the origin in the middle of `points`.
 
     For rigs about which nothing else is known. The first camera looks along +Y.
@@ -76,7 +76,7 @@ def level(cameras: CameraGroup, points: FloatArray) -> FloatArray:
         points: (N, 3) metres, at least one.
     """
     up = _likeliest(_log_likelihood(cameras.cam_from_world[:, :, :3], _sphere()))
-    return facing(cameras, up, np.median(points, axis=0))
+    return facing_transform(cameras, up, np.median(points, axis=0))
 
 
 def _likeliest(log_likelihood: FloatArray) -> FloatArray:
@@ -106,15 +106,15 @@ def standing_axes(points_world: FloatArray, landmarks: LandmarkSet) -> FloatArra
     return np.asarray(axes / np.linalg.norm(axes, axis=-1, keepdims=True))
 
 
-def levelled(cameras: CameraGroup, standing: FloatArray | None = None) -> CameraGroup:
+def level_cameras(cameras: CameraGroup, standing: FloatArray | None = None) -> CameraGroup:
     """The cameras in a world whose Z axis is vertical; unchanged where it is already."""
-    up = believed_up(cameras, standing)
+    up = estimate_up(cameras, standing)
     if up[2] == 1.0:
         return cameras
-    return moved(cameras, facing(cameras, up, np.zeros(3)))
+    return transform_cameras(cameras, facing_transform(cameras, up, np.zeros(3)))
 
 
-def on_their_heads(cameras: CameraGroup) -> bool:
+def all_upside_down(cameras: CameraGroup) -> bool:
     """Whether all cameras would be upside down if Z were up.
 
     This is true for cameras on a ceiling, and for a world whose Z points down, such as that of a board on the floor.
@@ -124,9 +124,9 @@ def on_their_heads(cameras: CameraGroup) -> bool:
     return bool((np.hypot(x, y) > _STEEP).all() and (np.abs(np.arctan2(x, -y)) > math.pi - 4 * _ROLL_SD).all())
 
 
-def lean_note(cameras: CameraGroup, standing: FloatArray | None = None) -> tuple[str, ...]:
+def tilt_notes(cameras: CameraGroup, standing: FloatArray | None = None) -> tuple[str, ...]:
     """A note where the estimated vertical is not the world's Z axis."""
-    up = believed_up(cameras, standing)
+    up = estimate_up(cameras, standing)
     if up[2] == 1.0:
         return ()
     axis = int(np.argmax(np.abs(up)))

@@ -95,7 +95,7 @@ def linear_camera(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, F
     """
     if len(points) < FEWEST_POINTS:
         raise ValueError(f"{FEWEST_POINTS} points are needed, not {len(points)}")
-    (x, from_x), (u, from_u) = _normalised(points), _normalised(pixels)
+    (x, from_x), (u, from_u) = _normalise(points), _normalise(pixels)
     rows = np.zeros((2 * len(x), 12))
     homogeneous = np.column_stack([x, np.ones(len(x))])
     rows[0::2, 0:4] = rows[1::2, 4:8] = homogeneous
@@ -117,7 +117,7 @@ def linear_camera(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, F
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), np.column_stack([turn, shift])
 
 
-def _normalised(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _normalise(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Points with zero mean and unit spread, and the (D + 1, D + 1) matrix of that transformation."""
     middle, dim = points.mean(axis=0), points.shape[1]
     scale = np.sqrt(dim) / max(np.sqrt(((points - middle) ** 2).sum(axis=1).mean()), 1e-300)
@@ -216,7 +216,7 @@ def _solve(
 ) -> CalibrationResult:
     """Cameras from known points, without checks of the residuals; arguments as of `calibrate_points`."""
     names = list(known)
-    cameras = [_start(n, known[n], sizes[n], lens) if lenses is None else _placed(lenses[n], known[n]) for n in names]
+    cameras = [_start(n, known[n], sizes[n], lens) if lenses is None else _resect(lenses[n], known[n]) for n in names]
     counts = [len(known[n].points) for n in names]
     free = lenses is None
     problem = AdjustProblem(
@@ -301,7 +301,7 @@ def _errors(camera: Camera, known: KnownPoints) -> FloatArray:
     return np.where(np.isfinite(error), error, np.inf)
 
 
-def _placed(camera: Camera, known: KnownPoints) -> Camera:
+def _resect(camera: Camera, known: KnownPoints) -> Camera:
     """Pose of a camera with a known lens."""
     points, name = known.points, camera.name
     if len(points) < FEWEST_WITH_LENS:

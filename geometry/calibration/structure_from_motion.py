@@ -109,13 +109,13 @@ def calibrate_scan(
         raise CalibrationError(f"the scan has {len(photos)} photographs; {_FEWEST_PHOTOS} are needed, 30 are good")
     rec = _reconstruct(images, work, photos, fixed, lenses, options)
     rig = {name: _camera(rec, name, file) for name, file in fixed.items()}
-    placed, marker_px, notes = _placed(rec, images, rig, pair, options)
+    placed, marker_px, notes = _world_of(rec, images, rig, pair, options)
     errors, matched = zip(*(_fit_of(rec, file) for file in fixed.values()), strict=True)
     scale, rotation, origin = placed
     points = np.array([p.xyz for p in rec.points3D.values()]).reshape(-1, 3)
     registered = {rec.images[i].name for i in rec.reg_image_ids()}
     return ScanCalibration(
-        cameras=CameraGroup(tuple(_moved(c, scale, rotation, origin) for c in rig.values())),
+        cameras=CameraGroup(tuple(_transform_camera(c, scale, rotation, origin) for c in rig.values())),
         photos=len(registered & set(photos)),
         points_world=scale * (points - origin) @ rotation.T,
         residual_px=np.array(errors),
@@ -228,14 +228,14 @@ def _fit_of(rec: Any, file: str) -> tuple[float, int]:
     return float(np.nanmedian(off)), len(seen)
 
 
-def _moved(camera: Camera, scale: float, rotation: FloatArray, origin: FloatArray) -> Camera:
+def _transform_camera(camera: Camera, scale: float, rotation: FloatArray, origin: FloatArray) -> Camera:
     """The camera in the world `scale rotation (x - origin)`."""
     turn = camera.rotation @ rotation.T
     center = scale * rotation @ (camera.center_world - origin)
     return replace(camera, cam_from_world=np.column_stack([turn, -turn @ center]))
 
 
-def _placed(
+def _world_of(
     rec: Any, images: Path, rig: dict[str, Camera], pair: Sequence[str], options: ScanOptions
 ) -> tuple[tuple[float, FloatArray, FloatArray], float, list[str]]:
     """Scale, rotation and origin of the world, the marker's reprojection error, and what was assumed."""

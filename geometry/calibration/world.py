@@ -18,7 +18,7 @@ from muybridge.geometry.numerics.rotations import kabsch
 _WRONG, _BETTER = 0.05, 3.0
 
 
-def moved(cameras: CameraGroup, new_from_old: FloatArray, scale: float = 1.0) -> CameraGroup:
+def transform_cameras(cameras: CameraGroup, new_from_old: FloatArray, scale: float = 1.0) -> CameraGroup:
     """Transform cameras to another world.
 
     Args:
@@ -35,7 +35,7 @@ def moved(cameras: CameraGroup, new_from_old: FloatArray, scale: float = 1.0) ->
     return CameraGroup(tuple(posed))
 
 
-def facing(cameras: CameraGroup, up: FloatArray, origin: FloatArray) -> FloatArray:
+def facing_transform(cameras: CameraGroup, up: FloatArray, origin: FloatArray) -> FloatArray:
     """(3, 4) new_from_old with Z along the unit vector `up`, +Y along the first camera's view, `origin` at zero."""
     forward = cameras[0].rotation[2] - up * (cameras[0].rotation[2] @ up)
     if np.linalg.norm(forward) < 0.1:  # it looks straight down: use the top of its image
@@ -88,7 +88,7 @@ class Placement:
     points: FloatArray
 
 
-def marked(cameras: CameraGroup, pixels: FloatArray) -> FloatArray:
+def triangulate_marked(cameras: CameraGroup, pixels: FloatArray) -> FloatArray:
     """(N, 3) points triangulated from (C, N, 2) px, NaN where unseen; NaN for points seen by fewer than two cameras."""
     seen: BoolArray = np.isfinite(pixels[..., 0])
     enough = seen.sum(axis=0) >= 2
@@ -124,7 +124,7 @@ def on_points(cameras: CameraGroup, pixels: FloatArray, known: FloatArray, keep_
     Raises:
         CalibrationError: fewer than three points are seen by two cameras, or they lie on a line.
     """
-    found = marked(cameras, pixels)
+    found = triangulate_marked(cameras, pixels)
     good = np.isfinite(found).all(axis=1)
     if good.sum() < 3:
         raise CalibrationError(

@@ -12,7 +12,7 @@ from .rays import ray_directions as ray_directions
 from .video_size import FitAssumption as FitAssumption
 from .video_size import VideoFit as VideoFit
 from .video_size import fit_to_video as fit_to_video
-from .video_size import sized_like as sized_like
+from .video_size import guess_calibrated_size as guess_calibrated_size
 
 __all__ = [
     "CAMERA_MODELS",
@@ -29,5 +29,5 @@ __all__ = [
     "nearest_points",
     "pair_points",
     "ray_directions",
-    "sized_like",
+    "guess_calibrated_size",
 ]

@@ -44,7 +44,7 @@ VideoFit = Literal["auto", "scale", "letterbox", "fill", "crop", "crop-corner", 
   shape is not rotated are not changed.
 """
 
-_UNTURNED: tuple[VideoFit, ...] = ("scale", "letterbox", "fill", "crop", "crop-corner")
+_UNROTATED: tuple[VideoFit, ...] = ("scale", "letterbox", "fill", "crop", "crop-corner")
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class FitAssumption:
     @property
     def alternatives(self) -> tuple[VideoFit, ...]:
         """The operations that could have been meant instead."""
-        return tuple(fit for fit in _UNTURNED if fit != self.fit)
+        return tuple(fit for fit in _UNROTATED if fit != self.fit)
 
 
 # Encoders prefer even sizes, so a proportional resize may deviate by up to two pixels per side.
@@ -75,13 +75,13 @@ _RESIZED = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 1.0, 3 / 2, 2.0, 3.0, 4.0)
 _BLACK = 32
 
 
-def sized_like(camera: Camera, width: int, height: int) -> Camera:
+def guess_calibrated_size(camera: Camera, width: int, height: int) -> Camera:
     """The camera with the most likely size of the calibrated image, without any other change.
 
     For a camera whose size was guessed from its principal point: the usual scale of a video of `width` x `height` px
     that is nearest to the guess.
     """
-    if _is_turned(camera, width, height):
+    if _is_rotated(camera, width, height):
         return camera
     guess = np.sqrt(camera.width / width * (camera.height / height))
     factor = min(_RESIZED, key=lambda f: abs(np.log(guess / f)))
@@ -115,26 +115,26 @@ def fit_to_video(
     if image is not None and image.shape[:2] != (height, width):
         raise ValueError(f"the image is {image.shape[1]}x{image.shape[0]}, the video {width}x{height}")
     if how in ("rotate-cw", "rotate-ccw"):
-        return _fit_turned(camera, width, height, how, image)
+        return _fit_rotated(camera, width, height, how, image)
     if how != "auto":
-        return _fitted(camera, width, height, how), None
+        return _apply_fit(camera, width, height, how), None
     if (width, height) == (camera.width, camera.height):
         return camera, None
     sizes = f"camera {camera.name}: calibrated at {camera.width}x{camera.height}, video is {width}x{height}"
-    if _is_turned(camera, width, height):
+    if _is_rotated(camera, width, height):
         raise CalibrationError(
             f"{sizes}, the same shape rotated by 90 degrees; the direction of the rotation is unknown",
             remedy="video_rotated",
         )
     chosen, why = _decide(camera, width, height, image)
-    return _fitted(camera, width, height, chosen), FitAssumption(chosen, f"{sizes}; {why} ({chosen})")
+    return _apply_fit(camera, width, height, chosen), FitAssumption(chosen, f"{sizes}; {why} ({chosen})")
 
 
-def _fit_turned(
+def _fit_rotated(
     camera: Camera, width: int, height: int, how: VideoFit, image: NDArray[Any] | None
 ) -> tuple[Camera, FitAssumption | None]:
     """Rotate the camera, unless its shape shows that its image was not rotated."""
-    if camera.width != camera.height and not _is_turned(camera, width, height):
+    if camera.width != camera.height and not _is_rotated(camera, width, height):
         return fit_to_video(camera, width, height, "auto", image)
     try:
         turned = camera.turned(1 if how == "rotate-cw" else -1)
@@ -143,7 +143,7 @@ def _fit_turned(
     return fit_to_video(turned, width, height, "auto", image)
 
 
-def _fitted(camera: Camera, width: int, height: int, how: str) -> Camera:
+def _apply_fit(camera: Camera, width: int, height: int, how: str) -> Camera:
     """The camera after one specific operation."""
     if how == "scale":
         return camera.resized(width, height)
@@ -166,7 +166,7 @@ def _same_shape(calibrated: tuple[int, int], width: int, height: int) -> bool:
     )
 
 
-def _is_turned(camera: Camera, width: int, height: int) -> bool:
+def _is_rotated(camera: Camera, width: int, height: int) -> bool:
     """Whether the video's shape is the calibrated one rotated by 90 degrees, approximately."""
     shape, video = camera.width / camera.height, width / height
     if _same_shape((camera.width, camera.height), width, height) or (shape - 1) * (video - 1) >= 0:

@@ -1,4 +1,4 @@
-"""Fitting of bodies and skeletons to labelled points."""
+"""Fits of a body or of any skeleton to landmarks and to markers over a whole take."""
 
 import lazy_loader as _lazy
 

@@ -1,4 +1,4 @@
-"""Inverse kinematics of chains and trees of hinges: all classical methods behind one interface."""
+"""Inverse kinematics: one interface to the classical methods for chains and trees, and an analytic limb."""
 
 import lazy_loader as _lazy
 

@@ -10,6 +10,7 @@ from .tree import Goal as Goal
 from .tree import KinematicTree as KinematicTree
 from .tree import chain_of_balls as chain_of_balls
 from .tree import tree_of_skeleton as tree_of_skeleton
+from .two_bone import solve_two_bone as solve_two_bone
 
 __all__ = [
     "Goal",
@@ -23,5 +24,6 @@ __all__ = [
     "load_prior",
     "save_prior",
     "solve_ik",
+    "solve_two_bone",
     "tree_of_skeleton",
 ]

@@ -78,13 +78,13 @@ def match_points(cameras: CameraGroup, seen: list[FloatArray], known: FloatArray
     used, kept = np.zeros((count, width), bool), Matched(np.zeros((0, 3)), np.zeros((0, count), np.intp), np.zeros(0))
     for _ in range(4):
         chosen, left = _best(points, members, error, used, known, options)
-        kept = _joined(kept, Matched(points[chosen], members[chosen], error[chosen]))
+        kept = _join(kept, Matched(points[chosen], members[chosen], error[chosen]))
         if not len(left):
             break
         # 2D points that a better point has taken are removed, and the rest is examined again.
         points, members, error = _locate(cameras, centres, px, rays, np.unique(left, axis=0), options.error_px)
     chosen = np.array(_lonely_pairs(members, error, used, options), dtype=np.intp)
-    return _joined(kept, Matched(points[chosen], members[chosen], error[chosen]))
+    return _join(kept, Matched(points[chosen], members[chosen], error[chosen]))
 
 
 def _best(
@@ -128,7 +128,7 @@ def _best(
     return np.array(kept, dtype=np.intp), np.array(remaining, dtype=np.intp).reshape(-1, members.shape[1])
 
 
-def _joined(one: Matched, other: Matched) -> Matched:
+def _join(one: Matched, other: Matched) -> Matched:
     return Matched(np.concatenate([one.points, other.points]), np.concatenate([one.members, other.members]),
                    np.concatenate([one.error_px, other.error_px]))  # fmt: skip
 
@@ -186,7 +186,7 @@ def _locate(cameras: CameraGroup, centres: FloatArray, px: FloatArray, rays: Flo
     for _ in range(3):
         has = members >= 0
         d = np.where(has[..., None], rays[np.arange(count), np.maximum(members, 0)], 0.0)
-        points = meet(centres, d, has)
+        points = intersect_rays(centres, d, has)
         at = np.moveaxis(cameras.project(points), 0, 1)
         off = np.linalg.norm(at - px[np.arange(count), np.maximum(members, 0)], axis=-1)
         off = np.where(has & np.isfinite(off), off, np.where(has, np.inf, np.nan))
@@ -202,7 +202,7 @@ def _locate(cameras: CameraGroup, centres: FloatArray, px: FloatArray, rays: Flo
     return points[first], members, error[first]
 
 
-def meet(centres: FloatArray, rays: FloatArray, known: BoolArray) -> FloatArray:
+def intersect_rays(centres: FloatArray, rays: FloatArray, known: BoolArray) -> FloatArray:
     """(N, 3) points nearest to their rays (N, C, 3), where `known` (N, C); nearer cameras have more weight."""
     weight = known.astype(np.float64)
     out = np.zeros((len(rays), 3))
@@ -273,7 +273,7 @@ class _Memory:
         self.age = np.concatenate([np.zeros(len(points)), self.age[alone] + 1])
 
 
-def without_ghosts(points: FloatArray, track: IndexArray, least: int, fps: float) -> BoolArray:
+def find_real_markers(points: FloatArray, track: IndexArray, least: int, fps: float) -> BoolArray:
     """(T, S) samples of trajectories that belong to markers on a person, not to flicker or lamps.
 
     Args:

@@ -41,7 +41,7 @@ def recover_points(
     named = np.full((len(points), gain.shape[2], 3), np.nan)
     frame, slot = np.nonzero(label >= 0)
     named[frame, label[frame, slot]] = points[frame, slot]
-    place, reach = _expected(named, options)
+    place, reach = _predict_missing(named, options)
     out = label.copy()
     loose = (label < 0) & np.isfinite(points[..., 0])
     missing = ~np.isfinite(named[..., 0])
@@ -50,16 +50,16 @@ def recover_points(
         away = np.linalg.norm(points[t, who][:, None] - place[t, what], axis=-1)
         near = np.nan_to_num(away / reach[t, what], nan=np.inf)
         # The expected position has the most weight; the network's scores separate neighbouring markers.
-        said = gain[t, who[:, None], what]
-        unknown = np.where(np.isfinite(reach[t, what]), -1e3, said - options.sure)
-        score = np.where(near < 1, 6 * (1 - np.minimum(near, 1)) + np.maximum(said, -4.0), unknown)
+        votes = gain[t, who[:, None], what]
+        unknown = np.where(np.isfinite(reach[t, what]), -1e3, votes - options.sure)
+        score = np.where(near < 1, 6 * (1 - np.minimum(near, 1)) + np.maximum(votes, -4.0), unknown)
         rows, cols = linear_sum_assignment(score, maximize=True)
         good = score[rows, cols] > 0
         out[t, who[rows[good]]] = what[cols[good]]
     return out
 
 
-def _expected(named: FloatArray, options: RecoverOptions) -> tuple[FloatArray, FloatArray]:
+def _predict_missing(named: FloatArray, options: RecoverOptions) -> tuple[FloatArray, FloatArray]:
     """Expected positions (T, A, 3) of missing markers, linear across short gaps, and their tolerance (T, A), metres.
 
     NaN where nothing is known.

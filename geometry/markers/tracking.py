@@ -67,7 +67,7 @@ def find_tracks(points: FloatArray, fps: float, options: TrackOptions = TrackOpt
     jumps = _jumps(points, fps, options)
     seen = np.isfinite(points[..., 0])
     steps = (seen[1:] & seen[:-1]).sum()
-    if steps and max(jumps.sum() / steps, _exchanged(points)) > options.shuffled:
+    if steps and max(jumps.sum() / steps, _shuffled_share(points)) > options.shuffled:
         return track_points(points, fps, options)
     track = np.full(seen.shape, -1, np.intp)
     number = 0
@@ -81,7 +81,7 @@ def find_tracks(points: FloatArray, fps: float, options: TrackOptions = TrackOpt
     return Tracks(points, track, column, False)
 
 
-def _exchanged(points: FloatArray, most: int = 150) -> float:
+def _shuffled_share(points: FloatArray, most: int = 150) -> float:
     """Share of steps after which another column's point is nearer; near 1 where points are shuffled in every frame,
     at any frame rate."""
     exchanged = steps = 0

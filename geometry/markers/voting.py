@@ -63,7 +63,7 @@ def cut_tracks(
         options: see `VoteOptions`.
     """
     # A marker does not become a ghost; whether it is one is decided by the votes.
-    t, s, starts = ordered(track)
+    t, s, starts = sort_by_track(track)
     votes = _weight(fps, options) * np.maximum(scores[t, s, :-1], options.floor)
     cost = np.where(exchangeable(points, track)[t, s], options.switch, options.smooth)
     out = np.full_like(track, -1)
@@ -117,14 +117,14 @@ def vote(
     scores: FloatArray, track: IndexArray, fps: float, options: VoteOptions = VoteOptions()
 ) -> tuple[FloatArray, IndexArray]:
     """Votes (P, L + 1) of every trajectory, and its first and last frame (P, 2); arguments as `cut_tracks`."""
-    t, s, starts = ordered(track)
+    t, s, starts = sort_by_track(track)
     if not len(t):
         return np.zeros((0, scores.shape[2])), np.zeros((0, 2), np.intp)
     votes = np.add.reduceat(np.maximum(scores[t, s], options.floor), starts[:-1], 0)
     return votes * _weight(fps, options), np.stack([t[starts[:-1]], t[starts[1:] - 1]], 1)
 
 
-def elect(votes: FloatArray, span: IndexArray, rounds: int = 8) -> IndexArray:
+def assign_labels(votes: FloatArray, span: IndexArray, rounds: int = 8) -> IndexArray:
     """Assign labels to trajectories.
 
     Maximises the votes: greedily first, then by moving one trajectory to a label and the one that has it to its next
@@ -255,7 +255,7 @@ def _weight(fps: float, options: VoteOptions) -> float:
     return 1.0 / (1.0 + fps * options.memory)
 
 
-def ordered(track: IndexArray) -> tuple[IndexArray, IndexArray, IndexArray]:
+def sort_by_track(track: IndexArray) -> tuple[IndexArray, IndexArray, IndexArray]:
     """Frames and slots of all points, sorted by trajectory, and the start of each trajectory (P + 1)."""
     t, s = np.nonzero(track >= 0)
     number = track[t, s]

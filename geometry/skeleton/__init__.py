@@ -1,4 +1,4 @@
-"""Skeletons, motions, bodies and the joint centres that markers determine."""
+"""Skeletons and their motion, the body model, names of joints, joint centres from markers, and masses."""
 
 import lazy_loader as _lazy
 

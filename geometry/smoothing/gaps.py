@@ -117,10 +117,10 @@ def _pattern(xyz: FloatArray, j: int, start: int, stop: int, _: GapOptions) -> F
     if not len(others):
         return None
     donor = others[int(np.argmin(_spreads(xyz, j, others, start, stop)))]
-    return _joined(xyz, xyz[:, donor : donor + 1].repeat(xyz.shape[1], 1), j, start, stop)
+    return _meet_edges(xyz, xyz[:, donor : donor + 1].repeat(xyz.shape[1], 1), j, start, stop)
 
 
-def _joined(xyz: FloatArray, guess: FloatArray, j: int, start: int, stop: int) -> FloatArray:
+def _meet_edges(xyz: FloatArray, guess: FloatArray, j: int, start: int, stop: int) -> FloatArray:
     """A prediction (T, J, 3) over the gap, shifted linearly in time to meet the known points at the edges."""
     frames, share = np.arange(start, stop), gap_share(start, stop)
     off = [xyz[edge, j] - guess[edge, j] for edge in (start - 1, stop)]
@@ -149,7 +149,7 @@ def _low_rank(xyz: FloatArray, j: int, start: int, stop: int, options: GapOption
     guess = scores @ np.linalg.solve(normal, scores[known].T @ (wanted[known] - mean_wanted)) + mean_wanted
     out = np.full((len(xyz), 1, 3), np.nan)
     out[rows, 0] = (guess[:, None] @ np.swapaxes(frame, -1, -2))[:, 0] + centre
-    return _joined(xyz[:, j : j + 1], out, 0, start, stop)
+    return _meet_edges(xyz[:, j : j + 1], out, 0, start, stop)
 
 
 def _heading(local: FloatArray, at: int) -> FloatArray:

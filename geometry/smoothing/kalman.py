@@ -149,8 +149,8 @@ def _outliers(xyz: FloatArray, fps: float, options: SmoothOptions) -> BoolArray:
     for _ in range(2 * half):
         near = known & ~far
         reached = far & (
-            _reached(xyz, near, sigma, fps, options.top_speed)
-            | _reached(xyz[::-1], near[::-1], sigma[::-1], fps, options.top_speed)[::-1]
+            _is_reachable(xyz, near, sigma, fps, options.top_speed)
+            | _is_reachable(xyz[::-1], near[::-1], sigma[::-1], fps, options.top_speed)[::-1]
         )
         if not reached.any():
             break
@@ -158,7 +158,7 @@ def _outliers(xyz: FloatArray, fps: float, options: SmoothOptions) -> BoolArray:
     return np.asarray(far)
 
 
-def _reached(xyz: FloatArray, near: BoolArray, sigma: FloatArray, fps: float, top_speed: float) -> BoolArray:
+def _is_reachable(xyz: FloatArray, near: BoolArray, sigma: FloatArray, fps: float, top_speed: float) -> BoolArray:
     """(T, J) whether `top_speed` and the noise explain the distance from the latest `near` point before."""
     frames, columns = np.arange(len(xyz))[:, None], np.arange(xyz.shape[1])
     latest = np.maximum.accumulate(np.where(near, frames, -1), axis=0)

@@ -2,7 +2,7 @@ from .audio import audio_clock as audio_clock
 from .clocks import Clock as Clock
 from .clocks import own_frames as own_frames
 from .clocks import resample as resample
-from .clocks import synchronised as synchronised
+from .clocks import resample_keypoints as resample_keypoints
 from .epipolar import epipolar_clocks as epipolar_clocks
 from .motion import motion_clocks as motion_clocks
 
@@ -13,5 +13,5 @@ __all__ = [
     "motion_clocks",
     "own_frames",
     "resample",
-    "synchronised",
+    "resample_keypoints",
 ]

@@ -147,7 +147,7 @@ def resample(
     return px, variance
 
 
-def synchronised(keypoints: Keypoints2D, clocks: Sequence[Clock] | None, fps: float) -> Keypoints2D:
+def resample_keypoints(keypoints: Keypoints2D, clocks: Sequence[Clock] | None, fps: float) -> Keypoints2D:
     """Resample each camera's landmarks to the frames of the take.
 
     Args:

@@ -7,13 +7,13 @@ from .multiview import triangulate as triangulate
 from .plausibility import stretched_limbs as stretched_limbs
 from .plausibility import uncertain_points as uncertain_points
 from .shape_prior import PosePriorOptions as PosePriorOptions
-from .shape_prior import with_pose_prior as with_pose_prior
+from .shape_prior import apply_pose_prior as apply_pose_prior
 from .validation import leave_one_out_error as leave_one_out_error
 from .validation import leave_one_out_summary as leave_one_out_summary
 from .view_bias import ViewBias as ViewBias
 from .view_bias import ViewBiasOptions as ViewBiasOptions
 from .view_bias import learn_view_bias as learn_view_bias
-from .view_bias import without_view_bias as without_view_bias
+from .view_bias import remove_view_bias as remove_view_bias
 
 __all__ = [
     "FlipOptions",
@@ -30,6 +30,6 @@ __all__ = [
     "take_noise",
     "triangulate",
     "uncertain_points",
-    "with_pose_prior",
-    "without_view_bias",
+    "apply_pose_prior",
+    "remove_view_bias",
 ]

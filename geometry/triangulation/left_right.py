@@ -128,7 +128,7 @@ def _flips(
     return flips.T, certain.T
 
 
-def _bounded(u: FloatArray, bound_sigma: float) -> FloatArray:
+def _bound(u: FloatArray, bound_sigma: float) -> FloatArray:
     result: FloatArray = u / (1.0 + u / bound_sigma**2)
     return result
 
@@ -149,7 +149,7 @@ def _view_evidence(
             def cost(i: int, k: int, a: int = a, b: int = b, essential: FloatArray = essential) -> FloatArray:
                 at_a, at_b = twins[:, i], twins[:, k]
                 u = _epipolar_u(essential, slopes[a][:, at_a], slopes[b][:, at_b], noise[a][:, at_a], noise[b][:, at_b])
-                return _bounded(u, options.bound_sigma)
+                return _bound(u, options.bound_sigma)
 
             difference = cost(0, 1) + cost(1, 0) - cost(0, 0) - cost(1, 1)
             evidence[:, a, b] = evidence[:, b, a] = 0.5 * np.nansum(difference, axis=-1)
@@ -194,7 +194,7 @@ def _time_evidence(px: FloatArray, variance: FloatArray, twins: IntArray, option
         spread = variance[:, 1:, twins[:, i]] + variance[:, :-1, twins[:, k]] + stride2
         # Noise is independent between landmarks and cameras; a fast motion is common to all of them.
         worth = 1 / (1 + (len(px) * len(twins) - 1) * mostly / (spread + mostly))
-        return worth * _bounded(moved2(i, k) / spread, options.bound_sigma)
+        return worth * _bound(moved2(i, k) / spread, options.bound_sigma)
 
     difference = cost(0, 1) + cost(1, 0) - cost(0, 0) - cost(1, 1)
     evidence: FloatArray = 0.5 * np.nansum(difference, axis=-1).T

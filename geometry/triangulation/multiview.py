@@ -118,7 +118,7 @@ def triangulate(
         ValueError: shapes that do not match, a variance that is not positive, or options out of range.
     """
     options = options or TriangulateOptions()
-    px, variance = checked(cameras, points_px, variance_px2, options)
+    px, variance = checked_arrays(cameras, points_px, variance_px2, options)
     views = kernel_views(cameras, px, variance)
     noise_px, scale = take_noise(cameras, px, variance, options)
     info = information(views, noise_px, scale)
@@ -158,7 +158,7 @@ def take_noise(
         Standard deviation to add, px, and the factor on the variances, 0.01 to 1.
     """
     options = options or TriangulateOptions()
-    px, variance = checked(cameras, points_px, variance_px2, options)
+    px, variance = checked_arrays(cameras, points_px, variance_px2, options)
     if options.noise_px is not None:
         return options.noise_px, 1.0
     # Points with three views if there are enough, because two rays always nearly intersect.
@@ -181,7 +181,7 @@ def take_noise(
     return noise_px, scale
 
 
-def checked(
+def checked_arrays(
     cameras: CameraGroup, points_px: ArrayLike, variance_px2: ArrayLike, options: TriangulateOptions
 ) -> tuple[FloatArray, FloatArray]:
     """The arrays as float64, both NaN wherever one of them is; ValueError where they are invalid."""
@@ -334,7 +334,7 @@ def views_of(
     options: TriangulateOptions,
 ) -> tuple[_Views, FloatArray]:  # fmt: skip
     """The take in the layout of the kernel, and (N, C) the information of each 2D point at the estimated noise."""
-    views = kernel_views(cameras, *checked(cameras, points_px, variance_px2, options))
+    views = kernel_views(cameras, *checked_arrays(cameras, points_px, variance_px2, options))
     return views, information(views, found.noise_px, found.variance_scale)
 
 

@@ -11,7 +11,7 @@ from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import (
     TriangulateOptions,
-    checked,
+    checked_arrays,
     information,
     kernel_views,
     solve,
@@ -41,7 +41,7 @@ def leave_one_out_error(
         (C, T, J) px; NaN where the camera has no 2D point or the others give no point.
     """
     options = options or TriangulateOptions()
-    px, variance = checked(cameras, points_px, variance_px2, options)
+    px, variance = checked_arrays(cameras, points_px, variance_px2, options)
     views = kernel_views(cameras, px, variance)
     info = information(views, *take_noise(cameras, px, variance, options))
     error_px = np.full(variance.shape, np.nan)

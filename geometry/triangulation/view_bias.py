@@ -211,7 +211,7 @@ def _most_likely(normal: FloatArray, right: FloatArray) -> tuple[float, FloatArr
     return float(_SIZES[best]), mean.reshape(-1, 3, 3)
 
 
-def without_view_bias(
+def remove_view_bias(
     cameras: CameraGroup,
     points_px: ArrayLike,
     variance_px2: ArrayLike,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import Keypoints2D
-from muybridge.geometry.sync.clocks import synchronised
+from muybridge.geometry.sync.clocks import resample_keypoints
 from muybridge.infer.detection.detect import DetectOptions, detect, file_names, first_look, is_finished
 from muybridge.infer.detection.resample import in_time
 from muybridge.infer.detection.tracks import merge_tracks
@@ -45,4 +45,4 @@ def session_keypoints(
             f"{session.path}: a video has fewer frames than its header suggests; run `muybridge run` to see which"
         )
     body = next(iter(merge_tracks([in_time(session, c, d.tracks, d.repeats) for c, d in enumerate(found)]).values()))
-    return session, synchronised(body, session.clocks, session.fps)
+    return session, resample_keypoints(body, session.clocks, session.fps)

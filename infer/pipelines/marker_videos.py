@@ -35,7 +35,8 @@ from muybridge.infer.reconstruction.marker_videos import (
     triangulate_again,
     unpack_blobs,
 )
-from muybridge.infer.report.page import ReportData, problems, write_report
+from muybridge.infer.report.data import ReportData
+from muybridge.infer.report.page import problems, write_report
 from muybridge.infer.results.people import (
     MOTION_BVH,
     MOTION_GLB,

@@ -1,6 +1,5 @@
 """Offsets and drifts of the clocks of a session's cameras, from sound or from images."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Literal
 
 import av
 import numpy as np
+import tomli_w
 
 from muybridge.arrays import FloatArray
 from muybridge.errors import MuybridgeError, SessionError
@@ -29,6 +29,9 @@ _AUDIO_RATE = 16000
 _DRIFT_FROM = 60.0
 _DISAGREE_SIGMA = 4.0
 _DISAGREE_FRAMES = 0.5
+_HEADER = """# Clocks of the cameras: a camera's own time is t + offset + drift t at the reference's time t.
+# Offsets in seconds, drifts in parts per million.
+"""
 
 Method = Literal["audio", "epipolar", "motion"]
 METHODS: tuple[Method, ...] = ("audio", "epipolar", "motion")
@@ -158,9 +161,9 @@ def find_clocks(
     found: dict[str, tuple[Clock, ...]] = {}
     if "audio" in methods:
         sounds = [read_audio(v.path) for v in session.videos]
-        found["audio"] = tuple(_by_sound(sounds, c, max_offset) for c in range(len(sounds)))
+        found["audio"] = tuple(_clock_from_audio(sounds, c, max_offset) for c in range(len(sounds)))
     if keypoints is not None:
-        found |= _by_pictures(session, keypoints, methods, max_offset)
+        found |= _clocks_from_images(session, keypoints, methods, max_offset)
     clocks, origins = [], []
     for c in range(len(session.cameras)):
         order = [m for m in methods if m in found and np.isfinite(found[m][c].offset_sd)]
@@ -172,7 +175,7 @@ def find_clocks(
     return SyncResult(tuple(clocks), tuple(origins), found, contradictions)
 
 
-def _by_sound(sounds: Sequence[FloatArray | None], c: int, max_offset: float) -> Clock:
+def _clock_from_audio(sounds: Sequence[FloatArray | None], c: int, max_offset: float) -> Clock:
     first, other = sounds[0], sounds[c]
     if c == 0:
         return Clock(0.0, 0.0, 0.0, 0.0, 1.0)
@@ -182,7 +185,7 @@ def _by_sound(sounds: Sequence[FloatArray | None], c: int, max_offset: float) ->
     return near if np.isfinite(near.offset_sd) else audio_clock(first, other, _AUDIO_RATE)
 
 
-def _by_pictures(
+def _clocks_from_images(
     session: Session, keypoints: Keypoints2D, methods: Sequence[str], max_offset: float
 ) -> dict[str, tuple[Clock, ...]]:
     selection = select_person(session.cameras, keypoints, fps=session.fps)
@@ -214,23 +217,27 @@ def disagreements(names: Sequence[str], found: dict[str, tuple[Clock, ...]], fps
 
 
 def write_sync(path: Path, names: Sequence[str], result: SyncResult) -> None:
-    """Write `sync.toml`."""
-    rows = [
-        "# Clocks of the cameras: a camera's own time is t + offset + drift t at the reference's time t.",
-        f"muybridge_sync = {SYNC_VERSION}",
-        f"reference = {json.dumps(names[0])}",
-    ]
-    for name, clock, method in zip(names, result.clocks, result.methods, strict=True):
-        rows += [
-            "",
-            f"[cameras.{json.dumps(name)}]",
-            f"offset = {clock.offset!r}  # seconds",
-            f"drift_ppm = {clock.drift * 1e6!r}",
-            f'method = "{method}"',
-        ]
-        if np.isfinite(clock.offset_sd):
-            rows.append(f"offset_sd = {clock.offset_sd!r}")
-        if np.isfinite(clock.drift_sd):
-            rows.append(f"drift_sd_ppm = {clock.drift_sd * 1e6!r}")
-    with replacing(path) as partial:
-        partial.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    """Write `sync.toml`.
+
+    Args:
+        path: the file.
+        names: (C,) of the cameras.
+        result: their clocks.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    cameras = {
+        name: _clock_table(clock, method)
+        for name, clock, method in zip(names, result.clocks, result.methods, strict=True)
+    }
+    content = {"muybridge_sync": SYNC_VERSION, "reference": names[0], "cameras": cameras}
+    with replacing(path) as temporary:
+        temporary.write_text(_HEADER + tomli_w.dumps(content), encoding="utf-8", newline="\n")
+
+
+def _clock_table(clock: Clock, method: str) -> dict[str, float | str]:
+    values = {"offset": clock.offset, "drift_ppm": clock.drift * 1e6}
+    spread = {"offset_sd": clock.offset_sd, "drift_sd_ppm": clock.drift_sd * 1e6}
+    known = {name: float(value) for name, value in spread.items() if np.isfinite(value)}
+    return {**{name: float(value) for name, value in values.items()}, "method": method, **known}

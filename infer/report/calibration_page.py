@@ -1,6 +1,5 @@
 """`calibration.html`: how good a calibration is, and which camera is wrong, on a page that needs no network."""
 
-import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,23 +10,11 @@ from muybridge.files import replacing
 from muybridge.geometry.calibration.bundle_adjustment.result import CalibrationResult
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, check_solved
 from muybridge.geometry.cameras.group import CameraGroup
-from muybridge.infer.report.calibration_figures import (
-    cameras_table,
-    evidence_table,
-    pictures_figure,
-    pixels,
-    plan_figure,
-)
+from muybridge.infer.report.calibration_figures import CalibrationView
+from muybridge.infer.report.calibration_findings import calibration_findings
 from muybridge.infer.report.diagnosis_wording import diagnosis_text, fault_text, note_text
 from muybridge.infer.report.findings import Finding
-from muybridge.infer.report.packing import fill_page, read_asset
-from muybridge.infer.report.sections import findings_section, percent_text, run_section, tile
-
-# A focal length known less well than this makes depth and size a guess.
-_FOCAL_LOOK, _FOCAL_BAD = 0.01, 0.03
-_POSITION_LOOK = 0.03
-_COVERED_LOOK = 0.35
-_LOW_PX = 2.0
+from muybridge.infer.report.templates import render, style_or_script
 
 
 @dataclass(frozen=True)
@@ -51,111 +38,34 @@ class CalibrationPage:
     versions: Mapping[str, str] = field(default_factory=dict)
 
 
-def calibration_findings(quality: CalibrationQuality | None) -> tuple[Finding, ...]:
-    """What is wrong with a calibration, the gravest first: culprits, then what is not known well enough."""
-    found: list[Finding] = []
-    if quality is None:
-        return ()
-    report = quality.diagnosis
-    if report is not None:
-        found += [Finding("bad", fault_text(fault)) for fault in report.faults]
-        if report.note:
-            found.append(Finding("note", note_text(report)))
-    found += [Finding("bad" if m.grave else "look", m.sentence) for m in quality.misfits]
-    if quality.fitted:
-        found += _known_findings(quality)
-    order = {"bad": 0, "look": 1, "note": 2}
-    return tuple(sorted(found, key=lambda f: order[f.severity]))
-
-
-def _known_findings(quality: CalibrationQuality) -> list[Finding]:
-    """Numbers that a low residual hides: focal lengths and positions that the observations do not tell."""
-    found = []
-    for c, camera in enumerate(quality.cameras):
-        focal, position = quality.focal_sd[c], quality.position_sd[c]
-        residual = f"{quality.residual_px[c]:.2f} px"
-        proof = f", though its residual is {residual}: a low residual is no proof here"
-        if not quality.residual_px[c] < _LOW_PX:
-            proof = f", and its residual is {residual}"
-        if focal > _FOCAL_LOOK:
-            found.append(
-                Finding(
-                    "bad" if focal > _FOCAL_BAD else "look",
-                    f"The focal length of {camera.name} is only known to ±{100 * focal:.1f} %{proof}. Show the board "
-                    "at other distances and tilted, or take the lens from a calibration of its own.",
-                )
-            )
-        if position > _POSITION_LOOK:
-            found.append(
-                Finding(
-                    "look",
-                    f"The position of {camera.name} is only known to ±{1000 * position:.0f} mm: it shares too few "
-                    "views with the others, or all from one place.",
-                )
-            )
-    little = [
-        f"{camera.name} ({100 * picture.covered:.0f} %)"
-        for camera, picture in zip(quality.cameras, quality.pictures, strict=True)
-        if picture.covered < _COVERED_LOOK
-    ]
-    if little:
-        found.append(
-            Finding(
-                "look",
-                f"Little of the image was looked at in {', '.join(little)}: towards the edges the lens's distortion is "
-                "a guess. Show the board all over each image.",
-            )
-        )
-    return found
-
-
-def calibration_section(quality: CalibrationQuality) -> str:
-    """Tables and pictures of a calibration, for a page's section."""
-    report = quality.diagnosis
-    faulty = [] if report is None else [n for f in report.faults for n in f.cameras]
-    parts = [
-        cameras_table(quality),
-        f"<h3>Where the residuals are</h3>{pictures_figure(quality)}",
-        f"<h3>What the cameras cover</h3>{plan_figure(quality.cameras, quality.plan, faulty)}",
-    ]
-    if report is not None and np.isfinite(report.noise_px):
-        parts.append(
-            '<h3>What would explain it</h3><p class="lead">How much better the whole rig would fit frames that were '
-            "held out, if this one thing of this one camera were put right (log-likelihood; "
-            f"0: not at all). A rig in order has small numbers everywhere.</p>{evidence_table(report)}"
-        )
-    return "".join(parts)
-
-
-def calibration_in_report(quality: CalibrationQuality | None) -> str:
-    """The section of a take's report; empty where the calibration was not judged."""
-    if quality is None or quality.diagnosis is None:
-        return ""
-    said = diagnosis_text(quality.diagnosis)
-    if quality.diagnosis.faults:
-        said = "No: the sentences at the top say which camera is wrong, and how."
-    return (
-        '<section id="calibration"><h2>Is the calibration good?</h2>'
-        f'<p class="lead">{html.escape(said)} Judged by {html.escape(quality.source)}.</p>'
-        f"{calibration_section(quality)}</section>"
-    )
-
-
 def render_calibration(page: CalibrationPage) -> str:
     """The page as text."""
     quality = page.quality
-    said = calibration_findings(quality)
-    notes = tuple(Finding("note", text) for text in page.notes)
-    made = run_section(page.timings_s, {}, page.options, page.versions)
-    parts = {
-        "title": html.escape(page.title),
-        "css": read_asset("report.css"),
-        "heading": _heading(page, said),
-        "findings": findings_section([*said, *notes], "", "Nothing stands out in this calibration."),
-        "calibration": calibration_section(quality),
-        "run": f'<section id="run"><h2>How it was made</h2>{made}</section>' if made else "",
-    }
-    return fill_page("calibration.html", parts)
+    found = calibration_findings(quality)
+    rating, label, sentence = _verdict(quality, found)
+    improvement = ""
+    if quality.diagnosis is not None and quality.diagnosis.faults:
+        improvement = f"{quality.diagnosis.noise_px:.1f} → {quality.diagnosis.corrected_px:.1f} px"
+    focal = quality.focal_sd[np.isfinite(quality.focal_sd)]
+    return render(
+        "calibration.html",
+        title=page.title,
+        facts=f"{len(quality.cameras)} cameras · judged by {quality.source}",
+        rating=rating,
+        verdict=label,
+        sentence=sentence,
+        residual_px=_median(quality.residual_px),
+        leave_one_out_px=_median(quality.leave_one_out_px),
+        improvement=improvement,
+        seen_by_three=quality.plan.seen_by_three,
+        focal_sd=focal.max() if quality.fitted and focal.size else float("nan"),
+        findings=[*found, *(Finding("note", text) for text in page.notes)],
+        calibration=CalibrationView(quality),
+        timings_s=page.timings_s,
+        options=page.options,
+        versions=page.versions,
+        css=style_or_script("report.css"),
+    )
 
 
 def write_solved_page(
@@ -186,31 +96,6 @@ def write_calibration_page(path: Path, page: CalibrationPage) -> Path:
     with replacing(path) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
     return path
-
-
-def _heading(page: CalibrationPage, said: Sequence[Finding]) -> str:
-    quality = page.quality
-    rating, label, sentence = _verdict(quality, said)
-    tiles = [
-        tile("Residual", pixels(_median(quality.residual_px)), "median over the cameras"),
-    ]
-    if np.isfinite(quality.leave_one_out_px).any():
-        meaning = "from one camera to what the others say"
-        tiles.append(tile("Leave one out", pixels(_median(quality.leave_one_out_px)), meaning))
-    if quality.diagnosis is not None and quality.diagnosis.faults:
-        better = f"{quality.diagnosis.noise_px:.1f} → {quality.diagnosis.corrected_px:.1f} px"
-        tiles.append(tile("If mended", better, "scale of the errors before and after"))
-    tiles.append(tile("Seen by three", percent_text(quality.plan.seen_by_three), "of the points that two cameras saw"))
-    focal = quality.focal_sd[np.isfinite(quality.focal_sd)]
-    if quality.fitted and focal.size:
-        tiles.append(tile("Focal length", f"±{100 * focal.max():.1f} %", "of the camera that knows it least"))
-    facts = f"{len(quality.cameras)} cameras · judged by {quality.source}"
-    return (
-        f'<header><p class="kicker">muybridge calibration</p><h1>{html.escape(page.title)}</h1>'
-        f'<p class="facts">{html.escape(facts)}</p>'
-        f'<p class="verdict {rating}"><strong>{html.escape(label)}</strong> {html.escape(sentence)}</p>'
-        f'<dl class="tiles">{"".join(tiles)}</dl></header>'
-    )
 
 
 def _verdict(quality: CalibrationQuality, said: Sequence[Finding]) -> tuple[str, str, str]:

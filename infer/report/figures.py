@@ -69,6 +69,11 @@ class CameraFigures:
     flipped: float
     flipped_frame: int
 
+    @property
+    def shift_px(self) -> float:
+        """Length of the constant offset."""
+        return float(np.linalg.norm(self.bias_px))
+
 
 @dataclass(frozen=True)
 class BoneFigures:

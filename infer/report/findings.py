@@ -1,6 +1,6 @@
 """What went wrong and where, in plain sentences: each names the place, the size and what to do about it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,6 +71,11 @@ def findings(
     found += _landmark_findings(points, cameras)
     found += _jump_findings(points)
     found += _bone_findings(bones)
+    return sort_findings(found)
+
+
+def sort_findings(found: Iterable[Finding]) -> tuple[Finding, ...]:
+    """The findings, the worst first; the order among equals is kept."""
     order = {"bad": 0, "look": 1, "note": 2}
     return tuple(sorted(found, key=lambda finding: order[finding.severity]))
 

@@ -1,9 +1,6 @@
-"""What reports are filled with: assets that come along, and arrays packed for the scripts in the page."""
+"""Arrays packed for the scripts in a page."""
 
 import base64
-import json
-import re
-from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -11,25 +8,6 @@ import numpy as np
 from muybridge.arrays import FloatArray
 
 _MISSING = -32768
-
-
-def read_asset(name: str) -> str:
-    """A page, style or script that comes along."""
-    return resources.files("muybridge.infer.report").joinpath("assets", name).read_text(encoding="utf-8")
-
-
-def fill_page(page: str, parts: dict[str, str]) -> str:
-    """An asset with `<!--@name-->` replaced by the part of that name; what a part says is not looked into.
-
-    Raises:
-        KeyError: the page asks for a part that there is not.
-    """
-    return re.sub(r"<!--@(\w+)-->", lambda mark: parts[mark[1]], read_asset(page))
-
-
-def script_json(value: object) -> str:
-    """JSON that may stand inside a script element: no `</script>` or `<!--` can close or open anything."""
-    return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def rounded(value: float, digits: int = 2) -> float | None:
@@ -40,8 +18,8 @@ def rounded(value: float, digits: int = 2) -> float | None:
 def packed_positions(positions: FloatArray) -> dict[str, Any]:
     """(T, J, 3) metres as 16-bit integers: an offset, a step and base64 in little-endian order.
 
-    One point a hundred metres away would cost everybody else their precision (0.3 mm in a room of 20 m), so
-    what lies beyond 12 interquartile ranges of the middle counts as missing here.
+    One point a hundred metres away would cost the others their precision (0.3 mm in a room of 20 m), so positions
+    beyond 12 interquartile ranges from the median count as missing here.
     """
     finite = np.isfinite(positions).all(axis=-1)
     seen = positions[finite]

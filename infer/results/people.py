@@ -11,8 +11,8 @@ from muybridge.geometry.landmarks.marker_sets import MarkerChoice
 from muybridge.infer.reconstruction.landmarks import Solution
 from muybridge.infer.reconstruction.quality import Quality
 from muybridge.infer.reconstruction.virtual_markers import marker_set
-from muybridge.infer.report.page import ReportData, problems, write_report
-from muybridge.infer.report.sections import PersonPage
+from muybridge.infer.report.data import PersonPage, ReportData
+from muybridge.infer.report.page import problems, write_report
 from muybridge.infer.results.record import json_value
 from muybridge.infer.results.run import Run
 

@@ -19,8 +19,8 @@ from muybridge.geometry.calibration.board.extrinsics import (
 )
 from muybridge.geometry.calibration.board.intrinsics import FEWEST_CORNERS, FEWEST_VIEWS, View, usable
 from muybridge.geometry.calibration.bundle_adjustment.result import CalibrationResult, misfits
-from muybridge.geometry.calibration.gravity import level
-from muybridge.geometry.calibration.world import moved, on_board
+from muybridge.geometry.calibration.gravity import level_transform
+from muybridge.geometry.calibration.world import on_board, transform_cameras
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.pipelines.calibration.board_images import (
     BoardImages,
@@ -186,10 +186,10 @@ def calibrate_board(
         except CalibrationError as error:
             raise error.reworded(f"{error.message}{_others(board, images, views)}") from None
     if source.floor is None:
-        change = level(rig.cameras, rig.world_from_boards[:, :, 3])
+        change = level_transform(rig.cameras, rig.world_from_boards[:, :, 3])
     else:
         change = on_board(rig.cameras, rig.world_from_boards[int(np.searchsorted(rig.times, source.floor))])
-    return BoardCalibration(rig.solved, moved(rig.cameras, change), rig)
+    return BoardCalibration(rig.solved, transform_cameras(rig.cameras, change), rig)
 
 
 def _check_floor(board: Board, images: Sequence[BoardImages], floor: int, progress: Progress) -> None:

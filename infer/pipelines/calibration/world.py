@@ -13,7 +13,7 @@ from muybridge.geometry.calibration.board.intrinsics import View, board_pose, us
 from muybridge.geometry.calibration.board.pose_graph import symmetries
 from muybridge.geometry.calibration.formats.common import far_apart_note
 from muybridge.geometry.calibration.people.world import world_from_people
-from muybridge.geometry.calibration.world import check_shape, marked, moved, on_board, on_points
+from muybridge.geometry.calibration.world import check_shape, on_board, on_points, transform_cameras, triangulate_marked
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.infer.detection.detect import DetectOptions
@@ -40,7 +40,7 @@ def change_world(
     """
     angle = np.radians(-turn_deg)  # the world's axes turn one way, what is in it the other
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    return moved(cameras, np.column_stack([turn, -turn @ (scale_by * np.array(origin))]), scale_by)
+    return transform_cameras(cameras, np.column_stack([turn, -turn @ (scale_by * np.array(origin))]), scale_by)
 
 
 def world_from_points(cameras: CameraGroup, path: Path, keep_scale: bool) -> tuple[CameraGroup, list[str]]:
@@ -75,7 +75,7 @@ def world_from_points(cameras: CameraGroup, path: Path, keep_scale: bool) -> tup
         raise error.about(str(path)) from None
     off = [f"({x:g}, {y:g}, {z:g}) {1e3 * e:.0f} mm" for (x, y, z), e in zip(places, placed.errors, strict=True)]
     lines = [f"points: {', '.join(off)} off", _scale_text(placed.scale, keep_scale)]
-    changed = moved(cameras, placed.new_from_old, placed.scale)
+    changed = transform_cameras(cameras, placed.new_from_old, placed.scale)
     return changed, [*lines, *far_apart_note(changed, "the points' coordinates")]
 
 
@@ -128,9 +128,9 @@ def world_from_board(
         pose = np.column_stack(
             [back @ cam_from_board[:3, :3], back @ (cam_from_board[:3, 3] - cameras[best].translation)]
         )
-    scaled = moved(cameras, np.eye(4)[:3], scale)
+    scaled = transform_cameras(cameras, np.eye(4)[:3], scale)
     looking = scaled.select([n for c, n in enumerate(cameras.names) if seen[c].any()])
-    return moved(scaled, on_board(looking, pose)), [line]
+    return transform_cameras(scaled, on_board(looking, pose)), [line]
 
 
 def _static_corners(cameras: CameraGroup, board: Board, views: Mapping[str, Mapping[int, View]]) -> FloatArray:
@@ -169,7 +169,7 @@ def _with_same_numbering(cameras: CameraGroup, board: Board, pixels: FloatArray)
             turned = np.full_like(pixels[c], np.nan)
             turned[number] = pixels[c]
             both = np.stack([pixels[seen[0]], turned])
-            error = np.linalg.norm(pair.project(marked(pair, both)) - both, axis=-1)
+            error = np.linalg.norm(pair.project(triangulate_marked(pair, both)) - both, axis=-1)
             tried.append((float(np.nanmedian(error)), turned))
         out[c] = min(tried, key=lambda t: t[0])[1]
     return out
@@ -223,7 +223,7 @@ def world_from_landmarks(
     if height is not None:
         return changed, [*notes, _scale_text(scale, False)]
     kept = [n for n in notes if not n.startswith("scale")]
-    return moved(changed, np.eye(4)[:3], 1 / scale), [*kept, "size: kept"]
+    return transform_cameras(changed, np.eye(4)[:3], 1 / scale), [*kept, "size: kept"]
 
 
 def _move_likewise(cameras: CameraGroup, before: CameraGroup, after: CameraGroup) -> CameraGroup:
@@ -233,7 +233,7 @@ def _move_likewise(cameras: CameraGroup, before: CameraGroup, after: CameraGroup
     k = int(np.argmax(far))
     scale = float(np.linalg.norm(b[k] - b[0]) / far[k]) if far[k] > 0 else 1.0
     rotation = after[0].rotation.T @ before[0].rotation
-    return moved(cameras, np.column_stack([rotation, b[0] - scale * rotation @ a[0]]), scale)
+    return transform_cameras(cameras, np.column_stack([rotation, b[0] - scale * rotation @ a[0]]), scale)
 
 
 def _scale_text(scale: float, kept: bool) -> str:

@@ -1,4 +1,4 @@
-"""Which pictures of a board belong together, and which views of it tell a pose."""
+"""Pairing of pictures of a board, and views that determine a pose."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.pipelines.calibration.board import format_summary
 from muybridge.infer.pipelines.calibration.board_images import at_moment, find_images
-from muybridge.infer.report.calibration_page import calibration_findings
+from muybridge.infer.report.calibration_findings import calibration_findings
 from muybridge.infer.report.findings import Finding
 
 BOARD = Board("charuco", 7, 5, 0.08)
@@ -35,7 +35,7 @@ def camera(k):
 
 
 def shown(count=14, cameras=2, board=BOARD, bumped=None, moments=()):
-    """Views by camera and moment of a board that is moved before cameras, one of which is turned at some moments."""
+    """Views by camera and time of a moved board; one camera is rotated at some times."""
     rng, middle = np.random.default_rng(0), board.corners.mean(axis=0)
     views = {f"cam{k}": {} for k in range(cameras)}
     for t in range(count):
@@ -55,7 +55,7 @@ SIZES = {"cam0": SIZE, "cam1": SIZE, "cam2": SIZE}
 
 
 @pytest.mark.parametrize("ids", [[0, 1, 2, 3, 4, 23], [23, 0, 1, 2, 3, 4], [0, 1, 2, 3, 4, 5, 11]])
-def test_corners_on_a_line_but_one_tell_no_pose(ids):
+def test_corners_on_a_line_but_one_determine_no_pose(ids):
     ids = np.array(ids)
     whole, px = shown()["cam0"][0]
     view = (ids, px[ids])
@@ -65,7 +65,7 @@ def test_corners_on_a_line_but_one_tell_no_pose(ids):
     np.testing.assert_allclose(board_pose(camera(0), BOARD, view)[:3, :3] @ np.array([0, 0, 1]), [0, 0, 1])
 
 
-def test_a_view_that_tells_no_pose_does_not_end_a_calibration():
+def test_a_view_without_a_pose_does_not_end_a_calibration():
     views = shown()
     ids = np.array([0, 1, 2, 3, 4, 23])
     views["cam1"][14] = (ids, views["cam1"][3][1][ids])
@@ -74,7 +74,7 @@ def test_a_view_that_tells_no_pose_does_not_end_a_calibration():
     assert apart == pytest.approx(0.6, abs=0.02) and rig.unused["cam1"] == 1
 
 
-def test_a_wanted_moment_is_among_those_chosen():
+def test_a_required_time_is_selected():
     views = shown()
     usual = choose_times(views, SIZES, 5)
     other = next(t for t in range(14) if t not in usual)
@@ -90,7 +90,7 @@ def searched(pictures):
     return [p.moments[p.searched].tolist() for p in pictures]
 
 
-def test_films_of_different_lengths_are_searched_together(make_video, tmp_path, monkeypatch):
+def test_videos_of_different_lengths_are_searched_together(make_video, tmp_path, monkeypatch):
     monkeypatch.setattr("muybridge.infer.pipelines.calibration.board_images._MOST_SEARCHES", 5)
     for k, frames in enumerate((30, 32, 41)):
         make_video(tmp_path / f"cam{k}.mp4", frames=frames)
@@ -104,7 +104,7 @@ def test_films_of_different_lengths_are_searched_together(make_video, tmp_path, 
 
 
 @pytest.mark.parametrize("rates", [(30, 25), (25, 60), (30, 24)])
-def test_films_of_different_rates_are_searched_together(make_video, tmp_path, rates):
+def test_videos_of_different_rates_are_searched_together(make_video, tmp_path, rates):
     for k, rate in enumerate(rates):
         make_video(tmp_path / f"cam{k}.mp4", frames=2 * rate, fps=rate)
     first, second = find_images(tmp_path, moment=7)
@@ -136,7 +136,7 @@ def test_images_named_by_long_numbers_are_paired(tmp_path):
     assert first.moments.dtype == np.int64
 
 
-def test_a_floor_without_a_board_is_said_before_the_work(tmp_path, capfd, monkeypatch):
+def test_a_floor_image_without_a_board_is_an_early_error(tmp_path, capfd, monkeypatch):
     monkeypatch.setattr(
         "muybridge.infer.pipelines.calibration.board.check_seen", lambda *a: pytest.fail("the long work began")
     )
@@ -145,12 +145,12 @@ def test_a_floor_without_a_board_is_said_before_the_work(tmp_path, capfd, monkey
         for t in range(3):
             cv2.imwrite(str(tmp_path / f"cam{k}" / f"{t}.png"), np.full((48, 64), 90, np.uint8))
     arguments = ["calibrate", "board", str(tmp_path), "--square", "0.05", "--out", str(tmp_path / "c.toml")]
-    for floor, said in (("2", "was not seen at that moment"), ("3", "no camera has an image of that number")):
+    for floor, message in (("2", "was not seen at that moment"), ("3", "no camera has an image of that number")):
         assert run_command([*arguments, "--floor", floor]) == 2
-        assert f"floor {floor}: " in (line := capfd.readouterr().err) and said in line
+        assert f"floor {floor}: " in (line := capfd.readouterr().err) and message in line
 
 
-def test_a_camera_that_was_moved_is_named_with_the_moments():
+def test_a_moved_camera_is_reported_with_its_times():
     options = BoardOptions(in_step=True)
     assert misfits(calibrate_rig(BOARD, shown(cameras=3), SIZES, options).solved) == ()
     views = shown(cameras=3, bumped=2, moments=range(5))
@@ -167,7 +167,7 @@ def test_a_camera_that_was_moved_is_named_with_the_moments():
 
 
 @pytest.mark.parametrize("count", [3, 5, 14])
-def test_a_mirrored_camera_is_named_also_where_either_way_round_fits(count):
+def test_a_mirrored_camera_is_reported_for_symmetric_boards(count):
     board = Board("checkerboard", 7, 5, 0.08)
     mirror = np.arange(35).reshape(5, 7)[:, ::-1].ravel()
     mine = {t: board_pose(camera(0), board, v) for t, v in shown(count, board=board)["cam0"].items()}

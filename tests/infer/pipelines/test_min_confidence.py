@@ -8,7 +8,9 @@ from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
 from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.demo_take.take import demo_folder, true_points
-from muybridge.infer.reconstruction.landmarks import SolveOptions, _filled, _sure, solve
+from muybridge.infer.reconstruction.body_motion import fill_from_body
+from muybridge.infer.reconstruction.landmarks import SolveOptions, solve
+from muybridge.infer.reconstruction.person_stages import confident
 from muybridge.infer.reconstruction.quality import assess, unsure_landmarks
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore
@@ -83,7 +85,7 @@ def test_sides_that_were_put_back_keep_their_own_doubts():
     score[:, 0, WRIST] = 0.2
     flipped = np.zeros(score.shape, bool)
     flipped[:, 0, [WRIST, TWIN]] = True
-    sure = _sure(score, flipped, BODY23, 0.5)
+    sure = confident(score, flipped, BODY23, 0.5)
     assert sure[0, WRIST] and not sure[0, TWIN] and sure.sum() == len(BODY23) - 1
 
 
@@ -98,20 +100,20 @@ def test_gaps_are_filled_from_the_body_only_where_it_is_known():
     points = Points3D(BODY23, seen, covariance, none, none.astype(bool), 25.0)
     sure = np.ones((frames, 23), bool)
     body = {"landmarks_world": truth + 0.01, "landmark_sigma": np.full(23, 0.03)}
-    filled = _filled(points, points, sure, body, 0.5)
+    filled = fill_from_body(points, points, sure, body, 0.5)
     np.testing.assert_array_equal(filled.points_world[1, 9], truth[1, 9] + 0.01)
     np.testing.assert_allclose(filled.covariance_world[1, 9], np.eye(3) * 9e-4)
     assert np.isnan(filled.points_world[2, 4:]).all()
     np.testing.assert_array_equal(filled.points_world[[0, 3]], truth[[0, 3]])
-    assert np.isnan(_filled(points, points, sure, body, 1.1).points_world[1, 9]).all()
+    assert np.isnan(fill_from_body(points, points, sure, body, 1.1).points_world[1, 9]).all()
     # Knees that are never seen are not made up; a heel that is not is where its toes say.
     knee, heel = BODY23.index("left_knee"), BODY23.index("left_heel")
     seen[:, [knee, heel]] = np.nan
-    filled = _filled(points, points, sure, body, 0.5)
+    filled = fill_from_body(points, points, sure, body, 0.5)
     assert np.isnan(filled.points_world[:, knee]).all() and np.isfinite(filled.points_world[[0, 1, 3], heel]).all()
     # What no camera is sure of, most of the time, is not.
     sure[:3, 9] = False
-    assert np.isnan(_filled(points, points, sure, body, 0.5).points_world[1, 9]).all()
+    assert np.isnan(fill_from_body(points, points, sure, body, 0.5).points_world[1, 9]).all()
 
 
 def test_frames_without_anybody_say_nothing_of_who_is_sure():
@@ -123,7 +125,7 @@ def test_frames_without_anybody_say_nothing_of_who_is_sure():
     none = np.zeros((2, 30, 23))
     points = Points3D(BODY23, seen, np.full((30, 23, 3, 3), np.nan), none, none.astype(bool), 25.0)
     body = {"landmarks_world": truth, "landmark_sigma": np.full(23, 0.03)}
-    filled = _filled(points, points, sure, body, 0.5).points_world
+    filled = fill_from_body(points, points, sure, body, 0.5).points_world
     np.testing.assert_array_equal(filled[:10], truth[:10])
     assert np.isnan(filled[10:]).all()
 

@@ -11,7 +11,7 @@ import pytest
 
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
 from muybridge.geometry.calibration.bundle_adjustment.result import solved
-from muybridge.geometry.calibration.diagnosis.hypotheses import changed
+from muybridge.geometry.calibration.diagnosis.hypotheses import perturb_camera
 from muybridge.geometry.calibration.diagnosis.quality import (
     CalibrationQuality,
     check_solved,
@@ -23,7 +23,8 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.pipelines.calibration.check import format_summary
 from muybridge.infer.reconstruction.judge import person_to_check
 from muybridge.infer.reconstruction.judge_calibration import packed, unpacked
-from muybridge.infer.report.calibration_page import CalibrationPage, calibration_findings, render_calibration
+from muybridge.infer.report.calibration_findings import calibration_findings
+from muybridge.infer.report.calibration_page import CalibrationPage, render_calibration
 from tests.rigs import ring_of_cameras
 
 
@@ -38,7 +39,7 @@ def turned(staged_people: ModuleType) -> CalibrationQuality:
     rig = _rig()
     rng = np.random.default_rng(2)
     px = rig.project(staged_people.person(60)) + rng.normal(0, 1.5, (4, 60, 23, 2)) + rng.normal(0, 1.5, (4, 1, 23, 2))
-    wrong = changed(rig[1], np.array([0.0, np.radians(1.0), 0, 0, 0, 0, 0]))
+    wrong = perturb_camera(rig[1], np.array([0.0, np.radians(1.0), 0, 0, 0, 0, 0]))
     cameras = CameraGroup(tuple(wrong if k == 1 else c for k, c in enumerate(rig)))
     return check_take(cameras, px, np.full(px.shape[:-1], 4.0), source="a staged person")
 
