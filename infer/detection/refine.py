@@ -21,9 +21,9 @@ from muybridge.geometry.numerics.robust import row_median
 from muybridge.geometry.sync.clocks import own_frames, synchronised
 from muybridge.infer.detection.crop_reader import Pictures, PoseReader, body_boxes, join_poses
 from muybridge.infer.detection.detect import CODE, CameraResult, DetectOptions
-from muybridge.infer.detection.exposure import well_exposed
+from muybridge.infer.detection.exposure import stretch_frames
 from muybridge.infer.detection.orientation import orientation_for
-from muybridge.infer.detection.resample import in_time
+from muybridge.infer.detection.resample import resample_tracks
 from muybridge.infer.detection.tracks import first_frames, merge_tracks, with_slots
 from muybridge.infer.networks.external import open_keypoints
 from muybridge.infer.networks.keypoints import Expectation
@@ -191,7 +191,7 @@ class TopDownRefinement:
         if not any(stage.arrays["found"].any() for stage in looks.values()):
             return None
         tracks, alone = (
-            [in_time(self.session, c, first_frames(t, slots.shape[1]), self.detected[c].repeats)
+            [resample_tracks(self.session, c, first_frames(t, slots.shape[1]), self.detected[c].repeats)
              for c, t in enumerate(those)] for those in (tracks, alone)
         )  # fmt: skip
         body = tracks[0].body.set.name
@@ -226,7 +226,7 @@ class TopDownRefinement:
         network = open_keypoints(
             self.models.keypoints, self.models.model_card, self.detect.keypoints.onnx, self.detect.markers != "none"
         )
-        backdrop = self.detected[c].backdrop()
+        backdrop = self.detected[c].background_model()
         hung = self.session.level_cameras[c]
         reader = PoseReader(network, hung, orientation_for(hung, hung.width, hung.height), backdrop, self.session.fps)
         predicted = camera.project_seen(world[wanted])
@@ -235,7 +235,7 @@ class TopDownRefinement:
         boxes = body_boxes(reader.upright.to_upright(within), network.landmarks)
         frames, order = np.unique(own, return_inverse=True)
         parts, begin = [], 0
-        for chunk in well_exposed(read_chunks(self.session.videos[c], self.session.frame_indices[c][frames])):
+        for chunk in stretch_frames(read_chunks(self.session.videos[c], self.session.frame_indices[c][frames])):
             if stop.is_set():
                 raise Stopped
             here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))

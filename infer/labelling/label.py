@@ -138,7 +138,7 @@ def _labelled(markers: MarkerSet, label: IndexArray, scores: FloatArray, turn: F
     return Labelled(markers, out, confidence, column, turn, factor, tracks, label, notes)
 
 
-def relabelled(labelled: Labelled, label: IndexArray) -> Labelled:
+def relabel(labelled: Labelled, label: IndexArray) -> Labelled:
     """The same with labels (T, S) that a person settled: those are certain."""
     sure = np.zeros((*label.shape, len(labelled.markers) + 1))
     changed = label != labelled.label

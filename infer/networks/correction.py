@@ -63,7 +63,7 @@ class SolverNetwork:
         return apply_corrections(given, SHARE * np.concatenate(answers))
 
 
-def corrected(fit: MarkerFit, points_world: FloatArray, network: SolverNetwork) -> MarkerFit:
+def correct_joints(fit: MarkerFit, points_world: FloatArray, network: SolverNetwork) -> MarkerFit:
     """The fit with the network's corrections, its bones again of one length for the take."""
     turns, places = network.joints(fit, points_world)
     bones, root, local = body_through(fit.motion.skeleton, turns, places)

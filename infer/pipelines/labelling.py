@@ -16,7 +16,7 @@ from muybridge.geometry.landmarks.marker_sets import MarkerPlan
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.markers.cleaning import Cleaned, CleanOptions, Sample, clean_markers
 from muybridge.infer.labelling.corrections import apply_corrections, read_corrections
-from muybridge.infer.labelling.label import Labelled, LabelOptions, label_points, relabelled
+from muybridge.infer.labelling.label import Labelled, LabelOptions, label_points, relabel
 from muybridge.infer.networks.labelling import LabelNetwork
 from muybridge.infer.report.labelling_facts import label_json
 from muybridge.infer.report.labelling_page import render_label_report
@@ -57,7 +57,7 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
         before = labelled.column
         label, corrected = apply_corrections(labelled.label, labelled.tracks.column, lines, plan.markers.labels,
                                              cloud.names, settled)  # fmt: skip
-        labelled = relabelled(labelled, label)
+        labelled = relabel(labelled, label)
         by_hand = labelled.column != before
         if settled != out / CORRECTIONS:
             folder.write(CORRECTIONS, lambda path: path.write_bytes(settled.read_bytes()))

@@ -5,8 +5,8 @@ from pathlib import Path
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.sync.clocks import synchronised
-from muybridge.infer.detection.detect import DetectOptions, detect, file_names, first_look, is_finished
-from muybridge.infer.detection.resample import in_time
+from muybridge.infer.detection.detect import DetectOptions, detect, file_names, first_pass, is_finished
+from muybridge.infer.detection.resample import resample_tracks
 from muybridge.infer.detection.tracks import merge_tracks
 from muybridge.infer.networks.models import open_models
 from muybridge.infer.reconstruction.gravity import estimate_gravity
@@ -35,7 +35,7 @@ def session_keypoints(
     inputs = [session.calibration, *(v.path for v in session.videos)]
     folder = open_output(results or session.path / DEFAULT_RESULTS, (), inputs).work
     models, store, names = open_models(options), StageStore(folder), file_names(session.cameras.names)
-    first = first_look(options)  # of a run
+    first = first_pass(options)  # of a run
     session = estimate_gravity(session, names, models, store, first, progress)
     options = first if is_finished(session, names, models, store, first) else options
     found = detect(session, names, models, store, options, progress)
@@ -44,5 +44,7 @@ def session_keypoints(
         raise MuybridgeError(
             f"{session.path}: a video has fewer frames than its header suggests; run `muybridge run` to see which"
         )
-    body = next(iter(merge_tracks([in_time(session, c, d.tracks, d.repeats) for c, d in enumerate(found)]).values()))
+    body = next(
+        iter(merge_tracks([resample_tracks(session, c, d.tracks, d.repeats) for c, d in enumerate(found)]).values())
+    )
     return session, synchronised(body, session.clocks, session.fps)

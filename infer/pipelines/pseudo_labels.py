@@ -19,7 +19,7 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.crops import crops_for_boxes
 from muybridge.geometry.sync.clocks import own_frames
 from muybridge.infer.detection.crop_reader import Pictures, body_boxes, crop_pixels
-from muybridge.infer.detection.exposure import well_exposed
+from muybridge.infer.detection.exposure import stretch_frames
 from muybridge.infer.detection.orientation import orientation_for
 from muybridge.infer.detection.resample import on_time
 from muybridge.infer.pipelines.videos import Followed
@@ -172,10 +172,10 @@ def _cut(followed: Followed, view: _View, apart: IndexArray, shape: _Shape) -> I
     own = own_frames(session.clocks, c, view.frames, session.fps, count)
     crops = crops_for_boxes(view.boxes_px, shape.size_px, camera, shape.padding)
     frames, order = np.unique(own, return_inverse=True)
-    backdrop = followed.detected[c].backdrop()
+    backdrop = followed.detected[c].background_model()
     begin = 0
     chunks = read_chunks(session.videos[c], session.frame_indices[c][frames]) if len(frames) else ()
-    for chunk in well_exposed(chunks):
+    for chunk in stretch_frames(chunks):
         here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))
         pictures = Pictures(chunk, backdrop(chunk))
         pixels = crop_pixels(pictures, backdrop, order[here] - begin, crops.select(here), 4)

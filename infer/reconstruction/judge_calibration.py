@@ -39,19 +39,19 @@ def judge(
     key = digest(STAGE, inputs, fps, code_digest("muybridge.geometry", "muybridge.infer.reconstruction"))
     stored = store.load(STAGE, key)
     if stored is not None:
-        return unpacked(cameras, stored.arrays, stored.facts), stored
+        return unpack_quality(cameras, stored.arrays, stored.facts), stored
     start = time.perf_counter()
     try:
         quality = check_keypoints(cameras, keypoints, DiagnosisOptions(), fps)
     except MuybridgeError:
         return None, None
-    arrays, facts = packed(quality)
+    arrays, facts = pack_quality(quality)
     result = store.save(STAGE, key, arrays, facts, time.perf_counter() - start)
     progress.say(f"{STAGE}: {result.seconds:.1f} s")
     return quality, result
 
 
-def packed(quality: CalibrationQuality) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+def pack_quality(quality: CalibrationQuality) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """A judgement as arrays and facts; its cameras are not kept, corrected ones are."""
     arrays: dict[str, NDArray[Any]] = {name: np.asarray(getattr(quality, name)) for name in _FIGURES}
     for c, picture in enumerate(quality.pictures):
@@ -80,7 +80,7 @@ def packed(quality: CalibrationQuality) -> tuple[dict[str, NDArray[Any]], dict[s
     return arrays, facts
 
 
-def unpacked(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str, Any]) -> CalibrationQuality:
+def unpack_quality(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str, Any]) -> CalibrationQuality:
     """The judgement of `cameras` that `packed` made arrays and facts of."""
     pictures = tuple(
         ImagePicture(arrays[f"{k}_count"], arrays[f"{k}_median_px"], arrays[f"{k}_mean_px"], covered)

@@ -10,7 +10,7 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import usable_points
 from muybridge.geometry.triangulation.validation import leave_one_out_summary
 from muybridge.infer.reconstruction.landmarks import Solution
-from muybridge.infer.runtime.wording import listed, readable
+from muybridge.infer.runtime.wording import join_words, readable
 
 # Landmarks that no camera is sure of in this share of the frames are worth a word.
 _OFTEN_UNSURE = 0.25
@@ -89,7 +89,7 @@ def unsure_landmarks(solution: Solution) -> list[str]:
     for number, person in enumerate((solution, *solution.others), start=1):
         often = np.flatnonzero(person.unsure.mean(axis=0) > _OFTEN_UNSURE)
         if len(often):
-            names = listed([readable(person.points.landmarks.names[j]) for j in often])
+            names = join_words([readable(person.points.landmarks.names[j]) for j in often])
             said.append(
                 f"{f'person {number}: ' if solution.others else ''}no camera is sure of {names}, in "
                 f"{person.unsure[:, often].mean():.0%} of the frames: outside of all pictures or always hidden, they "

@@ -28,7 +28,7 @@ _HARDLY_SEEN = 0.5
 _FARTHER_OFF = TrackingOptions(gate=0.3, start=0.15, odd_view=0.3)
 
 
-def refined(
+def refine(
     session: Session, keypoints: Keypoints2D, inputs: str, store: StageStore, progress: Progress
 ) -> tuple[Session, StageResult | None]:
     """A session with cameras refined from its people, and a notice that says what it gained.

@@ -7,7 +7,7 @@ import numpy as np
 
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.infer.report.figures import BoneFigures, CameraFigures, Headline, coverage, gaps, jumps, nanmedian
-from muybridge.infer.runtime.wording import listed, readable
+from muybridge.infer.runtime.wording import join_words, readable
 
 # Agreement of the cameras at the person (what the others say, in this camera's image), millimetres.
 GOOD_MM, FAIR_MM = 20.0, 45.0
@@ -160,7 +160,7 @@ def _sign_findings(cameras: Sequence[CameraFigures], diagnosis_known: bool) -> l
     found = []
     shifted = [c for c in cameras if _is_shifted(c) and not diagnosis_known]
     if shifted:
-        each = listed([f"{c.name} by {np.linalg.norm(c.bias_px):.0f} px ({_direction(c)})" for c in shifted])
+        each = join_words([f"{c.name} by {np.linalg.norm(c.bias_px):.0f} px ({_direction(c)})" for c in shifted])
         most_mm = max(float(np.linalg.norm(c.bias_px)) * c.mm_per_px for c in shifted)
         found.append(
             Finding(

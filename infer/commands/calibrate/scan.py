@@ -21,7 +21,7 @@ from muybridge.geometry.calibration.structure_from_motion import (
 )
 from muybridge.infer.commands.calibrate.outputs import check_replaceable
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.session.discover import PICTURE_SUFFIXES
+from muybridge.infer.session.discover import IMAGE_SUFFIXES
 from muybridge.infer.session.pairing import natural_key
 from muybridge.infer.session.probe import is_video, probe_video
 from muybridge.infer.session.video import read_chunks
@@ -97,12 +97,12 @@ def _scan_photos(source: Path, folder: Path, most: int) -> int:
     """Put the scan's photographs into a folder; returns how many."""
     folder.mkdir(parents=True)
     if source.is_dir():
-        pictures = (p for p in source.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
+        pictures = (p for p in source.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
         files = sorted(pictures, key=lambda p: natural_key(p.name))
         for k, file in enumerate(files):
             shutil.copy(file, folder / f"{k:05d}{file.suffix.lower()}")
         if not files:
-            raise CalibrationError(f"{source} holds no photographs ({', '.join(sorted(PICTURE_SUFFIXES))})")
+            raise CalibrationError(f"{source} holds no photographs ({', '.join(sorted(IMAGE_SUFFIXES))})")
         return len(files)
     if not source.is_file() or not is_video(source):
         raise CalibrationError(f"{source} is neither a folder of photographs nor a video")
@@ -126,7 +126,7 @@ def _stills(source: Path, folder: Path) -> list[str]:
     for file in sorted(source.iterdir(), key=lambda p: natural_key(p.name)):
         if file.name.startswith(".") or not file.is_file():
             continue
-        if file.suffix.lower() in PICTURE_SUFFIXES:
+        if file.suffix.lower() in IMAGE_SUFFIXES:
             shutil.copy(file, folder / f"{file.stem}{file.suffix.lower()}")
         elif is_video(file):
             video = probe_video(file)

@@ -259,7 +259,7 @@ def _cut(path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda f, _: [v.unlink() for v in (f / "videos").iterdir()], ["videos", "put one film a camera"]),
+        (lambda f, _: [v.unlink() for v in (f / "videos").iterdir()], ["videos", "put one video per camera"]),
         (lambda f, _: _cut(f / "videos/cam2.mp4"), ["cam2.mp4", "copy or export it again"]),
         (
             lambda f, video: (
