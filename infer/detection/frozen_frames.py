@@ -92,7 +92,8 @@ def _new_frames_around(new: BoolArray) -> tuple[IndexArray, IndexArray]:
 def find_frozen(found: Sequence[CameraTracks], still_from: Sequence[int], fps: float) -> list[int | None]:
     """The frame from which each video is frozen to its end; None where it is not.
 
-    Frames that look the same may show somebody who stands still, but not while everybody moves whom another camera sees.
+    Frames that look the same may show somebody who stands still, but not while
+    everybody moves in another camera's view.
 
     Args:
         found: each camera's tracks.

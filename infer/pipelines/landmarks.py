@@ -1,4 +1,4 @@
-"""2D landmarks of a session: found, or read from its results folder."""
+"""2D landmarks of a session: detected, or read from its results folder."""
 
 from pathlib import Path
 
@@ -21,21 +21,21 @@ DEFAULT_RESULTS = "muybridge"
 def session_keypoints(
     session: Session, results: Path | None, options: DetectOptions, progress: Progress
 ) -> tuple[Session, Keypoints2D]:
-    """Everyone's 2D landmarks in a session, in step, from a results folder where they are there already.
+    """Everyone's synchronised 2D landmarks of a session, from a results folder where they are already there.
 
     Args:
-        session: what to look at.
-        results: results folder of `muybridge run`; None for the session's own.
-        options: how landmarks are found.
-        progress: whom to tell.
+        session: its cameras and videos.
+        results: results folder of a run; None for the session's own.
+        options: how landmarks are detected.
+        progress: receives progress messages.
 
     Raises:
-        OutputError: the folder cannot be made, or is none for results.
+        OutputError: the folder cannot be made, or cannot take results.
     """
     inputs = [session.calibration, *(v.path for v in session.videos)]
     folder = open_output(results or session.path / DEFAULT_RESULTS, (), inputs).work
     models, store, names = open_models(options), StageStore(folder), file_names(session.cameras.names)
-    first = first_pass(options)  # of a run
+    first = first_pass(options)  # as in a run
     session = estimate_gravity(session, names, models, store, first, progress)
     options = first if is_finished(session, names, models, store, first) else options
     found = detect(session, names, models, store, options, progress)

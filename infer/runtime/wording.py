@@ -1,4 +1,4 @@
-"""Words for people: lists, names and one-line messages."""
+"""Names and lists in messages."""
 
 from collections.abc import Sequence
 

@@ -45,7 +45,7 @@ def read_time_table(
                 rows.setdefault(camera.strip(), []).append((time, int(row["sync_index"])))
     except (OSError, ValueError, KeyError, TypeError) as problem:
         raise error(
-            f"{path}: cannot be read ({problem}); it needs the columns sync_index, cam_id, frame_time, one row per frame"
+            f"{path}: cannot be read ({problem}); it needs the columns sync_index, cam_id, frame_time, a row per frame"
         ) from None
     out = []
     for video in videos:

@@ -73,7 +73,7 @@ def test_repeated_pictures_say_where_somebody_was(how):
     assert at(found) == pytest.approx(5.0 * np.minimum(np.arange(40), 39))
 
 
-def test_of_a_camera_that_hung_nothing_is_made_up_unless_they_stood_still():
+def test_frozen_frames_are_missing_unless_the_person_stood_still():
     source = np.where(np.arange(40) < 10, np.arange(40), np.where(np.arange(40) < 30, 10, np.arange(40)))
     repeats = np.append(False, np.diff(source) == 0)
     moved = resample_tracks(session(40), 0, tracks(5.0 * source), repeats)
@@ -82,7 +82,7 @@ def test_of_a_camera_that_hung_nothing_is_made_up_unless_they_stood_still():
     still = resample_tracks(session(40), 0, tracks(0.01 * source), repeats)
     assert np.isfinite(at(still)).all() and at(still) == pytest.approx(0.01 * np.arange(40), abs=0.01)
     ended = resample_tracks(session(40), 0, tracks(5.0 * np.minimum(np.arange(40), 30)), np.arange(40) > 30)
-    assert np.isnan(at(ended)[31:]).all(), "a film that hangs to its end, which `frozen` tells, shows nothing there"
+    assert np.isnan(at(ended)[31:]).all(), "a video that is frozen to its end shows nothing there"
 
 
 def test_nobody_is_put_between_two_people():
@@ -125,11 +125,11 @@ def test_pictures_that_are_only_alike_are_no_repeats(tmp_path):
     assert not repeats.confirmed(tracks(x)).any()
 
 
-def test_a_film_that_hangs_to_its_end_is_told_by_the_others():
+def test_a_video_frozen_to_its_end_is_found_by_the_other_cameras():
     walks, stays = tracks(np.arange(40) * 5), tracks(np.zeros(40))
     froze = tracks(np.minimum(np.arange(40), 19) * 5)
     assert find_frozen([froze, walks], [20, 40], FPS) == [20, None]
-    # Not where the others see somebody stand still as well, for a moment alone, or where all films do.
+    # Not where the others see somebody stand still as well, for a moment alone, or where all videos do.
     assert find_frozen([froze, stays], [20, 40], FPS) == [None, None]
     assert find_frozen([froze, walks], [36, 40], FPS) == [None, None]
     assert find_frozen([froze, froze], [20, 20], FPS) == [None, None]
@@ -154,7 +154,7 @@ def test_a_camera_may_have_more_frames_than_the_take():
 
 def test_a_film_that_repeats_pictures_is_named():
     said = repeats_notice(session(40), 0, np.arange(40) % 2 == 1)
-    assert said is not None and said.startswith("cam1.mp4 shows the picture before once more in 20 of 40 frames")
+    assert said is not None and said.startswith("cam1.mp4 repeats the frame before in 20 of 40 frames")
     assert repeats_notice(session(40), 0, np.arange(40) < 2) is None
 
 

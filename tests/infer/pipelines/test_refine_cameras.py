@@ -64,4 +64,4 @@ def test_a_few_per_cent_are_no_gain(
     monkeypatch.setattr(refine_cameras, "_poses", lambda *_: (other.cam_from_world, 10.0, after))
     found, stage = refine_cameras.refine(session, keypoints, "", StageStore(tmp_path), Progress(quiet=True))
     assert found.cameras == (other if better else session.cameras) and stage is not None
-    assert ("hardly be better" in found.notices[-1]) != better
+    assert ("hardly improve them" in found.notices[-1]) != better
