@@ -1,1 +1,5 @@
-"""What motion capture is for: file formats and what is done with motion."""
+"""Motion and points of recordings: file formats and contacts with the ground."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from muybridge.errors import OutputError
-from muybridge.files import check_free, replacing, temporary_path
+from muybridge.files import replacing, temporary_path
 
 
 def test_a_file_takes_its_place_when_it_is_whole(tmp_path: Path) -> None:
@@ -69,14 +69,3 @@ def test_an_error_names_the_final_path(tmp_path: Path) -> None:
         with replacing(tmp_path / "b.trc", tmp_path / "work") as outer, replacing(outer):
             raise OSError(28, "No space left on device")
     assert ".tmp" not in str(raised.value) and not list((tmp_path / "work").iterdir())
-
-
-def test_existing_files_and_inputs_are_not_replaced(tmp_path: Path) -> None:
-    path = tmp_path / "a.bvh"
-    check_free(path, False)
-    path.write_text("mine")
-    with pytest.raises(OutputError, match="a.bvh is there already; choose another name, or pass overwrite=True"):
-        check_free(path, False)
-    with pytest.raises(OutputError, match="a.bvh is a file to be read; choose another name"):
-        check_free(path, True, [path])
-    check_free(path, True)

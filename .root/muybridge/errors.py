@@ -34,9 +34,13 @@ class MuybridgeError(Exception):
             return self.message
         return f"{self.message}; {REMEDIES[self.remedy].format(**self.details)}"
 
+    def reworded(self, message: str) -> "MuybridgeError":
+        """The same error with another message."""
+        return type(self)(message, remedy=self.remedy, **self.details)
+
     def about(self, what: str) -> "MuybridgeError":
         """The same error with a message that begins with the file, camera or argument that it is about."""
-        return type(self)(f"{what}: {self.message}", remedy=self.remedy, **self.details)
+        return self.reworded(f"{what}: {self.message}")
 
     def __reduce__(self) -> tuple[Any, ...]:  # exceptions cross process boundaries
         return _rebuild, (type(self), self.message, self.remedy, self.details)

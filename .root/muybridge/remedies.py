@@ -5,24 +5,30 @@ compares the two. Texts are format strings; the exception's `details` fill in th
 """
 
 REMEDIES: dict[str, str] = {
+    "align_rigid": 'pass align="rigid"',
     "board_page": "use smaller squares, larger paper, or paper=None for a page as large as the board needs",
+    "butterworth": 'pass method="butterworth" with it',
     "bvh_units": "pass `units`, one of {units}",
     "calibration_path": "or pass the path of one",
     "centres_of_landmarks": "leave centres empty",
     "choose_clip": "pass `clip`, a name or a number of this list",
+    "every_frame": "pass every=1",
     "export_fbx": "export it again as binary FBX",
     "export_gltf": "export it again as glTF 2.0",
     "fit_points": "fit a body to them first (fit_body)",
     "fps_range": "pass a number above zero as fps, not {fps}",
     "fps_unstated": "pass `fps`, frames per second",
     "frames_unnumbered": "number them in a column `frame`, or pass `fps` if no frame is missing",
+    "image_size": "pass size, videos or lenses",
     "lens_fisheye": 'if the lens is a fisheye lens, pass lens="fisheye"',
     "lens_pinhole": 'pass lens="pinhole", or keep the board away from the border of the image',
     "list_body_points": "muybridge.geometry.landmarks.marker_sets.SURFACE.names has all",
     "marker_dictionary": "or set marker_dictionary to the dictionary of the marker",
+    "max_offset": "pass a larger max_offset",
     "missing_weights": "reinstall muybridge, or pass the path of a model file",
     "model_of_card": "name its file as keypoint_model",
     "network_of_landmarks": "leave network out",
+    "no_model_card": "leave model_card out",
     "option_unused": "leave out `{option}`",
     "other_folder": "choose another folder",
     "other_name": "choose another name",
@@ -31,6 +37,9 @@ REMEDIES: dict[str, str] = {
     "points_or_lens": "add points, or pass the camera with its lens in lenses",
     "pseudo_labels": "make one with `muybridge.models.pseudo_labels.save_pseudo_labels`",
     "rename_labels": "rename them, or name unlabelled points with muybridge.infer.pipelines.labelling.run_label",
+    "shift": "pass the time between them as shift",
+    "still_moment": "name the image in which it does as moment",
+    "sync_by_images": 'pass methods=("epipolar", "motion")',
     "third_party_model": (
         "for a third-party keypoint network pass its model card; otherwise pass a model that muybridge exported, "
         "or none to use the shipped one"

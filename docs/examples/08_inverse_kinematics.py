@@ -26,6 +26,6 @@ goals = [
     )
     for hand, side in (("left_hand", 1), ("right_hand", -1))
 ]
-for method in ("damped", "ccd", "programme"):
+for method in ("damped", "ccd", "nonlinear"):
     found = muybridge.solve_ik(tree, goals, method=method)
     print(f"{method:10s} success {found.success}, {1000 * max(found.position_error):.2f} mm off")

@@ -8,11 +8,11 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.association.matching import DetectionMatcher, FrameDetections
-from muybridge.geometry.association.tracks import Body
+from muybridge.geometry.association.tracks import BodyTrack
 
 
 def track_backwards(
-    bodies: list[Body],
+    bodies: list[BodyTrack],
     matcher: DetectionMatcher,
     frame: Callable[[int], FrameDetections],
     taken: BoolArray,
@@ -36,7 +36,7 @@ def track_backwards(
 
 
 def _extend_backwards(
-    body: Body,
+    body: BodyTrack,
     matcher: DetectionMatcher,
     frame: Callable[[int], FrameDetections],
     taken: BoolArray,
@@ -45,7 +45,7 @@ def _extend_backwards(
     if not body.track:
         return
     frames = sorted(body.track)
-    probe = Body(body.track[frames[0]], body.slots, True, body.first)
+    probe = BodyTrack(body.track[frames[0]], body.slots, True, body.first)
     probe.points = np.where(np.isfinite(probe.points), probe.points, np.nanmedian(probe.points, axis=0))
     later = [f for f in frames if f <= frames[0] + 5]
     if len(later) > 1:
@@ -65,7 +65,7 @@ def _extend_backwards(
         t -= 1
 
 
-def bridge_gaps(bodies: list[Body], points_px: FloatArray, most: float) -> None:
+def bridge_gaps(bodies: list[BodyTrack], points_px: FloatArray, most: float) -> None:
     """Assign detections between two frames of the same camera track that the body left out and no other body has.
 
     Whether such a detection is good is decided later, by the triangulation.

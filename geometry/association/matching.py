@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.association.options import TrackingOptions
-from muybridge.geometry.association.tracks import Body
+from muybridge.geometry.association.tracks import BodyTrack
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.rays import nearest_points, pair_points, ray_directions
 from muybridge.geometry.landmarks.sets import LandmarkSet
@@ -86,7 +86,7 @@ class DetectionMatcher:
         self._size_px = np.array([[camera.width, camera.height] for camera in cameras], dtype=np.float64)
         self._limbs = _limb_pairs(landmarks)
 
-    def follow(self, bodies: list[Body], frame: FrameDetections, free: BoolArray) -> None:
+    def follow(self, bodies: list[BodyTrack], frame: FrameDetections, free: BoolArray) -> None:
         """Assign the free detections (C, P) of a frame to bodies and update these; assigned ones cease to be free."""
         away, mirrored = self._distances(np.stack([b.points for b in bodies]), frame)
         chosen = self._assign(bodies, away, frame.t, free)
@@ -109,7 +109,7 @@ class DetectionMatcher:
             if body.met >= 5 and not body.confirmed:
                 body.confirmed = True
 
-    def move(self, body: Body, points: FloatArray, t: int) -> None:
+    def move(self, body: BodyTrack, points: FloatArray, t: int) -> None:
         """Update a body from points (J, 3) that two cameras or more observe; its other landmarks move along."""
         known = np.isfinite(points).all(-1) & np.isfinite(body.points).all(-1)
         shift = np.median((points - body.points)[known], axis=0) if known.any() else np.zeros(3)
@@ -165,7 +165,7 @@ class DetectionMatcher:
         mirrored = both[1] < 0.7 * both[0] - 0.01
         return np.where(mirrored, both[1], both[0]), mirrored
 
-    def _assign(self, bodies: list[Body], away: FloatArray, t: int, free: BoolArray) -> IntArray:
+    def _assign(self, bodies: list[BodyTrack], away: FloatArray, t: int, free: BoolArray) -> IntArray:
         """(C, N) the detection of every camera assigned to each body, -1 for none."""
         options = self._options
         slack = options.gate_slack * max(0.0, 1 / self._fps - 1 / 30)
@@ -185,7 +185,7 @@ class DetectionMatcher:
             chosen[c, rows[good]] = columns[cols[good]]
         return chosen
 
-    def _fix_sides(self, bodies: list[Body], chosen: IntArray, mirrored: BoolArray) -> None:
+    def _fix_sides(self, bodies: list[BodyTrack], chosen: IntArray, mirrored: BoolArray) -> None:
         """Flip the left and right of a body whose sides most views contradict; updates `mirrored` (C, N, P)."""
         for n, body in enumerate(bodies):
             cameras = np.flatnonzero(chosen[:, n] >= 0)
@@ -239,7 +239,7 @@ class DetectionMatcher:
         points, _ = nearest_points(self._centers, rays, weights)
         return points, chosen
 
-    def _slide(self, body: Body, camera: int, rays: FloatArray) -> None:
+    def _slide(self, body: BodyTrack, camera: int, rays: FloatArray) -> None:
         """Move a body that one camera sees across that camera's line of sight, at its last distance."""
         offset = body.points - self._centers[camera]
         ray = rays[camera]

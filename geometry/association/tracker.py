@@ -18,7 +18,7 @@ from muybridge.geometry.association.backfill import bridge_gaps, track_backwards
 from muybridge.geometry.association.matching import DetectionMatcher, Detections, FrameDetections, detections_of
 from muybridge.geometry.association.options import TrackingOptions
 from muybridge.geometry.association.tracks import (
-    Body,
+    BodyTrack,
     deduplicate,
     drop_reflections,
     drop_stray_end,
@@ -69,19 +69,19 @@ class PeopleTracker:
         self._options = options or TrackingOptions()
         self._matcher = DetectionMatcher(cameras, landmarks, self._options, fps)
         self._patience = max(3.0, self._options.coast * fps)
-        self._bodies: list[Body] = []
-        self._ended: list[Body] = []
+        self._bodies: list[BodyTrack] = []
+        self._ended: list[BodyTrack] = []
         self._blocks: list[FloatArray] = []
         self._frames = 0
         self._width = 0
         self._block: Detections | None = None
 
     @property
-    def people(self) -> tuple[Body, ...]:
-        """The confirmed bodies after the last frame; `Body.slots` (C, T) has room for frames to come."""
+    def people(self) -> tuple[BodyTrack, ...]:
+        """The confirmed bodies after the last frame; `BodyTrack.slots` (C, T) has room for frames to come."""
         return tuple(body for body in self._bodies if body.confirmed)
 
-    def step(self, points_px: FloatArray) -> tuple[Body, ...]:
+    def step(self, points_px: FloatArray) -> tuple[BodyTrack, ...]:
         """Process the next frame.
 
         Args:
@@ -105,11 +105,11 @@ class PeopleTracker:
             for t in range(start, start + block.valid.shape[1]):
                 self._process(block.frame(t))
 
-    def finish(self) -> list[Body]:
+    def finish(self) -> list[BodyTrack]:
         """End the take: drop false positives, extend bodies back to their first appearance and bridge short gaps.
 
         Returns:
-            Everyone whom two cameras see, with `Body.slots` (C, T); reflections and absences are not resolved yet.
+            Everyone whom two cameras see, with `BodyTrack.slots` (C, T); reflections and absences are not resolved yet.
         """
         frames, options = self._frames, self._options
         bodies = [*self._ended, *self._bodies]
@@ -172,7 +172,7 @@ class PeopleTracker:
             confirmed = seen.sum() >= 3 or visible <= 2
             slots = np.full((len(self._cameras), self._width), -1, dtype=np.int64)
             slots[:, frame.t] = chosen
-            body = Body(points, slots, bool(confirmed), frame.t, met=1)
+            body = BodyTrack(points, slots, bool(confirmed), frame.t, met=1)
             body.track[frame.t] = points
             self._bodies.append(body)
 
@@ -213,7 +213,7 @@ class PeopleTracker:
 
     def _retire(self) -> None:
         """End bodies that were not seen for too long; unconfirmed ones after three frames."""
-        kept: list[Body] = []
+        kept: list[BodyTrack] = []
         for body in self._bodies:
             patience = self._patience if body.confirmed else 3
             gone = body.unseen > patience or body.unmet > 2 * patience
@@ -241,7 +241,7 @@ def track_people(
 
 
 def identify_people(
-    bodies: list[Body], landmarks: LandmarkSet, options: TrackingOptions | None = None, fps: float = 30.0
+    bodies: list[BodyTrack], landmarks: LandmarkSet, options: TrackingOptions | None = None, fps: float = 30.0
 ) -> list[IntArray]:
     """Join the bodies of a finished take to people: drops reflections, and identifies who reappears.
 

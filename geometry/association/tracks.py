@@ -26,7 +26,7 @@ _NEAR_BY, _STRAYS = 0.3, 3.6
 
 
 @dataclass(eq=False)
-class Body:
+class BodyTrack:
     """A tracked person.
 
     Attributes:
@@ -52,7 +52,9 @@ class Body:
     track: dict[int, FloatArray] = field(default_factory=dict)
 
 
-def rejoin(bodies: list[Body], landmarks: LandmarkSet, coast: float, same_build: float, fps: float) -> list[IntArray]:
+def rejoin(
+    bodies: list[BodyTrack], landmarks: LandmarkSet, coast: float, same_build: float, fps: float
+) -> list[IntArray]:
     """Join bodies that are the same person before and after they were out of sight.
 
     Args:
@@ -100,13 +102,13 @@ def rejoin(bodies: list[Body], landmarks: LandmarkSet, coast: float, same_build:
     return result
 
 
-def deduplicate(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
+def deduplicate(bodies: list[BodyTrack], landmarks: LandmarkSet) -> list[BodyTrack]:
     """Drop bodies that occupy the place of another one.
 
     Two trunks cannot intersect, but detectors may find a person twice, such as a lying person and their legs.
     """
     trunk = _trunk(landmarks)
-    kept: list[Body] = []
+    kept: list[BodyTrack] = []
     for body in sorted(bodies, key=lambda b: -b.met):
         least = _DOUBLE_SHARE * len(body.track)
         if not any(len(body.track.keys() & other.track.keys()) >= least and _inside(body, other, trunk)
@@ -115,7 +117,7 @@ def deduplicate(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
     return [b for b in bodies if b in kept]
 
 
-def drop_reflections(bodies: list[Body], landmarks: LandmarkSet) -> list[Body]:
+def drop_reflections(bodies: list[BodyTrack], landmarks: LandmarkSet) -> list[BodyTrack]:
     """Drop bodies that lie in the floor or below it: shadows and reflections, in which detectors find people too.
 
     Needs a standing person as a reference for the floor, and a world whose Z axis points up.
@@ -150,7 +152,7 @@ def _beneath(points: FloatArray, height: float) -> bool:
     return len(known) > 0 and float(np.median(np.nanpercentile(known[..., 2], 67, axis=1))) < height
 
 
-def drop_stray_end(body: Body, few: int, gap: float) -> None:
+def drop_stray_end(body: BodyTrack, few: int, gap: float) -> None:
     """Remove the end of a body that was lost, predicted for more than `gap` frames and then matched by accident.
 
     The end is removed if it has fewer than `few` frames: the body is not where the person is, and would not find them
@@ -171,7 +173,7 @@ def _trunk(landmarks: LandmarkSet) -> list[int]:
     return [n for n, name in enumerate(landmarks.names) if name.split("_")[-1] in ("shoulder", "hip")]
 
 
-def _inside(body: Body, other: Body, trunk: list[int]) -> bool:
+def _inside(body: BodyTrack, other: BodyTrack, trunk: list[int]) -> bool:
     """Whether a body's trunk is inside the other's in the frames in which both are tracked."""
     common = sorted(body.track.keys() & other.track.keys())
     if not common or not trunk:
@@ -183,7 +185,7 @@ def _inside(body: Body, other: Body, trunk: list[int]) -> bool:
     return bool(known.sum() >= _DOUBLE_SHARE * len(common) and np.median(apart[known]) < _DOUBLE_SIZE)
 
 
-def _handed_over(before: Body, after: Body, fps: float) -> bool:
+def _handed_over(before: BodyTrack, after: BodyTrack, fps: float) -> bool:
     """Whether two cameras or more continue their track of one body with the other, and no camera ever saw both.
 
     Wrong views of a person may start a second body beside the first, which then attracts the correct views as well.
@@ -202,7 +204,7 @@ def _handed_over(before: Body, after: Body, fps: float) -> bool:
     return handed >= 2
 
 
-def _jump(before: Body, after: Body) -> float:
+def _jump(before: BodyTrack, after: BodyTrack) -> float:
     """Distance between the last positions of one body and the first of another, metres.
 
     The smallest over a few frames of each, since the last position may be wrong and the reason why the body was lost.
@@ -214,7 +216,7 @@ def _jump(before: Body, after: Body) -> float:
     return float(np.linalg.norm(last[:, None] - first[None], axis=-1).min())
 
 
-def _build(body: Body, edges: IntArray) -> tuple[FloatArray, FloatArray]:
+def _build(body: BodyTrack, edges: IntArray) -> tuple[FloatArray, FloatArray]:
     """(L,) median lengths of the limbs, metres, and their standard errors."""
     frames = sorted(body.track)
     points = np.stack([body.track[t] for t in frames[:: max(1, len(frames) // 200)]])

@@ -1,4 +1,4 @@
-"""Cameras from known points: 3D points whose pixels are known, one camera at a time.
+"""Resection: cameras from 3D points whose pixels are known, one camera at a time.
 
 The linear solution. A pinhole camera maps a point X to s (u, v, 1) = P (X, 1), P = K [R | t], which is linear in the
 twelve entries of P: each point gives two equations, six points the eleven unknowns (direct linear transformation;
@@ -12,12 +12,12 @@ and r1, r2, r3 the rows of R
     q1 = fx r1 + cx r3,   q2 = fy r2 + cy r3,   q3 = r3,
     p14 = fx t1 + cx t3,  p24 = fy t2 + cy t3,  p34 = t3.
 
-P is known up to a factor: |q3| = 1 fixes its size, and that the points lie before the camera its sign. Then, as the
-r are orthonormal, cx = q1.q3, cy = q2.q3, fx = |q1 - cx q3|, fy = |q2 - cy q3|, r1 = (q1 - cx q3) / fx,
-r2 = (q2 - cy q3) / fy, t1 = (p14 - cx p34) / fx, t2 = (p24 - cy p34) / fy, t3 = p34. With noise the r are only
-nearly orthonormal: the nearest rotation is taken (singular value decomposition).
+P is known up to a factor: |q3| = 1 fixes its magnitude, and that the points are in front of the camera its sign. Since
+the r are orthonormal, cx = q1.q3, cy = q2.q3, fx = |q1 - cx q3|, fy = |q2 - cy q3|, r1 = (q1 - cx q3) / fx,
+r2 = (q2 - cy q3) / fy, t1 = (p14 - cx p34) / fx, t2 = (p24 - cy p34) / fy, t3 = p34. With noise the r are only nearly
+orthonormal; the nearest rotation is used (singular value decomposition).
 
-Radial distortion and all else are then refined by reprojection.
+Radial distortion and all other parameters are then refined by minimising the reprojection error.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ _LINE, _PLANE = 1e-2, 1e-2
 _SUBSETS, _SUBSET = 300, 7
 _FITS_PX = 3.0
 _WRONG_SIGMAS = 6.0
-# Shares of the image's width. Nobody marks points so badly that half of the best camera's are off by the first; by the
-# second they may be, but not if they fit several times as well once they are read otherwise.
+# Shares of the image's width: median error of the best camera from which the points are certainly wrong, and error from
+# which they may be, if they fit several times better in another interpretation.
 _NONSENSE, _DOUBTFUL, _BETTER = 0.02, 0.005, 5.0
-# Points by hand do not tell all terms of a distortion: the higher ones stay near zero.
+# Manually marked points do not determine all distortion terms: the higher ones stay near zero.
 _TERM_SIGMAS = (0.3, 0.1, 1e-3, 1e-3)
 
 
 @dataclass(frozen=True)
 class KnownPoints:
-    """Points of one camera.
+    """3D points and their pixels in one camera.
 
     Attributes:
         points: (N, 3) metres.
@@ -72,8 +72,8 @@ class PointsCalibration:
     """Cameras from known points.
 
     Attributes:
-        solved: cameras, residuals (`point` is the row of each camera's `KnownPoints`) and uncertainties.
-        notes: sentences on points that do not fit and on what is weakly known.
+        solved: cameras, residuals (`point` is the row in each camera's `KnownPoints`) and uncertainties.
+        notes: sentences on points that do not fit and on poorly determined parameters.
     """
 
     solved: CalibrationResult
@@ -81,21 +81,21 @@ class PointsCalibration:
 
 
 def linear_camera(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The camera matrix and pose that the points tell linearly.
+    """Camera matrix and pose by the linear solution.
 
     Args:
         points: (N, 3), at least 6, not in one plane.
         pixels: (N, 2) px, without distortion.
 
     Returns:
-        (3, 3) camera matrix without skew and (3, 4) cam_from_world, its rotation orthonormal.
+        (3, 3) camera matrix without skew and (3, 4) cam_from_world with an orthonormal rotation.
 
     Raises:
         ValueError: too few points.
     """
     if len(points) < FEWEST_POINTS:
         raise ValueError(f"{FEWEST_POINTS} points are needed, not {len(points)}")
-    (x, from_x), (u, from_u) = _normalised(points), _normalised(pixels)
+    (x, from_x), (u, from_u) = _normalise(points), _normalise(pixels)
     rows = np.zeros((2 * len(x), 12))
     homogeneous = np.column_stack([x, np.ones(len(x))])
     rows[0::2, 0:4] = rows[1::2, 4:8] = homogeneous
@@ -111,14 +111,14 @@ def linear_camera(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, F
     rough = np.stack([(q1 - cx * q3) / fx, (q2 - cy * q3) / fy, q3])
     left, _, right = np.linalg.svd(rough)
     turn = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
-    # Turned about the middle of the points, not about the world's origin, which may be far away.
+    # Rotated about the centroid of the points, not about the world's origin, which may be far away.
     middle = points.mean(axis=0)
     shift = rough @ middle + shift - turn @ middle
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), np.column_stack([turn, shift])
 
 
-def _normalised(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points of zero mean and unit spread, and the (D + 1, D + 1) matrix that makes them so."""
+def _normalise(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points with zero mean and unit spread, and the (D + 1, D + 1) matrix of that transformation."""
     middle, dim = points.mean(axis=0), points.shape[1]
     scale = np.sqrt(dim) / max(np.sqrt(((points - middle) ** 2).sum(axis=1).mean()), 1e-300)
     matrix = np.eye(dim + 1) * scale
@@ -133,18 +133,18 @@ def calibrate_points(
     lens: Lens = "pinhole",
     sigma_px: float = 1.0,
 ) -> PointsCalibration:
-    """Cameras from known points, lenses included unless they are given.
+    """Calibrate cameras from known points, including their lenses unless these are given.
 
     Args:
-        known: by camera.
+        known: points by camera.
         sizes: (width, height) px by camera.
         lenses: cameras whose lenses are kept.
-        lens: model, where there are no lenses.
-        sigma_px: how well the pixels were measured.
+        lens: lens model, without `lenses`.
+        sigma_px: standard deviation of the pixels.
 
     Raises:
-        CalibrationError: too few points, points in a line or (without lenses) a plane, or points that no camera fits:
-            mirrored ones, for example.
+        CalibrationError: too few points, points in a line or (without lenses) a plane, or points that no camera fits,
+            such as mirrored ones.
     """
     solve = partial(_solve, sizes=sizes, lenses=lenses, lens=lens, sigma_px=sigma_px)
     answer = solve(known)
@@ -165,7 +165,7 @@ def calibrate_points(
 
 
 def _off_shares(answer: CalibrationResult) -> FloatArray:
-    """(2,) RMS and median error as shares of the image's width, of the camera in the middle."""
+    """(2,) RMS and median error of the median camera, as shares of the image's width."""
     each = np.stack([answer.rms_px, answer.median_px]) / _widths(answer)
     return np.asarray(np.median(np.nan_to_num(each, nan=np.inf), axis=1))
 
@@ -179,9 +179,9 @@ def _other_reading(
     sizes: Mapping[str, tuple[int, int]],
     solve: Callable[[Mapping[str, KnownPoints]], CalibrationResult],
 ) -> tuple[str, FloatArray]:
-    """Another reading of the points that fits best, and its `_off_shares`.
+    """The interpretation of the points that fits best, and its `_off_shares`.
 
-    Each is a reflection, so that where one fits all do nearly: of these, that by which the cameras are upright.
+    Each is a reflection, so that nearly all fit where one does; of these, the one with upright cameras is returned.
     """
     same, swapped, mirrored = np.eye(3), np.eye(3)[[0, 2, 1]], np.diag([1.0, -1.0, 1.0])
     tried: list[tuple[FloatArray, float, str]] = []
@@ -214,9 +214,9 @@ def _solve(
     lens: Lens,
     sigma_px: float,
 ) -> CalibrationResult:
-    """Cameras from known points, however well they fit; arguments as of `calibrate_points`."""
+    """Cameras from known points, without checks of the residuals; arguments as of `calibrate_points`."""
     names = list(known)
-    cameras = [_start(n, known[n], sizes[n], lens) if lenses is None else _placed(lenses[n], known[n]) for n in names]
+    cameras = [_start(n, known[n], sizes[n], lens) if lenses is None else _resect(lenses[n], known[n]) for n in names]
     counts = [len(known[n].points) for n in names]
     free = lenses is None
     problem = AdjustProblem(
@@ -232,7 +232,7 @@ def _solve(
 
 
 def _prior(camera: Camera) -> LensPrior:
-    """As of boards, and of the focal length only that the start is within a factor of two or so."""
+    """As for boards; the focal length is known to a factor of about two by the initial solution."""
     prior = lens_prior(camera)
     information = prior.information.copy()
     information[4:, 4:] = np.diag([s**-2 for s in _TERM_SIGMAS])
@@ -240,7 +240,7 @@ def _prior(camera: Camera) -> LensPrior:
 
 
 def layout(points: FloatArray) -> str:
-    """How points lie: `line`, `plane` or `space`."""
+    """Arrangement of points: `line`, `plane` or `space`."""
     sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if len(sizes) < 2 or sizes[1] < _LINE * sizes[0]:
         return "line"
@@ -248,7 +248,7 @@ def layout(points: FloatArray) -> str:
 
 
 def _start(name: str, known: KnownPoints, size: tuple[int, int], lens: Lens) -> Camera:
-    """A camera by the linear solution, of the subset of points that most others agree with."""
+    """A camera by the linear solution, from the subset of points with the smallest median error over all points."""
     points, pixels = known.points, known.pixels
     if len(points) < FEWEST_POINTS:
         raise CalibrationError(
@@ -296,13 +296,13 @@ def _camera(name: str, found: tuple[FloatArray, FloatArray], size: tuple[int, in
 
 
 def _errors(camera: Camera, known: KnownPoints) -> FloatArray:
-    """(N,) px; infinite behind the camera."""
+    """(N,) reprojection errors, px; infinite behind the camera."""
     error = np.linalg.norm(camera.project(known.points) - known.pixels, axis=1)
     return np.where(np.isfinite(error), error, np.inf)
 
 
-def _placed(camera: Camera, known: KnownPoints) -> Camera:
-    """A camera of known lens where the points say."""
+def _resect(camera: Camera, known: KnownPoints) -> Camera:
+    """Pose of a camera with a known lens."""
     points, name = known.points, camera.name
     if len(points) < FEWEST_WITH_LENS:
         raise CalibrationError(

@@ -1,9 +1,9 @@
-"""Fixed cameras from a scan: photographs of the room, structure-from-motion, the cameras localised in it, metres.
+"""Calibration of fixed cameras from a scan: structure from motion on photographs of the room, then registration.
 
 COLMAP's incremental mapping (Schonberger and Frahm, "Structure-from-motion revisited", 2016) reconstructs the scan; a
-still of each fixed camera is then registered in it, and one bundle adjustment goes over all. Its size and axes are
-arbitrary: metres come from a marker of known size or a known distance between two cameras; up from the marker if it
-lies on the floor, else from how photographs are held.
+still image of each fixed camera is then registered in it, followed by one bundle adjustment of everything. Scale and
+axes of the reconstruction are arbitrary: the scale comes from a marker of known size or a known distance between two
+cameras; the vertical from the marker if it lies on the floor, else from the orientation of the photographs.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ _FEWEST_MARKER_VIEWS = 2
 
 @dataclass(frozen=True)
 class ScanOptions:
-    """How cameras are found in a scan.
+    """Options of the calibration from a scan.
 
     Attributes:
-        marker_size: side of the square ArUco marker's black border, metres; 0: there is none.
+        marker_size: side of the square ArUco marker's black border, metres; 0: no marker.
         marker_dictionary: OpenCV's name of its dictionary.
-        marker_id: its number; -1 for the one that is seen most.
-        marker_on_floor: the marker lies on the floor, face up: it is the origin, its normal is up.
+        marker_id: its number; -1 for the one that is visible most often.
+        marker_on_floor: whether the marker lies on the floor, face up; it is the origin then, and its normal is up.
         distance: known distance between two fixed cameras, metres, instead of a marker; 0: none.
-        max_image_side: images are made smaller to this before features are looked for, px.
-        max_features: of an image.
-        seed: of what is drawn by chance.
+        max_image_side: images are reduced to this size before features are extracted, px.
+        max_features: maximum number of features per image.
+        seed: seed of random numbers.
     """
 
     marker_size: float = 0.0
@@ -64,12 +64,12 @@ class ScanCalibration:
 
     Attributes:
         cameras: the fixed cameras, metres, Z up.
-        photos: how many photographs of the scan were registered.
-        points_world: (N, 3) the room's points, metres.
+        photos: number of registered photographs of the scan.
+        points_world: (N, 3) reconstructed points of the room, metres.
         residual_px: (C,) median reprojection error of each fixed camera.
-        matched: (C,) points of the room that each fixed camera sees.
+        matched: (C,) number of points of the room that each fixed camera sees.
         marker_px: median reprojection error of the marker's corners; NaN without a marker.
-        notes: what was assumed, in plain sentences.
+        notes: assumptions, in plain sentences.
     """
 
     cameras: CameraGroup
@@ -88,18 +88,19 @@ def calibrate_scan(
     pair: Sequence[str] = (),
     options: ScanOptions = ScanOptions(),
 ) -> ScanCalibration:
-    """Fixed cameras from a scan.
+    """Calibrate fixed cameras from a scan.
 
     Args:
-        images: folder with `scan/` (photographs of one camera) and `fixed/` (one still a camera, named after it).
-        work: folder for COLMAP's database; emptied of an earlier one.
-        lenses: fixed cameras whose lenses are known, by name; they are held. Others are estimated.
-        pair: the two fixed cameras whose distance `options.distance` is.
-        options: how.
+        images: folder with `scan/` (photographs of one camera) and `fixed/` (one still image per camera, with its
+            name).
+        work: folder for COLMAP's database; an earlier one is deleted.
+        lenses: fixed cameras with known lenses, by name; these are kept. Others are estimated.
+        pair: the two fixed cameras between which `options.distance` is measured.
+        options: see `ScanOptions`.
 
     Raises:
-        CalibrationError: a scan that does not hold together, a camera that does not see what was scanned (named), a
-            marker that is not found, no way to know the size.
+        CalibrationError: a scan whose photographs do not fit together, a camera that does not see the scanned area (the
+            message names it), a marker that is not found, or no way to determine the scale.
     """
     fixed = {p.stem: f"{FIXED_FOLDER}/{p.name}" for p in sorted((images / FIXED_FOLDER).iterdir())}
     photos = [f"{SCAN_FOLDER}/{p.name}" for p in sorted((images / SCAN_FOLDER).iterdir())]
@@ -108,13 +109,13 @@ def calibrate_scan(
         raise CalibrationError(f"the scan has {len(photos)} photographs; {_FEWEST_PHOTOS} are needed, 30 are good")
     rec = _reconstruct(images, work, photos, fixed, lenses, options)
     rig = {name: _camera(rec, name, file) for name, file in fixed.items()}
-    placed, marker_px, notes = _placed(rec, images, rig, pair, options)
+    placed, marker_px, notes = _world_of(rec, images, rig, pair, options)
     errors, matched = zip(*(_fit_of(rec, file) for file in fixed.values()), strict=True)
     scale, rotation, origin = placed
     points = np.array([p.xyz for p in rec.points3D.values()]).reshape(-1, 3)
     registered = {rec.images[i].name for i in rec.reg_image_ids()}
     return ScanCalibration(
-        cameras=CameraGroup(tuple(_moved(c, scale, rotation, origin) for c in rig.values())),
+        cameras=CameraGroup(tuple(_transform_camera(c, scale, rotation, origin) for c in rig.values())),
         photos=len(registered & set(photos)),
         points_world=scale * (points - origin) @ rotation.T,
         residual_px=np.array(errors),
@@ -144,7 +145,7 @@ def _reconstruct(
     lenses: CameraGroup | None,
     options: ScanOptions,
 ) -> Any:
-    """The scan with the fixed cameras in it, as a `pycolmap.Reconstruction`."""
+    """The scan with the fixed cameras, as a `pycolmap.Reconstruction`."""
     pycolmap.logging.minloglevel = 3
     database = work / "database.db"
     database.unlink(missing_ok=True)
@@ -198,7 +199,7 @@ def _reader(lenses: CameraGroup | None, name: str) -> Any:
 
 
 def _held(database: Path, fixed: dict[str, str], lenses: CameraGroup | None) -> set[int]:
-    """COLMAP's numbers of the cameras whose lenses are known."""
+    """COLMAP's numbers of the cameras with known lenses."""
     if lenses is None:
         return set()
     with pycolmap.Database.open(database) as opened:
@@ -216,7 +217,7 @@ def _camera(rec: Any, name: str, file: str) -> Camera:
 
 
 def _fit_of(rec: Any, file: str) -> tuple[float, int]:
-    """Median reprojection error of an image, and how many points of the room it sees."""
+    """Median reprojection error of an image, and the number of points that it sees."""
     image = _image(rec, file)
     seen = [p for p in image.points2D if p.has_point3D()]
     if not seen:
@@ -227,17 +228,17 @@ def _fit_of(rec: Any, file: str) -> tuple[float, int]:
     return float(np.nanmedian(off)), len(seen)
 
 
-def _moved(camera: Camera, scale: float, rotation: FloatArray, origin: FloatArray) -> Camera:
+def _transform_camera(camera: Camera, scale: float, rotation: FloatArray, origin: FloatArray) -> Camera:
     """The camera in the world `scale rotation (x - origin)`."""
     turn = camera.rotation @ rotation.T
     center = scale * rotation @ (camera.center_world - origin)
     return replace(camera, cam_from_world=np.column_stack([turn, -turn @ center]))
 
 
-def _placed(
+def _world_of(
     rec: Any, images: Path, rig: dict[str, Camera], pair: Sequence[str], options: ScanOptions
 ) -> tuple[tuple[float, FloatArray, FloatArray], float, list[str]]:
-    """Scale, rotation and origin of the world, how well the marker fits, and what was assumed."""
+    """Scale, rotation and origin of the world, the marker's reprojection error, and what was assumed."""
     marker, marker_px, notes = None, float("nan"), []
     if options.marker_size:
         marker, marker_px = _marker(rec, images, options)
@@ -271,7 +272,7 @@ def _placed(
 
 
 def _up(rec: Any) -> FloatArray:
-    """Up, as most photographs are held level: across to all their horizontal axes."""
+    """Vertical direction, assuming that most photographs are held level: perpendicular to their horizontal axes."""
     turns = np.stack([rec.images[i].cam_from_world().matrix()[:, :3] for i in rec.reg_image_ids()])
     across = turns[:, 0]
     up = np.linalg.eigh(across.T @ across)[1][:, 0]
@@ -279,7 +280,7 @@ def _up(rec: Any) -> FloatArray:
 
 
 def _marker(rec: Any, images: Path, options: ScanOptions) -> tuple[FloatArray, float]:
-    """(4, 3) the marker's corners in the reconstruction, and their median reprojection error, px."""
+    """(4, 3) corners of the marker in the reconstruction, and their median reprojection error, px."""
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, options.marker_dictionary))
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
@@ -309,7 +310,7 @@ def _marker(rec: Any, images: Path, options: ScanOptions) -> tuple[FloatArray, f
 
 
 def _meeting_point(cameras: Sequence[Camera], px: FloatArray) -> FloatArray:
-    """(3,) where the rays of cameras meet, each weighed by how near it passes in the end."""
+    """(3,) point nearest to the rays of cameras, robustly weighted."""
     rays = np.stack([c.rays(p) for c, p in zip(cameras, px, strict=True)])
     centers = np.stack([c.center_world for c in cameras])
     across = np.eye(3) - rays[:, :, None] * rays[:, None, :]

@@ -1,4 +1,4 @@
-"""Origin, axes and size of a calibration's world."""
+"""Origin, axes and scale of a calibration's world."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import kabsch
 
-# Points are wrong that are off by so large a share of how far they extend; one is if the rest fit so many times better.
+# Error, as a share of the points' extent, from which points are wrong; factor by which the rest must fit better without
+# the one that is wrong.
 _WRONG, _BETTER = 0.05, 3.0
 
 
-def moved(cameras: CameraGroup, new_from_old: FloatArray, scale: float = 1.0) -> CameraGroup:
-    """The same cameras in another world.
+def transform_cameras(cameras: CameraGroup, new_from_old: FloatArray, scale: float = 1.0) -> CameraGroup:
+    """Transform cameras to another world.
 
     Args:
         cameras: in the old world.
@@ -34,10 +35,10 @@ def moved(cameras: CameraGroup, new_from_old: FloatArray, scale: float = 1.0) ->
     return CameraGroup(tuple(posed))
 
 
-def facing(cameras: CameraGroup, up: FloatArray, origin: FloatArray) -> FloatArray:
-    """(3, 4) new_from_old with Z along the unit vector `up`, +Y where the first camera looks, `origin` at zero."""
+def facing_transform(cameras: CameraGroup, up: FloatArray, origin: FloatArray) -> FloatArray:
+    """(3, 4) new_from_old with Z along the unit vector `up`, +Y along the first camera's view, `origin` at zero."""
     forward = cameras[0].rotation[2] - up * (cameras[0].rotation[2] @ up)
-    if np.linalg.norm(forward) < 0.1:  # it looks straight down: the top of its image
+    if np.linalg.norm(forward) < 0.1:  # it looks straight down: use the top of its image
         forward = -cameras[0].rotation[1] + up * (cameras[0].rotation[1] @ up)
     forward /= np.linalg.norm(forward)
     rotation = np.stack([np.cross(forward, up), forward, up])
@@ -50,7 +51,8 @@ def on_board(cameras: CameraGroup, world_from_board: FloatArray) -> FloatArray:
     Up is the side of the board on which the cameras are.
 
     Args:
-        cameras: the cameras that saw it.
+        cameras: the cameras that saw the board.
+        world_from_board: (3, 4) metres.
         world_from_board: (3, 4).
 
     Raises:
@@ -64,20 +66,20 @@ def on_board(cameras: CameraGroup, world_from_board: FloatArray) -> FloatArray:
             f"the board cannot lie on the floor: camera {', '.join(below)} would look at it from below; name another "
             "moment, at which the board lay flat on the floor"
         )
-    if height.mean() < 0:  # numbered so that its z axis points into the floor: x stays, y and z turn over
+    if height.mean() < 0:  # the board's z axis points into the floor: keep x, invert y and z
         rotation[:, 1:] *= -1
     return np.column_stack([rotation.T, -rotation.T @ origin])
 
 
 @dataclass(frozen=True)
 class Placement:
-    """How a world is to be changed so that marked points lie where they should.
+    """Transformation of a world that moves marked points to their known coordinates.
 
     Attributes:
         new_from_old: (3, 4) rotation | translation, after scaling.
         scale: new metres per old metre.
-        errors: (N,) metres, how far each point is off afterwards; NaN for those not used.
-        points: (N, 3) metres, where the cameras see the points, in the new world; NaN where fewer than two do.
+        errors: (N,) remaining distance of each point, metres; NaN for those not used.
+        points: (N, 3) triangulated points in the new world, metres; NaN where fewer than two cameras see them.
     """
 
     new_from_old: FloatArray
@@ -86,8 +88,8 @@ class Placement:
     points: FloatArray
 
 
-def marked(cameras: CameraGroup, pixels: FloatArray) -> FloatArray:
-    """(N, 3) points from their (C, N, 2) px, NaN where unseen; NaN for points that fewer than two cameras see."""
+def triangulate_marked(cameras: CameraGroup, pixels: FloatArray) -> FloatArray:
+    """(N, 3) points triangulated from (C, N, 2) px, NaN where unseen; NaN for points seen by fewer than two cameras."""
     seen: BoolArray = np.isfinite(pixels[..., 0])
     enough = seen.sum(axis=0) >= 2
     out = np.full((pixels.shape[1], 3), np.nan)
@@ -111,18 +113,18 @@ def marked(cameras: CameraGroup, pixels: FloatArray) -> FloatArray:
 
 
 def on_points(cameras: CameraGroup, pixels: FloatArray, known: FloatArray, keep_scale: bool = False) -> Placement:
-    """The world in which marked points have known coordinates.
+    """The transformation to a world in which marked points have known coordinates.
 
     Args:
-        cameras: C cameras, calibrated up to where their world is.
+        cameras: C cameras in any world.
         pixels: (C, N, 2) px of the points, NaN where unseen.
-        known: (N, 3) metres, where they should be.
-        keep_scale: only turn and move.
+        known: (N, 3) their coordinates, metres.
+        keep_scale: only rotate and translate.
 
     Raises:
         CalibrationError: fewer than three points are seen by two cameras, or they lie on a line.
     """
-    found = marked(cameras, pixels)
+    found = triangulate_marked(cameras, pixels)
     good = np.isfinite(found).all(axis=1)
     if good.sum() < 3:
         raise CalibrationError(
@@ -143,15 +145,15 @@ def on_points(cameras: CameraGroup, pixels: FloatArray, known: FloatArray, keep_
 
 
 def check_shape(found: FloatArray, known: FloatArray) -> None:
-    """Raise where points do not lie to each other as they should.
+    """Check that triangulated points have the shape of the known ones.
 
     Args:
-        found: (N, 3) where they are seen, in any world of any size; NaN where unknown.
-        known: (N, 3) metres, where they should be.
+        found: (N, 3) triangulated points, in any world of any scale; NaN where unknown.
+        known: (N, 3) their known coordinates, metres.
 
     Raises:
-        CalibrationError: some are off by more than a twentieth of their extent; the one that is wrong is named, or that
-            they are mirrored.
+        CalibrationError: some are off by more than a twentieth of their extent; the message names the wrong one, or
+            says that they are mirrored.
     """
     good = np.isfinite(found).all(axis=1)
     a, b = found[good], known[good]
@@ -177,7 +179,7 @@ def check_shape(found: FloatArray, known: FloatArray) -> None:
 
 
 def _unlike(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(N,) how far points b are from points a, once those are turned, moved and made larger to fit best."""
+    """(N,) distances of points b from points a after the similarity transform of a that fits best."""
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     turned = a @ kabsch(a, b, np.ones(len(a))).T
     scale = (b * turned).sum() / max(float((a * a).sum()), 1e-300)

@@ -1,1 +1,5 @@
-"""."""
+"""Calibrated cameras: projection, viewing rays, crops and the adaptation to other video sizes."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

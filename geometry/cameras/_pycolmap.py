@@ -1,5 +1,4 @@
-"""pycolmap, without the handler that it installs for SIGTERM: that one prints a stack where a process is asked to end,
-and can hang in it."""
+"""pycolmap without its handler for SIGTERM, which prints a stack trace when a process is asked to end, and can hang."""
 
 import signal
 import threading
@@ -8,7 +7,7 @@ _BEFORE = signal.getsignal(signal.SIGTERM)
 
 import pycolmap  # noqa: E402
 
-# Only the main thread may; None stands for a handler that was not installed from Python.
+# Only the main thread may set handlers; None stands for a handler that was not installed from Python.
 if threading.current_thread() is threading.main_thread() and _BEFORE is not None:
     signal.signal(signal.SIGTERM, _BEFORE)
 

@@ -1,14 +1,13 @@
-"""Calibrated cameras: projection, unprojection and what a video's crop, scaling or rotation does to them.
+"""Calibrated cameras: projection, unprojection and the effects of cropping, scaling and rotating the image.
 
 Conventions, here and everywhere in the project:
 
 - World: right-handed, Z up, metres. Camera: OpenCV axes (x right, y down, z into the scene).
 - Pixel (0, 0) is the **centre** of the top-left pixel, so an image spans -0.5 .. width - 0.5.
-- Missing is NaN, and NaN in gives NaN out.
+- Missing values are NaN, and NaN inputs give NaN results.
 
-The arithmetic of the lens models is pycolmap's, whose pixel origin is the **corner** of the top-left pixel.
-`_colmap_camera` is the only place where the half pixel between the two is added; `camera_from_colmap` is its
-inverse.
+The lens models are pycolmap's, whose pixel origin is the **corner** of the top-left pixel. `_colmap_camera` is the only
+place where the half pixel between the two is added; `camera_from_colmap` is its inverse.
 """
 
 from __future__ import annotations
@@ -25,8 +24,8 @@ from muybridge.geometry.cameras._pycolmap import pycolmap
 
 _HALF_PIXEL = 0.5
 
-# Where a model's parameters are. Every model that is not listed here is refused: it has no pinhole axis
-# (EQUIRECTANGULAR) or is unknown to pycolmap.
+# Positions of a model's parameters. Models that are not listed here are rejected: they have no pinhole axis
+# (EQUIRECTANGULAR) or are unknown to pycolmap.
 _SINGLE_FOCAL = (
     "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL", "RADIAL_FISHEYE",
     "SIMPLE_DIVISION", "SIMPLE_FISHEYE",
@@ -40,7 +39,7 @@ _PARAM_COUNT = {
 CAMERA_MODELS = tuple(_PARAM_COUNT)
 """Lens models that a `Camera` may have, by pycolmap's names."""
 
-# A model with one focal length, seen as one with two: (model, number of zeros to append).
+# Models with one focal length and their equivalents with two: (model, number of zeros to append).
 _TWO_FOCALS = {
     "SIMPLE_PINHOLE": ("PINHOLE", 0),
     "SIMPLE_RADIAL": ("OPENCV", 3),
@@ -51,12 +50,12 @@ _TWO_FOCALS = {
     "SIMPLE_DIVISION": ("DIVISION", 0),
 }
 
-# Models whose distortion is radial only keep it under a quarter turn; of the others, these have a pair
-# (p1, p2) of tangential coefficients at this index.
+# Models with purely radial distortion do not change under a quarter turn; these others have a pair (p1, p2) of
+# tangential coefficients at this index.
 _RADIAL_ONLY = (*_SINGLE_FOCAL, "PINHOLE", "OPENCV_FISHEYE", "FOV", "DIVISION", "FISHEYE", "EUCM")
 _TANGENTIAL_AT = {"OPENCV": 6, "FULL_OPENCV": 6}
 
-# A rotation typed with four decimals passes; one that is scaled, sheared or mirrored does not.
+# A rotation typed with four decimals is accepted; a scaled, sheared or mirrored one is not.
 _ORTHONORMAL_TOLERANCE = 1e-3
 
 
@@ -65,13 +64,13 @@ def _principal_at(model: str) -> int:
     return 1 if model in _SINGLE_FOCAL else 2
 
 
-# What lies so many times as far from the axis as the picture's corners do is beside the picture still.
+# Points at up to this multiple of the angle of the image's corners still count as near the image.
 _BESIDE = 1.5
 
 
 @lru_cache(maxsize=512)
 def _steepest(model: str, width: int, height: int, params: tuple[float, ...]) -> float:
-    """Tangent of the largest angle to the axis at which the picture's border looks; inf where no ray reaches it."""
+    """Tangent of the largest angle between the axis and the rays of the image's border; inf where there are no rays."""
     x, y = np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 9)
     sides = [np.stack(np.broadcast_arrays(a, b), -1) for a, b in ((x, 0), (x, height - 1), (0, y), (width - 1, y))]
     slopes = _colmap_camera(model, width, height, params).cam_from_img(np.concatenate(sides) + _HALF_PIXEL)
@@ -81,9 +80,9 @@ def _steepest(model: str, width: int, height: int, params: tuple[float, ...]) ->
 
 @lru_cache(maxsize=512)
 def _colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]) -> Any:
-    """The pycolmap camera that does the arithmetic, its principal point moved to the corner convention.
+    """The pycolmap camera that computes projections, with its principal point in the corner convention.
 
-    Cached by value and not in the `Camera`, so that cameras pickle, compare and print as what they store.
+    Cached by value and not stored in the `Camera`, so that cameras pickle, compare and print by their fields.
     """
     corner = list(params)
     at = _principal_at(model)
@@ -97,17 +96,17 @@ class Camera:
     """One calibrated camera.
 
     Attributes:
-        name: the camera's name; videos are matched to cameras by it.
+        name: name of the camera; videos are matched to cameras by it.
         model: lens model, one of `CAMERA_MODELS` (pycolmap's names).
         width: of the image, px.
         height: of the image, px.
-        params: in pycolmap's order (e.g. OPENCV: fx, fy, cx, cy, k1, k2, p1, p2), the principal point in our
-            convention: (0, 0) is the centre of the top-left pixel.
+        params: in pycolmap's order (e.g. OPENCV: fx, fy, cx, cy, k1, k2, p1, p2), the principal point in the convention
+            of this project: (0, 0) is the centre of the top-left pixel.
         cam_from_world: (3, 4) rotation | translation, metres, OpenCV camera axes. Stored read-only.
 
     Raises:
-        ValueError: no name, unknown model, wrong number of parameters, size or focal length not positive, a
-            rotation that is none, anything not finite.
+        ValueError: no name, an unknown model, a wrong number of parameters, a size or focal length that is not
+            positive, an invalid rotation, or values that are not finite.
     """
 
     name: str
@@ -162,27 +161,29 @@ class Camera:
         return center
 
     def project(self, points_world: ArrayLike) -> FloatArray:
-        """Pixels of world points, through the lens.
+        """Project world points through the lens.
 
         Args:
             points_world: (..., 3) metres.
 
         Returns:
-            (..., 2) px; NaN for NaN points and for points that are not in front of the camera. Points outside
-            the image are projected like any other.
+            (..., 2) px; NaN for NaN points and for points that are not in front of the camera. Points outside of the
+            image are projected like any other.
         """
         return self._colmap_px(self._in_camera_axes(points_world))
 
     def project_seen(self, points_world: ArrayLike) -> FloatArray:
-        """As `project`, but NaN for points that lie far outside of the picture: a lens' polynomial tells nothing there,
-        and may lead back into it, or as far off as one likes."""
+        """As `project`, but NaN for points far outside of the image.
+
+        The distortion polynomial of a lens is meaningless there, and may map such points into the image.
+        """
         points_cam = self._in_camera_axes(points_world)
         steepest = _BESIDE * _steepest(self.model, self.width, self.height, self.params)
         seen = np.hypot(points_cam[..., 0], points_cam[..., 1]) <= steepest * points_cam[..., 2]
         return np.where(seen[..., None], self._colmap_px(points_cam), np.nan)
 
     def _in_camera_axes(self, points_world: ArrayLike) -> FloatArray:
-        """(..., 3) world points to (..., 3) in the camera's axes."""
+        """(..., 3) world points to (..., 3) in camera axes."""
         world = np.asarray(points_world, dtype=np.float64)
         if world.shape[-1:] != (3,):
             raise ValueError(f"points_world must be (..., 3), not {world.shape}")
@@ -197,22 +198,22 @@ class Camera:
             points_px: (..., 2) px.
 
         Returns:
-            (..., 2), the slopes of the ray in camera axes; NaN for NaN pixels and for pixels that no ray in
-            front of the camera reaches.
+            (..., 2) slopes of the rays in camera axes; NaN for NaN pixels and for pixels that no ray in front of the
+            camera reaches.
         """
         px = np.asarray(points_px, dtype=np.float64)
         if px.shape[-1:] != (2,):
             raise ValueError(f"points_px must be (..., 2), not {px.shape}")
         camera = _colmap_camera(self.model, self.width, self.height, self.params)
         flat = np.ascontiguousarray(px.reshape(-1, 2)) + _HALF_PIXEL
-        # Steps that look for the ray of a pixel that is not there never arrive, and cost most.
+        # Skip NaN pixels: the iteration does not converge for them, and costs most.
         there = np.isfinite(flat).all(axis=1)
         slopes = np.full_like(flat, np.nan)
         slopes[there] = camera.cam_from_img(flat[there])
         return slopes.reshape(px.shape)
 
     def rays(self, points_px: ArrayLike) -> FloatArray:
-        """Directions in which pixels look.
+        """Viewing directions of pixels.
 
         Args:
             points_px: (..., 2) px.
@@ -228,23 +229,23 @@ class Camera:
         return rays
 
     def posed(self, cam_from_world: ArrayLike) -> Camera:
-        """The same camera at another pose, (3, 4)."""
+        """The same camera with another pose, (3, 4)."""
         return replace(self, cam_from_world=np.asarray(cam_from_world, dtype=np.float64))
 
     def renamed(self, name: str) -> Camera:
-        """The same camera under another name."""
+        """The same camera with another name."""
         return replace(self, name=name)
 
     def resampled(self, width: int, height: int, scale: tuple[float, float], offset_px: tuple[float, float]) -> Camera:
-        """The camera of an image that was scaled, then moved on its canvas.
+        """The camera of an image that was scaled and then placed on a canvas.
 
         Args:
             width: of the new image, px.
             height: of the new image, px.
-            scale: factors along x and y. Different factors turn a model with one focal length into the
-                equivalent one with two.
-            offset_px: where the top-left corner of the scaled image lies on the new canvas, px, measured
-                from its top-left corner; negative where something is cut off.
+            scale: factors along x and y. Different factors convert a model with one focal length to the equivalent one
+                with two.
+            offset_px: position of the scaled image's top-left corner on the new canvas, px, measured from the canvas'
+                top-left corner; negative where the image is cut off.
         """
         (scale_x, scale_y), (offset_x, offset_y) = scale, offset_px
         model, params = self.model, list(self.params)
@@ -255,7 +256,7 @@ class Camera:
         params[0] *= scale_x
         if at == 2:
             params[1] *= scale_y
-        # Scaling keeps corners, not centres, in place; written so that a scale of one changes no bit.
+        # Scaling preserves corners, not pixel centres; written so that a scale of one changes no bit.
         params[at] = params[at] * scale_x + (offset_x + _HALF_PIXEL * (scale_x - 1.0))
         params[at + 1] = params[at + 1] * scale_y + (offset_y + _HALF_PIXEL * (scale_y - 1.0))
         return replace(self, model=model, width=width, height=height, params=tuple(params))
@@ -265,20 +266,20 @@ class Camera:
         return self.resampled(width, height, (width / self.width, height / self.height), (0.0, 0.0))
 
     def cropped(self, left: float, top: float, width: int, height: int) -> Camera:
-        """The camera of the window of `width` x `height` px whose top-left pixel is (left, top).
+        """The camera of a window of `width` x `height` px whose top-left pixel is (left, top).
 
-        The window may reach beyond the image (a letterbox: negative `left` or `top`).
+        The window may extend beyond the image (a letterbox: negative `left` or `top`).
         """
         return self.resampled(width, height, (1.0, 1.0), (-left, -top))
 
     def turned(self, quarter_turns: int) -> Camera:
-        """The camera of the image turned clockwise by `quarter_turns` times 90 degrees.
+        """The camera of the image rotated clockwise by `quarter_turns` times 90 degrees.
 
-        The camera's axes turn with the image, so that what it sees stays where it is in the world.
+        The camera's axes rotate with the image, so that the scene stays where it is in the world.
 
         Raises:
-            ValueError: for lens models whose distortion cannot be written in the same model after a turn
-                (the thin-prism ones).
+            ValueError: a lens model whose distortion cannot be expressed in the same model after a rotation (the
+                thin-prism ones).
         """
         if self.model not in _RADIAL_ONLY and self.model not in _TANGENTIAL_AT:
             raise ValueError(f"a camera of model {self.model} cannot be turned: its distortion is not symmetric")
@@ -288,7 +289,7 @@ class Camera:
         return camera
 
     def _turned_once(self) -> Camera:
-        """One quarter turn clockwise: pixel (u, v) becomes (height - 1 - v, u)."""
+        """Rotate clockwise by 90 degrees: pixel (u, v) becomes (height - 1 - v, u)."""
         params = list(self.params)
         at = _principal_at(self.model)
         params[0], params[at - 1] = params[at - 1], params[0]
@@ -313,7 +314,7 @@ class Camera:
 
 
 def _check_camera(camera: Camera) -> None:
-    """ValueError, saying what is wrong, unless the camera's numbers make a camera."""
+    """Raise ValueError, saying what is wrong, unless the values form a valid camera."""
     if not isinstance(camera.name, str) or not camera.name:
         raise ValueError("a camera needs a name")
     if camera.model not in _PARAM_COUNT:
@@ -338,7 +339,7 @@ def _check_camera(camera: Camera) -> None:
 
 
 def camera_from_colmap(name: str, camera: Any, cam_from_world: ArrayLike) -> Camera:
-    """A `Camera` from a `pycolmap.Camera`, its principal point moved to our pixel convention.
+    """A `Camera` from a `pycolmap.Camera`, with the principal point in this project's pixel convention.
 
     Args:
         name: the camera's name.

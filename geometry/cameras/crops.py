@@ -1,13 +1,13 @@
-"""The homographies of person crops: what a virtual camera sees that looks at a person with no roll.
+"""Homographies of person crops: images of a virtual camera without roll that looks at a person.
 
-A keypoint network sees a person through a square crop. For a calibrated camera the crop is the image of a
-virtual pinhole camera at the same centre that looks at the middle of the person's box, world Z up in the
-crop: rolled cameras, portrait phones and the stretched corners of wide lenses then look alike to the network.
-Where no calibration is known the crop is a plain square.
+A keypoint network sees a person in a square crop. For a calibrated camera the crop is the image of a virtual pinhole
+camera at the same centre that looks at the middle of the person's bounding box, with world Z upwards in the crop:
+rolled cameras, phones in portrait orientation and the stretched corners of wide-angle lenses then look the same to the
+network. Without a calibration the crop is a plain square.
 
-Pixels (`muybridge.infer.detection.crop_pixels`) and points go through the same homography. Inside a crop the lens is
-approximated by the homography that is exact at four points half-way to the corners (exact everywhere for a
-lens without distortion). Outside the image a crop is black: training does the same.
+The same homography maps pixels (`muybridge.infer.detection.crop_pixels`) and points. Inside a crop the lens is
+approximated by the homography that is exact at four points half-way to the corners (exact everywhere for a lens without
+distortion). Outside of the image a crop is black, as in training.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.cameras.camera import Camera
 
 BOX_PADDING = 1.25
-"""Side of a crop over the longer side of the person's box."""
+"""Side of a crop divided by the longer side of the person's bounding box."""
 
-# Within this angle of straight up or down the image of world Z says little about how a person is seen: the
-# crop then takes the camera's own up.
+# Within this angle of the vertical, the image of world Z says little about the orientation of a person in the image:
+# the camera's own up direction is used instead.
 _VERTICAL_VIEW = np.deg2rad(10.0)
 
-# Where in the crop, from the middle (0) to the edge (1), the homography meets the lens model exactly.
+# Points at which the homography matches the lens model exactly, from the middle (0) to the edge (1) of the crop.
 _FIT_AT = 0.5
 
 
@@ -37,9 +37,8 @@ class Crops:
 
     Attributes:
         size_px: side of the crops, px; a crop spans -0.5 .. size_px - 0.5.
-        crop_from_image: (N, 3, 3) homographies from original pixels to crop pixels, scaled so that the third
-            coordinate is 1 at the middle of the crop and positive wherever the virtual camera's view is in
-            front of the real one.
+        crop_from_image: (N, 3, 3) homographies from original pixels to crop pixels, scaled so that the third coordinate
+            is 1 at the middle of the crop and positive wherever the virtual camera's view is in front of the real one.
     """
 
     size_px: int
@@ -55,12 +54,12 @@ class Crops:
 
     @property
     def image_px_per_crop_px(self) -> FloatArray:
-        """(N,) original pixels a crop pixel, at the middle of the crop."""
+        """(N,) original pixels per crop pixel, at the middle of the crop."""
         middle = np.full((len(self), 1, 2), (self.size_px - 1) / 2)
         return np.asarray(np.sqrt(np.abs(_area_scale(self.image_from_crop, middle)))[:, 0], dtype=np.float64)
 
     def select(self, index: ArrayLike) -> Crops:
-        """The crops picked by an index array or mask over N."""
+        """The crops selected by an index array or mask over N."""
         return Crops(self.size_px, self.crop_from_image[np.asarray(index)])
 
     def to_crop(self, points_px: ArrayLike) -> FloatArray:
@@ -72,15 +71,15 @@ class Crops:
         return apply_homographies(self.image_from_crop, points_crop_px)
 
     def variance_to_image(self, points_crop_px: ArrayLike, variance_crop_px2: ArrayLike) -> FloatArray:
-        """Variances in original pixels of points that were measured in the crop.
+        """Variances in original pixels of points measured in the crop.
 
         Args:
-            points_crop_px: (N, K, 2) where.
-            variance_crop_px2: (N, K) variance of each coordinate there.
+            points_crop_px: (N, K, 2) crop px.
+            variance_crop_px2: (N, K) variance of each coordinate, crop px^2.
 
         Returns:
-            (N, K) variance of each coordinate in original px^2: scaled by the homography's local change of
-            area, since one number stands for both coordinates.
+            (N, K) variance of each coordinate in original px^2, scaled by the homography's local change of area, since
+            one number stands for both coordinates.
         """
         scale = np.abs(_area_scale(self.image_from_crop, np.asarray(points_crop_px, dtype=np.float64)))
         return np.asarray(variance_crop_px2, dtype=np.float64) * scale
@@ -92,7 +91,7 @@ class Crops:
 
 
 def apply_homographies(homographies: FloatArray, points: ArrayLike) -> FloatArray:
-    """(N, 3, 3) homographies on (N, K, 2) points; NaN where the point maps to infinity or beyond it."""
+    """Apply (N, 3, 3) homographies to (N, K, 2) points; NaN where a point maps to infinity or beyond."""
     points = np.asarray(points, dtype=np.float64)
     mapped = points @ homographies[:, :, :2].transpose(0, 2, 1) + homographies[:, None, :, 2]
     w = mapped[..., 2:]
@@ -109,15 +108,15 @@ def _area_scale(homographies: FloatArray, points: FloatArray) -> FloatArray:
 def crops_for_boxes(
     boxes_px: ArrayLike, size_px: int, camera: Camera | None = None, padding: float = BOX_PADDING
 ) -> Crops:
-    """Crops of people's boxes.
+    """Crops for people's bounding boxes.
 
     Args:
-        boxes_px: (N, 4) left, top, right, bottom in original px; they may reach beyond the image.
+        boxes_px: (N, 4) left, top, right, bottom in original px; they may extend beyond the image.
         size_px: side of the crops, px.
-        camera: the calibrated camera; without it, or where its lens model does not reach the box, the crops
-            are plain squares.
-        padding: side of a crop over the longer side of its box. Under a calibration the box is measured in
-            the virtual camera, between the middles of opposite edges.
+        camera: the calibrated camera; without it, or where its lens model does not reach the box, the crops are plain
+            squares.
+        padding: side of a crop divided by the longer side of its box. With a calibration the box is measured in the
+            virtual camera, between the midpoints of opposite edges.
 
     Raises:
         ValueError: a box is not finite or has no extent.
@@ -134,7 +133,7 @@ def crops_for_boxes(
 
 
 def _square_homographies(boxes: FloatArray, size_px: int, padding: float) -> FloatArray:
-    """(N, 3, 3) scalings and shifts that put each box in the middle of its crop."""
+    """(N, 3, 3) scalings and shifts that place each box in the middle of its crop."""
     center = (boxes[:, :2] + boxes[:, 2:]) / 2
     scale = size_px / (padding * (boxes[:, 2:] - boxes[:, :2]).max(axis=1))
     homographies = np.zeros((len(boxes), 3, 3))
@@ -150,9 +149,9 @@ class VirtualViews:
 
     Attributes:
         virtual_from_world: (N, 3, 3) rotations, OpenCV axes.
-        half_extent: (N,) tangent of half the field of view: the crop spans -half_extent .. half_extent in the
-            virtual camera's normalised coordinates, so its focal length is size_px / (2 * half_extent) px and
-            its principal point (size_px - 1) / 2.
+        half_extent: (N,) tangent of half of the field of view: the crop spans -half_extent .. half_extent in the
+            virtual camera's normalised coordinates, so that its focal length is size_px / (2 * half_extent) px and its
+            principal point (size_px - 1) / 2.
     """
 
     virtual_from_world: FloatArray
@@ -160,7 +159,7 @@ class VirtualViews:
 
 
 def virtual_views(boxes_px: ArrayLike, camera: Camera, padding: float = BOX_PADDING) -> VirtualViews:
-    """The virtual cameras of people's boxes, (N, 4) original px; NaN where the lens model does not reach."""
+    """The virtual cameras of people's bounding boxes (N, 4), original px; NaN where the lens model does not reach."""
     boxes = np.asarray(boxes_px, dtype=np.float64).reshape(-1, 4)
     left, top, right, bottom = boxes.T
     middle_x, middle_y = (left + right) / 2, (top + bottom) / 2
@@ -175,12 +174,12 @@ def virtual_views(boxes_px: ArrayLike, camera: Camera, padding: float = BOX_PADD
 
 
 def level_rotations(directions_world: FloatArray, cam_rotation: FloatArray) -> FloatArray:
-    """Rotations of cameras that look along given directions with no roll.
+    """Rotations of cameras that look along given directions without roll.
 
     Args:
         directions_world: (N, 3) unit viewing directions.
-        cam_rotation: (3, 3) rotation of the real camera's `cam_from_world`; its up stands in for world Z
-            where the view is within 10 degrees of vertical.
+        cam_rotation: (3, 3) rotation of the real camera's `cam_from_world`; its up direction replaces world Z where the
+            view is within 10 degrees of the vertical.
 
     Returns:
         (N, 3, 3) rotations from world axes to virtual camera axes (x right, y down, z along the direction).
@@ -202,7 +201,7 @@ def _virtual_homographies(boxes: FloatArray, size_px: int, camera: Camera, paddi
     points_world = camera.center_world + rays @ views.virtual_from_world
     corners_px = camera.project(points_world)
 
-    # Solved in units of the box about its middle, for the conditioning; w = 1 at the middle of the crop.
+    # Solved in units of the box about its middle, for conditioning; w = 1 at the middle of the crop.
     center = (boxes[:, :2] + boxes[:, 2:]) / 2
     unit = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
     box_from_unit = _homographies_from_corners(corners, (corners_px - center[:, None]) / unit[:, None, None])
@@ -220,7 +219,7 @@ def _virtual_homographies(boxes: FloatArray, size_px: int, camera: Camera, paddi
 
 
 def _homographies_from_corners(corners: FloatArray, targets: FloatArray) -> FloatArray:
-    """(N, 3, 3) homographies, last entry 1, that take (4, 2) corners to (N, 4, 2) targets; NaN for NaN."""
+    """(N, 3, 3) homographies, last entry 1, that map (4, 2) corners to (N, 4, 2) targets; NaN for NaN."""
     count = len(targets)
     system = np.zeros((count, 4, 2, 8))
     homogeneous = np.concatenate([corners, np.ones((4, 1))], axis=1)

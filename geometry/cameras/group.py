@@ -1,4 +1,4 @@
-"""A group of cameras that share a world."""
+"""A group of cameras with a common world frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class CameraGroup:
     """The cameras of one take, in the order of every array's `C` axis.
 
     Raises:
-        ValueError: no camera, or two of one name.
+        ValueError: no camera, or two with the same name.
     """
 
     cameras: tuple[Camera, ...]
@@ -45,7 +45,7 @@ class CameraGroup:
         return name in self.names
 
     def __getitem__(self, key: str | int) -> Camera:
-        """A camera by name (KeyError lists the names) or by position."""
+        """A camera by name (KeyError lists the names) or by index."""
         if isinstance(key, str):
             for camera in self.cameras:
                 if camera.name == key:

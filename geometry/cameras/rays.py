@@ -1,6 +1,6 @@
-"""Many rays at once: directions of pixels, and points nearest to bundles of rays, without an iteration a point.
+"""Vectorised operations on rays: directions of pixels, and points nearest to bundles of rays.
 
-What tracking people needs every frame: rough, fast and robust. Results that leave the toolkit come from
+For tracking people in every frame: approximate, fast and robust. Final results come from
 `muybridge.geometry.triangulation.multiview`.
 """
 
@@ -15,22 +15,22 @@ _ROBUST_ROUNDS = 2
 def midpoint(
     center_a: FloatArray, ray_a: FloatArray, center_b: FloatArray, ray_b: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The classical triangulation from two rays: the middle of the shortest way from one to the other.
+    """Classical triangulation from two rays: the midpoint of the shortest segment between them.
 
-    With P = center_a + s ray_a and Q = center_b + t ray_b, that way is perpendicular to both rays,
+    With P = center_a + s ray_a and Q = center_b + t ray_b, that segment is perpendicular to both rays,
 
         (P - Q) . ray_a = 0   and   (P - Q) . ray_b = 0,
 
-    which are two linear equations in s and t. It knows no noise and no third view: `triangulation` starts from such
-    points, this is how they come about.
+    which are two linear equations in s and t. It considers neither noise nor further views; the robust triangulation
+    starts from such points.
 
     Args:
-        center_a, center_b: (..., 3) where the rays begin.
+        center_a, center_b: (..., 3) origins of the rays.
         ray_a, ray_b: (..., 3) directions of any length.
 
     Returns:
-        (..., 3) the middle of P and Q, NaN where the rays are parallel or the point is behind a camera; (...) the
-        distance of P and Q.
+        (..., 3) midpoint of P and Q, NaN where the rays are parallel or the point is behind a camera; (...) distance
+        between P and Q.
 
     Source: R. Parent, Computer Animation, 3rd edition, 2012, equations 6.1 to 6.4.
     """
@@ -48,7 +48,7 @@ def midpoint(
 
 
 def ray_directions(cameras: CameraGroup, points_px: FloatArray) -> FloatArray:
-    """(C, ..., 2) px to (C, ..., 3) unit vectors in the world, from the cameras' centres; NaN stays NaN."""
+    """(C, ..., 2) px to (C, ..., 3) unit vectors in the world, from the camera centres; NaN stays NaN."""
     slopes = cameras.unproject(points_px)
     rays = np.concatenate([slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1)
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
@@ -56,15 +56,15 @@ def ray_directions(cameras: CameraGroup, points_px: FloatArray) -> FloatArray:
 
 
 def nearest_points(centers: FloatArray, rays: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points nearest to bundles of rays: least squares of the weighted distances, outliers weighed down.
+    """Points nearest to bundles of rays: weighted least squares of the distances, with outliers downweighted.
 
     Args:
-        centers: (C, 3) where the rays of a camera begin.
-        rays: (C, N, J, 3) unit vectors, NaN where there is none.
+        centers: (C, 3) origins of the cameras' rays.
+        rays: (C, N, J, 3) unit vectors, NaN where missing.
         weights: (C, N) inverse variance of the distances in metres.
 
     Returns:
-        (N, J, 3), NaN with fewer than two rays, and the distances (C, N, J) of the rays.
+        (N, J, 3) points, NaN with fewer than two rays, and the distances (C, N, J) of the rays.
     """
     known = np.isfinite(rays[..., 0])
     d = np.where(known[..., None], rays, 0.0)
@@ -88,12 +88,12 @@ def ray_distance(centers: FloatArray, rays: FloatArray, points: FloatArray) -> F
 
 
 def _meet(centers: FloatArray, d: FloatArray, weight: FloatArray) -> FloatArray:
-    """Solves sum w (I - d d') x = sum w (I - d d') c."""
+    """Solve sum w (I - d d') x = sum w (I - d d') c."""
     w = weight[..., None, None]
     projector = w * (np.eye(3) - d[..., :, None] * d[..., None, :])
     a = projector.sum(0)
     b = np.einsum("cnjxy,cy->njx", projector, centers)
-    # Parallel rays and bundles of one meet nowhere: the system is kept solvable, the caller drops them.
+    # Parallel rays and single rays have no intersection: keep the system solvable, the caller drops the result.
     a += (1e-9 * np.trace(a, axis1=-2, axis2=-1)[..., None, None] + 1e-12) * np.eye(3)
     solved: FloatArray = np.linalg.solve(a, b[..., None])[..., 0]
     return solved
@@ -109,14 +109,14 @@ def _middle(away: FloatArray) -> FloatArray:
 def pair_points(
     center_a: FloatArray, rays_a: FloatArray, center_b: FloatArray, rays_b: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Midpoints between every detection of one camera and every one of another.
+    """Midpoints between every detection of one camera and every detection of another.
 
     Args:
-        center_a, center_b: (3,).
+        center_a, center_b: (3,) camera centres.
         rays_a, rays_b: (A, J, 3) and (B, J, 3) unit vectors.
 
     Returns:
-        (A, B, J, 3) midpoints of the nearest points of two rays, NaN behind a camera, and (A, B, J) their gaps.
+        (A, B, J, 3) midpoints between two rays, NaN behind a camera, and (A, B, J) distances between the rays.
     """
     u, v = rays_a[:, None], rays_b[None]
     between = center_a - center_b

@@ -9,7 +9,8 @@ import math
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
-from muybridge.geometry.fitting._chain_kernel import Chain, misfit, normal_equations
+from muybridge.geometry.fitting._chain_kernel import misfit, normal_equations
+from muybridge.geometry.fitting.chain import Chain
 from muybridge.geometry.numerics._numba import compiled
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.geometry.fitting._banded_kernel import log_between
 from muybridge.geometry.fitting._chain_kernel import (
-    Chain,
     add_landmark,
     exp_one,
     factor,
@@ -24,6 +23,7 @@ from muybridge.geometry.fitting._chain_kernel import (
     multiply,
     substitute,
 )
+from muybridge.geometry.fitting.chain import Chain
 from muybridge.geometry.numerics._numba import compiled
 
 

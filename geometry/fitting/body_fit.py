@@ -64,8 +64,7 @@ class BodyFit:
         motion: the skeleton over time.
         body: the same skeleton with the landmarks on it.
         residual_m: (T, J) metres from each input point to the body's landmark; NaN where there was no
-        point or
-            the body has no such landmark. A point that was swapped with its other side is compared with that.
+            point or the body has no such landmark. A point that was swapped with its other side is compared with that.
         weight: (T, J) 0..1, how much each point counted; 0 where missing or an outlier.
         noise_scale: the points' standard deviations had to be taken times this to agree with the fit.
     """

@@ -14,7 +14,8 @@ from scipy.linalg import LinAlgError, solveh_banded
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.fitting._banded_kernel import assemble, hold, total_cost
-from muybridge.geometry.fitting._chain_kernel import Chain, landmarks_of, make_chain, open_angles
+from muybridge.geometry.fitting._chain_kernel import landmarks_of
+from muybridge.geometry.fitting.chain import Chain, make_chain, open_angles
 from muybridge.geometry.numerics.rotations import exp_so3, left_jacobian_so3
 from muybridge.geometry.skeleton.skeleton import Skeleton
 

@@ -13,8 +13,9 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.fitting._chain_kernel import Chain, landmarks_of, make_chain
+from muybridge.geometry.fitting._chain_kernel import landmarks_of
 from muybridge.geometry.fitting._kalman_kernel import count_far, settle, track, track_one
+from muybridge.geometry.fitting.chain import Chain, make_chain
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem, landmark_positions, solve_in_stretches
 from muybridge.geometry.numerics.rotations import continuous_quat, exp_so3, kabsch, quat_from_matrix
 from muybridge.geometry.skeleton.motion import Motion

@@ -6,8 +6,8 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.fitting._chain_kernel import Chain, make_chain
 from muybridge.geometry.fitting._kalman_kernel import settle
+from muybridge.geometry.fitting.chain import Chain, make_chain
 from muybridge.geometry.fitting.gauss_newton import (
     Pose,
     Problem,

@@ -1,20 +1,5 @@
-"""Inverse kinematics of chains and trees of hinges: all classical methods behind one interface."""
+"""Inverse kinematics: one interface to the classical methods for chains and trees, and an analytic limb."""
 
-from muybridge.geometry.ik.pose_prior import PosePrior, fit_prior, load_prior, save_prior
-from muybridge.geometry.ik.solver import METHODS, IkOptions, IkResult, solve_ik
-from muybridge.geometry.ik.tree import Goal, KinematicTree, chain_of_balls, tree_of_skeleton
+import lazy_loader as _lazy
 
-__all__ = [
-    "METHODS",
-    "Goal",
-    "IkOptions",
-    "IkResult",
-    "KinematicTree",
-    "PosePrior",
-    "chain_of_balls",
-    "fit_prior",
-    "load_prior",
-    "save_prior",
-    "solve_ik",
-    "tree_of_skeleton",
-]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -53,7 +53,7 @@ def goal_function(links: Links, wishes: Wishes, theta: FloatArray, gradient: Flo
     return total
 
 
-def solve_programme(
+def solve_nonlinear(
     tree: KinematicTree, wishes: Wishes, theta: FloatArray, iterations: int, tolerance: float,
     constraint: LinearConstraint | None = None,
 ) -> tuple[FloatArray, int]:  # fmt: skip

@@ -187,7 +187,7 @@ def descend(
     return best, iterations, float(least / 1e-6 + (best - mean) @ precision @ (best - mean))
 
 
-def solve_by_examples(
+def solve_with_prior(
     tree: KinematicTree,
     wishes: Wishes,
     theta: FloatArray,

@@ -1,5 +1,6 @@
 """One interface to all methods of inverse kinematics."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,12 +10,13 @@ from scipy.optimize import LinearConstraint
 from muybridge.arrays import FloatArray
 from muybridge.geometry.ik.ccd_fabrik import cyclic_descent, fabrik, make_nodes
 from muybridge.geometry.ik.jacobian import DAMPED, NULL_SPACE, PSEUDO_INVERSE, TRANSPOSE, follow_jacobian
-from muybridge.geometry.ik.nonlinear import solve_programme
-from muybridge.geometry.ik.pose_prior import PosePrior, solve_by_examples
+from muybridge.geometry.ik.nonlinear import solve_nonlinear
+from muybridge.geometry.ik.pose_prior import PosePrior, solve_with_prior
 from muybridge.geometry.ik.tree import Goal, KinematicTree, errors, make_wishes
 
 _JACOBIAN = {"transpose": TRANSPOSE, "pseudo_inverse": PSEUDO_INVERSE, "damped": DAMPED, "null_space": NULL_SPACE}
-METHODS = (*_JACOBIAN, "ccd", "fabrik", "programme", "examples")
+METHODS = (*_JACOBIAN, "ccd", "fabrik", "nonlinear", "gmm_prior")
+_FORMER_NAMES = {"programme": "nonlinear", "examples": "gmm_prior"}
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class IkOptions:
         gain: of every joint's secondary goal, toward the preferred angle (`null_space`).
         gains: (N,) the same joint by joint, times `gain`; None: all one.
         patience: steps without progress until another start is tried. seed: of that.
-        restarts: of `programme`, from perturbed starts.
+        restarts: of `nonlinear`, from perturbed starts.
     """
 
     iterations: int = 300
@@ -77,8 +79,8 @@ def solve_ik(
         start: (N,) radians, clipped to the limits; the preferred angles if None.
         method: one of METHODS.
         options: see IkOptions.
-        constraint: linear equations and inequalities between angles; `programme` only.
-        prior: of likely poses; `examples` needs it.
+        constraint: linear equations and inequalities between angles; `nonlinear` only.
+        prior: of likely poses; `gmm_prior` needs it.
 
     Returns:
         An IkResult. No method ever leaves the limits.
@@ -87,12 +89,16 @@ def solve_ik(
         ValueError: an unknown method, or what the method does not take or lacks.
     """
     options = options or IkOptions()
+    if method in _FORMER_NAMES:
+        new = _FORMER_NAMES[method]
+        warnings.warn(f"the method {method!r} is now called {new!r}", DeprecationWarning, stacklevel=2)
+        method = new
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}: choose one of {', '.join(METHODS)}")
-    if constraint is not None and method != "programme":
-        raise ValueError(f"{method!r} takes no constraint between angles: only 'programme' does")
-    if (prior is None) != (method != "examples"):
-        raise ValueError("a prior goes with the method 'examples', and only with it")
+    if constraint is not None and method != "nonlinear":
+        raise ValueError(f"{method!r} takes no constraint between angles: only 'nonlinear' does")
+    if (prior is None) != (method != "gmm_prior"):
+        raise ValueError("a prior goes with the method 'gmm_prior', and only with it")
     wishes, links = make_wishes(tree, goals), tree.links
     theta = tree.clipped(tree.preferred if start is None else start)
     near, straight = options.position_tolerance, options.orientation_tolerance
@@ -111,11 +117,11 @@ def solve_ik(
         theta, count = fabrik(
             links, make_nodes(tree), wishes, theta, options.iterations, near, straight, options.patience, options.seed
         )
-    elif method == "programme":
-        theta, count = _programme(tree, goals, theta, options, constraint)
+    elif method == "nonlinear":
+        theta, count = _from_several_starts(tree, goals, theta, options, constraint)
     else:
         assert prior is not None
-        theta, count = solve_by_examples(tree, wishes, theta, prior, options.iterations, near, straight)
+        theta, count = solve_with_prior(tree, wishes, theta, prior, options.iterations, near, straight)
     return _judged(tree, goals, theta, count, options)
 
 
@@ -126,7 +132,7 @@ def _judged(tree: KinematicTree, goals: Sequence[Goal], theta: FloatArray, count
     return IkResult(theta, place, turn, int(count), bool(good))
 
 
-def _programme(
+def _from_several_starts(
     tree: KinematicTree,
     goals: Sequence[Goal],
     theta: FloatArray,
@@ -144,7 +150,7 @@ def _programme(
         start = tree.clipped(
             theta + min(0.1 * 2.0 ** (k - 1), 1.0) * (k > 0) * reach * rng.uniform(-0.5, 0.5, len(tree))
         )
-        found, count = solve_programme(tree, wishes, start, options.iterations, tolerance, constraint)
+        found, count = solve_nonlinear(tree, wishes, start, options.iterations, tolerance, constraint)
         total += count
         value = errors(tree.links, wishes, found, place, turn)
         if value < least:

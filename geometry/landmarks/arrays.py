@@ -1,7 +1,7 @@
-"""Landmarks and the arrays that carry them: 2D keypoints a camera, 3D points a take.
+"""Arrays of labelled landmarks: 2D keypoints of cameras and 3D points of a take.
 
-Shape legend of the whole project: `C` cameras, `T` frames, `P` people, `J` landmarks or joints, `M` markers,
-`V` vertices. Missing is NaN (and a score of zero), never a zero coordinate.
+Shape legend of the whole project: `C` cameras, `T` frames, `P` people, `J` landmarks or joints, `M` markers, `V`
+vertices. Missing values are NaN (with a score of zero), never a zero coordinate.
 """
 
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from muybridge.geometry.landmarks.sets import LandmarkSet
 class Keypoints2D:
     """2D landmarks of up to `P` people in every camera and frame, not yet associated between cameras.
 
-    A slot `p` is one track of one camera: the same person over time as far as the tracker could tell, with no
-    relation between slot `p` of one camera and slot `p` of another.
+    A slot `p` is one track of one camera: the same person over time as far as the tracker can determine, unrelated to
+    slot `p` of another camera.
 
     Attributes:
         landmarks: the meaning of the `J` axis.
-        points_px: (C, T, P, J, 2) pixels of the original video, (0, 0) the centre of the top-left pixel; NaN
-            where nothing was found.
-        variance_px2: (C, T, P, J) variance of each coordinate in original pixels squared; NaN where missing.
-        score: (C, T, P, J) in 0..1, zero where missing.
+        points_px: (C, T, P, J, 2) px of the original video, (0, 0) the centre of the top-left pixel; NaN where not
+            detected.
+        variance_px2: (C, T, P, J) variance of each coordinate, original px^2; NaN where missing.
+        score: (C, T, P, J) confidence, 0 to 1, zero where missing.
     """
 
     landmarks: LandmarkSet
@@ -40,9 +40,9 @@ class Points3D:
         landmarks: the meaning of the `J` axis.
         points_world: (T, J, 3) metres, Z up; NaN where unknown.
         covariance_world: (T, J, 3, 3) square metres; NaN where unknown.
-        residual_px: (C, T, J) distance of the reprojection to the 2D point; NaN where the camera had none.
-        inlier: (C, T, J) whether the camera's 2D point took part.
-        fps: frames a second.
+        residual_px: (C, T, J) distance of the reprojection from the 2D point; NaN where the camera has none.
+        inlier: (C, T, J) whether the camera's 2D point was used.
+        fps: frames per second.
     """
 
     landmarks: LandmarkSet
@@ -54,13 +54,12 @@ class Points3D:
 
 
 def select_markers(points: Points3D, markers: MarkerSet) -> Points3D:
-    """The points of a marker set out of all of `SURFACE`, under the laboratory's labels.
+    """Select the points of a marker set from `SURFACE`, under the laboratory's labels.
 
-    What it returns is what `write_c3d` and `write_trc` write, so that a take leaves with the names that Plug-in
-    Gait or CMU's tools expect.
+    The result can be written with `write_c3d` and `write_trc`, with the names that Plug-in Gait or CMU's tools expect.
 
     Raises:
-        ValueError: `points` lack one of the set's landmarks.
+        ValueError: `points` lack a landmark of the set.
     """
     at = [points.landmarks.index(n) for n in markers.names]
     label = dict(zip(markers.names, markers.labels, strict=True))

@@ -1,4 +1,4 @@
-"""Marker sets by name: what laboratories put where."""
+"""Marker sets: the markers that laboratories use, and their positions on the body."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -8,7 +8,7 @@ import numpy as np
 from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.landmarks.sets import LandmarkSet, both
 
-# Landmarks of the skin, defined on the body model's mesh by `train.markers`; each once, whatever sets use it.
+# Landmarks of the skin, defined on the body model's mesh by the synthesis of markers; each once for all sets.
 SURFACE = LandmarkSet(
     name="surface",
     names=(
@@ -55,35 +55,35 @@ _MEDIAL = {"LKNM": "left_knee_medial", "RKNM": "right_knee_medial", "LANM": "lef
 
 @dataclass(frozen=True)
 class MarkerSet(LandmarkSet):
-    """A laboratory's marker set: `names` are those of `SURFACE`, `labels` what the laboratory writes (``LASI``).
+    """A laboratory's marker set: `names` are those of `SURFACE`, `labels` the laboratory's own (``LASI``).
 
-    Left and right markers of a limb may stand at unequal heights on purpose; twins are told by their labels.
+    Left and right markers of a limb may be at different heights on purpose; left-right pairs are defined by the labels.
     """
 
     labels: tuple[str, ...]
 
     @property
     def mirror(self) -> tuple[int, ...]:
-        """For each marker the index of its left/right twin by label (itself where there is none)."""
+        """For each marker the index of its counterpart on the other side, by label (itself where there is none)."""
         flip = {"L": "R", "R": "L"}
         twins = [flip.get(label[0], label[0]) + label[1:] for label in self.labels]
         return tuple(self.labels.index(t) if t in self.labels else i for i, t in enumerate(twins))
 
     @property
     def surface_indices(self) -> tuple[int, ...]:
-        """Position of each marker in `SURFACE`: ``points[:, PLUG_IN_GAIT.surface_indices]`` are the set's."""
+        """Index of each marker in `SURFACE`: ``points[:, PLUG_IN_GAIT.surface_indices]`` are the points of the set."""
         return tuple(SURFACE.index(n) for n in self.names)
 
 
 @dataclass(frozen=True)
 class MarkerPlan:
-    """A marker set and how it is put on.
+    """A marker set and how it is placed on people.
 
     Attributes:
-        markers: labels and the points of `SURFACE` they stand on.
-        jitter_m: (M,) how loosely each is placed, 1 sigma, metres.
-        optional: (M,) whether recordings may lack it.
-        twins: (M,) index of the marker on the other side, its own where there is none.
+        markers: labels, and the points of `SURFACE` at which the markers are placed.
+        jitter_m: (M,) standard deviation of each marker's placement, metres.
+        optional: (M,) whether recordings may lack the marker.
+        twins: (M,) index of the marker's counterpart on the other side, its own where there is none.
     """
 
     markers: MarkerSet
@@ -113,14 +113,14 @@ def _more(markers: MarkerSet, name: str, more: dict[str, str]) -> MarkerSet:
 
 
 def plan_of(markers: MarkerSet) -> MarkerPlan:
-    """A set as it stands: usual jitter, everything optional but what tells the body apart."""
+    """A set with the usual jitter, in which only the markers that separate the parts of the body are required."""
     anywhere = ("upper_arm", "forearm", "thigh", "shank", "scapula")
     loose = np.array([any(stem in name for stem in anywhere) for name in markers.names])
     return MarkerPlan(markers, np.where(loose, 0.04, JITTER_MM / 1000), loose, twins_of(markers))
 
 
 def twins_of(markers: MarkerSet) -> tuple[int, ...]:
-    """By body point, or by label where the body point has no twin in the set (heights may differ on purpose)."""
+    """Counterparts by body point, or by label where the body point has none in the set (heights may differ)."""
     names, by_label = list(markers.names), markers.mirror
     twins = []
     for i, name in enumerate(names):

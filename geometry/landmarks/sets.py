@@ -10,7 +10,7 @@ class LandmarkSet:
     Attributes:
         name: identifier of the set, e.g. ``"body23"``.
         names: the landmarks in the order of every array's `J` axis.
-        edges: pairs of names to draw as bones.
+        edges: pairs of names that are connected by bones.
     """
 
     name: str
@@ -21,12 +21,12 @@ class LandmarkSet:
         return len(self.names)
 
     def index(self, name: str) -> int:
-        """Position of `name`; ValueError if the set has no such landmark."""
+        """Index of `name`; ValueError if the set has no such landmark."""
         return self.names.index(name)
 
     @property
     def mirror(self) -> tuple[int, ...]:
-        """For each landmark the index of its left/right twin (itself where there is none)."""
+        """For each landmark the index of its counterpart on the other side (itself where there is none)."""
 
         def twin(name: str) -> str:
             if name.startswith("left_"):
@@ -45,7 +45,7 @@ def both(a: str, b: str) -> tuple[tuple[str, str], tuple[str, str]]:
     return (f"left_{a}", f"left_{b}"), (f"right_{a}", f"right_{b}")
 
 
-# The order of anny's COCO regressor: COCO-17, then the six foot points.
+# The order of anny's COCO regressor: COCO-17, then six points of the feet.
 BODY23 = LandmarkSet(
     name="body23",
     names=(
@@ -65,7 +65,7 @@ BODY23 = LandmarkSet(
 
 
 def side_of(name: str) -> str:
-    """``"left"``, ``"right"`` or ``"middle"`` by a landmark's or joint's name."""
+    """``"left"``, ``"right"`` or ``"middle"``, from the name of a landmark or joint."""
     lowered = name.lower()
     for side in ("left", "right"):
         if lowered.startswith(side) or lowered.endswith(side):

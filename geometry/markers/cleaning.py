@@ -1,8 +1,8 @@
-"""Named markers made whole: spikes taken out, gaps filled, and every changed sample marked as changed.
+"""Cleaning of labelled markers: spikes are removed, gaps are filled, and every changed sample is marked.
 
-A gap is filled by whichever of three ways fills the frames beside it best: a curve through the marker's own path
-(short gaps), the rigid body of the markers whose distance to it varies least, or a regression on its partners in that
-body's frame, which also knows how the skin slides.
+A gap is filled by the one of three methods that predicts the frames beside it best: a curve through the marker's own
+path (short gaps), the rigid body of the markers whose distance to it varies least, or a regression on these markers in
+the frame of that body, which also models the sliding of the skin.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from muybridge.geometry.smoothing.gap_models import (
 
 
 class Sample(IntEnum):
-    """What a sample is."""
+    """Origin of a sample."""
 
     MISSING = 0
     MEASURED = 1
@@ -36,15 +36,15 @@ class CleanOptions:
     """How markers are cleaned.
 
     Attributes:
-        fill: gaps are filled.
+        fill: whether gaps are filled.
         curve_frames: longest gap that a curve may fill.
         longest_s: longest gap that is filled at all, seconds.
-        partners: markers a gap is filled from.
-        sure_frames: longest gap that a curve fills unrivalled,
-        sure_m: where it misses by no more than this in the frames beside, metres.
-        spike: how far a sample may stand off its neighbours in time, in robust standard deviations.
-        spike_m: and at least this far, metres.
-        trust_m: a gap that no way fills within this distance in the frames beside it stays open, metres.
+        partners: number of other markers from which a gap is filled.
+        sure_frames: longest gap that a curve fills without comparison to other methods, ...
+        sure_m: ... if its error in the frames beside the gap is at most this, metres.
+        spike: distance of a spike from its neighbours in time, in robust standard deviations, ...
+        spike_m: ... and at least this far, metres.
+        trust_m: largest error in the frames beside a gap at which it is filled, metres.
     """
 
     fill: bool = True
@@ -64,9 +64,9 @@ class Cleaned:
 
     Attributes:
         points: (T, M, 3) metres, NaN where missing.
-        sample: (T, M) what each sample is, a `Sample`.
-        spikes: (T, M) samples that were taken out.
-        error_m: (T, M) what the way of filling missed by in the frames beside the gap, NaN elsewhere.
+        sample: (T, M) origin of each sample, a `Sample`.
+        spikes: (T, M) removed samples.
+        error_m: (T, M) error of the chosen method in the frames beside the gap, metres; NaN outside of gaps.
     """
 
     points: FloatArray
@@ -77,13 +77,13 @@ class Cleaned:
 
 def clean_markers(points: FloatArray, fps: float, options: CleanOptions = CleanOptions(),
                   settled: BoolArray | None = None) -> Cleaned:  # fmt: skip
-    """Spikes out, gaps filled.
+    """Remove spikes and fill gaps.
 
     Args:
         points: (T, M, 3) metres, any axis up.
-        fps: frames a second.
-        options: how.
-        settled: (T, M) samples that a person has vouched for: they are no spikes.
+        fps: frames per second.
+        options: see `CleanOptions`.
+        settled: (T, M) samples that a person has confirmed, which are no spikes.
     """
     spikes = find_spikes(points, _partners(points), options)
     if settled is not None:
@@ -100,12 +100,15 @@ def clean_markers(points: FloatArray, fps: float, options: CleanOptions = CleanO
 
 
 def find_spikes(points: FloatArray, partners: IndexArray, options: CleanOptions = CleanOptions()) -> BoolArray:
-    """(T, M) samples that are off for a frame or two: from the line through those around them, as the marker's own
-    motion nearby is not, and from where the rigid body of its partners has it, so that an impact is no spike."""
+    """(T, M) samples that deviate for one or two frames.
+
+    They deviate from the line through the samples around them, more than the marker's own motion nearby, and from the
+    position that the rigid body of its partners predicts, so that an impact is no spike.
+    """
     out = np.zeros(points.shape[:2], bool)
     if len(points) < 7:
         return out
-    for first, second in ((1, 1), (1, 2), (2, 1)):  # single samples; the first and the second of two
+    for first, second in ((1, 1), (1, 2), (2, 1)):  # single samples; first and second of two
         between = points[: len(points) - first - second] * second + points[first + second :] * first
         off = np.full(points.shape[:2], np.nan)
         inner = slice(first, len(points) - second)
@@ -124,7 +127,7 @@ def find_spikes(points: FloatArray, partners: IndexArray, options: CleanOptions 
 
 
 def _outdone(points: FloatArray, spikes: BoolArray) -> BoolArray:
-    """Spikes beside a worse one."""
+    """Spikes beside a larger one."""
     off = np.full(points.shape[:2], np.nan)
     off[1:-1] = np.linalg.norm(points[1:-1] - (points[:-2] + points[2:]) / 2, axis=-1)
     off = np.where(spikes, np.nan_to_num(off), 0.0)
@@ -140,7 +143,7 @@ def _median(values: FloatArray) -> FloatArray:
 
 
 def _partners(points: FloatArray) -> IndexArray:
-    """(M, M - 1) the other markers, those first whose distance varies least over the recording."""
+    """(M, M - 1) the other markers, sorted by the variation of their distance over the recording."""
     some = points[:: max(1, len(points) // 400)]
     count = points.shape[1]
     spread = np.full((count, count), np.inf)
@@ -148,7 +151,7 @@ def _partners(points: FloatArray) -> IndexArray:
         distance = np.linalg.norm(some - some[:, m : m + 1], axis=-1)
         enough = np.isfinite(distance).sum(0) > 3
         spread[m, enough] = np.nanstd(distance[:, enough], 0)
-        # A distant marker says less about how the body turns here.
+        # A distant marker says less about the rotation of this part of the body.
         spread[m, enough] += 0.02 * np.nanmean(distance[:, enough], 0)
         spread[m, m] = np.inf
     return np.argsort(spread, 1, kind="stable")[:, : count - 1]
@@ -167,7 +170,7 @@ def _fill_marker(marker: int, known: FloatArray, partners: IndexArray, fps: floa
         ways = _ways(marker, a, b, known, partners, options)
         scores = {way: _trial(way, marker, a, b, known, ways[way][1], options) for way in ways}
         fitting = {w: e for w, e in scores.items() if np.isfinite(e)}
-        # Where nothing could be tried, a curve over a short gap is safe.
+        # Where no method could be tested, a curve over a short gap is safe.
         if not fitting and Sample.CURVE in ways and b - a <= options.curve_frames // 2:
             fitting = {Sample.CURVE: 0.0}
         if not fitting:
@@ -181,7 +184,7 @@ def _fill_marker(marker: int, known: FloatArray, partners: IndexArray, fps: floa
 
 def _sure_curve(marker: int, a: int, b: int, known: FloatArray, options: CleanOptions, filled: FloatArray,
                 sample: ByteArray, error: FloatArray) -> bool:  # fmt: skip
-    """Fills a gap by a curve, if that is as good as can be in the frames beside it."""
+    """Fill a short gap by a curve if its error in the frames beside the gap is small enough; returns whether it is."""
     curve = fill_curve(known[:, marker], a, b)
     if curve is None:
         return False
@@ -194,7 +197,7 @@ def _sure_curve(marker: int, a: int, b: int, known: FloatArray, options: CleanOp
 
 def _ways(marker: int, a: int, b: int, known: FloatArray, partners: IndexArray,
           options: CleanOptions) -> dict[Sample, tuple[FloatArray, IndexArray]]:  # fmt: skip
-    """Each way that can fill the gap, with what it fills it with and the partners that it goes by."""
+    """Every method that can fill the gap, with its result and the partners that it uses."""
     out: dict[Sample, tuple[FloatArray, IndexArray]] = {}
     none = np.zeros(0, np.intp)
     if b - a <= options.curve_frames:
@@ -214,8 +217,10 @@ def _ways(marker: int, a: int, b: int, known: FloatArray, partners: IndexArray,
 
 def _trial(way: Sample, marker: int, a: int, b: int, known: FloatArray, body: IndexArray,
            options: CleanOptions) -> float:  # fmt: skip
-    """Median distance by which a way misses gaps as long as this one, put beside it (shorter ones, where there is no
-    room); infinite where none fits."""
+    """Median error of a method in artificial gaps of the same length beside this one, metres.
+
+    Shorter ones where there is no room; infinite where none fits.
+    """
     path, errors = known[:, marker], list[float]()
     whole = np.isfinite(path[:, 0]) & np.isfinite(known[:, body, 0]).all(1)
     for length in (b - a, (b - a + 1) // 2, (b - a + 3) // 4):
@@ -241,8 +246,10 @@ def _fill(way: Sample, path: FloatArray, body: FloatArray, a: int, b: int) -> Fl
 
 
 def fill_curve(path: FloatArray, a: int, b: int, support: int = 4) -> FloatArray | None:
-    """(b - a, 3) a cubic curve over the gap, from position and velocity at its edges; None where the two frames next to
-    an edge are not known."""
+    """(b - a, 3) cubic curve over the gap, from position and velocity at its edges.
+
+    None where the two frames next to an edge are not known.
+    """
     if a < 2 or b + 2 > len(path) or not np.isfinite(path[[a - 2, a - 1, b, b + 1]]).all():
         return None
     before, after = edge_velocity(path, a - 1, -1, support, True), edge_velocity(path, b, 1, support, True)
@@ -252,9 +259,12 @@ def fill_curve(path: FloatArray, a: int, b: int, support: int = 4) -> FloatArray
 def fill_pattern(
     path: FloatArray, body: FloatArray, a: int, b: int, ridge: float = 1e-3, most: int = 600
 ) -> FloatArray | None:
-    """(b - a, 3) the gap filled by regression: in the body's frame the marker's place is a linear function of its
-    partners', learnt from the frames around where all are known (Gloersen and Federolf 2016 use principal components
-    to the same end); what it misses at the gap's ends is taken off along the gap."""
+    """(b - a, 3) regression over the gap.
+
+    In the frame of the body, the marker's position is a linear function of its partners' positions, learned from the
+    frames around the gap in which all are known (Gloersen and Federolf 2016 use principal components for the same
+    purpose). The error at the edges of the gap is subtracted along it.
+    """
     known = np.nonzero(np.isfinite(path[:, 0]) & np.isfinite(body).all((1, 2)))[0]
     if len(known) < 40:
         return None

@@ -1,9 +1,9 @@
-"""Unnamed 2D points of several cameras to unnamed 3D points: matched by epipolar geometry, ghosts rejected.
+"""Matching of unlabelled 2D points of several cameras to unlabelled 3D points, by epipolar geometry, without ghosts.
 
-Two rays that nearly meet propose a point. A marker is where the rays of three cameras or more meet, and every 2D point
-belongs to one marker: points are taken in the order of how many cameras agree, so that what is left over for an
-accidental intersection has already been explained. Two cameras suffice where a marker was
-just before, or where neither has anything else that the point could be.
+Two rays that nearly intersect propose a point. A marker is where the rays of three cameras or more intersect, and every
+2D point belongs to one marker: points are accepted in the order of the number of agreeing cameras, so that fewer 2D
+points remain for accidental intersections. Two cameras suffice where a marker was just before, or where neither 2D
+point fits any other point.
 """
 
 from dataclasses import dataclass
@@ -20,12 +20,12 @@ class MatchOptions:
     """How 2D points become 3D points.
 
     Attributes:
-        near_m: metres, how near two rays must pass.
-        error_px: pixels, farthest that a 2D point may be from the 3D point's projection.
-        views: cameras that must agree.
-        known_views: cameras that must agree where a marker was a moment before or after.
-        known_m: metres, how near it must have been.
-        pair_px: error up to which two cameras suffice for a new point, where neither 2D point fits anything else.
+        near_m: largest distance between two rays that propose a point, metres.
+        error_px: largest distance of a 2D point from the projection of its 3D point, px.
+        views: minimum number of agreeing cameras.
+        known_views: minimum number of agreeing cameras where a marker was in the previous or next frame.
+        known_m: largest distance from such a marker, metres.
+        pair_px: largest error at which two cameras suffice for a new point, where neither 2D point fits any other.
     """
 
     near_m: float = 0.006
@@ -41,8 +41,9 @@ class Matched:
     """3D points of one frame.
 
     Attributes:
-        points: (N, 3) metres. members: (N, C) index of each camera's 2D point, -1 where it has none.
-        error_px: (N,) root mean square distance of the 2D points from the projection.
+        points: (N, 3) metres.
+        members: (N, C) index of each camera's 2D point, -1 where it has none.
+        error_px: (N,) root mean square distance of the 2D points from the projection, px.
     """
 
     points: FloatArray
@@ -52,13 +53,13 @@ class Matched:
 
 def match_points(cameras: CameraGroup, seen: list[FloatArray], known: FloatArray | None = None,
                  options: MatchOptions = MatchOptions()) -> Matched:  # fmt: skip
-    """The 3D points of one frame.
+    """Match the 2D points of one frame.
 
     Args:
         cameras: C cameras.
-        seen: C arrays (K, 2) of pixels.
-        known: (P, 3) metres, where markers are expected.
-        options: see MatchOptions.
+        seen: C arrays (K, 2) px.
+        known: (P, 3) expected positions of markers, metres.
+        options: see `MatchOptions`.
     """
     width = max((len(s) for s in seen), default=0)
     count = len(cameras)
@@ -73,17 +74,17 @@ def match_points(cameras: CameraGroup, seen: list[FloatArray], known: FloatArray
     proposed = np.concatenate([*candidates, *([known] if known is not None and len(known) else [])])
     members = _members(cameras, px, proposed, 2 * options.error_px)
     members = np.unique(members[(members >= 0).sum(1) >= 2], axis=0)
-    points, members, error = _located(cameras, centres, px, rays, members, options.error_px)
+    points, members, error = _locate(cameras, centres, px, rays, members, options.error_px)
     used, kept = np.zeros((count, width), bool), Matched(np.zeros((0, 3)), np.zeros((0, count), np.intp), np.zeros(0))
     for _ in range(4):
         chosen, left = _best(points, members, error, used, known, options)
-        kept = _joined(kept, Matched(points[chosen], members[chosen], error[chosen]))
+        kept = _join(kept, Matched(points[chosen], members[chosen], error[chosen]))
         if not len(left):
             break
-        # What a better point has taken is no longer theirs: looked at again without it.
-        points, members, error = _located(cameras, centres, px, rays, np.unique(left, axis=0), options.error_px)
+        # 2D points that a better point has taken are removed, and the rest is examined again.
+        points, members, error = _locate(cameras, centres, px, rays, np.unique(left, axis=0), options.error_px)
     chosen = np.array(_lonely_pairs(members, error, used, options), dtype=np.intp)
-    return _joined(kept, Matched(points[chosen], members[chosen], error[chosen]))
+    return _join(kept, Matched(points[chosen], members[chosen], error[chosen]))
 
 
 def _best(
@@ -94,14 +95,16 @@ def _best(
     known: FloatArray | None,
     options: MatchOptions,
 ) -> tuple[IndexArray, IndexArray]:
-    """Points whose 2D points are nobody else's, best first, which marks those as used; and the members, without what is
-    used, of those that lost some and may still be points."""
+    """Indices of points whose 2D points no other point has, best first, and members of the remaining candidates.
+
+    Marks the 2D points of the former as used; the latter have lost some of their members and may still be points.
+    """
     views = (members >= 0).sum(1)
     expected = np.zeros(len(points), bool)
     if known is not None and len(known) and len(points):
         expected = np.linalg.norm(points[:, None] - known[None], axis=-1).min(1) < options.known_m
     good = (views >= options.views) | (expected & (views >= options.known_views))
-    # A camera more that fits badly is an accident.
+    # An additional camera that fits badly is accidental.
     order = np.argsort(error / (0.5 * options.error_px) - views - 0.5 * expected, kind="stable")
     kept, left = [], []
     for k in order:
@@ -117,7 +120,7 @@ def _best(
             rest = members[k].copy()
             rest[own[taken]] = -1
             left.append(rest)
-    # Those kept later may have taken more.
+    # Points accepted later may have taken more.
     for rest in left:
         own = np.nonzero(rest >= 0)[0]
         rest[own[used[own, rest[own]]]] = -1
@@ -125,13 +128,13 @@ def _best(
     return np.array(kept, dtype=np.intp), np.array(remaining, dtype=np.intp).reshape(-1, members.shape[1])
 
 
-def _joined(one: Matched, other: Matched) -> Matched:
+def _join(one: Matched, other: Matched) -> Matched:
     return Matched(np.concatenate([one.points, other.points]), np.concatenate([one.members, other.members]),
                    np.concatenate([one.error_px, other.error_px]))  # fmt: skip
 
 
 def _lonely_pairs(members: IndexArray, error: FloatArray, used: BoolArray, options: MatchOptions) -> list[int]:
-    """Points of two cameras alone, whose 2D points are no other's and could be no other's; marks them as used."""
+    """Points of two cameras whose 2D points belong to no other point; marks them as used."""
     own = [np.nonzero(m >= 0)[0] for m in members]
     left = [k for k in range(len(members)) if len(own[k]) >= 2 and not used[own[k], members[k, own[k]]].any()]
     times = np.zeros(used.shape, np.intp)
@@ -146,7 +149,7 @@ def _lonely_pairs(members: IndexArray, error: FloatArray, used: BoolArray, optio
 
 
 def _meeting(centres: FloatArray, rays: FloatArray, a: int, b: int, near: float) -> FloatArray:
-    """(N, 3) middles between the rays of two cameras that pass near one another, in front of both."""
+    """(N, 3) midpoints between the rays of two cameras that pass near one another, in front of both."""
     first, second = rays[a][np.isfinite(rays[a, :, 0])], rays[b][np.isfinite(rays[b, :, 0])]
     base = centres[b] - centres[a]
     cosine = first @ second.T
@@ -161,7 +164,7 @@ def _meeting(centres: FloatArray, rays: FloatArray, a: int, b: int, near: float)
 
 
 def _members(cameras: CameraGroup, px: FloatArray, points: FloatArray, reach: float) -> IndexArray:
-    """(N, C) nearest 2D point of each camera to the projections of (N, 3) points within `reach` pixels, else -1."""
+    """(N, C) nearest 2D point of each camera to the projections of (N, 3) points within `reach` px, else -1."""
     out = np.full((len(points), len(cameras)), -1, dtype=np.intp)
     if not len(points):
         return out
@@ -175,15 +178,15 @@ def _members(cameras: CameraGroup, px: FloatArray, points: FloatArray, reach: fl
     return out
 
 
-def _located(cameras: CameraGroup, centres: FloatArray, px: FloatArray, rays: FloatArray, members: IndexArray, reach: float
-             ) -> tuple[FloatArray, IndexArray, FloatArray]:  # fmt: skip
-    """Points (N, 3) where their rays meet, without 2D points farther than `reach`; members again and errors."""
+def _locate(cameras: CameraGroup, centres: FloatArray, px: FloatArray, rays: FloatArray, members: IndexArray,
+            reach: float) -> tuple[FloatArray, IndexArray, FloatArray]:  # fmt: skip
+    """Points (N, 3) where rays intersect, without 2D points farther than `reach` px; updated members, and errors."""
     count, members = len(cameras), members.copy()
     points, error = np.full((len(members), 3), np.nan), np.full(len(members), np.inf)
     for _ in range(3):
         has = members >= 0
         d = np.where(has[..., None], rays[np.arange(count), np.maximum(members, 0)], 0.0)
-        points = meet(centres, d, has)
+        points = intersect_rays(centres, d, has)
         at = np.moveaxis(cameras.project(points), 0, 1)
         off = np.linalg.norm(at - px[np.arange(count), np.maximum(members, 0)], axis=-1)
         off = np.where(has & np.isfinite(off), off, np.where(has, np.inf, np.nan))
@@ -199,8 +202,8 @@ def _located(cameras: CameraGroup, centres: FloatArray, px: FloatArray, rays: Fl
     return points[first], members, error[first]
 
 
-def meet(centres: FloatArray, rays: FloatArray, known: BoolArray) -> FloatArray:
-    """(N, 3) points nearest to their rays (N, C, 3), those of `known` (N, C); near cameras count more."""
+def intersect_rays(centres: FloatArray, rays: FloatArray, known: BoolArray) -> FloatArray:
+    """(N, 3) points nearest to their rays (N, C, 3), where `known` (N, C); nearer cameras have more weight."""
     weight = known.astype(np.float64)
     out = np.zeros((len(rays), 3))
     for _ in range(2):
@@ -213,20 +216,23 @@ def meet(centres: FloatArray, rays: FloatArray, known: BoolArray) -> FloatArray:
 
 def follow_points(cameras: CameraGroup, seen: list[list[FloatArray]], fps: float,
                   options: MatchOptions = MatchOptions()) -> tuple[FloatArray, list[Matched]]:  # fmt: skip
-    """All frames, each with where the points of those before, and then of those after, are going.
+    """Match all frames, each with the predicted positions of the markers in the frames before and then after it.
 
     Args:
-        cameras: C cameras. seen: for each of T frames C arrays (K, 2) of pixels. fps: frames a second.
+        cameras: C cameras.
+        seen: for each of T frames C arrays (K, 2) px.
+        fps: frames per second.
+        options: see `MatchOptions`.
 
     Returns:
-        (T, N, 3) metres, unnamed and in no order, NaN for padding; and what each frame matched.
+        (T, N, 3) metres, unlabelled and in no particular order, padded with NaN; and the matches of each frame.
     """
     frames: list[Matched] = []
     memory = _Memory(fps)
     for now in seen:
         frames.append(match_points(cameras, now, memory.expected(), options))
         memory.update(frames[-1].points)
-    # Backwards again: what is sure later was there before.
+    # Backwards as well: a marker that is certain later was there before.
     memory = _Memory(fps)
     for t in range(len(seen) - 1, -1, -1):
         known = np.concatenate([frames[t].points, memory.expected()])
@@ -240,18 +246,18 @@ def follow_points(cameras: CameraGroup, seen: list[list[FloatArray]], fps: float
 
 
 class _Memory:
-    """Where markers were a moment ago and how they moved."""
+    """Recent positions and velocities of markers."""
 
     def __init__(self, fps: float, longest_s: float = 0.1, fastest: float = 12.0) -> None:
         self.at, self.step, self.age = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
         self.longest, self.reach = max(longest_s * fps, 2.0), max(fastest / fps, 0.02)
 
     def expected(self) -> FloatArray:
-        """(P, 3) metres."""
+        """(P, 3) predicted positions in the next frame, metres."""
         return self.at + self.step
 
     def update(self, points: FloatArray) -> None:
-        """The points of the frame that has come."""
+        """Add the points of a frame."""
         ahead = self.expected()
         step, alone = np.zeros((len(points), 3)), np.ones(len(ahead), bool)
         if len(points) and len(ahead):
@@ -267,13 +273,14 @@ class _Memory:
         self.age = np.concatenate([np.zeros(len(points)), self.age[alone] + 1])
 
 
-def without_ghosts(points: FloatArray, track: IndexArray, least: int, fps: float) -> BoolArray:
-    """(T, S) which samples of trajectories belong to markers on somebody: not to flickers nor to lamps.
+def find_real_markers(points: FloatArray, track: IndexArray, least: int, fps: float) -> BoolArray:
+    """(T, S) samples of trajectories that belong to markers on a person, not to flicker or lamps.
 
     Args:
-        points: (T, S, 3) metres in slots; track: (T, S) number of the trajectory, -1 for none.
-        least: frames that a trajectory must last.
-        fps: frames a second.
+        points: (T, S, 3) metres in slots.
+        track: (T, S) number of the trajectory, -1 for none.
+        least: minimum length of a trajectory, frames.
+        fps: frames per second.
     """
     good = track >= 0
     numbers = np.unique(track[good])
@@ -284,7 +291,7 @@ def without_ghosts(points: FloatArray, track: IndexArray, least: int, fps: float
             good[track == n] = False
         else:
             spread[n] = float(np.sqrt(np.mean(np.var(at, axis=0).sum())))
-    # A lamp does not move, and nothing near it does: a foot on the floor stands still below a knee that does not.
+    # A lamp does not move, nor does anything near it; a planted foot stands still below a knee that moves.
     still = np.array([spread[n] < 0.002 for n in spread], bool)
     if still.any() and not still.all():
         apart = _apart(points, track, list(spread))
@@ -297,7 +304,7 @@ def without_ghosts(points: FloatArray, track: IndexArray, least: int, fps: float
 
 
 def _apart(points: FloatArray, track: IndexArray, numbers: list[int], samples: int = 60) -> FloatArray:
-    """(N, N) least distance of trajectories at common frames, some of the take's; infinite where there are none."""
+    """(N, N) smallest distance of trajectories at common frames of a sample; infinite where there are none."""
     place = {n: i for i, n in enumerate(numbers)}
     out = np.full((len(numbers), len(numbers)), np.inf)
     for t in np.unique(np.linspace(0, len(points) - 1, samples).astype(int)):

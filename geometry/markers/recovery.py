@@ -1,4 +1,4 @@
-"""Points that were left without a name, where a marker is missing: most are that marker, seen for a moment."""
+"""Recovery of unlabelled points near the expected position of a missing marker: most are that marker."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,13 @@ from muybridge.arrays import FloatArray, IndexArray
 
 @dataclass(frozen=True)
 class RecoverOptions:
-    """When a point takes the name of a marker that is missing.
+    """When a point gets the label of a missing marker.
 
     Attributes:
-        frames: longest gap across which the marker's path says where it is.
-        reach_m: how far from there a point may lie, metres; a third more for every frame that the gap is long, up to
-            three times as far.
-        sure: votes over being no marker that a point needs for a name where no path says where the marker is.
+        frames: longest gap across which the marker's path predicts its position.
+        reach_m: largest distance from the prediction, metres; it grows by a third per frame of the gap, up to three
+            times as far.
+        sure: minimum votes over being no marker at which a point gets a label where no path predicts a position.
     """
 
     frames: int = 15
@@ -27,18 +27,21 @@ class RecoverOptions:
 def recover_points(
     points: FloatArray, label: IndexArray, gain: FloatArray, options: RecoverOptions = RecoverOptions()
 ) -> IndexArray:
-    """Labels (T, S) with names for points that lie where a missing marker must be.
+    """Label points that lie where a missing marker is expected.
 
     Args:
-        points: (T, S, 3) metres, NaN where nothing is.
+        points: (T, S, 3) metres, NaN where there is no point.
         label: (T, S) labels so far, -1 for none.
         gain: (T, S, A) votes of every point for every label over being no marker.
-        options: when.
+        options: see `RecoverOptions`.
+
+    Returns:
+        (T, S) labels.
     """
     named = np.full((len(points), gain.shape[2], 3), np.nan)
     frame, slot = np.nonzero(label >= 0)
     named[frame, label[frame, slot]] = points[frame, slot]
-    place, reach = _expected(named, options)
+    place, reach = _predict_missing(named, options)
     out = label.copy()
     loose = (label < 0) & np.isfinite(points[..., 0])
     missing = ~np.isfinite(named[..., 0])
@@ -46,19 +49,21 @@ def recover_points(
         who, what = np.nonzero(loose[t])[0], np.nonzero(missing[t])[0]
         away = np.linalg.norm(points[t, who][:, None] - place[t, what], axis=-1)
         near = np.nan_to_num(away / reach[t, what], nan=np.inf)
-        # Where it should be counts most; what the network says keeps neighbours apart.
-        said = gain[t, who[:, None], what]
-        unknown = np.where(np.isfinite(reach[t, what]), -1e3, said - options.sure)
-        score = np.where(near < 1, 6 * (1 - np.minimum(near, 1)) + np.maximum(said, -4.0), unknown)
+        # The expected position has the most weight; the network's scores separate neighbouring markers.
+        votes = gain[t, who[:, None], what]
+        unknown = np.where(np.isfinite(reach[t, what]), -1e3, votes - options.sure)
+        score = np.where(near < 1, 6 * (1 - np.minimum(near, 1)) + np.maximum(votes, -4.0), unknown)
         rows, cols = linear_sum_assignment(score, maximize=True)
         good = score[rows, cols] > 0
         out[t, who[rows[good]]] = what[cols[good]]
     return out
 
 
-def _expected(named: FloatArray, options: RecoverOptions) -> tuple[FloatArray, FloatArray]:
-    """Where missing markers (T, A, 3) must be, by a straight line across short gaps, and how far off (T, A) they may be
-    found; NaN where nothing is known."""
+def _predict_missing(named: FloatArray, options: RecoverOptions) -> tuple[FloatArray, FloatArray]:
+    """Expected positions (T, A, 3) of missing markers, linear across short gaps, and their tolerance (T, A), metres.
+
+    NaN where nothing is known.
+    """
     count, size = named.shape[:2]
     place, reach = np.full(named.shape, np.nan), np.full((count, size), np.nan)
     for a in range(size):
@@ -71,7 +76,7 @@ def _expected(named: FloatArray, options: RecoverOptions) -> tuple[FloatArray, F
             inside = np.arange(first + 1, last)
             share = ((inside - first) / (last - first))[:, None]
             place[inside, a] = named[first, a] * (1 - share) + named[last, a] * share
-            # A fast marker bends its path more.
+            # A fast marker's path is more curved.
             speed = np.linalg.norm(named[last, a] - named[first, a]) / (last - first)
             wider = min(1 + (gap[i] - 1) / 3, 3.0)
             reach[inside, a] = options.reach_m * wider + 0.5 * min(speed, 0.1)

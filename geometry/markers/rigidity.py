@@ -1,8 +1,8 @@
-"""What distances between markers say about their names.
+"""Evidence for labels from distances between markers.
 
 Between some markers the distance hardly varies while a person moves (Pan et al. 2023 link each marker to those). Once
-most points have a name, these distances are measured on the person at hand, and a point that is called wrongly stands
-out: it is nowhere near where its partners say.
+most points have a label, these distances are measured on the person, and a wrongly labelled point is not where its
+partners predict it.
 """
 
 from dataclasses import dataclass
@@ -12,20 +12,20 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray
 
-# Distances are measured in this many frames, spread over the recording, up to twice as many.
+# Distances are measured in at least this many frames, spread over the recording, and in at most twice as many.
 _MOST_FRAMES = 300
 
 
 @dataclass(frozen=True)
 class RigidityOptions:
-    """How distances count.
+    """How distances enter the labelling.
 
     Attributes:
-        links: partners of a marker: those whose distance to it varies least.
-        weight: how much a distance that fits counts beside the network's scores.
-        rounds: how often names and distances are found anew from one another.
+        links: number of partners of a marker: those whose distance to it varies least.
+        weight: weight of a distance that fits, relative to the network's scores.
+        rounds: number of times that labels and distances are estimated from each other.
         least_m: smallest standard deviation of a distance, metres.
-        frames: how many frames with both markers it takes to trust a distance measured on the person.
+        frames: number of frames with both markers at which a measured distance has the weight of the prior.
     """
 
     links: int = 6
@@ -51,8 +51,14 @@ class Rigidity:
 
 
 def prior_rigidity(distance_m: FloatArray, motion_m: FloatArray, bodies_m: FloatArray, links: int) -> Rigidity:
-    """What is known before the person is: partners, distances and their spread by motion and between bodies, all
-    (A, A)."""
+    """Partners, distances and their spread before the person is known.
+
+    Args:
+        distance_m: (A, A) mean distances, metres.
+        motion_m: (A, A) their standard deviation by motion, metres.
+        bodies_m: (A, A) their standard deviation between bodies, metres.
+        links: number of partners.
+    """
     spread = motion_m + 1e6 * np.eye(len(motion_m))
     partners = np.argsort(spread, 1, kind="stable")[:, : min(links, len(spread) - 1)]
     rows = np.arange(len(spread))[:, None]
@@ -61,9 +67,9 @@ def prior_rigidity(distance_m: FloatArray, motion_m: FloatArray, bodies_m: Float
 
 
 def measured_rigidity(points: FloatArray, prior: Rigidity, options: RigidityOptions) -> Rigidity:
-    """Distances on the person at hand, from named points (T, A, 3); the prior where a pair was hardly seen.
+    """Distances on the person, from labelled points (T, A, 3); the prior for pairs that are rarely visible.
 
-    Medians and quartiles: a quarter of the names may be wrong.
+    Uses medians and quartiles, because a quarter of the labels may be wrong.
     """
     points = points[:: max(1, len(points) // _MOST_FRAMES)]
     at = points[:, :, None] - points[:, prior.partners]
@@ -75,7 +81,7 @@ def measured_rigidity(points: FloatArray, prior: Rigidity, options: RigidityOpti
     filled[:, few] = 0.0
     low, middle, high = np.nanquantile(filled, (0.2, 0.5, 0.8), axis=0)
     sigma = np.maximum(0.6 * (high - low), options.least_m)
-    # The size of the person, for pairs that were not seen together.
+    # Scale the prior by the person's size, for pairs that are not visible together.
     size = float(np.median((middle / prior.mean_m)[~few])) if (~few).any() else 1.0
     return Rigidity(prior.partners, np.where(few, prior.mean_m * size, middle),
                     np.where(few, prior.sigma_m, np.minimum(sigma, prior.sigma_m + 0.02)))  # fmt: skip
@@ -85,9 +91,9 @@ def distance_scores(points: FloatArray, named: FloatArray, owner: IndexArray, ri
     """(T, S, A) how well points fit as markers: from -1 (no partner is where it should be) to 1.
 
     Args:
-        points: (T, S, 3) metres, NaN where nothing is.
-        named: (T, A, 3) the markers as named now, NaN where unnamed.
-        owner: (T, A) slots they come from; a point is no partner of itself.
+        points: (T, S, 3) metres, NaN where there is no point.
+        named: (T, A, 3) currently labelled markers, NaN where missing.
+        owner: (T, A) slots of the markers; a point is no partner of itself.
         rigidity: the distances.
     """
     out = np.zeros((*points.shape[:2], len(rigidity.partners)))
@@ -127,5 +133,5 @@ def _fit(
                         off = (d - mean[a, k]) / sigma[a, k]
                         total += 1.0 - min(off * off / 4.5, 2.0)
                         number += 1.0
-                # One partner alone says less than several.
+                # A single partner is weaker evidence than several.
                 out[t, s, a] = total / (number + 1.0)

@@ -1,4 +1,4 @@
-"""Whose marker is whose: two people's trajectories told apart by where they are."""
+"""Separation of two people's marker trajectories by their position."""
 
 from dataclasses import replace
 
@@ -10,8 +10,8 @@ from scipy.spatial.distance import squareform
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.markers.tracking import Tracks
 
-# From this many points for every marker of the set on, a second person is looked for; each must have this share of
-# the set.
+# A second person is searched for if there are at least this many points per marker of the set; each person must have
+# this share of the set.
 CROWDED = 1.35
 LEAST_SHARE = 0.5
 _FRAMES = 150
@@ -19,11 +19,14 @@ _FAR = 5.0
 
 
 def split_people(tracks: Tracks, size: int) -> list[Tracks]:
-    """One `Tracks` a person, the one with most points first; a single one where nobody else is there.
+    """Split trajectories by person.
 
     Args:
         tracks: trajectories, metres.
-        size: markers of the set that people wear.
+        size: number of markers of the set that the people wear.
+
+    Returns:
+        One `Tracks` per person, the one with most points first; a single one where there is one person.
     """
     crowd = float(np.median((tracks.track >= 0).sum(1)))
     if crowd < CROWDED * size:
@@ -46,7 +49,7 @@ def split_people(tracks: Tracks, size: int) -> list[Tracks]:
 
 
 def _long_tracks(tracks: Tracks, frames: IndexArray) -> tuple[IndexArray, FloatArray]:
-    """Numbers (P,) of the trajectories that are seen most, and their places (P, F, 3) in some frames."""
+    """Numbers (P,) of the longest trajectories, and their positions (P, F, 3) in a sample of frames."""
     track = tracks.track[frames]
     number, count = np.unique(track[track >= 0], return_counts=True)
     number = number[np.argsort(-count, kind="stable")[:400]]
@@ -62,14 +65,14 @@ def _long_tracks(tracks: Tracks, frames: IndexArray) -> tuple[IndexArray, FloatA
 
 
 def _distances(place: FloatArray) -> FloatArray:
-    """(P, P) mean distance while both are there; where they never are, that of the frames' middle markers."""
+    """(P, P) mean distance in common frames; without any, that of the trajectories' medians over the frames."""
     out = np.empty((len(place), len(place)))
     for i, one in enumerate(place):
         away = np.linalg.norm(place - one, axis=-1)
         known = np.isfinite(away)
         out[i] = np.where(known.any(1), np.nansum(away, 1) / np.maximum(known.sum(1), 1), np.nan)
     missing = ~np.isfinite(out)
-    # Who never meets is as far apart as they are from those that both meet.
+    # Trajectories without a common frame get their distance via the trajectories that both overlap with.
     filled = np.where(missing, 0.0, out)
     common = (~missing).astype(float)
     between = (filled @ common + common @ filled) / np.maximum(2 * (common @ common), 1)
@@ -80,7 +83,7 @@ def _distances(place: FloatArray) -> FloatArray:
 
 
 def _owners(tracks: Tracks, number: IndexArray, group: NDArray[np.int32]) -> IndexArray:
-    """(T, S) the person of every point, 0 where none is; short trajectories go to whom they are nearest."""
+    """(T, S) person of every point, 0 where there is none; short trajectories belong to the nearest person."""
     of_track = np.zeros(tracks.count + 1, np.intp)
     of_track[number] = group
     owner = np.where(tracks.track >= 0, of_track[tracks.track], 0)
@@ -91,7 +94,7 @@ def _owners(tracks: Tracks, number: IndexArray, group: NDArray[np.int32]) -> Ind
 
 
 def _middle(points: FloatArray, own: BoolArray) -> FloatArray:
-    """(T, 3) median of a person's points; where none is seen, over the whole recording."""
+    """(T, 3) median of a person's points; in frames without any, that of the whole recording."""
     seen = np.where(own[..., None], points, np.nan)
     empty = ~own.any(1)
     seen[empty, 0] = np.nanmedian(seen[~empty].reshape(-1, 3), 0) if (~empty).any() else 0.0

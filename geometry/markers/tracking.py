@@ -1,7 +1,7 @@
-"""Unnamed points over time: trajectories checked for jumps, or made anew where a file has none.
+"""Trajectories of unlabelled points: those of a file are checked for jumps, or points are tracked.
 
 A marker's state is its position and velocity under white-noise acceleration (Kalman filter); points are assigned to
-predictions within a gate, all at once; a marker that is out of sight is carried on for a few frames.
+predictions within a gate, all at once; a marker that is lost is predicted for a few frames.
 """
 
 from dataclasses import dataclass
@@ -20,10 +20,10 @@ class TrackOptions:
         acceleration: standard deviation of a marker's acceleration, m/s^2.
         noise_m: standard deviation of a measurement, metres.
         gate: largest distance between a point and its prediction in standard deviations.
-        coast: frames that a marker out of sight is carried on.
-        reach_m: farthest that a point may lie from its prediction, metres.
-        shuffled: share of jumps within a file's columns, or of columns that go on as another does, from which on they
-            are no trajectories.
+        coast: number of frames for which a lost marker is predicted.
+        reach_m: largest distance of a point from its prediction, metres.
+        shuffled: share of jumps within a file's columns, or of columns that another one continues, from which on the
+            columns are not used as trajectories.
     """
 
     acceleration: float = 60.0
@@ -36,13 +36,13 @@ class TrackOptions:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Trajectories in slots: a slot holds one trajectory after another.
+    """Trajectories in slots; a slot holds one trajectory after another.
 
     Attributes:
-        points: (T, S, 3) metres, NaN where nothing is.
-        track: (T, S) number of the trajectory, -1 where nothing is.
-        column: (T, S) column of the file that the point comes from, -1 where nothing is.
-        tracked: whether they were made anew.
+        points: (T, S, 3) metres, NaN where there is no point.
+        track: (T, S) number of the trajectory, -1 where there is no point.
+        column: (T, S) column of the file that the point comes from, -1 where there is no point.
+        tracked: whether the trajectories were tracked, not taken from the file.
     """
 
     points: FloatArray
@@ -57,17 +57,17 @@ class Tracks:
 
 
 def find_tracks(points: FloatArray, fps: float, options: TrackOptions = TrackOptions()) -> Tracks:
-    """A file's columns cut at gaps and jumps; or, where its columns are no trajectories, its points tracked.
+    """Trajectories of a file's columns, split at gaps and jumps; or tracked, where its columns are no trajectories.
 
     Args:
         points: (T, K, 3) metres, NaN where missing.
-        fps: frames a second.
-        options: how.
+        fps: frames per second.
+        options: see `TrackOptions`.
     """
     jumps = _jumps(points, fps, options)
     seen = np.isfinite(points[..., 0])
     steps = (seen[1:] & seen[:-1]).sum()
-    if steps and max(jumps.sum() / steps, _exchanged(points)) > options.shuffled:
+    if steps and max(jumps.sum() / steps, _shuffled_share(points)) > options.shuffled:
         return track_points(points, fps, options)
     track = np.full(seen.shape, -1, np.intp)
     number = 0
@@ -81,9 +81,9 @@ def find_tracks(points: FloatArray, fps: float, options: TrackOptions = TrackOpt
     return Tracks(points, track, column, False)
 
 
-def _exchanged(points: FloatArray, most: int = 150) -> float:
-    """Share of steps that lead to where another column's point would go more easily: near 1 where points are shuffled
-    in every frame, however few frames a second there are."""
+def _shuffled_share(points: FloatArray, most: int = 150) -> float:
+    """Share of steps after which another column's point is nearer; near 1 where points are shuffled in every frame,
+    at any frame rate."""
     exchanged = steps = 0
     for t in np.unique(np.linspace(0, max(len(points) - 2, 0), most).astype(int)):
         pair = points[t : t + 2]
@@ -98,11 +98,11 @@ def _exchanged(points: FloatArray, most: int = 150) -> float:
 
 
 def _jumps(points: FloatArray, fps: float, options: TrackOptions) -> BoolArray:
-    """(T, K) where a column is elsewhere than its motion before lets expect."""
+    """(T, K) whether a column is far from where its previous motion predicts it."""
     count, columns = points.shape[:2]
     jumps = np.zeros((count, columns), bool)
     filters = _Filters(columns, fps, options)
-    # Columns are trusted: a jump is what no marker does, not what is merely unlikely.
+    # Columns are trusted: a jump is a motion that no marker can make, not one that is merely improbable.
     slack = 0.04 + 4 * options.acceleration / fps**2
     last = np.full(columns, False)
     for t in range(count):
@@ -119,7 +119,7 @@ def _jumps(points: FloatArray, fps: float, options: TrackOptions) -> BoolArray:
 
 
 def track_points(points: FloatArray, fps: float, options: TrackOptions = TrackOptions()) -> Tracks:
-    """Trajectories of points whose columns say nothing; arguments as `find_tracks`."""
+    """Track points whose columns have no meaning; arguments as `find_tracks`."""
     count, columns = points.shape[:2]
     slots = 2 * columns + 8
     filters = _Filters(slots, fps, options)
@@ -144,7 +144,7 @@ def track_points(points: FloatArray, fps: float, options: TrackOptions = TrackOp
         at[t, slot], track[t, slot], column[t, slot] = points[t, source], number[slot], source
         missed = np.where(hit, 0, missed + 1)
         age[hit] += 1
-        # A trajectory that has only begun is not carried on.
+        # A trajectory that has just started is not predicted.
         number[(missed > options.coast) | ((missed > 1) & (age < 5))] = -1
         new = np.delete(seen, cols)
         free = np.nonzero(number < 0)[0][: len(new)]
@@ -168,7 +168,7 @@ def _assign(filters: "_Filters", alive: IndexArray, points: FloatArray, options:
     off = np.linalg.norm(filters.position[alive][:, None] - points[None], axis=2)
     sigma = np.sqrt(filters.variance[alive, 0, 0] + options.noise_m**2)
     near = (off < options.gate * sigma[:, None]) & (off < options.reach_m)
-    # Carried-on predictions stand back behind markers that were just seen.
+    # Predictions of lost markers come after markers that were just visible.
     cost = np.where(near, off + 0.01 * np.minimum(missed, 3)[:, None], 10.0)
     rows, cols = linear_sum_assignment(cost)
     good = near[rows, cols]
@@ -176,7 +176,7 @@ def _assign(filters: "_Filters", alive: IndexArray, points: FloatArray, options:
 
 
 class _Filters:
-    """Kalman filters of position and velocity, one a slot, the same for every axis."""
+    """Kalman filters of position and velocity, one per slot, with the same covariance for every axis."""
 
     def __init__(self, count: int, fps: float, options: TrackOptions) -> None:
         self.dt, self.options = 1.0 / fps, options
@@ -187,12 +187,12 @@ class _Filters:
         self.process = q * np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]])
 
     def predict(self) -> None:
-        """One frame on."""
+        """Predict one frame ahead."""
         self.position += self.velocity * self.dt
         self.variance = self.move @ self.variance @ self.move.T + self.process
 
     def update(self, which: BoolArray, points: FloatArray) -> None:
-        """Measurements `points` (S, 3) of the slots in `which`."""
+        """Apply the measurements `points` (S, 3) of the slots in `which`."""
         v = self.variance[which]
         gain = v[:, :, 0] / (v[:, 0, 0] + self.options.noise_m**2)[:, None]
         off = points[which] - self.position[which]
@@ -201,6 +201,6 @@ class _Filters:
         self.variance[which] = v - gain[:, :, None] * v[:, :1, :]
 
     def start(self, which: BoolArray, points: FloatArray) -> None:
-        """New trajectories at `points` (S, 3) in the slots in `which`: at rest, give or take 2 m/s."""
+        """Start trajectories at `points` (S, 3) in the slots in `which`: at rest, standard deviation 2 m/s."""
         self.position[which], self.velocity[which] = points[which], 0.0
         self.variance[which] = np.diag([self.options.noise_m**2, 4.0])

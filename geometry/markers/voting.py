@@ -1,7 +1,7 @@
-"""From scores of every point in every frame to labels of whole trajectories.
+"""Labels of whole trajectories from scores of every point in every frame.
 
-A trajectory's frames vote; where they change their mind for good (two markers were exchanged), it is cut; two
-trajectories that are there at the same time never share a label.
+The frames of a trajectory vote; where their vote changes permanently (two markers were exchanged), the trajectory is
+split; two trajectories that overlap in time never share a label.
 """
 
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ class VoteOptions:
     """How trajectories vote.
 
     Attributes:
-        memory: seconds over which a network's errors are alike, so that frames closer than that share one vote.
-        floor: least logarithm of a probability that a frame can hold against a label.
-        switch: votes that it costs a trajectory to change its label where it may have been exchanged: it jumps, or
-            another's path leads to where it is.
-        smooth: votes that it costs elsewhere.
+        memory: correlation time of the network's errors, seconds; frames closer than that share one vote.
+        floor: smallest log probability that a frame can hold against a label.
+        switch: cost, in votes, of a label change where the trajectory may have been exchanged: where it jumps, or
+            another one's path leads to its position.
+        smooth: cost, in votes, of a label change elsewhere.
     """
 
     memory: float = 0.12
@@ -32,8 +32,10 @@ class VoteOptions:
 
 
 def assign_frames(scores: FloatArray, floor: float = -9.0) -> IndexArray:
-    """Labels (T, S) of points by every frame's scores (T, S, L + 1) alone, -1 for none: the best assignment in which
-    a label is given once. Points that are not there have NaN scores."""
+    """Labels (T, S) of points from the scores (T, S, L + 1) of each frame alone, -1 for none.
+
+    The best assignment in which each label is used once. Missing points have NaN scores.
+    """
     count, slots, columns = scores.shape
     out = np.full((count, slots), -1, np.intp)
     for t in range(count):
@@ -51,17 +53,17 @@ def assign_frames(scores: FloatArray, floor: float = -9.0) -> IndexArray:
 def cut_tracks(
     scores: FloatArray, track: IndexArray, points: FloatArray, fps: float, options: VoteOptions = VoteOptions()
 ) -> IndexArray:
-    """Track numbers (T, S) with trajectories cut where their label changes for good.
+    """Track numbers (T, S) of trajectories split where their label changes permanently.
 
     Args:
-        scores: (T, S, L + 1) logarithms, NaN where no point is.
-        track: (T, S) numbers, -1 where no point is.
-        points: (T, S, 3) metres, NaN where no point is.
-        fps: frames a second.
-        options: how.
+        scores: (T, S, L + 1) log probabilities, NaN where there is no point.
+        track: (T, S) numbers, -1 where there is no point.
+        points: (T, S, 3) metres, NaN where there is no point.
+        fps: frames per second.
+        options: see `VoteOptions`.
     """
-    # What is a marker does not become a ghost: whether it is one is for the votes to say.
-    t, s, starts = ordered(track)
+    # A marker does not become a ghost; whether it is one is decided by the votes.
+    t, s, starts = sort_by_track(track)
     votes = _weight(fps, options) * np.maximum(scores[t, s, :-1], options.floor)
     cost = np.where(exchangeable(points, track)[t, s], options.switch, options.smooth)
     out = np.full_like(track, -1)
@@ -70,8 +72,10 @@ def cut_tracks(
 
 
 def exchangeable(points: FloatArray, track: IndexArray, slack: float = 0.03) -> BoolArray:
-    """(T, S) where a trajectory may go on as another marker: the step there is a jump, or the path of another
-    trajectory leads there as well as its own, give or take `slack` metres; arguments as `cut_tracks`."""
+    """(T, S) where a trajectory may continue as another marker; arguments as `cut_tracks`.
+
+    There the step is a jump, or the path of another trajectory leads there as well, within `slack` metres.
+    """
     out = np.zeros(track.shape, np.bool_)
     _exchangeable(np.ascontiguousarray(points), np.ascontiguousarray(track), slack, out)
     return out
@@ -113,24 +117,26 @@ def vote(
     scores: FloatArray, track: IndexArray, fps: float, options: VoteOptions = VoteOptions()
 ) -> tuple[FloatArray, IndexArray]:
     """Votes (P, L + 1) of every trajectory, and its first and last frame (P, 2); arguments as `cut_tracks`."""
-    t, s, starts = ordered(track)
+    t, s, starts = sort_by_track(track)
     if not len(t):
         return np.zeros((0, scores.shape[2])), np.zeros((0, 2), np.intp)
     votes = np.add.reduceat(np.maximum(scores[t, s], options.floor), starts[:-1], 0)
     return votes * _weight(fps, options), np.stack([t[starts[:-1]], t[starts[1:] - 1]], 1)
 
 
-def elect(votes: FloatArray, span: IndexArray, rounds: int = 8) -> IndexArray:
-    """Labels (P,) of trajectories, -1 for none.
+def assign_labels(votes: FloatArray, span: IndexArray, rounds: int = 8) -> IndexArray:
+    """Assign labels to trajectories.
+
+    Maximises the votes: greedily first, then by moving one trajectory to a label and the one that has it to its next
+    best, as long as that gains votes, and by the best assignment (Hungarian method) of all trajectories in some frames.
 
     Args:
         votes: (P, L + 1), the last column for being no marker.
         span: (P, 2) first and last frame; trajectories that share a frame share no label.
-        rounds: of improvement.
+        rounds: number of improvement rounds.
 
-    The votes won are maximised: greedily first, then by moving one trajectory to a label and whoever stands there to
-    its next best, as long as that wins votes, and by the best assignment (Hungarian method) of all that are there in
-    some frames.
+    Returns:
+        (P,) labels, -1 for none.
     """
     gain = np.ascontiguousarray(votes[:, :-1] - votes[:, -1:])
     label = np.full(len(votes), -1, np.intp)
@@ -146,7 +152,7 @@ def elect(votes: FloatArray, span: IndexArray, rounds: int = 8) -> IndexArray:
 
 
 def _assign_at(frame: int, gain: FloatArray, first: IndexArray, last: IndexArray, label: IndexArray) -> None:
-    """The best labels of all trajectories that are there in a frame, as far as the others leave them free."""
+    """Assign the best labels to all trajectories of a frame, as far as others do not have them."""
     here = np.nonzero((first <= frame) & (last >= frame))[0]
     allowed = gain[here].copy()
     named = np.nonzero(label >= 0)[0]
@@ -159,14 +165,14 @@ def _assign_at(frame: int, gain: FloatArray, first: IndexArray, last: IndexArray
 
 @numba.njit(cache=True)
 def _overlaps(first: IndexArray, last: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Who shares a frame with whom: beside[starts[p] : starts[p + 1]] are those beside p."""
+    """Overlapping trajectories: those of trajectory p are beside[starts[p] : starts[p + 1]]."""
     order = np.argsort(first)
     begin = first[order]
     count = np.zeros(len(first) + 1, np.intp)
     for p in range(len(first)):
         for i in range(np.searchsorted(begin, first[p]), np.searchsorted(begin, last[p], side="right")):
             q = order[i]
-            # Of two that begin together, each finds the other: one of them counts the pair.
+            # Of two that start together, each finds the other; one of them counts the pair.
             if q != p and (first[q] > first[p] or q > p):
                 count[p + 1] += 1
                 count[q + 1] += 1
@@ -206,7 +212,7 @@ def _elect(
 
 @numba.njit(cache=True)
 def _free(p: int, gain: FloatArray, beside: IndexArray, starts: IndexArray, label: IndexArray) -> int:
-    """The best label that no trajectory beside `p` has, -1 where none wins votes."""
+    """The best label that no overlapping trajectory has, -1 where none gains votes."""
     taken = np.zeros(gain.shape[1], np.bool_)
     for q in beside[starts[p] : starts[p + 1]]:
         if label[q] >= 0:
@@ -220,7 +226,7 @@ def _free(p: int, gain: FloatArray, beside: IndexArray, starts: IndexArray, labe
 
 @numba.njit(cache=True)
 def _improve(p: int, gain: FloatArray, beside: IndexArray, starts: IndexArray, label: IndexArray) -> bool:
-    """Gives `p` a label that it wins more votes with, if whoever stands there can be placed at less loss."""
+    """Give `p` a label with more votes if the trajectory that has it can be moved at a smaller loss."""
     old = label[p]
     now = gain[p, old] if old >= 0 else 0.0
     for new in np.argsort(-gain[p])[:5]:
@@ -249,8 +255,8 @@ def _weight(fps: float, options: VoteOptions) -> float:
     return 1.0 / (1.0 + fps * options.memory)
 
 
-def ordered(track: IndexArray) -> tuple[IndexArray, IndexArray, IndexArray]:
-    """Frames and slots of all points, trajectory by trajectory, and where each begins (P + 1)."""
+def sort_by_track(track: IndexArray) -> tuple[IndexArray, IndexArray, IndexArray]:
+    """Frames and slots of all points, sorted by trajectory, and the start of each trajectory (P + 1)."""
     t, s = np.nonzero(track >= 0)
     number = track[t, s]
     order = np.lexsort((t, number))
@@ -260,7 +266,7 @@ def ordered(track: IndexArray) -> tuple[IndexArray, IndexArray, IndexArray]:
 
 @numba.njit(cache=True)
 def _cut(votes: FloatArray, starts: IndexArray, switch: FloatArray) -> IndexArray:
-    """A number for every piece of every trajectory, (N,)."""
+    """(N,) a number for every piece of every trajectory."""
     out = np.empty(len(votes), np.intp)
     number = -1
     for p in range(len(starts) - 1):
@@ -276,7 +282,7 @@ def _cut(votes: FloatArray, starts: IndexArray, switch: FloatArray) -> IndexArra
 
 @numba.njit(cache=True)
 def _best_path(votes: FloatArray, switch: FloatArray) -> IndexArray:
-    """The labels (N,) of the best course through votes (N, L), a change at i costing `switch[i]` (Viterbi)."""
+    """The labels (N,) of the best path through votes (N, L), where a change at i costs `switch[i]` (Viterbi)."""
     count, labels = votes.shape
     came = np.empty((count, labels), np.intp)
     best = votes[0].copy()

@@ -1,4 +1,4 @@
-"""The one way in which kernels are compiled."""
+"""Compilation of numerical kernels, with the same settings everywhere."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Rotations on arrays: exponential map, swing and twist, quaternions that do not jump.
+"""Rotations on arrays: exponential map, swing and twist, quaternions that are continuous over time.
 
-Every function works on any leading shape. Quaternions are `wxyz`, unit length. Matrices act on columns.
+All functions accept any leading shape. Quaternions are `wxyz`, unit length. Matrices act on column vectors.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from muybridge.arrays import FloatArray
 
 
 def _cross_matrix(vectors: FloatArray) -> FloatArray:
-    """(..., 3) -> (..., 3, 3), the matrix of `v x`."""
+    """(..., 3) to (..., 3, 3) matrix of `v x`."""
     out = np.zeros((*vectors.shape[:-1], 3, 3))
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
@@ -19,7 +19,7 @@ def _cross_matrix(vectors: FloatArray) -> FloatArray:
 
 
 def exp_so3(rotvec: FloatArray) -> FloatArray:
-    """(..., 3) rotation vectors -> (..., 3, 3) matrices (Rodrigues)."""
+    """(..., 3) rotation vectors to (..., 3, 3) matrices (Rodrigues)."""
     angle = np.sqrt(np.sum(rotvec * rotvec, axis=-1))[..., None, None]
     out = np.sinc(angle / np.pi) * _cross_matrix(rotvec)
     out += 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (rotvec[..., :, None] * rotvec[..., None, :])
@@ -28,7 +28,7 @@ def exp_so3(rotvec: FloatArray) -> FloatArray:
 
 
 def left_jacobian_so3(rotvec: FloatArray) -> FloatArray:
-    """(..., 3) -> (..., 3, 3): `exp(v + dv) = exp(J dv) exp(v)` to first order.
+    """(..., 3) to (..., 3, 3): `exp(v + dv) = exp(J dv) exp(v)` to first order.
 
     Source: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics", equation 145.
     """
@@ -43,19 +43,19 @@ def left_jacobian_so3(rotvec: FloatArray) -> FloatArray:
 
 
 def log_so3(matrices: FloatArray) -> FloatArray:
-    """(..., 3, 3) -> (..., 3) rotation vectors of at most pi; the matrices need only be nearly orthogonal."""
+    """(..., 3, 3) to (..., 3) rotation vectors of at most pi; the matrices need only be nearly orthogonal."""
     flat = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_rotvec()
     return np.asarray(flat.reshape(*matrices.shape[:-2], 3))
 
 
 def quat_from_matrix(matrices: FloatArray) -> FloatArray:
-    """(..., 3, 3) -> (..., 4) wxyz."""
+    """(..., 3, 3) matrices to (..., 4) quaternions wxyz."""
     xyzw = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_quat()
     return np.asarray(np.roll(xyzw, 1, axis=-1).reshape(*matrices.shape[:-2], 4))
 
 
 def matrix_from_quat(quat_wxyz: FloatArray) -> FloatArray:
-    """(..., 4) wxyz, normalised here -> (..., 3, 3)."""
+    """(..., 4) quaternions wxyz, which are normalised, to (..., 3, 3) matrices."""
     q = quat_wxyz / np.linalg.norm(quat_wxyz, axis=-1, keepdims=True)
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     out = np.empty((*q.shape[:-1], 3, 3))
@@ -72,9 +72,9 @@ def matrix_from_quat(quat_wxyz: FloatArray) -> FloatArray:
 
 
 def continuous_quat(quat_wxyz: FloatArray) -> FloatArray:
-    """(T, ..., 4): the same rotations, with signs such that successive ones are on the same side.
+    """(T, ..., 4) the same rotations, with signs chosen such that consecutive quaternions are in the same half-space.
 
-    The first frame gets a non-negative w.
+    The first frame has a non-negative w.
     """
     if not len(quat_wxyz):
         return quat_wxyz.copy()
@@ -85,10 +85,10 @@ def continuous_quat(quat_wxyz: FloatArray) -> FloatArray:
 
 
 def matrix_from_swing_twist(coordinates: FloatArray, twist_axis: int) -> FloatArray:
-    """(..., 3) angles about x, y, z -> (..., 3, 3): the twist about `twist_axis` first, then the swing.
+    """(..., 3) angles about x, y, z to (..., 3, 3): the twist about `twist_axis` first, then the swing.
 
-    The two other components are a rotation vector at right angles to the twist axis (the swing); so a bone
-    that lies along the twist axis is pointed by the swing alone and the twist rolls it.
+    The two other components are a rotation vector perpendicular to the twist axis (the swing); for a bone along the
+    twist axis, the swing alone determines its direction, and the twist its roll.
     """
     twist = np.zeros_like(coordinates)
     twist[..., twist_axis] = coordinates[..., twist_axis]
@@ -96,9 +96,9 @@ def matrix_from_swing_twist(coordinates: FloatArray, twist_axis: int) -> FloatAr
 
 
 def swing_twist_from_matrix(matrices: FloatArray, twist_axis: int) -> FloatArray:
-    """Inverse of `matrix_from_swing_twist`: (..., 3, 3) -> (..., 3), each angle in -pi..pi.
+    """Inverse of `matrix_from_swing_twist`: (..., 3, 3) to (..., 3), each angle in -pi..pi.
 
-    A swing of exactly pi has no defined twist; what comes out still composes to the matrix.
+    The twist of a swing of exactly pi is undefined; the result still composes to the matrix.
     """
     quat = quat_from_matrix(matrices)
     twist = np.zeros_like(quat)
@@ -112,15 +112,15 @@ def swing_twist_from_matrix(matrices: FloatArray, twist_axis: int) -> FloatArray
 
 
 def kabsch(source: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
-    """Rotations that best turn `source` onto `target` about the origin (no shift).
+    """Rotations that best map `source` to `target` about the origin, without translation (Kabsch 1976).
 
     Args:
         source: (..., N, 3).
         target: (..., N, 3).
-        weights: (..., N), zero where a point is to be left out (its coordinates must still be finite).
+        weights: (..., N), zero for points to be ignored (their coordinates must still be finite).
 
     Returns:
-        (..., 3, 3), always proper. With fewer than two directions it is one of the best ones.
+        (..., 3, 3), always proper. With fewer than two independent directions, one of the best rotations.
     """
     covariance = np.einsum("...ni,...n,...nj->...ij", target, weights, source)
     u, _, vt = np.linalg.svd(covariance)

@@ -1,1 +1,5 @@
-"""."""
+"""Skeletons and their motion, the body model, names of joints, joint centres from markers, and masses."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

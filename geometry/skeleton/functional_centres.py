@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from muybridge.arrays import FloatArray
+from muybridge.geometry.numerics.rotations import kabsch
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +55,7 @@ def _rigid(points: FloatArray, reference: FloatArray) -> tuple[FloatArray, Float
     weight = known / np.maximum(known.sum(1), 1)[:, None]
     p, q = np.where(known[..., None], points, 0.0), np.where(np.isfinite(reference), reference, 0.0)
     mean_p, mean_q = np.einsum("tk,tki->ti", weight, p), weight @ q
-    covariance = np.einsum("tk,tki,tkj->tij", weight, p - mean_p[:, None], q[None] - mean_q[:, None])
-    u, _, vt = np.linalg.svd(covariance)
-    sign = np.ones((len(points), 3))
-    sign[:, 2] = np.sign(np.linalg.det(u @ vt))
-    turns = (u * sign[:, None]) @ vt
+    turns = kabsch(q[None] - mean_q[:, None], p - mean_p[:, None], weight)
     places = mean_p - np.einsum("tij,tj->ti", turns, mean_q)
     enough = known.sum(1) >= 3
     turns[~enough], places[~enough] = np.nan, np.nan

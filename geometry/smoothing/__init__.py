@@ -1,1 +1,5 @@
-"""."""
+"""Smoothing of labelled points over time, outliers and gaps."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

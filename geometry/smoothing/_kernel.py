@@ -1,7 +1,7 @@
-"""The compiled parts of `muybridge.geometry.smoothing.kalman`: Kalman smoother and Viterbi path.
+"""The compiled parts of `muybridge.geometry.smoothing`: Kalman smoother and Viterbi path.
 
-The smoother: forwards a Kalman filter on position and velocity, backwards the recursion of Bryson and Frazier in its
-modified form, which needs no inverse of a predicted covariance.
+The smoother is a Kalman filter on position and velocity, run forwards, and the modified Bryson-Frazier recursion, run
+backwards, which needs no inverse of a predicted covariance.
 
 Source: G. J. Bierman, "Fixed interval smoothing with discrete measurements", Int. J. Control 18, 1973.
 """
@@ -29,7 +29,7 @@ def _inverse3(a: FloatArray, out: FloatArray) -> None:
 
 @compiled
 def _predict(mean: FloatArray, spread: FloatArray, dt: float, acceleration: float) -> None:
-    """One frame ahead, in place."""
+    """Predict one frame ahead, in place."""
     for i in range(3):
         mean[i] += dt * mean[3 + i]
     for i in range(3):
@@ -56,7 +56,7 @@ def _update(
     inverse: FloatArray,
     gain: FloatArray,
 ) -> float:
-    """One measurement, in place; its squared Mahalanobis distance. Fills innovation, its information and the gain."""
+    """Apply a measurement in place, return its squared Mahalanobis distance; fills innovation, information, gain."""
     total = np.empty((3, 3))
     for i in range(3):
         off[i] = point[i] - mean[i]
@@ -83,13 +83,13 @@ def _update(
 
 @compiled
 def _add_back(off: FloatArray, inverse: FloatArray, gain: FloatArray, adjoint: FloatArray, weight: FloatArray) -> None:
-    """A measurement's share of the backward recursion, in place on (6,) and (6, 6)."""
+    """Add a measurement to the backward recursion, in place on (6,) and (6, 6)."""
     # (I - K H)^T v = v - H^T K^T v: only the position rows change.
     for i in range(3):
         value = 0.0
         for k in range(6):
             value += gain[k, i] * adjoint[k]
-        off[i + 3] = value  # scratch behind the innovation
+        off[i + 3] = value  # used as scratch memory behind the innovation
     for i in range(3):
         adjoint[i] -= off[i + 3] + inverse[i, 0] * off[0] + inverse[i, 1] * off[1] + inverse[i, 2] * off[2]
     rows = np.empty((3, 6))
@@ -118,7 +118,7 @@ def _add_back(off: FloatArray, inverse: FloatArray, gain: FloatArray, adjoint: F
 
 @compiled
 def _step_back(adjoint: FloatArray, weight: FloatArray, dt: float) -> None:
-    """`F^T v` and `F^T W F`, in place."""
+    """Apply `F^T v` and `F^T W F`, in place."""
     for i in range(3):
         adjoint[3 + i] += dt * adjoint[i]
         for k in range(6):
@@ -132,18 +132,18 @@ def _step_back(adjoint: FloatArray, weight: FloatArray, dt: float) -> None:
 def smooth_all(
     xyz: FloatArray, noise: FloatArray, known: BoolArray, dt: float, acceleration: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Constant velocity with white-noise acceleration, each landmark for itself.
+    """Kalman smoother with constant velocity and white-noise acceleration, for each landmark separately.
 
     Args:
         xyz: (T, J, 3); read only where `known`.
         noise: (T, J, 3, 3) covariance of each point.
-        known: (T, J).
-        dt: seconds a frame.
+        known: (T, J) whether there is a measurement.
+        dt: frame interval, seconds.
         acceleration: standard deviation of each frame's acceleration, metres per second squared.
 
     Returns:
-        (T, J, 3) positions and (T, J, 3, 3) covariances, NaN for a landmark that is never known; (T, J)
-        squared Mahalanobis distance of each point to its prediction, NaN where there was none.
+        (T, J, 3) positions and (T, J, 3, 3) covariances, NaN for a landmark that is never known; (T, J) squared
+        Mahalanobis distance of each point from its prediction, NaN where there is none.
     """
     t_count, j_count = known.shape
     places = np.full((t_count, j_count, 3), np.nan)
@@ -174,7 +174,7 @@ def smooth_all(
             means[t], covers[t] = mean, cover
         adjoint[:], weight[:] = 0.0, 0.0
         for t in range(t_count - 1, -1, -1):
-            _smoothed(means[t], covers[t], adjoint, weight, places[t, j], spreads[t, j])
+            _smooth_state(means[t], covers[t], adjoint, weight, places[t, j], spreads[t, j])
             if known[t, j]:
                 _add_back(offs[t], inverses[t], gains[t], adjoint, weight)
             _step_back(adjoint, weight, dt)
@@ -182,10 +182,10 @@ def smooth_all(
 
 
 @compiled
-def _smoothed(
+def _smooth_state(
     mean: FloatArray, cover: FloatArray, adjoint: FloatArray, weight: FloatArray, place: FloatArray, spread: FloatArray
 ) -> None:
-    """Position and its covariance from the filter's state and what the frames after it say."""
+    """Position and covariance from the filter's state and the backward recursion."""
     rows = np.empty((3, 6))
     for i in range(3):
         place[i] = mean[i]
@@ -204,23 +204,23 @@ def _smoothed(
 
 
 @compiled
-def exchanged_path(costs: FloatArray, known: BoolArray, group: IntArray, prior: FloatArray) -> BoolArray:
-    """(T, G) whether each group of pairs is exchanged: the likeliest two-state path (Viterbi 1967).
+def flipped_path(costs: FloatArray, known: BoolArray, group: IntArray, prior: FloatArray) -> BoolArray:
+    """(T, G) whether each group of pairs is flipped: the most probable two-state path (Viterbi 1967).
 
-    A pair that is missing for a while is compared with its last known frame, so every surviving path remembers
-    in which state that was.
+    A pair that is missing for a while is compared with its last known frame, so every path keeps the state of that
+    frame.
 
     Args:
-        costs: (T, N, 2) of a pair's step if its state stays or changes.
-        known: (T, N).
-        group: (N,) each pair's group.
-        prior: (T, G) cost of the exchanged state.
+        costs: (T, N, 2) cost of a pair's step if its state stays or changes.
+        known: (T, N) whether a pair is known.
+        group: (N,) group of each pair.
+        prior: (T, G) cost of the flipped state.
     """
     t_count, pairs = known.shape
     groups = prior.shape[1]
     total, ways = np.zeros((groups, 2)), np.empty((groups, 2, 2))
     came = np.zeros((t_count, groups, 2), dtype=np.int64)
-    last = np.zeros((pairs, 2), dtype=np.int64)  # by pair and the path's state now: state when last known
+    last = np.zeros((pairs, 2), dtype=np.int64)  # state when last known, by pair and present state
     inherited = np.empty(2, dtype=np.int64)
     for t in range(t_count):
         for g in range(groups):

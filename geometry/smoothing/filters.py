@@ -1,9 +1,9 @@
-"""Filters over time for positions and rotations, from scipy where it has them.
+"""Filters over time for positions and rotations, based on scipy where available.
 
-All take arrays with time first and any shape behind it, and know missing values: a stretch between NaNs is filtered
-for itself, NaN stays NaN. All but One-Euro are without lag (they see the future). `smooth_points` of
-`muybridge.geometry.smoothing.kalman` is the recommended one for landmarks: it measures the noise, weighs points by their
-covariance, drops outliers and fills gaps; the table in docs/smoothing.md compares them.
+All filters take arrays with time first and any trailing shape. NaN marks missing values: runs between NaNs are filtered
+separately, NaN stays NaN. All but One-Euro have no lag (they use future values). `smooth_points` of
+`muybridge.geometry.smoothing.kalman` is recommended for landmarks: it estimates the noise, weights points by their
+covariance, removes outliers and fills gaps; the table in docs/explanation/smoothing.md compares the filters.
 """
 
 import math
@@ -22,19 +22,19 @@ from muybridge.geometry.smoothing._kernel import smooth_all
 
 @dataclass(frozen=True)
 class FilterOptions:
-    """What the filters are told.
+    """Parameters of the filters.
 
     Attributes:
         cutoff_hz: of `butterworth`; None: chosen by residual analysis, one for the whole array.
-        order: of `butterworth` as it acts, both ways together; even.
-        window: seconds, of `savgol`, `median` and `loess`, from end to end.
+        order: effective order of `butterworth`, both directions together; even.
+        window: full window of `savgol`, `median` and `loess`, seconds.
         degree: of the polynomials of `savgol` and `loess`.
-        sigma: seconds, of `gaussian`.
-        smoothing: of `gcv_spline`, weight of the squared second derivative, seconds cubed; None: by generalised cross
-            validation, each column for itself.
-        min_cutoff_hz, beta: of `one_euro`: the cut-off at rest, and how it rises with speed (per unit a second).
-        noise: standard deviation of a value for `kalman`; None: from third differences.
-        acceleration: units a second squared, for `kalman`.
+        sigma: of `gaussian`, seconds.
+        smoothing: of `gcv_spline`, weight of the squared second derivative, seconds cubed; None: chosen by generalised
+            cross validation, separately for each column.
+        min_cutoff_hz, beta: of `one_euro`: the cut-off at rest, and its increase with speed (per unit per second).
+        noise: standard deviation of a value for `kalman`; None: estimated from third differences.
+        acceleration: standard deviation of the acceleration for `kalman`, units per second squared.
     """
 
     cutoff_hz: float | None = None
@@ -54,15 +54,15 @@ def smooth(values: FloatArray, fps: float, method: str, options: FilterOptions |
 
     Args:
         values: any unit; NaN where missing.
-        fps: frames a second.
+        fps: frames per second.
         method: one of METHODS.
         options: see FilterOptions.
 
     Returns:
-        The same shape; NaN where the input is. A stretch too short for the filter comes back as it is.
+        The same shape; NaN where the input is. A run that is too short for the filter is returned unchanged.
 
     Raises:
-        ValueError: an unknown method, or a cut-off that the frame rate cannot have.
+        ValueError: an unknown method, or a cut-off that is too high for the frame rate.
     """
     options = options or FilterOptions()
     if method not in METHODS:
@@ -82,9 +82,9 @@ def smooth(values: FloatArray, fps: float, method: str, options: FilterOptions |
 def smooth_rotations(
     quat_wxyz: FloatArray, fps: float, method: str, options: FilterOptions | None = None
 ) -> FloatArray:
-    """Filter (T, ..., 4) rotations: signs made continuous, the four components filtered, the length restored.
+    """Filter (T, ..., 4) quaternions: make signs continuous, filter the four components, normalise.
 
-    On the unit sphere a smooth motion is a smooth curve, so there are no jumps at half a turn, as angles have.
+    On the unit sphere a smooth motion is a smooth curve, without the jumps that angles have at half a turn.
 
     Returns:
         Unit quaternions of the same shape, continuous in sign; NaN where the input is.
@@ -103,16 +103,16 @@ def smooth_rotations(
 
 
 def hampel(values: FloatArray, half: int, sigmas: float = 3.0) -> tuple[FloatArray, BoolArray]:
-    """Outliers out: (T, ...) values further than `sigmas` robust standard deviations from their running median become
-    NaN (Hampel 1974).
+    """Remove outliers: (T, ...) values farther than `sigmas` robust standard deviations from their running median
+    become NaN (Hampel 1974).
 
     Args:
         values: NaN where missing.
-        half: frames to each side.
-        sigmas: of the scaled median absolute deviation in the window.
+        half: frames on each side.
+        sigmas: threshold, in scaled median absolute deviations of the window.
 
     Returns:
-        The values without outliers, and where they were.
+        The values without outliers, and a mask of the outliers.
     """
     flat = _columns(values)
     padded = np.pad(flat, ((half, half), (0, 0)), constant_values=np.nan)
@@ -128,11 +128,11 @@ def hampel(values: FloatArray, half: int, sigmas: float = 3.0) -> tuple[FloatArr
 
 
 def residual_cutoff(values: FloatArray, fps: float) -> float:
-    """The cut-off that residual analysis chooses for a Butterworth filter, Hz.
+    """The cut-off frequency of a Butterworth filter by residual analysis, Hz.
 
-    The residual of white noise falls linearly with the cut-off; its line, drawn back to 0 Hz, tells how much noise
-    there is, and the cut-off is where the residual is just that. Source: D. A. Winter, Biomechanics and Motor Control
-    of Human Movement, 4th edition, section 3.4.4.3.
+    The residual of white noise falls linearly with the cut-off; its extrapolation to 0 Hz estimates the noise, and the
+    cut-off is where the residual equals it. Source: D. A. Winter, Biomechanics and Motor Control of Human Movement, 4th
+    edition, section 3.4.4.3.
     """
     flat = _columns(values)
     stretches = [s for s in _stretches(np.isfinite(flat)) if s[1] - s[0] > 30]
@@ -158,7 +158,7 @@ def residual_cutoff(values: FloatArray, fps: float) -> float:
 
 
 def _columns(values: FloatArray) -> FloatArray:
-    """(T, ...) -> a copy as (T, N)."""
+    """(T, ...) to a copy of shape (T, N)."""
     return np.array(values, dtype=np.float64).reshape(len(values), math.prod(np.shape(values)[1:]))
 
 
@@ -180,8 +180,8 @@ def _odd_frames(seconds: float, fps: float, least: int) -> int:
     return max(2 * round(0.5 * seconds * fps) + 1, least + 1 - least % 2)
 
 
-# scipy.signal and scipy.interpolate are imported where they are used: they take longer to load than all the rest, and
-# every command loads this module.
+# scipy.signal and scipy.interpolate are imported where they are used, because they take longer to load than everything
+# else and every command loads this module.
 
 
 def _butterworth(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
@@ -191,10 +191,10 @@ def _butterworth(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
     if not 0 < o.cutoff_hz < 0.5 * fps:
         raise ValueError(f"a cut-off of {o.cutoff_hz:g} Hz needs more than {2 * o.cutoff_hz:g} frames/s, not {fps:g}")
     order = max(o.order // 2, 1)
-    # Twice through the filter, the gain at the cut-off would be squared: each pass gets a higher one (Winter).
+    # The gain at the cut-off is squared by two passes, so each pass gets a higher cut-off (Winter).
     wide = math.tan(math.pi * o.cutoff_hz / fps) / (math.sqrt(2.0) - 1) ** (1 / (2 * order))
     sections = butter(order, min(math.atan(wide) / math.pi * 2, 0.999), output="sos")
-    # Mirrored beyond the ends for longer than the filter remembers.
+    # Mirrored at the ends for longer than the filter's memory.
     pad = min(math.ceil(2 * fps / o.cutoff_hz), len(x) - 1)
     return np.asarray(sosfiltfilt(sections, x, axis=0, padlen=pad)) if len(x) > 3 else x
 
@@ -211,7 +211,7 @@ def _gcv_spline(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
 
     if len(x) < 5:
         return x
-    # In frames, not seconds: only there does scipy look for the best parameter where it is.
+    # In frames, not seconds: scipy's search for the best parameter is designed for unit spacing.
     time = np.arange(len(x), dtype=np.float64)
     lam = None if o.smoothing is None else o.smoothing * fps**3
     return np.stack([make_smoothing_spline(time, column, lam=lam)(time) for column in x.T], axis=1)
@@ -226,7 +226,7 @@ def _median(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
 
 
 def _loess(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
-    """Local polynomials with tricube weights (Cleveland 1979); evenly spaced, so each is a fixed set of weights."""
+    """Local polynomials with tricube weights (Cleveland 1979); frames are evenly spaced, so the weights are fixed."""
     window = _odd_frames(o.window, fps, o.degree + 2)
     if len(x) < window:
         return x
@@ -242,7 +242,7 @@ def _loess(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
 
 
 def _loess_kernel(window: int, at: int, degree: int) -> FloatArray:
-    """(window,) weights with which the values give the local polynomial's value at frame `at`."""
+    """(window,) weights of the values in the local polynomial's value at frame `at`."""
     frames = np.arange(window) - at
     weight = (1 - (np.abs(frames) / (np.abs(frames).max() + 1)) ** 3) ** 3
     design = np.vander(frames / window, degree + 1, increasing=True)
@@ -256,7 +256,7 @@ def _one_euro(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
 
 @compiled
 def one_euro(x: FloatArray, dt: float, min_cutoff: float, beta: float, rate_cutoff: float) -> FloatArray:
-    """(T, N): a low-pass filter for live use whose cut-off rises with the speed (Casiez, Roussel, Vogel 2012)."""
+    """(T, N) low-pass filter for live use whose cut-off rises with the speed (Casiez, Roussel, Vogel 2012)."""
     out = np.empty_like(x)
     rate = np.zeros(x.shape[1])
     for t in range(len(x)):

@@ -1,8 +1,7 @@
-"""Gaps in the paths of landmarks or markers, filled from what is known before, after and beside them.
+"""Filling of gaps in the paths of landmarks, from frames before and after the gap and from neighbouring landmarks.
 
-Sources: spline, rigid body and pattern fill are what marker software offers under these names; low rank: O. Gloersen,
-P. Federolf, "Predicting missing marker trajectories in human motion data using marker intercorrelations", PLOS ONE,
-2016.
+Sources: spline, rigid body and pattern fill are methods of marker software; low rank: O. Gloersen, P. Federolf,
+"Predicting missing marker trajectories in human motion data using marker intercorrelations", PLOS ONE, 2016.
 """
 
 from collections.abc import Callable
@@ -19,11 +18,11 @@ class GapOptions:
     """How gaps are filled.
 
     Attributes:
-        max_gap: seconds; longer gaps stay open, as do the ends of the take.
-        short: seconds; where no rigid set of neighbours is known, `auto` takes a spline up to here.
-        rigid_spread: metres, standard deviation of the distances within a set of points that counts as rigid.
-        rank: of `low_rank`: how many principal components of the other points are used.
-        ridge: metres; components that move less than this count little.
+        max_gap: longest gap that is filled, seconds; the ends of the take are not filled.
+        short: longest gap that `auto` fills with a spline where no rigid set of neighbours is known, seconds.
+        rigid_spread: largest standard deviation of the distances within a set of points that counts as rigid, metres.
+        rank: of `low_rank`: number of principal components of the other points.
+        ridge: regularisation: principal components with less motion than this have little weight, metres.
     """
 
     max_gap: float = 2.0
@@ -38,13 +37,13 @@ def fill_gaps(xyz: FloatArray, fps: float, method: str = "auto", options: GapOpt
 
     Args:
         xyz: (T, J, 3) metres, NaN where missing.
-        fps: frames a second.
-        method: `spline`, `rigid`, `pattern`, `low_rank`, or `auto`, which takes the best by measurement: a rigid set of
-            neighbours where there is one, else a spline for few frames and low rank for more.
+        fps: frames per second.
+        method: `spline`, `rigid`, `pattern`, `low_rank`, or `auto`, which had the smallest errors in tests: a rigid set
+            of neighbours where there is one, else a spline for few frames and low rank for more.
         options: see GapOptions.
 
     Returns:
-        (T, J, 3); known points are untouched. A gap for which the method lacks what it needs gets the spline.
+        (T, J, 3); known points are unchanged. A gap for which the method lacks the data is filled with a spline.
 
     Raises:
         ValueError: an unknown method.
@@ -76,7 +75,7 @@ def _inner_gaps(known: BoolArray, longest: float) -> list[tuple[int, int]]:
 
 
 def _spline(xyz: FloatArray, j: int, start: int, stop: int, _: GapOptions) -> FloatArray:
-    """A cubic from edge to edge with the velocities on both sides."""
+    """Cubic Hermite spline between the edges, with the velocities on both sides."""
     path = xyz[:, j]
     # Damped in long gaps: a velocity says little about the motion seconds later.
     damping = min(1.0, 8.0 / (stop - start))
@@ -93,7 +92,7 @@ def _through(xyz: FloatArray, j: int, start: int, stop: int) -> IndexArray:
 
 
 def _spreads(xyz: FloatArray, j: int, others: IndexArray, start: int, stop: int) -> FloatArray:
-    """(K,) standard deviation of the distance to each other landmark, about the gap."""
+    """(K,) standard deviation of the distance to each other landmark, near the gap."""
     near = slice(max(start - 250, 0), stop + 250)
     distance = np.linalg.norm(xyz[near, others] - xyz[near, j : j + 1], axis=-1)
     count = np.isfinite(distance).sum(axis=0)
@@ -101,7 +100,7 @@ def _spreads(xyz: FloatArray, j: int, others: IndexArray, start: int, stop: int)
 
 
 def _rigid(xyz: FloatArray, j: int, start: int, stop: int, options: GapOptions) -> FloatArray | None:
-    """With three or more points that keep their distances: where the body that they are part of carries the point."""
+    """Transfer by the rigid body of three or more points that keep their distances to the landmark."""
     others = _through(xyz, j, start, stop)
     if len(others) < 3:
         return None
@@ -113,23 +112,23 @@ def _rigid(xyz: FloatArray, j: int, start: int, stop: int, options: GapOptions) 
 
 
 def _pattern(xyz: FloatArray, j: int, start: int, stop: int, _: GapOptions) -> FloatArray | None:
-    """The path of the point that keeps its distance best, shifted to meet both edges."""
+    """The path of the landmark whose distance varies least, shifted to meet both edges."""
     others = _through(xyz, j, start, stop)
     if not len(others):
         return None
     donor = others[int(np.argmin(_spreads(xyz, j, others, start, stop)))]
-    return _joined(xyz, xyz[:, donor : donor + 1].repeat(xyz.shape[1], 1), j, start, stop)
+    return _meet_edges(xyz, xyz[:, donor : donor + 1].repeat(xyz.shape[1], 1), j, start, stop)
 
 
-def _joined(xyz: FloatArray, guess: FloatArray, j: int, start: int, stop: int) -> FloatArray:
-    """A guess (T, J, 3) over the gap, shifted linearly in time so that it meets what is known at the edges."""
+def _meet_edges(xyz: FloatArray, guess: FloatArray, j: int, start: int, stop: int) -> FloatArray:
+    """A prediction (T, J, 3) over the gap, shifted linearly in time to meet the known points at the edges."""
     frames, share = np.arange(start, stop), gap_share(start, stop)
     off = [xyz[edge, j] - guess[edge, j] for edge in (start - 1, stop)]
     return np.asarray(guess[frames, j] + (1 - share) * off[0] + share * off[1])
 
 
 def _low_rank(xyz: FloatArray, j: int, start: int, stop: int, options: GapOptions) -> FloatArray | None:
-    """Where the other points' principal components put it: regression over the frames that have all of them."""
+    """Prediction from the other points' principal components: regression over the frames that have all of them."""
     others = _through(xyz, j, start, stop)
     rows = np.flatnonzero(np.isfinite(xyz[:, others, 0]).all(axis=1))
     if len(others) < 4:
@@ -150,11 +149,11 @@ def _low_rank(xyz: FloatArray, j: int, start: int, stop: int, options: GapOption
     guess = scores @ np.linalg.solve(normal, scores[known].T @ (wanted[known] - mean_wanted)) + mean_wanted
     out = np.full((len(xyz), 1, 3), np.nan)
     out[rows, 0] = (guess[:, None] @ np.swapaxes(frame, -1, -2))[:, 0] + centre
-    return _joined(xyz[:, j : j + 1], out, 0, start, stop)
+    return _meet_edges(xyz[:, j : j + 1], out, 0, start, stop)
 
 
 def _heading(local: FloatArray, at: int) -> FloatArray:
-    """(T, 3, 3) turns about z to the heading in which the body looks most like it does in frame `at`."""
+    """(T, 3, 3) rotations about z to the heading at which the body is most similar to frame `at`."""
     a, b = local[at, :, :2], local[:, :, :2]
     angle = np.unwrap(np.arctan2(
         np.sum(a[:, 0] * b[..., 1] - a[:, 1] * b[..., 0], axis=1), np.sum(a * b, axis=(1, 2))

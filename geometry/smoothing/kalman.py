@@ -1,9 +1,8 @@
-"""Labelled 3D points over time: swapped sides, outliers, gaps and noise.
+"""Cleaning and smoothing of labelled 3D points over time: left-right flips, outliers, gaps and noise.
 
-The smoother is a Kalman filter run forwards and backwards (Rauch, Tung, Striebel 1965) on position and
-velocity with white-noise acceleration: it has no lag, weighs every point by its covariance, fills gaps
-with growing uncertainty and gives a covariance for what comes out. Its bandwidth follows the noise: about
-`sqrt(acceleration / noise) / 2 pi` Hz.
+The smoother is a Kalman filter run forwards and backwards (Rauch, Tung, Striebel 1965) on position and velocity with
+white-noise acceleration: it has no lag, weights every point by its covariance, fills gaps with growing uncertainty and
+returns a covariance. Its bandwidth depends on the noise: about `sqrt(acceleration / noise) / 2 pi` Hz.
 """
 
 from dataclasses import dataclass, replace
@@ -26,25 +25,25 @@ Method = Literal["kalman", "butterworth", "savgol", "gcv_spline", "gaussian", "m
 
 @dataclass(frozen=True)
 class SmoothOptions:
-    """How points are cleaned.
+    """How points are cleaned and smoothed.
 
     Attributes:
-        unflip: exchange a left and a right landmark where they have changed places for a while.
-        flip_share: prior probability that a pair is swapped in a frame; smaller leaves longer bursts alone.
-        hampel_window: seconds to each side of a point that its running median sees; 0 switches it off.
-        hampel_sigmas: a point further from it than this many robust standard deviations is dropped.
-        hampel_floor: metres; nearer ones are never dropped.
-        top_speed: metres per second; a point that its neighbour reaches at this speed is no outlier.
-        max_gap: seconds; a longer stretch without a point stays NaN, as do the ends beyond the first and the
-            last known point, unless `extrapolate`. Infinity fills everything between known points.
+        unflip: correct temporary flips of left and right landmarks.
+        flip_share: prior probability that a pair is flipped in a frame; smaller values leave longer flips uncorrected.
+        hampel_window: half width of the running median, seconds; 0 disables outlier removal.
+        hampel_sigmas: distance from the median, in robust standard deviations, from which a point is an outlier.
+        hampel_floor: smallest distance of an outlier, metres.
+        top_speed: a point that a neighbour in time reaches at this speed is no outlier, metres per second.
+        max_gap: longest gap that is filled, seconds; the ends beyond the first and last known point are filled only
+            with `extrapolate`. Infinity fills everything between known points.
         extrapolate: hold the first and the last known position towards the ends of the take.
-        acceleration: metres per second squared, standard deviation of a landmark's acceleration: larger
-            follows faster motion and lets more noise through.
-        passes: how often the smoother is run; after each, noise is measured again and outliers lose weight.
-        default_sigma: metres, noise of a coordinate where the covariance is unknown.
-        method: `kalman` is the recommended smoother, described above; or another of `muybridge.geometry.smoothing.filters`, which
-            then is given the points with outliers dropped and gaps filled.
-        cutoff_hz: of `butterworth`; none: chosen by residual analysis.
+        acceleration: standard deviation of a landmark's acceleration, metres per second squared; larger values follow
+            faster motion and leave more noise.
+        passes: number of runs of the smoother; after each, the noise is estimated again and outliers are downweighted.
+        default_sigma: noise of a coordinate where the covariance is unknown, metres.
+        method: `kalman`, the smoother described above (recommended), or a filter of
+            `muybridge.geometry.smoothing.filters`, applied after outliers are removed and gaps are filled.
+        cutoff_hz: of `butterworth`; None: chosen by residual analysis.
     """
 
     unflip: bool = True
@@ -74,8 +73,8 @@ def smooth_points(points: Points3D, options: SmoothOptions | None = None) -> Poi
         options: see SmoothOptions.
 
     Returns:
-        Points3D with the same landmarks and frames, its covariance that of the smoothed position.
-        Residuals and inliers are the input's: they belong to the measurement.
+        Points of the same landmarks and frames, with the covariance of the smoothed position. Residuals and inliers are
+        those of the input, since they belong to the measurement.
 
     Raises:
         MuybridgeError: the frame rate is too low for the cut-off.
@@ -99,9 +98,9 @@ def smooth_points(points: Points3D, options: SmoothOptions | None = None) -> Poi
 
 
 def clean_points(points: Points3D, options: SmoothOptions | None = None) -> Points3D:
-    """The part of `smooth_points` that moves nothing: sides exchanged back, outliers NaN, gaps left open.
+    """The part of `smooth_points` that moves no point: flips corrected, outliers NaN, gaps left open.
 
-    Its residuals and inliers are still the input's, in the input's columns.
+    Residuals and inliers are those of the input, in the input's columns.
     """
     options = options or SmoothOptions()
     if not points.fps > 0:
@@ -114,11 +113,10 @@ def clean_points(points: Points3D, options: SmoothOptions | None = None) -> Poin
 
 
 def known_points(points: Points3D, default_sigma: float) -> tuple[FloatArray, FloatArray]:
-    """Positions (T, J, 3), NaN in all coordinates where missing, and a usable covariance (T, J, 3, 3) for
-    each.
+    """Positions (T, J, 3), NaN in all coordinates where missing, and a usable covariance (T, J, 3, 3) for each.
 
-    A covariance that is unknown, not positive or absurdly small becomes `default_sigma` squared, or is
-    floored at one square millimetre.
+    A covariance that is unknown or not positive is replaced by `default_sigma` squared; one that is too small is raised
+    to one square millimetre.
     """
     xyz = np.array(points.points_world, dtype=np.float64)
     xyz[~np.all(np.isfinite(xyz), axis=-1)] = np.nan
@@ -133,10 +131,10 @@ def known_points(points: Points3D, default_sigma: float) -> tuple[FloatArray, Fl
 
 
 def _outliers(xyz: FloatArray, fps: float, options: SmoothOptions) -> BoolArray:
-    """(T, J) points far from their running median (Hampel 1974) that no possible motion leads to.
+    """(T, J) points far from their running median (Hampel 1974) that no possible motion explains.
 
-    Far is meant in units of the running median distance. A quick blow is far from the median too, but it comes
-    by way of its neighbours: what can be reached from one that is near enough stays.
+    The threshold is relative to the running median distance. A fast movement is far from the median too, but it is
+    connected to its neighbours: points that can be reached from an accepted one are kept.
     """
     half = round(options.hampel_window * fps)
     if half < 1 or len(xyz) < 3:
@@ -151,8 +149,8 @@ def _outliers(xyz: FloatArray, fps: float, options: SmoothOptions) -> BoolArray:
     for _ in range(2 * half):
         near = known & ~far
         reached = far & (
-            _reached(xyz, near, sigma, fps, options.top_speed)
-            | _reached(xyz[::-1], near[::-1], sigma[::-1], fps, options.top_speed)[::-1]
+            _is_reachable(xyz, near, sigma, fps, options.top_speed)
+            | _is_reachable(xyz[::-1], near[::-1], sigma[::-1], fps, options.top_speed)[::-1]
         )
         if not reached.any():
             break
@@ -160,8 +158,8 @@ def _outliers(xyz: FloatArray, fps: float, options: SmoothOptions) -> BoolArray:
     return np.asarray(far)
 
 
-def _reached(xyz: FloatArray, near: BoolArray, sigma: FloatArray, fps: float, top_speed: float) -> BoolArray:
-    """(T, J) whether `top_speed` and the noise explain the way from the latest `near` point before."""
+def _is_reachable(xyz: FloatArray, near: BoolArray, sigma: FloatArray, fps: float, top_speed: float) -> BoolArray:
+    """(T, J) whether `top_speed` and the noise explain the distance from the latest `near` point before."""
     frames, columns = np.arange(len(xyz))[:, None], np.arange(xyz.shape[1])
     latest = np.maximum.accumulate(np.where(near, frames, -1), axis=0)
     way = np.linalg.norm(xyz - xyz[latest, columns], axis=-1)
@@ -170,7 +168,7 @@ def _reached(xyz: FloatArray, near: BoolArray, sigma: FloatArray, fps: float, to
 
 
 def _running_median(values: FloatArray, half: int) -> FloatArray:
-    """(T, J, K): median over 2 half + 1 frames of what is not NaN; in blocks, for the windows are large."""
+    """(T, J, K) running median over 2 half + 1 frames, ignoring NaN; in blocks, because the windows are large."""
     padded = np.pad(values, ((half, half), (0, 0), (0, 0)), constant_values=np.nan)
     block = 1000
     parts = [_window_median(padded[s : s + block + 2 * half], half) for s in range(0, len(values), block)]
@@ -189,10 +187,10 @@ def _window_median(padded: FloatArray, half: int) -> FloatArray:
 def _smooth(
     xyz: FloatArray, covariance: FloatArray, fps: float, options: SmoothOptions
 ) -> tuple[FloatArray, FloatArray]:
-    """The smoother in `passes`, with the noise's scale measured and far points weighed down between them.
+    """Run the smoother in `passes`, estimating the noise scale and downweighting outliers between them.
 
-    The scale is one factor a landmark, by which the squared distance from what the filter predicts exceeds
-    what the covariances say; weights are those of Student's t with four degrees of freedom.
+    The scale is one factor per landmark, by which the squared distance from the prediction exceeds the covariances;
+    weights are those of Student's t with four degrees of freedom.
     """
     known = np.isfinite(xyz[..., 0])
     scale, weight = np.ones(xyz.shape[1]), np.ones(known.shape)
@@ -214,7 +212,7 @@ def _smooth(
 
 
 def _hold_ends(positions: FloatArray, known: BoolArray) -> FloatArray:
-    """Before the first and after the last known point a path holds still: constant velocity would fly off."""
+    """Hold the position before the first and after the last known point: constant velocity would diverge."""
     out = positions.copy()
     frames, columns = np.arange(len(known))[:, None], np.arange(known.shape[1])
     first = np.argmax(known, axis=0)
@@ -223,7 +221,7 @@ def _hold_ends(positions: FloatArray, known: BoolArray) -> FloatArray:
 
 
 def _within_reach(known: BoolArray, fps: float, options: SmoothOptions) -> BoolArray:
-    """(T, J): known, or in a gap of at most `max_gap`, or at an end that is to be extrapolated."""
+    """(T, J) whether a point is known, in a gap of at most `max_gap`, or at an end that is extrapolated."""
     t_count = len(known)
     frames = np.arange(t_count)[:, None]
     before = np.maximum.accumulate(np.where(known, frames, -1), axis=0)

@@ -1,4 +1,4 @@
-"""Left-right flips of 3D points over time."""
+"""Correction of left-right flips of 3D points over time."""
 
 from collections.abc import Sequence
 
@@ -7,16 +7,16 @@ import numpy as np
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.robust import CHI2_3_MEDIAN, median_known
-from muybridge.geometry.smoothing._kernel import exchanged_path
+from muybridge.geometry.smoothing._kernel import flipped_path
 
 
 def undo_flips(
     landmarks: LandmarkSet, xyz: FloatArray, covariance: FloatArray, fps: float, flip_share: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Exchange sides where that makes both paths smoother, first of the whole body, then limbs, then pairs.
+    """Flip sides where that makes both paths smoother: first of the whole body, then of limbs, then of pairs.
 
-    A network that takes the front for the back exchanges everything at once, and all pairs together show the
-    jump far better than one of them; what is left are crossed legs and single joints.
+    A network that mistakes the front for the back flips everything at once, which all pairs together show far better
+    than one of them; crossed legs and single joints remain for the later steps.
     """
     names = landmarks.names
     pairs = [
@@ -30,10 +30,10 @@ def undo_flips(
     left, right = np.array(pairs, dtype=np.intp).T
     limb = np.array([_limb_of(names[i]) for i in left])
     rare = float(np.log((1 - flip_share) / flip_share))
-    # The body tells where its front is, and so which leg is which by its hips and which arm by its shoulders.
+    # The facing direction of the body determines the sides of the legs (by the hips) and arms (by the shoulders).
     hips, shoulders = _facing(landmarks, xyz, ("hip",)), _facing(landmarks, xyz, ("shoulder",))
     of_limb = np.stack([hips, shoulders, np.zeros_like(hips)], axis=1)[:, np.unique(limb)]
-    # All at once is the network's own mistake and not rare.
+    # Flips of the whole body are a common error of networks.
     whole = 0.4 * rare + _facing(landmarks, xyz, ("hip", "shoulder"))[:, None]
     for group, prior in (
         (np.zeros(len(left), dtype=np.intp), whole),
@@ -48,8 +48,8 @@ def undo_flips(
 
 
 def _facing(landmarks: LandmarkSet, xyz: FloatArray, across: Sequence[str]) -> FloatArray:
-    """(T,) log odds that left is left of the pairs `across`, from where nose and toes point: left is up x forward. 0
-    where unknown."""
+    """(T,) log odds that left is left of the pairs `across`, from the direction of nose and toes (left is up x
+    forward); 0 where unknown."""
 
     def at(name: str) -> FloatArray:
         return xyz[:, landmarks.names.index(name)] if name in landmarks.names else np.full_like(xyz[:, 0], np.nan)
@@ -63,8 +63,8 @@ def _facing(landmarks: LandmarkSet, xyz: FloatArray, across: Sequence[str]) -> F
     wide = np.sum([at(f"left_{pair}") - at(f"right_{pair}") for pair in across], axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         width = np.sum(left * wide, axis=-1) / reach
-    # Hips and shoulders are each a quarter of a metre wide, and nose and feet reach half a metre to the front; noise
-    # alone makes about half of that.
+    # Hips and shoulders are each a quarter of a metre wide, and nose and feet extend half a metre to the front; noise
+    # alone causes about half of that.
     usual = 0.125 * len(across)
     return np.asarray(np.nan_to_num(np.clip(width / usual, -2.0, 2.0) * np.minimum(reach / 0.3, 1.0)))
 
@@ -77,16 +77,16 @@ def _limb_of(name: str) -> int:
 def _swap_paths(
     a: FloatArray, b: FloatArray, covariance: FloatArray, group: IndexArray, fps: float, prior: FloatArray
 ) -> BoolArray:
-    """Per group of pairs the most likely two-state path (Viterbi 1967).
+    """Most probable two-state path of each group of pairs (Viterbi 1967).
 
     Args:
         a, b: (T, N, 3) the left and the right landmark of each pair.
         covariance: (T, N, 3, 3) of the left ones.
-        group: (N,) pairs with the same number are exchanged together.
-        prior: (T, G) or what broadcasts to it, what a frame in exchanged state costs (log odds).
+        group: (N,) pairs with the same number are flipped together.
+        prior: (T, G), or broadcastable to it: cost of a frame in the flipped state (log odds).
 
     Returns:
-        (T, N) whether a pair is exchanged.
+        (T, N) whether a pair is flipped.
     """
     known = np.isfinite(a[..., 0]) & np.isfinite(b[..., 0])
     t_count = len(a)
@@ -94,17 +94,15 @@ def _swap_paths(
     before = np.concatenate([np.full((1, a.shape[1]), -1), latest[:-1]])
     usable = known & (before >= 0)
     column = np.arange(a.shape[1])
-    # What the covariance claims, or the noise that is seen where that is more: points that are jumpy anyway
-    # say little about sides.
+    # The stated covariance, or the observed noise where that is larger: noisy points say little about sides.
     claimed = np.trace(covariance, axis1=-2, axis2=-1) / 3
     variance = np.maximum(claimed, np.fmax(_jump_variance(a), _jump_variance(b)))
-    # How far a landmark gets between two frames without a swap: its noise and 1.5 m/s; more than the cap
-    # of a mistaken step says nothing more.
+    # Displacement of a landmark between two frames without a flip: noise and 1.5 m/s; the cost of a step is capped.
     seconds = (np.arange(t_count)[:, None] - before) / fps
     moves = (1.5 * seconds) ** 2
     scale = np.where(usable, variance + variance[before, column], 1.0) + moves
     number = np.unique(group, return_inverse=True)[1]
-    # Noise is every landmark's own, movement the limb's: what a foot says of it, heel and toes don't say again.
+    # Noise is independent between landmarks, motion is that of the limb: heel and toes are no independent evidence.
     worth = 1 / (1 + (np.bincount(number)[number] - 1) * moves / scale)
 
     def step(now: FloatArray, then: FloatArray) -> FloatArray:
@@ -114,12 +112,12 @@ def _swap_paths(
     costs = np.stack([step(a, a) + step(b, b), step(b, a) + step(a, b)], axis=-1)
     member = (number == np.arange(number.max() + 1)[:, None]).astype(np.float64)
     prior = np.broadcast_to(prior, (t_count, len(member))) * (known @ member.T > 0)
-    path = exchanged_path(np.ascontiguousarray(costs), known, number.astype(np.int64), np.ascontiguousarray(prior))
+    path = flipped_path(np.ascontiguousarray(costs), known, number.astype(np.int64), np.ascontiguousarray(prior))
     return np.asarray(path[:, number] & known)
 
 
 def _jump_variance(xyz: FloatArray) -> FloatArray:
-    """(T, N, 3) -> (N,) variance of a coordinate, robustly from each point's distance to its neighbours' middle.
+    """(T, N) to (N,) robust variance of a coordinate, from each point's distance to the middle of its neighbours.
 
     Zero where there are no three frames in a row.
     """

@@ -1,8 +1,8 @@
-"""A camera's clock by sound: envelopes say about where, waveforms exactly.
+"""A camera's clock from sound: loudness envelopes give the approximate delay, waveforms the exact one.
 
-Generalised cross-correlation with phase transform (GCC-PHAT; Knapp and Carter, "The generalized correlation
-method for estimation of time delay", 1976) of windows over the take, found near the peak of the envelopes'
-correlation. Good to a fraction of a millisecond; sound takes 2.9 ms for each metre that one camera is farther.
+Generalised cross-correlation with phase transform (GCC-PHAT; Knapp and Carter, "The generalized correlation method for
+estimation of time delay", 1976) of windows over the take, near the peak of the envelopes' correlation. Accurate to a
+fraction of a millisecond; sound travels 2.9 ms per metre of distance between the cameras.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ from muybridge.geometry.numerics.robust import MAD_SIGMA
 from muybridge.geometry.sync.clocks import UNKNOWN, Clock, Delays, clock_from_delays, parabola
 
 _ENVELOPE_RATE = 500.0
-_FINE_SEARCH = 0.02  # seconds about the envelopes' delay in which waveforms are compared
-# Where the envelopes agree nearly as well at other delays, as of a metronome's beats, waveforms have to choose: the
-# noise of the room does not repeat. Shares of the best delay's, and how many delays are tried.
+_FINE_SEARCH = 0.02  # search range around the envelopes' delay in which waveforms are compared, seconds
+# Where the envelopes fit nearly as well at other delays, such as with a metronome, the waveforms decide, because room
+# noise does not repeat. Shares of the best delay's score, and number of delays tried.
 _RIVAL, _CLEAR, _MOST = 0.8, 0.7, 24
-_APART = 0.05  # seconds between rivals
+_APART = 0.05  # smallest distance of two candidates, seconds
 
 
 def audio_clock(
     reference: FloatArray, other: FloatArray, rate: float, max_offset: float | None = None, window: float = 20.0
 ) -> Clock:
-    """A camera's clock by sound.
+    """Estimate a camera's clock from sound.
 
     Args:
-        reference: (N,) samples of the reference's sound, from its video's time zero.
-        other: (M,) the camera's.
-        rate: samples a second of both.
-        max_offset: seconds; None for anything that overlaps.
-        window: seconds of the pieces that are compared finely; drift needs several.
+        reference: (N,) samples of the reference's sound, from the time zero of its video.
+        other: (M,) samples of the camera's sound.
+        rate: samples per second of both.
+        max_offset: largest offset, seconds; None for any offset with an overlap.
+        window: length of the windows that are compared finely, seconds; drift needs several.
 
     Returns:
-        `UNKNOWN` where one is silent or too short. Where the sound repeats itself and nothing else is heard by both,
-        the standard deviation says how far off other delays are that fit as well.
+        The clock; `UNKNOWN` where one recording is silent or too short. Where the sound is periodic and has no other
+        content common to both, the standard deviation covers the other delays that fit as well.
     """
     if min(len(reference), len(other)) < rate * 0.5 or not reference.std() > 0 or not other.std() > 0:
         return UNKNOWN
@@ -47,7 +47,7 @@ def audio_clock(
         return UNKNOWN
     count = max(1, int(np.ceil((highest - lowest) / length)))
     starts = np.linspace(lowest, highest - length, count).round().astype(np.intp)
-    # Drift moves the delay along the take: each window starts from where the one before ended.
+    # Drift changes the delay along the take: each window starts from the delay of the previous one.
     found, guess = [], coarse
     for start in starts:
         delay, sd, strength = _phat_delay(reference, other, rate, int(start), length, guess)
@@ -61,7 +61,7 @@ def audio_clock(
 def _overlap(
     reference: FloatArray, other: FloatArray, rate: float, delay: float, window: float
 ) -> tuple[int, int, int]:
-    """First and last sample of the reference that the other has too, and how many a window of it has."""
+    """First and last sample of the reference that the other recording has too, and the number of samples per window."""
     lowest, highest = max(0, int(-delay * rate)), min(len(reference), int(len(other) - delay * rate))
     return lowest, highest, min(int(min(window * rate, len(reference), len(other))), highest - lowest)
 
@@ -69,8 +69,10 @@ def _overlap(
 def _clearest(
     reference: FloatArray, other: FloatArray, rate: float, delays: list[float], window: float
 ) -> tuple[float, float]:
-    """Of delays at which the envelopes agree, the one at which the waveforms do, seconds, and how far others are that
-    fit as well: 0 where none does."""
+    """The candidate delay at which the waveforms agree, seconds, and the distance of others that fit as well.
+
+    The distance is 0 where no other delay fits as well.
+    """
     strengths = []
     for delay in delays if len(delays) > 1 else ():
         lowest, highest, length = _overlap(reference, other, rate, delay, window)
@@ -85,7 +87,7 @@ def _clearest(
 
 
 def _envelope(samples: FloatArray, rate: float) -> tuple[FloatArray, float]:
-    """Loudness that stands out, about `_ENVELOPE_RATE` times a second, and its rate."""
+    """Onset strength, sampled at about `_ENVELOPE_RATE` Hz, and its exact rate."""
     step = max(1, int(rate / _ENVELOPE_RATE))
     kept = samples[: len(samples) // step * step].reshape(-1, step)
     loud = np.log1p(np.sqrt((np.asarray(kept, dtype=np.float64) ** 2).mean(axis=1)) / (np.std(samples) + 1e-12))
@@ -94,7 +96,7 @@ def _envelope(samples: FloatArray, rate: float) -> tuple[FloatArray, float]:
 
 
 def _coarse_delays(reference: FloatArray, other: FloatArray, rate: float, max_offset: float | None) -> list[float]:
-    """Delays at which the envelopes agree best, or nearly so, seconds, the best first."""
+    """Delays at which the envelopes agree best or nearly so, seconds, best first."""
     from scipy.signal import correlate, correlation_lags, find_peaks  # slow to load, as every command loads this module
 
     a, step_rate = _envelope(reference, rate)
@@ -136,6 +138,6 @@ def _phat_delay(
     if peak < 6 * floor:
         return np.nan, np.nan, 0.0
     lag = best - reach + parabola(near, best)
-    # A peak one sample wide is known to a fraction of it; a blurred one to less.
+    # A peak one sample wide is known to a fraction of a sample, a wider one less precisely.
     sd = max(0.2 * floor / peak, 0.02) / rate
     return (shift + lag) / rate, sd, min(1.0, peak)

@@ -1,8 +1,8 @@
-"""Clocks of cameras: offset and drift against a reference, from delays, and landmarks at other times.
+"""Clocks of cameras, offset and drift relative to a reference, and resampling of landmarks to common times.
 
-The clock of camera c is `t_c = t + offset_c + drift_c t`: what happens at time `t` of the first (reference)
-camera is seen by camera c at `t + offset_c + drift_c t` of its own video. So a camera whose recording was
-started 0.5 s before the reference's has an offset of +0.5 s.
+The clock of camera c is `t_c = t + offset_c + drift_c t`: an event at time `t` of the first (reference) camera is at
+`t + offset_c + drift_c t` in camera c's own video. A camera whose recording started 0.5 s before the reference's has an
+offset of +0.5 s.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from muybridge.geometry.numerics.robust import MAD_SIGMA
 
 @dataclass(frozen=True)
 class Clock:
-    """A camera's clock against the reference's.
+    """A camera's clock relative to the reference.
 
     Attributes:
-        offset: seconds; the camera's time of what the reference sees at its time zero.
-        drift: seconds a second that its clock gains.
-        offset_sd: standard deviation, seconds; infinite where nothing was found.
-        drift_sd: of the drift.
-        strength: 0..1, how clearly the method's peak stands out.
+        offset: the camera's time at the reference's time zero, seconds.
+        drift: seconds that the camera's clock gains per second.
+        offset_sd: standard deviation of the offset, seconds; infinite where no delay was found.
+        drift_sd: standard deviation of the drift.
+        strength: prominence of the method's peak, 0 to 1.
     """
 
     offset: float
@@ -37,7 +37,7 @@ class Clock:
     strength: float
 
     def at(self, times: FloatArray) -> FloatArray:
-        """The camera's own times of what the reference sees at `times`, seconds."""
+        """The camera's own times, seconds, at the reference's `times`."""
         return np.asarray(times + self.offset + self.drift * times)
 
 
@@ -48,11 +48,11 @@ def own_frames(clocks: Sequence[Clock] | None, c: int, frames: IndexArray, fps: 
     """A camera's own frames nearest to frames of the take.
 
     Args:
-        clocks: (C,) of the cameras; None where all keep the take's time.
-        c: the camera.
-        frames: (n,) of the take.
-        fps: frames a second.
-        count: frames that the camera has.
+        clocks: (C,) clocks of the cameras; None where all are synchronised.
+        c: index of the camera.
+        frames: (n,) frames of the take.
+        fps: frames per second.
+        count: number of frames of the camera.
     """
     if clocks is None:
         return frames
@@ -61,7 +61,7 @@ def own_frames(clocks: Sequence[Clock] | None, c: int, frames: IndexArray, fps: 
 
 @dataclass(frozen=True)
 class Delays:
-    """Delays in windows over a take: `delay[k]` seconds with `sd[k]` about the reference's time `at[k]`."""
+    """Delays in windows over a take: `delay` seconds with standard deviation `sd` at the reference's times `at`."""
 
     at: FloatArray
     delay: FloatArray
@@ -70,11 +70,11 @@ class Delays:
 
 
 def clock_from_delays(delays: Delays, with_drift: bool) -> Clock:
-    """A robust line through delays.
+    """Fit a robust line to delays.
 
     Args:
-        delays: in windows.
-        with_drift: whether a drift is looked for; it needs windows that lie apart in time.
+        delays: delays in windows.
+        with_drift: whether drift is estimated; it needs windows at different times.
     """
     good = np.isfinite(delays.delay) & np.isfinite(delays.sd)
     at, delay, sd = delays.at[good], delays.delay[good], np.maximum(delays.sd[good], 1e-6)
@@ -82,7 +82,7 @@ def clock_from_delays(delays: Delays, with_drift: bool) -> Clock:
         return UNKNOWN
     line = with_drift and len(at) >= 3 and np.ptp(at) > 0
     design = np.stack([np.ones_like(at), at], axis=1)[:, : 2 if line else 1]
-    # From the median line: a few windows may have heard or seen something else altogether.
+    # Start from the median line, because a few windows may be completely wrong.
     estimate = np.zeros(design.shape[1])
     if line:
         slopes = [(delay[j] - delay[i]) / (at[j] - at[i]) for i, j in combinations(range(len(at)), 2) if at[j] != at[i]]
@@ -107,7 +107,7 @@ def clock_from_delays(delays: Delays, with_drift: bool) -> Clock:
 
 
 def parabola(values: FloatArray, at: int) -> float:
-    """Where between its neighbours the peak at `at` lies, in -0.5..0.5."""
+    """Position of the peak at `at` between its neighbours, by a parabola, -0.5 to 0.5."""
     if at <= 0 or at >= len(values) - 1:
         return 0.0
     left, middle, right = values[at - 1], values[at], values[at + 1]
@@ -120,16 +120,16 @@ def parabola(values: FloatArray, at: int) -> float:
 def resample(
     points_px: FloatArray, variance_px2: FloatArray, fps: float, times: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Landmarks between frames, linearly.
+    """Interpolate landmarks between frames linearly.
 
     Args:
         points_px: (T, ..., 2) px by frame; frame k is at `k / fps`.
-        variance_px2: (T, ...).
-        fps: frames a second.
+        variance_px2: (T, ...) px^2.
+        fps: frames per second.
         times: (n,) seconds.
 
     Returns:
-        (n, ..., 2) and (n, ...); NaN outside of the take and beside a missing point, except on it.
+        (n, ..., 2) px and (n, ...) px^2; NaN outside of the take and beside a missing point, except exactly on a frame.
     """
     position = np.asarray(times, dtype=np.float64) * fps
     nearest = np.round(position)
@@ -141,19 +141,19 @@ def resample(
     w = share.reshape(-1, *[1] * (variance_px2.ndim - 1))
     on = w == 0
     px = np.where(on[..., None], points_px[low], (1 - w)[..., None] * points_px[low] + w[..., None] * points_px[high])
-    # The mean of two independent readings would be the surer one; they are not independent.
+    # The mean of two independent observations would be more certain; these are not independent.
     variance = np.where(on, variance_px2[low], (1 - w) * variance_px2[low] + w * variance_px2[high])
     px[~inside], variance[~inside] = np.nan, np.nan
     return px, variance
 
 
-def synchronised(keypoints: Keypoints2D, clocks: Sequence[Clock] | None, fps: float) -> Keypoints2D:
-    """Landmarks at the take's frames, between each camera's own.
+def resample_keypoints(keypoints: Keypoints2D, clocks: Sequence[Clock] | None, fps: float) -> Keypoints2D:
+    """Resample each camera's landmarks to the frames of the take.
 
     Args:
-        keypoints: each camera by its own frames.
-        clocks: (C,); None where all keep the take's time.
-        fps: frames a second.
+        keypoints: each camera in its own frames.
+        clocks: (C,) clocks of the cameras; None where all are synchronised.
+        fps: frames per second.
     """
     if clocks is None:
         return keypoints

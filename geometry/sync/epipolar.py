@@ -1,4 +1,4 @@
-"""Clocks of cameras from epipolar geometry of moving landmarks."""
+"""Clocks of cameras from the epipolar geometry of moving landmarks."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.robust import MAD_SIGMA
 from muybridge.geometry.sync.clocks import Clock, resample
-from muybridge.geometry.sync.pairwise import FEWEST_MOVING, all_smoothed, clocks_from_pairs
+from muybridge.geometry.sync.pairwise import FEWEST_MOVING, clocks_from_pairs, smooth_tracks
 
 _EPIPOLAR_SCALE_PX = 5.0
 _EPIPOLAR_SCALE = 0.02
 
 
 def fundamental_cost(first: FloatArray, second: FloatArray) -> float:
-    """How badly two views fit any epipolar geometry: that of the best fundamental matrix.
+    """Cost of the best epipolar geometry of two views.
 
-    The matrix is fitted to the points themselves (eight-point algorithm, reweighted by Sampson's distance and
-    robustly), so no calibration is needed. Views of different moments fit none well.
+    The fundamental matrix is fitted to the points themselves (eight-point algorithm, reweighted by Sampson's distance
+    and robustly), so that no calibration is needed. Views of different times do not fit any epipolar geometry well.
 
     Args:
-        first, second: (n, J, 2) px of the same moments; NaN where missing.
+        first, second: (n, J, 2) px at the same times; NaN where missing.
 
     Returns:
-        Mean log loss of Sampson's distances, in spreads of the points; NaN where too little was seen.
+        Mean log loss of Sampson's distances, relative to the points' spread; NaN where too few points are known.
     """
     both = np.concatenate([first, second], axis=-1).reshape(-1, 4)
     both = both[np.isfinite(both).all(axis=-1)]
@@ -59,23 +59,23 @@ def epipolar_clocks(
     search: float = 0.25,
     with_drift: bool = False,
 ) -> tuple[Clock, ...]:
-    """Every camera's clock by the time shifts at which rays meet.
+    """Estimate every camera's clock from the time shifts at which the rays of calibrated cameras intersect.
 
     Args:
         cameras: C calibrated cameras.
-        points_px: (C, T, J, 2) px of one person, each camera by its own frames.
-        variance_px2: (C, T, J).
-        fps: frames a second.
-        start: where to look; None for no delay.
-        search: seconds about the start.
-        with_drift: whether drift is looked for too.
+        points_px: (C, T, J, 2) px of one person, each camera in its own frames.
+        variance_px2: (C, T, J) px^2.
+        fps: frames per second.
+        start: initial clocks; None for no delay.
+        search: search range around them, seconds.
+        with_drift: whether drift is estimated.
 
     Returns:
-        (C,) clocks, the first camera's zero.
+        (C,) clocks; the first camera's is zero.
     """
     count, frames = len(cameras), points_px.shape[1]
     start = start or tuple(Clock(0.0, 0.0, np.inf, np.inf, 0.0) for _ in range(count))
-    rays = cameras.unproject(np.stack(all_smoothed(points_px, variance_px2)))
+    rays = cameras.unproject(np.stack(smooth_tracks(points_px, variance_px2)))
 
     def cost(pair: tuple[int, int], first: FloatArray, second: FloatArray) -> float:
         i, j = pair
@@ -87,11 +87,11 @@ def epipolar_clocks(
 
 
 def epipolar_cost(first: Camera, second: Camera, a: FloatArray, b: FloatArray) -> float:
-    """How far rays of two cameras pass each other: mean log loss of Sampson's distance; NaN where too few meet.
+    """Cost of two cameras' rays: mean log loss of Sampson's distance; NaN where too few points are known.
 
     Args:
         first, second: two cameras.
-        a, b: (n, J, 2) undistorted normalised coordinates in them, of one moment a row; NaN where missing.
+        a, b: (n, J, 2) undistorted normalised coordinates in them, one time per row; NaN where missing.
     """
     rotation = second.rotation @ first.rotation.T
     t = second.translation - rotation @ first.translation
@@ -102,7 +102,7 @@ def epipolar_cost(first: Camera, second: Camera, a: FloatArray, b: FloatArray) -
     top = (b * line_b).sum(axis=-1)
     bottom = np.sqrt((line_b[..., :2] ** 2).sum(axis=-1) + (line_a[..., :2] ** 2).sum(axis=-1))
     error = top / np.maximum(bottom, 1e-12) * first.camera_matrix[0, 0]
-    # What is constant in a landmark's error is calibration and definition, not time.
+    # Constant errors of a landmark come from calibration and landmark definition, not from time.
     known = np.isfinite(error)
     if known.sum() < 30:
         return np.nan

@@ -1,4 +1,4 @@
-"""Offsets of all cameras from costs of pairs of cameras, and the smoothing that both methods share."""
+"""Clocks of all cameras from costs of pairs of cameras, and the smoothing of tracks for it."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.numerics.robust import MAD_SIGMA
 from muybridge.geometry.sync.clocks import Clock, Delays, clock_from_delays
 
-FEWEST_MOVING = 8  # frames that must overlap for a correlation to mean anything
+FEWEST_MOVING = 8  # minimum number of overlapping frames for a meaningful correlation
 SPEED_SMOOTHING = 1.5  # frames
 _PairCost = Callable[[tuple[int, int], FloatArray, FloatArray], float]
 
 
-def smoothed(px: FloatArray) -> FloatArray:
-    """Gaussian over time that passes NaN over; NaN where the middle is."""
+def smooth_track(px: FloatArray) -> FloatArray:
+    """Gaussian smoothing over time that ignores NaN; NaN where the value itself is."""
     reach = int(4 * SPEED_SMOOTHING)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / SPEED_SMOOTHING) ** 2)
     good = np.asarray(np.isfinite(px).all(axis=-1))
@@ -35,16 +35,16 @@ def smoothed(px: FloatArray) -> FloatArray:
     return np.asarray(out)
 
 
-def all_smoothed(points_px: FloatArray, variance_px2: FloatArray) -> list[FloatArray]:
-    """Tracks smoothed over time: interpolation alone would smooth between frames and not on them."""
+def smooth_tracks(points_px: FloatArray, variance_px2: FloatArray) -> list[FloatArray]:
+    """Smooth tracks over time, because interpolation alone would smooth between frames but not on them."""
     known = np.isfinite(variance_px2)[..., None]
-    return [smoothed(np.where(known[c], points_px[c], np.nan)) for c in range(len(points_px))]
+    return [smooth_track(np.where(known[c], points_px[c], np.nan)) for c in range(len(points_px))]
 
 
 def clocks_from_pairs(
     cost: _PairCost, count: int, frames: int, fps: float, start: Sequence[Clock], search: float, with_drift: bool
 ) -> tuple[Clock, ...]:
-    """Clocks of `count` cameras by a cost of pairs, in windows where drift is wanted."""
+    """Clocks of `count` cameras from a cost of pairs, in several windows where drift is estimated."""
     windows = np.array_split(np.arange(frames), max(1, min(8, frames // 150)) if with_drift else 1)
     offsets = []
     for window in windows:
@@ -66,7 +66,7 @@ def clocks_from_pairs(
 def _window_offsets(
     cost: _PairCost, times: FloatArray, guess: FloatArray, search: float, fps: float
 ) -> tuple[FloatArray, FloatArray]:
-    """(C,) offsets and standard deviations in one window: pairwise delays, put together by least squares."""
+    """(C,) offsets and standard deviations in one window: least squares over pairwise delays."""
     count = len(guess)
     rows, right, weight = [], [], []
     steps = np.arange(-np.round(search * fps), np.round(search * fps) + 1) / fps
@@ -100,7 +100,7 @@ def _window_offsets(
 
 
 def _lowest(steps: FloatArray, costs: FloatArray) -> tuple[float, float]:
-    """Where the costs are lowest, between the steps, and a standard deviation from the valley's shape."""
+    """Position of the minimum between the steps, and its standard deviation from the shape of the minimum."""
     if np.isfinite(costs).sum() < 5:
         return np.nan, np.nan
     filled = np.where(np.isfinite(costs), costs, np.nanmax(costs))
@@ -113,7 +113,7 @@ def _lowest(steps: FloatArray, costs: FloatArray) -> tuple[float, float]:
     if fit[0] <= 0:
         return float(steps[best]), 4 * width
     shift = float(np.clip(-fit[1] / (2 * fit[0]), -width, width))
-    # How much the costs waver beside the valley, against how steep it is.
+    # Fluctuation of the costs beside the minimum, relative to its slope.
     second = np.diff(filled, 2)
     waver = MAD_SIGMA * float(np.median(np.abs(second - np.median(second)))) / np.sqrt(6)
     sd = np.sqrt(max(waver, 1e-6) / fit[0])

@@ -1,15 +1,15 @@
-"""The compiled core of `muybridge.geometry.triangulation.multiview`: one robust point from its rays, many times over.
+"""The compiled core of `muybridge.geometry.triangulation.multiview`: robust points from their rays.
 
-Everything here works on normalised image coordinates (x/z, y/z); pixels, lenses and options are the caller's
-business. Errors are measured as `u`, the squared distance on the image in units of the 2D point's variance.
+All quantities are in normalised image coordinates (x/z, y/z); the caller handles pixels, lenses and options. Errors are
+measured as `u`, the squared distance in the image in units of the 2D point's variance.
 
-The loss is that of a 2D point which is either right (Gaussian of the stated variance) or wrong (anywhere,
-with a tail that falls like a Student t of one degree of freedom in two dimensions):
+The loss is that of a 2D point which is either right (Gaussian of the stated variance) or wrong (anywhere, with a tail
+that falls like a Student t of one degree of freedom in two dimensions):
 
     loss(u) = -2 log(exp(-u / 2) + kappa (1 + u / tail2)^(-3/2))
 
-It is bounded enough that a wrong camera does not pull, and yet grows, so that of two explanations the one
-with the smaller outliers wins. Being concave in `u`, iteratively reweighted least squares descends on it.
+It is bounded enough that a wrong camera has no influence, and still increases, so that of two solutions the one with
+the smaller outliers wins. Since it is concave in `u`, iteratively reweighted least squares descends on it.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Limits(NamedTuple):
-    """Options in the kernel's units."""
+    """The options in the kernel's units."""
 
     kappa: float  # of the loss
     tail2: float  # of the loss
     gate_u: float  # an inlier's u is at most this ...
-    gate_px2: float  # ... and its squared distance in px at most this
+    gate_px2: float  # ... and its squared distance at most this, px^2
     agree_u: float  # u up to which a camera counts as agreeing with a proposal
-    min_sin2: float  # least squared sine of the widest angle between the rays of inliers
-    min_views: int  # fewest inliers
-    max_pairs: int  # most pairs that may propose
+    min_sin2: float  # minimum squared sine of the widest angle between the rays of inliers
+    min_views: int  # minimum number of inliers
+    max_pairs: int  # maximum number of pairs that propose
 
 
 class Rig(NamedTuple):
-    """What does not change from point to point."""
+    """What is the same for all points."""
 
     poses: FloatArray  # (C, 3, 4) cam_from_world
     centers: FloatArray  # (C, 3)
@@ -52,18 +52,18 @@ class Rig(NamedTuple):
 
 
 class Views(NamedTuple):
-    """One landmark in one frame, as the cameras see it."""
+    """One landmark in one frame, as observed by the cameras."""
 
     poses: FloatArray  # (C, 3, 4) cam_from_world
     centers: FloatArray  # (C, 3)
     seen: FloatArray  # (C, 2) normalised image coordinates
-    info: FloatArray  # (C,) one over the variance, normalised units; zero where the camera has no 2D point
+    info: FloatArray  # (C,) inverse variance, normalised units; zero where the camera has no 2D point
     rays: FloatArray  # (C, 3) directions, of any length
     use: IntArray  # (n,) the cameras that have a 2D point
 
 
 class Scratch(NamedTuple):
-    """Memory that is used again for every point."""
+    """Memory that is reused for every point."""
 
     starts: FloatArray  # (2, 3) the two best proposals, then the points refined from them
     normal: FloatArray  # (3, 3)
@@ -81,7 +81,7 @@ def _loss(u: float, limits: Limits) -> float:
 
 @compiled
 def _weight(u: float, limits: Limits) -> float:
-    """d loss / d u: the factor by which a camera's equations are scaled."""
+    """d loss / d u: the factor on a camera's equations."""
     v = 1.0 + u / limits.tail2
     right = math.exp(-0.5 * u)
     wrong = limits.kappa / (v * math.sqrt(v))
@@ -90,7 +90,7 @@ def _weight(u: float, limits: Limits) -> float:
 
 @compiled
 def _error_u(views: Views, c: int, point: FloatArray) -> float:
-    """Squared distance of the projection to the 2D point, in variances; `_BEHIND` if it is behind."""
+    """Squared distance of the projection from the 2D point, in variances; `_BEHIND` if the point is behind."""
     p = views.poses[c]
     z = p[2, 0] * point[0] + p[2, 1] * point[1] + p[2, 2] * point[2] + p[2, 3]
     if z <= _MIN_DEPTH:
@@ -103,7 +103,7 @@ def _error_u(views: Views, c: int, point: FloatArray) -> float:
 
 @compiled
 def score_of_point(views: Views, point: FloatArray, limits: Limits) -> tuple[float, int]:
-    """Sum of the cameras' losses, and how many of them agree."""
+    """Sum of the cameras' losses, and number of cameras that agree."""
     total = 0.0
     agree = 0
     for c in views.use:
@@ -116,7 +116,7 @@ def score_of_point(views: Views, point: FloatArray, limits: Limits) -> tuple[flo
 
 @compiled
 def _midpoint(views: Views, a: int, b: int, min_sin2: float, out: FloatArray) -> bool:
-    """The point nearest to two rays, nearer to the surer one; False if they are parallel or meet behind."""
+    """The point between two rays, weighted by depth; False if they are parallel or intersect behind a camera."""
     ray_a, ray_b = views.rays[a], views.rays[b]
     center_a, center_b = views.centers[a], views.centers[b]
     aa = ray_a[0] * ray_a[0] + ray_a[1] * ray_a[1] + ray_a[2] * ray_a[2]
@@ -135,7 +135,7 @@ def _midpoint(views: Views, a: int, b: int, min_sin2: float, out: FloatArray) ->
     depth_b = (ab * ra - aa * rb) / det
     if depth_a <= _MIN_DEPTH or depth_b <= _MIN_DEPTH:
         return False
-    # A pixel is a length that grows with depth: the nearer camera knows the place better.
+    # A pixel corresponds to a length that grows with depth: the nearer camera is more precise.
     weight_a = views.info[a] / (depth_a * depth_a)
     weight_b = views.info[b] / (depth_b * depth_b)
     for k in range(3):
@@ -171,7 +171,7 @@ def inverse3(a: FloatArray, out: FloatArray) -> bool:
 def normal_equations(
     views: Views, point: FloatArray, limits: Limits, normal: FloatArray, gradient: FloatArray
 ) -> float:
-    """Gauss-Newton's matrix and gradient at `point`, reweighted by the loss; returns the loss."""
+    """Gauss-Newton matrix and gradient at `point`, reweighted by the loss; returns the loss."""
     normal[:] = 0.0
     gradient[:] = 0.0
     total = 0.0
@@ -220,7 +220,7 @@ def _refine(views: Views, point: FloatArray, limits: Limits, scratch: Scratch) -
             step = inverse[k, 0] * gradient[0] + inverse[k, 1] * gradient[1] + inverse[k, 2] * gradient[2]
             trial[k] = point[k] - step
             decrease += step * gradient[k]
-        # The expected fall of the loss, in squared sigmas: below this, the point no longer moves visibly.
+        # Expected decrease of the loss, in squared sigmas: below this, the point no longer moves noticeably.
         if decrease < 1e-4:
             break
         loss, _ = score_of_point(views, trial, limits)
@@ -238,7 +238,7 @@ def _refine(views: Views, point: FloatArray, limits: Limits, scratch: Scratch) -
 
 @compiled
 def _widest_sin2(rays: FloatArray, use: IntArray) -> float:
-    """Largest squared sine of the angle between two rays (found in two sweeps, so linear in cameras)."""
+    """Largest squared sine of the angle between two rays, found in two sweeps (linear in the number of cameras)."""
     first = use[0]
     widest = 0.0
     for _ in range(2):
@@ -261,7 +261,7 @@ def _widest_sin2(rays: FloatArray, use: IntArray) -> float:
 
 @compiled
 def _two_best_pairs(views: Views, pairs: IntArray, limits: Limits, scratch: Scratch) -> int:
-    """Points of the two pairs of cameras that all cameras like best, into `starts`; returns how many."""
+    """Points of the two pairs of cameras with the best scores, into `starts`; returns their number."""
     starts, trial = scratch.starts, scratch.trial
     scores = (np.inf, np.inf)
     tried = 0
@@ -283,7 +283,7 @@ def _two_best_pairs(views: Views, pairs: IntArray, limits: Limits, scratch: Scra
         elif score < scores[1]:
             starts[1, :] = trial
             scores = (scores[0], score)
-        # As in RANSAC: enough pairs that one of two right cameras was among them, 999 times in 1,000.
+        # As in RANSAC: enough pairs to include one of two right cameras with a probability of 0.999.
         share = agree / views.use.size
         if share >= 1.0 or (agree > 2 and tried * math.log(1.0 - share * share) <= -6.9):
             break
@@ -292,10 +292,10 @@ def _two_best_pairs(views: Views, pairs: IntArray, limits: Limits, scratch: Scra
 
 @compiled
 def _two_best_points(views: Views, rig: Rig, limits: Limits, scratch: Scratch) -> tuple[int, float]:
-    """Puts the best point first and its rival second in `starts`.
+    """Put the best point first and its rival second in `starts`.
 
     Returns:
-        How many there are, and how probable the rival is beside the best (0..1).
+        Their number, and the probability of the rival relative to the best, 0 to 1.
     """
     starts = scratch.starts
     found = _two_best_pairs(views, rig.pairs, limits, scratch)
@@ -306,7 +306,7 @@ def _two_best_points(views: Views, rig: Rig, limits: Limits, scratch: Scratch) -
         return 1, 0.0
     _, agree = score_of_point(views, starts[0], limits)
     if agree >= 3 and 2 * agree > views.use.size:
-        return 1, 0.0  # a majority beyond what two cameras can always be made to agree on: no rival
+        return 1, 0.0  # more cameras agree than the two that can always be made to: no rival
     rival_loss = _refine(views, starts[1], limits, scratch)
     if rival_loss < loss:
         for k in range(3):
@@ -318,7 +318,7 @@ def _two_best_points(views: Views, rig: Rig, limits: Limits, scratch: Scratch) -
 def _solve_one(
     views: Views, rig: Rig, limits: Limits, scratch: Scratch, covariance: FloatArray, inlier: BoolArray
 ) -> bool:
-    """One point, into `scratch.starts[0]`, with its covariance and inliers; False if there is none."""
+    """One point, into `scratch.starts[0]`, with its covariance and inliers; returns False if there is none."""
     found, odds = _two_best_points(views, rig, limits, scratch)
     if found == 0:
         return False
@@ -341,9 +341,9 @@ def _solve_one(
     normal_equations(agreeing, point, limits, scratch.normal, scratch.gradient)
     if not inverse3(scratch.normal, covariance):
         return False
-    # The stated variances count as four observations: with two cameras the residual alone says little.
+    # The stated variances count as four observations, since the residual of two cameras alone is not informative.
     factor = (4.0 + chi2) / (4.0 + 2.0 * count - 3.0)
-    # Of two explanations that are about as good, either may be right: the point may be at the other one.
+    # Of two solutions that fit about equally well, either may be right: add the distance between them.
     doubt = odds / ((1.0 + odds) * (1.0 + odds))
     for k in range(3):
         for m in range(3):
@@ -358,13 +358,13 @@ def solve_points(
     rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, begin: int, end: int,
     points: FloatArray, covariances: FloatArray, inliers: BoolArray,
 ) -> None:  # fmt: skip
-    """Robust points `begin` to `end`, into the arrays of results, which come filled with NaN and False.
+    """Robust points `begin` to `end`, into the result arrays, which must be filled with NaN and False.
 
     Args:
         rig: the cameras.
         limits: the options.
         seen: (N, C, 2) normalised image coordinates.
-        info: (N, C) one over the variance in normalised units; zero where the camera has no 2D point.
+        info: (N, C) inverse variance in normalised units; zero where the camera has no 2D point.
         begin: first point.
         end: one past the last point.
         points: (N, 3) result.

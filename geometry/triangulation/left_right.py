@@ -1,9 +1,9 @@
-"""Left and right exchanged by a 2D network: found by what the other cameras say, and put back.
+"""Detection and correction of left-right flips of a 2D network, by comparison with the other cameras.
 
-For every pair of cameras the epipolar distances of matching landmarks are compared with those of crossed
-ones. That gives for every frame a signed matrix of evidence that two cameras name the sides alike; the signs
-of the cameras that fit it best are sought (not by enumeration: from two starts, by single changes). Which of
-the two sides is left remains open in each frame: the labels as they came and their continuity in time decide.
+For every pair of cameras, the epipolar distances of matching landmarks are compared with those of flipped ones. This
+gives for every frame a signed matrix of evidence that two cameras label the sides alike; the signs of the cameras that
+fit it best are searched (not by enumeration, but from two starting points with single changes). Which of the two sides
+is left remains open in each frame; it is decided by the original labels and their continuity in time.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ _BODY_PARTS = (
 
 @dataclass(frozen=True)
 class FlipOptions:
-    """When left and right are exchanged.
+    """When left and right are flipped.
 
     Attributes:
-        min_gain: least fall of the sum of squared, bounded errors (in sigmas) that justifies an exchange.
-        bound_sigma: errors count as at most about so many sigmas, so that no landmark decides alone.
-        prior: what a camera's own labels count for in one frame, in squared sigmas.
-        stride_share: how far a landmark moves between two frames at ease, as a share of the body's size.
-        parts: names of landmarks without their side that are exchanged together, each group once the whole
-            body has been looked at; empty for the whole body alone.
+        min_gain: minimum decrease of the sum of squared, bounded errors (in sigmas) that justifies a flip.
+        bound_sigma: limit of an error in sigmas, so that no single landmark decides.
+        prior: weight of a camera's own labels in one frame, in squared sigmas.
+        stride_share: displacement of a landmark between two frames of slow motion, as a share of the body size.
+        parts: landmark names without their side that are flipped together, each group after the whole body; empty for
+            the whole body only.
     """
 
     min_gain: float = 15.0
@@ -54,17 +54,17 @@ def repair_flips(
     landmarks: LandmarkSet,
     options: FlipOptions | None = None,
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Puts left and right back where one camera contradicts the others.
+    """Correct left-right flips where one camera contradicts the others.
 
     Args:
         cameras: C calibrated cameras.
         points_px: (C, T, J, 2) px of one person; NaN where missing.
-        variance_px2: (C, T, J).
-        landmarks: says which landmarks are twins.
+        variance_px2: (C, T, J) px^2.
+        landmarks: the J landmarks, with their left-right pairs.
         options: see `FlipOptions`.
 
     Returns:
-        points_px and variance_px2 with twins exchanged, and (C, T, J) where they were.
+        points_px and variance_px2 with flips corrected, and (C, T, J) the flipped points.
 
     Raises:
         ValueError: shapes that do not match.
@@ -94,7 +94,7 @@ def repair_flips(
     exchange(whole, body)
     parts = [twins for twins in (_twins(landmarks, part) for part in options.parts) if twins.size]
     found = [_flips(cameras, px, total, twins, options) for twins in parts]
-    # Where one part was the reason and another goes back, a part that cannot tell stays as it came.
+    # If a flip of the whole body is undone for one part, parts without evidence of their own return to their labels.
     undone = body & np.any([flips for flips, _ in found], axis=0) if found else body
     for twins, (flips, certain) in zip(parts, found, strict=True):
         exchange(twins, flips | (undone & ~certain))
@@ -102,7 +102,7 @@ def repair_flips(
 
 
 def _twins(landmarks: LandmarkSet, part: Sequence[str] | None) -> IntArray:
-    """(K, 2) indices of left and right of the twins in a part (None: of all)."""
+    """(K, 2) indices of the left and right landmarks of a part (None: of all)."""
     pairs = [
         (i, twin)
         for i, (name, twin) in enumerate(zip(landmarks.names, landmarks.mirror, strict=True))
@@ -114,11 +114,11 @@ def _twins(landmarks: LandmarkSet, part: Sequence[str] | None) -> IntArray:
 def _flips(
     cameras: CameraGroup, px: FloatArray, variance: FloatArray, twins: IntArray, options: FlipOptions
 ) -> tuple[BoolArray, BoolArray]:
-    """(C, T) whether a camera's twins should be exchanged, and (C, T) whether that could be told."""
+    """(C, T) whether a camera's labels should be flipped, and (C, T) whether the evidence is sufficient."""
     evidence = _view_evidence(cameras, px, variance, twins, options)
     signs = _best_signs(evidence, options.prior)
-    # An exchange that hardly matters is none. Each camera's own error is in the evidence of all its pairs,
-    # which is therefore worth no more than that of two.
+    # Flips with little effect are ignored. A camera's own error enters the evidence of all of its pairs, which
+    # therefore count no more than two.
     pairs = np.maximum((evidence != 0).sum(axis=2), 2)
     gain = 2 * np.abs(np.einsum("tab,tb->ta", evidence, signs)) * (2 / pairs)
     certain = gain >= options.min_gain
@@ -128,7 +128,7 @@ def _flips(
     return flips.T, certain.T
 
 
-def _bounded(u: FloatArray, bound_sigma: float) -> FloatArray:
+def _bound(u: FloatArray, bound_sigma: float) -> FloatArray:
     result: FloatArray = u / (1.0 + u / bound_sigma**2)
     return result
 
@@ -136,7 +136,7 @@ def _bounded(u: FloatArray, bound_sigma: float) -> FloatArray:
 def _view_evidence(
     cameras: CameraGroup, px: FloatArray, variance: FloatArray, twins: IntArray, options: FlipOptions
 ) -> FloatArray:
-    """(T, C, C) half of what crossed labels cost more than matching ones, in squared sigmas; symmetric."""
+    """(T, C, C) half of the excess cost of flipped over matching labels, in squared sigmas; symmetric."""
     count, frames = px.shape[:2]
     slopes = cameras.unproject(px)
     focal2 = np.array([camera.camera_matrix[0, 0] * camera.camera_matrix[1, 1] for camera in cameras])
@@ -149,7 +149,7 @@ def _view_evidence(
             def cost(i: int, k: int, a: int = a, b: int = b, essential: FloatArray = essential) -> FloatArray:
                 at_a, at_b = twins[:, i], twins[:, k]
                 u = _epipolar_u(essential, slopes[a][:, at_a], slopes[b][:, at_b], noise[a][:, at_a], noise[b][:, at_b])
-                return _bounded(u, options.bound_sigma)
+                return _bound(u, options.bound_sigma)
 
             difference = cost(0, 1) + cost(1, 0) - cost(0, 0) - cost(1, 1)
             evidence[:, a, b] = evidence[:, b, a] = 0.5 * np.nansum(difference, axis=-1)
@@ -179,22 +179,22 @@ def _epipolar_u(
 
 
 def _time_evidence(px: FloatArray, variance: FloatArray, twins: IntArray, options: FlipOptions) -> FloatArray:
-    """(T - 1, C) the same for one camera's consecutive frames."""
+    """(T - 1, C) the same between one camera's consecutive frames."""
     if px.shape[1] < 2:
         return np.zeros((0, len(px)))
 
     def moved2(i: int, k: int) -> FloatArray:
         return np.asarray(np.sum((px[:, 1:, twins[:, i]] - px[:, :-1, twins[:, k]]) ** 2, axis=-1))
 
-    # At ease, or as far as these landmarks mostly do in this take: few frames a second are long strides.
+    # Slow motion, or the usual motion of these landmarks in this take: at low frame rates, displacements are large.
     mostly = np.nan_to_num(row_median(row_median(np.concatenate([moved2(0, 0), moved2(1, 1)], axis=-1))))[:, None, None]
     stride2 = np.fmax((options.stride_share * extent(px)[:, 1:, None]) ** 2, mostly)
 
     def cost(i: int, k: int) -> FloatArray:
         spread = variance[:, 1:, twins[:, i]] + variance[:, :-1, twins[:, k]] + stride2
-        # Noise is each landmark's own in each camera, a stride is one thing that all of them see.
+        # Noise is independent between landmarks and cameras; a fast motion is common to all of them.
         worth = 1 / (1 + (len(px) * len(twins) - 1) * mostly / (spread + mostly))
-        return worth * _bounded(moved2(i, k) / spread, options.bound_sigma)
+        return worth * _bound(moved2(i, k) / spread, options.bound_sigma)
 
     difference = cost(0, 1) + cost(1, 0) - cost(0, 0) - cost(1, 1)
     evidence: FloatArray = 0.5 * np.nansum(difference, axis=-1).T
@@ -202,7 +202,7 @@ def _time_evidence(px: FloatArray, variance: FloatArray, twins: IntArray, option
 
 
 def _best_signs(evidence: FloatArray, prior: float) -> FloatArray:
-    """(T, C) signs s, 1 or -1, for which the sum of E_ab s_a s_b (a < b) plus the prior is largest."""
+    """(T, C) signs s, 1 or -1, that maximise the sum of E_ab s_a s_b (a < b) plus the prior."""
     frames, count = evidence.shape[:2]
     _, vectors = np.linalg.eigh(evidence)
     leading = np.where(vectors[:, :, -1] < 0, -1.0, 1.0)
@@ -213,7 +213,7 @@ def _best_signs(evidence: FloatArray, prior: float) -> FloatArray:
         signs = start.copy()
         for _ in range(2 * count):
             pull = np.einsum("tab,tb->ta", evidence, signs) + prior
-            loss = signs * pull  # what keeping the sign is worth
+            loss = signs * pull  # loss of a change of the sign
             worst = np.argmin(loss, axis=1)
             change = loss[np.arange(frames), worst] < -1e-9
             if not change.any():
@@ -226,7 +226,7 @@ def _best_signs(evidence: FloatArray, prior: float) -> FloatArray:
 
 
 def _overall_signs(signs: FloatArray, certain: FloatArray, in_time: FloatArray, prior: float) -> FloatArray:
-    """(T,) the sign to give to each frame as a whole: the cheapest path through the take."""
+    """(T,) the sign of each frame as a whole: the best path through the take."""
     frames = signs.shape[0]
     own = prior * (signs * certain).sum(axis=1)
     bond = np.sum(in_time * signs[1:] * signs[:-1], axis=1)

@@ -1,12 +1,12 @@
-"""3D points from the 2D points of several cameras, in spite of some that are wrong.
+"""Robust triangulation: 3D points from the 2D points of several cameras, some of which are wrong.
 
-Every landmark of every frame is solved by itself: pairs of cameras propose a point, all cameras vote on it,
-the best proposal is refined by Gauss-Newton on a robust reprojection error, and the cameras within a gate are
-its inliers. The number of pairs tried does not grow with the number of cameras (as in RANSAC it depends on
-how many agree), so the cost is linear in cameras.
+Every landmark of every frame is solved on its own: pairs of cameras propose a point, all cameras vote on it, the best
+proposal is refined by Gauss-Newton on a robust reprojection error, and the cameras within a gate are its inliers. The
+number of pairs tried does not grow with the number of cameras (as in RANSAC, it depends on how many agree), so that the
+cost is linear in the number of cameras.
 
-The 2D variances are taken at their relative value; their level is checked against the take (`take_noise`),
-since calibration and synchronisation err too and no network knows about those.
+Only the relative size of the 2D variances is used; their level is estimated from the take (`take_noise`), because
+calibration and synchronisation contribute errors of which a 2D network knows nothing.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ _CHUNK = 1024
 
 @dataclass(frozen=True)
 class TriangulateOptions:
-    """How 2D points become 3D points.
+    """Options of the triangulation.
 
     Attributes:
-        min_views: fewest cameras that must agree on a point; with fewer it is NaN.
-        min_angle_deg: widest angle between the rays of agreeing cameras, at least; below it depth is a guess.
-        gate_sigma: a camera agrees if its reprojection error is at most so many standard deviations (per
-            coordinate, calibration noise included) ...
-        gate_image: ... and at most this share of its image's longer side.
-        doubt_sigma: error at which a 2D point is as likely wrong as right; softly, it stops to count there.
-        tail_sigma: how far wrong points typically lie, in standard deviations.
-        noise_px: standard deviation of what the 2D variances do not contain (calibration, synchronisation,
-            bias of the network), added to every point's. None: estimated from the take.
-        max_pairs: most pairs of cameras that propose a point; reached only where few cameras agree.
-        threads: None for as many as the machine (or NUMBA_NUM_THREADS) has.
+        min_views: minimum number of cameras that must agree on a point; otherwise it is NaN.
+        min_angle_deg: minimum of the widest angle between the rays of the inliers; below it the depth is unreliable.
+        gate_sigma: largest reprojection error of an inlier, in standard deviations per coordinate (calibration noise
+            included) ...
+        gate_image: ... and as a share of the longer side of its image.
+        doubt_sigma: error, in standard deviations, at which a 2D point is as likely wrong as right.
+        tail_sigma: typical error of wrong points, in standard deviations.
+        noise_px: standard deviation of errors that the 2D variances do not contain (calibration, synchronisation, bias
+            of the network), added to every point's variance, px. None: estimated from the take.
+        max_pairs: maximum number of camera pairs that propose a point; reached only where few cameras agree.
+        threads: number of threads; None for NUMBA_NUM_THREADS or all of the machine's.
     """
 
     min_views: int = 2
@@ -64,17 +64,17 @@ class TriangulateOptions:
 
 @dataclass(frozen=True)
 class Triangulation:
-    """3D points and what each camera had to say about them.
+    """Triangulated points and the agreement of each camera.
 
     Attributes:
-        points_world: (T, J, 3) metres; NaN where no `min_views` cameras agree.
-        covariance_world: (T, J, 3, 3) square metres; NaN where the point is. Contains the doubt between two
-            explanations that are about as good.
-        residual_px: (C, T, J) distance of the reprojection to the 2D point, through the lens; NaN where the
-            camera had none or the point is NaN.
+        points_world: (T, J, 3) metres; NaN where fewer than `min_views` cameras agree.
+        covariance_world: (T, J, 3, 3) square metres; NaN where the point is. Includes the uncertainty between two
+            solutions that fit about equally well.
+        residual_px: (C, T, J) distance of the reprojection from the 2D point, through the lens; NaN where the camera
+            has no 2D point or the 3D point is NaN.
         inlier: (C, T, J) whether the camera agrees.
-        noise_px: the noise that was added to the 2D points' own, px.
-        variance_scale: factor on the 2D variances (below one where the take shows them to be too large).
+        noise_px: standard deviation that was added to the 2D points' own, px.
+        variance_scale: factor on the 2D variances; below one where the take shows them to be too large.
     """
 
     points_world: FloatArray
@@ -87,12 +87,12 @@ class Triangulation:
 
 @dataclass(frozen=True)
 class _Views:
-    """The 2D points of N landmarks as the kernel takes them."""
+    """The 2D points of N landmarks in the layout of the kernel."""
 
     rig: Rig
     seen: FloatArray  # (N, C, 2) normalised
     variance_px2: FloatArray  # (N, C), NaN where missing
-    px2_per_unit2: FloatArray  # (N, C) or (1, C) pixels to normalised units, areas
+    px2_per_unit2: FloatArray  # (N, C) or (1, C) px^2 per square normalised unit
     longer_side_px: float
 
 
@@ -102,23 +102,23 @@ def triangulate(
     variance_px2: ArrayLike,
     options: TriangulateOptions | None = None,
 ) -> Triangulation:
-    """Triangulates every landmark of every frame robustly.
+    """Triangulate every landmark of every frame robustly.
 
     Args:
         cameras: C calibrated cameras.
         points_px: (C, T, J, 2) px; NaN where a camera has no point.
-        variance_px2: (C, T, J) variance of each coordinate; a NaN makes the point missing.
+        variance_px2: (C, T, J) variance of each coordinate, px^2; NaN marks the point as missing.
         options: see `TriangulateOptions`.
 
     Returns:
-        NaN points where fewer than `min_views` cameras agree, where their rays are nearly parallel, or where
-        they meet behind a camera.
+        The points; NaN where fewer than `min_views` cameras agree, where their rays are nearly parallel, or where the
+        rays intersect behind a camera.
 
     Raises:
-        ValueError: shapes that do not match, a variance that is not positive, options out of range.
+        ValueError: shapes that do not match, a variance that is not positive, or options out of range.
     """
     options = options or TriangulateOptions()
-    px, variance = checked(cameras, points_px, variance_px2, options)
+    px, variance = checked_arrays(cameras, points_px, variance_px2, options)
     views = kernel_views(cameras, px, variance)
     noise_px, scale = take_noise(cameras, px, variance, options)
     info = information(views, noise_px, scale)
@@ -143,25 +143,25 @@ def take_noise(
     variance_px2: ArrayLike,
     options: TriangulateOptions | None = None,
 ) -> tuple[float, float]:
-    """The noise that the take shows beyond its 2D variances, from the median of the residuals.
+    """Estimate the noise of a take beyond its 2D variances, from the median of the residuals.
 
-    A sample of the take is triangulated; the noise is what must be added to the variances so that the median
-    residual is as large as expected. Where the variances alone already promise more, they are scaled down.
+    A sample of the take is triangulated; the noise is what must be added to the variances so that the median residual
+    has its expected size. Where the variances alone exceed the residuals, they are scaled down.
 
     Args:
         cameras: C calibrated cameras.
         points_px: (C, T, J, 2) px.
-        variance_px2: (C, T, J).
-        options: `noise_px`, where given, is returned as it is.
+        variance_px2: (C, T, J) px^2.
+        options: `noise_px`, where given, is returned unchanged.
 
     Returns:
-        (standard deviation to add, px; factor on the variances, in 0.01..1).
+        Standard deviation to add, px, and the factor on the variances, 0.01 to 1.
     """
     options = options or TriangulateOptions()
-    px, variance = checked(cameras, points_px, variance_px2, options)
+    px, variance = checked_arrays(cameras, points_px, variance_px2, options)
     if options.noise_px is not None:
         return options.noise_px, 1.0
-    # Evenly spread over the take; three views if there are enough of them, because two always nearly meet.
+    # Points with three views if there are enough, because two rays always nearly intersect.
     views_of = np.isfinite(variance).sum(axis=0).ravel()
     chosen = np.flatnonzero(views_of >= 3)
     if chosen.size < 50:
@@ -172,7 +172,7 @@ def take_noise(
     flat_px = px.reshape(len(cameras), -1, 2)[:, chosen]
     flat_variance = variance.reshape(len(cameras), -1)[:, chosen]
     views = kernel_views(cameras, flat_px[:, :, None], flat_variance[:, :, None])
-    # From generous to strict: started too strictly, the few points that happen to agree would set the level.
+    # From loose to strict: starting too strictly, the few points that agree by chance would determine the level.
     noise_px, scale = 0.01 * views.longer_side_px, 1.0
     for _ in range(4):
         points, _, _ = solve(views, information(views, noise_px, scale), options)
@@ -181,10 +181,10 @@ def take_noise(
     return noise_px, scale
 
 
-def checked(
+def checked_arrays(
     cameras: CameraGroup, points_px: ArrayLike, variance_px2: ArrayLike, options: TriangulateOptions
 ) -> tuple[FloatArray, FloatArray]:
-    """The arrays as float64, both NaN wherever one of them is; ValueError if they cannot be triangulated."""
+    """The arrays as float64, both NaN wherever one of them is; ValueError where they are invalid."""
     px = np.asarray(points_px, dtype=np.float64)
     variance = np.asarray(variance_px2, dtype=np.float64)
     if px.ndim != 4 or px.shape[0] != len(cameras) or px.shape[-1] != 2:
@@ -202,7 +202,7 @@ def checked(
 
 
 def kernel_views(cameras: CameraGroup, px: FloatArray, variance: FloatArray) -> _Views:
-    """Checked (C, T, J, 2) and (C, T, J) arrays as the kernel takes them; N = T J."""
+    """Checked (C, T, J, 2) and (C, T, J) arrays in the layout of the kernel; N = T J."""
     count = len(cameras)
     flat_px = px.reshape(count, -1, 2)
     flat_variance = variance.reshape(count, -1)
@@ -235,7 +235,7 @@ def kernel_views(cameras: CameraGroup, px: FloatArray, variance: FloatArray) -> 
 def _local_scale(camera: Camera, points_px: FloatArray, slopes: FloatArray) -> FloatArray:
     """(N,) or (1,) area of an image patch in px^2 over its area in normalised units, at each point.
 
-    It is the squared focal length in the middle of every image and, unless the lens is wide, everywhere.
+    It is the squared focal length in the centre of every image and, unless the lens is wide-angle, everywhere.
     """
 
     def scale(px: FloatArray, at: FloatArray) -> FloatArray:
@@ -253,9 +253,9 @@ def _local_scale(camera: Camera, points_px: FloatArray, slopes: FloatArray) -> F
 
 
 def _pair_order(cameras: CameraGroup) -> IntArray:
-    """(Q, 2) all pairs of cameras: those with wide angles first, and every camera early.
+    """(Q, 2) all pairs of cameras, those with wide angles first, and every camera early.
 
-    The angle is taken at the point nearest to all optical axes, about where the subject is.
+    The angle is measured at the point nearest to all optical axes, near the subject.
     """
     count = len(cameras)
     centers = cameras.centers_world
@@ -270,7 +270,7 @@ def _pair_order(cameras: CameraGroup) -> IntArray:
     for _ in range(first.size):
         q = int(np.argmax(gain))
         order.append(q)
-        # A camera that has proposed waits until the others have.
+        # A camera that has proposed waits until all others have.
         taken = (first == first[q]) | (second == first[q]) | (first == second[q]) | (second == second[q])
         gain = gain - taken
         gain[q] = -np.inf
@@ -278,13 +278,13 @@ def _pair_order(cameras: CameraGroup) -> IntArray:
 
 
 def information(views: _Views, noise_px: float, scale: float) -> FloatArray:
-    """(N, C) one over the variance in normalised units, zero where there is no 2D point."""
+    """(N, C) inverse variance in normalised units, zero where there is no 2D point."""
     total_px2 = scale * views.variance_px2 + noise_px**2
     return np.where(np.isfinite(total_px2), views.px2_per_unit2 / total_px2, 0.0)
 
 
 def solve(views: _Views, info: FloatArray, options: TriangulateOptions) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """(N, 3) points, (N, 3, 3) covariances and (N, C) inliers; the kernel over chunks in threads."""
+    """(N, 3) points, (N, 3, 3) covariances and (N, C) inliers; runs the kernel on chunks in threads."""
     count, cameras = info.shape
     points = np.full((count, 3), np.nan)
     covariances = np.full((count, 3, 3), np.nan)
@@ -301,7 +301,7 @@ def limits_of(views: _Views, options: TriangulateOptions) -> Limits:
     doubt_u = options.doubt_sigma**2
     tail2 = options.tail_sigma**2
     return Limits(
-        # So that right and wrong are equally likely at `doubt_sigma`.
+        # Chosen so that right and wrong are equally likely at `doubt_sigma`.
         kappa=float(np.exp(-0.5 * doubt_u) * (1 + doubt_u / tail2) ** 1.5),
         tail2=tail2,
         gate_u=options.gate_sigma**2,
@@ -314,7 +314,7 @@ def limits_of(views: _Views, options: TriangulateOptions) -> Limits:
 
 
 def in_chunks(count: int, options: TriangulateOptions, work: Callable[[int, int], None]) -> None:
-    """Calls `work(begin, end)` for all of `count` points, in threads."""
+    """Call `work(begin, end)` for chunks of `count` points, in threads."""
 
     def run(begin: int) -> None:
         work(begin, min(begin + _CHUNK, count))
@@ -333,13 +333,13 @@ def views_of(
     cameras: CameraGroup, points_px: ArrayLike, variance_px2: ArrayLike, found: Triangulation,
     options: TriangulateOptions,
 ) -> tuple[_Views, FloatArray]:  # fmt: skip
-    """The take as the kernel takes it, and (N, C) how much each 2D point is worth, at the noise that was found."""
-    views = kernel_views(cameras, *checked(cameras, points_px, variance_px2, options))
+    """The take in the layout of the kernel, and (N, C) the information of each 2D point at the estimated noise."""
+    views = kernel_views(cameras, *checked_arrays(cameras, points_px, variance_px2, options))
     return views, information(views, found.noise_px, found.variance_scale)
 
 
 def _fit_noise(error2: FloatArray, variance: FloatArray) -> tuple[float, float]:
-    """What to add to the variances, or how to scale them, so that the median error is as large as promised.
+    """Standard deviation to add, or factor on the variances, so that the median error has its expected size.
 
     Args:
         error2: (C, N) squared distances, px^2.
@@ -347,7 +347,7 @@ def _fit_noise(error2: FloatArray, variance: FloatArray) -> tuple[float, float]:
     """
     known = np.isfinite(error2) & np.isfinite(variance)
     views = known.sum(axis=0)
-    # A fitted point takes 3 of the 2n numbers: residuals are smaller than errors by this share.
+    # A fitted point uses 3 of the 2n residuals' degrees of freedom, which makes them smaller by this share.
     student_dof = np.where(views >= 2, (2 * views - 3) / np.maximum(2 * views, 1), np.nan)
     ratio2, base = (error2 / student_dof)[known], variance[known]
     if ratio2.size == 0:
@@ -366,7 +366,7 @@ def _fit_noise(error2: FloatArray, variance: FloatArray) -> tuple[float, float]:
 
 
 def usable_points(points_px: ArrayLike, variance_px2: ArrayLike) -> BoolArray:
-    """(C, T, J) where a 2D point can be used: its pixels and its variance are finite."""
+    """(C, T, J) whether a 2D point can be used: its pixels and its variance are finite."""
     point: BoolArray = np.isfinite(np.asarray(points_px)).all(axis=-1)
     variance: BoolArray = np.isfinite(np.asarray(variance_px2))
     usable: BoolArray = point & variance

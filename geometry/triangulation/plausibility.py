@@ -1,5 +1,7 @@
-"""Points that tell nothing or cannot be right: known to no better than 0.15 m, or on limbs far longer than this
-person's (an elbow that two views put where a hand of somebody else was)."""
+"""Detection of uninformative or implausible points: uncertain ones, and ones that stretch a limb of the person.
+
+For example, an elbow that two views place where another person's hand was.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +11,22 @@ from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.landmarks.sets import LandmarkSet
 
 _LIMBS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
-# A bone so many times as long as this person's is none; noise and a trunk's landmark that is off do not do that. Two
-# bones in a row cannot both be off as much.
+# Factor on this person's bone length from which a bone is implausible; noise and a wrong landmark of the trunk do not
+# reach it. Of two consecutive bones, both cannot be wrong by as much.
 _STRETCHED, _STRETCHED_TWO = 1.6, 1.3
-# A bone whose length typically varies by more than this share of itself is not known; nobody's is longer than this, m.
+# A bone whose length varies by more than this share is not known; no human bone is longer than the second value, m.
 _SPREAD, _LONGEST = 0.15, 0.75
-# Frames of either side in which a bone is known, at least, for its length to be known.
+# Minimum number of frames per side in which a bone is known, for its length to be known.
 _LEAST = 8
-# Known no better than this, in lengths of the trunk, a point tells nobody anything: 0.15 m of a grown person.
+# A point is uninformative above this standard deviation, in trunk lengths: 0.15 m for an adult.
 _VAGUE = 0.3
 
 
 def trunk_of(points_world: FloatArray, landmarks: LandmarkSet) -> FloatArray:
-    """(T, 3) from the middle of the hips to that of the shoulders of points (T, J, 3); NaN where one of the four is not
-    known, or not in the set."""
+    """(T, 3) from the middle of the hips to the middle of the shoulders of points (T, J, 3).
+
+    NaN where one of the four landmarks is unknown or not in the set.
+    """
     ends = [[f"{side}_{name}" for side in ("left", "right")] for name in ("shoulder", "hip")]
     if any(name not in landmarks.names for end in ends for name in end):
         return np.full((len(points_world), 3), np.nan)
@@ -31,16 +35,16 @@ def trunk_of(points_world: FloatArray, landmarks: LandmarkSet) -> FloatArray:
 
 
 def uncertain_points(points_world: FloatArray, covariance_world: FloatArray, landmarks: LandmarkSet) -> BoolArray:
-    """Points of which a take says next to nothing: two views that were both unsure, or one, of which depth is a guess.
+    """Points about which a take says next to nothing: seen by two uncertain views, or by one, which gives no depth.
 
     Args:
         points_world: (T, J, 3), NaN where unknown.
-        covariance_world: (T, J, 3, 3).
-        landmarks: what the J are.
+        covariance_world: (T, J, 3, 3) square metres.
+        landmarks: the J landmarks.
 
     Returns:
-        (T, J) True where the standard deviation of a coordinate, on average, is more than 0.3 of the distance from the
-        middle of the shoulders to that of the hips (median over the take; all False where that is never known).
+        (T, J) True where the mean standard deviation of the coordinates exceeds 0.3 of the distance from the middle
+        of the shoulders to that of the hips (median over the take; all False where that is never known).
     """
     length = np.linalg.norm(trunk_of(points_world, landmarks), axis=-1)
     if np.isfinite(length).sum() < _LEAST:
@@ -52,17 +56,17 @@ def uncertain_points(points_world: FloatArray, covariance_world: FloatArray, lan
 def stretched_limbs(points_world: FloatArray, landmarks: LandmarkSet) -> BoolArray:
     """Elbows, wrists, knees and ankles that lie too far from the trunk.
 
-    A bone's length is the median over the take and both sides; where it varies too much to be known, only what is
-    longer than anybody's bone is wrong (unless all are, in a world that is not in metres). From the trunk outwards, the
-    first joint that is too far from the one before is wrong; beyond it a joint is judged by its distance from the last
-    one that is right.
+    A bone's length is the median over the take and both sides. Where it varies too much to be known, only bones longer
+    than any human bone are rejected (unless all are, in a world that is not in metres). From the trunk outwards, the
+    first joint that is too far from the previous one is rejected; a joint beyond it is judged by its distance from the
+    last accepted one.
 
     Args:
         points_world: (T, J, 3) metres, NaN where unknown.
-        landmarks: what the J are.
+        landmarks: the J landmarks.
 
     Returns:
-        (T, J) True where a point cannot be right.
+        (T, J) True where a point is implausible.
     """
     wrong = np.zeros(points_world.shape[:2], dtype=np.bool_)
     for names in _LIMBS:

@@ -84,7 +84,7 @@ class _Poses:
     share: FloatArray
 
 
-def with_pose_prior(
+def apply_pose_prior(
     cameras: CameraGroup,
     points_px: ArrayLike,
     variance_px2: ArrayLike,
@@ -212,12 +212,12 @@ def learn_prior(
     fine = np.isfinite(off) & (off < 4 * np.sqrt(3 * np.maximum(noise2, usual)))
     points = np.where(fine[..., None], raw, smooth)
     tau = np.full(raw.shape[1], 0.03)
-    mean = _centred(smooth[np.flatnonzero(full)[0]])
-    rotation, center = (poses.rotation, poses.center) if poses else _aligned(mean, smooth, 1 / (tau**2 + usual))
+    mean = _centre(smooth[np.flatnonzero(full)[0]])
+    rotation, center = (poses.rotation, poses.center) if poses else _align(mean, smooth, 1 / (tau**2 + usual))
     own = raw
     for k in range(1 if poses else 4):
         if k:
-            rotation, center = _aligned(mean, smooth, 1 / (tau**2 + usual))
+            rotation, center = _align(mean, smooth, 1 / (tau**2 + usual))
         own = np.einsum("tba,tjb->tja", rotation, points - center[:, None])
         mean = own[full].mean(axis=0)
         tau = np.maximum(MAD_SIGMA * np.median(np.linalg.norm(own[full] - mean, axis=-1), axis=0) / 1.54, 0.005)
@@ -246,11 +246,11 @@ def _ways(
     return ways.reshape(landmarks, 3, -1), np.sqrt(np.maximum(tau2, options.least_tau**2))
 
 
-def _centred(points: FloatArray) -> FloatArray:
+def _centre(points: FloatArray) -> FloatArray:
     return np.asarray(points - points.mean(axis=-2, keepdims=True))
 
 
-def _aligned(mean: FloatArray, points: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _align(mean: FloatArray, points: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotations (T, 3, 3) and places (T, 3) that bring `mean` (J, 3) onto points (T, J, 3) (Kabsch 1976)."""
     share = weight / weight.sum()
     middle, centers = share @ mean, np.einsum("j,tja->ta", share, points)

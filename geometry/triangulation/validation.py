@@ -1,4 +1,4 @@
-"""Errors of a camera that is left out, and which points may be used to judge one."""
+"""Leave-one-camera-out errors, a quality figure that needs no ground truth."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import (
     TriangulateOptions,
-    checked,
+    checked_arrays,
     information,
     kernel_views,
     solve,
@@ -25,23 +25,23 @@ def leave_one_out_error(
     variance_px2: ArrayLike,
     options: TriangulateOptions | None = None,
 ) -> FloatArray:
-    """How far each camera's 2D points are from what the other cameras say: a quality figure without truth.
+    """Distance of each camera's 2D points from the prediction of the other cameras.
 
-    For every frame, landmark and camera with a usable 2D point, the point is triangulated robustly from the
-    *other* cameras and projected into this one. (The one number shared with the camera left out is the level
-    of the noise, see `take_noise`.)
+    For every frame, landmark and camera with a usable 2D point, the point is triangulated robustly from the *other*
+    cameras and projected into this one. The only value shared with the left-out camera is the noise level, see
+    `take_noise`.
 
     Args:
         cameras: C calibrated cameras.
         points_px: (C, T, J, 2) px.
-        variance_px2: (C, T, J).
+        variance_px2: (C, T, J) px^2.
         options: see `TriangulateOptions`.
 
     Returns:
-        (C, T, J) px; NaN where the camera has no 2D point or the others gave no point.
+        (C, T, J) px; NaN where the camera has no 2D point or the others give no point.
     """
     options = options or TriangulateOptions()
-    px, variance = checked(cameras, points_px, variance_px2, options)
+    px, variance = checked_arrays(cameras, points_px, variance_px2, options)
     views = kernel_views(cameras, px, variance)
     info = information(views, *take_noise(cameras, px, variance, options))
     error_px = np.full(variance.shape, np.nan)
@@ -57,12 +57,12 @@ def leave_one_out_error(
 
 @dataclass(frozen=True)
 class LeaveOneOutSummary:
-    """Figures from `leave_one_out_error`; NaN where there is nothing to take a median of.
+    """Summary of `leave_one_out_error`; NaN where there are no values.
 
     Attributes:
         median_px: over all cameras, frames and landmarks.
         camera_median_px: (C,) for each camera.
-        no_point_share: share of the usable 2D points for which the other cameras gave no point.
+        no_point_share: share of the usable 2D points for which the other cameras give no point.
         camera_no_point_share: (C,) for each camera.
     """
 
@@ -77,7 +77,7 @@ def leave_one_out_summary(error_px: FloatArray, usable: BoolArray) -> LeaveOneOu
 
     Args:
         error_px: (C, T, J) from `leave_one_out_error`.
-        usable: (C, T, J) where the camera has a 2D point (finite point and variance).
+        usable: (C, T, J) whether the camera has a 2D point (finite point and variance).
     """
 
     def median(values: FloatArray) -> float:

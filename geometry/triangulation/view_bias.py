@@ -1,14 +1,15 @@
-"""What a network's eye does to a landmark: from the front it puts a hip elsewhere than from the side.
+"""View-dependent bias of 2D landmarks: a network places a hip differently seen from the front and from the side.
 
 Such an error is the same in every frame in which a camera sees the person from that side, and different in the next
 camera. Triangulation averages it as long as the same cameras see the landmark; when one no longer does, the point
-jumps, and a robust estimate takes one view's habit for another view's mistake. Here the habit is learned from the take
-itself, without a label: the detected point of landmark j, seen along the unit direction u in the trunk's axes, is the
-true one plus B_j u + b_j, with B_j (3 x 3) of small entries. Of it only what differs between views shows in the
-images, so b_j is set such that the mean of the take stays where it was: what all views have in common nobody can know.
+jumps, and a robust estimate mistakes the bias of one view for an outlier of another. Here the bias is estimated from
+the take itself, without labels: the detected point of landmark j, seen along the unit direction u in the axes of the
+trunk, is the true one plus B_j u + b_j, with B_j (3 x 3) of small entries. Only the differences between views show in
+the images, so b_j is set such that the mean over the take does not change; a bias common to all views is not
+observable.
 
-B_j is the mean of its Gaussian posterior; how small "small" is (one number for all landmarks) is what makes the take
-most likely, given what is usual (MacKay 1992, "Bayesian interpolation").
+B_j is the mean of its Gaussian posterior; the prior's scale (one number for all landmarks) maximises the evidence of
+the take together with its own prior (MacKay 1992, "Bayesian interpolation").
 """
 
 from __future__ import annotations
@@ -24,24 +25,24 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, Triangulation, triangulate
 
-# Standard deviations of B_j's entries that are tried, metres: from what no network reaches to a hand's breadth.
+# Standard deviations of B_j's entries that are tried, metres.
 _SIZES = np.array([0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03])
-# What is believed beforehand: this, within a factor of e to the spread. It decides where a take is short.
+# Log-normal prior of that scale: median and width, which decide in short takes.
 _USUAL, _USUAL_SPREAD = 0.007, 0.2
-# Differences for derivatives of projections, metres.
+# Step for numerical derivatives of projections, metres.
 _STEP = 1e-3
 _TRUNK = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
 
 
 @dataclass(frozen=True)
 class ViewBiasOptions:
-    """How a network's habits are learned.
+    """Options of the estimation of view-dependent bias.
 
     Attributes:
-        enabled: learn them at all.
-        alike_s: for so long errors of the network are the same one: they count as one observation.
-        most_frames: of a longer take so many frames, evenly spread, are looked at.
-        least_s: a take (of frames with three views) that is shorter says too little.
+        enabled: whether bias is estimated at all.
+        alike_s: correlation time of the network's errors, seconds: errors within it count as one observation.
+        most_frames: maximum number of frames used, spread evenly over the take.
+        least_s: minimum duration of frames with three views, seconds.
     """
 
     enabled: bool = True
@@ -56,13 +57,13 @@ class ViewBiasOptions:
 
 @dataclass(frozen=True)
 class ViewBias:
-    """Where landmarks are seen, beside where they are.
+    """View-dependent bias of landmarks.
 
     Attributes:
-        landmarks: what the J are.
+        landmarks: the J landmarks.
         by_view: (J, 3, 3) B_j, metres.
-        common: (J, 3) b_j in the trunk's axes, metres.
-        size_m: standard deviation of B_j's entries, as it is believed after the take.
+        common: (J, 3) b_j in the axes of the trunk, metres.
+        size_m: estimated standard deviation of B_j's entries, metres.
     """
 
     landmarks: LandmarkSet
@@ -71,12 +72,12 @@ class ViewBias:
     size_m: float
 
     def px(self, cameras: CameraGroup, points_world: FloatArray, axes: FloatArray) -> FloatArray:
-        """(C, T, J, 2) px that 2D points lie off, for (T, J, 3) points; 0 where nothing is known.
+        """(C, T, J, 2) px by which 2D points of (T, J, 3) points are biased; 0 where unknown.
 
         Args:
             cameras: C cameras.
             points_world: (T, J, 3) metres.
-            axes: (T, 3, 3) the trunk's, see `trunk_axes`.
+            axes: (T, 3, 3) of the trunk, see `trunk_axes`.
         """
         off = np.empty((len(cameras), *points_world.shape[:2], 2))
         for camera, out in zip(cameras, off, strict=True):
@@ -87,8 +88,10 @@ class ViewBias:
 
 
 def trunk_axes(points_world: FloatArray, landmarks: LandmarkSet) -> FloatArray | None:
-    """(T, 3, 3) axes of the trunk as columns (to its left, back and up), from shoulders and hips; of the nearest frame
-    where these are missing, None where they are missing in all frames or in the set."""
+    """(T, 3, 3) axes of the trunk as columns (to its left, back and up), from shoulders and hips.
+
+    Of the nearest frame where these landmarks are missing; None where they are missing in all frames or in the set.
+    """
     if any(name not in landmarks.names for name in _TRUNK):
         return None
     left, right, left_hip, right_hip = (points_world[:, landmarks.index(name)] for name in _TRUNK)
@@ -113,20 +116,20 @@ def learn_view_bias(
     triangulate_options: TriangulateOptions | None = None,
     options: ViewBiasOptions | None = None,
 ) -> ViewBias | None:
-    """The habits of a network, from one person's take.
+    """Estimate the view-dependent bias of a 2D network from one person's take.
 
     Args:
         cameras: C calibrated cameras.
         points_px: (C, T, J, 2) px of one person; NaN where missing.
-        variance_px2: (C, T, J).
-        landmarks: what the J are.
-        fps: frames a second.
-        found: what `triangulate` made of them.
-        triangulate_options: the options that it had.
+        variance_px2: (C, T, J) px^2.
+        landmarks: the J landmarks.
+        fps: frames per second.
+        found: the triangulation of these points.
+        triangulate_options: the options of that triangulation.
         options: see `ViewBiasOptions`.
 
     Returns:
-        None where there are fewer than three cameras, no trunk, or too short a take.
+        None with fewer than three cameras, without a trunk, or if the take is too short.
     """
     options = options or ViewBiasOptions()
     px, variance = np.asarray(points_px, np.float64), np.asarray(variance_px2, np.float64)
@@ -143,7 +146,7 @@ def learn_view_bias(
     )
     size, solved = _most_likely(normal / alike, right / alike)
     offsets = ViewBias(landmarks, solved, np.zeros((len(landmarks), 3)), size)
-    # Where a landmark is seen best, its mean has to stay.
+    # The mean of a landmark must not change in the frames in which most cameras see it.
     again = triangulate(
         cameras, px[:, some] - offsets.px(cameras, found.points_world[some], axes[some]), variance[:, some],
         triangulate_options,
@@ -164,7 +167,7 @@ def _unit(vector: FloatArray) -> FloatArray:
 
 
 def _directions(camera: Camera, points_world: FloatArray, axes: FloatArray) -> FloatArray:
-    """(T, J, 3) unit vectors from the camera to the points, in the trunk's axes."""
+    """(T, J, 3) unit vectors from the camera to the points, in the axes of the trunk."""
     along: FloatArray = np.einsum("tba,tjb->tja", axes, _unit(points_world - camera.center_world))
     return along
 
@@ -177,7 +180,7 @@ def _normal_equations(
     points_world: FloatArray,
     axes: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """(J, 9, 9) and (J, 9): least squares for B_j, with every frame's point free to move."""
+    """(J, 9, 9) and (J, 9) least squares for B_j, with every frame's 3D point eliminated."""
     at = cameras.project(points_world)
     steps = [(cameras.project(points_world + step) - at) / _STEP for step in _STEP * np.eye(3)]
     weight = np.sqrt(np.where(inlier & np.isfinite(variance), 1 / variance, 0.0))
@@ -185,7 +188,7 @@ def _normal_equations(
     error = np.nan_to_num(px - at) * weight[..., None]
     along = np.nan_to_num(np.stack([_directions(camera, points_world, axes) for camera in cameras]))
     by_offset = np.einsum("ctjpa,tab,ctjd->ctjpbd", by_point, axes, along).reshape(*error.shape, 9)
-    # A point that moves explains what it can: what it cannot is left for B_j.
+    # Eliminate the 3D points: B_j has to explain only what a displacement of the point cannot.
     free = np.einsum("ctjpa,ctjpb->tjab", by_point, by_point)
     inverse = np.linalg.pinv(free, rcond=1e-9, hermitian=True)
     cross = np.einsum("ctjpa,ctjpn->tjan", by_point, by_offset)
@@ -197,7 +200,7 @@ def _normal_equations(
 
 
 def _most_likely(normal: FloatArray, right: FloatArray) -> tuple[float, FloatArray]:
-    """The size of B_j's entries that is the most likely, and the posterior means (J, 3, 3)."""
+    """The scale of B_j's entries with the highest evidence, and the posterior means (J, 3, 3)."""
     values, vectors = np.linalg.eigh(normal)
     values, along = np.maximum(values, 0.0), np.einsum("jmn,jm->jn", vectors, right)
     size2 = _SIZES[:, None, None] ** 2
@@ -208,7 +211,7 @@ def _most_likely(normal: FloatArray, right: FloatArray) -> tuple[float, FloatArr
     return float(_SIZES[best]), mean.reshape(-1, 3, 3)
 
 
-def without_view_bias(
+def remove_view_bias(
     cameras: CameraGroup,
     points_px: ArrayLike,
     variance_px2: ArrayLike,
@@ -216,22 +219,22 @@ def without_view_bias(
     offsets: ViewBias,
     options: TriangulateOptions | None = None,
 ) -> tuple[FloatArray, Triangulation]:
-    """2D points as they would be without the habits, and what they are triangulated to.
+    """Remove view-dependent bias from 2D points and triangulate them again.
 
     Args:
-        cameras: C cameras, not necessarily those that the habits were learned with.
+        cameras: C cameras, not necessarily those with which the bias was estimated.
         points_px: (C, T, J, 2) px.
-        variance_px2: (C, T, J).
-        found: what `triangulate` made of them.
-        offsets: the habits.
-        options: those of `triangulate`.
+        variance_px2: (C, T, J) px^2.
+        found: the triangulation of these points.
+        offsets: the bias.
+        options: options of the triangulation.
 
     Returns:
-        (C, T, J, 2) px, and the points; their `residual_px` are of these px, not of those that were seen.
+        (C, T, J, 2) px without the bias, and their triangulation; its `residual_px` refers to these px.
     """
     px = np.asarray(points_px, np.float64)
     axes = trunk_axes(found.points_world, offsets.landmarks)
     if axes is None:
         return px, found
-    mended = px - offsets.px(cameras, found.points_world, axes)
-    return mended, triangulate(cameras, mended, variance_px2, options)
+    corrected = px - offsets.px(cameras, found.points_world, axes)
+    return corrected, triangulate(cameras, corrected, variance_px2, options)

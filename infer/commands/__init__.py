@@ -1,1 +1,1 @@
-"""."""
+"""The command line: one function per command, parsed by tyro."""

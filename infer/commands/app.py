@@ -85,12 +85,16 @@ def find_commands() -> dict[str, importlib.metadata.EntryPoint]:
 
 
 def _call(entry: importlib.metadata.EntryPoint, arguments: list[str]) -> int:
+    from muybridge.infer.results.ownership import refuse_root
     from muybridge.infer.runtime.logs import verbosity
 
     try:
         call = _parsed(entry, arguments)
+        for path in call.outputs():
+            refuse_root(path)
         with verbosity(call.console.verbose, call.console.quiet):
             _log.debug("muybridge %s, Python %s: %s %s", __version__, platform.python_version(), entry.name, arguments)
+            _log.debug("arguments: %s", call.arguments)
             result = call()
     except ModuleNotFoundError as error:
         missing = error.name or ""

@@ -1,4 +1,4 @@
-"""The command `markerset`: the sets that are known, the points of the body, and a set learned from a labelled trial."""
+"""The command `markerset`: lists, shows and learns marker sets."""
 
 from __future__ import annotations
 
@@ -18,17 +18,20 @@ def markerset(
     model: Path | None = None,
     overwrite: bool = False,
 ) -> int:
-    """List marker sets, show one, or learn one from a trial that is labelled.
+    """List marker sets, show one, or learn one from a labelled trial.
 
-    `list` names the sets, `points` the points of the body that markers can stand on, `show NAME` prints a set as the
-    text file that defines one's own, and `from TRIAL.c3d` finds out where the markers of a labelled trial stand.
+    The action `list` names the sets; `points` names the points of the body where markers can be placed; `show NAME`
+    prints a set as a text file that you can edit; `from TRIAL.c3d` learns a set from a labelled trial.
+
+    Example:
+        muybridge markerset show pig39 --out ours.txt
 
     Args:
-        what: what to do.
-        name: a marker set, or a labelled trial.
-        out: the file that `show` and `from` write; `show` prints without one.
-        model: labelling network; the shipped one by default.
-        overwrite: replace the file if it is there.
+        what: the action.
+        name: marker set, or labelled trial.
+        out: file that `show` and `from` write; without it, `show` prints the set.
+        model: labelling network in place of the shipped one.
+        overwrite: replace the file if it exists.
     """
     from muybridge.errors import MuybridgeError
     from muybridge.geometry.landmarks.marker_sets import SETS, SURFACE
@@ -47,25 +50,25 @@ def markerset(
 
 
 def _show(name: str, out: Path | None, overwrite: bool) -> None:
-    from muybridge.files import check_free
+    from muybridge.infer.results.ownership import check_replaceable
     from muybridge.motion.formats.points.marker_protocol import find_marker_set, marker_set_text, write_marker_set
 
     plan = find_marker_set(name)
     if out is None:
         print(marker_set_text(plan, name))
     else:
-        check_free(out, overwrite)
+        check_replaceable([out], overwrite)
         write_marker_set(out, plan, name)
         print(f"wrote {out}")
 
 
 def _learn(trial: Path, out: Path | None, model: Path | None, overwrite: bool) -> None:
-    from muybridge.files import check_free
     from muybridge.infer.labelling.learn_set import learn_marker_set
+    from muybridge.infer.results.ownership import check_replaceable
     from muybridge.motion.formats.points.marker_protocol import write_marker_set
 
     path = out or Path(f"{trial.stem}.txt")
-    check_free(path, overwrite, [trial])
+    check_replaceable([path], overwrite, [trial])
     plan, notes = learn_marker_set(trial, model)
     write_marker_set(path, plan, f"learned from {trial.name}; check it before you use it")
     print("\n".join([f"{len(plan.markers)} markers", *notes, f"wrote {path}; use it with --markerset {path}"]))

@@ -15,6 +15,7 @@ import typing
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 import tyro
@@ -59,6 +60,11 @@ class Call:
     function: Callable[..., Any]
     arguments: dict[str, Any]
     console: ConsoleOptions
+
+    def outputs(self) -> list[Path]:
+        """The files and folders that --out names, also those of options classes."""
+        groups = [self.arguments, *(vars(v) for v in self.arguments.values() if dataclasses.is_dataclass(v))]
+        return [group["out"] for group in groups if isinstance(group.get("out"), Path)]
 
     def __call__(self) -> Any:
         """Run the command."""

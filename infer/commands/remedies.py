@@ -6,24 +6,30 @@ The keys are those of `muybridge.remedies`. Texts are format strings; the except
 from muybridge.errors import MuybridgeError
 
 COMMAND_REMEDIES: dict[str, str] = {
+    "align_rigid": "give --align rigid",
     "board_page": "take smaller squares (--square), larger paper or --paper fit",
+    "butterworth": "give --smooth butterworth with it",
     "bvh_units": "state it with --units, one of {units}",
     "calibration_path": "or name one with --calibration",
     "centres_of_landmarks": "leave out --centres",
     "choose_clip": "choose one of this list with --clip",
+    "every_frame": "give --every 1",
     "export_fbx": "export it again as binary FBX",
     "export_gltf": "export it again as glTF 2.0",
     "fit_points": "fit a body to them with `muybridge solve POINTS --out FOLDER`, which writes it",
     "fps_range": "give --fps a number above zero, not --fps {fps}",
     "fps_unstated": "state it with --fps",
     "frames_unnumbered": "number them in a column `frame`, or state with --fps that nothing is missing",
+    "image_size": "give --size WIDTH HEIGHT, --videos or --lenses",
     "lens_fisheye": "if the lens is a fisheye lens, give --lens fisheye",
     "lens_pinhole": "give --lens pinhole, or keep the board away from the border of the image",
     "list_body_points": "`muybridge markerset points` lists all",
     "marker_dictionary": "or name its dictionary with --marker-dictionary",
+    "max_offset": "give a larger --max-offset",
     "missing_weights": "reinstall muybridge, or name a model file of yours",
     "model_of_card": "name its file with --keypoint-model",
     "network_of_landmarks": "leave out --network",
+    "no_model_card": "leave out --model-card",
     "option_unused": "leave out --{option}",
     "other_folder": "choose another folder with --out",
     "other_name": "choose another name",
@@ -32,6 +38,9 @@ COMMAND_REMEDIES: dict[str, str] = {
     "points_or_lens": "add points, or give the lens with --lenses",
     "pseudo_labels": "`muybridge adapt SESSION` makes one",
     "rename_labels": "rename them, or name unlabelled points with `muybridge label`",
+    "shift": "give the time between them with --shift",
+    "still_moment": "name the image in which it does with --moment",
+    "sync_by_images": "give --methods epipolar motion",
     "third_party_model": (
         "for a third-party keypoint network name its card with --model-card; otherwise name a model that muybridge "
         "exported, or leave the option out to use the shipped one"

@@ -18,7 +18,7 @@ import numpy as np
 from muybridge.arrays import BoolArray, IndexArray, IntArray
 from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
 from muybridge.geometry.numerics.robust import row_median
-from muybridge.geometry.sync.clocks import own_frames, synchronised
+from muybridge.geometry.sync.clocks import own_frames, resample_keypoints
 from muybridge.infer.detection.crop_reader import Pictures, PoseReader, body_boxes, join_poses
 from muybridge.infer.detection.detect import CODE, CameraResult, DetectOptions
 from muybridge.infer.detection.exposure import stretch_frames
@@ -201,7 +201,7 @@ class TopDownRefinement:
 
     def _synchronise(self, found: Keypoints2D) -> Keypoints2D:
         """Landmarks of cameras with different clocks at the times of the take."""
-        return synchronised(found, self.session.clocks, self.session.fps)
+        return resample_keypoints(found, self.session.clocks, self.session.fps)
 
     def _own(self, c: int, frames: IndexArray) -> IndexArray:
         """The camera's own frames for frames of the session."""

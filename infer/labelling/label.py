@@ -15,7 +15,7 @@ from muybridge.geometry.markers.recovery import RecoverOptions, recover_points
 from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
 from muybridge.geometry.markers.subjects import split_people
 from muybridge.geometry.markers.tracking import TrackOptions, Tracks, find_tracks
-from muybridge.geometry.markers.voting import VoteOptions, assign_frames, cut_tracks, elect, ordered, vote
+from muybridge.geometry.markers.voting import VoteOptions, assign_frames, assign_labels, cut_tracks, sort_by_track, vote
 from muybridge.infer.networks.labelling import LabelNetwork
 
 _log = logging.getLogger(__name__)
@@ -122,7 +122,7 @@ def _over_time(scores: FloatArray, track: IndexArray, fps: float, options: Label
     label's confidence is computed from."""
     out = scores.copy()
     weight, half = 1.0 / (1.0 + fps * options.vote.memory), max(1, round(0.5 * fps))
-    t, s, starts = ordered(track)
+    t, s, starts = sort_by_track(track)
     total = np.cumsum(np.maximum(scores[t, s], options.vote.floor), 0)
     total = np.concatenate([np.zeros((1, total.shape[1])), total])
     count = np.diff(starts)
@@ -163,7 +163,7 @@ def _elect(scores: FloatArray, tracks: Tracks, fps: float, options: LabelOptions
     if not options.votes:
         return assign_frames(scores)
     pieces = cut_tracks(scores, tracks.track, tracks.points, fps, options.vote)
-    label = elect(*vote(scores, pieces, fps, options.vote))
+    label = assign_labels(*vote(scores, pieces, fps, options.vote))
     return np.where(pieces >= 0, label[pieces], -1)
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import Keypoints2D
-from muybridge.geometry.sync.clocks import synchronised
+from muybridge.geometry.sync.clocks import resample_keypoints
 from muybridge.infer.detection.detect import DetectOptions, detect, file_names, first_pass, is_finished
 from muybridge.infer.detection.resample import resample_tracks
 from muybridge.infer.detection.tracks import merge_tracks
@@ -47,4 +47,4 @@ def session_keypoints(
     body = next(
         iter(merge_tracks([resample_tracks(session, c, d.tracks, d.repeats) for c, d in enumerate(found)]).values())
     )
-    return session, synchronised(body, session.clocks, session.fps)
+    return session, resample_keypoints(body, session.clocks, session.fps)

@@ -1,4 +1,4 @@
-"""Offsets between the clocks of a session's cameras, from sound or from images."""
+"""Offsets and drifts of the clocks of a session's cameras, from sound or from images."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,17 +10,23 @@ import numpy as np
 import tomli_w
 
 from muybridge.arrays import FloatArray
-from muybridge.errors import SessionError
+from muybridge.errors import MuybridgeError, SessionError
 from muybridge.files import replacing
 from muybridge.geometry.association.select import select_person, take_person
 from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.geometry.sync.audio import audio_clock
+from muybridge.geometry.sync.clocks import Clock
 from muybridge.geometry.sync.epipolar import epipolar_clocks
-from muybridge.geometry.sync.motion import Clock, audio_clock, motion_clocks
-from muybridge.infer.session.session import Session
+from muybridge.geometry.sync.motion import motion_clocks
+from muybridge.infer.detection.detect import DetectOptions
+from muybridge.infer.pipelines.landmarks import session_keypoints
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.session.session import Session, SessionOptions, open_session
 from muybridge.infer.session.sync_file import SYNC_VERSION
 
 _AUDIO_RATE = 16000
-_DRIFT_FROM = 60.0  # seconds of take from which drift is estimated from the images
+# Seconds; the drift of clocks is estimated from the images of takes that are at least as long.
+_DRIFT_FROM = 60.0
 _DISAGREE_SIGMA = 4.0
 _DISAGREE_FRAMES = 0.5
 _HEADER = """# Clocks of the cameras: a camera's own time is t + offset + drift t at the reference's time t.
@@ -28,6 +34,7 @@ _HEADER = """# Clocks of the cameras: a camera's own time is t + offset + drift 
 """
 
 Method = Literal["audio", "epipolar", "motion"]
+METHODS: tuple[Method, ...] = ("audio", "epipolar", "motion")
 
 
 @dataclass(frozen=True)
@@ -36,7 +43,7 @@ class SyncResult:
 
     Attributes:
         clocks: (C,) the ones to use.
-        methods: (C,) that gave them; `reference` for the first camera, `none` where nothing was found.
+        methods: (C,) which method estimated them; `reference` for the first camera, `none` where none did.
         found: every method's clocks, (C,) each.
         disagreements: sentences about methods that contradict each other.
     """
@@ -45,6 +52,68 @@ class SyncResult:
     methods: tuple[str, ...]
     found: dict[str, tuple[Clock, ...]]
     disagreements: tuple[str, ...]
+
+
+def sync_session(
+    path: Path,
+    results: Path | None,
+    methods: Sequence[Method],
+    max_offset: float,
+    session: SessionOptions,
+    detect: DetectOptions,
+    progress: Progress,
+) -> tuple[Session, SyncResult]:
+    """Estimate the clocks of a session's cameras.
+
+    Args:
+        path: the session's folder.
+        results: results folder whose 2D landmarks are used where they are there; None for the session's own.
+        methods: which are tried; where several succeed for a camera, the most certain one is used.
+        max_offset: seconds, largest offset.
+        session: how the session folder is read.
+        detect: how 2D landmarks are detected.
+        progress: receives progress messages.
+
+    Raises:
+        SessionError: no method succeeded for any camera.
+        MuybridgeError: the session cannot be used, or an argument makes no sense.
+    """
+    if not methods:
+        raise MuybridgeError(f"no method to synchronise by; there are {', '.join(METHODS)}")
+    if not max_offset > 0:
+        raise MuybridgeError(f"the largest offset must be more than 0 seconds, not {max_offset:g}")
+    opened = open_session(path, session, in_step=False)
+    keypoints = None
+    if set(methods) - {"audio"}:
+        opened, keypoints = session_keypoints(opened, results, detect, progress)
+    result = find_clocks(opened, keypoints, methods, max_offset)
+    if all(m in ("reference", "none") for m in result.methods):
+        raise SessionError(
+            f"{path}: the cameras' clocks cannot be estimated ({', '.join(methods)}). Sound must be in all videos; "
+            f"images must show a person who moves in two views or more, and offsets of at most {max_offset:g} s",
+            remedy="max_offset",
+        )
+    return opened, result
+
+
+def format_summary(session: Session, result: SyncResult) -> list[str]:
+    """The result in sentences, one line per camera."""
+    names = session.cameras.names
+    rows = list(zip(names, result.clocks, result.methods, strict=True))
+    lines = [f"{name}: {_clock_text(clock, method)}" for name, clock, method in rows]
+    lines += [
+        f"{name}: its sound is periodic, so other offsets fit as well: check a fast movement"
+        for name, clock, method in rows
+        if method == "audio" and clock.offset_sd > 1 / session.fps
+    ]
+    return [*lines, *(f"methods disagree: {line}" for line in result.disagreements)]
+
+
+def _clock_text(clock: Clock, method: str) -> str:
+    if method in ("reference", "none"):
+        return "reference" if method == "reference" else "not estimated, assumed to be synchronised"
+    drift = f", drift {clock.drift * 1e6:.1f} +- {clock.drift_sd * 1e6:.1f} ppm" if np.isfinite(clock.drift_sd) else ""
+    return f"offset {clock.offset * 1e3:.2f} +- {clock.offset_sd * 1e3:.2f} ms{drift} (by {method})"
 
 
 def read_audio(path: Path, rate: int = _AUDIO_RATE) -> FloatArray | None:
@@ -71,7 +140,7 @@ def read_audio(path: Path, rate: int = _AUDIO_RATE) -> FloatArray | None:
                 pieces += [f.to_ndarray().ravel().astype(np.float64) for f in resampler.resample(frame)]
             pieces += [f.to_ndarray().ravel().astype(np.float64) for f in resampler.resample(None)]
     except av.error.FFmpegError as error:
-        raise SessionError(f"{path}: its sound cannot be read ({error}); use --methods epipolar motion") from None
+        raise SessionError(f"{path}: its sound cannot be read ({error})", remedy="sync_by_images") from None
     if not pieces:
         return None
     sound, ahead = np.concatenate(pieces), round(((begins or 0.0) - zero) * rate)
@@ -81,12 +150,12 @@ def read_audio(path: Path, rate: int = _AUDIO_RATE) -> FloatArray | None:
 def find_clocks(
     session: Session, keypoints: Keypoints2D | None, methods: Sequence[str], max_offset: float
 ) -> SyncResult:
-    """Clocks of all cameras by the requested methods.
+    """Clocks of all cameras by every given method.
 
     Args:
         session: C cameras and their videos.
         keypoints: everyone's landmarks; None where only sound is used.
-        methods: of `audio`, `epipolar`, `motion`; the one with the least uncertainty is used for each camera.
+        methods: of `audio`, `epipolar`, `motion`; the most certain one is used.
         max_offset: seconds.
     """
     found: dict[str, tuple[Clock, ...]] = {}
@@ -102,8 +171,8 @@ def find_clocks(
         clocks.append(found[chosen][c] if chosen else Clock(0.0, 0.0, np.inf, np.inf, 0.0))
         origins.append("reference" if c == 0 else chosen or "none")
     clocks[0] = Clock(0.0, 0.0, 0.0, 0.0, 1.0)
-    conflicts = disagreements(session.cameras.names, found, session.fps)
-    return SyncResult(tuple(clocks), tuple(origins), found, conflicts)
+    contradictions = disagreements(session.cameras.names, found, session.fps)
+    return SyncResult(tuple(clocks), tuple(origins), found, contradictions)
 
 
 def _clock_from_audio(sounds: Sequence[FloatArray | None], c: int, max_offset: float) -> Clock:
@@ -142,7 +211,7 @@ def disagreements(names: Sequence[str], found: dict[str, tuple[Clock, ...]], fps
                 if np.isfinite(sd) and gap > max(_DISAGREE_SIGMA * sd, _DISAGREE_FRAMES / fps):
                     sentences.append(
                         f"camera {name}: {a} says {one.offset * 1e3:.1f} ms, {b} {two.offset * 1e3:.1f} ms; "
-                        f"look at a fast movement in both videos, and choose with --methods"
+                        "look at a fast movement in both videos, and choose a method"
                     )
     return tuple(sentences)
 

@@ -13,7 +13,7 @@ from muybridge.errors import SessionError
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.geometry.landmarks.arrays import Keypoints2D
-from muybridge.geometry.sync.clocks import synchronised
+from muybridge.geometry.sync.clocks import resample_keypoints
 from muybridge.infer.detection.detect import CameraResult, DetectOptions, detect, file_names, first_pass
 from muybridge.infer.detection.frozen_frames import repeats_notice
 from muybridge.infer.detection.refine import RefinementOptions, TopDownRefinement
@@ -272,7 +272,7 @@ def _merge(
             notice = f"{name} is frozen from frame {found.frozen_from} to its end, while other cameras see people move"
             session = with_notice(session, f"{notice}: its landmarks are left out there", progress)
     tracks = [resample_tracks(session, c, first_frames(d.tracks, frames), d.repeats) for c, d in enumerate(detected)]
-    return session, {n: synchronised(k, session.clocks, session.fps) for n, k in merge_tracks(tracks).items()}
+    return session, {n: resample_keypoints(k, session.clocks, session.fps) for n, k in merge_tracks(tracks).items()}
 
 
 def summary(result: RunResult) -> str:

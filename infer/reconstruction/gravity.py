@@ -14,7 +14,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.association.select import find_people, take_person
-from muybridge.geometry.calibration.gravity import lean_note, levelled, on_their_heads, standing_axes
+from muybridge.geometry.calibration.gravity import all_upside_down, level_cameras, standing_axes, tilt_notes
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.infer.detection.detect import CODE, DetectOptions, detect
@@ -47,7 +47,7 @@ def estimate_gravity(
         turn: replace the session's cameras, so that results are in the upright world.
     """
     in_doubt = session.level_cameras is session.cameras
-    if in_doubt and not on_their_heads(session.cameras):
+    if in_doubt and not all_upside_down(session.cameras):
         return session
     videos = [[v.content, v.rotation_deg] for v in session.videos]
     key = digest(
@@ -67,7 +67,7 @@ def estimate_gravity(
         merged = merge_tracks([first_frames(result.tracks, shared) for result in found])
         axes = _axes(part, next(iter(merged.values())))
         stage = store.save(STAGE, key, {"standing": axes}, {}, time.perf_counter() - start)
-    upright = levelled(session.cameras, stage.arrays["standing"])
+    upright = level_cameras(session.cameras, stage.arrays["standing"])
     notices: list[str] = []
     if upright is session.cameras:
         if not in_doubt:
@@ -75,7 +75,7 @@ def estimate_gravity(
     elif turn:
         notices = ["the world was turned upright: results and the calibration beside them have Z up"]
     elif in_doubt:
-        notices = [f"{note}; {UPRIGHT_ADVICE}" for note in lean_note(session.cameras, stage.arrays["standing"])]
+        notices = [f"{note}; {UPRIGHT_ADVICE}" for note in tilt_notes(session.cameras, stage.arrays["standing"])]
     for notice in notices:
         session = with_notice(session, notice, progress)
     return replace(session, cameras=upright if turn else session.cameras, upright=upright)

@@ -14,7 +14,7 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.rays import ray_directions
 from muybridge.geometry.fitting.subject import MarkerFitOptions
 from muybridge.geometry.markers.cleaning import CleanOptions
-from muybridge.geometry.markers.matching import MatchOptions, follow_points, meet, without_ghosts
+from muybridge.geometry.markers.matching import MatchOptions, find_real_markers, follow_points, intersect_rays
 from muybridge.geometry.markers.tracking import TrackOptions, track_points
 from muybridge.infer.detection.blobs import BlobOptions, find_blobs, find_threshold
 from muybridge.infer.labelling.label import LabelOptions
@@ -102,7 +102,7 @@ def find_markers(
     """
     points, _ = follow_points(cameras, seen, fps, options.match)
     tracks = track_points(points, fps, options.track)
-    good = without_ghosts(tracks.points, tracks.track, max(3, round(options.shortest_s * fps)), fps)
+    good = find_real_markers(tracks.points, tracks.track, max(3, round(options.shortest_s * fps)), fps)
     kept = np.where(good[..., None], tracks.points, np.nan)
     dropped = len(np.unique(tracks.track[(tracks.track >= 0) & ~good]))
     used = good.any(0)
@@ -147,11 +147,11 @@ def triangulate_again(cameras: CameraGroup, seen: list[list[FloatArray]], points
         owner = np.take_along_axis(nearest, best, 1) == np.arange(len(known))
         near &= owner
         rays = ray_directions(cameras, np.take_along_axis(px, best[..., None], 1))
-        new = meet(centres, np.nan_to_num(np.moveaxis(rays, 0, 1)), near.T)
+        new = intersect_rays(centres, np.nan_to_num(np.moveaxis(rays, 0, 1)), near.T)
         error = np.linalg.norm(cameras.project(new) - np.take_along_axis(px, best[..., None], 1), axis=-1)
         good = near & (error < reach_px)
         enough = (good.sum(0) >= 2) & (good.sum(0) == near.sum(0))
-        again = meet(centres, np.nan_to_num(np.moveaxis(rays, 0, 1)), good.T)
+        again = intersect_rays(centres, np.nan_to_num(np.moveaxis(rays, 0, 1)), good.T)
         kept = (good.sum(0) >= 2) & (np.linalg.norm(again - expected[t, known], axis=-1) < 0.015)
         kept &= enough | (good.sum(0) >= 3)
         out[t, known[kept]], views[t, known[kept]] = again[kept], good.sum(0)[kept]

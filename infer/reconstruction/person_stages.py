@@ -16,9 +16,9 @@ from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.geometry.triangulation.left_right import FlipOptions, repair_flips
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
 from muybridge.geometry.triangulation.plausibility import stretched_limbs, uncertain_points
-from muybridge.geometry.triangulation.shape_prior import PosePriorOptions, with_pose_prior
+from muybridge.geometry.triangulation.shape_prior import PosePriorOptions, apply_pose_prior
 from muybridge.geometry.triangulation.validation import leave_one_out_error
-from muybridge.geometry.triangulation.view_bias import ViewBiasOptions, learn_view_bias, without_view_bias
+from muybridge.geometry.triangulation.view_bias import ViewBiasOptions, learn_view_bias, remove_view_bias
 from muybridge.infer.reconstruction.virtual_markers import triangulate_markers
 from muybridge.infer.runtime.stages import Arrays, Facts
 
@@ -65,8 +65,8 @@ def triangulated(
     bias = learn_view_bias(cameras, points_px, variance_px2, landmarks, fps, found, options, view_bias)
     unbiased = points_px
     if bias is not None:
-        unbiased, found = without_view_bias(cameras, points_px, variance_px2, found, bias, options)
-    found = with_pose_prior(cameras, unbiased, variance_px2, landmarks, fps, found, options, pose_prior)
+        unbiased, found = remove_view_bias(cameras, points_px, variance_px2, found, bias, options)
+    found = apply_pose_prior(cameras, unbiased, variance_px2, landmarks, fps, found, options, pose_prior)
     wrong = stretched_limbs(found.points_world, landmarks)
     wrong |= uncertain_points(found.points_world, found.covariance_world, landmarks)
     # Residuals are reported against the 2D landmarks as detected, not against the corrected ones.

@@ -112,8 +112,8 @@ def _size_findings(bones: Sequence[BoneFigures]) -> list[Finding]:
         Finding(
             "bad",
             f"By the lengths of arms and legs the person is {stature:.2g} m tall: the calibration's lengths are not "
-            f"in the assumed unit. State their unit (docs/calibration-files.md), or calibrate with the true size "
-            f"of the board's squares.",
+            f"in the assumed unit. State their unit (docs/reference/calibration-files.md), or calibrate with the "
+            f"true size of the board's squares.",
         )
     ]
 

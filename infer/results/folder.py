@@ -5,6 +5,7 @@ since, belongs to somebody else and is replaced only with `overwrite` (see `muyb
 """
 
 import json
+import logging
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -15,6 +16,7 @@ from muybridge.infer.results.ownership import make_writable, refuse_root
 from muybridge.infer.runtime.digests import file_digest
 from muybridge.infer.session.discover import VIDEO_FOLDERS
 
+_log = logging.getLogger(__name__)
 WORK = "work"
 MANIFEST = "manifest.json"
 _REMEMBERED = 2  # digests per file: a run killed between manifest and rename leaves the earlier file in place
@@ -53,6 +55,7 @@ class OutputFolder:
             with self._lock:
                 self._written[name] = [digest, *self._written.get(name, [])][:_REMEMBERED]
                 _write_manifest(self.work, self.of, self._written)
+        _log.info("wrote %s", path)
         return path
 
     def retire(self, names: Iterable[str]) -> None:

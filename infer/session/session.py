@@ -16,10 +16,11 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
-from muybridge.geometry.calibration import VideoFit, find_calibration, fit_to_video, read_calibration, sized_like
-from muybridge.geometry.calibration.gravity import lean_note, levelled
+from muybridge.geometry.calibration import find_calibration, read_calibration
+from muybridge.geometry.calibration.gravity import level_cameras, tilt_notes
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.cameras.video_size import VideoFit, fit_to_video, guess_calibrated_size
 from muybridge.geometry.sync.clocks import Clock
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.discover import find_videos, select_cameras, video_folder
@@ -98,7 +99,7 @@ class Session:
     @cached_property
     def level_cameras(self) -> CameraGroup:
         """The cameras in a world turned upright where the calibration's is not; landmarks are detected with these."""
-        return self.upright or levelled(self.cameras)
+        return self.upright or level_cameras(self.cameras)
 
 
 def open_session(path: Path, options: SessionOptions = SessionOptions(), in_step: bool = True) -> Session:
@@ -118,7 +119,7 @@ def open_session(path: Path, options: SessionOptions = SessionOptions(), in_step
     calibration = options.calibration or find_calibration(path)
     read = read_calibration(calibration)
     group = read.cameras
-    leaning = lean_note(group)
+    leaning = tilt_notes(group)
     notices += [
         f"{calibration.name}: {note}" + (f"; {UPRIGHT_ADVICE}" if note in leaning else "") for note in read.notes
     ]
@@ -134,7 +135,7 @@ def open_session(path: Path, options: SessionOptions = SessionOptions(), in_step
         videos[k], notes = _turn(videos[k], camera, options.video_rotation)
         notices += notes
         if camera.name in read.guessed_sizes:
-            camera = sized_like(camera, videos[k].width, videos[k].height)
+            camera = guess_calibrated_size(camera, videos[k].width, videos[k].height)
         fitted, assumed = _fitted(camera, videos[k], options.video_size)
         cameras.append(fitted)
         if assumed:

@@ -1,6 +1,6 @@
 """Model cards of third-party models: what an ONNX file without muybridge's metadata takes in and returns.
 
-A card is a small TOML file, described in docs/other-models.md; some come with the package (`models/cards/`).
+A card is a small TOML file, described in docs/guides/other-models.md; some come with the package (`models/cards/`).
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def load_card(path: Path) -> ModelCard:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise ModelError(f"{path}: not a readable model card ({error}); see docs/other-models.md") from error
+        raise ModelError(f"{path}: not a readable model card ({error}); see docs/guides/other-models.md") from error
     read = _Table(path, table)
     model, image = read.section("model"), read.section("input")
     decode = model.choice("decode", ("simcc", "heatmaps"))
@@ -157,7 +157,7 @@ class _Table:
 
     def error(self, what: str) -> ModelError:
         where = f"[{self._name}] " if self._name else ""
-        return ModelError(f"{self._path}: {where}{what}; see docs/other-models.md")
+        return ModelError(f"{self._path}: {where}{what}; see docs/guides/other-models.md")
 
     def _get(self, key: str, default: Any) -> Any:
         self._used.add(key)

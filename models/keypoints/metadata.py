@@ -2,7 +2,7 @@
 
 A muybridge network is an ONNX file whose metadata give its kind, version, input and meaning. Whoever opens the file
 (`muybridge.infer.networks.keypoints`, or the exporter's own check) parses them here into a frozen card. The formats are
-described in docs/embedding.md.
+described in docs/reference/model-files.md.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.clothing.sample import sample_outfit
 from muybridge.train.synthesis.rendering.multi_person_takes import view_of
 from muybridge.train.synthesis.rendering.renderer import Renderer, look_at
-from muybridge.train.synthesis.rendering.takes import Room, choreograph, film, perform
+from muybridge.train.synthesis.rendering.takes import Room, choreograph, draw_frame, perform
 
 SEED, SECONDS, FPS = 20261, 4.0, 25
 WIDTH, HEIGHT, FOCAL_PX = 640, 480, 560.0
@@ -68,7 +68,7 @@ def main() -> None:
         view = view_of(camera)
         plate = room.render(view, outfit.light)
         numbers = track(range(len(batch.height)), camera.name)
-        frames = [film(renderer, plate, view, batch, outfit, t, rng) for t in numbers]
+        frames = [draw_frame(renderer, plate, view, batch, outfit, t, rng) for t in numbers]
         write_video(out / "videos" / f"{camera.name}.mp4", frames, (WIDTH, HEIGHT), FPS, 23, "slow")
     save_calibration(group, out / "calibration.toml")
     np.savez_compressed(

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Draws docs/markers.webp: the average adult from the front, the left and the back with every virtual marker, and
-the table of docs/markers.md below its heading "The table".
+"""Draws docs/assets/markers.webp: the average adult from the front, the left and the back with every virtual
+marker, and the table of docs/reference/landmarks.md below its last heading.
 
 usage: python -m scripts.assets.marker_picture
 """
@@ -34,7 +34,7 @@ PANELS = (
 )  # fmt: skip
 PAPER, INK = (246, 246, 247), (60, 55, 51)
 COLOURS = {"left": (70, 150, 40), "right": (60, 60, 220), "middle": (20, 150, 220)}  # BGR
-TABLE_HEAD = "## The table\n"
+TABLE_HEAD = "### All markers\n"
 
 
 def plain_outfit() -> Outfit:
@@ -129,12 +129,12 @@ def main() -> None:
         raise SystemExit(f"{TABLE}: its names are not those of SURFACE")
     panels = [panel(renderer, rows, landmarks[0], i) for i in range(len(PANELS))]
     sheet = np.vstack([np.hstack(panels[:3]), np.hstack(panels[3:])])
-    cv2.imwrite(str(DOCS / "markers.webp"), sheet, [cv2.IMWRITE_WEBP_QUALITY, 85])
-    page = DOCS / "markers.md"
+    cv2.imwrite(str(DOCS / "assets" / "markers.webp"), sheet, [cv2.IMWRITE_WEBP_QUALITY, 85])
+    page = DOCS / "reference" / "landmarks.md"
     if page.exists() and TABLE_HEAD in page.read_text():
         start = page.read_text().split(TABLE_HEAD)[0]
         page.write_text(f"{start}{TABLE_HEAD}\n{table_text(rows)}")
-    print(f"{DOCS / 'markers.webp'}: {sheet.shape[1]} x {sheet.shape[0]}")
+    print(f"{DOCS / 'assets' / 'markers.webp'}: {sheet.shape[1]} x {sheet.shape[0]}")
 
 
 if __name__ == "__main__":

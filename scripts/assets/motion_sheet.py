@@ -1,6 +1,6 @@
 """A page of generated motion: every kind as stick figures over time, from the side and from the front.
 
-python -m scripts.assets.motion_sheet docs/motions.webp
+python -m scripts.assets.motion_sheet motions.webp
 """
 
 import argparse
@@ -11,7 +11,7 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, ByteArray, FloatArray
 from muybridge.train.synthesis.bodies.body_model import BodyModel
-from muybridge.train.synthesis.motions.rig import Skeleton, forward, rot, turn
+from muybridge.train.synthesis.motions.rig import SkinnedBody, forward, rot, turn
 from muybridge.train.synthesis.motions.sampler import MOTIONS, MotionClip, MotionSampler
 
 FRAMES, TILE, SCALE = 12, 104, 46
@@ -21,7 +21,7 @@ LEG = ("root", "upperleg01.", "lowerleg01.", "foot.", "toe2-1.", "toe2-3.")
 COLOURS = {"M": (90, 90, 90), "L": (230, 110, 0), "R": (0, 110, 230)}
 
 
-def draw(tile: ByteArray, skeleton: Skeleton, at: FloatArray, view: FloatArray,
+def draw(tile: ByteArray, skeleton: SkinnedBody, at: FloatArray, view: FloatArray,
          touching: BoolArray) -> None:  # fmt: skip
     """One figure in a tile; `view` (3,) is the horizontal axis of the picture. The floor is grey, contacts green."""
     ground = TILE - 12
@@ -45,7 +45,7 @@ def draw(tile: ByteArray, skeleton: Skeleton, at: FloatArray, view: FloatArray,
     cv2.circle(tile, tuple((head + 0.5 * (head - neck)).astype(int).tolist()), 5, COLOURS["M"], -1, cv2.LINE_AA)
 
 
-def strip(skeleton: Skeleton, clip: MotionClip) -> ByteArray:
+def strip(skeleton: SkinnedBody, clip: MotionClip) -> ByteArray:
     """Two rows of figures: from the side (facing left) and from the front."""
     _, at = forward(skeleton, turn(clip.rotvec), clip.root)
     hips = at[:, skeleton.index("upperleg01.L")] - at[:, skeleton.index("upperleg01.R")]
@@ -62,7 +62,7 @@ def strip(skeleton: Skeleton, clip: MotionClip) -> ByteArray:
     return page
 
 
-def sheet(skeleton: Skeleton, seed: int, seconds: dict[str, float], kinds: list[str]) -> ByteArray:
+def sheet(skeleton: SkinnedBody, seed: int, seconds: dict[str, float], kinds: list[str]) -> ByteArray:
     """All kinds under one another in two columns."""
     sampler = MotionSampler(skeleton, np.random.default_rng(seed))
     strips = [strip(skeleton, sampler.sample(seconds.get(k, 5.0), 60.0, k)) for k in kinds]

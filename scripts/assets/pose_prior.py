@@ -20,7 +20,7 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.numerics.rotations import matrix_from_quat
 from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.train.synthesis.bodies.body_model import BodyModel
-from muybridge.train.synthesis.motions.rig import Skeleton, forward, turn
+from muybridge.train.synthesis.motions.rig import SkinnedBody, forward, turn
 from muybridge.train.synthesis.motions.sampler import MotionClip, MotionSampler
 
 FPS = 30.0
@@ -28,7 +28,7 @@ JOINTS = {"shoulder": "upperarm01.", "elbow": "lowerarm01.", "wrist": "wrist.", 
           "knee": "lowerleg01.", "ankle": "foot."}  # fmt: skip
 
 
-def landmarks(skeleton: Skeleton, clip: MotionClip) -> np.ndarray:
+def landmarks(skeleton: SkinnedBody, clip: MotionClip) -> np.ndarray:
     """(T, 23, 3) metres, landmarks of BODY23 at and beside the clip's joints."""
     turns, at = forward(skeleton, turn(clip.rotvec), clip.root)
 
@@ -49,7 +49,7 @@ def landmarks(skeleton: Skeleton, clip: MotionClip) -> np.ndarray:
     return np.stack([out[n] for n in BODY23.names], axis=1)
 
 
-def poses_of(skeleton: Skeleton, clip: MotionClip) -> np.ndarray:
+def poses_of(skeleton: SkinnedBody, clip: MotionClip) -> np.ndarray:
     """(T, N) angles of BODY's hinges, every sixth frame."""
     xyz = landmarks(skeleton, clip)
     t, j = xyz.shape[:2]

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Makes the README's animation from the results of `muybridge demo`.
 
-usage: python -m scripts.assets.readme_picture [RESULTS] [OUT]      (default: muybridge-demo docs/demo.webp)
+usage: python -m scripts.assets.readme_picture [RESULTS] [OUT]      (default: muybridge-demo docs/assets/demo.webp)
 
 Left: what the cameras saw, with the projected landmarks (from the overlays). Right: the fitted motion
 (motion.bvh) in 3D.
@@ -93,7 +93,7 @@ def draw_stage(
 def main() -> None:
     """Read the results, draw every frame, write one animated WebP."""
     results = Path(sys.argv[1] if len(sys.argv) > 1 else "muybridge-demo")
-    out = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/demo.webp")
+    out = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/assets/demo.webp")
     videos = [read_video(path, FPS) for path in sorted(results.glob("overlay_*.mp4"))[:4]]
     if not videos:
         sys.exit(f"{results} has no overlay_*.mp4: run `muybridge demo` first")

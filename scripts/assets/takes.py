@@ -17,7 +17,7 @@ from rich.progress import track
 from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.synthesis.bodies.body_model import BodyModel
-from muybridge.train.synthesis.rendering.multi_person_takes import cast, film_company, rig, view_of
+from muybridge.train.synthesis.rendering.multi_person_takes import cast, draw_people, sample_rig, view_of
 from muybridge.train.synthesis.rendering.renderer import Renderer
 from muybridge.train.synthesis.rendering.takes import Room
 from scripts.assets.demo_take import write_video
@@ -64,7 +64,7 @@ def make(plan: Plan, out: pathlib.Path) -> None:
     renderer = Renderer(body)
     actors = cast(body, plan.kinds, plan.seconds, plan.fps, plan.reach)
     rng = np.random.default_rng(plan.seed)
-    group = rig(rng, plan.cameras, plan.size, plan.distance)
+    group = sample_rig(rng, plan.cameras, plan.size, plan.distance)
     room = Room(renderer, plan.seed, half_side=plan.distance * 1.3, height=3.4)
     (out / "videos").mkdir(parents=True, exist_ok=True)
     for camera in group.cameras:
@@ -72,7 +72,7 @@ def make(plan: Plan, out: pathlib.Path) -> None:
         plate = (room.render(view, actors[0].outfit.light)).astype(np.float32)
         colour = np.exp(rng.normal(0, 0.06, 3)) * np.exp(rng.normal(0, 0.12))
         frames = (
-            film_company(renderer, plate, view, actors, t, rng, noise=0.0) * colour * plan.gain
+            draw_people(renderer, plate, view, actors, t, rng, noise=0.0) * colour * plan.gain
             for t in track(range(len(actors[0].landmarks)), f"{out.name} {camera.name}")
         )
         noisy = ((f + rng.normal(0, plan.noise, f.shape)).clip(0, 255).astype(np.uint8) for f in frames)

@@ -1,6 +1,6 @@
 """One page of 60 hard synthetic cases with what the shipped network finds, and on request one of a real take.
 
-    python -m scripts.assets.test_sheet docs/test-sheet.webp
+    python -m scripts.assets.test_sheet docs/assets/test-sheet.webp
     python -m scripts.assets.test_sheet sheet.png --take RESULTS
 
 The synthetic cases are held-out people under the hardest settings of the augmentation: any roll up to 60 degrees,

@@ -1,11 +1,14 @@
 """What the documents say of the repository is so, and they say it in plain language."""
 
+import dataclasses
 import re
 import tomllib
 from pathlib import Path
 
 import pytest
 
+import muybridge
+from muybridge.models.keypoints.external import load_card
 from tests.paths import REPOSITORY
 
 DOCS = REPOSITORY / "docs"
@@ -75,3 +78,30 @@ def test_every_example_is_short_and_shown_on_a_page() -> None:
         assert re.match(r"\d\d_", example.name)
         assert len(example.read_text().splitlines()) < 60, example.name
         assert f'"{example.name}' in shown, f"{example.name} is on no page"
+
+
+def test_pages_that_the_source_names_exist() -> None:
+    lost = []
+    for top in ("geometry", "models", "motion", "infer", "train", "scripts", ".root/muybridge"):
+        for path in (REPOSITORY / top).rglob("*.py"):
+            for page in re.findall(r"\bdocs/[\w/-]+\.(?:md|webp)", path.read_text()):
+                if not (REPOSITORY / page).is_file():
+                    lost.append(f"{path.relative_to(REPOSITORY)}: {page}")
+    assert not lost
+
+
+def test_every_figure_of_a_run_is_documented() -> None:
+    page = (DOCS / "reference" / "run-json.md").read_text()
+    fields = [field.name for field in dataclasses.fields(muybridge.Quality)]
+    assert "leave_one_out_px" in fields
+    assert not [name for name in fields if f"`{name}`" not in page]
+
+
+def test_the_model_card_of_the_reference_is_a_card(tmp_path: Path) -> None:
+    page = (DOCS / "reference" / "model-files.md").read_text()
+    first, heatmaps = re.findall(r"```toml\n(.*?)```", page, re.S)
+    (tmp_path / "simcc.toml").write_text(first)
+    assert load_card(tmp_path / "simcc.toml").name == "RTMPose, COCO-17"
+    other = re.sub(r"\[simcc\].*?(?=\[variance\])", heatmaps + "\n", first.replace('"simcc"', '"heatmaps"'), flags=re.S)
+    (tmp_path / "heatmaps.toml").write_text(other)
+    assert load_card(tmp_path / "heatmaps.toml").width == 192

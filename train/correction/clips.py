@@ -1,8 +1,8 @@
-"""Clips for the solver's training: generated motion on several bodies, markers and the truth of every joint.
+"""Clips for the training of the correction network: generated motion on several bodies, with markers and true joints.
 
-A store is a folder of shards; shard `k` depends on the seed and `k` alone. In its folder `followed` are the same
-motions, followed by other people as a recorded skeleton is, whose collar bones and toes do not move. Placement and
-spoiling are drawn when fits are made.
+A store is a folder of shards; shard `k` depends only on the seed and `k`. Its subfolder `followed` has the same motions
+retargeted to other people like recorded skeletons, whose collar bones and toes do not move. Marker placement and faults
+are drawn when fits are made.
 """
 
 import pathlib
@@ -12,22 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import Float32Array, FloatArray
-from muybridge.files import replacing
 from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.numerics.rotations import quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.rigid_bones import body_through
 from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
+from muybridge.train.engine.shards import Arrays, concatenate, missing_shards, read_shards, save_shard
 from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of
 from muybridge.train.synthesis.markers.trajectories import FPS, MarkerBodies
-from muybridge.train.synthesis.motions.rig import Skeleton
+from muybridge.train.synthesis.motions.rig import SkinnedBody
 from muybridge.train.synthesis.motions.sampler import MotionSampler
 
 FRAMES = 128
 MOTIONS_A_SHARD = 8
 BODIES_A_MOTION = 4
-# Share of the motions that wander between poses of the static sampler.
+# Share of motions that move between poses of the static sampler.
 WANDER = 0.35
 
 
@@ -37,8 +37,9 @@ class SolverClips:
 
     Attributes:
         points: (N, T, M, 3) metres, in the order of SURFACE; T frames at `FPS`.
-        normals: (N, T, M, 3) out of the skin, -127..127.
-        turns: (N, T, J, 3, 3) world from joint; places: (N, T, J, 3) metres, of BODY's joints.
+        normals: (N, T, M, 3) out of the skin, of length 127.
+        turns: (N, T, J, 3, 3) world_from_joint rotations of BODY's joints.
+        places: (N, T, J, 3) their positions, metres.
     """
 
     points: Float32Array
@@ -48,25 +49,20 @@ class SolverClips:
 
 
 def make_solver_clips(out: pathlib.Path, shards: range, seed: int = 0) -> None:
-    """Makes those of `shards` that are not in the folder `out` yet."""
-    out.mkdir(parents=True, exist_ok=True)
+    """Generate those of `shards` that are not in the folder `out` yet."""
     bodies = None
-    for k in shards:
-        path = out / f"{k:05}.npz"
-        if path.exists():
-            continue
+    for number in missing_shards(out, shards):
         bodies = bodies or MarkerBodies(seed)
-        bodies.reseed(int(np.random.SeedSequence([seed, 7, k]).generate_state(1)[0]))
-        _save(path, _shard(bodies))
+        bodies.reseed(int(np.random.SeedSequence([seed, 7, number]).generate_state(1)[0]))
+        _save(out, number, _make_clips(bodies))
 
 
-def _save(path: pathlib.Path, made: SolverClips) -> None:
-    with replacing(path) as temporary, open(temporary, "wb") as file:
-        np.savez(file, points=made.points, normals=made.normals, turns=made.turns, places=made.places,
-                 names=np.array(SURFACE.names), joints=np.array(BODY.joint_names))  # fmt: skip
+def _save(folder: pathlib.Path, number: int, clips: SolverClips) -> None:
+    names = {"names": np.array(SURFACE.names), "joints": np.array(BODY.joint_names)}
+    save_shard(folder, number, vars(clips) | names)
 
 
-def _shard(bodies: MarkerBodies) -> SolverClips:
+def _make_clips(bodies: MarkerBodies) -> SolverClips:
     made = []
     for _ in range(MOTIONS_A_SHARD):
         if bodies.rng.random() < WANDER:
@@ -78,11 +74,11 @@ def _shard(bodies: MarkerBodies) -> SolverClips:
         rotvec, root = rotvec[:FRAMES], root[:FRAMES]
         for phenotype in bodies.model.sample_phenotypes(BODIES_A_MOTION):
             made.append(_clip(bodies, bodies.skeleton(phenotype), rotvec, root))
-    return _together(made)
+    return _stack(made)
 
 
 def _clip(
-    bodies: MarkerBodies, body: Skeleton, rotvec: FloatArray, root: FloatArray
+    bodies: MarkerBodies, body: SkinnedBody, rotvec: FloatArray, root: FloatArray
 ) -> tuple[NDArray[np.generic], ...]:
     points, normals = bodies.markers(body, rotvec, root)
     turns, places = joints_of(rig_of(body.bones, body.rest), body, rotvec, root)
@@ -90,23 +86,18 @@ def _clip(
             turns[:, BODY_JOINTS].astype(np.float32), places[:, BODY_JOINTS].astype(np.float32))  # fmt: skip
 
 
-def _together(made: list[tuple[NDArray[np.generic], ...]]) -> SolverClips:
+def _stack(made: list[tuple[NDArray[np.generic], ...]]) -> SolverClips:
     return SolverClips(*(np.stack(parts) for parts in zip(*made, strict=True)))
 
 
 def make_followed(clips: pathlib.Path, shards: range, seed: int = 0) -> None:
-    """Those of `shards` that `clips/followed` does not have yet: further people who follow their motions."""
-    out = clips / "followed"
-    out.mkdir(parents=True, exist_ok=True)
-    bodies = None
-    for k in shards:
-        path = out / f"{k:05}.npz"
-        if path.exists():
-            continue
-        make_solver_clips(clips, range(k, k + 1), seed)
+    """Generate those of `shards` that `clips/followed` does not have yet: other people who follow their motions."""
+    out, bodies = clips / "followed", None
+    for number in missing_shards(out, shards):
+        make_solver_clips(clips, range(number, number + 1), seed)
         bodies = bodies or MarkerBodies(seed)
-        bodies.reseed(int(np.random.SeedSequence([seed, 8, k]).generate_state(1)[0]))
-        _save(path, _follow_all(bodies, load_solver_clips(clips, range(k, k + 1))))
+        bodies.reseed(int(np.random.SeedSequence([seed, 8, number]).generate_state(1)[0]))
+        _save(out, number, _follow_all(bodies, load_solver_clips(clips, range(number, number + 1))))
 
 
 def _follow_all(bodies: MarkerBodies, led: SolverClips) -> SolverClips:
@@ -120,20 +111,15 @@ def _follow_all(bodies: MarkerBodies, led: SolverClips) -> SolverClips:
         for phenotype in bodies.model.sample_phenotypes(BODIES_A_MOTION):
             body = bodies.skeleton(phenotype)
             made.append(_clip(bodies, body, *follow(body, motion)))
-    return _together(made)
+    return _stack(made)
 
 
 def load_solver_clips(folder: pathlib.Path, shards: range) -> SolverClips:
-    """All clips of those of `shards` that are in `folder`; none is an empty array."""
+    """All clips of those of `shards` that are in `folder`; arrays are empty if there are none."""
     size, joints = len(SURFACE), len(BODY.joint_names)
-    points, normals = [np.zeros((0, FRAMES, size, 3), np.float32)], [np.zeros((0, FRAMES, size, 3), np.int8)]
-    turns, places = [np.zeros((0, FRAMES, joints, 3, 3), np.float32)], [np.zeros((0, FRAMES, joints, 3), np.float32)]
-    for path in sorted(folder.glob("*.npz")):
-        if path.stem.isdecimal() and int(path.stem) in shards:
-            with np.load(path) as shard:
-                if tuple(shard["names"].tolist()) == SURFACE.names:
-                    points.append(shard["points"])
-                    normals.append(shard["normals"])
-                    turns.append(shard["turns"])
-                    places.append(shard["places"])
-    return SolverClips(np.concatenate(points), np.concatenate(normals), np.concatenate(turns), np.concatenate(places))
+    empty: Arrays = {
+        "points": np.zeros((0, FRAMES, size, 3), np.float32), "normals": np.zeros((0, FRAMES, size, 3), np.int8),
+        "turns": np.zeros((0, FRAMES, joints, 3, 3), np.float32),
+        "places": np.zeros((0, FRAMES, joints, 3), np.float32),
+    }  # fmt: skip
+    return SolverClips(**concatenate(read_shards(folder, shards, empty, SURFACE.names), empty))

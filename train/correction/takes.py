@@ -1,4 +1,4 @@
-"""Labelled marker takes with the truth of every joint, and what spoils them."""
+"""Labelled marker takes with the truth of every joint, and faults of marker recordings."""
 
 from dataclasses import dataclass, replace
 
@@ -11,8 +11,9 @@ from muybridge.train.synthesis.bodies.surface_markers import marker_table
 from muybridge.train.synthesis.markers.augment import LOOSE
 from muybridge.train.synthesis.markers.rig import BODY_JOINTS, follow, joints_of, rig_of
 from muybridge.train.synthesis.markers.trajectories import MarkerBodies
+from muybridge.train.synthesis.motions.rig import SkinnedBody, forward, skin, turn
 
-# Markers that laboratories place anywhere along a limb: as far as the labelling network's clouds have them.
+# Range of markers that laboratories place anywhere along a limb, as in the labelling network's training, metres.
 ALONG_M = 0.03
 
 
@@ -22,9 +23,9 @@ class SolverTake:
 
     Attributes:
         points: (T, M, 3) metres, in the order of SURFACE.
-        turns: (T, J, 3, 3) world from joint, of BODY's joints, T-pose.
-        places: (T, J, 3) metres.
-        fps: frames a second.
+        turns: (T, J, 3, 3) world_from_joint rotations of BODY's joints, T-pose at rest.
+        places: (T, J, 3) their positions, metres.
+        fps: frames per second.
     """
 
     points: FloatArray
@@ -38,14 +39,15 @@ class SolverTake:
 
 
 @dataclass(frozen=True)
-class Spoiling:
-    """What happens to labelled markers.
+class MarkerFaults:
+    """Faults of labelled markers.
 
     Attributes:
-        hidden: share of the samples that are missing; shifted: of those that are somewhere else.
-        far_m: metres, farthest shift; its size is uniform, its direction any.
-        noise_m: metres, standard deviation of a coordinate.
-        run_s: seconds, mean length of a gap or shift; 0: every sample by itself.
+        hidden: share of samples that are missing.
+        shifted: share of samples that are displaced.
+        far_m: largest displacement, metres; its size is uniform, its direction random.
+        noise_m: standard deviation per coordinate, metres.
+        run_s: mean length of a gap or displacement, seconds; 0: every sample is independent.
     """
 
     hidden: float = 0.1
@@ -55,30 +57,27 @@ class Spoiling:
     run_s: float = 0.0
 
 
-def recorded_take(bodies: MarkerBodies, phenotype: Float32Array, motion: Motion, placed: float = 1.0) -> SolverTake:
-    """One of anny's bodies that follows a recording, its markers placed as laboratories place them.
+def recorded_take(bodies: MarkerBodies, phenotype: Float32Array, motion: Motion, placement: float = 1.0) -> SolverTake:
+    """A body of anny that follows a recording, with markers placed as in laboratories.
 
     Args:
-        bodies: draws the jitter from its generator.
+        bodies: their generator draws the placement.
         phenotype: of the body.
-        motion: see `marker_rig.follow`.
-        placed: factor on the spread of the markers' places.
+        motion: see `markers.rig.follow`.
+        placement: factor on the standard deviation of the placement.
     """
     body = bodies.skeleton(phenotype)
     rotvec, root = follow(body, motion)
-    return take_of(bodies, body, rotvec, root, motion.fps, placed)
+    return take_of(bodies, body, rotvec, root, motion.fps, placement)
 
 
 def take_of(
-    bodies: MarkerBodies, body: object, rotvec: FloatArray, root: FloatArray, fps: float, placed: float
+    bodies: MarkerBodies, body: SkinnedBody, rotvec: FloatArray, root: FloatArray, fps: float, placement: float
 ) -> SolverTake:
-    """Markers and truth of a motion of `body`; each marker stays where it was placed on the skin about it."""
-    from muybridge.train.synthesis.motions.rig import Skeleton, forward, skin, turn
-
-    assert isinstance(body, Skeleton)
-    jitter = bodies.rng.normal(0, 1, (len(SURFACE), 3)) * placement_spread()[:, None] * placed
+    """Markers and truth of a motion of `body`; each marker stays where it was placed on the skin."""
+    jitter = bodies.rng.normal(0, 1, (len(SURFACE), 3)) * placement_spread()[:, None] * placement
     points, normals = bodies.markers(body, rotvec, root)
-    # Along the skin as placed, turned with the triangle that carries the marker.
+    # Displaced along the skin, rotating with the triangle that carries the marker.
     rotations, origins = forward(body, turn(rotvec), root)
     corners = skin(body, rotations, origins)[:, bodies.place]
     first = corners[:, :, 1] - corners[:, :, 0]
@@ -98,8 +97,10 @@ def placement_spread() -> FloatArray:
     return sigma
 
 
-def spoil(points: FloatArray, fps: float, how: Spoiling, rng: np.random.Generator) -> tuple[FloatArray, BoolArray]:
-    """Spoiled points (T, M, 3), NaN where hidden, and (T, M) which were shifted."""
+def add_faults(
+    points: FloatArray, fps: float, how: MarkerFaults, rng: np.random.Generator
+) -> tuple[FloatArray, BoolArray]:
+    """Corrupted points (T, M, 3), NaN where hidden, and (T, M) which were displaced."""
     shape = points.shape[:2]
     hidden = _marks(shape, how.hidden, how.run_s * fps, rng)
     shifted = _marks(shape, how.shifted, how.run_s * fps, rng) & ~hidden
@@ -107,7 +108,7 @@ def spoil(points: FloatArray, fps: float, how: Spoiling, rng: np.random.Generato
     towards /= np.linalg.norm(towards, axis=-1, keepdims=True)
     shift = towards * rng.uniform(0, how.far_m, (*shape, 1))
     if how.run_s > 0:
-        # One shift a run.
+        # One displacement per run.
         for t in range(1, shape[0]):
             go_on = shifted[t] & shifted[t - 1]
             shift[t, go_on] = shift[t - 1, go_on]
@@ -117,7 +118,7 @@ def spoil(points: FloatArray, fps: float, how: Spoiling, rng: np.random.Generato
 
 
 def _marks(shape: tuple[int, int], share: float, run: float, rng: np.random.Generator) -> BoolArray:
-    """(T, M) true for a share of the samples, in runs of geometric length about `run`."""
+    """(T, M) true for a share of the samples, in runs of geometric length with mean `run`."""
     if run <= 1:
         return rng.random(shape) < share
     out = np.zeros(shape, np.bool_)

@@ -1,8 +1,8 @@
-"""The difference to the background plate in training crops: what a static camera adds to a picture, with its faults.
+"""The difference to the background model in training crops: what a static camera adds to an image, with its faults.
 
-Motion carries over from synthetic to real pictures where colours do not (Doersch and Zisserman, "Sim2real transfer
-learning for 3D human pose estimation: motion to the rescue", NeurIPS 2019). In use the plate is a median over a take at
-the person detector's resolution, so it is coarser than a crop, noisy, and blind to whoever stood still.
+Motion transfers from synthetic to real images where colours do not (Doersch and Zisserman, "Sim2real transfer learning
+for 3D human pose estimation: motion to the rescue", NeurIPS 2019). In use the background model is a median over a take
+at the person detector's resolution, so it is coarser than a crop, noisy, and contains people who stood still.
 """
 
 import math
@@ -14,25 +14,29 @@ from torch import Tensor
 
 from muybridge.arrays import Float32Array
 
-# Shares of people who are in the plate: as they stand, in part (the rest moved), and where they stood before.
+# Shares of people in the background model: as they stand, in part (the rest moved), and at an earlier position.
 STILL, PARTLY, GHOST = 0.1, 0.12, 0.1
-# Crop pixels that a pixel of the plate is wide: people who fill the picture, and small ones.
+# Range of the width of a pixel of the background model in crop pixels: of people who fill the image, and small ones.
 _LOG_COARSENESS = (math.log(0.8), math.log(6.0))
 
 
-class Plates:
-    """Draws the faults of differences from `rng`."""
+class BackgroundDifferences:
+    """Draws background differences and their faults.
+
+    Args:
+        rng: source of random numbers.
+    """
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
 
-    def seen_before(self, plate: Tensor, person: Tensor, static: Tensor) -> None:
-        """Puts people into the plate, in place.
+    def add_people(self, plate: Tensor, person: Tensor, static: Tensor) -> None:
+        """Add people to the background model, in place.
 
         Args:
             plate: (B, 3, S, S) the scene without the subject.
             person: (B, 4 or more, S, S) the subject's colours, premultiplied, and alpha.
-            static: (B, 1, S, S) in 0..1 what of the picture the plate knows as it is.
+            static: (B, 1, S, S) in 0..1 where the background model contains what the image shows.
         """
         size = plate.shape[-1]
         for i, kind in enumerate(self.rng.random(len(plate))):
@@ -42,11 +46,11 @@ class Plates:
                 known = torch.from_numpy(self._half(size))
                 static[i] = torch.maximum(static[i], person[i, 3:4] * known)
             elif kind < STILL + PARTLY + GHOST:
-                ghost = _moved(person[i, :4], *self.rng.integers(-size // 2, size // 2, 2))
+                ghost = _shift(person[i, :4], *self.rng.integers(-size // 2, size // 2, 2))
                 plate[i] = plate[i] * (1 - ghost[3:]) + ghost[:3]
 
     def _half(self, size: int) -> Float32Array:
-        """(S, S) one on one side of a line through the middle of the crop, or near it."""
+        """(S, S) one on one side of a line through the crop near its centre."""
         angle, offset = self.rng.uniform(0, 2 * np.pi), self.rng.normal(0, 0.15) * size
         y, x = np.mgrid[:size, :size] - (size - 1) / 2
         return np.asarray(x * np.cos(angle) + y * np.sin(angle) > offset, np.float32)
@@ -55,16 +59,16 @@ class Plates:
         """(B, 1, S, S) uint8: mean over RGB of |image - plate| in 0..1, times 255, as coarse and noisy as in use.
 
         Args:
-            image, plate: (B, 3, S, S) in 0..1 before a camera's faults.
-            static: (B, 1, S, S) as above.
-            light: (B, 3) share of the red, green and blue light that they are exposed for which the camera has.
+            image, plate: (B, 3, S, S) in 0..1 before camera faults.
+            static: (B, 1, S, S) as in `add_people`.
+            light: (B, 3) relative red, green and blue light that reaches the camera.
         """
         rng, count, size = self.rng, len(image), image.shape[-1]
         flicker = np.exp(rng.normal(0, 0.02, count)) * (rng.random(count) < 0.5)
-        shown = plate * torch.from_numpy(np.where(flicker > 0, flicker, 1).astype(np.float32)).view(-1, 1, 1, 1)
-        apart = (image - shown).abs_()
+        model = plate * torch.from_numpy(np.where(flicker > 0, flicker, 1).astype(np.float32)).view(-1, 1, 1, 1)
+        apart = (image - model).abs_()
         raw = ((apart[:, 0] + apart[:, 1] + apart[:, 2]).div_(3) * (1 - static[:, 0])).numpy()
-        # Cameras expose for what they see, before anything is compared.
+        # Cameras set the exposure before anything is compared.
         level = image.mean((1, 2, 3)).numpy().clip(1e-3)
         gain = np.exp(rng.normal(0, 0.4, count)) * (0.2 / level).clip(1.0, 5.0) * light.mean(1)
         coarseness = np.exp(rng.uniform(*_LOG_COARSENESS, count))
@@ -79,8 +83,8 @@ class Plates:
         return torch.from_numpy(out)
 
 
-def _moved(layer: Tensor, dx: int, dy: int) -> Tensor:
-    """(C, S, S) moved by whole pixels, zero where nothing comes in."""
+def _shift(layer: Tensor, dx: int, dy: int) -> Tensor:
+    """(C, S, S) shifted by whole pixels, zero where nothing comes in."""
     size = layer.shape[-1]
     out = torch.zeros_like(layer)
     to_x, to_y = slice(max(dx, 0), size + min(dx, 0)), slice(max(dy, 0), size + min(dy, 0))

@@ -16,19 +16,19 @@ from muybridge.train.synthesis.rendering.renderer import Renderer
 from muybridge.train.synthesis.rendering.rooms import VIEWS_EACH, make_room_pictures
 from muybridge.train.synthesis.rendering.store import MEMORY, SIZE
 
-# Pictures that are made at once: whole rooms.
+# Images made at once: whole rooms.
 _PART = 16 * VIEWS_EACH
-# Another process takes some seconds to begin, in which one makes so many.
-_PAYS = 500
+# Starting another process takes some seconds, in which one makes this many.
+_LEAST_PER_PROCESS = 500
 
 
 @dataclass
-class _Backdrops:
-    """Makes parts of a pool; what renders rooms begins with the first of them.
+class _PoolMaker:
+    """Makes parts of a pool; the renderer is created for the first part with rooms.
 
     Attributes:
         seed: of the pool.
-        painted: how many of its pictures, the first, are painted; the others are views of rooms.
+        painted: number of painted images, which come first; the others are views of rooms.
     """
 
     seed: int
@@ -39,7 +39,7 @@ class _Backdrops:
         return Renderer(BodyModel(self.seed))
 
     def part(self, numbers: range) -> tuple[range, ByteArray]:
-        """(len(numbers), 3, SIZE, SIZE) of these pictures, all of one kind, and which they are."""
+        """The numbers of these images, which are all of one kind, and (len(numbers), 3, SIZE, SIZE)."""
         if numbers.start < self.painted:
             return numbers, make_backgrounds(len(numbers), SIZE, self.seed, numbers.start)
         first = numbers.start - self.painted
@@ -47,7 +47,8 @@ class _Backdrops:
 
 
 def make_background_pool(path: pathlib.Path, count: int, seed: int) -> None:
-    """Writes (count, 3, SIZE, SIZE) uint8, painted ones first (`.npy`); the same in one process or several."""
+    """Write (count, 3, SIZE, SIZE) uint8, painted ones first (`.npy`); the result does not depend on the number of
+    processes."""
     painted = count - count // 2
     parts = [
         range(start, min(start + _PART, end))
@@ -55,10 +56,10 @@ def make_background_pool(path: pathlib.Path, count: int, seed: int) -> None:
         for start in range(begin, end, _PART)
     ]
     pictures = np.empty((count, 3, SIZE, SIZE), np.uint8)
-    processes = min(affordable_processes(MEMORY), max(1, count // _PAYS))
+    processes = min(affordable_processes(MEMORY), max(1, count // _LEAST_PER_PROCESS))
     with Progress(transient=True) as progress:
         bar = progress.add_task("backgrounds", total=count)
-        for numbers, made in map_in_processes(_Backdrops(seed, painted).part, parts, processes):
+        for numbers, made in map_in_processes(_PoolMaker(seed, painted).part, parts, processes):
             pictures[numbers.start : numbers.stop] = made
             progress.update(bar, advance=len(numbers))
     with replacing(path) as temporary:

@@ -12,7 +12,7 @@ Colour = tuple[float, float, float]
 
 
 def _muted(rng: np.random.Generator, lo: float = 0.05, hi: float = 0.95) -> Colour:
-    """Colours of walls and things: mostly of low saturation; now and then a strong one."""
+    """Colours of walls and objects: mostly of low saturation, sometimes strong."""
     strong = rng.random() < 0.1
     saturation = rng.uniform(0.4, 0.95) if strong else rng.beta(1.0, 6.0)
     return colorsys.hsv_to_rgb(rng.random(), saturation, rng.uniform(lo, hi))
@@ -32,7 +32,7 @@ def fractal_noise(rng: np.random.Generator, size: int, slope: float, channels: i
 
 
 def _texture(image: Float32Array, mask: ByteArray | None, rng: np.random.Generator) -> None:
-    """Multiplies a region by faint noise and a lighting gradient, in place."""
+    """Multiply a region by faint noise and a lighting gradient, in place."""
     size = len(image)
     noise = fractal_noise(rng, size, rng.uniform(0.6, 1.6))[..., 0] * rng.uniform(0.0, 0.1)
     x, y = np.meshgrid(np.linspace(-1, 1, size), np.linspace(-1, 1, size))
@@ -42,7 +42,7 @@ def _texture(image: Float32Array, mask: ByteArray | None, rng: np.random.Generat
 
 
 def _quad(rng: np.random.Generator, size: int, span: tuple[float, float], tall: float) -> NDArray[np.int32]:
-    """A rectangle a little out of square, as boards and boxes look from a room camera."""
+    """A slightly distorted rectangle, as boards and boxes look from a room camera."""
     w = size * rng.uniform(*span)
     h = w * np.exp(rng.normal(np.log(tall), 0.6))
     x, y = rng.uniform(-0.1, 1.1, 2) * size
@@ -91,7 +91,7 @@ def _furniture(image: Float32Array, rng: np.random.Generator, count: int) -> Non
 
 
 def _room(rng: np.random.Generator, size: int) -> Float32Array:
-    """Wall, floor, perhaps a second wall and a ceiling, then things; the viewer is not level."""
+    """Wall, floor, sometimes a second wall and a ceiling, then objects; the camera is not level."""
     image = np.empty((size, size, 3), np.float32)
     image[:] = _muted(rng, 0.25, 1.0)
     _texture(image, None, rng)
@@ -137,7 +137,7 @@ def _dead_leaves(rng: np.random.Generator, size: int) -> Float32Array:
 
 
 def _natural(rng: np.random.Generator, size: int) -> Float32Array:
-    """Coloured 1/f noise, perhaps under a sky: grass, trees, gravel, walls out of focus."""
+    """Coloured 1/f noise, sometimes under a sky: grass, trees, gravel, walls out of focus."""
     noise = fractal_noise(rng, size, rng.uniform(0.7, 1.8), 1) * rng.uniform(0.05, 0.3)
     chroma = fractal_noise(rng, size, rng.uniform(1.0, 1.8), 3) * rng.uniform(0.0, 0.03)
     image = (np.array(_muted(rng, 0.2, 0.9), np.float32) * (1 + noise) + chroma).astype(np.float32)
@@ -150,8 +150,8 @@ def _natural(rng: np.random.Generator, size: int) -> Float32Array:
 
 
 def sample_backdrop(rng: np.random.Generator, size: int) -> Float32Array:
-    """(size, size, 3) in 0..1: a black or coloured curtain, a screen to be keyed out, a bare wall; perhaps with a floor
-    of the same or another colour, and lit from somewhere."""
+    """(size, size, 3) in 0..1: a black or coloured curtain, a keying screen, a bare wall; sometimes with a floor of the
+    same or another colour, and lit from one side."""
     kind = rng.random()
     if kind < 0.5:
         colour: Colour = _muted(rng, 0.0, 0.08)
@@ -187,7 +187,7 @@ def sample_background(rng: np.random.Generator, size: int) -> ByteArray:
 
 
 def make_backgrounds(count: int, size: int, seed: int, first: int = 0) -> ByteArray:
-    """(count, 3, size, size) uint8: those of the seed from the `first`."""
+    """(count, 3, size, size) uint8: the backgrounds of a seed, starting with number `first`."""
     cv2.setNumThreads(1)
     out = np.empty((count, 3, size, size), np.uint8)
     for i in range(count):

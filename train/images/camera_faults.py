@@ -1,4 +1,4 @@
-"""What a camera does to an image: defocus, motion blur, low resolution, colour, tone, noise, compression."""
+"""Camera faults: defocus, motion blur, low resolution, colour, tone, noise, compression."""
 
 from fractions import Fraction
 
@@ -12,29 +12,33 @@ from torch import Tensor
 
 from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray
 
-_NOISE = 1 << 21  # values in the store of noise
+_NOISE = 1 << 21  # length of the stored noise
 
 
 class CameraFaults:
-    """Random image formation on batches, drawn from `rng`."""
+    """Random image formation on batches.
+
+    Args:
+        rng: source of random numbers.
+    """
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
-        # Drawing fresh noise for every pixel would cost as much as all the rest together.
+        # Drawing new noise for every pixel would take as long as everything else together.
         self._noise = torch.from_numpy(rng.standard_normal(_NOISE, np.float32))
 
     def grain(self, size: int) -> Tensor:
-        """(size,) Gaussian noise of unit variance: a random part of a store of it, to be left as it is."""
+        """(size,) Gaussian noise of unit variance: a random part of a stored array, not to be modified."""
         while len(self._noise) < 2 * size:
             self._noise = torch.cat([self._noise, self._noise.flip(0)])
         start = self.rng.integers(0, len(self._noise) - size)
         return self._noise[start : start + size]
 
     def _add_noise(self, image: Tensor) -> None:
-        """Adds Gaussian noise to (B, 3, H, W), in place; every image's from its own place in a store of it."""
+        """Add Gaussian noise to (B, 3, H, W), in place."""
         count = len(image)
         noise = self.rng.gamma(1.2, 0.014, count).clip(0, 0.08)
-        # Photon noise grows with the root of the light; the rest is the sensor's own.
+        # Photon noise grows with the root of the light; the rest is sensor noise.
         photon = self.rng.random(count) < 0.5
         for one, level, grows in zip(image, noise, photon, strict=True):
             grain = self.grain(one.numel()).view(one.shape)
@@ -53,11 +57,19 @@ class CameraFaults:
         return torch.from_numpy(self.rng.uniform(low, high, count).astype(np.float32))
 
     def apply(self, image: Tensor, light: Float32Array | None = None, lit: BoolArray | None = None) -> Tensor:
-        """(B, 3, H, W) in 0..1 -> the same shape, not clamped. `light` (B, 3) of red, green and blue: below one,
-        pictures darker than a camera would expose them, with as much noise as the others. `lit` (B,): whose exposure is
-        right as it is."""
+        """Apply random faults, except for compression.
+
+        Args:
+            image: (B, 3, H, W) in 0..1.
+            light: (B, 3) factors on red, green and blue, applied after the exposure: below one, images are darker than
+                a camera would expose them, with the usual noise.
+            lit: (B,) images whose exposure is already right.
+
+        Returns:
+            The same shape, not clamped.
+        """
         rng, count = self.rng, len(image)
-        # Cameras expose for what they see: hardly any picture is dark all over.
+        # Cameras adjust their exposure: hardly any image is dark all over.
         level = image.mean((1, 2, 3), keepdim=True)
         wanted = self._column(rng.uniform(0.12, 0.3, count))
         gain = (wanted / level.clamp(min=1e-3)).clamp(1.0, 5.0)
@@ -73,18 +85,18 @@ class CameraFaults:
         self._lens_and_shutter(image)
         self._add_noise(image)
         some = self._some(0.2, image)
-        if len(some):  # what cameras do against blur
-            soft = _blurred(image[some], 5, np.ones(len(some)))
+        if len(some):  # sharpening
+            soft = _gaussian_blur(image[some], 5, np.ones(len(some)))
             image[some] += (image[some] - soft) * self._uniform(0.3, 1.5, len(some)).view(-1, 1, 1, 1)
         return image
 
     def _blur(self, image: Tensor) -> None:
-        """Defocus, motion blur and low resolution of some of (B, 3, H, W), in place."""
+        """Defocus, motion blur and low resolution for some of (B, 3, H, W), in place."""
         rng = self.rng
         some = self._some(0.45, image)
         if len(some):
             sigma = rng.uniform(0.3, 1.6, len(some)) * (min(image.shape[-2:]) / 192)
-            image[some] = _blurred(image[some], 7, sigma)
+            image[some] = _gaussian_blur(image[some], 7, sigma)
         some = self._some(0.15, image)
         if len(some):
             angle = self._uniform(0, 180, len(some))
@@ -98,14 +110,14 @@ class CameraFaults:
             image[some] = torch.nn.functional.interpolate(low, image.shape[-2:], mode="bilinear")
 
     def _colour(self, image: Tensor) -> Tensor:
-        """Saturation, brightness, contrast, white balance and black level of (B, 3, H, W): one affine map of colours
-        for each image."""
+        """Saturation, brightness, contrast, white balance and black level of (B, 3, H, W): one affine colour map per
+        image."""
         rng, (count, channels, height, width) = self.rng, image.shape
         saturation = np.exp(rng.normal(0, 0.35, count)) * (rng.random(count) > 0.1)
         brightness = np.exp(rng.normal(0, 0.12, count))
         balance = np.exp(rng.normal(0, 0.06, (count, 3)))
         contrast = np.exp(rng.normal(0, 0.22, count))
-        level = brightness * image.mean((1, 2, 3)).numpy()  # which saturation leaves as it is
+        level = brightness * image.mean((1, 2, 3)).numpy()  # which saturation does not change
         offset = balance * (level * (1 - contrast))[:, None] + rng.normal(0, 0.05, count)[:, None]
         s = saturation[:, None, None]
         matrix = (s * np.eye(3) + (1 - s) / 3) * (brightness * contrast)[:, None, None] * balance[:, :, None]
@@ -114,7 +126,7 @@ class CameraFaults:
         return torch.baddbmm(offset_t[:, :, None], matrix_t, flat).view(count, channels, height, width)
 
     def _lens_and_shutter(self, image: Tensor) -> None:
-        """Darker corners of some of (B, 3, H, W), and bands where lamps flicker under a rolling shutter; in place."""
+        """Vignetting for some of (B, 3, H, W), and flicker bands of lamps under a rolling shutter; in place."""
         rng, (height, width), count = self.rng, image.shape[-2:], len(image)
         y, x = torch.linspace(-1, 1, height)[:, None], torch.linspace(-1, 1, width)
         corner, to_side = rng.uniform(0, 0.35, count), rng.normal(0, 0.4, count)
@@ -122,11 +134,10 @@ class CameraFaults:
             image[i] *= 1 - corner[i] * ((x - to_side[i]) ** 2 + y**2)
         band, waves = rng.uniform(0, 0.2, count), rng.uniform(2, 12, count)
         for i in np.nonzero(rng.random(count) < 0.08)[0]:
-            image[i] *= 1 + band[i] * torch.sin(waves[i] * y + 1.0)  # of rows alone
+            image[i] *= 1 + band[i] * torch.sin(waves[i] * y + 1.0)  # varies over rows only
 
     def compress(self, pixels: Tensor) -> Tensor:
-        """What a sensor's colour filter and the file's codec leave of (B, 3, H, W) uint8, in place: Bayer mosaic,
-        H.264 and JPEG."""
+        """Bayer mosaic, H.264 and JPEG for some of (B, 3, H, W) uint8, in place."""
         bayer, codec = self.rng.random(len(pixels)) < 0.1, self.rng.random(len(pixels))
         for i in np.nonzero(bayer | (codec < 0.35))[0]:
             picture = np.ascontiguousarray(pixels[i].numpy().transpose(1, 2, 0))
@@ -141,8 +152,9 @@ class CameraFaults:
         return pixels
 
 
-def _blurred(image: Tensor, window: int, sigma: FloatArray) -> Tensor:
-    """(B, 3, H, W) through a Gaussian of `sigma` (B,) px, `window` px wide; several times as fast as a convolution."""
+def _gaussian_blur(image: Tensor, window: int, sigma: FloatArray) -> Tensor:
+    """(B, 3, H, W) filtered with a Gaussian of `sigma` (B,) px, `window` px wide; several times as fast as a
+    convolution."""
     planes = np.ascontiguousarray(image.numpy())
     out = np.empty(planes.shape, np.float32)
     for source, target, width in zip(planes, out, sigma, strict=True):
@@ -152,14 +164,14 @@ def _blurred(image: Tensor, window: int, sigma: FloatArray) -> Tensor:
 
 
 def other_hue(image: Tensor, turn: float) -> Tensor:
-    """(3, H, W), clamped to 0..1, with its hue turned by `turn` radians; many times as fast as with kornia."""
+    """(3, H, W), clamped to 0..1, with the hue rotated by `turn` radians; many times as fast as with kornia."""
     picture = cv2.cvtColor(np.ascontiguousarray(image.clamp(0, 1).numpy().transpose(1, 2, 0)), cv2.COLOR_RGB2HSV)
     picture[..., 0] = (picture[..., 0] + np.degrees(turn)) % 360
     return torch.from_numpy(np.ascontiguousarray(cv2.cvtColor(picture, cv2.COLOR_HSV2RGB).transpose(2, 0, 1)))
 
 
 def through_bayer(picture: ByteArray) -> ByteArray:
-    """(H, W, 3) seen through a sensor's colour filter and interpolated again."""
+    """(H, W, 3) sampled through a Bayer filter and interpolated again."""
     mosaic = picture[..., 1].copy()
     mosaic[0::2, 0::2] = picture[0::2, 0::2, 0]
     mosaic[1::2, 1::2] = picture[1::2, 1::2, 2]
@@ -167,7 +179,7 @@ def through_bayer(picture: ByteArray) -> ByteArray:
 
 
 def through_h264(picture: ByteArray, quantiser: int) -> ByteArray:
-    """(H, W, 3), even sides, as one intra frame of H.264 at this quantiser (0..51, higher is worse)."""
+    """(H, W, 3), of even sides, encoded as one H.264 intra frame with this quantiser (0..51, higher is worse)."""
     encoder = av.CodecContext.create("libx264", "w")
     encoder.height, encoder.width = picture.shape[:2]
     encoder.pix_fmt, encoder.time_base = "yuv420p", Fraction(1, 30)
@@ -180,12 +192,12 @@ def through_h264(picture: ByteArray, quantiser: int) -> ByteArray:
 
 
 def outside_of_video(rng: np.random.Generator, height: int, width: int) -> tuple[BoolArray, tuple[float, float, float]]:
-    """What lies beyond the video's border, black in an image that reaches over it: slanted where the picture of a
-    rolled camera was turned upright.
+    """The area beyond the border of a video, black in a crop that extends over it; slanted where the image of a rolled
+    camera was rotated upright.
 
     Returns:
-        mask (height, width), and (nx, ny, edge): a point p, taken from the image's middle, is outside if
-        nx * px + ny * py > edge.
+        Mask (height, width), and (nx, ny, edge): a point p, relative to the image centre, is outside if nx * px + ny *
+            py > edge.
     """
     slant = rng.normal(0, 0.25) if rng.random() < 0.7 else 0.0
     turns = int(rng.integers(4))

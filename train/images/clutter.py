@@ -1,6 +1,7 @@
-"""What is behind people, as sharp as they are and full of things that are nobody.
+"""Cluttered backgrounds, as sharp as people and full of objects that are not people.
 
-A background that is enlarged is blurred where a pasted person is sharp, and a network learns that instead of people.
+An enlarged background is blurred where a composited person is sharp, and a network would learn that difference instead
+of people.
 """
 
 from collections.abc import Callable
@@ -11,8 +12,8 @@ import numpy as np
 from muybridge.arrays import ByteArray
 
 
-def mirrored_on(patch: ByteArray, height: int, width: int, rng: np.random.Generator) -> ByteArray:
-    """A square patch (s, s, 3), made smaller or hardly larger and mirrored on at its borders: (height, width, 3)."""
+def tile_by_mirroring(patch: ByteArray, height: int, width: int, rng: np.random.Generator) -> ByteArray:
+    """A square patch (s, s, 3), made smaller or slightly larger and continued by reflection: (height, width, 3)."""
     window = len(patch)
     side = max(16, round(window * float(np.exp(rng.uniform(np.log(0.5), np.log(1.15))))))
     resized = cv2.resize(patch, (side, side), interpolation=cv2.INTER_AREA if side < window else cv2.INTER_LINEAR)
@@ -22,8 +23,8 @@ def mirrored_on(patch: ByteArray, height: int, width: int, rng: np.random.Genera
 
 
 def add_clutter(plate: ByteArray, most: int, texture: Callable[[], ByteArray], rng: np.random.Generator) -> None:
-    """Draws up to `most` blobs, bars and corners, as large as people or their limbs, into `plate` (H, W, 3), plain or
-    with a `texture` of the same size."""
+    """Draw up to `most` blobs, bars and polygons of the size of people or limbs into `plate` (H, W, 3), plain or with a
+    `texture` of the same size."""
     height, width = plate.shape[:2]
     for _ in range(int(rng.integers(0, most + 1))):
         inside = shape(height, width, rng)
@@ -34,7 +35,7 @@ def add_clutter(plate: ByteArray, most: int, texture: Callable[[], ByteArray], r
 
 
 def plain(height: int, width: int, rng: np.random.Generator) -> ByteArray:
-    """(H, W, 3) of one colour, which changes from one side to the other; read only."""
+    """(H, W, 3) of one colour with a horizontal gradient; read-only."""
     left, right = rng.uniform(0.6, 1.2, 2).tolist()
     fall = np.linspace(left, right, width)
     row = (rng.uniform(10, 240, 3) * fall[:, None]).clip(0, 255).astype(np.uint8)
@@ -42,7 +43,7 @@ def plain(height: int, width: int, rng: np.random.Generator) -> ByteArray:
 
 
 def shape(height: int, width: int, rng: np.random.Generator) -> ByteArray:
-    """(H, W) one within a blob, bar or corner as large as people or their limbs, zero elsewhere."""
+    """(H, W) one within a blob, bar or polygon of the size of people or limbs, zero elsewhere."""
     mask = np.zeros((height, width), np.uint8)
     at = rng.uniform(0, 1, 2) * [width, height]
     reach = float(np.exp(rng.uniform(np.log(0.03), np.log(0.4)))) * max(width, height)

@@ -1,4 +1,4 @@
-"""Contact sheets: what the network is trained on, to look at."""
+"""Contact sheets of training crops, for inspection."""
 
 import pathlib
 
@@ -42,7 +42,7 @@ def _draw_landmarks(picture: ByteArray, points: NDArray[np.floating], visible: B
 
 
 def write_sheet(renders: pathlib.Path, count: int = 60, size: int = SIZE, seed: int = 1) -> pathlib.Path:
-    """Composites `count` training crops of a store into `sheet.png` beside its shards."""
+    """Composite `count` training crops of a store into `sheet.png` beside its shards."""
     batch = Compositor(load_renders(renders), make_backgrounds(64, SIZE, seed), size, seed).batch(count)
     path = renders / "sheet.png"
     _, code = cv2.imencode(".png", draw_crops(batch))

@@ -1,7 +1,7 @@
-"""Things that move and are nobody: held before a body, carried, thrown, put somewhere else, or lit anew.
+"""Moving objects that are not people: held in front of a body, carried, thrown, displaced, or relit.
 
-Where nothing moves but people, a detector that sees the difference to the background takes whatever moves for one: a
-board that a camera is calibrated with, an open door, a ball.
+If nothing but people moved, a detector that sees the difference to the background would take any moving thing for a
+person: a calibration board, an open door, a ball.
 """
 
 from collections.abc import Callable
@@ -12,19 +12,19 @@ import numpy as np
 from muybridge.arrays import BoolArray, ByteArray, FloatArray
 from muybridge.train.images.clutter import plain, shape
 
-# Share of scenes in which things are elsewhere than in the plate, and of those in which a light is.
+# Share of scenes in which objects differ from the background model, and in which the light does.
 MOVED_SHARE = 0.35
 LIT_SHARE = 0.12
-# Share of the people of a scene who hold something before them.
+# Share of people who hold something in front of them.
 HELD_SHARE = 0.16
-# Shares of what is held: boards, balls; else bars.
+# Shares of held objects: boards, balls; else bars.
 _BOARD, _BALL = 0.6, 0.2
-# Shares of boards: squares as of calibration, then pictures; else of one colour.
+# Shares of boards: squares as for calibration, then pictures; else of one colour.
 _SQUARES, _PICTURE = 0.4, 0.4
 
 
 def move_things(frame: ByteArray, plate: ByteArray, texture: Callable[[], ByteArray], rng: np.random.Generator) -> None:
-    """Draws up to three things of the room into `frame` or into `plate` (H, W, 3) alone: they came, or went."""
+    """Draw up to three objects of the room into either `frame` or `plate` (H, W, 3): they appeared or disappeared."""
     height, width = plate.shape[:2]
     for _ in range(int(rng.integers(1, 4))):
         inside = shape(height, width, rng)
@@ -32,8 +32,7 @@ def move_things(frame: ByteArray, plate: ByteArray, texture: Callable[[], ByteAr
 
 
 def light_up(frame: ByteArray, rng: np.random.Generator) -> None:
-    """Makes a part of `frame` (H, W, 3) brighter or darker, as when a lamp goes on, a cloud comes or a door lets in
-    the sun."""
+    """Make part of `frame` (H, W, 3) brighter or darker, as by a lamp, a cloud or an open door."""
     height, width = frame.shape[:2]
     soft = float(np.exp(rng.uniform(np.log(0.5), np.log(20))))
     part = cv2.GaussianBlur(shape(height, width, rng).astype(np.float32), (0, 0), soft)[..., None]
@@ -42,8 +41,17 @@ def light_up(frame: ByteArray, rng: np.random.Generator) -> None:
 
 
 def hold(frame: ByteArray, mine: BoolArray, texture: Callable[[], ByteArray], rng: np.random.Generator) -> BoolArray:
-    """Draws a thing into `frame` (H, W, 3) that the person whose pixels are `mine` (H, W) holds before them, with a
-    few of these, fingers and arms, before it. Returns (H, W) where it is."""
+    """Draw an object that a person holds in front of the body.
+
+    Args:
+        frame: (H, W, 3), changed in place.
+        mine: (H, W) pixels of the person; a few of them, fingers and arms, stay in front of the object.
+        texture: gives an image as large as `frame`.
+        rng: source of random numbers.
+
+    Returns:
+        (H, W) where the object is.
+    """
     height, width = mine.shape
     rows, columns = np.nonzero(mine)
     low, high = np.array([columns.min(), rows.min()]), np.array([columns.max(), rows.max()])
@@ -75,8 +83,8 @@ def _board(
     height: int, width: int, middle: FloatArray, reach: float, texture: Callable[[], ByteArray],
     rng: np.random.Generator,
 ) -> tuple[ByteArray, ByteArray]:  # fmt: skip
-    """A flat, square-cornered thing turned anyhow, whose longer side is twice `reach`: the picture (H, W, 3) and where
-    it is (H, W)."""
+    """A flat rectangle in a random orientation, whose longer side is twice `reach`: the image (H, W, 3) and its mask
+    (H, W)."""
     flat = _face(texture, rng)
     aspect = float(rng.uniform(0.55, 1.0))
     corners = np.array([[-1, -aspect], [1, -aspect], [1, aspect], [-1, aspect]])
@@ -95,7 +103,7 @@ def _board(
 
 
 def _face(texture: Callable[[], ByteArray], rng: np.random.Generator) -> ByteArray:
-    """(S, S, 3) what is on a board, framed or not."""
+    """(S, S, 3) pattern of a board, with or without a frame."""
     side, kind = 96, rng.random()
     if kind < _SQUARES:
         across, down = rng.integers(3, 9, 2)

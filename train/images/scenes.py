@@ -1,4 +1,5 @@
-"""Scenes for the person detector: several people of any size before one background, with its plate."""
+"""Training scenes for the person detector: several people of any size in front of one background, and its background
+model."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -11,40 +12,49 @@ from torch import Tensor
 
 from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IndexArray
 from muybridge.train.images.background_difference import GHOST, PARTLY, STILL
-from muybridge.train.images.camera_faults import CameraFaults, outside_of_video
-from muybridge.train.images.clutter import add_clutter, mirrored_on
+from muybridge.train.images.camera_faults import outside_of_video
+from muybridge.train.images.clutter import add_clutter, tile_by_mirroring
+from muybridge.train.images.compositing import BaseCompositor
 from muybridge.train.images.distractors import HELD_SHARE, LIT_SHARE, MOVED_SHARE, hold, light_up, move_things
 from muybridge.train.synthesis.rendering.store import RenderSet
 
-# Share of scenes with a person larger than the image, seen from the head down.
+# Share of scenes with a person larger than the image, of whom the upper part is visible.
 CLOSE_SHARE = 0.12
 # Share of people who stand beside somebody, arm in arm or one half behind the other.
 BESIDE_SHARE = 0.3
-# Share of scenes with somebody near, cut off by the picture's border, from a store that has close-ups.
+# Share of scenes with somebody near the camera, cut off by the image border, if the store has close-ups.
 NEAR_SHARE = 0.25
-# Share of scenes in which a low sun or a lamp throws people's outlines onto the floor; what lies there is nobody.
+# Share of scenes in which a low sun or a lamp casts people's shadows onto the floor, which are not people.
 CAST_SHARE = 0.3
 SHAPES = ((192, 320), (320, 192), (256, 320), (320, 256))  # height, width
 
 
 @dataclass(frozen=True)
 class SceneBatch:
-    """`image` (B, 4, H, W) uint8: RGB and plate difference; `boxes` a list of (n, 4) pixels: left, top, right,
-    bottom; `ignore` a list of (m, 4): people too hidden to be asked for."""
+    """Scenes and the people in them.
+
+    Attributes:
+        image: (B, 4, H, W) uint8: RGB and difference to the background model.
+        boxes: of each scene (n, 4) pixels: left, top, right, bottom.
+        ignore: of each scene (m, 4): people too hidden to be required.
+    """
 
     image: Tensor
     boxes: list[Float32Array]
     ignore: list[Float32Array]
 
 
-class SceneCompositor:
-    """Makes batches of scenes from renders and backgrounds."""
+class SceneCompositor(BaseCompositor):
+    """Makes batches of scenes from renders and backgrounds.
+
+    Args:
+        renders: people.
+        backgrounds: (N, 3, S, S) pool.
+        seed: random seed.
+    """
 
     def __init__(self, renders: RenderSet, backgrounds: ByteArray, seed: int) -> None:
-        self.renders, self.backgrounds = renders, backgrounds
-        self.rng = np.random.default_rng(seed)
-        self.faults = CameraFaults(self.rng)
-        self.whole = renders.whole
+        super().__init__(renders, backgrounds, seed)
         self.near = renders.close_ups
 
     def batch(self, count: int, shape: tuple[int, int] | None = None) -> SceneBatch:
@@ -61,7 +71,7 @@ class SceneCompositor:
         return SceneBatch(pixels, [s[2] for s in scenes], [s[3] for s in scenes])
 
     def _difference(self, frame: ByteArray, plate: ByteArray) -> ByteArray:
-        """(H, W) to the background plate, as strong and as noisy as chance has it; in half of the scenes nothing."""
+        """(H, W) difference to the background model, of random strength and noise; zero in half of the scenes."""
         gain = float(np.exp(self.rng.normal(0, 0.3)))
         if self.rng.random() < 0.5:
             return np.zeros(frame.shape[:2], np.uint8)
@@ -79,7 +89,7 @@ class SceneCompositor:
             move_things(frame, plate, texture, rng)
         count = int(rng.choice(6, p=[0.06, 0.4, 0.26, 0.14, 0.09, 0.05]))
         size = np.exp(rng.uniform(np.log(28), np.log(300), count)) if count else np.zeros(0)
-        if count and rng.random() < CLOSE_SHARE:  # someone at a desk, or who walks past the camera
+        if count and rng.random() < CLOSE_SHARE:  # someone at a desk, or passing close to the camera
             size[0] = np.exp(rng.uniform(np.log(300), np.log(700)))
         owners = np.full((height, width), -1, np.int16)
         boxes, areas = self._people(frame, plate, owners, size)
@@ -104,7 +114,7 @@ class SceneCompositor:
             beyond, _ = outside_of_video(rng, height, width)
             frame[beyond] = plate[beyond] = 0
             owners[beyond] = -1
-        if near and (owners == count).any():  # what the picture has of them is all that can be asked for
+        if near and (owners == count).any():  # only the part inside the image can be required
             boxes[count] = _extent(owners == count)
         visible = np.array([(owners == k).sum() for k in range(count + near)])
         share = visible / np.maximum(np.array(areas), 1)
@@ -115,7 +125,7 @@ class SceneCompositor:
     def _people(
         self, frame: ByteArray, plate: ByteArray, owners: NDArray[np.int16], size: FloatArray
     ) -> tuple[list[FloatArray], list[int]]:
-        """Draws people of these sizes, pixels, far ones first; their boxes and the areas of their silhouettes."""
+        """Draw people of these sizes, pixels, far ones first; return their boxes and the areas of their silhouettes."""
         rng, beside = self.rng, self._beside(size)
         height, width = owners.shape
         boxes, areas = [], []
@@ -136,8 +146,8 @@ class SceneCompositor:
         return boxes, areas
 
     def _light(self) -> tuple[float, float, float, float]:
-        """Where shadows fall and what they are like: how far across and how far up the picture (negative: towards the
-        camera) for every pixel of a person's height, how much light is left, and their edges' softness in pixels."""
+        """Direction and look of cast shadows: shift across and up the image (negative: towards the camera) per pixel of
+        a person's height, the light that remains, and the softness of the edges in pixels."""
         rng = self.rng
         away = rng.uniform(0.05, 0.7) * rng.choice([-1, 1])
         return rng.normal(0, 0.9), away, rng.uniform(0.3, 0.8), float(np.exp(rng.uniform(np.log(0.3), np.log(3))))
@@ -146,8 +156,16 @@ class SceneCompositor:
         self, frame: ByteArray, plate: ByteArray, owners: NDArray[np.int16], number: int,
         rgba: ByteArray, shift: FloatArray,
     ) -> None:  # fmt: skip
-        """Puts the person who was just drawn, moved by `shift`, into the plate, as some are who stay for long: as they
-        stand, but for what moved, or where they stood a moment or a while ago."""
+        """Draw the last person into the background model too, as for people who stay in place for long: as they stand,
+        except for a part that moved, or at an earlier position.
+
+        Args:
+            frame, plate: the scene and its background model.
+            owners: number of the person at each pixel.
+            number: of this person.
+            rgba: the person's layer.
+            shift: of the layer in the frame.
+        """
         rng, kind = self.rng, self.rng.random()
         if kind < STILL + PARTLY:
             mine = owners == number
@@ -165,7 +183,7 @@ class SceneCompositor:
             self._paste(plate, nobody, rgba, np.zeros(4), number, np.round(shift + away).astype(int))
 
     def _beside(self, size: FloatArray) -> list[list[int]]:
-        """For every person those whom they stand beside; makes them alike in `size`."""
+        """For every person those whom they stand beside; makes these similar in `size`."""
         beside: list[list[int]] = [[] for _ in size]
         for k in range(1, len(size)):
             if self.rng.random() < BESIDE_SHARE:
@@ -175,7 +193,7 @@ class SceneCompositor:
         return beside
 
     def _next_to(self, mate: FloatArray, box: FloatArray) -> IndexArray:
-        """(2,) pixels by which a box moves to one that it touches or half covers, on the same floor."""
+        """(2,) pixels by which a box moves to touch or half cover another one, on the same floor."""
         rng = self.rng
         across = rng.uniform(0.3, 1.1) * (mate[2] - mate[0] + box[2] - box[0]) / 2 * rng.choice([-1, 1])
         up = rng.normal(0, 0.04) * (mate[3] - mate[1])
@@ -183,18 +201,17 @@ class SceneCompositor:
 
     def _plate(self, height: int, width: int) -> ByteArray:
         rng = self.rng
-        pool = self.backgrounds
-        source = pool.shape[-1]
+        source = self.backgrounds.shape[-1]
         window = int(rng.integers(source * 2 // 3, source + 1))
-        x, y = rng.integers(0, source - window + 1, 2)
-        patch = pool[rng.integers(len(pool)), :, y : y + window, x : x + window].transpose(1, 2, 0)
-        patch = patch[:, ::-1] if rng.random() < 0.5 else patch
+        corner = self._corner(window)
+        patch = self._patch(int(rng.integers(len(self.backgrounds))), corner, window)
         if rng.random() < 0.35:
             return np.ascontiguousarray(cv2.resize(patch, (width, height), interpolation=cv2.INTER_LINEAR))
-        return mirrored_on(np.ascontiguousarray(patch), height, width, rng)
+        return tile_by_mirroring(np.ascontiguousarray(patch), height, width, rng)
 
     def _person(self, side: float, roll: float) -> tuple[ByteArray, FloatArray]:
-        """A render with its box's longer side `side` pixels: (h, w, 5) and the box in it."""
+        """A render scaled so that the longer side of the bounding box has `side` pixels: (h, w, 5), and the box in
+        it."""
         small, *_ = self._scaled(int(self.rng.choice(self.whole)), side, roll)
         if self.rng.random() < 0.5:
             small = small[:, ::-1]
@@ -202,11 +219,19 @@ class SceneCompositor:
         return small, _extent(opaque if opaque.any() else np.ones_like(opaque))  # a person of a few pixels
 
     def _scaled(self, index: int, side: float, roll: float) -> tuple[ByteArray, float, FloatArray]:
-        """The part of a render that has something in it (h, w, 5), the person's box with its longer side `side`
-        pixels, how much that is of its own, and where (x, y) in the render made so large the part began."""
+        """The occupied part of a render.
+
+        Args:
+            index: of the render.
+            side: length of the longer side of the person's bounding box, pixels.
+            roll: rotation, radians.
+
+        Returns:
+            (h, w, 5) layers; the scale; and the corner (x, y) of the part in the scaled render.
+        """
         planes, extent = self.renders.pixels_of(index), self.renders.box_px[index]
         x, y, *sides = cv2.boundingRect(np.maximum(planes[3], planes[4]))
-        width, height = (max(1, n) for n in sides)  # none where there is nothing
+        width, height = (max(1, n) for n in sides)  # zero if there is nothing
         scale = side / float((extent[2:] - extent[:2]).max())
         w, h = (max(1, round(n * scale)) for n in (width, height))
         interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
@@ -220,14 +245,14 @@ class SceneCompositor:
         return small, scale, scale * np.array([x, y], float)
 
     def _near(self, frame: ByteArray, owners: NDArray[np.int16], number: int) -> tuple[FloatArray, int]:
-        """Draws somebody whom the border of `frame` cuts off where their close-up has to be; as `_paste`."""
+        """Draw somebody whom the border of `frame` cuts off where their close-up is cut; returns as `_paste`."""
         rng = self.rng
         height, width = owners.shape
         index = int(rng.choice(self.near))
         small, scale, origin = self._scaled(index, float(np.exp(rng.uniform(np.log(90), np.log(330)))), 0.0)
         nx, ny, edge = (float(v) for v in self.renders.cut_px[index])
         normal = np.array([nx, ny])
-        edge = float(np.floor(edge * scale - normal @ origin))  # the last pixel, which the border shall be next to
+        edge = float(np.floor(edge * scale - normal @ origin))  # the last pixel, which the border is next to
         rows, columns = np.mgrid[: len(small), : small.shape[1]]
         small[columns * normal[0] + rows * normal[1] > edge] = 0
         if rng.random() < 0.5:
@@ -240,19 +265,19 @@ class SceneCompositor:
         size = np.array([width, height])
         center = rng.uniform(0.1, 0.9, 2) * size
         shift = center - (box[:2] + box[2:]) / 2
-        # The cut lies on the border: the far one for a normal of +1, else the near one.
+        # The cut lies on the image border: the far one for a normal of +1, else the near one.
         border = np.where(normal > 0, size - 1, 0) - normal * edge
         shift = np.where(normal != 0, border, shift)
         return self._paste(frame, owners, small, box, number, np.round(shift).astype(int))
 
     def _desk(self, frame: ByteArray, plate: ByteArray, owners: NDArray[np.int16]) -> None:
-        """What stands at the bottom of the picture, before everybody."""
+        """Draw something at the bottom of the image, in front of everybody."""
         inside = np.zeros(owners.shape, bool)
         inside[round(self.rng.uniform(0.72, 0.97) * len(owners)) :] = True
         self._cover(inside, frame, plate, owners)
 
     def _cover(self, inside: BoolArray, frame: ByteArray, plate: ByteArray, owners: NDArray[np.int16]) -> None:
-        """Draws something of the room over everybody, in the frame and in the plate."""
+        """Draw part of the room over everybody, in the frame and in the background model."""
         texture = self._plate(*owners.shape)
         frame[inside] = plate[inside] = texture[inside]
         owners[inside] = -1
@@ -261,7 +286,7 @@ class SceneCompositor:
         self, frame: ByteArray, owners: NDArray[np.int16], person: ByteArray,
         box: FloatArray, number: int, shift: IndexArray,
     ) -> tuple[FloatArray, int]:  # fmt: skip
-        """Draws the person into `frame`, moved by `shift`; returns the box there and the silhouette's area."""
+        """Draw the person into `frame`, shifted by `shift`; return the box there and the silhouette's area."""
         height, width = owners.shape
         size = np.array(person.shape[1::-1])
         x0, y0 = np.maximum(shift, 0)
@@ -277,14 +302,14 @@ class SceneCompositor:
         return box + np.tile(shift, 2), area
 
     def _place(self, height: int, width: int, box: FloatArray) -> IndexArray:
-        """(2,) pixels by which the box moves to a random place."""
+        """(2,) pixels by which the box moves to a random position."""
         rng = self.rng
         center = rng.uniform(0.02, 0.98, 2) * [width, height]
-        if rng.random() < 0.75:  # whole in the image where that is possible
+        if rng.random() < 0.75:  # entirely in the image if possible
             half = (box[2:] - box[:2]) / 2
             low, high = half, np.array([width, height]) - half
             center = np.where(low < high, rng.uniform(np.minimum(low, high), np.maximum(low, high)), center)
-            if low[1] >= high[1]:  # too tall for the image: what it shows is the upper part
+            if low[1] >= high[1]:  # too tall for the image: it shows the upper part
                 center[1] = half[1] + rng.uniform(-0.05, 0.4) * height
         return np.round(center - (box[:2] + box[2:]) / 2).astype(int)
 
@@ -294,7 +319,7 @@ class SceneCompositor:
         plate[mine] = frame[mine]
 
     def _occluder(self, frame: ByteArray, plate: ByteArray, owners: NDArray[np.int16]) -> None:
-        """Something of the room in front of people."""
+        """Draw something of the room in front of people."""
         rng = self.rng
         height, width = owners.shape
         mask = np.zeros((height, width), np.uint8)
@@ -310,8 +335,15 @@ def _cast(
     frame: ByteArray, alpha: ByteArray, foot: float, shift: IndexArray,
     light: tuple[float, float, float, float],
 ) -> None:  # fmt: skip
-    """Darkens the floor where a person (`alpha` (h, w), whose feet are in row `foot`, moved by `shift`) keeps a light
-    of `_light` away."""
+    """Darken the floor where a person blocks the light.
+
+    Args:
+        frame: the scene.
+        alpha: (h, w) silhouette of the person.
+        foot: row of the feet in it.
+        shift: of the silhouette in the frame.
+        light: as of `_light`.
+    """
     across, up, left, soft = light
     there = np.array([[1, -across, shift[0] + across * foot], [0, up, shift[1] + (1 - up) * foot]])
     shadow = cv2.warpAffine(alpha, there, (frame.shape[1], frame.shape[0]), flags=cv2.INTER_LINEAR)
@@ -320,6 +352,6 @@ def _cast(
 
 
 def _extent(mask: BoolArray) -> FloatArray:
-    """(4,) left, top, right, bottom pixels of what is set; something has to be."""
+    """(4,) left, top, right, bottom pixels of the non-empty mask."""
     rows, columns = np.nonzero(mask)
     return np.array([columns.min(), rows.min(), columns.max(), rows.max()], float)

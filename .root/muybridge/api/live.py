@@ -16,7 +16,7 @@ from muybridge.api.networks import checked_image
 from muybridge.arrays import ByteArray, FloatArray, IntArray
 from muybridge.geometry.association.select import take_slots
 from muybridge.geometry.association.tracker import track_people
-from muybridge.geometry.calibration.gravity import levelled
+from muybridge.geometry.calibration.gravity import level_cameras
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.landmarks.sets import LandmarkSet
@@ -112,7 +112,7 @@ class LiveCapture:
         self._solve = (solve or SolveOptions()).with_card(models.min_confidence)
         self._estimators = [
             PoseEstimator(models.keypoints, models.people, camera, self._detect.keypoints, models.model_card, fps=fps)
-            for camera in levelled(cameras)
+            for camera in level_cameras(cameras)
         ]
         self.landmarks: LandmarkSet = models.landmarks
         self._window: deque[list[_Detections]] = deque(maxlen=max(2, round(window * fps)))

@@ -187,10 +187,10 @@ def solve_ik(
             looked for.
         start: (N,) radians; the tree's preferred angles where it is None.
         method: `transpose`, `pseudo_inverse`, `damped` (Buss, 2004), `null_space`, `ccd`, `fabrik` (Aristidou and
-            Lasenby, 2011), `programme` (nonlinear programming) or `examples` (with a prior of likely poses).
+            Lasenby, 2011), `nonlinear` (nonlinear programming) or `gmm_prior` (with a prior of likely poses).
         options: see `IkOptions`.
-        constraint: linear equations and inequalities between angles, for `programme` alone.
-        prior: of likely poses, for `examples` alone, which needs it.
+        constraint: linear equations and inequalities between angles, for `nonlinear` alone.
+        prior: of likely poses, for `gmm_prior` alone, which needs it.
 
     Returns:
         The angles, each goal's error, and whether all are within tolerance.

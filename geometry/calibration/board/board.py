@@ -1,4 +1,4 @@
-"""Calibration boards: what they are, and their corners found in an image."""
+"""Calibration boards, and the detection of their corners in images."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from muybridge.arrays import ByteArray, FloatArray, IntArray
 
 _SEARCH_PX = 1000
 _LARGER = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_LARGER
-# The first markers of a family's dictionaries are the same, and more than 250 no board has.
+# The first markers of a family's dictionaries are identical, and no board has more than 250.
 _FAMILIES = ("DICT_4X4_250", "DICT_5X5_250", "DICT_6X6_250", "DICT_7X7_250", "DICT_ARUCO_ORIGINAL",
              "DICT_APRILTAG_16H5", "DICT_APRILTAG_25H9", "DICT_APRILTAG_36H11")  # fmt: skip
 _SMALLER = (50, 100, 250)
@@ -62,14 +62,14 @@ class Board:
         return np.asarray(corners * self.square)
 
     def describe(self) -> str:
-        """In words, for messages."""
+        """Description for messages."""
         extra = f", {self.dictionary}" if self.kind == "charuco" else ""
         words = [w for w, on in (("inverted", self.inverted), ("legacy pattern", self.legacy)) if on]
         return f"{self.kind} {self.columns} x {self.rows}{extra}" + "".join(f", {w}" for w in words)
 
 
 class BoardDetector:
-    """Finds a board's inner corners in images."""
+    """Detects a board's inner corners in images."""
 
     def __init__(self, board: Board):
         self.board = board
@@ -82,7 +82,7 @@ class BoardDetector:
             self._charuco = cv2.aruco.CharucoDetector(made)
 
     def detect(self, gray: ByteArray) -> tuple[IntArray, FloatArray]:
-        """(n,) numbers of the corners seen and (n, 2) px; empty where there is no board."""
+        """(n,) indices of the visible corners and (n, 2) px; empty where there is no board."""
         image = 255 - gray if self.board.inverted else gray
         if self._charuco is not None:
             px, ids = self._charuco.detectBoard(image)[:2]
@@ -96,11 +96,11 @@ class BoardDetector:
 def find_checkerboard(gray: ByteArray, columns: int, rows: int) -> FloatArray:
     """(columns rows, 2) px of the inner corners, row by row from either end; (0, 2) where there is no such board.
 
-    Found in a reduced image, which is several times as fast and misses less, then measured in the full one.
+    Detected in a reduced image, which is several times faster and more reliable, then located in the full one.
     """
     size = (columns, rows)
-    small, scale = _reduced(gray)
-    # A larger board than described holds the described one, each time somewhere else: that is not the board.
+    small, scale = _reduce(gray)
+    # A larger board contains the described one at several positions; that is not the described board.
     found, px, meta = cv2.findChessboardCornersSBWithMeta(small, size, _LARGER)
     if not found or meta.shape != (rows, columns):
         return np.zeros((0, 2))
@@ -121,7 +121,7 @@ def find_checkerboard(gray: ByteArray, columns: int, rows: int) -> FloatArray:
     return px
 
 
-def _reduced(gray: ByteArray) -> tuple[ByteArray, float]:
+def _reduce(gray: ByteArray) -> tuple[ByteArray, float]:
     """An image of at most `_SEARCH_PX`, and its scale."""
     scale = min(1.0, _SEARCH_PX / max(gray.shape))
     if scale == 1.0:
@@ -130,11 +130,11 @@ def _reduced(gray: ByteArray) -> tuple[ByteArray, float]:
 
 
 def fitting_descriptions(board: Board, images: list[ByteArray]) -> list[str]:
-    """Descriptions under which clearly more of a board is found than as described, the best first.
+    """Descriptions under which clearly more corners are found than under the given one, best first.
 
     Args:
-        board: as described.
-        images: some pictures, gray; those that show most of any markers are looked at closely.
+        board: the given description.
+        images: some pictures, grayscale; those with most markers are examined in detail.
     """
     images = _telling(images)
     tried = _charuco_variants(board, images) if board.kind == "charuco" else []
@@ -142,38 +142,38 @@ def fitting_descriptions(board: Board, images: list[ByteArray]) -> list[str]:
         tried += [(v, False) for v in _checkerboards(board, images)]
     if board.kind == "checkerboard" and not tried:
         tried += _charuco_variants(Board("charuco", board.columns + 1, board.rows + 1, board.square), images)
-    had = _seen(board, images)
+    had = _count_corners(board, images)
     counts = {}
     for variant, mirrored in tried:
         shown = [np.ascontiguousarray(i[:, ::-1]) for i in images] if mirrored else images
         words = variant.describe() + (", its pictures mirrored left to right" if mirrored else "")
-        counts[words] = _seen(variant, shown)
+        counts[words] = _count_corners(variant, shown)
     best = max(counts.values(), default=0)
     good = [w for w, n in sorted(counts.items(), key=lambda c: -c[1]) if n >= max(0.9 * best, 1.2 * had, 4)]
     return [w for w in good if w != board.describe()][:3]
 
 
 def _telling(images: list[ByteArray]) -> list[ByteArray]:
-    """The few pictures in which most markers are found, of any family and the right way round or not."""
+    """The few pictures with most markers of any family, mirrored or not."""
     if len(images) <= _CLOSELY:
         return images
     counts = []
     for image in images:
-        small = _reduced(image)[0]
+        small = _reduce(image)[0]
         shown = [small, 255 - small, np.ascontiguousarray(small[:, ::-1]), np.ascontiguousarray(255 - small[:, ::-1])]
         counts.append(max(len(_markers(name, [one])) for name in _FAMILIES for one in shown))
-    if max(counts) < 2:  # none: any may hold a checkerboard
+    if max(counts) < 2:  # none: any picture may contain a checkerboard
         return [images[k] for k in np.linspace(0, len(images) - 1, _CLOSELY).round().astype(int)]
     return [images[k] for k in sorted(np.argsort(counts, kind="stable")[-_CLOSELY:])]
 
 
-def _seen(board: Board, images: list[ByteArray]) -> int:
-    """How many corners are found where they can be: beside each other on a plane."""
+def _count_corners(board: Board, images: list[ByteArray]) -> int:
+    """Number of corners that lie on a plane, in neighbouring positions."""
     detector, total = BoardDetector(board), 0
     for image in images:
         ids, px = detector.detect(image)
         if len(ids) >= 4 and board.kind == "charuco":
-            # A wrong layout still finds corners, but no plane through them.
+            # With a wrong layout corners are found as well, but they lie on no plane.
             flat, fits = cv2.findHomography(board.corners[ids][:, :2], px, cv2.RANSAC, 0.02 * np.ptp(px, axis=0).max())
             total += int(fits.sum()) if flat is not None else 0
         else:
@@ -182,30 +182,30 @@ def _seen(board: Board, images: list[ByteArray]) -> int:
 
 
 def _charuco_variants(board: Board, images: list[ByteArray]) -> list[tuple[Board, bool]]:
-    """ChArUco boards whose markers are in the pictures, and whether these are mirrored."""
+    """ChArUco boards whose markers are in the images, and whether these are mirrored."""
     polarities = (board.inverted, not board.inverted)
     for mirrored, inverted in [(m, i) for m in (False, True) for i in polarities]:
-        shown = [_reduced(255 - i if inverted else i)[0] for i in images]
+        shown = [_reduce(255 - i if inverted else i)[0] for i in images]
         shown = [np.ascontiguousarray(i[:, ::-1]) for i in shown] if mirrored else shown
         ids, name = max(((_markers(name, shown), name) for name in _FAMILIES), key=lambda c: len(c[0]))
         if len(ids) < 2:
             continue
         found = _layouts(board, name, inverted, int(max(ids)) + 1)
         full = [np.ascontiguousarray(i[:, ::-1]) for i in images] if mirrored else images
-        if any(_seen(v, full) >= _SURE_CORNERS for v in found):  # not only something taken for markers
+        if any(_count_corners(v, full) >= _SURE_CORNERS for v in found):  # not only false detections of markers
             return [(v, mirrored) for v in found]
     return []
 
 
 def _markers(name: str, images: list[ByteArray]) -> list[int]:
-    """Numbers of a family's markers that are seen, as often as they are."""
+    """Numbers of a family's detected markers, with repetitions."""
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)))
     found = [detector.detectMarkers(image)[1] for image in images]
     return [int(i) for ids in found if ids is not None for i in np.ravel(ids)]
 
 
 def _layouts(board: Board, family: str, inverted: bool, markers: int) -> list[Board]:
-    """Boards of a marker family, with as many markers as were seen, or the described size."""
+    """Boards of a marker family, with the number of detected markers, or of the described size."""
     sizes = {(board.columns, board.rows), (board.rows, board.columns)}
     sizes |= {(c, r) for c in range(3, 25) for r in range(3, 25) if c * r // 2 == markers and c < 3 * r and r < 3 * c}
     name = board.dictionary if board.dictionary.rsplit("_", 1)[0] == family.rsplit("_", 1)[0] else family
@@ -218,11 +218,11 @@ def _layouts(board: Board, family: str, inverted: bool, markers: int) -> list[Bo
 
 
 def _checkerboards(board: Board, images: list[ByteArray]) -> list[Board]:
-    """Checkerboards of any size that are in the pictures."""
+    """Checkerboards of any size that are in the images."""
     found = []
     for image in images:
         for inverted in (False, True):
-            small, _ = _reduced(255 - image if inverted else image)
+            small, _ = _reduce(255 - image if inverted else image)
             ok, _, meta = cv2.findChessboardCornersSBWithMeta(small, (3, 3), _LARGER)
             if ok:
                 rows, columns = meta.shape

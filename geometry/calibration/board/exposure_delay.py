@@ -1,10 +1,10 @@
-"""How a hand-held board moves between the exposures of cameras that are not triggered together.
+"""Exposure delays of cameras that are not triggered together, from the motion of a hand-held board.
 
-Webcams and phones that "record at the same time" expose up to tens of milliseconds apart, and their time stamps
-are when the frame arrived, not when it was exposed. What is known is how fast the board went: its movement from one
-frame to the next. So every view gets an unknown delay, a movement of the board along its own velocity, with a
-common spread that is estimated (expectation maximisation of a Student t: a few views are far late), and a
-share of it across the velocity, since boards do not move straight.
+Webcams and phones that record "at the same time" expose up to tens of milliseconds apart, and their time stamps are of
+the arrival of the frame, not of its exposure. Known is the velocity of the board, from its motion between frames.
+Therefore every view gets an unknown delay, a displacement of the board along its velocity, with a common spread that is
+estimated (expectation maximisation of a Student t: a few views are very late), and a share of it across the velocity,
+since boards do not move in straight lines.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _SMALLEST_SPREAD = 1e-4
 
 @dataclass(frozen=True)
 class Delays:
-    """How late cameras expose, in steps of time.
+    """Exposure delays of cameras, in time steps.
 
     Attributes:
-        mean: (C,) of each camera.
-        views: (C, B) standard deviation of each view's delay about its camera's: larger for those that are late.
-        spread: what most views have for it.
+        mean: (C,) mean delay of each camera.
+        views: (C, B) standard deviation of each view's delay about its camera's mean: larger for those that are late.
+        spread: that standard deviation for most views.
     """
 
     mean: FloatArray
@@ -42,15 +42,15 @@ class Delays:
 
 
 def board_rates(seen: Sequence[Mapping[int, FloatArray]], middle: FloatArray) -> list[dict[int, FloatArray]]:
-    """How a board moves, as each camera sees it.
+    """Velocity of a board as seen by each camera.
 
     Args:
         seen: for each camera and time, (4, 4) cam_from_board.
-        middle: (3,) of the board.
+        middle: (3,) centre of the board, metres.
 
     Returns:
-        For each camera, by time: (2, 6) rotation and shift of the board's middle a step of time, and their change a
-        step, in camera axes. Only where the board was seen just before or after; no change where not both.
+        For each camera, by time: (2, 6) rotation and translation of the board's centre per time step, and their change
+        per step, in camera axes. Only where the board was seen just before or after; the change is zero unless both.
     """
     times = sorted(set().union(*seen)) if seen else []
     step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
@@ -64,7 +64,7 @@ def board_rates(seen: Sequence[Mapping[int, FloatArray]], middle: FloatArray) ->
             ways = [_way(poses[a], poses[b], middle) * step / (b - a) for a, b in pairwise(near)]
             gaps = np.diff(near) / step
             change = (ways[-1] - ways[0]) * 2 / gaps.sum() if len(ways) == 2 else np.zeros(6)
-            # Of a parabola through three places: the slope at the one in the middle.
+            # Slope, at the middle one, of a parabola through three poses.
             speed = (ways[0] * gaps[-1] + ways[-1] * gaps[0]) / gaps.sum() if len(ways) == 2 else ways[0]
             mine[t] = np.stack([speed, change])
         rates.append(mine)
@@ -72,16 +72,16 @@ def board_rates(seen: Sequence[Mapping[int, FloatArray]], middle: FloatArray) ->
 
 
 def _way(a: FloatArray, b: FloatArray, middle: FloatArray) -> FloatArray:
-    """(6,) rotation and shift of the middle from one pose to another."""
+    """(6,) rotation and translation of the centre from one pose to another."""
     shift = (b - a)[:3, :3] @ middle + (b - a)[:3, 3]
     return np.concatenate([log_so3(b[:3, :3] @ a[:3, :3].T), shift])
 
 
 def world_rates(rates: Sequence[Mapping[int, FloatArray]], rotations: FloatArray, times: Sequence[int]) -> FloatArray:
-    """(B, 2, 6) movement of the board a step of time and its change, in world axes; NaN where no camera knows it.
+    """(B, 2, 6) velocity of the board per time step and its change, in world axes; NaN where no camera knows it.
 
     Args:
-        rates: of `board_rates`.
+        rates: result of `board_rates`.
         rotations: (C, 3, 3) cam_from_world.
         times: (B,).
     """
@@ -95,14 +95,14 @@ def world_rates(rates: Sequence[Mapping[int, FloatArray]], rotations: FloatArray
 
 
 def sway(rates: FloatArray, delays: Delays) -> tuple[FloatArray, FloatArray]:
-    """Movements between exposures, as `AdjustProblem` takes them.
+    """Motion of the board between exposures, as `AdjustProblem` needs it.
 
     Args:
-        rates: (B, 2, 6) of `world_rates`.
-        delays: what is known of the delays so far.
+        rates: (B, 2, 6) result of `world_rates`.
+        delays: current estimate of the delays.
 
     Returns:
-        (C, B, 6, 7) of one standard deviation each, and (C, B, 7) how many of them to expect.
+        (C, B, 6, 7) displacements of one standard deviation each, and (C, B, 7) their prior standard deviations.
     """
     spread, mean = delays.views, delays.mean[:, None]
     known = np.isfinite(rates[:, 0, 0])
@@ -110,10 +110,10 @@ def sway(rates: FloatArray, delays: Delays) -> tuple[FloatArray, FloatArray]:
     bend = 0.5 * mean[..., None] ** 2 * np.where(known[:, None], rates[:, 1], 0.0)
     moves, expected = np.zeros((*spread.shape, 6, 7)), np.zeros((*spread.shape, 7))
     moves[..., 0], expected[..., 0] = speed * spread[..., None], mean / spread
-    for k in (0, 3):  # rotation, shift
+    for k in (0, 3):  # rotation, translation
         size = np.linalg.norm(speed[:, k : k + 3], axis=1)
         usual = float(np.median(size[known])) if known.any() else 0.0
-        # Across its path a board sways with a share of its speed; where the path is unknown, with all of it.
+        # Across its path a board moves with a share of its speed; where the path is unknown, with all of it.
         across = np.where(known, _ACROSS * np.maximum(size, 0.2 * usual), usual)
         across = np.maximum(across * np.hypot(spread, _ASTRAY * mean), 1e-12)
         for axis in range(3):
@@ -123,13 +123,13 @@ def sway(rates: FloatArray, delays: Delays) -> tuple[FloatArray, FloatArray]:
 
 
 def next_delays(before: Delays, swayed: FloatArray, variance: FloatArray, shared: BoolArray) -> Delays:
-    """The delays after an adjustment.
+    """Update the delays after an adjustment.
 
     Args:
-        before: those that it was made with.
-        swayed: (C, B, R) of the adjustment, its first the delay in standard deviations.
-        variance: (C, B, R) what stayed unknown.
-        shared: (C, B) views of moments that several cameras saw.
+        before: the delays used in it.
+        swayed: (C, B, R) estimates of the adjustment, the first one the delay in standard deviations.
+        variance: (C, B, R) their posterior variances.
+        shared: (C, B) views of times that several cameras saw.
     """
     if not shared.any():
         return before

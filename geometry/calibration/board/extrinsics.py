@@ -1,6 +1,6 @@
-"""Cameras from nothing but views of a moved board: lenses one by one, poses chained, one adjustment over all.
+"""Calibration of cameras from views of a moved board: lenses one by one, chained poses, one adjustment of everything.
 
-The cameras need not expose at the same moment: see `board_motion`.
+The cameras need not be exposed at the same time: see `muybridge.geometry.calibration.board.exposure_delay`.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 
 Views = Mapping[str, Mapping[int, View]]
-"""By camera and time (a whole number, steps of time): what was seen of the board."""
+"""Views of the board by camera and time (a whole number of time steps)."""
 _ROUNDS = 8
 _SETTLED = 0.05
 _MISREAD_PX = 4.0
@@ -52,12 +52,12 @@ _MISREAD_PX = 4.0
 
 @dataclass(frozen=True)
 class BoardOptions:
-    """How cameras are calibrated from a board.
+    """Options of the calibration from a board.
 
     Attributes:
         lens: `pinhole` with radial and tangential distortion, or `fisheye`.
-        max_views: of all moments at which the board was seen, as many are used, chosen for coverage.
-        in_step: the cameras expose at the same moment (a hardware trigger, or a board that stood still).
+        max_views: maximum number of times at which views are used, chosen for coverage.
+        in_step: whether the cameras are exposed at the same time (a hardware trigger, or a board that stands still).
     """
 
     lens: Lens = "pinhole"
@@ -75,14 +75,14 @@ class RigCalibration:
 
     Attributes:
         solved: the cameras in the first camera's axes, residuals and uncertainties.
-        board: what was moved.
-        times: (B,) moments at which it was seen.
-        world_from_boards: (B, 3, 4) where it was.
-        delays: (C, B) how late each camera exposed, in steps of time and relative to the others; NaN where the
-            board was not seen, or by no other camera.
-        delay_spread: their standard deviation about each camera's mean; 0 where `in_step`.
-        joined: (camera, camera, views) by which pairs, and over how many shared views, the rig hangs together.
-        unused: by camera, how many views had too few corners or were none of the board.
+        board: the board.
+        times: (B,) times at which it was seen.
+        world_from_boards: (B, 3, 4) its poses, metres.
+        delays: (C, B) exposure delay of each camera relative to the others, in time steps; NaN where the board was not
+            seen, or by no other camera.
+        delay_spread: standard deviation of the delays about each camera's mean; 0 with `in_step`.
+        joined: (camera, camera, views): the pairs that connect the rig, and their number of shared views.
+        unused: by camera, the number of views with too few corners or without the board.
     """
 
     solved: CalibrationResult
@@ -108,18 +108,18 @@ def calibrate_rig(
     known: CameraGroup | None = None,
     kept: int | None = None,
 ) -> RigCalibration:
-    """Cameras that saw a moved board at the same times; the first camera is the world.
+    """Calibrate cameras that saw a moved board at the same times; the first camera defines the world.
 
     Args:
-        board: what was moved.
-        views: by camera and by time.
+        board: the board.
+        views: views by camera and by time.
         sizes: (width, height) px by camera.
-        options: how.
-        known: cameras whose lenses are known and held; only poses are found then.
-        kept: time at which the board's place is wanted.
+        options: see `BoardOptions`.
+        known: cameras with known lenses, which are kept; only poses are estimated then.
+        kept: time at which the board's pose is required.
 
     Raises:
-        CalibrationError: too few views of a camera, or one that shares no view with the rest (named); no view of
+        CalibrationError: too few views of a camera, or a camera that shares no view with the rest (named); no view of
             the time `kept` that fits.
     """
     names = list(views)
@@ -147,7 +147,7 @@ def calibrate_rig(
 def _lenses(
     board: Board, views: Views, sizes: Mapping[str, tuple[int, int]], options: BoardOptions, known: CameraGroup | None
 ) -> tuple[list[Camera], dict[str, dict[int, View]], list[LensCalibration]]:
-    """Each camera's lens, the views that it explains, and how it came about where it was not known."""
+    """Each camera's lens, the views that fit it, and its calibration where it was not known."""
     lenses: list[Camera] = []
     good: dict[str, dict[int, View]] = {}
     made: list[LensCalibration] = []
@@ -164,9 +164,9 @@ def _lenses(
 def calibrate_lenses(
     board: Board, views: Views, sizes: Mapping[str, tuple[int, int]], options: BoardOptions = BoardOptions()
 ) -> CalibrationResult:
-    """Lenses alone, each from its own camera's views; all cameras are at the identity.
+    """Calibrate lenses only, each from its own camera's views; all cameras have the identity pose.
 
-    Args and errors as `calibrate_rig`.
+    Args and errors as of `calibrate_rig`.
     """
     _, _, made = _lenses(board, views, sizes, options, None)
     counts = [len(m.result.residuals_px) for m in made]
@@ -188,7 +188,7 @@ def calibrate_lenses(
 
 
 def _fitting(lens: Camera, board: Board, views: Mapping[int, View]) -> dict[int, View]:
-    """The views that a flat board explains."""
+    """The views that fit a flat board."""
     out = {}
     for t, (ids, px) in views.items():
         pose = board_pose(lens, board, (ids, px))
@@ -205,7 +205,7 @@ def _fitting(lens: Camera, board: Board, views: Mapping[int, View]) -> dict[int,
 
 
 def _own_numbering(seen: Sequence[Mapping[int, FloatArray]], found: Chain, board: Board) -> list[dict[int, FloatArray]]:
-    """The board's poses, all numbered the same way round."""
+    """The board's poses with a consistent numbering of its corners."""
     turns = [s[0] for s in symmetries(board)]
     return [{t: p @ np.linalg.inv(turns[found.turns[c, t]]) for t, p in s.items()} for c, s in enumerate(seen)]
 
@@ -213,7 +213,7 @@ def _own_numbering(seen: Sequence[Mapping[int, FloatArray]], found: Chain, board
 def _problem(
     board: Board, views: Views, lenses: Sequence[Camera], found: Chain, times: Sequence[int], held: bool
 ) -> AdjustProblem:
-    """The adjustment at its start; the board turns about its middle."""
+    """The adjustment problem at its initial values; the board rotates about its centre."""
     numbers = [s[1] for s in symmetries(board)]
     rows = [
         (c, b, numbers[found.turns[c, t]][views[camera.name][t][0]], views[camera.name][t][1])
@@ -240,10 +240,10 @@ def _problem(
 def _adjust_swaying(
     problem: AdjustProblem, rates: Sequence[Mapping[int, FloatArray]], times: Sequence[int], in_step: bool
 ) -> tuple[AdjustProblem, AdjustResult, FloatArray, Delays]:
-    """Adjust, and find how far apart the cameras' exposures are, unless they are in step.
+    """Adjust all cameras, and estimate their exposure delays unless they are in step.
 
     Returns:
-        The last problem, its result, (C, B) the delay of each view that others shared, and the delays as a whole.
+        The last problem, its result, (C, B) the delay of each shared view, and the distribution of the delays.
     """
     shape = len(problem.cameras), len(problem.bodies)
     has = np.zeros(shape, np.bool_)

@@ -1,4 +1,4 @@
-"""A camera's lens from its own views of a board, and what is known of lenses before any view."""
+"""Calibration of a camera's lens from its own views of a board, and prior knowledge of lenses."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 
 View = tuple[IntArray, FloatArray]
-"""Numbers of a board's corners and their (n, 2) px."""
+"""Indices of a board's corners and their (n, 2) px."""
 Lens = Literal["pinhole", "fisheye"]
 """Pinhole with radial and tangential distortion (OPENCV) or Kannala and Brandt's fisheye (OPENCV_FISHEYE)."""
 
 FEWEST_VIEWS = 4
 FEWEST_CORNERS = 6
 CORNER_SIGMA_PX = 0.2
-# Standard deviations of what is known before: fx / fy (sensors have square pixels), the principal point from the
-# middle as a share of the longer side, and the distortion terms of usual lenses.
+# Prior standard deviations: fx / fy (sensors have square pixels), the principal point's distance from the centre as a
+# share of the longer side, and the distortion terms of common lenses.
 _ASPECT, _MIDDLE = 0.003, 0.03
 _PINHOLE_TERMS, _FISHEYE_TERMS = (0.5, 0.5, 0.003, 0.003), (0.3, 0.3, 0.3, 0.3)
 _FISHEYE_VIEWS_DEG = (80.0, 110.0, 140.0, 170.0)
@@ -44,10 +44,10 @@ class LensCalibration:
     """A lens from a board.
 
     Attributes:
-        camera: at the identity.
-        result: the adjustment that it comes from, the board at a pose of its own in every view.
-        views: those that took part, by their moments.
-        noise_px: standard deviation of a coordinate, as the residuals show it.
+        camera: the camera, with the identity pose.
+        result: the adjustment from which it results, with a pose of the board in every view.
+        views: the views that were used, by time.
+        noise_px: standard deviation of a coordinate, from the residuals.
     """
 
     camera: Camera
@@ -57,7 +57,7 @@ class LensCalibration:
 
 
 def lens_prior(camera: Camera) -> LensPrior:
-    """What is known of a lens of model OPENCV or OPENCV_FISHEYE before any view; nothing of its focal length."""
+    """Prior of a lens of model OPENCV or OPENCV_FISHEYE; uninformative about its focal length."""
     long_side, focal = max(camera.width, camera.height), float(np.mean(camera.params[:2]))
     terms = _FISHEYE_TERMS if camera.model == "OPENCV_FISHEYE" else _PINHOLE_TERMS
     information = np.diag([0.0, 0.0, *[(_MIDDLE * long_side) ** -2] * 2, *(s**-2 for s in terms)])
@@ -67,7 +67,7 @@ def lens_prior(camera: Camera) -> LensPrior:
 
 
 def usable(board: Board, views: Sequence[View]) -> list[View]:
-    """Views with corners enough, four of which tell a pose: no three of these are on a line."""
+    """Views with enough corners, four of which determine a pose: no three of these are collinear."""
     return [
         v
         for v in views
@@ -78,7 +78,7 @@ def usable(board: Board, views: Sequence[View]) -> list[View]:
 
 
 def _off_lines(corners: FloatArray) -> bool:
-    """Whether no line holds all of the (n, 2) corners but one; it would hold two of the first three."""
+    """Whether no line contains all but one of the (n, 2) corners; it would contain two of the first three."""
     shortest = 1e-6 * float(np.ptp(corners, axis=0).max()) ** 2
     for a, b in ((0, 1), (0, 2), (1, 2)):
         (x, y), away = corners[b] - corners[a], corners - corners[a]
@@ -88,7 +88,7 @@ def _off_lines(corners: FloatArray) -> bool:
 
 
 def board_pose(camera: Camera, board: Board, view: View) -> FloatArray:
-    """(4, 4) cam_from_board of a view; a metre before the camera where the view tells none."""
+    """(4, 4) cam_from_board of a view; a metre in front of the camera where the view does not determine it."""
     ids, px = view
     slopes = camera.unproject(px)
     seen = np.isfinite(slopes).all(axis=1)
@@ -108,20 +108,20 @@ def board_pose(camera: Camera, board: Board, view: View) -> FloatArray:
 def calibrate_lens(
     name: str, board: Board, views: Mapping[int, View], size: tuple[int, int], lens: Lens = "pinhole"
 ) -> LensCalibration:
-    """A camera's lens from views of a board; its pose is the identity.
+    """Calibrate a camera's lens from views of a board; its pose is the identity.
 
     Args:
-        name: of the camera.
-        board: what is seen.
-        views: by moment.
+        name: name of the camera.
+        board: the board.
+        views: views by time.
         size: (width, height) px.
-        lens: model.
+        lens: lens model.
 
     Returns:
-        The lens; views in which something else was taken for the board are left out.
+        The lens; views in which something else was detected as the board are not used.
 
     Raises:
-        CalibrationError: too few views, or all alike.
+        CalibrationError: too few views, or views that are too similar.
     """
     times = [t for t, v in views.items() if usable(board, [v])]
     good = [views[t] for t in times]
@@ -160,12 +160,12 @@ def _view_errors(result: AdjustResult, views: Sequence[View]) -> list[float]:
 
 
 def _misread(result: AdjustResult, views: Sequence[View]) -> float:
-    """Median error from which a view is no picture of the board, px."""
+    """Median error from which a view does not show the board, px."""
     return max(_MISREAD_PX, 8 * float(np.median(_view_errors(result, views))))
 
 
 def adjust_lens(camera: Camera, board: Board, views: Sequence[View]) -> tuple[AdjustResult, float]:
-    """Adjust a lens to views of a board, each with a pose of its own; also the corners' assumed precision, px."""
+    """Adjust a lens to views of a board, each with its own pose; also returns the assumed precision of corners, px."""
     bodies = np.stack([board_pose(camera, board, v)[:3] for v in views])
     ids = np.concatenate([v[0] for v in views])
     problem = AdjustProblem(
@@ -177,7 +177,7 @@ def adjust_lens(camera: Camera, board: Board, views: Sequence[View]) -> tuple[Ad
         priors=(lens_prior(camera),), loss_sigma=20.0,
     )  # fmt: skip
     first = adjust(problem)
-    spread = max(first.noise * CORNER_SIGMA_PX, 0.05)  # as sharp as this camera's pictures are
+    spread = max(first.noise * CORNER_SIGMA_PX, 0.05)  # depends on the sharpness of this camera's images
     problem = replace(
         problem, cameras=first.cameras, bodies=first.bodies, sigma_px=np.full(len(ids), spread), loss_sigma=4.0
     )
@@ -201,7 +201,7 @@ def _pinhole_start(name: str, board: Board, views: Sequence[View], size: tuple[i
 
 
 def _fisheye_start(name: str, board: Board, views: Sequence[View], size: tuple[int, int]) -> Camera:
-    """The angle of view, of a few, under which the views look most like those of a flat board."""
+    """The best of several angles of view, by the error of the views as views of a flat board."""
     best: tuple[float, Camera] | None = None
     for view_deg in _FISHEYE_VIEWS_DEG:
         focal = max(size) / np.radians(view_deg)

@@ -1,4 +1,4 @@
-"""A calibration board as a PDF page of true size, drawn as rectangles; a PDF is written by hand, byte by byte."""
+"""A calibration board as a PDF page at true size; the PDF is written directly."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MARGIN, _FOOT, _RULER = 0.008, 0.012, 0.1
 
 
 def board_rectangles(board: Board) -> tuple[FloatArray, tuple[float, float]]:
-    """The black of a board (of an inverted one: what is black of its negative).
+    """The black rectangles of a board (of an inverted one: those of its negative).
 
     Returns:
         (N, 4) x, y, width, height in metres, y downwards from the top-left corner of the outermost square; and the
@@ -47,11 +47,11 @@ def board_rectangles(board: Board) -> tuple[FloatArray, tuple[float, float]]:
 
 
 def board_pdf(board: Board, paper: tuple[float, float] | None = None) -> bytes:
-    """A PDF with the board in the middle of a page, what it is below, and a ruler of 100 mm.
+    """A PDF with the board in the middle of a page, its description below, and a ruler of 100 mm.
 
     Args:
-        board: what to draw.
-        paper: (width, height) metres, turned as fits better; None for a page as large as needed.
+        board: the board.
+        paper: (width, height) metres, rotated where that fits better; None for a page as large as needed.
 
     Raises:
         CalibrationError: the page is too small, or the dictionary has too few markers.
@@ -78,7 +78,7 @@ def board_pdf(board: Board, paper: tuple[float, float] | None = None) -> bytes:
 def _content(
     board: Board, black: FloatArray, size: tuple[float, float], at: tuple[float, float], page: tuple[float, float]
 ) -> bytes:
-    """The page's drawing, in points from the bottom left."""
+    """The drawing of the page, in points from the bottom left."""
     lines: list[str] = []
 
     def rectangle(x: float, y: float, w: float, h: float) -> None:
@@ -90,7 +90,7 @@ def _content(
         border = 0.2 * board.square
         rectangle(at[0] - border, at[1] - border, size[0] + 2 * border, size[1] + 2 * border)
         lines.append("0 g f\n1 g")
-    for x, y, w, h in _merged(black):
+    for x, y, w, h in _merge_rectangles(black):
         rectangle(at[0] + x, at[1] + y, w, h)
     lines.append("f\n0 g")
     foot = page[1] - _FOOT
@@ -108,8 +108,8 @@ def _content(
     return "\n".join(lines).encode("latin-1")
 
 
-def _merged(black: FloatArray) -> FloatArray:
-    """Rectangles with those that adjoin in a row made one, so that viewers draw no hairlines between them."""
+def _merge_rectangles(black: FloatArray) -> FloatArray:
+    """Rectangles with adjoining ones in a row merged, so that viewers draw no thin lines between them."""
     out: list[list[float]] = []
     for x, y, w, h in sorted(black.tolist(), key=lambda b: (round(b[3], 9), round(b[1], 9), b[0])):
         last = out[-1] if out else None

@@ -1,9 +1,8 @@
-"""Where cameras stand to each other, from the poses of a board that they saw at the same times.
+"""Relative poses of cameras, from the poses of a board that they saw at the same times.
 
-Cameras are added one by one, always the one that shares most views with those that are there already, so that
-cameras that never see the board at once are chained. A checkerboard looks the same after half a turn (a square one
-after a quarter): which way round each camera numbered it is decided by which order gives the same relative pose at
-all times.
+Cameras are added one by one, each time the one that shares most views with those already added, so that cameras that
+never see the board at the same time are chained. A checkerboard is symmetric under half a turn (a square one under a
+quarter turn); each camera's numbering of its corners is resolved by the consistency of relative poses over time.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ _UNPAIRED = (
 
 @dataclass(frozen=True)
 class Chain:
-    """Start of a rig.
+    """Initial poses of a rig.
 
     Attributes:
         poses: (C, 4, 4) cam_from_first.
-        world_from_board: by time, (4, 4), the board's own numbering.
-        turns: by camera (position) and time, which of `symmetries` the camera's numbering was turned by.
+        world_from_board: (4, 4) by time, with the board's own numbering.
+        turns: by camera (index) and time, the one of `symmetries` that relates the camera's numbering to it.
         joined: (camera, to which, shared views) in the order of joining.
     """
 
@@ -46,11 +45,11 @@ class Chain:
 
 
 def symmetries(board: Board) -> list[tuple[FloatArray, IntArray]]:
-    """Turns after which a board's corners lie where corners were.
+    """Rotations that map a board's corners onto themselves.
 
     Returns:
-        (4, 4) board_from_turned and (K,) for each number in the turned numbering the number in the board's own;
-        the first is no turn at all. A ChArUco board has no other.
+        (4, 4) board_from_turned, and (K,) for each index in the rotated numbering the index in the board's own; the
+        first is the identity. A ChArUco board has no other.
     """
     corners = board.corners
     out = [(np.eye(4), np.arange(len(corners)))]
@@ -69,12 +68,12 @@ def symmetries(board: Board) -> list[tuple[FloatArray, IntArray]]:
 
 
 def chain(names: Sequence[str], seen: Sequence[Mapping[int, FloatArray]], board: Board) -> Chain:
-    """Join cameras over the views that they share.
+    """Join cameras over their shared views.
 
     Args:
         names: of C cameras.
         seen: for each camera and time, (4, 4) cam_from_board, in the camera's own numbering of the corners.
-        board: what was seen.
+        board: the board.
 
     Raises:
         CalibrationError: a camera shares no view with the rest, or its views contradict theirs (named).
@@ -114,7 +113,7 @@ def _spread(times: list[int], most: int) -> list[int]:
 
 
 def _apart(a: FloatArray, b: FloatArray, size: float) -> float:
-    """How far two poses are from each other: radians and, in board sizes, shift."""
+    """Difference of two poses: radians, or board sizes of translation."""
     turn = np.linalg.norm(log_so3(a[:3, :3] @ b[:3, :3].T))
     return float(turn + np.linalg.norm(a[:3, 3] - b[:3, 3]) / (2 * size))
 
@@ -122,8 +121,8 @@ def _apart(a: FloatArray, b: FloatArray, size: float) -> float:
 def _relative(
     name: str, new: Sequence[FloatArray], boards: Sequence[FloatArray], turns: Sequence[FloatArray], size: float
 ) -> FloatArray:
-    """(4, 4) camera_from_world on which most times agree, whichever way round the camera numbered the board."""
-    # candidate[t, g]: the camera's pose if it numbered the board turned by g at t.
+    """(4, 4) camera_from_world on which most times agree, for any numbering of the board by the camera."""
+    # candidate[t, g]: the camera's pose if its numbering of the board at t is rotated by g.
     candidate = [[n @ np.linalg.inv(s) @ np.linalg.inv(w) for s in turns] for n, w in zip(new, boards, strict=True)]
     flat = np.array(candidate).reshape(-1, 4, 4)
     cosine = np.einsum("nij,mij->nm", flat[:, :3, :3], flat[:, :3, :3])
@@ -155,7 +154,7 @@ def _relative(
 
 
 def _is_mirrored(new: Sequence[FloatArray], boards: Sequence[FloatArray]) -> bool:
-    """Whether mirrored pictures explain a camera whose board moves otherwise than the others saw it."""
+    """Whether mirrored images explain a camera in which the board moves differently from the others."""
     flip = np.diag([-1.0, 1, 1])
     normals = np.stack([p[:3, 2] for p in new]), np.stack([p[:3, 2] for p in boards])
     plain = _mismatch(*normals)
@@ -164,6 +163,6 @@ def _is_mirrored(new: Sequence[FloatArray], boards: Sequence[FloatArray]) -> boo
 
 
 def _mismatch(a: FloatArray, b: FloatArray) -> float:
-    """Median angle between directions that a rotation should bring onto each other."""
+    """Median angle between directions that should be related by one rotation."""
     rotation = kabsch(a, b, np.ones(len(a)))
     return float(np.median(np.arccos(np.clip(((a @ rotation.T) * b).sum(axis=1), -1, 1))))

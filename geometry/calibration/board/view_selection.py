@@ -1,4 +1,4 @@
-"""Which moments of a recording are worth using: those that show the board where it was not yet seen."""
+"""Selection of the times of a recording that show the board in new positions."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ def choose_times(
     most: int,
     kept: int | None = None,
 ) -> list[int]:
-    """Moments that together show the board all over every image, at many tilts, and to every pair of cameras.
+    """Select times that together show the board all over every image, at many tilts, and to every pair of cameras.
 
     Args:
-        views: by camera and by time.
+        views: views by camera and by time.
         sizes: (width, height) px by camera.
-        most: how many at most.
-        kept: time that is among them in any case, if there are views of it.
+        most: maximum number of times.
+        kept: time that is selected in any case, if it has views.
 
     Returns:
         Times in order: greedily those that add most, where every field of an image, tilt of the board and pair of
-        cameras is worth less the more often it was had.
+        cameras has less value the more often it was selected.
     """
     times = sorted(set().union(*(v.keys() for v in views.values())))
     if len(times) <= most:
@@ -52,7 +52,7 @@ def choose_times(
 def _traits(
     t: int, views: Mapping[str, Mapping[int, View]], sizes: Mapping[str, tuple[int, int]]
 ) -> dict[tuple[object, ...], float]:
-    """What a moment shows, each with its worth."""
+    """Properties that a time shows, with their values."""
     names = [n for n in views if t in views[n]]
     out: dict[tuple[object, ...], float] = {}
     for n in names:
@@ -67,7 +67,7 @@ def _traits(
 
 
 def _tilt(px: FloatArray) -> tuple[int, int]:
-    """Shape of the seen board, coarsely: how flat, and along which direction."""
+    """Coarse shape of the visible board: foreshortening and its direction."""
     centered = px - px.mean(axis=0)
     values, vectors = np.linalg.eigh(centered.T @ centered)
     flat = int(np.sqrt(max(values[0], 0.0) / max(values[1], 1e-9)) * 4)

@@ -1,1 +1,5 @@
-"""."""
+"""Diagnosis of a calibration: which camera is wrong, and how well each number is known."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -21,7 +21,7 @@ from muybridge.geometry.calibration.diagnosis.findings import (
     Fault,
     Kind,
 )
-from muybridge.geometry.calibration.diagnosis.setup import Setup, Take, left_out, take_of
+from muybridge.geometry.calibration.diagnosis.setup import Setup, Take, leave_one_out_points, take_of
 from muybridge.geometry.calibration.diagnosis.trials import Trial, fault_sizes, is_significant, search_trials
 from muybridge.geometry.calibration.diagnosis.wording import (
     TOO_MANY,
@@ -78,7 +78,7 @@ def diagnose(
         best = max(credible, key=lambda t: t.gain, default=None)
         least = options.min_evidence_more if faults else options.min_evidence
         if best is None or best.gain < least:
-            faults += _unrelated(take, setup, faults, options)
+            faults += _find_unrelated(take, setup, faults, options)
             break
         if step == options.max_faults:
             break
@@ -163,12 +163,12 @@ def _merge_unrelated(faults: list[Fault], names: tuple[str, ...], options: Diagn
     return faults
 
 
-def _unrelated(take: Take, setup: Setup, faults: list[Fault], options: DiagnosisOptions) -> list[Fault]:
+def _find_unrelated(take: Take, setup: Setup, faults: list[Fault], options: DiagnosisOptions) -> list[Fault]:
     """The camera that no explanation corrects, if there is one and no fault of it was found."""
     found = []
     for c, camera in enumerate(setup.cameras):
         px, _ = take.of(setup, c)
-        error = np.linalg.norm(camera.project(left_out(take, setup, c)) - px, axis=-1)
+        error = np.linalg.norm(camera.project(leave_one_out_points(take, setup, c)) - px, axis=-1)
         known = error[np.isfinite(error)]
         typical = float(np.median(known)) if known.size >= 100 else 0.0
         least = max(options.unrelated * max(camera.width, camera.height), options.unrelated_of_person * _person_px(px))

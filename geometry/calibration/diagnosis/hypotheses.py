@@ -1,8 +1,8 @@
-"""What would put one camera right, fitted to points that the other cameras know, and how well a rig then fits.
+"""Corrections of one camera, fitted to the points of the other cameras, and statistics of the errors of a rig.
 
-The numerics of `diagnosis`: a robust pose and focal length of one camera, its shift in time, and the likelihood of
-a take under a rig. Errors follow a bivariate Student distribution, so that wrong 2D points neither draw a fit
-nor decide between two explanations.
+The numerics of the diagnosis: a robust fit of one camera's pose, focal length or time shift, and the comparison of two
+explanations. Errors follow a bivariate Student distribution, so that wrong 2D points influence neither a fit nor the
+choice between explanations.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from muybridge.geometry.sync.clocks import parabola
 _DOF = 3.0  # of the Student distribution: tails of the errors of 2D networks
 _ITERATIONS = 12
 _FEWEST_POINTS = 12
-_FARTHEST = np.array([0.5, 0.5, 0.5, 2.0, 2.0, 2.0, 1.0])  # what else is no correction but another camera
-_STEP = 1e-5  # for differences: a share of the distance, and of the focal length
+_FARTHEST = np.array([0.5, 0.5, 0.5, 2.0, 2.0, 2.0, 1.0])  # bounds of a correction: turn, move, log focal
+_STEP = 1e-5  # for numerical derivatives: a share of the distance, and of the focal length
 
 
 @dataclass(frozen=True)
 class Correction:
-    """What a fit says has to be done to a camera.
+    """A fitted correction of a camera.
 
     Attributes:
         camera: the corrected camera.
         turn: (3,) rotation vector about the camera's own axes, radians.
-        move: (3,) of its centre, in world axes, metres.
+        move: (3,) displacement of its centre in world axes, metres.
         focal: factor on the focal lengths.
-        sd: (7,) standard deviations of turn, move and log focal; zero where held.
+        sd: (7,) standard deviations of turn, move and log focal; zero where not fitted.
     """
 
     camera: Camera
@@ -44,8 +44,8 @@ class Correction:
     sd: FloatArray
 
 
-def changed(camera: Camera, parameters: FloatArray) -> Camera:
-    """A camera turned by (3,) radians about its own axes, moved by (3,) metres, zoomed by exp(log focal)."""
+def perturb_camera(camera: Camera, parameters: FloatArray) -> Camera:
+    """The camera rotated by (3,) radians about its own axes, moved by (3,) metres, and zoomed by exp(log focal)."""
     rotation = exp_so3(parameters[:3]) @ camera.rotation
     center = camera.center_world + parameters[3:6]
     params = list(camera.params)
@@ -63,18 +63,18 @@ def fit_camera(
     free: BoolArray,
     start: Correction | None = None,
 ) -> Correction | None:
-    """A camera's pose or focal length from points that others know, in spite of wrong ones.
+    """Fit a camera's pose or focal length to known points robustly.
 
     Args:
-        camera: where to start.
+        camera: initial camera.
         points_world: (N, 3) metres; NaN where unknown.
-        points_px: (N, 2) px.
+        points_px: (N, 2) px; NaN where unknown.
         sigma: (N,) relative standard deviation.
         free: (7,) which of turn (3), move (3) and log focal are fitted.
-        start: a correction to begin with.
+        start: initial correction.
 
     Returns:
-        None where too few points are known by both.
+        The correction, or None with too few points.
     """
     use = np.isfinite(points_world).all(-1) & np.isfinite(points_px).all(-1) & np.isfinite(sigma)
     use &= np.isfinite(camera.project(points_world)).all(-1)
@@ -89,8 +89,8 @@ def fit_camera(
     information = np.eye(len(chosen))
     best = np.inf
     for _ in range(_ITERATIONS):
-        now = changed(camera, trial)
-        error, jacobian = _linearised(now, world, px)
+        now = perturb_camera(camera, trial)
+        error, jacobian = _linearise(now, world, px)
         error, jacobian = error * weight0[:, None], jacobian[..., chosen] * weight0[:, None, None]
         squares = np.where(np.isfinite(error).all(-1), (error**2).sum(-1), 1e12)
         scale = student_scale(squares, scale)
@@ -108,18 +108,18 @@ def fit_camera(
         trial = np.clip(trial, -_FARTHEST, _FARTHEST)
     sd = np.zeros(7)
     sd[chosen] = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0))
-    return Correction(changed(camera, total), total[:3].copy(), total[3:6].copy(), float(np.exp(total[6])), sd)
+    return Correction(perturb_camera(camera, total), total[:3].copy(), total[3:6].copy(), float(np.exp(total[6])), sd)
 
 
-def _linearised(camera: Camera, world: FloatArray, px: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(N, 2) projected minus observed, and its (N, 2, 7) derivative by turn, move and log focal."""
+def _linearise(camera: Camera, world: FloatArray, px: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(N, 2) projected minus observed, px, and its (N, 2, 7) derivative by turn, move and log focal."""
     lens = camera.posed(np.eye(4)[:3])
     rel = (world - camera.center_world) @ camera.rotation.T
     here = lens.project(rel)
     step = _STEP * np.abs(rel[:, 2])
     by_point = np.stack([lens.project(rel + step[:, None] * axis) - here for axis in np.eye(3)], axis=-1)
     by_point /= step[:, None, None]
-    zoomed = changed(lens, np.array([0, 0, 0, 0, 0, 0, _STEP]))
+    zoomed = perturb_camera(lens, np.array([0, 0, 0, 0, 0, 0, _STEP]))
     out = np.empty((len(world), 2, 7))
     out[..., :3] = np.cross(rel[:, None], by_point)
     out[..., 3:6] = -by_point @ camera.rotation
@@ -130,17 +130,20 @@ def _linearised(camera: Camera, world: FloatArray, px: FloatArray) -> tuple[Floa
 def fit_shift(
     predicted_px: FloatArray, observed: Callable[[float], tuple[FloatArray, FloatArray]], most: int, about: float = 0.0
 ) -> float | None:
-    """By how many frames a camera's landmarks are late.
+    """Estimate by how many frames a camera's landmarks are late.
 
-    Only whole frames are tried, and a parabola says what lies between: landmarks interpolated between frames are
-    means of two, less noisy, and would always seem to fit better.
+    Only whole frames are tried, and a parabola interpolates between them: landmarks interpolated between frames are
+    averages with less noise, which would always seem to fit better.
 
     Args:
-        predicted_px: (K, J, 2) where the other cameras put the landmarks.
-        observed: gives (K, J, 2) px and (K, J) relative standard deviations of the camera's landmarks, taken so
-            many frames later.
-        most: shifts up to this many frames from `about` are tried.
-        about: a whole number to begin with.
+        predicted_px: (K, J, 2) projections of the other cameras' points, px.
+        observed: returns (K, J, 2) px and (K, J) relative standard deviations of the camera's landmarks at a given
+            delay, frames.
+        most: largest distance from `about` that is tried, frames.
+        about: initial delay, a whole number of frames.
+
+    Returns:
+        The delay, frames, or None with too few points.
     """
 
     def cost(shift: float, every: int = 1) -> tuple[float, int]:
@@ -161,10 +164,10 @@ def fit_shift(
     return best + k - 2 + parabola(-near, k)
 
 
-def alike(errors: FloatArray) -> float:
-    """How many frames count as one: a landmark's error in a camera is much the same for many frames.
+def frames_per_observation(errors: FloatArray) -> float:
+    """Number of frames that count as one independent observation, since errors of a landmark persist over frames.
 
-    The variance of each error's mean over the take, over what it would be if frames were independent.
+    The variance of each error's mean over the take, relative to its value for independent frames.
 
     Args:
         errors: (C, K, J, 2) in standard deviations; NaN where unknown.
@@ -181,9 +184,9 @@ def alike(errors: FloatArray) -> float:
 
 
 def paired_score(before: FloatArray, after: FloatArray) -> float:
-    """How sure it is that errors have become smaller: the mean gain over its standard error.
+    """Significance of a decrease of errors: the mean gain divided by its standard error.
 
-    Each landmark of each camera counts once, as what it gains in one frame it gains in the next (Vuong, "Likelihood
+    Each landmark of each camera counts once, because gains in consecutive frames are dependent (Vuong, "Likelihood
     ratio tests for model selection and non-nested hypotheses", 1989, with clusters).
 
     Args:

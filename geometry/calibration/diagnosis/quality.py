@@ -1,8 +1,8 @@
-"""How good a calibration is: residuals over the image, what was covered, and how well each number is known.
+"""Quality of a calibration: residuals over the image, coverage, and the precision of each parameter.
 
-A small residual is not enough: with few or badly placed points a focal length of any size fits. So the figures
-that matter stand beside it: the standard deviations of focal length and position from the adjustment
-(`adjust`), the share of the image and of the room that was looked at, and which camera disagrees (`diagnosis`).
+A small residual is not sufficient: with few or badly placed points any focal length fits. The decisive figures are the
+standard deviations of focal length and position from the bundle adjustment, the observed share of the image and of the
+room, and which camera disagrees with the others (`diagnosis`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from muybridge.geometry.calibration.bundle_adjustment.lens_jacobians import ADJU
 from muybridge.geometry.calibration.bundle_adjustment.result import CalibrationResult, Misfit, image_cells, misfits
 from muybridge.geometry.calibration.diagnosis.faults import diagnose
 from muybridge.geometry.calibration.diagnosis.findings import CalibrationDiagnosis, DiagnosisOptions
-from muybridge.geometry.calibration.diagnosis.hypotheses import alike
+from muybridge.geometry.calibration.diagnosis.hypotheses import frames_per_observation
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.robust import RAYLEIGH_MEDIAN
@@ -34,10 +34,10 @@ class ImagePicture:
     """Residuals of one camera over its image, in a grid of square cells.
 
     Attributes:
-        count: (R, Q) observations in each cell.
-        median_px: (R, Q) median length of the residual, NaN where there is none.
-        mean_px: (R, Q, 2) median of observed minus projected.
-        covered: share of the image whose cells have observations.
+        count: (R, Q) number of observations in each cell.
+        median_px: (R, Q) median length of the residual, px; NaN in empty cells.
+        mean_px: (R, Q, 2) median of observed minus projected, px; NaN in empty cells.
+        covered: share of cells with observations.
     """
 
     count: IntArray
@@ -48,15 +48,15 @@ class ImagePicture:
 
 @dataclass(frozen=True)
 class Plan:
-    """The room from above.
+    """Top view of the room.
 
     Attributes:
         low: (2,) corner of the first cell, metres.
         cell: side of a cell, metres.
-        cameras: (R, Q) how many images a point in the middle of the cell at `height` is in; rows along y.
+        cameras: (R, Q) number of cameras that see a point in the middle of the cell at `height`; rows along y.
         height: metres.
-        points: (N, 2) where points were.
-        seen_by_three: share of the points that three cameras or more saw.
+        points: (N, 2) positions of points, metres.
+        seen_by_three: share of the points that three cameras or more see.
     """
 
     low: FloatArray
@@ -69,21 +69,21 @@ class Plan:
 
 @dataclass(frozen=True)
 class CalibrationQuality:
-    """Figures of a calibration.
+    """Quality figures of a calibration.
 
     Attributes:
         cameras: C cameras.
-        source: what it was judged by, as a phrase ("the person's landmarks in 100 frames").
-        count: (C,) observations.
+        source: the observations, as a phrase ("the person's landmarks in 100 frames").
+        count: (C,) number of observations.
         residual_px: (C,) median reprojection error.
         p95_px: (C,) its 95th percentile.
-        leave_one_out_px: (C,) median distance to what the other cameras say; NaN where it was not asked.
-        focal_sd: (C,) standard deviation of the focal length as a share of it; NaN where unknown.
-        position_sd: (C,) metres; NaN where unknown.
+        leave_one_out_px: (C,) median leave-one-camera-out error; NaN where not computed.
+        focal_sd: (C,) relative standard deviation of the focal length; NaN where unknown.
+        position_sd: (C,) standard deviation of the position, metres; NaN where unknown.
         pictures: residuals over each image.
-        plan: the room from above.
-        fitted: whether the calibration was made from these very observations.
-        diagnosis: which camera is wrong; None where it was not asked.
+        plan: top view of the room.
+        fitted: whether the calibration was computed from these observations.
+        diagnosis: faults of cameras; None where not computed.
         misfits: cameras with views that do not fit.
     """
 
@@ -107,8 +107,8 @@ def residual_picture(camera: Camera, points_px: FloatArray, error_px: FloatArray
 
     Args:
         camera: the camera.
-        points_px: (N, 2) where something was observed; NaN where nothing was.
-        error_px: (N, 2) observed minus projected.
+        points_px: (N, 2) observed px; NaN where missing.
+        error_px: (N, 2) observed minus projected, px.
     """
     columns, rows = image_cells(camera)
     use = np.isfinite(points_px).all(-1) & np.isfinite(error_px).all(-1)
@@ -130,12 +130,12 @@ def residual_picture(camera: Camera, points_px: FloatArray, error_px: FloatArray
 
 
 def plan_of(cameras: CameraGroup, points_world: FloatArray, views: IntArray) -> Plan:
-    """The room from above.
+    """Top view of the room.
 
     Args:
         cameras: C cameras.
-        points_world: (N, 3) metres, where something was seen.
-        views: (N,) how many cameras saw each.
+        points_world: (N, 3) observed points, metres.
+        views: (N,) number of cameras that see each point.
     """
     known = np.isfinite(points_world).all(-1)
     points, views = points_world[known], views[known]
@@ -166,14 +166,14 @@ def check_take(
     diagnosis: DiagnosisOptions | None = DiagnosisOptions(),  # noqa: B008 - frozen
     source: str = "",
 ) -> CalibrationQuality:
-    """Judge a calibration by landmarks of a take.
+    """Check a calibration by the landmarks of a take.
 
     Args:
         cameras: C cameras.
         points_px: (C, T, J, 2) px of one person, NaN where missing.
-        variance_px2: (C, T, J).
-        diagnosis: how a culprit is looked for; None: it is not.
-        source: phrase for where the landmarks are from.
+        variance_px2: (C, T, J) px^2.
+        diagnosis: options of the diagnosis; None: no diagnosis.
+        source: phrase that describes the landmarks.
 
     Raises:
         ValueError: arrays that do not match the cameras.
@@ -204,17 +204,17 @@ def check_take(
 
 
 def check_solved(result: CalibrationResult, source: str, cameras: CameraGroup | None = None) -> CalibrationQuality:
-    """Judge a calibration by the adjustment that it came from (a board, or known points).
+    """Check a calibration by the adjustment that it results from (a board, or known points).
 
     Args:
         result: the adjustment.
-        source: phrase for what it was adjusted to.
-        cameras: the same cameras where they were put in another world since.
+        source: phrase that describes the observations.
+        cameras: the same cameras, if they were transformed to another world afterwards.
     """
     world = result.points_world
     if cameras is None:
         cameras = result.cameras
-    else:  # the first camera takes its points along
+    else:  # transform the points with the first camera
         seen = world @ result.cameras[0].rotation.T + result.cameras[0].translation
         world = (seen - cameras[0].translation) @ cameras[0].rotation
     error = -result.residuals_px
@@ -241,7 +241,7 @@ def check_solved(result: CalibrationResult, source: str, cameras: CameraGroup | 
 
 
 def _quantile(values: FloatArray, q: float) -> FloatArray:
-    """(C,) quantiles over all but the first axis; NaN where there is nothing."""
+    """(C,) quantiles over all but the first axis; NaN where there are no values."""
     flat = values.reshape(len(values), -1)
     known = [row[np.isfinite(row)] for row in flat]
     return np.array([np.quantile(k, q) if k.size else np.nan for k in known])
@@ -250,9 +250,9 @@ def _quantile(values: FloatArray, q: float) -> FloatArray:
 def _known_to(
     cameras: CameraGroup, points_px: FloatArray, variance_px2: FloatArray, points_world: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """What these landmarks alone say of each focal length and position: standard deviations (share, metres).
+    """Precision of each focal length and position from these landmarks alone: standard deviations (share, metres).
 
-    Lens and pose of all cameras are freed and adjusted with the points; that errors persist over frames counts.
+    Lens and pose of all cameras are adjusted together with the points; correlation of errors over time is considered.
     """
     nothing = np.full(len(cameras), np.nan)
     if any(c.model not in ADJUSTABLE_MODELS for c in cameras):
@@ -281,6 +281,6 @@ def _known_to(
     result = adjust(problem)
     errors = np.full((*seen.shape, 2), np.nan)
     errors[seen] = result.residuals_px / problem.sigma_px[:, None]
-    grown = np.sqrt(alike(errors))
+    grown = np.sqrt(frames_per_observation(errors))
     focal = np.array([c.params[0] for c in result.cameras])
     return result.focal_std / focal * grown, result.position_std * grown

@@ -1,4 +1,4 @@
-"""A rig and a take as `diagnosis` tries them: cameras, whose files they have, and when those begin."""
+"""Hypothetical setups of a rig, with corrected cameras, video files and time shifts, and their fit to a take."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from muybridge.geometry.numerics.robust import student_cost, student_scale
 from muybridge.geometry.sync.clocks import resample
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, take_noise, triangulate
 
-_BLOCKS = 6  # of frames, fitted and held out in turn
+_BLOCKS = 6  # number of blocks of frames, which belong to the two halves in turn
 FEWEST_FRAMES = 8
 _MOST_LANDMARKS = 25
 _MOST_POINTS = 1800
@@ -22,7 +22,7 @@ _MOST_POINTS = 1800
 
 @dataclass(frozen=True)
 class Setup:
-    """Cameras, and which landmarks they get from when."""
+    """A rig under a hypothesis: its cameras, the time shift of each video (frames), and each camera's video file."""
 
     cameras: CameraGroup
     shifts: tuple[float, ...]
@@ -131,7 +131,7 @@ def rig_errors(take: Take, setup: Setup, rows: BoolArray | None = None) -> Float
     return np.asarray(error / take.sigma(variance)[..., None])
 
 
-def weighed(parts: list[FloatArray]) -> tuple[float, float, FloatArray]:
+def robust_cost(parts: list[FloatArray]) -> tuple[float, float, FloatArray]:
     """Mean robust cost, scale in px, and the concatenated errors."""
     errors = np.concatenate(parts, axis=1)
     squares = (errors**2).sum(-1)
@@ -140,7 +140,7 @@ def weighed(parts: list[FloatArray]) -> tuple[float, float, FloatArray]:
     return float(student_cost(known, scale).mean()), scale, errors
 
 
-def left_out(take: Take, setup: Setup, c: int) -> FloatArray:
+def leave_one_out_points(take: Take, setup: Setup, c: int) -> FloatArray:
     """(K, J, 3) points triangulated from all cameras other than c."""
     rest = [k for k in range(len(setup.cameras)) if k != c]
     px, variance = take.all(setup)

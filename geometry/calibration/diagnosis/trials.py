@@ -12,17 +12,17 @@ from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.calibration.diagnosis.findings import DiagnosisOptions, Kind
 from muybridge.geometry.calibration.diagnosis.hypotheses import (
     Correction,
-    alike,
     fit_camera,
     fit_shift,
+    frames_per_observation,
     paired_score,
 )
 from muybridge.geometry.calibration.diagnosis.setup import (
     Setup,
     Take,
-    left_out,
+    leave_one_out_points,
     rig_errors,
-    weighed,
+    robust_cost,
     with_correction,
     with_files,
     with_shift,
@@ -74,10 +74,10 @@ def fault_sizes(trial: Trial) -> tuple[float, float, float]:
 
 def search_trials(take: Take, setup: Setup, options: DiagnosisOptions) -> tuple[float, list[Trial]]:
     """All explanations for a setup, scored, and the scale of the setup's own errors in px (returned first)."""
-    cost, noise, errors = weighed([rig_errors(take, setup)])
+    cost, noise, errors = robust_cost([rig_errors(take, setup)])
     found: list[tuple[float, FloatArray, Trial]] = []
     for trial, halves in _trials(take, setup, options):
-        trial_cost, _, trial_errors = weighed(halves)
+        trial_cost, _, trial_errors = robust_cost(halves)
         found.append((trial_cost, trial_errors, trial))
     lowest = min(found, key=lambda f: f[0], default=(cost, errors, None))
     best_errors = lowest[1] if lowest[0] < cost else errors
@@ -85,7 +85,7 @@ def search_trials(take: Take, setup: Setup, options: DiagnosisOptions) -> tuple[
     known = np.isfinite(errors[..., 0])
     views = known.sum() / max(known.any(axis=0).sum(), 1)
     # Triangulation fits three parameters per point, which reduces the residuals' degrees of freedom.
-    independent = max(float(known.sum() * (1 - 1.5 / views)) / alike(best_errors / scale), 2.0)
+    independent = max(float(known.sum() * (1 - 1.5 / views)) / frames_per_observation(best_errors / scale), 2.0)
     order = np.argsort(np.concatenate([np.flatnonzero(take.held), np.flatnonzero(~take.held)]))
     trials = []
     for trial_cost, trial_errors, trial in found:
@@ -99,7 +99,7 @@ def _trials(take: Take, setup: Setup, options: DiagnosisOptions) -> Iterator[tup
     """Every explanation with its errors in the two halves of the frames, each half held out from the fit."""
     halves = (take.held, ~take.held)
     for c in range(len(setup.cameras)):
-        points = left_out(take, setup, c)
+        points = leave_one_out_points(take, setup, c)
         for kind, free in _FREE.items():
             both = _fit(take, setup, c, points, free, np.ones_like(take.held))
             one, two = (_fit(take, setup, c, points, free, rows, both) for rows in halves)

@@ -1,12 +1,11 @@
 """The TOML calibrations of Pose2Sim, Anipose (also FreeMoCap's) and Caliscope.
 
-They agree on the content of a camera's table: `size`, `matrix`, `distortions` (OpenCV's order), `rotation`
-(a rotation vector, or by rows a matrix in some Caliscope files), `translation` (both `cam_from_world`) and
-`fisheye`. They differ in where the tables are and how cameras are named:
+A camera's table has the same content in all of them: `size`, `matrix`, `distortions` (OpenCV's order), `rotation` (a
+rotation vector, or a matrix by rows in some Caliscope files), `translation` (both `cam_from_world`) and `fisheye`. They
+differ in the position of the tables and in the names of the cameras:
 
-- Pose2Sim, Anipose: tables at the top level, the camera's name in `name`, else the table's.
-- Caliscope: tables in `cameras`, named after `cam_id` (older: `port`): ``cam_0`` or ``port_0``, as
-  its videos are.
+- Pose2Sim, Anipose: tables at the top level; the camera's name is in `name`, else that of the table.
+- Caliscope: tables in `cameras`, named after `cam_id` (older files: `port`): ``cam_0`` or ``port_0``, like its videos.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ _MISSING: tuple[Any, ...] = (None, "null", "None", [])
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The table of a TOML text; `Malformed`, with line and column, if it is none."""
+    """Parse a TOML text; raises `Malformed` with line and column."""
     try:
         return tomllib.loads(text)
     except RecursionError:
@@ -48,11 +47,11 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def read_rig_toml(text: str) -> Calibration:
-    """Cameras of a Pose2Sim, Anipose or Caliscope TOML.
+    """Read the cameras of a Pose2Sim, Anipose or Caliscope TOML.
 
-    The unit of the translations is that of `unit` in the table `metadata`, if there is one (m, cm, mm, in);
-    else see `in_metres`. Cameras that Caliscope ignores are left out, and those without a pose if two others have one;
-    notes say so.
+    The unit of the translations is `unit` in the table `metadata`, if there is one (m, cm, mm, in), otherwise see
+    `in_metres`. Cameras that Caliscope ignores are left out, and those without a pose if two others have one; notes
+    report this.
 
     Raises:
         Malformed: what is wrong, with line or camera and field.

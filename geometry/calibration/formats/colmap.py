@@ -1,9 +1,8 @@
 """COLMAP models: the files `cameras` and `images`, as text or binary.
 
-Every registered image becomes a camera: lens from `cameras`, pose and name from `images`. The files are read
-here and not by pycolmap's `Reconstruction`, whose binary reader does not return from some truncated files;
-the two needed files are simple, and points, rigs and frames are not needed. The layout is the one that
-COLMAP documents under "Output format".
+Every registered image becomes a camera: lens from `cameras`, pose and name from `images`. The files are not read by
+pycolmap's `Reconstruction`, whose binary reader does not return from some truncated files; the two files are simple,
+and points, rigs and frames are not needed. The layout is documented by COLMAP under "Output format".
 """
 
 from __future__ import annotations
@@ -41,12 +40,12 @@ class _Image:
 
 
 def is_colmap_file(path: Path) -> bool:
-    """Whether the name is that of one of a COLMAP model's files (the binary ones have no other mark)."""
+    """Whether the name is that of a file of a COLMAP model (binary files have no other mark)."""
     return path.suffix in (".bin", ".txt") and path.stem in _FILES
 
 
 def colmap_files(folder: Path) -> tuple[Path, Path] | None:
-    """The files `cameras` and `images` of the model in a folder (binary rather than text), or None."""
+    """The files `cameras` and `images` of the model in a folder (binary is preferred to text), or None."""
     for suffix in (".bin", ".txt"):
         pair = folder / f"cameras{suffix}", folder / f"images{suffix}"
         if pair[0].is_file() and pair[1].is_file():
@@ -55,11 +54,11 @@ def colmap_files(folder: Path) -> tuple[Path, Path] | None:
 
 
 def read_colmap(cameras_path: Path, images_path: Path) -> Calibration:
-    """Cameras of a COLMAP model, in the order of the images' names.
+    """Read the cameras of a COLMAP model.
 
-    Cameras are in the order of their images' numbers. A camera's name is its image's file name without the ending
-    of an image; where those repeat (cam01/0.png, cam02/0.png), the folder's name; where those repeat too, the whole
-    path without it, with _ for /.
+    Cameras are in the order of their images' numbers. A camera's name is its image's file name without the suffix of an
+    image; where those repeat (cam01/0.png, cam02/0.png), the folder's name; where those repeat too, the whole path
+    without suffix, with _ for /.
 
     Raises:
         Malformed: what is wrong, with file and line or record.
@@ -103,7 +102,7 @@ def _camera_names(image_names: Sequence[str]) -> list[str]:
 
 
 def _lens(model: str, width: int, height: int, params: Sequence[float]) -> Any:
-    """A pycolmap camera whose numbers make sense."""
+    """A pycolmap camera with valid values."""
     if model not in CAMERA_MODELS:
         raise Malformed(f"camera model {model[:40]} is not supported; supported: {', '.join(CAMERA_MODELS)}")
     if not (0 < width <= 1_000_000 and 0 < height <= 1_000_000):
@@ -201,7 +200,7 @@ def _text_images(data: bytes) -> list[_Image]:
 
 
 class _Reader:
-    """Takes little-endian numbers off a byte string and notices its end."""
+    """Reads little-endian values from a byte string and detects its end."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data

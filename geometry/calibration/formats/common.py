@@ -1,4 +1,4 @@
-"""What the readers of calibration files share: checks of numbers, OpenCV's lens terms, units and axes."""
+"""Shared parsing of calibration formats: checks of values, OpenCV's lens terms, units and axes."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from muybridge.geometry.cameras.group import CameraGroup
 
 
 class Malformed(ValueError):
-    """What is wrong inside a file; the caller, who knows the file's name, makes a CalibrationError of it."""
+    """An error inside a file; the caller, who knows the file's name, converts it to a CalibrationError."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibration as it was read.
+    """The content of a calibration file.
 
     Attributes:
         cameras: the cameras, in the file's order.
-        format: the name of the file's format, e.g. ``"Qualisys"``.
-        notes: sentences that a user should read: what was assumed, what was left out.
-        no_pose: names of cameras that are left out, for the file does not say where they are.
-        guessed_sizes: names of the cameras whose images' size is not in the file and was guessed from the principal
-            point, which lies up to a tenth of the picture beside its middle.
+        format: name of the file's format, e.g. ``"Qualisys"``.
+        notes: sentences for the user: assumptions, and what was left out.
+        no_pose: names of cameras that were left out because the file contains no pose of them.
+        guessed_sizes: names of cameras whose image size is not in the file and was guessed from the principal point,
+            which is up to a tenth of the image away from its centre.
     """
 
     cameras: CameraGroup
@@ -41,23 +41,23 @@ class Calibration:
 
 
 def left_out_note(no_pose: Sequence[str]) -> tuple[str, ...]:
-    """What is said of cameras without a pose."""
+    """A note on cameras without a pose."""
     return (f"left out, as they have no pose: {', '.join(no_pose)}",) if no_pose else ()
 
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
-"""Metres in each unit that a file may name."""
+"""Metres per unit that a file may state."""
 
-# No room with people in it has cameras farther apart than this many metres; a rig in millimetres has.
+# Cameras of one room are never farther apart than this, metres; those of a rig in millimetres are.
 _WIDEST_RIG_M = 100.0
-# Qualisys prints six decimals, hand-typed files four; what is farther from a rotation is a wrong number.
+# Qualisys prints six decimals, hand-typed files have four; a larger deviation from a rotation is an error.
 _ROTATION_TOLERANCE = 5e-3
-# Skew below this share of the focal length is less than a pixel anywhere; lenses have none.
+# Skew below this share of the focal length is less than a pixel everywhere; lenses have none.
 _SKEW_TOLERANCE = 1e-3
 
 
 def number(value: Any, what: str) -> float:
-    """`value` as a finite float; strings that hold a number count (older Caliscope files have them)."""
+    """`value` as a finite float; strings that contain a number are accepted (older Caliscope files have them)."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise Malformed(f"{what} is {_brief(value)}, not a number")
     try:
@@ -73,9 +73,9 @@ def numbers(value: Any, what: str, counts: Sequence[int] = ()) -> FloatArray:
     """A nested list of numbers, flattened.
 
     Args:
-        value: what the file holds.
-        what: its name, for the message.
-        counts: how many numbers are valid; any number of them if empty.
+        value: the value in the file.
+        what: its name, for messages.
+        counts: valid numbers of elements; any if empty.
     """
     flat: list[float] = []
     pending = [value]
@@ -110,7 +110,7 @@ def rotation_from(values: FloatArray, what: str) -> FloatArray:
         raise Malformed(f"{what} is not a rotation matrix: it mirrors (determinant -1)")
     u, _, vt = np.linalg.svd(matrix)
     nearest: FloatArray = np.asarray(u @ vt, dtype=np.float64)
-    # Leave a matrix that is exact to rounding as it stands, so that files of full precision keep their bits.
+    # A matrix that is exact up to rounding is kept as it is, so that files of full precision keep their bits.
     return matrix.copy() if np.abs(nearest - matrix).max() < 1e-14 else nearest
 
 
@@ -148,7 +148,7 @@ def opencv_lens(matrix: FloatArray, distortion: FloatArray, fisheye: bool) -> tu
 
 
 def parse_xml(text: str) -> ET.Element:
-    """The root of an XML text; `Malformed` if it is none."""
+    """Parse an XML text; raises `Malformed`."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise Malformed("the XML declares entities, which a calibration never needs")
     try:
@@ -158,7 +158,7 @@ def parse_xml(text: str) -> ET.Element:
 
 
 def make_camera(name: str, lens: tuple[str, tuple[float, ...]], size: tuple[int, int], pose: FloatArray) -> Camera:
-    """A `Camera`, its ValueErrors turned into `Malformed`."""
+    """A `Camera`; its ValueErrors are converted to `Malformed`."""
     try:
         return Camera(name, lens[0], size[0], size[1], lens[1], pose)
     except ValueError as error:
@@ -166,7 +166,7 @@ def make_camera(name: str, lens: tuple[str, tuple[float, ...]], size: tuple[int,
 
 
 def make_group(cameras: Sequence[Camera]) -> CameraGroup:
-    """A `CameraGroup`, its ValueErrors turned into `Malformed`."""
+    """A `CameraGroup`; its ValueErrors are converted to `Malformed`."""
     try:
         return CameraGroup(tuple(cameras))
     except ValueError as error:
@@ -174,13 +174,13 @@ def make_group(cameras: Sequence[Camera]) -> CameraGroup:
 
 
 def in_metres(cameras: CameraGroup, unit: str | None, where: str) -> tuple[CameraGroup, tuple[str, ...]]:
-    """Cameras whose translations are in `unit`, moved to metres.
+    """Convert cameras whose translations are in `unit` to metres.
 
     Args:
-        cameras: as the file has them.
-        unit: one of `UNITS_M`, or None if the file does not say. Then metres are taken, unless the cameras
-            would be more than 100 m apart: then millimetres, which is said in a note.
-        where: how the user would state the unit, for the note.
+        cameras: the cameras in the file.
+        unit: one of `UNITS_M`, or None if the file states none. Then metres are assumed, unless the cameras would be
+            more than 100 m apart: then millimetres, which is reported in a note.
+        where: how the user can state the unit, for the note.
     """
     notes: tuple[str, ...] = ()
     if unit is not None and unit not in UNITS_M:
@@ -201,11 +201,11 @@ def in_metres(cameras: CameraGroup, unit: str | None, where: str) -> tuple[Camer
 
 
 def far_apart_note(cameras: CameraGroup, what: str) -> tuple[str, ...]:
-    """A note where cameras are more than 100 m apart, as they are where metres were not meant.
+    """A note where cameras are more than 100 m apart, which suggests that the user's values are not in metres.
 
     Args:
-        cameras: made from what the user gave, taken for metres.
-        what: that is to be in metres, for the note.
+        cameras: cameras computed from the user's values as metres.
+        what: the values that must be in metres, for the note.
     """
     span = _span(cameras)
     if span <= _WIDEST_RIG_M:

@@ -1,7 +1,8 @@
 """EasyMocap's calibration: `intri.yml` (K_NAME, dist_NAME) and `extri.yml` (R_NAME or Rot_NAME, T_NAME) side by side.
 
-Both hold the sequence `names`. R is a rotation vector, Rot a matrix; they take world to camera, in metres. Newer files
-say the image's size (`H_NAME`, `W_NAME`); without it, it is guessed as twice the principal point, which is noted.
+Both contain the sequence `names`. R is a rotation vector, Rot a matrix; they map world to camera, in metres. Newer
+files contain the image size (`H_NAME`, `W_NAME`); without it, it is guessed as twice the principal point, which is
+noted.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ _PAIR = ("intri", "extri")
 
 
 def easymocap_sibling(path: Path) -> Path | None:
-    """The other file of the pair, where the name is that of one (`intri.yml`, `my_extri.yaml`)."""
+    """The other file of the pair, if the name is that of one (`intri.yml`, `my_extri.yaml`)."""
     for one, other in (_PAIR, _PAIR[::-1]):
         if one in path.stem:
             return path.with_name(path.stem.replace(one, other) + path.suffix)
@@ -42,10 +43,10 @@ def easymocap_sibling(path: Path) -> Path | None:
 
 
 def read_easymocap(text: str, path: Path) -> Calibration:
-    """Cameras of a pair of files, of which one is given.
+    """Read the cameras of a pair of files, one of which is given.
 
     Raises:
-        Malformed: what is wrong, with camera and key; also where the other file is not there.
+        Malformed: what is wrong, with camera and key; also if the other file is missing.
     """
     data = parse_yaml(text)
     sibling = easymocap_sibling(path)
@@ -85,7 +86,7 @@ def read_easymocap(text: str, path: Path) -> Calibration:
 
 
 def _name(value: Any) -> str:
-    if isinstance(value, float):  # a name that YAML takes for a number
+    if isinstance(value, float):  # a name that YAML parses as a number
         return f"{value:g}"
     if not isinstance(value, str) or not value:
         raise Malformed("a name in `names` is no text")

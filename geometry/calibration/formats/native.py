@@ -1,4 +1,4 @@
-"""Muybridge's own calibration file: readable TOML with a version, which keeps every float exactly.
+"""Muybridge's own calibration file: readable TOML with a version number; floats are stored exactly.
 
 ```toml
 muybridge_calibration = 1
@@ -45,7 +45,7 @@ _HEADER = """\
 
 
 def read_native(text: str) -> Calibration:
-    """Cameras of our own TOML.
+    """Read the cameras of our own TOML.
 
     Raises:
         Malformed: what is wrong, with line or camera and field.

@@ -1,6 +1,6 @@
 """Cameras in OpenCV's YAML (`cv2.FileStorage`).
 
-OpenCV prescribes no keys. A camera is a map with these, of which any one spelling serves:
+OpenCV defines no keys. A camera is a map with these keys, in any one of the spellings:
 
 | what | keys |
 | --- | --- |
@@ -14,8 +14,8 @@ OpenCV prescribes no keys. A camera is a map with these, of which any one spelli
 | name | camera_name, name (else the key of the map) |
 | unit of the translation | unit: m, cm, mm, in (at the top of the file) |
 
-Rotation and translation take world to camera, as `solvePnP` and `calibrateCamera` return them. A file holds
-one camera at its top level; or a map a camera, under the cameras' names; or a sequence `cameras` of maps. Several files
+Rotation and translation map world to camera, as `solvePnP` and `calibrateCamera` return them. A file contains one
+camera at its top level; or one map per camera, under the cameras' names; or a sequence `cameras` of maps. Several files
 of one camera each make a rig.
 """
 
@@ -55,13 +55,13 @@ _TRANSLATION = ("translation", "T", "t", "tvec", "translation_vector")
 _EXTRINSIC = ("extrinsic_parameters", "extrinsic_matrix", "cam_from_world")
 _NAME = ("camera_name", "name")
 MATRIX_KEYS = _MATRIX
-"""Spellings of the key that marks a camera."""
+"""Spellings of the key that identifies a camera."""
 
 _MAX_DEPTH = 8
 
 
 def read_opencv_yaml(text: str, file_stem: str) -> Calibration:
-    """Cameras of an OpenCV YAML file.
+    """Read the cameras of an OpenCV YAML file.
 
     Args:
         text: the file's content; the `%YAML` line may be missing.
@@ -102,7 +102,7 @@ def is_one_camera(text: str) -> bool:
 
 
 def _cameras_in(data: dict[str, Any], file_stem: str) -> list[tuple[str, dict[str, Any]]]:
-    """The cameras of a file by their names, as they stand there."""
+    """The cameras of a file by name, unparsed."""
     found: list[tuple[str, dict[str, Any]]] = []
     if _is_camera(data):
         found = [(_label(data, file_stem), data)]
@@ -192,7 +192,7 @@ def _label(item: dict[str, Any], default: str) -> str:
 
 
 def _key(item: dict[str, Any], spellings: tuple[str, ...]) -> str | None:
-    """The spelling that is there; two at once are an error, as nobody could say which one counts."""
+    """The spelling that is used; two at once are an error, since it is undefined which one counts."""
     present = [key for key in spellings if key in item]
     if len(present) > 1:
         raise Malformed(f"{' and '.join(present)} are both given and mean the same: keep one")
@@ -200,14 +200,14 @@ def _key(item: dict[str, Any], spellings: tuple[str, ...]) -> str | None:
 
 
 def array_of(item: dict[str, Any], spellings: tuple[str, ...]) -> FloatArray:
-    """A matrix, given as OpenCV's rows, cols and data or as a plain list, flattened."""
+    """A flattened matrix, given as OpenCV's rows, cols and data or as a plain list."""
     key = _key(item, spellings)
     if key is None:
         raise Malformed(f"missing: {', '.join(spellings)}")
     value = item[key]
     if isinstance(value, dict):
         data = numbers(value.get("data", []), f"data of {key}")
-        if "sizes" in value:  # an array of other than two dimensions
+        if "sizes" in value:  # an array with more or fewer than two dimensions
             return data
         rows, cols = (
             number(value.get("rows", -1), f"rows of {key}"),
@@ -220,7 +220,7 @@ def array_of(item: dict[str, Any], spellings: tuple[str, ...]) -> FloatArray:
 
 
 def parse_yaml(text: str) -> dict[str, Any]:
-    """The whole file as dicts, lists, strings and floats."""
+    """Parse a file to dicts, lists, strings and floats."""
     if not text.startswith("%YAML"):
         body = text if text.lstrip().startswith("---") else "---\n" + text
         text = "%YAML:1.0\n" + body
@@ -255,7 +255,7 @@ def _plain(node: Any, depth: int) -> Any:
 
 
 def yaml_matrix(name: str, values: FloatArray, indent: str = "") -> str:
-    """A matrix under a key, as `cv2.FileStorage` writes it."""
+    """A matrix under a key, in the format of `cv2.FileStorage`."""
     table = np.atleast_2d(values)
     data = ", ".join(repr(float(v)) for v in table.ravel())
     return (

@@ -1,10 +1,10 @@
-"""OptiTrack Motive's camera calibration: `.mcal` (XML), or a CSV table of the same attributes, one row a camera.
+"""OptiTrack Motive's camera calibration: `.mcal` (XML), or a CSV table of the same attributes with one row per camera.
 
 Per camera, as Motive writes it: `Serial`, `ImagerPixelWidth`, `ImagerPixelHeight`; lens `LensCenterX`, `LensCenterY`,
 `HorizontalFocalLength`, `VerticalFocalLength` (px), `k1`, `k2`, `k3`, `TangentialX`, `TangentialY`; pose `X`, `Y`, `Z`
 (the centre, metres, Y up) and `OrientMatrix0..8` (by rows, camera to world, camera axes right, up, backwards).
 
-The world is turned to Z up: (x, y, z) becomes (x, -z, y).
+The world is rotated to Z up: (x, y, z) becomes (x, -z, y).
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ _LENS = ("LensCenterX", "LensCenterY", "HorizontalFocalLength", "VerticalFocalLe
 _BENT = ("k1", "k2", "TangentialX", "TangentialY", "k3")
 _TURN = tuple(f"OrientMatrix{k}" for k in range(9))
 _COLUMNS = ("Serial", "ImagerPixelWidth", "ImagerPixelHeight", *_LENS, *_BENT, "X", "Y", "Z", *_TURN)
-_FLIP = np.diag([1.0, -1.0, -1.0])  # right, up, backwards and right, down, forwards
+_FLIP = np.diag([1.0, -1.0, -1.0])  # between the axes right, up, backwards and right, down, forwards
 _ZUP_FROM_YUP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 def read_optitrack(text: str) -> Calibration:
-    """Cameras of an `.mcal` file or of a CSV table.
+    """Read the cameras of an `.mcal` file or of a CSV table.
 
     Raises:
         Malformed: what is wrong, with camera and column or attribute.
@@ -83,11 +83,11 @@ def _cameras(rows: list[dict[str, str]]) -> Calibration:
         except Malformed as error:
             raise Malformed(f"camera {name}: {error}") from None
     centers = np.stack([o[-1] for o in others])
-    notes = ["Motive's world has Y up: it was turned to Z up", "Motive's lens terms were taken as OpenCV's"]
+    notes = ["Motive's world has Y up: it was rotated to Z up", "Motive's lens terms were read as OpenCV's"]
     world_from_cams = np.stack(turns)
     if _meet(world_from_cams.transpose(0, 2, 1), centers) < 0.5 * _meet(world_from_cams, centers):
         world_from_cams = world_from_cams.transpose(0, 2, 1)
-        notes.append("the orientations were read by columns, as the cameras look at one place only then")
+        notes.append("the orientations were read by columns, since only then the cameras look at a common point")
     cameras: list[Camera] = []
     for (name, lens, size, center), turn in zip(others, world_from_cams, strict=True):
         rotation = _FLIP @ turn.T @ _ZUP_FROM_YUP.T
@@ -111,7 +111,7 @@ def _value(row: Mapping[str, str], key: str) -> float:
 
 
 def _meet(world_from_cams: FloatArray, centers: FloatArray) -> float:
-    """How far, on the whole, cameras look past the place that they look at; 0 for one camera."""
+    """Mean distance between the cameras' viewing axes and their common point; 0 for one camera."""
     axes = -world_from_cams[:, :, 2]
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     middle = np.linalg.lstsq(across.sum(0), np.einsum("cij,cj->i", across, centers), rcond=1e-9)[0]

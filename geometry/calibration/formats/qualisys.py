@@ -2,10 +2,10 @@
 
 Per camera, as Qualisys writes it:
 
-- `intrinsic`: focal lengths and centre in 1/64 of a sensor pixel; `radialDistortion1..3` and
-  `tangentalDistortion1..2` are OpenCV's k1, k2, k3, p1, p2 as they stand.
-- `transform`: x, y, z is the camera's centre in millimetres; r11..r33 is the rotation into axes with y up and
-  z backwards, so that `cam_from_world = diag(1, -1, -1) [r_ij]`.
+- `intrinsic`: focal lengths and centre in 1/64 of a sensor pixel; `radialDistortion1..3` and `tangentalDistortion1..2`
+  are OpenCV's k1, k2, k3, p1, p2 without conversion.
+- `transform`: x, y, z is the camera's centre in millimetres; r11..r33 is the rotation into axes with y up and z
+  backwards, so that `cam_from_world = diag(1, -1, -1) [r_ij]`.
 - `fov_video`: the window of the sensor that the video shows (last pixel included).
 """
 
@@ -38,9 +38,9 @@ _OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])
 
 
 def read_qualisys(text: str) -> Calibration:
-    """Cameras of a `.qca.txt` file, named by their serial numbers.
+    """Read the cameras of a `.qca.txt` file, named by their serial numbers.
 
-    Cameras that Qualisys marks as inactive or not calibrated are left out, and a note says so.
+    Cameras that Qualisys marks as inactive or not calibrated are left out, which a note reports.
 
     Raises:
         Malformed: what is wrong, with line or camera and field.
@@ -92,7 +92,7 @@ def _camera(name: str, element: ET.Element) -> Camera:
 
 
 def _units_per_pixel(camera: ET.Element, lens: ET.Element, axis: str, ends: tuple[str, str]) -> float:
-    """Lens units in a video pixel: 64, or more where the video is a reduced picture of the sensor."""
+    """Lens units per video pixel: 64, or more where the video is a reduced image of the sensor."""
     whole = camera.find("fov_video_max")
     if whole is None or lens.get(f"sensorMax{axis}") is None:
         return _SUBPIXELS
@@ -100,7 +100,7 @@ def _units_per_pixel(camera: ET.Element, lens: ET.Element, axis: str, ends: tupl
     sensor = _value(lens, f"sensorMax{axis}") - _value(lens, f"sensorMin{axis}", 0.0)
     if last <= first or sensor <= 0:
         return _SUBPIXELS
-    # The sensor's extent is given as 64 * (n - 1) or 64 * n - 1, so a small difference means nothing.
+    # The sensor's extent is given as 64 * (n - 1) or 64 * n - 1, so small differences are ignored.
     units = sensor / (last - first)
     return _SUBPIXELS if abs(units / _SUBPIXELS - 1.0) < 0.02 else units
 

@@ -1,4 +1,4 @@
-"""Finding, recognising, reading and writing calibration files."""
+"""Finding, recognising and reading of calibration files, and writing of our own."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from muybridge.geometry.calibration.formats.easymocap import easymocap_sibling
 from muybridge.geometry.calibration.formats.native import native_text
 from muybridge.geometry.calibration.formats.opencv import is_one_camera, read_opencv_files
 from muybridge.geometry.calibration.formats.table import FORMATS, KNOWN_FORMATS, Reader
-from muybridge.geometry.calibration.gravity import lean_note
+from muybridge.geometry.calibration.gravity import tilt_notes
 from muybridge.geometry.cameras.group import CameraGroup
 
 _KNOWN = "known formats: " + ", ".join(KNOWN_FORMATS)
@@ -23,7 +23,7 @@ _MAX_BYTES = 16 * 2**20
 
 
 def load_calibration(path: Path) -> CameraGroup:
-    """The cameras of a calibration file of any known format; see `read_calibration`."""
+    """Load the cameras of a calibration file of any known format; see `read_calibration`."""
     return read_calibration(path).cameras
 
 
@@ -31,22 +31,22 @@ def read_calibration(path: Path) -> Calibration:
     """Read a calibration file of any known format, recognised by its content.
 
     Args:
-        path: a file; or, for a COLMAP model, its folder or one of its files; or a folder of OpenCV's YAML, one file a
-            camera.
+        path: a file; or, for a COLMAP model, its folder or one of its files; or a folder of OpenCV YAML files with one
+            camera each.
 
     Returns:
-        The cameras (metres, world to camera), the format's name and notes on what was assumed.
+        The cameras (metres, world to camera), the format's name and notes on assumptions.
 
     Raises:
-        CalibrationError: the file cannot be read, is of no known format, or is damaged; the message names the
-            file, what is wrong (line, camera, field) and what would be valid.
+        CalibrationError: the file cannot be read, is of no known format, or is damaged; the message contains the file,
+            what is wrong (line, camera, field) and what would be valid.
     """
     path = Path(path)
     try:
         calibration = _read(path)
     except OSError as error:
         raise CalibrationError(f"{path}: cannot be read: {error.strerror or error}; {_KNOWN}") from None
-    return replace(calibration, notes=(*calibration.notes, *lean_note(calibration.cameras)))
+    return replace(calibration, notes=(*calibration.notes, *tilt_notes(calibration.cameras)))
 
 
 def _read(path: Path) -> Calibration:
@@ -84,7 +84,7 @@ def _read(path: Path) -> Calibration:
 
 
 def _text(path: Path) -> str | None:
-    """The file as text; None if it is binary or too large for a calibration."""
+    """The text of a file; None if it is binary or too large for a calibration."""
     if not path.is_file() or path.stat().st_size > _MAX_BYTES:
         return None
     data = path.read_bytes()
@@ -108,14 +108,14 @@ def _recognise(text: str | None) -> tuple[str, Reader] | None:
 
 
 def find_calibration(session_dir: Path) -> Path:
-    """The calibration of a session folder.
+    """Find the calibration of a session folder.
 
-    That is `calibration.toml` in it; else the one file of a known format directly in its folder
-    `calibration` (a COLMAP model, which is several files, counts as one and is returned as that folder, and so do
-    OpenCV's YAML files of one camera each); else the one directly in the session, where other programs put theirs.
+    That is `calibration.toml` in it; else the only file of a known format directly in its folder `calibration` (a
+    COLMAP model, which consists of several files, counts as one and is returned as that folder, as do OpenCV YAML files
+    of one camera each); else the only one directly in the session folder, where other programs write theirs.
 
     Raises:
-        CalibrationError: none, or several (they are named).
+        CalibrationError: none, or several, whose names the message lists.
     """
     session_dir = Path(session_dir)
     own = session_dir / "calibration.toml"
@@ -164,7 +164,7 @@ def _candidates(folder: Path) -> tuple[list[Path], list[str]]:
             continue
         sibling = easymocap_sibling(path)
         if sibling is not None and sibling in found:
-            continue  # the two files of one calibration
+            continue  # the second file of a pair
         if _recognise(_text(path)):
             found.append(path)
         else:
@@ -173,7 +173,7 @@ def _candidates(folder: Path) -> tuple[list[Path], list[str]]:
 
 
 def _one_camera_each(found: Sequence[Path]) -> dict[str, str]:
-    """The texts, by their files' stems, if all that was found is OpenCV's YAML of one camera a file."""
+    """The texts by file stem, if all files are OpenCV YAML with one camera each."""
     texts: dict[str, str] = {}
     for path in found:
         text = _text(path) if path.is_file() else None
@@ -187,7 +187,7 @@ def _one_camera_each(found: Sequence[Path]) -> dict[str, str]:
 def save_calibration(cameras: CameraGroup, path: Path) -> None:
     """Write cameras as our own TOML, which reads back to the same bits.
 
-    The file is written under a temporary name and renamed, so that a killed run leaves no half file.
+    The file is written under a temporary name and renamed, so that an aborted run leaves no partial file.
 
     Raises:
         OutputError: the file cannot be written.

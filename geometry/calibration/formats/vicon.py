@@ -5,9 +5,9 @@ Per `<Camera>`, as Vicon writes it: `DEVICEID`, `SENSOR_SIZE` (width and height)
 `FOCAL_LENGTH` and `PRINCIPAL_POINT` (px), `VICON_RADIAL2` ("ViconRadial2", two numbers of a centre, then three
 coefficients) or `VICON_RADIAL` (two coefficients).
 
-The coefficients correct a raw pixel: its distance from the principal point grows by 1 + a r^2 + b r^4 + c r^6, with r
-in pixels; OpenCV's distort a corrected one, so they are fitted anew. Coefficients that would be absurd in pixels are
-taken as OpenCV's, for files that were written by others.
+The coefficients correct a raw pixel: its distance from the principal point is multiplied by 1 + a r^2 + b r^4 + c r^6,
+with r in pixels; OpenCV's distort a corrected one, so they are fitted anew. Coefficients that are impossibly large for
+pixels are read as OpenCV's, for files written by other programs.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import matrix_from_quat, quat_from_matrix
 
-_ABSURD = 2.0  # growth of a corner's distance from the centre by a factor of more
+_ABSURD = 2.0  # largest factor on a corner's distance from the centre
 _CARRIED_PX = 0.3
 
 
 def read_vicon(text: str) -> Calibration:
-    """Cameras of an `.xcp` file, named by their `DEVICEID`.
+    """Read the cameras of an `.xcp` file, named by their `DEVICEID`.
 
-    Where there are video cameras among them, only those are kept, and a note says so.
+    If there are video cameras among them, only those are kept, which a note reports.
 
     Raises:
         Malformed: what is wrong, with camera and attribute.
     """
     elements = list(parse_xml(text).iter("Camera"))
     videos = [e for e in elements if "video" in (e.get("TYPE", "") + e.get("DISPLAY_TYPE", "")).lower()]
-    chosen, cameras, not_calibrated, told = videos or elements, [], [], False
+    chosen, cameras, not_calibrated, read_as_opencv = videos or elements, [], [], False
     for position, element in enumerate(chosen, start=1):
         name = (element.get("DEVICEID") or element.get("NAME") or "").strip()
         if not name:
@@ -60,7 +60,7 @@ def read_vicon(text: str) -> Calibration:
         except Malformed as error:
             raise Malformed(f"camera {name}: {error}") from None
         cameras.append(camera)
-        told |= taken
+        read_as_opencv |= taken
     if not cameras:
         raise Malformed("no <Camera> has a <KeyFrame>: the system was not calibrated")
     notes = []
@@ -68,13 +68,13 @@ def read_vicon(text: str) -> Calibration:
         notes.append(f"{len(elements) - len(chosen)} cameras that are no video cameras were left out")
     if not_calibrated:
         notes.append(f"left out, not calibrated: {', '.join(not_calibrated)}")
-    if told:
-        notes.append("the radial coefficients are too large for Vicon's, which count in pixels: taken as OpenCV's")
+    if read_as_opencv:
+        notes.append("the radial coefficients are too large for Vicon's, which refer to pixels: read as OpenCV's")
     return Calibration(make_group(cameras), "Vicon", tuple(notes))
 
 
 def _camera(name: str, element: ET.Element, frame: ET.Element) -> tuple[Camera, bool]:
-    """The camera, and whether its radial coefficients were taken as OpenCV's."""
+    """The camera, and whether its radial coefficients were read as OpenCV's."""
     width, height = (pixel_count(float(v), "SENSOR_SIZE") for v in _numbers(element, "SENSOR_SIZE", (2,)))
     aspect = float(_numbers(element, "PIXEL_ASPECT_RATIO", (1,))[0]) if element.get("PIXEL_ASPECT_RATIO") else 1.0
     focal = float(_numbers(frame, "FOCAL_LENGTH", (1,))[0])
@@ -130,7 +130,7 @@ def vicon_text(cameras: CameraGroup) -> str:
     """The cameras as an `.xcp`.
 
     Raises:
-        ValueError: a lens that Vicon's radial correction cannot carry within 0.3 px.
+        ValueError: a lens that Vicon's radial correction cannot express within 0.3 px.
     """
     rows = ['<?xml version="1.0" encoding="UTF-8"?>', "<Cameras>"]
     for k, camera in enumerate(cameras, start=1):
@@ -152,14 +152,14 @@ def vicon_text(cameras: CameraGroup) -> str:
 
 
 def _vicon_radial(camera: Camera) -> FloatArray:
-    """(3,) coefficients of the correction of raw pixels; ValueError where they do not suffice."""
+    """(3,) coefficients of the correction of raw pixels; ValueError where they are not sufficient."""
     across = np.linspace(0, 1, 15)
     px = np.stack(np.meshgrid(across * (camera.width - 1), across * (camera.height - 1)), axis=-1).reshape(-1, 2)
     matrix = camera.camera_matrix
     raw = (px - matrix[:2, 2]) * [1.0, matrix[0, 0] / matrix[1, 1]]
     straight = camera.unproject(px) * matrix[0, 0]
     known = np.isfinite(straight).all(-1)
-    r2 = (raw**2).sum(-1) / camera.width**2  # of a size that a solver likes
+    r2 = (raw**2).sum(-1) / camera.width**2  # scaled for conditioning
     design = (raw[..., None] * np.stack([r2, r2**2, r2**3], axis=-1)[:, None])[known].reshape(-1, 3)
     wanted = (straight - raw)[known].ravel()
     found = np.linalg.lstsq(design, wanted, rcond=None)[0]

@@ -1,1 +1,1 @@
-"""."""
+"""`muybridge calibrate ...`: commands that make, check and convert calibrations."""

@@ -7,7 +7,7 @@ import tyro
 
 from muybridge.geometry.calibration import ExportFormat, export_calibration, read_calibration
 from muybridge.geometry.calibration.formats.export import export_texts
-from muybridge.infer.commands.calibrate.outputs import check_replaceable
+from muybridge.infer.results.ownership import check_replaceable, refuse_root
 
 
 def convert(
@@ -17,14 +17,18 @@ def convert(
     to: ExportFormat = "muybridge",
     overwrite: bool = False,
 ) -> int:
-    """A calibration of any known format, written in another: Anipose, OpenCV, Vicon, COLMAP and so on.
+    """Convert a calibration between formats: Anipose, OpenCV, Vicon, COLMAP and others.
+
+    Example:
+        muybridge calibrate convert calibration.toml cameras.yml --to opencv
 
     Args:
-        calibration: the file (or a COLMAP model's folder); its format is recognised by its content.
-        out: the file to write; a folder for easymocap and colmap.
-        to: format to write. A lens that it cannot carry is refused.
-        overwrite: replace files there that muybridge did not write; of other programs' formats that cannot be told.
+        calibration: file (or folder of a COLMAP model); its format is recognised by its content.
+        out: file to write; a folder for easymocap and colmap.
+        to: format to write. A lens that it cannot store is refused.
+        overwrite: replace files there that muybridge did not write; other programs' formats do not say who did.
     """
+    refuse_root(out)
     read = read_calibration(calibration)
     for note in read.notes:
         print(f"note: {note}")

@@ -1,4 +1,4 @@
-"""`muybridge calibrate print-board`: a calibration board as a PDF of true size."""
+"""`muybridge calibrate print-board`: a calibration board as a PDF file in true size."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -8,8 +8,8 @@ import tyro
 from muybridge.errors import CalibrationError
 from muybridge.files import replacing
 from muybridge.geometry.calibration.board.pdf import PAPERS, board_pdf
-from muybridge.infer.commands.calibrate.board import BoardChoice, chosen_board
-from muybridge.infer.commands.calibrate.outputs import check_replaceable
+from muybridge.infer.pipelines.calibration.board import BoardChoice
+from muybridge.infer.results.ownership import check_replaceable
 
 
 def print_board(
@@ -18,15 +18,18 @@ def print_board(
     paper: Literal["a4", "a3", "a2", "a1", "a0", "letter", "tabloid", "fit"] = "a4",
     overwrite: bool = False,
 ) -> int:
-    """A calibration board as a PDF of true size, with a ruler to check the printer by.
+    """Make a calibration board as a PDF file in true size, with a ruler to check the print.
+
+    Example:
+        muybridge calibrate print-board board.pdf --columns 7 --rows 5 --square 0.035
 
     Args:
         out: file to write.
-        pattern: what board it is; the same options then describe it to `muybridge calibrate board`.
-        paper: size of the page, turned as fits better; `fit` for one that is as large as the board needs.
+        pattern: the calibration board; the same options describe it to `muybridge calibrate board`.
+        paper: size of the page, turned as needed; `fit` for a page as large as the board needs.
         overwrite: replace OUT.pdf where muybridge did not write it.
     """
-    board = chosen_board(pattern)
+    board = pattern.board_described()
     text = board_pdf(board, None if paper == "fit" else PAPERS[paper])
     if out.suffix.lower() != ".pdf":
         raise CalibrationError(f"{out}: the board is written as a PDF; give a name that ends in .pdf")

@@ -1,1 +1,5 @@
-"""."""
+"""glTF 2.0, VRM among it: read and written."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

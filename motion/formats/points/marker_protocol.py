@@ -34,7 +34,7 @@ def find_marker_set(name: str) -> MarkerPlan:
     if path.is_file():
         return read_marker_set(path)
     near = difflib.get_close_matches(name, SETS, n=1)
-    hint = f"did you mean {near[0]}?" if near else "or name a text file of your own (see docs/labelling.md)"
+    hint = f"did you mean {near[0]}?" if near else "or name a text file of your own (see docs/guides/label-markers.md)"
     raise FormatError(f"no marker set and no file {name!r}; known sets: {', '.join(SETS)}; {hint}")
 
 

@@ -39,9 +39,10 @@ from muybridge.geometry.calibration.people.calibrate import PeopleCalibrationOpt
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
+from muybridge.geometry.sync.audio import audio_clock
 from muybridge.geometry.sync.clocks import Clock
 from muybridge.geometry.sync.epipolar import epipolar_clocks
-from muybridge.geometry.sync.motion import audio_clock, motion_clocks
+from muybridge.geometry.sync.motion import motion_clocks
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.validation import leave_one_out_error
 from muybridge.infer.commands.app import run_command

@@ -32,12 +32,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.calibration import fit_to_video, load_calibration
+from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.diagnosis.faults import diagnose
-from muybridge.geometry.calibration.diagnosis.hypotheses import changed
+from muybridge.geometry.calibration.diagnosis.hypotheses import perturb_camera
 from muybridge.geometry.calibration.people.calibrate import refine_people
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.cameras.video_size import fit_to_video
 from tests.rigs import look_at
 
 Take = tuple[CameraGroup, FloatArray, FloatArray]
@@ -127,7 +128,7 @@ def put_wrong(take: Take, kind: str, c: int, rng: np.random.Generator) -> tuple[
         change[:3] = np.radians(1.0) * axis / np.linalg.norm(axis)
     else:
         change[6] = np.log(1.03 if rng.random() < 0.5 else 1 / 1.03)
-    wrong = changed(cameras[c], change)
+    wrong = perturb_camera(cameras[c], change)
     group = CameraGroup(tuple(wrong if k == c else camera for k, camera in enumerate(cameras)))
     return (group, px, variance), {c}
 

@@ -77,7 +77,7 @@ def make_case(kind: str, rng: np.random.Generator) -> Case:
 def compare(method: str, cases: dict[str, list[Case]]) -> None:
     """One row of the table."""
     row, iterations, seconds, broken = f"| {method} ", [], [], 0
-    prior = load_prior().for_tree(TREE) if method == "examples" else None
+    prior = load_prior().for_tree(TREE) if method == "gmm_prior" else None
     for some in cases.values():
         if prior is not None and some[0][0] is not TREE:
             row += "| "
@@ -123,7 +123,7 @@ def naturalness(methods: list[str]) -> None:
         off = []
         for theta in poses:
             goals = [goal_at(tree, theta, int(last[e]), np.zeros(3)) for e in ends]
-            got = solve_ik(tree, goals, None, method, prior=prior if method == "examples" else None)
+            got = solve_ik(tree, goals, None, method, prior=prior if method == "gmm_prior" else None)
             off.append(np.linalg.norm(tree.forward(got.theta)[1] - tree.forward(theta)[1], axis=1).mean())
         print(f"| {method} | {1e3 * np.mean(off):.1f} |", flush=True)
 

@@ -39,16 +39,16 @@ from muybridge.geometry.skeleton.statistical_body import without_rolls
 from muybridge.infer.networks.correction import SolverNetwork, correct_joints
 from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.skeletal.bvh import read_bvh
-from muybridge.train.correction.takes import SolverTake, Spoiling, marker_columns, recorded_take, spoil
+from muybridge.train.correction.takes import MarkerFaults, SolverTake, add_faults, marker_columns, recorded_take
 from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 
 DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "motion" / "01_01.bvh"
 CASES = {
-    "10 % hidden, 10 % shifted": Spoiling(),
-    "20 % hidden, 10 % shifted": Spoiling(hidden=0.2),
-    "20 % hidden": Spoiling(hidden=0.2, shifted=0.0),
-    "10 + 10 %, in runs of 0.25 s": Spoiling(run_s=0.25),
-    "20 + 10 %, in runs of 0.25 s": Spoiling(hidden=0.2, run_s=0.25),
+    "10 % hidden, 10 % shifted": MarkerFaults(),
+    "20 % hidden, 10 % shifted": MarkerFaults(hidden=0.2),
+    "20 % hidden": MarkerFaults(hidden=0.2, shifted=0.0),
+    "10 + 10 %, in runs of 0.25 s": MarkerFaults(run_s=0.25),
+    "20 + 10 %, in runs of 0.25 s": MarkerFaults(hidden=0.2, run_s=0.25),
 }
 
 
@@ -142,7 +142,7 @@ def main() -> None:
         begun = time.process_time()
         for k, take in enumerate(takes):
             columns = marker_columns((PLUG_IN_GAIT, CMU)[k % 2])
-            points, _ = spoil(take.points[:, columns], take.fps, how, rng)
+            points, _ = add_faults(take.points[:, columns], take.fps, how, rng)
             solved = solve_all(points, columns, take.fps, options.network or shipped_model("solver"))
             for name, (turns, places) in solved.items():
                 found.setdefault(name, []).append(errors(turns, places, take))

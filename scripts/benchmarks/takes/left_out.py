@@ -25,8 +25,8 @@ from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.view_bias import (
     ViewBias,
     learn_view_bias,
+    remove_view_bias,
     trunk_axes,
-    without_view_bias,
 )
 from scripts.benchmarks.geometry.diagnosis import balancing
 from scripts.benchmarks.geometry.whole_take import triangulate_take
@@ -56,7 +56,7 @@ def left_out(
         others = [k for k in range(len(cameras)) if k != c]
         group, seen, doubt = cameras.select([cameras.names[k] for k in others]), px[others], variance[others]
         if offsets is not None:
-            seen = without_view_bias(group, seen, doubt, triangulate(group, seen, doubt), offsets)[0]
+            seen = remove_view_bias(group, seen, doubt, triangulate(group, seen, doubt), offsets)[0]
         points = solve(group, seen, doubt)
         expected = camera.project(points)
         if offsets is not None:

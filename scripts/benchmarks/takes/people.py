@@ -34,7 +34,7 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.smoothing.kalman import SmoothOptions, smooth_points
 from muybridge.geometry.triangulation.left_right import repair_flips
 from muybridge.geometry.triangulation.multiview import triangulate
-from muybridge.geometry.triangulation.shape_prior import with_pose_prior
+from muybridge.geometry.triangulation.shape_prior import apply_pose_prior
 from muybridge.infer.detection.tracker import Tracker, TrackOptions
 from muybridge.models.people.decode import DetectedPeople
 from tests.rigs import look_at
@@ -177,7 +177,7 @@ def solved(cameras: CameraGroup, keypoints: Keypoints2D, fps: float = 30.0) -> l
         px, variance, _ = take_person(keypoints, person)
         px, variance, _ = repair_flips(cameras, px, variance, BODY23)
         cloud = triangulate(cameras, px, variance)
-        cloud = with_pose_prior(cameras, px, variance, BODY23, fps, cloud)
+        cloud = apply_pose_prior(cameras, px, variance, BODY23, fps, cloud)
         points = Points3D(BODY23, cloud.points_world, cloud.covariance_world, cloud.residual_px, cloud.inlier, fps)
         found.append(smooth_points(points, SmoothOptions()).points_world)
     return found

@@ -1,4 +1,4 @@
-"""Association: one synthetic room with a moving man, bystanders, broken tracks and exchanged labels."""
+"""Association in a synthetic room with a moving person, bystanders, broken tracks and flipped labels."""
 
 from dataclasses import replace
 
@@ -46,7 +46,7 @@ def ring(count: int, radius: float = 4.5) -> CameraGroup:
 
 
 def walker(frames: int, center: tuple[float, float], travel: float, phase: float = 0.0) -> FloatArray:
-    """(T, J, 3) a body that goes round in a circle, turning, swinging what it has."""
+    """(T, J, 3) a body that walks in a circle, turns and swings its limbs."""
     time = np.linspace(0, 2 * np.pi, frames)
     turn = phase + (time if travel else np.zeros(frames))
     cos, sin = np.cos(turn), np.sin(turn)
@@ -67,7 +67,7 @@ def keypoints_of(
     noise_px: float = 8.0,
     seed: int = 0,
 ) -> tuple[Keypoints2D, IntArray]:
-    """Tracks of bodies seen by some cameras, in random slots; and (bodies, C) the slot of each, -1 unseen."""
+    """Tracks of bodies in some cameras, in random slots; and (bodies, C) the slot of each, -1 where unseen."""
     rng = np.random.default_rng(seed)
     frames = bodies[0][0].shape[0]
     px = np.full((len(cameras), frames, people, len(BODY23), 2), np.nan)
@@ -103,7 +103,7 @@ def test_moving_man_between_a_bystander_and_a_hanging_skeleton() -> None:
 
 
 @pytest.mark.parametrize("count", [2, 3, 6])
-def test_two_people_in_any_number_of_cameras(count: int) -> None:
+def test_two_people_in_several_numbers_of_cameras(count: int) -> None:
     cameras = ring(5) if count == 2 else ring(count)
     cameras = CameraGroup(cameras.cameras[:count])
     bodies = [
@@ -116,7 +116,7 @@ def test_two_people_in_any_number_of_cameras(count: int) -> None:
     assert len(selection.people) == 2
 
 
-def test_broken_and_crossed_tracks_are_put_right() -> None:
+def test_broken_and_crossed_tracks_are_corrected() -> None:
     cameras = ring(4)
     bodies = [(walker(90, (0.3, 0.0), 0.3), [0, 1, 2, 3]), (walker(90, (-1.0, 0.6), 0.0), [0, 1, 2, 3])]
     keypoints, where = keypoints_of(cameras, bodies, 4)
@@ -140,7 +140,7 @@ def test_broken_and_crossed_tracks_are_put_right() -> None:
     np.testing.assert_array_equal(selection.slots, expected)
 
 
-def test_exchanged_sides_and_heavy_errors_do_not_split_a_person() -> None:
+def test_flipped_sides_and_gross_errors_do_not_split_a_person() -> None:
     cameras = ring(4)
     bodies = [(walker(50, (0.2, 0.1), 0.4), [0, 1, 2, 3]), (walker(50, (-1.3, 1.0), 0.0), [1, 3])]
     keypoints, where = keypoints_of(cameras, bodies, 3, noise_px=20.0)
@@ -153,7 +153,7 @@ def test_exchanged_sides_and_heavy_errors_do_not_split_a_person() -> None:
     np.testing.assert_array_equal(selection.slots, np.repeat(where[0][:, None], 50, axis=1))
 
 
-def test_single_slot_dead_camera_and_frames_without_anybody() -> None:
+def test_single_slot_dead_camera_and_empty_frames() -> None:
     cameras = ring(4)
     keypoints, _ = keypoints_of(cameras, [(walker(40, (0.0, 0.0), 0.4), [0, 1, 3])], 1)
     px = keypoints.points_px.copy()
@@ -173,7 +173,7 @@ def test_one_frame_is_enough() -> None:
     np.testing.assert_array_equal(select_person(cameras, keypoints).slots, where[0][:, None])
 
 
-def test_somebody_seen_by_one_camera_is_not_preferred() -> None:
+def test_a_person_seen_by_one_camera_is_not_preferred() -> None:
     cameras = ring(4)
     bodies = [(walker(40, (0.0, 0.0), 0.0), [0, 1, 2, 3]), (walker(40, (1.0, -1.0), 0.8), [2])]
     keypoints, where = keypoints_of(cameras, bodies, 2)
@@ -183,7 +183,7 @@ def test_somebody_seen_by_one_camera_is_not_preferred() -> None:
     assert selection.people[1].rank == 0.0 and selection.people[1].cameras == ("cam03",)
 
 
-def test_nobody_and_nobody_twice_are_said() -> None:
+def test_errors_without_people_and_with_people_in_one_camera() -> None:
     cameras = ring(3)
     keypoints, _ = keypoints_of(cameras, [(walker(20, (0, 0), 0.4), [1])], 2)
     with pytest.raises(SessionError, match="only by camera cam02.*cam01, cam03"):
@@ -195,7 +195,7 @@ def test_nobody_and_nobody_twice_are_said() -> None:
         find_people(cameras.select(["cam01", "cam02"]), keypoints)
 
 
-def test_cameras_that_never_agree_fall_back_to_what_is_conspicuous() -> None:
+def test_cameras_that_never_agree_fall_back_to_the_most_prominent_person() -> None:
     cameras = ring(3)
     rng = np.random.default_rng(0)
     keypoints, where = keypoints_of(cameras, [(walker(30, (0, 0), 0.4), [0, 1, 2])], 1)
@@ -205,7 +205,7 @@ def test_cameras_that_never_agree_fall_back_to_what_is_conspicuous() -> None:
     np.testing.assert_array_equal(selection.slots, np.zeros((3, 30)))
 
 
-def test_balancing_man_among_a_still_double_and_false_detections() -> None:
+def test_balancing_take_with_a_static_double_and_false_detections() -> None:
     folder = DATA / "balancing"
     if not folder.exists():
         pytest.skip("balancing is not here")

@@ -1,4 +1,4 @@
-"""People followed in 3D: crossings, absence and return, accidents of two rays; the primitives below it."""
+"""Tracking of people in 3D: crossings, absence and return, accidental intersections; and its ray primitives."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,7 +10,7 @@ import pytest
 from muybridge.geometry.association.options import TrackingOptions
 from muybridge.geometry.association.select import take_slots
 from muybridge.geometry.association.tracker import PeopleTracker, identify_people, track_people
-from muybridge.geometry.association.tracks import Body, drop_stray_end
+from muybridge.geometry.association.tracks import BodyTrack, drop_stray_end
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.rays import nearest_points, pair_points, ray_directions
 from muybridge.geometry.landmarks.arrays import Keypoints2D
@@ -37,8 +37,8 @@ def test_identities_survive_crossings(bench, fps: float) -> None:
     assert np.nanmean(error) < 30
 
 
-def test_patience_is_of_seconds_not_of_frames(bench) -> None:
-    """Out of everyone's sight for half a second, at 20 and at 120 frames a second: followed on, or not, alike."""
+def test_coasting_time_does_not_depend_on_the_frame_rate(bench) -> None:
+    """Invisible for half a second, at 20 and 120 frames per second: the track continues or ends at both rates."""
     for fps in (20.0, 120.0):
         rng = np.random.default_rng(3)
         cameras, people = bench.room(4, rng), bench.walkers(1, round(2 * fps), rng, fps)
@@ -52,12 +52,12 @@ def test_patience_is_of_seconds_not_of_frames(bench) -> None:
             assert len(tracker.finish()) == bodies, (fps, coast)
 
 
-def test_who_leaves_and_comes_back_is_the_same_person(bench) -> None:
+def test_a_person_who_leaves_and_returns_is_identified(bench) -> None:
     rng = np.random.default_rng(3)
     cameras, people = bench.room(4, rng), bench.walkers(2, 200, rng)
     keypoints = bench.keypoints_of(cameras, people, 3, 6)
     px = keypoints.points_px.copy()
-    # The second person is out of everyone's sight for two seconds.
+    # The second person is invisible for two seconds.
     truth = cameras.project(people)
     for c in range(4):
         away = np.nanmedian(np.linalg.norm(px[c, 60:120] - truth[c, 1, 60:120, None], axis=-1), axis=-1)
@@ -67,12 +67,12 @@ def test_who_leaves_and_comes_back_is_the_same_person(bench) -> None:
     assert np.isnan(error[1, 70:110]).all() and np.isfinite(error[1, 140:]).any(-1).mean() > 0.8
 
 
-def test_nobody_is_made_of_detections_that_only_two_cameras_share_by_accident(bench) -> None:
+def test_accidental_agreement_of_two_cameras_gives_no_person(bench) -> None:
     rng = np.random.default_rng(5)
     cameras, people = bench.room(5, rng), bench.walkers(1, 60, rng)
     keypoints = bench.keypoints_of(cameras, people, 5, 6)
     assert len(track_people(cameras, keypoints)) == 1
-    # And a person whom one camera alone sees is not in 3D.
+    # A person seen by a single camera has no 3D track.
     single = keypoints.points_px.copy()
     single[1:] = np.nan
     assert track_people(cameras, replace(keypoints, points_px=single)) == []
@@ -109,14 +109,14 @@ def test_tracking_frame_by_frame_gives_the_tracks_of_the_whole_take(bench, count
 
 
 def seen_exactly(cameras, slots: list[np.ndarray]) -> Keypoints2D:
-    """Detections of people (T, J, 3), one a slot, without error; NaN where they are not found."""
+    """Detections of people (T, J, 3), one per slot, without error; NaN where missing."""
     px = np.stack([cameras.project(s) for s in slots], axis=2)
     known = np.isfinite(px).all(-1)
     return Keypoints2D(BODY23, px, np.where(known, 4.0, np.nan), known * 0.9)
 
 
-def test_who_is_misread_at_first_is_followed_from_the_first_frame_on(bench) -> None:
-    """Two cameras see a person come; one of them misreads a third of a second."""
+def test_tracks_reach_back_over_wrong_first_detections(bench) -> None:
+    """Two cameras see a person arrive; one of them is wrong for a third of a second."""
     rng = np.random.default_rng(4)
     cameras, people = bench.room(4, rng), bench.walkers(1, 120, rng, 60.0)
     keypoints = seen_exactly(cameras, [people[0]])
@@ -128,8 +128,8 @@ def test_who_is_misread_at_first_is_followed_from_the_first_frame_on(bench) -> N
     assert (found[0][0] >= 0).all() and (found[0][1, :20] < 0).all() and (found[0][1, 22:] >= 0).all()
 
 
-def test_who_passes_close_by_does_not_swallow_anybody(bench) -> None:
-    """A room in which one person passes near another, in some of the cameras before them, after four seconds."""
+def test_close_passes_do_not_merge_people(bench) -> None:
+    """After four seconds one person passes close to another, and hides them in some cameras."""
     seed, until = 7 + 5000 + 400, 170
     rng = np.random.default_rng(seed)
     cameras, people = bench.room(4, rng), bench.walkers(5, 300, rng)
@@ -140,26 +140,26 @@ def test_who_passes_close_by_does_not_swallow_anybody(bench) -> None:
     assert np.isfinite(error).any(-1).mean(1).min() > 0.95
 
 
-def test_the_end_that_a_lost_body_met_by_accident_is_taken_off() -> None:
+def test_accidental_end_of_a_lost_body_is_dropped() -> None:
     points = np.zeros((23, 3))
     slots = np.zeros((3, 100), int)
-    body = Body(points, slots, True, 0, met=45, track={t: points for t in [*range(40), 60, 61, 90, 91, 92]})
+    body = BodyTrack(points, slots, True, 0, met=45, track={t: points for t in [*range(40), 60, 61, 90, 91, 92]})
     drop_stray_end(body, 5, 6.0)
     assert sorted(body.track) == list(range(40)) and body.met == 40
     assert (body.slots[:, :40] == 0).all() and (body.slots[:, 40:] == -1).all()
-    long = Body(points, slots * 0, True, 0, met=46, track={t: points for t in [*range(40), *range(60, 66)]})
+    long = BodyTrack(points, slots * 0, True, 0, met=46, track={t: points for t in [*range(40), *range(60, 66)]})
     drop_stray_end(long, 5, 6.0)
     assert len(long.track) == 46
 
 
-def test_a_near_view_that_goes_wrong_by_and_by_does_not_make_two_people_of_one(bench) -> None:
+def test_a_near_view_with_growing_errors_does_not_split_a_person(bench) -> None:
     rng = np.random.default_rng(2)
     cameras, people = bench.room(5, rng), bench.walkers(1, 80, rng)
     cameras = CameraGroup(cameras.cameras[:3])
     keypoints = seen_exactly(cameras, [people[0]])
     px = keypoints.points_px.copy()
     near = int(np.linalg.norm(cameras.centers_world - people[0].mean((0, 1)), axis=1).argmin())
-    # Its picture's border cuts the person off: what it still finds shrinks into a corner of them.
+    # The border of its image cuts the person off: the detection shrinks into a corner.
     for k, t in enumerate(range(40, 60)):
         corner = px[near, t, 0].min(axis=0)
         px[near, t, 0] = corner + (px[near, t, 0] - corner) * max(0.1, 1 - 0.08 * k)
@@ -171,8 +171,8 @@ def test_a_near_view_that_goes_wrong_by_and_by_does_not_make_two_people_of_one(b
     assert (found[0][near, :40] == 0).all() and (found[0][near, 50:] == -1).all()
 
 
-def test_who_stands_beside_a_camera_does_not_get_what_it_sees(bench) -> None:
-    """Far outside of the picture a lens' polynomial makes people of them as large as the world."""
+def test_a_person_beside_a_camera_gets_none_of_its_detections(bench) -> None:
+    """Far outside of the image, the polynomial of a lens magnifies a person beyond all bounds."""
     rng = np.random.default_rng(3)
     cameras, people = bench.room(4, rng), bench.walkers(1, 90, rng)
     tripod = cameras.cameras[3]
@@ -189,8 +189,8 @@ def test_who_stands_beside_a_camera_does_not_get_what_it_sees(bench) -> None:
 
 
 @pytest.mark.parametrize("fps", [30.0, 60.0])
-def test_who_is_there_for_a_moment_is_nobody(bench, fps: float) -> None:
-    """A shadow that four cameras take for a person for 0.4 s; somebody is there for 0.4 s twice."""
+def test_short_false_detections_are_no_person(bench, fps: float) -> None:
+    """A shadow that four cameras detect as a person for 0.4 s; a person who is visible for 0.4 s twice."""
     rng = np.random.default_rng(6)
     cameras, people = bench.room(4, rng), bench.walkers(1, round(3 * fps), rng, fps)
     beside = people[0] + [0.9, 0.0, 0.0]
@@ -203,7 +203,7 @@ def test_who_is_there_for_a_moment_is_nobody(bench, fps: float) -> None:
 
 
 @pytest.mark.parametrize("fps", [30.0, 60.0])
-def test_whom_never_three_cameras_see_has_to_be_there_for_longer(bench, fps: float) -> None:
+def test_a_person_seen_by_two_cameras_has_to_be_visible_for_longer(bench, fps: float) -> None:
     rng = np.random.default_rng(6)
     cameras, people = bench.room(4, rng), bench.walkers(1, round(5 * fps), rng, fps)
     for seconds, seen_by, count in ((0.8, 2, 1), (0.8, 3, 2), (1.3, 2, 2)):
@@ -214,7 +214,7 @@ def test_whom_never_three_cameras_see_has_to_be_there_for_longer(bench, fps: flo
         assert len(track_people(cameras, found, fps=fps)) == count, (seconds, seen_by)
 
 
-def test_shadows_on_the_floor_are_nobody_but_who_lies_there_is_somebody(bench) -> None:
+def test_shadows_are_dropped_and_lying_people_are_kept(bench) -> None:
     rng = np.random.default_rng(6)
     cameras, people = bench.room(4, rng), bench.walkers(1, 90, rng)
     person = people[0]
@@ -227,7 +227,7 @@ def test_shadows_on_the_floor_are_nobody_but_who_lies_there_is_somebody(bench) -
     with_feet = shadow.copy()
     with_feet[:, feet[:6], 2] += 0.12
     assert len(track_people(cameras, seen_exactly(cameras, [person, with_feet]))) == 1
-    # Nobody stands there to tell where the floor is: then nobody is taken away.
+    # Without a standing person as a reference for the floor, nobody is dropped.
     assert len(track_people(cameras, seen_exactly(cameras, [shadow]))) == 1
     # Who lies on their back, 1 m away: half a trunk above the floor.
     still = person[:1] - person[:1].mean(axis=(1,), keepdims=True)
@@ -235,7 +235,7 @@ def test_shadows_on_the_floor_are_nobody_but_who_lies_there_is_somebody(bench) -
     assert len(track_people(cameras, seen_exactly(cameras, [person, lying + person[:1, :1] * [1, 1, 0]]))) == 2
 
 
-def test_who_is_found_twice_is_one(bench) -> None:
+def test_duplicate_detections_give_one_person(bench) -> None:
     rng = np.random.default_rng(4)
     cameras, people = bench.room(4, rng), bench.walkers(1, 60, rng)
     person = people[0]
@@ -247,20 +247,20 @@ def test_who_is_found_twice_is_one(bench) -> None:
     second[40:], first[43:] = other[40:], np.nan
     found = track_people(cameras, seen_exactly(cameras, [first, second]))
     assert len(found) == 1 and (found[0] >= 0).all()
-    # For as long as both are there, the second is nobody.
+    # While both are present, the second is dropped.
     both = person.copy()
     second[50:] = np.nan
     assert len(track_people(cameras, seen_exactly(cameras, [both, second]))) == 1
-    # Somebody at an arm's length is somebody.
+    # A person at an arm's length is kept.
     assert len(track_people(cameras, seen_exactly(cameras, [person, person + [0.6, 0.0, 0.0]]))) == 2
 
 
-def test_poor_views_that_draw_the_good_ones_to_themselves_make_nobody_else(bench) -> None:
+def test_wrong_views_that_attract_others_give_no_second_person(bench) -> None:
     rng = np.random.default_rng(6)
     cameras, people = bench.room(4, rng), bench.walkers(1, 60, rng)
     true, false = people[0], people[0] + [0.35, 0.0, 0.1]
     px = np.stack([cameras.project(true)], axis=2)
-    # Two cameras misread the person from frame 20 on; from 40 on the others, too, say what fits these.
+    # Two cameras are wrong from frame 20 on; from 40 on the others agree with them.
     px[:2, :20], px[:2, 20:, 0] = np.nan, cameras.project(false)[:2, 20:]
     px[2:, 40:, 0] = cameras.project(false)[2:, 40:]
     keypoints = seen_exactly(cameras, [true])

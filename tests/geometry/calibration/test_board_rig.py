@@ -1,4 +1,4 @@
-"""Rigs from a moved board, from its corners on: chained cameras, delays, symmetric boards, fisheye, honest errors."""
+"""Calibration from a moved board: chained cameras, delays, symmetric boards, fisheye lenses, uncertainties."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,8 @@ from muybridge.geometry.calibration.board.intrinsics import calibrate_lens
 from muybridge.geometry.calibration.board.pose_graph import symmetries
 from muybridge.geometry.calibration.board.view_selection import choose_times
 from muybridge.geometry.calibration.bundle_adjustment.result import table
-from muybridge.geometry.calibration.gravity import level
-from muybridge.geometry.calibration.world import moved, on_board
+from muybridge.geometry.calibration.gravity import level_transform
+from muybridge.geometry.calibration.world import on_board, transform_cameras
 from muybridge.geometry.numerics.rotations import exp_so3
 from tests.rigs import ring_of_cameras
 
@@ -37,7 +37,7 @@ def ring(count, radius=2.5, model="OPENCV"):
 
 
 def path(rng, count):
-    """Where a hand moves a board to in time: smooth, all about the place. Returns pose(t)."""
+    """Pose over time of a hand-held board: smooth, all over the room. Returns pose(t)."""
     waves = rng.normal(size=(6, 3)), rng.uniform(0.15, 0.45, size=(6, 3)), rng.uniform(0, 6.3, size=(6, 3))
     size = np.array([1.2, 1.2, 1.2, 0.35, 0.35, 0.3])
 
@@ -49,7 +49,7 @@ def path(rng, count):
 
 
 def views_of(cameras, board, pose, times, rng, noise=0.2, late=None):
-    """Corners of the board in every camera that sees its front or back, sloped at most 70 degrees."""
+    """Corners of the board in every camera that sees its front or back, tilted by at most 70 degrees."""
     views = {c.name: {} for c in cameras}
     middle = board.corners.mean(axis=0)
     for c, camera in enumerate(cameras):
@@ -71,7 +71,7 @@ def sizes(cameras):
 def in_first(cameras):
     """The cameras seen from the first."""
     first = cameras[0]
-    return moved(cameras, np.column_stack([first.rotation, first.translation]))
+    return transform_cameras(cameras, np.column_stack([first.rotation, first.translation]))
 
 
 def errors(found, truth):
@@ -128,7 +128,7 @@ def test_cameras_that_never_see_the_board_at_once_are_chained():
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(5, 7), (6, 6)])
-def test_a_checkerboard_that_looks_the_same_turned_is_put_the_same_way_round(columns, rows):
+def test_the_numbering_of_a_symmetric_checkerboard_is_resolved(columns, rows):
     rng = np.random.default_rng(3)
     truth, board = ring(3), Board("checkerboard", columns, rows, 0.07)
     views = views_of(truth, board, path(rng, 1), range(0, 90, 3), rng)
@@ -152,7 +152,7 @@ def test_a_checkerboard_seen_once_by_two_cameras_is_refused():
         calibrate_rig(board, views, sizes(truth), BoardOptions(in_step=True))
 
 
-def test_a_camera_with_mirrored_pictures_is_named():
+def test_a_camera_with_mirrored_images_is_reported():
     rng = np.random.default_rng(5)
     truth, board = ring(3), Board("checkerboard", 5, 8, 0.06)
     views = views_of(truth, board, path(rng, 1), range(0, 90, 3), rng)
@@ -162,7 +162,7 @@ def test_a_camera_with_mirrored_pictures_is_named():
         calibrate_rig(board, views, sizes(truth))
 
 
-def test_cameras_whose_pictures_do_not_belong_together_are_named():
+def test_cameras_with_unrelated_images_are_reported():
     rng = np.random.default_rng(6)
     truth = ring(3)
     views = views_of(truth, CHARUCO, path(rng, 1), range(0, 90, 3), rng)
@@ -184,7 +184,7 @@ def test_a_fisheye_lens():
     assert result.solved.median_px.max() < 0.4
 
 
-def test_a_board_that_always_faces_the_camera_does_not_tell_its_lens():
+def test_a_board_that_always_faces_the_camera_does_not_determine_its_lens():
     rng = np.random.default_rng(8)
     camera = ring(1)[0].posed(np.eye(4)[:3])
     views = {}
@@ -208,7 +208,7 @@ def test_lenses_alone_and_lenses_kept():
     assert errors(kept.cameras, truth)[1] < 3 * kept.solved.position_std[1]
 
 
-def test_few_moments_are_chosen_where_the_board_was_not_yet():
+def test_selected_times_cover_new_positions_of_the_board():
     rng = np.random.default_rng(10)
     truth = ring(2)
     views = views_of(truth, CHARUCO, path(rng, 1), range(0, 300, 2), rng)
@@ -227,10 +227,10 @@ def test_few_moments_are_chosen_where_the_board_was_not_yet():
 def test_the_board_on_the_floor_is_the_world():
     truth = ring(4)
     for pose in (np.eye(4)[:3], np.column_stack([np.diag([1.0, -1, -1]), [0.3, 0.2, 0.1]])):
-        world = moved(truth, on_board(truth, pose))
+        world = transform_cameras(truth, on_board(truth, pose))
         assert world.centers_world[:, 2].min() > 0.9
     with pytest.raises(CalibrationError, match="c0.* from below"):
         on_board(truth, np.column_stack([np.array([[0, 0, -1.0], [0, 1, 0], [1, 0, 0]]), [2.4, 0, 0]]))
-    guessed = moved(in_first(truth), level(in_first(truth), np.zeros((1, 3)) + [0, 0, 2.5]))
+    guessed = transform_cameras(in_first(truth), level_transform(in_first(truth), np.zeros((1, 3)) + [0, 0, 2.5]))
     up = guessed[0].rotation @ np.array([0, 0, 1.0]) @ (truth[0].rotation @ [0, 0, 1.0])
     assert np.degrees(np.arccos(up)) < 3

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration import fit_to_video, load_calibration
+from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.bundle_adjustment.with_bones import (
     ArticulatedProblem,
     ArticulatedState,
@@ -20,6 +20,7 @@ from muybridge.geometry.calibration.people.calibrate import (
     refine_people,
 )
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.cameras.video_size import fit_to_video
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.validation import leave_one_out_error
 from tests.paths import SHARED

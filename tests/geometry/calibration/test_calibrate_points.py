@@ -1,4 +1,4 @@
-"""`muybridge calibrate points` and `world`: the linear solution, uncertainties that hold, layouts that are refused."""
+"""`muybridge calibrate points` and `world`: the linear solution, uncertainties, degenerate layouts."""
 
 import re
 
@@ -8,13 +8,13 @@ import pytest
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.resection import KnownPoints, calibrate_points, layout, linear_camera
-from muybridge.geometry.calibration.world import check_shape, moved, on_points
+from muybridge.geometry.calibration.world import check_shape, on_points, transform_cameras
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.infer.commands.app import run_command
-from muybridge.infer.commands.calibrate.points import read_points
-from muybridge.infer.commands.calibrate.world import people_world
+from muybridge.infer.pipelines.calibration.known_points import read_points
+from muybridge.infer.pipelines.calibration.world import world_from_landmarks
 from tests.rigs import look_at
 
 SIZE = (1280, 720)
@@ -80,7 +80,7 @@ def test_cameras_with_distortion_lie_within_their_uncertainty(count):
             assert found.params[4] == pytest.approx(true.params[4], abs=0.05)
 
 
-def test_a_wrong_point_is_named_and_has_little_say():
+def test_a_wrong_point_is_reported_and_has_little_weight():
     rng = np.random.default_rng(3)
     c = camera(0)
     known = seen(c, rng, 20)
@@ -93,7 +93,7 @@ def test_a_wrong_point_is_named_and_has_little_say():
 
 @pytest.mark.parametrize("count", [4, 6, 30])
 @pytest.mark.parametrize("flat", [False, True])
-def test_fewer_points_do_where_lenses_are_known(count, flat):
+def test_fewer_points_suffice_with_known_lenses(count, flat):
     rng = np.random.default_rng(4)
     truth = rig(2)
     known = {}
@@ -111,7 +111,7 @@ def test_fewer_points_do_where_lenses_are_known(count, flat):
     assert result.cameras[0].params == truth[0].params
 
 
-def test_layouts_that_cannot_be_told_apart_are_refused():
+def test_degenerate_layouts_are_refused():
     rng = np.random.default_rng(5)
     c = camera(0)
     flat = rng.uniform(-0.5, 0.5, size=(12, 3)) * [1, 1, 0]
@@ -124,12 +124,12 @@ def test_layouts_that_cannot_be_told_apart_are_refused():
         (rng.normal(size=(5, 3)) * 0.3, None, "5 points, at least 6 .* in lenses"),
         (flat[:3], CameraGroup((c,)), "3 points, at least 4 .* up to four places fit"),
     ]
-    for points, lenses, said in cases:
-        with pytest.raises(CalibrationError, match=said):
+    for points, lenses, message in cases:
+        with pytest.raises(CalibrationError, match=message):
             calibrate_points({"c0": KnownPoints(points, c.project(points))}, sizes([c]), lenses)
 
 
-def test_points_mixed_up_are_refused_or_told():
+def test_permuted_points_are_refused_or_reported():
     rng = np.random.default_rng(6)
     c = camera(0)
     known = seen(c, rng, 12)
@@ -182,12 +182,16 @@ def test_points_that_are_mirrored_are_refused_with_what_would_fit(count):
     left = {n: KnownPoints(k.points * [1, -1, 1], k.pixels) for n, k in known.items()}
     swapped = {n: KnownPoints(k.points[:, [0, 2, 1]], k.pixels) for n, k in known.items()}
     for lenses in (None, truth):
-        for wrong, said in ((below, "v counted from the top"), (left, "sign of y changed"), (swapped, "y and z swap")):
-            with pytest.raises(CalibrationError, match=f"do not fit .* but they do .* with .*{said}"):
+        for wrong, message in (
+            (below, "v counted from the top"),
+            (left, "sign of y changed"),
+            (swapped, "y and z swap"),
+        ):
+            with pytest.raises(CalibrationError, match=f"do not fit .* but they do .* with .*{message}"):
                 calibrate_points(wrong, sizes(truth), lenses)
 
 
-def test_points_that_fit_no_camera_are_refused_and_one_camera_is_named():
+def test_points_that_fit_no_camera_are_refused_and_the_camera_is_reported():
     rng = np.random.default_rng(12)
     truth = rig(3)
     known = {c.name: seen(c, rng, 12) for c in truth}
@@ -198,7 +202,7 @@ def test_points_that_fit_no_camera_are_refused_and_one_camera_is_named():
     assert [n for n in notes if "fit it at all" in n] == [n for n in notes if "camera c1" in n] != []
 
 
-def test_points_in_millimetres_are_told(tmp_path, capfd):
+def test_points_in_millimetres_are_reported(tmp_path, capfd):
     rng = np.random.default_rng(13)
     truth = CameraGroup(tuple(
         c.posed(np.column_stack([c.rotation, c.translation * 1000])) for c in rig(3)
@@ -227,16 +231,16 @@ def test_tables_with_other_separators(tmp_path, between):
         np.testing.assert_array_equal(read_points(path)["c0"].points, [[1.5, 2, -3.25]])
 
 
-def test_tables_that_are_none(tmp_path):
+def test_invalid_tables(tmp_path):
     path = tmp_path / "p.csv"
-    for text, said in (
+    for text, message in (
         ("camera,x,y,z,u\n", "no column v; its first line must name camera, x, y, z, u, v"),
         ("camera,x,y,z,u,v\nc0,1,2,3,4,five\n", "line 2: v is 'five', not a number"),
         ("camera,x,y,z,u,v\nc0,1,,3,4,5\n", "line 2: y is '', not a number"),
         ("camera,x,y,z,u,v\n", "no rows"),
     ):
         path.write_text(text)
-        with pytest.raises(CalibrationError, match=said):
+        with pytest.raises(CalibrationError, match=message):
             read_points(path)
     path.write_text("Camera, X, Y, Z, U, V\nc0, 1, 2, 3, 4, 5\nc0, 1, 2, 3, ,\n")
     assert len(read_points(path)["c0"].points) == 1
@@ -247,7 +251,7 @@ def test_tables_that_are_none(tmp_path):
 def elsewhere(cameras):
     """The cameras in another world, half the size; and that world."""
     turn = exp_so3(np.array([0.4, -1.0, 0.3]))
-    return moved(cameras, np.column_stack([turn, [1.0, 2, 3]]), 0.5)
+    return transform_cameras(cameras, np.column_stack([turn, [1.0, 2, 3]]), 0.5)
 
 
 def test_a_world_from_marked_points(tmp_path, capfd):
@@ -281,7 +285,7 @@ def test_a_world_from_marked_points(tmp_path, capfd):
 
 
 @pytest.mark.parametrize("count", [4, 5, 9])
-def test_a_wrong_point_of_a_world_is_named_and_mirrored_ones_are_told(count):
+def test_wrong_and_mirrored_points_of_a_world_are_reported(count):
     rng = np.random.default_rng(14)
     known = rng.uniform(-1, 1, size=(count, 3))
     found = 0.5 * known @ exp_so3(np.array([0.4, -1.0, 0.3])).T + [1.0, 2, 3] + rng.normal(size=known.shape) * 1e-3
@@ -299,7 +303,7 @@ def test_a_wrong_point_of_a_world_is_named_and_mirrored_ones_are_told(count):
         check_shape(found, np.roll(known[:count], 1, axis=0)[[*range(count), 0]])
 
 
-def test_points_tell_a_size_only_if_asked():
+def test_points_determine_the_scale_only_if_requested():
     truth, points = rig(), np.array([[0, 0, 0], [0.6, 0, 0], [0, 0.6, 0], [0.3, 0.3, 0.4]])
     pixels = truth.project(points)
     pixels[2, 1] = np.nan
@@ -319,10 +323,10 @@ def test_a_world_from_people():
     points = points + np.concatenate([rng.uniform(-1.5, 1.5, size=(200, 2)), np.zeros((200, 1))], axis=1)[:, None]
     turn = exp_so3(np.array([0.4, -1.0, 0.3]))
     there = 0.5 * points @ turn.T + [1.0, 2, 3]
-    found, said = people_world(elsewhere(truth), there, names, 1.72)
+    found, message = world_from_landmarks(elsewhere(truth), there, names, 1.72)
     np.testing.assert_allclose(found.centers_world[:, 2], truth.centers_world[:, 2], atol=0.06)
-    assert any("times as large" in line for line in said)
-    kept, said = people_world(elsewhere(truth), there, names, None)
+    assert any("times as large" in line for line in message)
+    kept, message = world_from_landmarks(elsewhere(truth), there, names, None)
     apart = np.linalg.norm(kept.centers_world[1] - kept.centers_world[0])
     assert apart == pytest.approx(0.5 * np.linalg.norm(truth.centers_world[1] - truth.centers_world[0]), rel=1e-9)
-    assert "size: kept" in said
+    assert "size: kept" in message

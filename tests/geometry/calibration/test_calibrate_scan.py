@@ -1,4 +1,4 @@
-"""Fixed cameras found in a scan of a room: a box with textured walls, seen through lenses, ray by ray."""
+"""Fixed cameras in a scan of a room: a box with textured walls, ray traced through lenses."""
 
 from pathlib import Path
 
@@ -105,8 +105,8 @@ def found(scene: tuple[Path, CameraGroup], tmp_path_factory: pytest.TempPathFact
 
 
 @pytest.mark.slow
-def test_cameras_stand_where_they_do(scene: tuple[Path, CameraGroup], found: ScanCalibration) -> None:
-    """In the marker's world, with its size: nothing is aligned afterwards."""
+def test_camera_positions(scene: tuple[Path, CameraGroup], found: ScanCalibration) -> None:
+    """In the marker's world and scale, without alignment."""
     truth = scene[1]
     by_name = {c.name: c for c in found.cameras}
     assert set(by_name) == set(truth.names) and found.photos >= 13
@@ -120,14 +120,14 @@ def test_cameras_stand_where_they_do(scene: tuple[Path, CameraGroup], found: Sca
 
 
 @pytest.mark.slow
-def test_the_room_is_as_large_as_it_is(found: ScanCalibration) -> None:
+def test_the_scale_of_the_room(found: ScanCalibration) -> None:
     low, high = np.quantile(found.points_world, [0.02, 0.98], axis=0)
     np.testing.assert_allclose(high[:2], _HALF, atol=0.08)
     np.testing.assert_allclose(low[:2], -_HALF, atol=0.08)
     assert abs(low[2]) < 0.05
 
 
-def test_what_lacks_is_said_before_the_work(tmp_path: Path) -> None:
+def test_missing_inputs_are_early_errors(tmp_path: Path) -> None:
     for part in ("scan", "fixed"):
         (tmp_path / part).mkdir()
     picture = np.zeros((48, 64), np.uint8)
@@ -150,14 +150,14 @@ def test_what_lacks_is_said_before_the_work(tmp_path: Path) -> None:
 def test_the_command_scales_by_a_distance(
     scene: tuple[Path, CameraGroup], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Photographs and stills from folders; the world stands upright without a marker, and is as large as it is."""
+    """Photographs and stills from folders; the world is upright without a marker, and has the right scale."""
     folder, truth = scene
     apart = float(np.linalg.norm(truth["left"].center_world - truth["right"].center_world))
     arguments = ["calibrate", "scan", str(folder / "scan"), "--cameras", str(folder / "fixed"), "--max-features", "900"]
     arguments += ["--between", "left", "right", "--distance", f"{apart:.4f}", "--out", str(tmp_path / "rig.toml")]
     assert run_command([*arguments, "--quiet"]) == 0
-    said = capsys.readouterr().out
-    assert "14 of 14 photographs" in said or "13 of 14 photographs" in said
+    printed = capsys.readouterr().out
+    assert "14 of 14 photographs" in printed or "13 of 14 photographs" in printed
     cameras = load_calibration(tmp_path / "rig.toml")
     centers = {c.name: c.center_world for c in cameras}
     assert np.linalg.norm(centers["left"] - centers["back"]) == pytest.approx(

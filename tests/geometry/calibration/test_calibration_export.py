@@ -1,4 +1,4 @@
-"""Every format that cameras are written in reads back; Vicon's, Motive's and EasyMocap's files as those write them."""
+"""Every export format reads back; files as written by Vicon, Motive and EasyMocap."""
 
 from pathlib import Path
 
@@ -104,8 +104,8 @@ def test_a_vicon_file_corrects_raw_pixels(tmp_path: Path) -> None:
     np.testing.assert_allclose(camera.unproject(raw), from_middle * (1 + k[0] * r2 + k[1] * r2**2) / 1480.5, atol=2e-5)
 
 
-def test_motive_files_are_turned_upright(tmp_path: Path) -> None:
-    """Two cameras as Motive writes them (UTF-16, Y up): they look at one place, which is before both."""
+def test_motive_files_are_rotated_to_z_up(tmp_path: Path) -> None:
+    """Two cameras as Motive writes them (UTF-16, Y up): they look at one point, which is in front of both."""
     place = np.array([0.2, 1.0, 0.1])  # Y up
     rows = []
     for serial, center in (("C1", [-0.3, 2.6, -3.5]), ("C2", [3.0, 2.0, 1.0]), ("C3", [-3.0, 2.2, 2.0])):
@@ -150,7 +150,7 @@ def test_easymocap_without_sizes_and_its_pair(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("how", [h for h in EXPORT_FORMATS if h != "easymocap"])
-def test_names_and_their_order_come_back(tmp_path: Path, how: str) -> None:
+def test_names_and_their_order_are_preserved(tmp_path: Path, how: str) -> None:
     names = ("cam10", "Café", "cam2", "北", "a.left", "a.right", "c.1")
     group = _rig("PINHOLE", len(names))
     group = CameraGroup(tuple(c.renamed(n) for c, n in zip(group, names, strict=True)))
@@ -176,7 +176,7 @@ def test_freemocap_is_in_millimetres(tmp_path: Path) -> None:
         ("easymocap", "names:", "nomes:", "names"),
     ],
 )
-def test_damage_is_named(tmp_path: Path, how: str, old: str, new: str, message: str | None) -> None:
+def test_damage_is_reported(tmp_path: Path, how: str, old: str, new: str, message: str | None) -> None:
     path = _written(_rig("PINHOLE"), tmp_path, how)
     path.write_text(path.read_text().replace(old, new, 1))
     if how == "easymocap" and old == "names:":

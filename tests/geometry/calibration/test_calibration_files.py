@@ -90,7 +90,7 @@ def test_own_toml_is_readable(tmp_path: Path) -> None:
         ("cam_from_world = [", "cam_from_world = [1.0, ", "must be a list of 12 numbers"),
     ],
 )
-def test_own_toml_says_what_is_wrong(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_errors_of_own_toml(tmp_path: Path, old: str, new: str, message: str) -> None:
     path = tmp_path / "calibration.toml"
     save_calibration(group_of(), path)
     assert old in path.read_text()
@@ -141,14 +141,14 @@ def test_the_only_calibration_is_found_among_other_files(tmp_path: Path) -> None
     assert find_calibration(tmp_path) == tmp_path / "calibration" / "rig.toml"
 
 
-def test_several_calibrations_are_named(tmp_path: Path) -> None:
+def test_several_calibrations_are_an_error(tmp_path: Path) -> None:
     text = own_text(tmp_path)
     session_with(tmp_path, a__toml=text, b__toml=text)
     with pytest.raises(CalibrationError, match=r"several calibrations \(a.toml, b.toml\); leave one"):
         find_calibration(tmp_path)
 
 
-def test_a_damaged_calibration_is_found_so_that_its_damage_can_be_told(tmp_path: Path) -> None:
+def test_a_damaged_calibration_is_found_and_its_damage_reported(tmp_path: Path) -> None:
     text = own_text(tmp_path)
     session_with(tmp_path, rig__toml=text[: len(text) // 2])
     with pytest.raises(CalibrationError, match="damaged or incomplete Muybridge TOML calibration: broken TOML"):

@@ -6,8 +6,9 @@ import pytest
 
 from muybridge.arrays import ByteArray, FloatArray
 from muybridge.errors import CalibrationError
-from muybridge.geometry.calibration import find_calibration, fit_to_video, load_calibration
+from muybridge.geometry.calibration import find_calibration, load_calibration
 from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.video_size import fit_to_video
 from tests.paths import SHARED
 
 POINTS_WORLD = np.random.default_rng(0).uniform([-1, -0.7, 3], [1, 0.7, 5], (40, 3))
@@ -55,14 +56,14 @@ def affine(camera: Camera, fitted: Camera) -> FloatArray:
         ((1920, 1088), (1920, 1080), "crop-corner", (1, 1), (0, 0)),
     ],
 )
-def test_what_each_way_does_to_pixels(calibrated, video, how, scale, offset) -> None:  # type: ignore[no-untyped-def]
+def test_effect_of_each_fit_on_pixels(calibrated, video, how, scale, offset) -> None:  # type: ignore[no-untyped-def]
     camera = camera_of(*calibrated)
     fitted, assumption = fit_to_video(camera, *video, how=how)
     assert (fitted.width, fitted.height) == video and assumption is None
     np.testing.assert_allclose(affine(camera, fitted), np.column_stack([scale, offset]), atol=1e-7)
 
 
-def test_the_same_size_changes_nothing_whatever_is_asked() -> None:
+def test_the_same_size_changes_nothing() -> None:
     camera = camera_of(1920, 1080)
     for how in ("auto", "scale", "letterbox", "fill", "crop", "crop-corner", "rotate-cw"):
         assert fit_to_video(camera, 1920, 1080, how) == (camera, None)
@@ -104,7 +105,7 @@ def test_the_automatic_choice(calibrated, video, bars, chosen) -> None:  # type:
     assert len(assumption.alternatives) == 4 and chosen not in assumption.alternatives
 
 
-def test_a_dark_frame_decides_nothing() -> None:
+def test_a_dark_frame_is_ignored() -> None:
     camera = camera_of(640, 480)
     dark = picture(1920, 1080, level=20)
     assert fit_to_video(camera, 1920, 1080, image=dark) == fit_to_video(camera, 1920, 1080)
@@ -121,7 +122,7 @@ def test_grey_frames_serve_too() -> None:
 
 
 @pytest.mark.parametrize("video", [(1080, 1920), (720, 1280), (1080, 1900)])
-def test_a_turned_video_asks_which_way(video: tuple[int, int]) -> None:
+def test_a_rotated_video_is_an_error(video: tuple[int, int]) -> None:
     camera = camera_of(1920, 1080)
     with pytest.raises(CalibrationError, match='cam01: calibrated at 1920x1080, .*pass "rotate-cw" or "rotate-ccw"'):
         fit_to_video(camera, *video)
@@ -134,7 +135,7 @@ def test_turning_and_resizing(how: str, quarter_turns: int) -> None:
     expected = camera.turned(quarter_turns).resized(720, 1280)
     np.testing.assert_allclose(fitted.project(POINTS_WORLD), expected.project(POINTS_WORLD), atol=1e-9)
     assert assumption is not None and "resized by 0.6667" in assumption.sentence
-    # A camera of the rig that was not turned stays as it is.
+    # A camera of the rig that was not rotated is unchanged.
     upright = camera_of(1080, 1920)
     assert fit_to_video(upright, 1080, 1920, how) == (upright, None)  # type: ignore[arg-type]
 

@@ -69,7 +69,7 @@ WRITERS: dict[str, Callable[[], str]] = {
         ("opencv.yml", "camera_matrix", "matrix", "no camera in it|no pose|not a calibration"),
     ],
 )
-def test_damage_is_named(tmp_path: Path, file: str, old: str, new: str, message: str) -> None:
+def test_damage_is_reported(tmp_path: Path, file: str, old: str, new: str, message: str) -> None:
     text = WRITERS[file]()
     assert old in text
     path = write(tmp_path / file, text.replace(old, new))

@@ -1,4 +1,4 @@
-"""The culprit among the cameras: named rightly for each kind of fault, and nobody blamed in a healthy rig."""
+"""Diagnosis: the faulty camera is identified for each kind of fault, and a healthy rig has none."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from muybridge.geometry.calibration import fit_to_video, load_calibration
+from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.diagnosis.faults import diagnose
 from muybridge.geometry.calibration.diagnosis.findings import CalibrationDiagnosis, DiagnosisOptions
-from muybridge.geometry.calibration.diagnosis.hypotheses import changed, fit_camera
+from muybridge.geometry.calibration.diagnosis.hypotheses import fit_camera, perturb_camera
 from muybridge.geometry.calibration.people.calibrate import refine_people
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.cameras.video_size import fit_to_video
 from muybridge.geometry.numerics.robust import extent, student_scale
 from tests.rigs import ring_of_cameras
 
@@ -39,7 +40,7 @@ def _rig(count: int) -> CameraGroup:
 
 
 def _walk(frames: int) -> np.ndarray:
-    """(T, 16, 3) a person of 60 frames a second who walks about and swings the arms."""
+    """(T, 16, 3) a person at 60 frames per second who walks about and swings the arms."""
     body = np.concatenate([_HALF, _HALF * [-1, 1, 1]])
     out = np.empty((frames, 16, 3))
     for t in range(frames):
@@ -79,7 +80,7 @@ def _with(cameras: CameraGroup, c: int, camera: Camera) -> CameraGroup:
 def _turned(cameras: CameraGroup, seen: Landmarks, c: int) -> tuple[CameraGroup, Landmarks, set[int]]:
     axis = np.random.default_rng(c).normal(size=3)
     by = np.radians(1.0) * axis / np.linalg.norm(axis)
-    return _with(cameras, c, changed(cameras[c], np.array([*by, 0, 0, 0, 0]))), seen, {c}
+    return _with(cameras, c, perturb_camera(cameras[c], np.array([*by, 0, 0, 0, 0]))), seen, {c}
 
 
 def _shifted(cameras: CameraGroup, seen: Landmarks, c: int) -> tuple[CameraGroup, Landmarks, set[int]]:
@@ -93,7 +94,7 @@ def _shifted(cameras: CameraGroup, seen: Landmarks, c: int) -> tuple[CameraGroup
 
 def _zoomed(cameras: CameraGroup, seen: Landmarks, c: int) -> tuple[CameraGroup, Landmarks, set[int]]:
     by = np.log(1.03 if c % 2 else 0.97)
-    return _with(cameras, c, changed(cameras[c], np.array([0, 0, 0, 0, 0, 0, by]))), seen, {c}
+    return _with(cameras, c, perturb_camera(cameras[c], np.array([0, 0, 0, 0, 0, 0, by]))), seen, {c}
 
 
 def _swapped(cameras: CameraGroup, seen: Landmarks, c: int) -> tuple[CameraGroup, Landmarks, set[int]]:
@@ -120,7 +121,7 @@ def _blames(report: CalibrationDiagnosis, kind: str, diagnosis: set[int]) -> Non
 
 @pytest.mark.parametrize("kind", _FAULTS)
 @pytest.mark.parametrize("count", [4, pytest.param(6, marks=pytest.mark.slow), pytest.param(8, marks=pytest.mark.slow)])
-def test_the_right_camera_is_named(kind: str, count: int) -> None:
+def test_the_faulty_camera_is_identified(kind: str, count: int) -> None:
     for seed in range(1 if count == 4 else 2):
         c = (seed + count // 2 + len(kind)) % count
         rig = _rig(count)
@@ -138,7 +139,7 @@ def test_the_right_camera_is_named(kind: str, count: int) -> None:
 
 
 @pytest.mark.parametrize("count", [3, 4, pytest.param(8, marks=pytest.mark.slow)])
-def test_a_healthy_rig_is_not_blamed(count: int) -> None:
+def test_a_healthy_rig_has_no_faults(count: int) -> None:
     rig = _rig(count)
     report = diagnose(rig, *_seen(rig, 200 + count))
     assert report.faults == () and report.probability.max() < 0.95
@@ -147,7 +148,7 @@ def test_a_healthy_rig_is_not_blamed(count: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("share", "blamed"), [(0.0095, False), (0.03, True)])
-def test_what_a_network_may_do_is_no_fault_of_a_camera(share: float, blamed: bool) -> None:
+def test_network_bias_is_no_fault_of_a_camera(share: float, blamed: bool) -> None:
     """2D points that fit within half a pixel, all of one camera's a little too far to the right: a network errs by a
     hundredth of the person too, and always in the same way."""
     rig, rng = _rig(4), np.random.default_rng(5)
@@ -161,7 +162,7 @@ def test_what_a_network_may_do_is_no_fault_of_a_camera(share: float, blamed: boo
         assert report.faults[0].cameras == (rig.names[2],)
 
 
-def test_a_video_of_another_take_is_named() -> None:
+def test_a_video_of_another_take_is_identified() -> None:
     rig = _rig(5)
     px, variance = _seen(rig, 5)
     later, late = _seen(rig, 6, frames=240)
@@ -171,7 +172,7 @@ def test_a_video_of_another_take_is_named() -> None:
     assert report.order[0] == 3
 
 
-def test_who_fills_the_picture_may_be_misread_by_more_pixels() -> None:
+def test_tolerance_grows_with_the_size_of_the_person() -> None:
     cameras = CameraGroup(tuple(replace(c, params=(2400, 2400, 960, 540)) for c in _rig(4).cameras))
     px, variance = _seen(cameras, 3)
     px[1] += np.random.default_rng(3).normal(0, 75.0, px[1].shape)
@@ -182,7 +183,7 @@ def test_who_fills_the_picture_may_be_misread_by_more_pixels() -> None:
 
 
 @pytest.mark.parametrize("order", [(1, 2, 0, 3), (3, 2, 1, 0), (2, 0, 3, 1)])
-def test_files_that_went_round_are_all_named(order: tuple[int, ...]) -> None:
+def test_permuted_files_are_all_identified(order: tuple[int, ...]) -> None:
     rig = _rig(4)
     px, variance = _seen(rig, 9)
     report = diagnose(rig, px[list(order)], variance[list(order)])
@@ -202,7 +203,7 @@ def test_two_faults_are_found_one_after_the_other() -> None:
     assert set(report.order[:2]) == {1, 4}
 
 
-def test_what_cannot_be_told_is_said() -> None:
+def test_undetermined_cases_have_a_note() -> None:
     rig = _rig(4)
     px, variance = _seen(rig, 8)
     two = CameraGroup(rig.cameras[:2])
@@ -214,14 +215,14 @@ def test_what_cannot_be_told_is_said() -> None:
         diagnose(rig, px, variance[:, 1:])
 
 
-def test_a_camera_is_fitted_in_spite_of_wrong_points() -> None:
+def test_camera_fit_is_robust_to_wrong_points() -> None:
     rng = np.random.default_rng(9)
     truth = _rig(4)[0]
     world = _walk(40).reshape(-1, 3)
     px = truth.project(world) + rng.normal(0, 1.0, (len(world), 2))
     px[::7] += rng.normal(0, 90.0, px[::7].shape)
     off = np.array([0.02, -0.01, 0.015, 0.05, -0.04, 0.03, 0.0])
-    fit = fit_camera(changed(truth, off), world, px, np.ones(len(world)), np.arange(7) < 6)
+    fit = fit_camera(perturb_camera(truth, off), world, px, np.ones(len(world)), np.arange(7) < 6)
     assert fit is not None
     assert np.abs(fit.camera.cam_from_world - truth.cam_from_world)[:, :3].max() < 2e-3
     assert np.linalg.norm(fit.camera.center_world - truth.center_world) < 5 * np.linalg.norm(fit.sd[3:6]) < 0.1
@@ -252,7 +253,7 @@ def test_the_real_rig(people_refined: tuple[CameraGroup, CameraGroup, Landmarks]
     _blames(diagnose(wrong, *landmarks), kind, diagnosis)
 
 
-def test_the_real_calibration_has_a_camera_that_was_turned(
+def test_the_real_calibration_has_a_rotated_camera(
     people_refined: tuple[CameraGroup, CameraGroup, Landmarks],
 ) -> None:
     """Its maker's poses are off by one to two degrees: refined from the person, the third camera turns most."""

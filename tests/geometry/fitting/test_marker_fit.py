@@ -18,7 +18,7 @@ from muybridge.geometry.skeleton.joint_centres import JointCentres
 from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
 from muybridge.infer.commands.app import run_command
 from muybridge.motion.formats.points.c3d import write_c3d
-from muybridge.train.correction.takes import Spoiling, spoil
+from muybridge.train.correction.takes import MarkerFaults, add_faults
 
 FPS = 60.0
 QUICK = MarkerFitOptions(calibration_frames=40)
@@ -62,7 +62,7 @@ def solved(points: np.ndarray, columns: np.ndarray, **more: object) -> tuple[np.
 def spoiled() -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
     markers, turns, places = staged(1)
     columns = np.array(PLUG_IN_GAIT.surface_indices)
-    points, _ = spoil(markers[:, columns], FPS, Spoiling(hidden=0.2), np.random.default_rng(2))
+    points, _ = add_faults(markers[:, columns], FPS, MarkerFaults(hidden=0.2), np.random.default_rng(2))
     return points, columns, (turns, places)
 
 

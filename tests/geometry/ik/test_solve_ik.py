@@ -26,7 +26,7 @@ SKELETON = BODY.skeleton(prior_shape(1.75))
 TREE, LAST = tree_of_skeleton(SKELETON, BODY.rest)
 CHAIN = chain_of_balls([0.3] * 6, 2.5)
 TIP = np.array([0.0, 0, 0.3])
-CLASSICAL = [m for m in METHODS if m != "examples"]
+CLASSICAL = [m for m in METHODS if m != "gmm_prior"]
 
 
 def wrist(side: str) -> tuple[int, np.ndarray]:
@@ -93,11 +93,11 @@ def test_gradient_of_the_goal_function_by_finite_differences():
 @pytest.mark.parametrize(
     ("method", "least"),
     [("transpose", 0.6), ("pseudo_inverse", 0.95), ("damped", 0.95), ("null_space", 0.95), ("ccd", 0.85),
-     ("fabrik", 0.75), ("programme", 0.95), ("examples", 0.8)],
+     ("fabrik", 0.75), ("nonlinear", 0.95), ("gmm_prior", 0.8)],
 )  # fmt: skip
 def test_both_hands_of_the_body(method, least):
     rng = np.random.default_rng(3)
-    prior = load_prior() if method == "examples" else None
+    prior = load_prior() if method == "gmm_prior" else None
     good = 0
     for k in range(40):
         theta = rng.uniform(TREE.lower, TREE.upper)
@@ -115,7 +115,7 @@ def test_both_hands_of_the_body(method, least):
     assert good >= least * 40
 
 
-@pytest.mark.parametrize("method", ["damped", "null_space", "programme", "pseudo_inverse"])
+@pytest.mark.parametrize("method", ["damped", "null_space", "nonlinear", "pseudo_inverse"])
 def test_orientation_and_direction(method):
     rng = np.random.default_rng(4)
     good = 0
@@ -194,7 +194,7 @@ def test_linear_constraints_couple_joints():
     theta = TREE.preferred.copy()
     theta[[spine, chest]] = 0.4
     goals = [goal_at(TREE, theta, *wrist("left"))]
-    found = solve_ik(TREE, goals, method="programme", constraint=LinearConstraint(row, 0, 0))
+    found = solve_ik(TREE, goals, method="nonlinear", constraint=LinearConstraint(row, 0, 0))
     assert found.success and abs(found.theta[spine] - found.theta[chest]) < 1e-6 and within(TREE, found.theta)
 
 
@@ -209,7 +209,7 @@ def test_a_prior_learned_from_examples(tmp_path):
     again = load_prior(tmp_path / "prior.npz")
     np.testing.assert_allclose(again.log_density(examples), prior.log_density(examples), rtol=1e-3, atol=0.05)
     goals = [goal_at(TREE, examples[0], *wrist("left"))]
-    likely = solve_ik(TREE, goals, method="examples", prior=prior)
+    likely = solve_ik(TREE, goals, method="gmm_prior", prior=prior)
     plain = solve_ik(TREE, goals, method="damped")
     assert likely.success
     assert np.linalg.norm(likely.theta - centre) < 0.7 * np.linalg.norm(plain.theta - centre)
@@ -227,13 +227,20 @@ def test_what_does_not_fit_is_said():
     goal = Goal(17, TIP, np.zeros(3))
     with pytest.raises(ValueError, match="unknown method 'newton': choose one of transpose"):
         solve_ik(CHAIN, [goal], method="newton")
-    with pytest.raises(ValueError, match="only 'programme'"):
+    with pytest.raises(ValueError, match="only 'nonlinear'"):
         solve_ik(CHAIN, [goal], method="ccd", constraint=LinearConstraint(np.zeros((1, 18)), 0, 0))
     with pytest.raises(ValueError, match="at least one goal"):
         solve_ik(CHAIN, [])
     with pytest.raises(ValueError, match="joint 99"):
         solve_ik(CHAIN, [Goal(99, TIP, np.zeros(3))])
     with pytest.raises(ValueError, match="a prior goes with"):
-        solve_ik(CHAIN, [goal], method="examples")
+        solve_ik(CHAIN, [goal], method="gmm_prior")
     with pytest.raises(ValueError, match="one parent a joint"):
         KinematicTree(("a",), (0,), np.zeros((1, 3)), np.eye(3)[:1], np.zeros(1), np.zeros(1), np.zeros(1))
+
+
+def test_former_names_of_methods_still_work():
+    goal = Goal(joint=len(CHAIN) - 1, offset=np.zeros(3), position=np.array([0.2, 0.1, 0.4]))
+    with pytest.warns(DeprecationWarning, match="'programme' is now called 'nonlinear'"):
+        old = solve_ik(CHAIN, [goal], method="programme")
+    assert np.array_equal(old.theta, solve_ik(CHAIN, [goal], method="nonlinear").theta)

@@ -9,7 +9,7 @@ from muybridge.geometry.markers.recovery import recover_points
 from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
 from muybridge.geometry.markers.subjects import split_people
 from muybridge.geometry.markers.tracking import Tracks, find_tracks
-from muybridge.geometry.markers.voting import VoteOptions, assign_frames, cut_tracks, elect, exchangeable, vote
+from muybridge.geometry.markers.voting import VoteOptions, assign_frames, assign_labels, cut_tracks, exchangeable, vote
 from muybridge.geometry.smoothing.gap_models import gaps_of, rigid_gap
 
 FPS = 100.0
@@ -46,7 +46,7 @@ def purity(tracks, truth):
     return right / total
 
 
-def test_points_shuffled_in_every_frame_become_whole_trajectories():
+def test_points_shuffled_in_every_frame_are_tracked():
     truth = moving()
     rng = np.random.default_rng(3)
     cloud = np.stack([frame[rng.permutation(6)] for frame in truth])
@@ -79,12 +79,12 @@ def test_frames_alone_are_assigned_once_a_label():
     assert assign_frames(scores).tolist() == [[1, 0, -1]]
 
 
-def test_elections_are_as_good_as_the_best_assignment_where_all_meet():
+def test_label_assignment_is_optimal_where_all_overlap():
     rng = np.random.default_rng(5)
     for _ in range(10):
         votes = rng.normal(size=(24, 21))
         votes[:, -1] = -0.4
-        label = elect(votes, np.tile([0, 9], (24, 1)))
+        label = assign_labels(votes, np.tile([0, 9], (24, 1)))
         named = label[label >= 0]
         assert len(set(named)) == len(named)
         gain = votes[:, :-1] - votes[:, -1:]
@@ -94,12 +94,12 @@ def test_elections_are_as_good_as_the_best_assignment_where_all_meet():
         assert won == pytest.approx(best, rel=0.01)
 
 
-def test_trajectories_that_never_meet_may_share_a_label():
+def test_trajectories_without_overlap_may_share_a_label():
     votes = np.array([[5.0, 0, 0], [4.0, 3.0, 0], [4.0, 0, 0]])
-    assert elect(votes, np.array([[0, 10], [5, 20], [11, 30]])).tolist() == [0, 1, 0]
+    assert assign_labels(votes, np.array([[0, 10], [5, 20], [11, 30]])).tolist() == [0, 1, 0]
 
 
-def test_a_trajectory_is_cut_where_its_label_changes_for_good_but_not_where_it_wavers():
+def test_a_trajectory_is_split_at_permanent_label_changes_only():
     scores = np.full((200, 1, 4), -3.0)
     scores[:120, 0, 0], scores[120:, 0, 1] = -0.1, -0.1
     scores[40:43, 0, 2] = 0.0
@@ -127,14 +127,14 @@ def test_a_trajectory_is_exchanged_where_it_jumps_or_meets_another_and_not_elsew
     assert len(set(pieces[:45, 0])) == 1
 
 
-def test_shuffled_frames_are_found_however_few_frames_a_second_there_are():
+def test_shuffled_frames_are_detected_at_any_frame_rate():
     cloud = moving()[::10]
     rng = np.random.default_rng(3)
     assert not find_tracks(cloud, FPS / 10).tracked
     assert find_tracks(np.stack([frame[rng.permutation(6)] for frame in cloud]), FPS / 10).tracked
 
 
-def test_distances_tell_a_marker_from_its_neighbour():
+def test_distances_separate_neighbouring_markers():
     points = body()
     away = np.linalg.norm(points[0][:, None] - points[0], axis=-1)
     prior = prior_rigidity(away * 1.2, np.full((6, 6), 0.005), np.full((6, 6), 0.05), 4)
@@ -157,7 +157,7 @@ def test_a_rigid_body_fills_its_own_gaps_exactly():
         assert np.abs(found - points[60:110, 2]).max() < 1e-3, fill.__name__
 
 
-def test_gaps_are_filled_by_the_way_that_fits_and_marked():
+def test_gaps_are_filled_by_the_best_method_and_marked():
     points = body()
     hidden = points.copy()
     hidden[30:34, 0] = np.nan  # short
@@ -171,7 +171,7 @@ def test_gaps_are_filled_by_the_way_that_fits_and_marked():
     assert np.isfinite(done.error_m[~measured]).all() and np.isnan(done.error_m[measured]).all()
 
 
-def test_gaps_that_nothing_tells_stay_open():
+def test_unpredictable_gaps_stay_open():
     points = moving(120, 2)
     points[40:80, 0] = np.nan
     done = clean_markers(points, FPS)
@@ -180,7 +180,7 @@ def test_gaps_that_nothing_tells_stay_open():
     assert (kept.sample != Sample.CURVE).all()
 
 
-def test_spikes_are_taken_out_and_refilled_and_nothing_else():
+def test_only_spikes_are_removed_and_refilled():
     points = body()
     spoilt = points.copy()
     rng = np.random.default_rng(8)
@@ -198,7 +198,7 @@ def test_gaps_of_a_marker():
     assert gaps_of(np.ones(4, bool)) == []
 
 
-def test_an_unnamed_point_where_a_marker_is_missing_gets_its_name_and_a_ghost_does_not():
+def test_an_unlabelled_point_gets_the_label_of_a_missing_marker_and_a_ghost_does_not():
     points = moving(60, 3)
     cloud = np.concatenate([points, np.full((60, 2, 3), np.nan)], 1)
     label = np.tile([0, 1, 2, -1, -1], (60, 1))
@@ -211,7 +211,7 @@ def test_an_unnamed_point_where_a_marker_is_missing_gets_its_name_and_a_ghost_do
     assert np.array_equal(np.delete(found, range(20, 25), 0), np.delete(label, range(20, 25), 0))
 
 
-def test_two_people_are_told_apart_and_one_alone_is_left_alone():
+def test_two_people_are_separated_and_one_is_not_split():
     one = moving(80, 12, 1)
     other = moving(80, 12, 2)[:, :10] + [1.5, 0.4, 0]
     cloud = np.concatenate([one, other], 1)[:, np.random.default_rng(0).permutation(22)]
@@ -223,6 +223,6 @@ def test_two_people_are_told_apart_and_one_alone_is_left_alone():
     assert len(split_people(find_tracks(one, FPS), 12)) == 1
 
 
-def test_tracks_of_nothing():
+def test_empty_tracks():
     tracks = find_tracks(np.full((5, 3, 3), np.nan), FPS)
     assert isinstance(tracks, Tracks) and tracks.count == 0

@@ -1,4 +1,4 @@
-"""Filters over time: each against a known truth, and what they do at gaps, ends and with rotations."""
+"""Filters over time against a known truth, at gaps and ends, and for rotations."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from muybridge.geometry.smoothing.filters import (
 )
 
 FPS = 100.0
-# Each told what suits the signal below.
+# Parameters that suit the signal below.
 TUNED = {
     "butterworth": FilterOptions(cutoff_hz=4.0),
     "kalman": FilterOptions(acceleration=15.0),
@@ -40,7 +40,7 @@ def signal(frames: int = 400) -> tuple[FloatArray, FloatArray]:
 
 
 @pytest.mark.parametrize("method", SEEING_AHEAD)
-def test_noise_goes_and_movement_stays(method: str) -> None:
+def test_noise_is_removed_and_motion_is_kept(method: str) -> None:
     truth, noisy = signal()
     found = smooth(noisy, FPS, method, TUNED[method])
     inside = slice(20, -20)
@@ -64,7 +64,7 @@ def test_no_lag(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_line_stays_a_line_and_gaps_stay_gaps(method: str) -> None:
+def test_lines_and_gaps_are_preserved(method: str) -> None:
     line = np.linspace(0.0, 1.0, 200)[:, None] * np.array([1.0, -2.0])
     line[60:70, 0] = np.nan
     line[0:3, 1] = np.nan
@@ -84,7 +84,7 @@ def test_short_takes(method: str, frames: int) -> None:
     assert np.isnan(smooth(np.full((frames, 3), np.nan), FPS, method, TUNED[method])).all()
 
 
-def test_one_euro_is_calm_at_rest_and_quick_in_motion_without_looking_ahead() -> None:
+def test_one_euro_smooths_at_rest_and_follows_motion_causally() -> None:
     rng = np.random.default_rng(3)
     path = np.concatenate([np.zeros(200), np.linspace(0, 3, 100)])[:, None]  # rests, then 3 m/s
     noisy = path + rng.normal(0, 0.01, path.shape)
@@ -123,7 +123,7 @@ def test_cross_validation_does_not_depend_on_the_frame_rate() -> None:
         assert np.sqrt(np.mean((found - truth)[20:-20] ** 2)) < 0.005
 
 
-def test_hampel_drops_what_jumps_and_nothing_else() -> None:
+def test_hampel_drops_only_outliers() -> None:
     truth, noisy = signal()
     spoiled = noisy.copy()
     frames = np.arange(10, 390, 19)
@@ -137,7 +137,7 @@ def test_hampel_drops_what_jumps_and_nothing_else() -> None:
 
 
 @pytest.mark.parametrize("method", SEEING_AHEAD)
-def test_rotations_pass_half_a_turn(method: str) -> None:
+def test_rotations_are_continuous_across_half_a_turn(method: str) -> None:
     time = np.arange(300) / FPS
     turn = 2.5 * time  # through pi and beyond
     axis = np.array([0.0, 0.6, 0.8])
@@ -159,7 +159,7 @@ def test_rotations_pass_half_a_turn(method: str) -> None:
     assert angle(matrix_from_quat(found[known])) < GAIN[method] * 1.15 * angle(noisy[known])
 
 
-def test_mistakes_are_named() -> None:
+def test_invalid_arguments() -> None:
     _, noisy = signal(50)
     with pytest.raises(ValueError, match="choose one of butterworth"):
         smooth(noisy, FPS, "butterwoth")

@@ -1,4 +1,4 @@
-"""Gap filling: a rigid head, a body whose parts move together, and what can't be filled."""
+"""Gap filling: a rigid head, a body whose parts move together, and gaps that cannot be filled."""
 
 from pathlib import Path
 
@@ -39,7 +39,7 @@ def error_mm(found: FloatArray, truth: FloatArray) -> float:
 
 
 @pytest.mark.parametrize("method", ["auto", *GAP_METHODS])
-def test_every_method_fills_and_leaves_the_rest_alone(method: str) -> None:
+def test_every_method_fills_gaps_and_keeps_the_rest(method: str) -> None:
     truth = head_and_body()
     holed = cut(cut(truth, 1, 100, 104), 6, 200, 203)
     found = fill_gaps(holed, FPS, method)
@@ -48,7 +48,7 @@ def test_every_method_fills_and_leaves_the_rest_alone(method: str) -> None:
     assert error_mm(found[100:104, 1], truth[100:104, 1]) < 12 and error_mm(found[200:203, 6], truth[200:203, 6]) < 12
 
 
-def test_a_rigid_body_carries_its_marker_through_a_long_gap() -> None:
+def test_a_rigid_body_fills_a_long_gap() -> None:
     truth = head_and_body()
     holed = cut(truth, 1, 100, 160)
     for method in ("rigid", "auto"):
@@ -56,7 +56,7 @@ def test_a_rigid_body_carries_its_marker_through_a_long_gap() -> None:
     assert error_mm(fill_gaps(holed, FPS, "spline")[100:160, 1], truth[100:160, 1]) > 30
 
 
-def test_low_rank_knows_how_parts_move_together() -> None:
+def test_low_rank_uses_correlated_motion() -> None:
     truth = head_and_body()
     holed = cut(truth, 6, 100, 160)
     assert error_mm(fill_gaps(holed, FPS, "low_rank")[100:160, 6], truth[100:160, 6]) < 15
@@ -79,7 +79,7 @@ def test_ends_and_long_gaps_stay_open() -> None:
 
 
 @pytest.mark.parametrize("method", ["auto", *GAP_METHODS])
-def test_too_little_to_go_by(method: str) -> None:
+def test_too_few_data(method: str) -> None:
     one = np.full((9, 1, 3), np.nan)
     one[2], one[7] = 0.0, 1.0
     assert np.isfinite(fill_gaps(one, FPS, method)[2:8]).all()
@@ -91,7 +91,7 @@ def test_too_little_to_go_by(method: str) -> None:
     assert fill_gaps(np.empty((0, 4, 3)), FPS, method).shape == (0, 4, 3)
 
 
-def test_unknown_methods_are_named() -> None:
+def test_unknown_methods_are_an_error() -> None:
     with pytest.raises(ValueError, match="choose one of auto, spline"):
         fill_gaps(head_and_body(5), FPS, "magic")
 

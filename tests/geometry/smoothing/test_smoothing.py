@@ -1,4 +1,4 @@
-"""Points over time: noise, gaps, outliers, exchanged sides, covariance."""
+"""Smoothing of points over time: noise, gaps, outliers, flips, covariance."""
 
 from dataclasses import replace
 
@@ -68,9 +68,9 @@ def error(points: Points3D, truth: Points3D) -> np.ndarray:
     return np.linalg.norm(points.points_world - truth.points_world, axis=-1)
 
 
-@pytest.mark.parametrize(("sigma", "told"), [(0.03, 0.03), (0.03, 0.006), (0.03, None), (0.003, 0.03)])
-def test_noise_is_reduced_whatever_the_covariance_claims(sigma, told):
-    truth = take(sigma=told)
+@pytest.mark.parametrize(("sigma", "stated"), [(0.03, 0.03), (0.03, 0.006), (0.03, None), (0.003, 0.03)])
+def test_noise_is_reduced_for_wrong_covariances(sigma, stated):
+    truth = take(sigma=stated)
     noisy = with_points(truth, truth.points_world + np.random.default_rng(0).normal(0, sigma, (240, 23, 3)))
     smooth = smooth_points(noisy)
     assert error(smooth, truth).mean() < 0.55 * error(noisy, truth).mean()
@@ -81,7 +81,7 @@ def test_clean_points_stay_where_they_are_without_lag():
     assert error(smooth_points(truth), truth).max() < 0.006
 
 
-def test_covariance_tells_the_error():
+def test_covariance_matches_the_error():
     truth = take(sigma=0.02)
     noisy = with_points(truth, truth.points_world + np.random.default_rng(1).normal(0, 0.02, (240, 23, 3)))
     noisy.points_world[100:120, 3] = np.nan
@@ -134,7 +134,7 @@ def test_outliers_are_dropped_and_fast_motion_is_not():
 
 
 @pytest.mark.parametrize("what", ["everything", "legs", "one pair"])
-def test_exchanged_sides_are_exchanged_back(what):
+def test_flips_are_corrected(what):
     truth = take(sigma=0.03)
     points = truth.points_world + np.random.default_rng(3).normal(0, 0.02, truth.points_world.shape)
     words = {"everything": "", "legs": ("knee", "ankle", "hip", "toe", "heel"), "one pair": "wrist"}[what]
@@ -151,7 +151,7 @@ def test_exchanged_sides_are_exchanged_back(what):
     np.testing.assert_array_equal(untouched.points_world, points)
 
 
-def test_right_sides_are_left_alone():
+def test_correct_sides_are_kept():
     truth = take(sigma=0.03)
     points = truth.points_world + np.random.default_rng(5).normal(0, 0.03, truth.points_world.shape)
     back = clean_points(with_points(truth, points), SmoothOptions(hampel_window=0)).points_world
@@ -159,7 +159,7 @@ def test_right_sides_are_left_alone():
 
 
 @pytest.mark.parametrize("fps", [5.0, 6.0, 8.0, 12.0, 60.0])
-def test_legs_that_pass_between_two_frames_are_not_exchanged(fps):
+def test_legs_that_pass_between_two_frames_are_not_flipped(fps):
     truth = walk(12, fps)
     points = truth.points_world + np.random.default_rng(6).normal(0, 0.015, truth.points_world.shape)
     back = clean_points(with_points(truth, points), SmoothOptions(hampel_window=0)).points_world
@@ -199,18 +199,18 @@ def test_landmarks_without_sides_and_frame_rates():
 
 
 @pytest.mark.parametrize("method", ["butterworth", "savgol", "loess"])
-def test_other_filters_take_the_same_road(method):
+def test_other_filters_use_the_same_cleaning(method):
     truth = take()
     xyz = truth.points_world + np.random.default_rng(4).normal(0, 0.01, truth.points_world.shape)
     xyz[40:44, 2] = np.nan
     xyz[70, 3] += 1.0
-    told = {"cutoff_hz": 6.0} if method == "butterworth" else {}
-    off = error(smooth_points(with_points(truth, xyz), SmoothOptions(method=method, **told)), truth)
+    stated = {"cutoff_hz": 6.0} if method == "butterworth" else {}
+    off = error(smooth_points(with_points(truth, xyz), SmoothOptions(method=method, **stated)), truth)
     assert np.isfinite(off).all() and off[70, 3] < 0.05
     assert np.sqrt(np.mean(off[5:-5] ** 2)) < 0.85 * 0.01 * np.sqrt(3)
 
 
-def test_cutoffs_that_cannot_be_are_refused():
+def test_impossible_cutoffs_are_refused():
     with pytest.raises(MuybridgeError, match="needs more than 1000 frames/s"):
         smooth_points(take(), SmoothOptions(method="butterworth", cutoff_hz=500.0))
     with pytest.raises(ValueError, match="goes with method butterworth"):

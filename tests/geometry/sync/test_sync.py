@@ -1,4 +1,4 @@
-"""Cameras' clocks by sound, movement and epipolar geometry; `muybridge sync` and what `run` does with it."""
+"""Clocks of cameras from sound, motion and epipolar geometry; `muybridge sync` and what `run` does with it."""
 
 from pathlib import Path
 
@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from muybridge.errors import SessionError
-from muybridge.geometry.calibration import fit_to_video, load_calibration
+from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.cameras.video_size import fit_to_video
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.landmarks.sets import BODY23
-from muybridge.geometry.sync.clocks import parabola, synchronised
+from muybridge.geometry.sync.audio import audio_clock
+from muybridge.geometry.sync.clocks import Clock, Delays, clock_from_delays, parabola, resample, resample_keypoints
 from muybridge.geometry.sync.epipolar import epipolar_clocks
-from muybridge.geometry.sync.motion import Clock, Delays, audio_clock, clock_from_delays, motion_clocks, resample
+from muybridge.geometry.sync.motion import motion_clocks
 from muybridge.infer.pipelines.sync import SyncResult, disagreements, read_audio, write_sync
 from muybridge.infer.session.sync_file import first_frames_in_common, read_sync
 from tests.rigs import ring_of_cameras
@@ -60,7 +62,7 @@ def test_movement_finds_sub_frame_offsets() -> None:
     assert all(abs(e) < 5 * c.offset_sd for e, c in zip(error[1:], clocks[1:], strict=True))
 
 
-def test_a_short_take_is_not_put_apart_by_chance() -> None:
+def test_a_short_take_gets_no_accidental_offset() -> None:
     """Speeds of noisy landmarks over one second hardly correlate, and chance is largest in short overlaps."""
     _, px, variance = _views(np.zeros(3), np.zeros(3), 1.2)
     noise = np.random.default_rng(7).normal(0, 12.0, px.shape)
@@ -68,7 +70,7 @@ def test_a_short_take_is_not_put_apart_by_chance() -> None:
     assert all(abs(c.offset) < 0.1 for c in clocks)
 
 
-def test_a_peak_beside_what_was_not_tried_is_taken_as_it_stands() -> None:
+def test_a_peak_at_the_edge_is_not_interpolated() -> None:
     assert parabola(np.array([-np.inf, 3.0, 2.0]), 1) == 0.0
     assert parabola(np.array([1.0, 3.0, 2.0]), 1) == pytest.approx(1 / 6)
 
@@ -101,7 +103,7 @@ def test_sound_finds_offset_and_drift_over_ten_minutes() -> None:
 
 
 @pytest.mark.parametrize("late", [0.3, -0.8, 1.3])
-def test_beats_are_told_apart_by_what_else_is_heard(late: float) -> None:
+def test_periodic_sound_is_resolved_by_other_sounds(late: float) -> None:
     rng, rate = np.random.default_rng(3), 8000
     beat = np.zeros(30 * rate)
     for start in range(0, len(beat) - 500, 6 * rate // 10):
@@ -112,8 +114,8 @@ def test_beats_are_told_apart_by_what_else_is_heard(late: float) -> None:
     def heard(sound: np.ndarray, at: int) -> np.ndarray:
         return sound[at : at + 20 * rate] + 0.01 * rng.normal(size=20 * rate)
 
-    told = audio_clock(heard(beat + room, begin), heard(beat + room, other), rate, 2.0)
-    assert abs(told.offset - late) < 1e-3 and told.offset_sd < 1e-3
+    resolved = audio_clock(heard(beat + room, begin), heard(beat + room, other), rate, 2.0)
+    assert abs(resolved.offset - late) < 1e-3 and resolved.offset_sd < 1e-3
     # Beats alone say nothing of which is which.
     assert audio_clock(heard(beat, begin), heard(beat, other), rate, 2.0).offset_sd > 0.5
 
@@ -122,7 +124,7 @@ def test_silence_is_not_an_offset() -> None:
     assert not np.isfinite(audio_clock(np.zeros(80000), _sound(np.arange(80000) / 8000), 8000).offset_sd)
 
 
-def test_a_line_through_delays_ignores_windows_that_heard_something_else() -> None:
+def test_a_line_through_delays_ignores_wrong_windows() -> None:
     at = np.linspace(10, 590, 20)
     delay = 0.1 + 50e-6 * at
     delay[[3, 11, 12]] += (0.4, -0.2, 0.7)
@@ -139,7 +141,7 @@ def test_resample_is_exact_on_frames_and_missing_beside_gaps() -> None:
     np.testing.assert_allclose(at[[1, 3, 4, 5], 0, 0], [6, 10, 11, 18])
 
 
-def test_the_real_take_cut_apart_is_put_back(real_data: Path) -> None:
+def test_the_shifted_real_take_is_aligned(real_data: Path) -> None:
     folder = real_data / "balancing"
     stored = np.load(folder / "reference" / "openpose_body25b.npz")
     points, score = stored["keypoints2d_px"][..., :2], stored["keypoints2d_px"][..., 2]
@@ -155,7 +157,7 @@ def test_the_real_take_cut_apart_is_put_back(real_data: Path) -> None:
     assert np.abs(found - late)[1:].max() < 5 * max(c.offset_sd for c in clocks) * FPS
 
 
-def test_sync_file_comes_back_and_bad_ones_are_refused(tmp_path: Path) -> None:
+def test_sync_file_round_trip_and_invalid_files(tmp_path: Path) -> None:
     clocks = (Clock(0.0, 0.0, 0.0, 0.0, 1.0), Clock(0.1234567, -3.2e-5, 1e-3, 1e-6, 0.5))
     path = tmp_path / "sync.toml"
     write_sync(path, ("a b", "cam.2"), SyncResult(clocks, ("reference", "audio"), {}, ()))
@@ -169,11 +171,11 @@ def test_sync_file_comes_back_and_bad_ones_are_refused(tmp_path: Path) -> None:
             read_sync(path, ("x", "y"))
 
 
-def test_films_begin_with_the_first_moment_that_all_show() -> None:
+def test_videos_start_at_the_first_common_time() -> None:
     def clock(offset: float, drift: float = 0.0) -> Clock:
         return Clock(offset, drift, 0.0, 0.0, 1.0)
 
-    # The second film was begun 1.6 s after the first, the third 0.11 s before it, by a clock that gains.
+    # The second video starts 1.6 s after the first, the third 0.11 s before it, with a clock that drifts.
     clocks = (clock(0.0), clock(-1.6), clock(0.11, 5e-5))
     first, left = first_frames_in_common(clocks, "abc", (100, 60, 90), 25.0)
     np.testing.assert_array_equal(first, [40, 0, 43])
@@ -181,14 +183,14 @@ def test_films_begin_with_the_first_moment_that_all_show() -> None:
     for c, (before, after) in enumerate(zip(clocks, left, strict=True)):
         np.testing.assert_allclose(first[c] / 25 + after.at(times), before.at(1.6 + times), atol=1e-8)
     assert left[0].offset == left[1].offset == 0 and abs(left[2].offset) < 0.02
-    # What the first film's clock says is the take's time, whoever's the file's is.
+    # The take's time is that of the first video, whichever clock is the reference in the file.
     first, left = first_frames_in_common((clock(0.51), clock(0.5)), "ab", (50, 50), 25.0)
     assert first.tolist() == [0, 0] and left[0].offset == 0 and left[1].offset == pytest.approx(-0.01)
     with pytest.raises(SessionError, match="by sync.toml b ends 0.44 s before a begins"):
         first_frames_in_common((clock(0.0), clock(4.8)), "ab", (100, 110), 25.0)
 
 
-def test_landmarks_are_put_in_step() -> None:
+def test_landmarks_are_resampled() -> None:
     offsets = np.array([0.0, 2.5, -1.25]) / FPS
     cameras, px, variance = _views(offsets, np.zeros(3), 4.0)
     count = len(BODY23.names)
@@ -199,7 +201,7 @@ def test_landmarks_are_put_in_step() -> None:
         np.pad(variance[:, :, None], pad, constant_values=np.nan),
         np.pad(np.ones_like(variance)[:, :, None], pad),
     )
-    moved = synchronised(everyone, [Clock(o, 0.0, 0.0, 0.0, 1.0) for o in offsets], FPS)
+    moved = resample_keypoints(everyone, [Clock(o, 0.0, 0.0, 0.0, 1.0) for o in offsets], FPS)
     truth = cameras.project(_walker(np.arange(px.shape[1]) / FPS, np.random.default_rng(5)))
     before = np.nanmedian(np.abs(px - truth)[1:])
     after = np.nanmedian(np.abs(moved.points_px[:, :, 0, :12] - truth)[1:])
@@ -207,17 +209,17 @@ def test_landmarks_are_put_in_step() -> None:
     assert (moved.score[~np.isfinite(moved.variance_px2)] == 0).all()
 
 
-def test_methods_that_disagree_are_named() -> None:
+def test_methods_that_disagree_are_reported() -> None:
     zero = Clock(0.0, 0.0, 0.0, 0.0, 1.0)
     found = {
         "audio": (zero, Clock(0.5, 0.0, 1e-4, 0.0, 1.0), Clock(0.1, 0.0, 1e-4, 0.0, 1.0)),
         "epipolar": (zero, Clock(0.1, 0.0, 2e-3, 0.0, 1.0), Clock(0.101, 0.0, 2e-3, 0.0, 1.0)),
     }
-    said = disagreements(("a", "b", "c"), found, FPS)
-    assert len(said) == 1 and "camera b" in said[0] and "audio" in said[0]
+    sentences = disagreements(("a", "b", "c"), found, FPS)
+    assert len(sentences) == 1 and "camera b" in sentences[0] and "audio" in sentences[0]
 
 
-def test_sound_is_read_from_a_film(tmp_path: Path) -> None:
+def test_sound_is_read_from_a_video(tmp_path: Path) -> None:
     path = tmp_path / "take.mka"
     rate = 16000
     own = np.arange(3 * rate) / rate

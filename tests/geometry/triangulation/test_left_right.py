@@ -1,4 +1,4 @@
-"""Exchanged sides: put back where the other cameras contradict, left alone where nobody does."""
+"""Left-right flips: corrected where the other cameras contradict, kept otherwise."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def views(count: int, frames: int, noise_px: float) -> tuple[CameraGroup, FloatA
 
 
 @pytest.mark.parametrize("count", [3, 4, 8])
-def test_whole_views_are_put_back(count: int) -> None:
+def test_flips_of_whole_views_are_corrected(count: int) -> None:
     cameras, px = views(count, 80, 6.0)
     rng = np.random.default_rng(1)
     wrong = rng.random((count, 80)) < 0.15
@@ -28,7 +28,7 @@ def test_whole_views_are_put_back(count: int) -> None:
     variance = np.full(px.shape[:-1], 36.0)
     fixed, fixed_variance, flipped = repair_flips(cameras, given, variance, BODY23)
     twin = np.array(MIRROR) != np.arange(len(BODY23))
-    # Seen from the side, left and right lie on each other and nobody can tell, nor needs to.
+    # Seen from the side, left and right coincide, so that flips are neither visible nor harmful.
     right = flipped == (wrong[..., None] & twin)
     assert right[..., twin].mean() > 0.97
     before = np.median(np.linalg.norm(given - px, axis=-1)[wrong][:, twin])
@@ -37,7 +37,7 @@ def test_whole_views_are_put_back(count: int) -> None:
     np.testing.assert_array_equal(flipped.any(axis=-1) & ~wrong, np.zeros_like(wrong))
 
 
-def test_legs_alone_are_put_back() -> None:
+def test_flips_of_legs_alone_are_corrected() -> None:
     cameras, px = views(4, 60, 6.0)
     legs = [i for i, n in enumerate(BODY23.names) if n.split("_", 1)[-1] in ("hip", "knee", "ankle", "heel")
             or "toe" in n]  # fmt: skip
@@ -50,7 +50,7 @@ def test_legs_alone_are_put_back() -> None:
     np.testing.assert_array_equal(fixed, px)
 
 
-def test_right_labels_stay_even_when_noisy_or_missing() -> None:
+def test_correct_labels_are_kept_with_noise_and_gaps() -> None:
     cameras, px = views(4, 60, 20.0)
     px[3] = np.nan
     px[0, 20:30] = np.nan
@@ -80,8 +80,8 @@ def test_shapes_are_checked() -> None:
 
 
 @pytest.mark.parametrize("step", [3, 8, 12])
-def test_few_frames_a_second_are_long_strides(step: int) -> None:
-    """Of a runner at 60 frames a second every so many: where a foot was is the other one now."""
+def test_low_frame_rates_have_large_displacements(step: int) -> None:
+    """Every n-th frame of a runner at 60 frames per second: each foot is where the other one was."""
     cameras: CameraGroup = ring(4)
     frames = np.arange(0, 240, step)
     world = walker(240, (0.2, 0.0), 0.4)[frames]

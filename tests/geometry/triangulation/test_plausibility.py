@@ -1,4 +1,4 @@
-"""Limbs that no body has."""
+"""Implausible limbs and uncertain points."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ AT = BODY23.index
 
 @pytest.fixture
 def standing() -> FloatArray:
-    """(40, 23, 3) somebody of usual measurements, with a centimetre of noise."""
+    """(40, 23, 3) a person of average size, with a centimetre of noise."""
     places = {
         "shoulder": (0.2, 0.0, 1.45), "elbow": (0.25, 0.0, 1.15), "wrist": (0.27, -0.05, 0.9), "hip": (0.1, 0.0, 0.95),
         "knee": (0.1, -0.02, 0.5), "ankle": (0.1, 0.0, 0.08),
@@ -23,7 +23,7 @@ def standing() -> FloatArray:
     return body + np.random.default_rng(0).normal(0, 0.01, (40, 23, 3))
 
 
-def test_the_first_joint_that_is_too_far_out_is_wrong(standing) -> None:
+def test_the_first_joint_that_is_too_far_out_is_rejected(standing) -> None:
     assert not stretched_limbs(standing, BODY23).any()
     points = standing.copy()
     points[5, AT("left_elbow")] += [0.6, 0, 0]  # the wrist is where it was
@@ -37,7 +37,7 @@ def test_the_first_joint_that_is_too_far_out_is_wrong(standing) -> None:
     np.testing.assert_array_equal(stretched_limbs(points, BODY23), expected)
 
 
-def test_lengths_that_are_not_known_blame_nobody(standing) -> None:
+def test_unknown_lengths_reject_nothing(standing) -> None:
     points = standing.copy()
     points[5, AT("left_elbow")] += 1.0
     points[1:, AT("right_elbow")] = points[6:, AT("left_elbow")] = np.nan
@@ -45,7 +45,7 @@ def test_lengths_that_are_not_known_blame_nobody(standing) -> None:
     assert not stretched_limbs(points[:, :5], LandmarkSet("face", BODY23.names[:5], ())).any()
 
 
-def test_bones_longer_than_anybodys_are_wrong_even_where_lengths_are_not_known(standing) -> None:
+def test_impossibly_long_bones_are_rejected_without_known_lengths(standing) -> None:
     points = standing.copy()
     rng = np.random.default_rng(1)
     for name in ("left_knee", "right_knee"):
@@ -55,10 +55,10 @@ def test_bones_longer_than_anybodys_are_wrong_even_where_lengths_are_not_known(s
     wrong = stretched_limbs(points, BODY23)
     assert wrong[[5, 6], AT("left_knee")].all() and not wrong[5, AT("left_ankle")] and wrong[6, AT("left_ankle")]
     assert wrong.sum() == 3
-    assert not stretched_limbs(3 * points, BODY23)[6, AT("left_ankle")]  # not in metres: nothing can be said
+    assert not stretched_limbs(3 * points, BODY23)[6, AT("left_ankle")]  # not in metres: no limit applies
 
 
-def test_points_of_which_nothing_is_known_are_vague_in_any_unit(standing) -> None:
+def test_uncertain_points_are_detected_in_any_unit(standing) -> None:
     sure = np.tile(1e-4 * np.eye(3), (40, 23, 1, 1))
     sure[5, AT("left_knee")] = np.diag([0.3, 0.1, 0.1]) ** 2
     sure[6, AT("left_knee")] = np.diag([0.2, 0.1, 0.1]) ** 2  # a depth that is a guess alone is not enough

@@ -1,4 +1,4 @@
-"""What the rest of the body and of the take say about a point: against triangulation, with the truth known."""
+"""The shape prior against plain triangulation, with a known truth."""
 
 from collections.abc import Callable
 from types import ModuleType
@@ -12,7 +12,7 @@ from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.smoothing.kalman import smooth_points
 from muybridge.geometry.triangulation.multiview import Triangulation, triangulate
-from muybridge.geometry.triangulation.shape_prior import PosePriorOptions, with_pose_prior
+from muybridge.geometry.triangulation.shape_prior import PosePriorOptions, apply_pose_prior
 
 PX = 4.0
 
@@ -48,10 +48,10 @@ EVERYWHERE = PosePriorOptions(enough=99)
 def solved(
     cameras: CameraGroup, px: FloatArray, variance: FloatArray, options: PosePriorOptions = EVERYWHERE
 ) -> tuple[Triangulation, Triangulation]:
-    """Without and with the rest of the body."""
+    """Without and with the shape prior."""
     variance = np.where(np.isfinite(px).all(-1), variance, np.nan)
     alone = triangulate(cameras, px, variance)
-    return alone, with_pose_prior(cameras, px, variance, BODY23, 30.0, alone, options=options)
+    return alone, apply_pose_prior(cameras, px, variance, BODY23, 30.0, alone, options=options)
 
 
 def error_mm(found: Triangulation, truth: FloatArray) -> FloatArray:
@@ -71,7 +71,7 @@ def test_points_are_nearer_to_the_truth(walk: tuple[CameraGroup, FloatArray]) ->
     assert np.nanquantile(helped, 0.99) < 0.5 * np.nanquantile(alone, 0.99)
 
 
-def test_what_three_cameras_see_stays_as_it_is(walk: tuple[CameraGroup, FloatArray]) -> None:
+def test_points_of_three_cameras_are_kept(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth)
     px[2:, 30:110:2] = np.nan
@@ -85,14 +85,14 @@ def test_what_three_cameras_see_stays_as_it_is(walk: tuple[CameraGroup, FloatArr
     assert off[1] < 0.6 * off[0]
 
 
-def test_what_happens_once_is_not_outvoted(walk: tuple[CameraGroup, FloatArray]) -> None:
+def test_unique_poses_are_kept(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     arm = [BODY23.index("left_elbow"), BODY23.index("left_wrist")]
     alone, helped = (error_mm(f, truth)[70:76, arm] for f in solved(cameras, *seen(cameras, truth, gross=0.0)))
     assert helped.mean() < 1.2 * alone.mean()
 
 
-def test_one_view_counts_for_a_while_and_invents_nobody(walk: tuple[CameraGroup, FloatArray]) -> None:
+def test_single_views_are_used_near_full_frames_only(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth)
     px[1:, 80:100] = np.nan
@@ -107,12 +107,12 @@ def test_one_view_counts_for_a_while_and_invents_nobody(walk: tuple[CameraGroup,
     # Farther from two views than allowed there is nothing.
     brief = PosePriorOptions(one_view=3)
     known = np.where(np.isfinite(px).all(-1), variance, np.nan)
-    short = with_pose_prior(cameras, px, known, BODY23, 30.0, alone, options=brief).points_world
+    short = apply_pose_prior(cameras, px, known, BODY23, 30.0, alone, options=brief).points_world
     assert np.isnan(short[84:95]).all() and np.isfinite(short[81]).any()
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_landmark_that_nobody_sees_hurts_no_other(walk: tuple[CameraGroup, FloatArray]) -> None:
+def test_a_landmark_that_no_camera_sees_does_not_affect_others(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth)
     hidden = BODY23.index("left_wrist")
@@ -123,7 +123,7 @@ def test_a_landmark_that_nobody_sees_hurts_no_other(walk: tuple[CameraGroup, Flo
     assert np.nanmedian(error_mm(helped, truth)[:, others]) < np.nanmedian(error_mm(alone, truth)[:, others])
 
 
-def test_one_view_says_nothing_of_a_landmark_that_the_take_never_showed(walk: tuple[CameraGroup, FloatArray]) -> None:
+def test_single_views_of_unlearned_landmarks_are_not_used(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth)
     feet = [j for j, name in enumerate(BODY23.names) if any(part in name for part in ("ankle", "toe", "heel"))]
@@ -136,7 +136,7 @@ def test_one_view_says_nothing_of_a_landmark_that_the_take_never_showed(walk: tu
     assert np.nanmean(error_mm(helped, truth)[:, others]) < 0.7 * np.nanmean(error_mm(alone, truth)[:, others])
 
 
-def test_covariance_says_how_far_points_are_off(walk: tuple[CameraGroup, FloatArray]) -> None:
+def test_covariance_matches_the_error_with_the_prior(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth, gross=0.0)
     px[2:, ::2] = np.nan
@@ -146,15 +146,15 @@ def test_covariance_says_how_far_points_are_off(walk: tuple[CameraGroup, FloatAr
     assert 0.4 < np.nanmedian(far) / 2.366 < 1.6
 
 
-def test_too_little_leaves_points_alone(walk: tuple[CameraGroup, FloatArray]) -> None:
+def test_short_takes_are_unchanged(walk: tuple[CameraGroup, FloatArray]) -> None:
     cameras, truth = walk
     px, variance = seen(cameras, truth[:20])
     alone = triangulate(cameras, px, variance)
-    assert with_pose_prior(cameras, px, variance, BODY23, 30.0, alone) is alone
+    assert apply_pose_prior(cameras, px, variance, BODY23, 30.0, alone) is alone
     px, variance = seen(cameras, truth[:60])
     alone = triangulate(cameras, px, variance)
     off = PosePriorOptions(enabled=False)
-    assert with_pose_prior(cameras, px, variance, BODY23, 30.0, alone, options=off) is alone
-    nobody = np.full_like(px, np.nan), np.full_like(variance, np.nan)
-    empty = triangulate(cameras, *nobody)
-    assert with_pose_prior(cameras, *nobody, BODY23, 30.0, empty) is empty
+    assert apply_pose_prior(cameras, px, variance, BODY23, 30.0, alone, options=off) is alone
+    nothing = np.full_like(px, np.nan), np.full_like(variance, np.nan)
+    empty = triangulate(cameras, *nothing)
+    assert apply_pose_prior(cameras, *nothing, BODY23, 30.0, empty) is empty

@@ -1,4 +1,4 @@
-"""Triangulation: exact on clean views, robust on bad ones, honest about what it does not know."""
+"""Triangulation: exact on clean views, robust on bad ones, with realistic covariances."""
 
 import cv2
 import numpy as np
@@ -46,7 +46,7 @@ def test_exact_views_give_the_exact_point(seed: int, count: int) -> None:
 
 
 @pytest.mark.parametrize("count", [4, 8])
-def test_one_bad_camera_is_found_and_does_not_pull(count: int) -> None:
+def test_one_bad_camera_is_rejected(count: int) -> None:
     cameras, truth = ring(count), cloud(60, 10)
     rng = np.random.default_rng(1)
     px = cameras.project(truth) + rng.normal(0, 2, (count, 60, 10, 2))
@@ -62,18 +62,18 @@ def test_one_bad_camera_is_found_and_does_not_pull(count: int) -> None:
     assert (result.inlier == ~is_bad).mean() > 0.97
 
 
-def test_variance_decides_whom_to_believe() -> None:
+def test_variance_weights_the_cameras() -> None:
     cameras, truth = ring(4), cloud(200, 10)
     rng = np.random.default_rng(2)
     sigma = np.array([1.0, 1.0, 15.0, 15.0])[:, None, None]
     px = cameras.project(truth) + rng.normal(size=(4, 200, 10, 2)) * sigma[..., None]
-    told = triangulate(cameras, px, np.broadcast_to(sigma**2, px.shape[:-1]))
-    untold = triangulate(cameras, px, np.full(px.shape[:-1], 9.0))
+    weighted = triangulate(cameras, px, np.broadcast_to(sigma**2, px.shape[:-1]))
+    unweighted = triangulate(cameras, px, np.full(px.shape[:-1], 9.0))
 
     def rms(result: object) -> float:
         return float(np.sqrt(np.nanmean((result.points_world - truth) ** 2)))  # type: ignore[attr-defined]
 
-    assert rms(told) < 0.004 < rms(untold)
+    assert rms(weighted) < 0.004 < rms(unweighted)
 
 
 def test_covariance_predicts_the_error() -> None:
@@ -87,7 +87,7 @@ def test_covariance_predicts_the_error() -> None:
     assert 1.9 < np.median(squared) < 2.9
 
 
-def test_wide_lens_counts_its_edge_for_what_it_is_worth() -> None:
+def test_precision_at_the_edge_of_a_wide_lens() -> None:
     wide = []
     for camera in ring(4, radius=3.0):
         # Turned aside by 50 degrees: the subject is near the edge of a fisheye's image.
@@ -121,7 +121,7 @@ def test_missing_views_and_frames() -> None:
     cameras, truth = ring(4), cloud(5, 6)
     px = cameras.project(truth)
     variance = np.full(px.shape[:-1], 4.0)
-    px[:, 0] = np.nan  # a frame that nobody sees
+    px[:, 0] = np.nan  # an empty frame
     px[1:, 1] = np.nan  # one camera alone
     variance[2:, 2] = np.nan  # two cameras
     px[3, :] = np.nan  # a dead camera
@@ -134,7 +134,7 @@ def test_missing_views_and_frames() -> None:
     assert np.isnan(three.points_world[2]).all() and np.isfinite(three.points_world[3:]).all()
 
 
-def test_nothing_at_all_is_nan_and_one_frame_is_enough() -> None:
+def test_empty_takes_and_single_frames() -> None:
     cameras = ring(3)
     px = np.full((3, 4, 5, 2), np.nan)
     result = triangulate(cameras, px, np.full((3, 4, 5), np.nan))
@@ -172,7 +172,7 @@ def test_parallel_rays_and_points_behind_give_nan() -> None:
     assert np.isnan(triangulate(behind, seen, np.ones(seen.shape[:-1])).points_world).all()
 
 
-def test_callers_mistakes_are_named() -> None:
+def test_invalid_inputs() -> None:
     cameras = ring(3)
     px = cameras.project(cloud(2, 2))
     with pytest.raises(ValueError, match=r"must be \(3, T, J, 2\)"):
@@ -187,7 +187,7 @@ def test_callers_mistakes_are_named() -> None:
         triangulate(cameras, px, np.ones((3, 2, 2)), TriangulateOptions(min_views=1))
 
 
-def test_leave_one_out_sees_what_the_residual_hides() -> None:
+def test_leave_one_out_reveals_errors_that_residuals_hide() -> None:
     cameras, truth = ring(4), cloud(50, 8)
     rng = np.random.default_rng(5)
     px = cameras.project(truth) + rng.normal(0, 2, (4, 50, 8, 2))
@@ -197,7 +197,7 @@ def test_leave_one_out_sees_what_the_residual_hides() -> None:
     summary = leave_one_out_summary(error, usable_points(px, variance))
     assert np.argmax(summary.camera_median_px) == 2
     assert summary.camera_median_px[2] == pytest.approx(25, abs=4)
-    # It is the others' word alone: moving a camera's own point moves its error by as much.
+    # It depends on the other cameras only: moving a camera's own point changes its error by as much.
     moved = px.copy()
     moved[0, :, 3] += [40.0, 0.0]
     after = leave_one_out_error(cameras, moved, variance, TriangulateOptions(noise_px=3.0))
@@ -207,7 +207,7 @@ def test_leave_one_out_sees_what_the_residual_hides() -> None:
     np.testing.assert_allclose(after[0], expected, atol=0.1)
 
 
-def test_leave_one_out_counts_what_the_others_could_not_give() -> None:
+def test_leave_one_out_counts_missing_points() -> None:
     cameras, truth = CameraGroup(ring(3).cameras[:2]), cloud(4, 3)
     px = cameras.project(truth)
     variance = np.ones(px.shape[:-1])

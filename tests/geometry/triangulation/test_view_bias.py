@@ -1,4 +1,4 @@
-"""What a network's eye does to a landmark, learned from a take: against made habits, and on a real take."""
+"""View-dependent bias of 2D landmarks: with simulated bias, and on a real take."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,8 +15,8 @@ from muybridge.geometry.triangulation.view_bias import (
     ViewBias,
     ViewBiasOptions,
     learn_view_bias,
+    remove_view_bias,
     trunk_axes,
-    without_view_bias,
 )
 
 FPS = 30.0
@@ -31,12 +31,12 @@ def walk(script: Callable[[str], ModuleType]) -> tuple[CameraGroup, FloatArray]:
 
 
 def seen(walk: tuple[CameraGroup, FloatArray], size_m: float) -> tuple[FloatArray, FloatArray]:
-    """Pixels (C, T, J, 2) of a network with habits of this size, and their variance; every landmark is out of some
+    """Pixels (C, T, J, 2) of a network with bias of this size, and their variance; every landmark is out of some
     camera's sight in the second half of the take."""
     cameras, truth = walk
     rng = np.random.default_rng(1)
-    habits = ViewBias(BODY23, rng.normal(0, size_m, (23, 3, 3)), np.zeros((23, 3)), size_m)
-    px = cameras.project(truth) + habits.px(cameras, truth, trunk_axes(truth, BODY23))
+    bias = ViewBias(BODY23, rng.normal(0, size_m, (23, 3, 3)), np.zeros((23, 3)), size_m)
+    px = cameras.project(truth) + bias.px(cameras, truth, trunk_axes(truth, BODY23))
     px += rng.normal(0, PX, px.shape)
     hidden = rng.integers(0, 2, (4, 1, 23)).astype(bool)
     hidden &= hidden.cumsum(0) <= 2
@@ -45,13 +45,13 @@ def seen(walk: tuple[CameraGroup, FloatArray], size_m: float) -> tuple[FloatArra
 
 
 @pytest.mark.parametrize(("size_m", "most"), [(0.02, 0.85), (0.008, 0.95), (0.0, 1.02)])
-def test_points_that_fewer_cameras_see_come_nearer(walk, size_m: float, most: float) -> None:
+def test_bias_removal_improves_points_with_fewer_views(walk, size_m: float, most: float) -> None:
     cameras, truth = walk
     px, variance = seen(walk, size_m)
     found = triangulate(cameras, px, variance)
     offsets = learn_view_bias(cameras, px, variance, BODY23, FPS, found)
-    mended, better = without_view_bias(cameras, px, variance, found, offsets)
-    assert np.array_equal(np.isfinite(mended), np.isfinite(px))
+    corrected, better = remove_view_bias(cameras, px, variance, found, offsets)
+    assert np.array_equal(np.isfinite(corrected), np.isfinite(px))
 
     def error(points: FloatArray, frames: slice) -> float:
         return float(np.nanmean(np.linalg.norm(points - truth, axis=-1)[frames]))
@@ -77,7 +77,7 @@ def test_an_unknown_trunk_is_that_of_the_nearest_frame(walk) -> None:
     assert trunk_axes(truth[:, :5], LandmarkSet("face", BODY23.names[:5], ())) is None
 
 
-def test_nothing_is_learned_where_nothing_can_be(walk) -> None:
+def test_takes_without_information_give_no_bias(walk) -> None:
     cameras, _ = walk
     px, variance = seen(walk, 0.02)
     found = triangulate(cameras, px, variance)
@@ -103,7 +103,7 @@ def test_a_long_take_is_sampled_evenly(walk) -> None:
 
 
 def test_unseen_frames_of_a_real_take(real_data: Path, script: Callable[[str], ModuleType]) -> None:
-    """Refined cameras and habits of one half, the other half's left-out cameras."""
+    """Refined cameras and bias of one half, the other half's left-out cameras."""
     bench = script("benchmarks.takes.left_out")
     medians = bench.medians(real_data, {"refined"})
     whole = next(name for _, name, _ in medians if name.startswith("whole"))

@@ -16,7 +16,7 @@ from muybridge.geometry.calibration.board.pdf import PAPERS, board_pdf, board_re
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.infer.commands.app import run_command
-from muybridge.infer.commands.calibrate.board_images import find_pictures, look_for_board
+from muybridge.infer.pipelines.calibration.board_images import find_board, find_images
 from muybridge.infer.runtime.progress import Progress
 
 SIZE = (640, 480)
@@ -92,13 +92,13 @@ def test_images_become_a_calibration_file(shown, tmp_path, capfd):
         assert c.params[0] == pytest.approx(camera(k).params[0], rel=0.02)
         assert c.center_world[2] > 0.3  # above the floor
     line = failed(capfd, "board", shown, *FLAGS, "--floor", 99, "--out", out)
-    assert "--floor 99: no camera has a picture of that number; they have numbers from 0 to 8" in line
+    assert "floor 99: no camera has an image of that number; they have numbers from 0 to 8" in line
     again = tmp_path / "again.toml"
     world = ["world", out, "--floor-board", shown, *FLAGS, "--out", again]
     assert run_command(["calibrate", *map(str, world), "--moment", "3"]) == 0
     np.testing.assert_allclose(load_calibration(again).centers_world, found.centers_world, atol=0.01)
     assert "it must lie still on the floor" in failed(capfd, *world)
-    assert "--moment 99: no camera has a picture of that number" in failed(capfd, *world, "--moment", 99)
+    assert "moment 99: no camera has an image of that number" in failed(capfd, *world, "--moment", 99)
     assert run_command(["calibrate", *map(str, world), "--moment", "4"]) == 0
     assert np.abs(load_calibration(again).centers_world - found.centers_world).max() > 0.05
 
@@ -107,7 +107,7 @@ def test_lenses_first_then_poses(shown, tmp_path, capfd):
     lenses, out = tmp_path / "lenses.toml", tmp_path / "c.toml"
     base = ["calibrate", "board", str(shown), *FLAGS, "--quiet"]
     assert run_command([*base, "--lenses-only", "--out", str(lenses)]) == 0
-    assert "no camera has a place yet" in capfd.readouterr().out
+    assert "no camera has a pose yet" in capfd.readouterr().out
     assert run_command([*base, "--lenses", str(lenses), "--out", str(out)]) == 0
     assert load_calibration(out)[1].params == load_calibration(lenses)[1].params
     assert "(held)" in capfd.readouterr().out
@@ -149,7 +149,7 @@ def test_a_checkerboard_of_images(tmp_path):
     ],
 )
 def test_a_wrong_description_is_told_the_right_one(shown, tmp_path, capfd, monkeypatch, flags, said):
-    monkeypatch.setattr("muybridge.infer.commands.calibrate.board._LOOKED_FOR_OTHERS", 6)
+    monkeypatch.setattr("muybridge.infer.pipelines.calibration.board._TRIED_IMAGES", 6)
     assert said in failed(capfd, "board", shown, *flags, "--square", "0.05", "--out", tmp_path / "c.toml")
 
 
@@ -162,21 +162,21 @@ def test_squares_of_metres_are_refused(tmp_path, capfd, square, meant):
 def test_mirrored_pictures_and_no_board(tmp_path, capfd):
     mirrored = pictures(tmp_path / "m", count=3, cameras=1, moved=lambda image, k: image[:, ::-1])
     line = failed(capfd, "board", mirrored, *FLAGS, "--out", tmp_path / "c.toml")
-    assert "is in none of the 3 pictures" in line and "mirrored left to right" in line
+    assert "is in none of the 3 images" in line and "mirrored left to right" in line
     empty = pictures(tmp_path / "e", count=3, cameras=1, moved=lambda image, k: image * 0 + 90)
     line = failed(capfd, "board", empty, *FLAGS, "--out", tmp_path / "c.toml")
-    assert "is in none of the 3 pictures" in line and "white margin" in line
+    assert "is in none of the 3 images" in line and "white margin" in line
     assert not (tmp_path / "c.toml").exists()
 
 
 def test_a_camera_that_sees_the_board_too_rarely_or_never_with_the_others(shown, tmp_path, capfd, monkeypatch):
     # Other descriptions are tried above, for seconds each time.
-    monkeypatch.setattr("muybridge.infer.commands.calibrate.board.fitting_descriptions", lambda wanted, images: [])
+    monkeypatch.setattr("muybridge.infer.pipelines.calibration.board.fitting_descriptions", lambda wanted, images: [])
     few = shutil.copytree(shown, tmp_path / "few")
     for path in sorted((few / "cam1").iterdir())[3:]:
         path.unlink()
     line = failed(capfd, "board", few, *FLAGS, "--out", tmp_path / "c.toml")
-    assert re.search("camera cam1: the board .* is seen in [1-3] of 3 pictures, at least 4 are needed", line)
+    assert re.search("camera cam1: the board .* is seen in [1-3] of 3 images, at least 4 are needed", line)
     apart = shutil.copytree(shown, tmp_path / "apart")
     for path in sorted((apart / "cam1").iterdir()):
         path.rename(path.with_name(path.name.replace("cam1_0", "cam1_5")))
@@ -196,7 +196,7 @@ def test_images_of_different_sizes_and_broken_ones(shown, tmp_path, capfd):
 
 def test_folders_without_pictures(tmp_path, capfd):
     assert "no such folder" in failed(capfd, "board", tmp_path / "none")
-    assert "neither films nor folders" in failed(capfd, "board", tmp_path)
+    assert "neither videos nor folders" in failed(capfd, "board", tmp_path)
 
 
 def test_films_are_paired_by_their_time_stamps(make_video, tmp_path, capfd):
@@ -205,17 +205,17 @@ def test_films_are_paired_by_their_time_stamps(make_video, tmp_path, capfd):
     rows = ["sync_index,cam_id,frame_time"]
     rows += [f"{10 + n},0,{n / 30}" for n in range(4)] + [f"{11 + n},1,{n / 30}" for n in range(4)]
     (tmp_path / "timestamps.csv").write_text("\n".join(rows))
-    first, second = find_pictures(tmp_path)
+    first, second = find_images(tmp_path)
     assert first.moments.tolist() == [10, 11, 12, 13] and second.moments.tolist() == [11, 12, 13, 14]
     (tmp_path / "timestamps.csv").write_text("\n".join(rows[:-1]))
     with pytest.raises(CalibrationError, match="3 rows for cam_1, whose video has 4 frames"):
-        find_pictures(tmp_path)
+        find_images(tmp_path)
     (tmp_path / "timestamps.csv").write_text("\n".join(rows[:5]))
     with pytest.raises(CalibrationError, match="no rows for cam_1; it has cam_id 0"):
-        find_pictures(tmp_path)
+        find_images(tmp_path)
     (tmp_path / "timestamps.csv").write_text("a,b\n1,2\n")
     with pytest.raises(CalibrationError, match="needs the columns sync_index, cam_id, frame_time"):
-        find_pictures(tmp_path)
+        find_images(tmp_path)
 
 
 def rectangles_of(pdf):
@@ -288,7 +288,7 @@ def distances(cameras):
 def webcams(real_data):
     """Four webcams that filmed a ChArUco board: the board, views and sizes."""
     board = Board("charuco", 4, 5, 0.054, 0.75, "DICT_4X4_1000", inverted=True)
-    return board, *look_for_board(find_pictures(real_data / "charuco"), board, Progress(quiet=True))
+    return board, *find_board(find_images(real_data / "charuco"), board, Progress(quiet=True))
 
 
 def test_webcams_that_filmed_a_board(webcams):

@@ -1,5 +1,7 @@
 """What `muybridge calibrate` writes replaces nothing that muybridge did not write."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,10 @@ from muybridge.errors import OutputError
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
-from muybridge.infer.commands.app import run_command
-from muybridge.infer.commands.calibrate.outputs import check_replaceable
+from muybridge.infer.commands.app import find_commands, run_command
+from muybridge.infer.commands.parsing import parser_of
+from muybridge.infer.results.folder import open_output
+from muybridge.infer.results.ownership import check_replaceable
 
 OTHERS = "mine, and not a calibration of muybridge\n"
 
@@ -76,11 +80,68 @@ def test_it_is_said_before_the_work(commands, capfd, which):
 
 def test_what_may_be_replaced(tmp_path):
     save_calibration(rig(), tmp_path / "c.toml")
+    (tmp_path / "sync.toml").write_text("# Clocks\nmuybridge_sync = 1\n")
     (tmp_path / "empty").mkdir()
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "x").touch()
-    check_replaceable([tmp_path / "c.toml", tmp_path / "none.toml", tmp_path / "empty"], False)
+    ours = [tmp_path / name for name in ("c.toml", "sync.toml", "none.toml", "empty")]
+    check_replaceable(ours)
     check_replaceable([tmp_path / "full"], True)
-    with pytest.raises(OutputError, match="give --overwrite"):
-        check_replaceable([tmp_path / "full"], False)
+    with pytest.raises(OutputError, match="pass overwrite=True"):
+        check_replaceable([tmp_path / "full"])
+    with pytest.raises(OutputError, match="c.toml is a file to be read; choose another name"):
+        check_replaceable(ours, True, [tmp_path / "empty" / ".." / "c.toml"])
     assert load_calibration(tmp_path / "c.toml").names == ("c0", "c1")
+
+
+def test_folders_are_made_or_refused_beforehand(tmp_path):
+    check_replaceable([tmp_path / "a" / "b" / "c.toml"])
+    assert (tmp_path / "a" / "b").is_dir() and not list((tmp_path / "a" / "b").iterdir())
+    (tmp_path / "file").write_text(OTHERS)
+    with pytest.raises(OutputError, match=r"file.below cannot be written \(.*\); choose a folder you may write to"):
+        check_replaceable([tmp_path / "file" / "below" / "c.toml"], True)
+
+
+@pytest.mark.parametrize("name", ["points", "world", "board", "people", "check", "scan"])
+def test_a_folder_that_cannot_be_made_is_refused_before_the_work(commands, capfd, tmp_path, name):
+    (tmp_path / "file").write_text(OTHERS)
+    arguments = [str(tmp_path / "file" / "below" / "x.toml") if str(a).startswith(str(commands[name][1])) else str(a)
+                 for a in commands[name][0]]  # fmt: skip
+    assert run_command(["calibrate", *arguments]) == 2
+    assert "below cannot be written" in capfd.readouterr().err and (tmp_path / "file").read_text() == OTHERS
+
+
+COMMANDS_WITH_OUT = {
+    "run": ["SESSION"], "run-markers": ["SESSION"], "demo": [], "adapt": ["SESSION"], "sync": ["SESSION"],
+    "label": ["FILE"], "solve": ["FILE"], "markerset": ["show", "pig39"], "calibrate board": ["FOLDER"],
+    "calibrate check": ["SESSION"], "calibrate people": ["SESSION"], "calibrate points": ["FILE"],
+    "calibrate scan": ["FOLDER", "--cameras", "FOLDER"], "calibrate world": ["FILE", "--turn-deg", "90"],
+    "synth": [], "train": ["keypoints"],
+}  # fmt: skip
+
+
+def test_every_command_with_an_out_is_among_these():
+    with_out = set()
+    for name, entry in find_commands().items():
+        parser = parser_of(entry.load(), name)
+        subs = [p for a in parser._actions if isinstance(a.choices, dict) for p in a.choices.values()]
+        if any("--out" in a.option_strings for p in (parser, *subs) for a in p._actions):
+            with_out.add(name)
+    assert with_out == set(COMMANDS_WITH_OUT)
+
+
+@pytest.mark.parametrize("name", COMMANDS_WITH_OUT)
+def test_the_root_of_a_file_system_takes_no_results(name, capfd):
+    before = set(Path("/").iterdir())
+    assert run_command([*name.split(), *COMMANDS_WITH_OUT[name], "--out", "/"]) == 2
+    assert "/ is the root of a file system" in capfd.readouterr().err
+    assert set(Path("/").iterdir()) == before
+
+
+def test_positional_outputs_and_results_folders_refuse_the_root_too(tmp_path, capfd):
+    save_calibration(rig(), tmp_path / "rig.toml")
+    for to in ("colmap", "easymocap"):
+        assert run_command(["calibrate", "convert", str(tmp_path / "rig.toml"), "/", "--to", to, "--overwrite"]) == 2
+        assert "/ is the root of a file system" in capfd.readouterr().err
+    with pytest.raises(OutputError, match="is the root of a file system, .*; choose another folder"):
+        open_output(tmp_path.resolve() / Path(*[".."] * 40), (), [])

@@ -15,7 +15,7 @@ from muybridge.geometry.skeleton.aliases import body_landmark, map_body, map_sur
 from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.commands.app import run_command
-from muybridge.infer.commands.compare import compare_points
+from muybridge.infer.pipelines.compare import compare_points
 from muybridge.motion.formats.gltf.read import read_gltf
 from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
 from muybridge.motion.formats.points.csv import write_csv
@@ -175,7 +175,7 @@ def test_one_frame_converts(tmp_path, capfd):
 
 
 def test_docs_list_every_format(repository: Path):
-    text = (repository / "docs" / "formats.md").read_text()
+    text = (repository / "docs" / "reference" / "file-formats.md").read_text()
     for suffix in {*readable(), *writable()}:
         assert f"`{suffix}`" in text, suffix
 

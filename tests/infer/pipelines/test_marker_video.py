@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from muybridge.geometry.calibration import save_calibration
-from muybridge.geometry.markers.matching import MatchOptions, follow_points, match_points, without_ghosts
+from muybridge.geometry.markers.matching import MatchOptions, find_real_markers, follow_points, match_points
 from muybridge.geometry.markers.tracking import track_points
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.detection.blobs import find_blobs, find_threshold
@@ -92,7 +92,7 @@ def test_matching_finds_markers_and_rejects_accidents() -> None:
         assert hit / truth[..., 0].size > 0.97
         assert ghosts < most
     tracks = track_points(found, 120.0)
-    good = without_ghosts(tracks.points, tracks.track, 5, 120.0)
+    good = find_real_markers(tracks.points, tracks.track, 5, 120.0)
     gap = np.linalg.norm(tracks.points[:, :, None] - truth[:, None], axis=-1)
     assert (np.nan_to_num(gap, nan=9.0).min(2)[good] > 0.01).sum() == 0
 
@@ -157,5 +157,5 @@ def test_lamps_and_flickers_are_no_markers(frames: int) -> None:
     points[:, 2] = np.array([2.0, 2, 2]) + rng.normal(0, 2e-4, (60, 3))
     points[20 : 20 + frames, 3] = [1.0, 1, 1]
     tracks = track_points(points, 120.0)
-    good = without_ghosts(tracks.points, tracks.track, 5, 120.0)
+    good = find_real_markers(tracks.points, tracks.track, 5, 120.0)
     assert good.sum() == 120

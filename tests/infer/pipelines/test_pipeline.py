@@ -17,7 +17,7 @@ import pytest
 
 from muybridge.geometry.calibration import load_calibration, save_calibration
 from muybridge.geometry.calibration.gravity import standing_axes
-from muybridge.geometry.calibration.world import moved
+from muybridge.geometry.calibration.world import transform_cameras
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
 from muybridge.geometry.landmarks.sets import BODY23
@@ -99,7 +99,7 @@ def test_a_world_that_is_a_cameras_own_is_no_hindrance(take, staged, staged_peop
     file = take / "calibration.toml"
     cameras = load_calibration(file)
     own = np.column_stack([cameras[0].rotation, cameras[0].translation])
-    save_calibration(moved(cameras, own), file)
+    save_calibration(transform_cameras(cameras, own), file)
     done = staged("run", take)
     assert done.returncode == 0 and "not +Z" in done.stderr + done.stdout
     lying = read_trc(take / "muybridge" / "points.trc").points_world

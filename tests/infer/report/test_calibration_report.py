@@ -11,7 +11,7 @@ import pytest
 
 from muybridge.geometry.calibration.bundle_adjustment.adjustment import AdjustProblem, FreeCamera, adjust
 from muybridge.geometry.calibration.bundle_adjustment.result import solved
-from muybridge.geometry.calibration.diagnosis.hypotheses import changed
+from muybridge.geometry.calibration.diagnosis.hypotheses import perturb_camera
 from muybridge.geometry.calibration.diagnosis.quality import (
     CalibrationQuality,
     check_solved,
@@ -20,7 +20,7 @@ from muybridge.geometry.calibration.diagnosis.quality import (
     residual_picture,
 )
 from muybridge.geometry.cameras.group import CameraGroup
-from muybridge.infer.commands.calibrate.check import told
+from muybridge.infer.pipelines.calibration.check import format_summary
 from muybridge.infer.reconstruction.judge import person_to_check
 from muybridge.infer.reconstruction.judge_calibration import pack_quality, unpack_quality
 from muybridge.infer.report.calibration_findings import calibration_findings
@@ -39,7 +39,7 @@ def turned(staged_people: ModuleType) -> CalibrationQuality:
     rig = _rig()
     rng = np.random.default_rng(2)
     px = rig.project(staged_people.person(60)) + rng.normal(0, 1.5, (4, 60, 23, 2)) + rng.normal(0, 1.5, (4, 1, 23, 2))
-    wrong = changed(rig[1], np.array([0.0, np.radians(1.0), 0, 0, 0, 0, 0]))
+    wrong = perturb_camera(rig[1], np.array([0.0, np.radians(1.0), 0, 0, 0, 0, 0]))
     cameras = CameraGroup(tuple(wrong if k == 1 else c for k, c in enumerate(rig)))
     return check_take(cameras, px, np.full(px.shape[:-1], 4.0), source="a staged person")
 
@@ -69,7 +69,7 @@ def test_the_page_names_the_culprit_first(turned: CalibrationQuality) -> None:
     parser = Tags()
     parser.feed(page)
     assert parser.stack == []
-    lines = told(turned)
+    lines = format_summary(turned)
     assert "cam<2>" in lines[0] and lines[1].strip().startswith("cam<2>") and lines[1].endswith("turned")
 
 
@@ -77,7 +77,7 @@ def test_of_two_cameras_none_can_be_left_out(staged_people: ModuleType) -> None:
     rig = CameraGroup(_rig().cameras[:2])
     px = rig.project(staged_people.person(40)) + np.random.default_rng(3).normal(0, 1.5, (2, 40, 23, 2))
     quality = check_take(rig, px, np.full(px.shape[:-1], 4.0), source="a staged person")
-    lines = told(quality)
+    lines = format_summary(quality)
     assert len(lines) == 3 and all("reprojection" in line for line in lines[1:])
     assert "nan" not in "".join(lines) + render_calibration(CalibrationPage("two", quality)).lower()
 

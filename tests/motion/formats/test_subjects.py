@@ -8,7 +8,7 @@ from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
 from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.geometry.skeleton.aliases import map_body, map_surface, one_of_several, subject_of
 from muybridge.infer.commands.app import run_command
-from muybridge.infer.commands.compare import compare_points
+from muybridge.infer.pipelines.compare import compare_points
 from muybridge.infer.reconstruction.recognise import recognise
 from muybridge.motion.formats.points.c3d import C3DTake, write_c3d
 from muybridge.motion.formats.points.csv import write_csv

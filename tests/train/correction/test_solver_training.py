@@ -25,7 +25,7 @@ from muybridge.train.correction.clips import FRAMES, SolverClips
 from muybridge.train.correction.examples import KEYS, examples
 from muybridge.train.correction.export import _export, parity, publish_solver
 from muybridge.train.correction.options import SolverTraining
-from muybridge.train.correction.takes import Spoiling, recorded_take, spoil
+from muybridge.train.correction.takes import MarkerFaults, add_faults, recorded_take
 from muybridge.train.correction.train import train
 from muybridge.train.engine.checkpoint import load_checkpoint
 from muybridge.train.synthesis.markers.trajectories import MarkerBodies
@@ -34,7 +34,7 @@ from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 def test_spoiling_keeps_its_shares() -> None:
     points = np.zeros((2000, 40, 3))
     for run in (0.0, 0.25):
-        seen, shifted = spoil(points, 60.0, Spoiling(0.2, 0.1, run_s=run), np.random.default_rng(0))
+        seen, shifted = add_faults(points, 60.0, MarkerFaults(0.2, 0.1, run_s=run), np.random.default_rng(0))
         hidden = np.isnan(seen[..., 0])
         assert abs(hidden.mean() - 0.2) < 0.02
         assert abs(shifted.mean() - 0.08) < 0.015  # those that are hidden as well do not count
@@ -245,10 +245,10 @@ def test_the_bars_on_a_recorded_motion(real_data: Path) -> None:
         turns = matrix_from_quat(motion.quat_wxyz)
         return errors(*motion.skeleton.forward(motion.root_positions_world, turns))
 
-    points, _ = spoil(take.points[:, columns], take.fps, Spoiling(0.1, 0.1), rng)
+    points, _ = add_faults(take.points[:, columns], take.fps, MarkerFaults(0.1, 0.1), rng)
     millimetres, degrees = world(points)
     assert millimetres < 13.0 and degrees < 4.3
-    points, _ = spoil(take.points[:, columns], take.fps, Spoiling(0.2, 0.1), rng)
+    points, _ = add_faults(take.points[:, columns], take.fps, MarkerFaults(0.2, 0.1), rng)
     plain = scaled_person(points, columns)
     pose = settle_frames(plain, points, follow_take(plain, points, take.fps, MarkerFitOptions()), MarkerFitOptions(),
                          robust=False)  # fmt: skip

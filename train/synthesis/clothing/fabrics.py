@@ -1,9 +1,9 @@
-"""Fabrics as small tiling textures, made from seeded noise: weaves and patterns, prints, folds.
+"""Fabrics as small tiling textures made from seeded noise: weaves and patterns, prints, folds.
 
-Every texture is a stack of layers (L, N, N, 4) uint8 that the renderer samples by coordinates on the cloth, so that
-patterns follow limbs, whatever the pose. A pattern's channels: share of the second colour, brightness (128 is 1),
-share of the third colour, unused. A print's: cover, share of the second colour of the print. Folds': slope along and
-across the cloth (128 is 0), height, occlusion.
+Every texture is a stack of layers (L, N, N, 4) uint8 that the renderer samples by cloth coordinates, so that patterns
+follow limbs in any pose. Channels of a pattern: share of the second colour, brightness (128 is 1), share of the third
+colour, unused. Of a print: cover, share of the print's second colour. Of folds: slope along and across the cloth (128
+is 0), height, occlusion.
 """
 
 import colorsys
@@ -51,7 +51,7 @@ def _layer(
 
 
 def _scatter(rng: np.random.Generator, count: int, low: float, high: float, petals: int = 0) -> Float32Array:
-    """(N, N) discs or flowers at random places, tiling."""
+    """(N, N) discs or flowers at random positions, tiling."""
     out = np.zeros((N, N), np.float32)
     y, x = np.mgrid[:N, :N].astype(np.float32)
     for _ in range(count):
@@ -136,15 +136,15 @@ def _motifs(rng: np.random.Generator, y: Float32Array, x: Float32Array) -> list[
 
 
 def make_patterns(seed: int = 1) -> ByteArray:
-    """(len(PATTERNS), N, N, 4): what cloth is woven or printed in all over, in the order of `PATTERNS`."""
+    """(len(PATTERNS), N, N, 4): weaves and all-over patterns, in the order of `PATTERNS`."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:N, :N].astype(np.float32)
     return np.stack(_weaves(rng, y, x) + _lines(rng, y, x) + _motifs(rng, y, x))
 
 
 def make_prints(seed: int = 2, variants: int = 3) -> ByteArray:
-    """(variants * len(PRINTS), N, N, 4): what shirts have on their chest or back; layer = variant * kinds + kind.
-    Row 0 is the bottom."""
+    """(variants * len(PRINTS), N, N, 4): prints on chest or back; layer = variant * kinds + kind. Row 0 is the
+    bottom."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:N, :N].astype(np.float32) / N - 0.5
     layers = []
@@ -199,11 +199,12 @@ def make_folds(seed: int = 3) -> ByteArray:
 
 
 def colour_of(values: Any) -> Colour:
+    """Three numbers as a colour."""
     return tuple(float(c) for c in values)  # type: ignore[return-value]
 
 
 def fabric_colour(rng: np.random.Generator) -> Colour:
-    """Linear colours of fabrics as they are worn: dark, grey, white and blue ones lead, saturated ones are rare."""
+    """Linear colour of a worn fabric: mostly dark, grey, white and blue; saturated colours are rare."""
     kind = rng.random()
     if kind < 0.30:  # black and charcoal: even black cloth returns 3 % of the light
         return colour_of(np.exp(rng.uniform(np.log(0.026), np.log(0.1))) * rng.uniform(0.85, 1.15, 3))

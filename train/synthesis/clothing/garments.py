@@ -1,9 +1,9 @@
-"""Shells that people wear, made from the body at rest: which faces make up each garment, a dome round the skull for
-hair, hats and hoods, and what is tied to a part of the body: brims, buns, ponytails, glasses, bags, things in hands.
+"""Shells that people wear, made from the body at rest: the faces of each garment; a dome around the skull for hair,
+hats and hoods; and accessories: brims, buns, ponytails, glasses, bags, objects in hands.
 
-Garments that follow the skin are skinned shells (MakeHuman's helper tights and skirt, or the dome, whose vertices
-are combinations of the scalp's); accessories are grids, moved by the similarity that carries a patch of the body at
-rest to where it is now.
+Garments that follow the skin are skinned shells (MakeHuman's helper tights and skirt, or the dome, whose vertices are
+combinations of the scalp's). Accessories are grids, moved by the similarity transform that carries a patch of the body
+at rest to its posed position.
 """
 
 from dataclasses import dataclass
@@ -16,11 +16,12 @@ from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray
 
 I32 = NDArray[np.int32]
 
-SKULL = np.array([0.0, -0.03, 0.745])  # the middle of the head at rest
+SKULL = np.array([0.0, -0.03, 0.745])  # centre of the head at rest
 DOME = (30, 48)  # rings and spokes of the dome
 GRID = (12, 20)  # rows and columns of an accessory
-SLOTS = 6  # accessories that a person can have
-# Patches of the body at rest that carry accessories: centre and reach, metres; hands only where arms are.
+SLOTS = 6  # accessories of a person at most
+# Patches of the body at rest that carry accessories: centre and radius, metres; those of hands contain only vertices of
+# arms.
 ANCHORS: dict[str, tuple[tuple[float, float, float], float]] = {
     "head": ((0.0, -0.03, 0.76), 0.125), "face": ((0.0, -0.13, 0.73), 0.07), "back": ((0.0, 0.06, 0.38), 0.14),
     "left_hip": ((0.15, 0.0, 0.08), 0.08), "right_hip": ((-0.15, 0.0, 0.08), 0.08),
@@ -30,14 +31,14 @@ ANCHORS: dict[str, tuple[tuple[float, float, float], float]] = {
 
 @dataclass(frozen=True)
 class Accessory:
-    """A thing tied to the body.
+    """An object attached to the body.
 
     Attributes:
-        anchor: the name of a patch of `ANCHORS`.
-        points: (rows, columns, 3) metres in the body at rest.
+        anchor: name of a patch of `ANCHORS`.
+        points: (rows, columns, 3) metres on the body at rest.
         colour: linear RGB.
         hair: whether it is shaded as hair.
-        frozen: how much of the tilt of its anchor it doesn't follow, 0 to 1, as gravity keeps it upright.
+        frozen: share of the tilt of its anchor that it does not follow, 0 to 1, since gravity keeps it upright.
     """
 
     anchor: str
@@ -56,7 +57,7 @@ def grid_faces(rows: int, columns: int, closed: bool) -> I32:
 
 
 def dome_directions() -> FloatArray:
-    """(rings * spokes, 3) unit directions from the middle of the skull, from the crown down to the nape."""
+    """(rings * spokes, 3) unit directions from the centre of the skull, from the crown down to the nape."""
     rings, spokes = DOME
     polar = np.radians(np.linspace(0.5, 150, rings))[:, None]
     turn = np.linspace(0, 2 * np.pi, spokes, endpoint=False)[None]
@@ -68,7 +69,7 @@ def dome_directions() -> FloatArray:
 def dome_weights(rest: Float32Array, on_head: BoolArray) -> sp.csr_matrix:
     """(rings * spokes, V): each vertex of the dome as a weighted mean of vertices of the head's outer skin.
 
-    Ears are left out, so that hair runs over where they are; so is what lies inside of the head.
+    Ears are excluded, so that hair covers them; so are surfaces inside the head.
     """
     q = rest.astype(np.float64)
     ear = (np.abs(q[:, 0]) > 0.072) & (q[:, 2] > 0.655) & (q[:, 2] < 0.765)
@@ -92,8 +93,8 @@ def dome_weights(rest: Float32Array, on_head: BoolArray) -> sp.csr_matrix:
 
 
 def smoothing(faces: I32, first: int, count: int) -> sp.csr_matrix:
-    """(count, count) mean of the neighbours of each vertex of a shell whose vertices are `first`, ...; vertices
-    that no face uses stay where they are."""
+    """(count, count) matrix of the mean over the neighbours of each vertex of a shell whose vertices start at `first`;
+    vertices without faces stay in place."""
     f = faces - first
     i = np.concatenate([f[:, 0], f[:, 1], f[:, 2]])
     j = np.concatenate([f[:, 1], f[:, 2], f[:, 0]])
@@ -105,7 +106,7 @@ def smoothing(faces: I32, first: int, count: int) -> sp.csr_matrix:
 
 
 def slack(points: Float32Array, mean: sp.csr_matrix, rounds: int = 6) -> Float32Array:
-    """A shell hanging loosely: smoothed without shrinking (Taubin 1995), (count, 3)."""
+    """A loosely hanging shell: smoothed without shrinking (Taubin 1995), (count, 3)."""
     for _ in range(rounds):
         points = points + 0.6 * (mean @ points - points)
         points = points - 0.62 * (mean @ points - points)
@@ -114,12 +115,15 @@ def slack(points: Float32Array, mean: sp.csr_matrix, rounds: int = 6) -> Float32
 
 SHOULDER, ELBOW, WRIST = np.array([[0.167, -0.015, 0.525], [0.313, -0.013, 0.35], [0.43, -0.175, 0.245]])
 HIP, KNEE, ANKLE = np.array([[0.11, -0.013, 0.05], [0.158, -0.032, -0.37], [0.22, 0.0, -0.745]])
-FALL, WINDOW = 0.12, np.cos(np.radians(25))  # how fast cloth falls in; how far round it hangs from what juts out
+FALL, WINDOW = (
+    0.12,
+    np.cos(np.radians(25)),
+)  # slope at which cloth falls inwards; angle within which it hangs from what protrudes
 
 
 def drape(rest: Float32Array, on_arm: BoolArray, mean: sp.csr_matrix) -> Float32Array:
-    """(count,) metres that cloth lies off each vertex of the tights' shell at rest when it hangs from what juts out
-    above: shoulder blades, bust, seat and calves."""
+    """(count,) distance in metres of cloth from each vertex of the tights' shell at rest, if it hangs from what
+    protrudes above: shoulder blades, bust, seat and calves."""
     q = rest.astype(np.float64)
     side = np.where(q[:, 0] < 0, -1, 1)
     folded = q * np.stack([side, np.ones_like(side), np.ones_like(side)], 1)
@@ -150,7 +154,7 @@ def drape(rest: Float32Array, on_arm: BoolArray, mean: sp.csr_matrix) -> Float32
 
 
 class Anchors:
-    """Similarities that carry patches of the body at rest to where they are in a posed body."""
+    """Similarity transforms that carry patches of the body at rest to a posed body."""
 
     def __init__(self, rest: Float32Array, arm_weight: Float32Array, body_vertices: int) -> None:
         self.patches: dict[str, IndexArray] = {}
@@ -161,7 +165,7 @@ class Anchors:
             self.patches[name] = np.nonzero(near & (arm == name.endswith("hand")))[0]
 
     def carry(self, item: Accessory, vertices: Float32Array) -> Float32Array:
-        """(rows * columns, 3) of `item` on the posed `vertices` (V, 3)."""
+        """(rows * columns, 3) points of `item` on the posed `vertices` (V, 3)."""
         patch = self.patches[item.anchor]
         a, b = self._rest[patch].astype(np.float64), vertices[patch].astype(np.float64)
         ca, cb = a.mean(0), b.mean(0)
@@ -170,14 +174,14 @@ class Anchors:
         rotation = u @ flip @ vt
         scale = float(np.trace(np.diag(s) @ flip) / ((a - ca) ** 2).sum())
         points = (item.points.reshape(-1, 3) - ca) @ rotation.T * scale + cb
-        if item.frozen:  # from its first row
+        if item.frozen:  # about its first row
             pivot = points[: item.points.shape[1]].mean(0)
             points = (points - pivot) @ _upright(rotation, item.frozen).T + pivot
         return np.asarray(points, np.float32)
 
 
 def _upright(rotation: FloatArray, share: float) -> FloatArray:
-    """The rotation that takes back `share` of the tilt of the z axis under `rotation`."""
+    """The rotation that removes `share` of the tilt of the z axis under `rotation`."""
     up = rotation @ np.array([0.0, 0.0, 1.0])
     axis = np.cross(up, [0.0, 0.0, 1.0])
     sine = float(np.linalg.norm(axis))
@@ -192,13 +196,13 @@ def _upright(rotation: FloatArray, share: float) -> FloatArray:
 
 
 def _rows_columns() -> tuple[FloatArray, FloatArray]:
-    """Polar (rows, 1) in 0..1 and turn (1, columns) in 0..2 pi, the last column meeting the first."""
+    """Rows (rows, 1) in 0..1 and angles (1, columns) in 0..2 pi, the last column coinciding with the first."""
     rows, columns = GRID
     return np.linspace(0, 1, rows)[:, None], np.linspace(0, 2 * np.pi, columns)[None]
 
 
 def blob(center: tuple[float, float, float], half: tuple[float, float, float], square: float = 1.0) -> FloatArray:
-    """An ellipsoid, or with `square` below 1 a box with round edges."""
+    """An ellipsoid, or with `square` below 1 a box with rounded edges."""
     v, turn = _rows_columns()
     polar = np.pi * v
 
@@ -212,7 +216,7 @@ def blob(center: tuple[float, float, float], half: tuple[float, float, float], s
 
 
 def tube(points: FloatArray, radii: FloatArray, flatten: float = 1.0) -> FloatArray:
-    """A tube along a polyline (n, 3) with radii (n,), resampled to the grid's rows; its ends are closed."""
+    """A tube along a polyline (n, 3) with radii (n,), resampled to the rows of the grid; its ends are closed."""
     v, turn = _rows_columns()
     t = np.linspace(0, 1, len(points))
     at = np.stack([np.interp(v[:, 0], t, points[:, k]) for k in range(3)], -1)
@@ -228,7 +232,7 @@ def tube(points: FloatArray, radii: FloatArray, flatten: float = 1.0) -> FloatAr
 
 
 def brim(height: float, width: float, back: float, droop: float, slope: float) -> FloatArray:
-    """The brim of a hat that sits at `height`: `width` metres in front, `back` times that behind."""
+    """The brim of a hat at `height`: `width` metres at the front, `back` times that at the back."""
     v, turn = _rows_columns()
     front = np.clip(-np.sin(turn), 0, 1) ** 0.6 * (1 - back) + back
     reach = v * width * front
@@ -239,7 +243,7 @@ def brim(height: float, width: float, back: float, droop: float, slope: float) -
 
 
 def glasses(height: float, wide: float = 0.82) -> FloatArray:
-    """A strip before the eyes that bends round to the temples; `height` metres high."""
+    """A strip in front of the eyes that bends around to the temples; `height` metres high."""
     rows, columns = GRID
     turn = np.linspace(-wide * np.pi / 2, wide * np.pi / 2, columns)[None]
     v = np.linspace(-0.5, 0.5, rows)[:, None]

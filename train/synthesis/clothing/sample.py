@@ -1,13 +1,14 @@
-"""What a synthetic person wears and how they are lit: the renderer's uniforms and accessories, drawn at random."""
+"""Outfit and lighting of a synthetic person: shader uniforms and accessories, drawn at random."""
 
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from muybridge.train.synthesis.clothing.draft import Draft
 from muybridge.train.synthesis.clothing.fabrics import colour_of, fabric_colour
 from muybridge.train.synthesis.clothing.garments import SLOTS, Accessory
-from muybridge.train.synthesis.clothing.outfits import Dresser
+from muybridge.train.synthesis.clothing.outfits import dress
 
 Values = dict[str, Any]
 
@@ -16,25 +17,26 @@ SKIN = np.array(
     [[0.90, 0.66, 0.53], [0.82, 0.56, 0.43], [0.70, 0.45, 0.32], [0.55, 0.33, 0.22], [0.36, 0.20, 0.13],
      [0.26, 0.15, 0.10]]
 )  # fmt: skip
-# Kinds of outfit: clothed, sports clothes, athlete without a shirt, swimmer in briefs, motion-capture suit.
+# Shares of the kinds of outfit: everyday clothes, sportswear, athlete without a shirt, swimmer in briefs,
+# motion-capture suit.
 KINDS = {"clothed": 0.48, "sports": 0.17, "no_shirt": 0.15, "briefs": 0.07, "suit": 0.13}
-# Exposure puts a white card that faces the light about here, linear; the film's shoulder lies above.
+# Linear value of a white card that faces the light; the shoulder of the camera's response lies above.
 EXPOSURE, EXPOSURE_SD = 1.32, 0.27
-GONE = 9.0  # an edge that is nowhere
+NOWHERE = 9.0  # height of an edge that does not exist, metres
 
 
 @dataclass(frozen=True)
 class Outfit:
-    """What the person's shaders are told; lengths are heights in the body at rest, metres.
+    """Inputs of the person's shaders; lengths are heights on the body at rest, metres.
 
     Attributes:
         kind: one of `KINDS`.
-        parts: shells that are drawn beside the body: trousers, shirt, shoes, skirt, long_hair, hair, hat.
+        parts: shells that are drawn over the body: trousers, shirt, shoes, skirt, long_hair, hair, hat.
         light: unit direction to the main light, world.
         values: uniforms by name.
-        accessories: at most `garments.SLOTS` things tied to the body.
-        sky: unit direction from which the soft light mostly comes, world.
-        dots: number of reflective dots on the body, and the seed of where they are.
+        accessories: at most `garments.SLOTS` objects attached to the body.
+        sky: unit direction from which most of the ambient light comes, world.
+        dots: number of reflective dots on the body, and the seed of their positions.
     """
 
     kind: str
@@ -46,13 +48,13 @@ class Outfit:
     sky: tuple[float, float, float] = (0.0, 0.1, 0.995)
 
     def uniforms(self) -> Values:
-        """Names and values as the shaders have them."""
+        """Names and values of the shader uniforms."""
         worn = {f"has_{p}": int(p in self.parts) for p in ("shirt", "trousers", "skirt", "hat")}
         return self.values | worn | {"light": self.light}
 
 
 def _light(rng: np.random.Generator) -> tuple[tuple[float, float, float], Values]:
-    """A main light, a fill light and the sky and floor, exposed for the person."""
+    """A main light, a fill light, sky and floor, with the exposure set for the person."""
     direction = np.array([rng.normal(), rng.normal(), abs(rng.normal()) + 0.6])
     direction /= np.linalg.norm(direction)
     fill = np.array([rng.normal(), rng.normal(), 0.5 * rng.normal() + 0.3])
@@ -72,12 +74,13 @@ def _light(rng: np.random.Generator) -> tuple[tuple[float, float, float], Values
 
 
 def _bare(rng: np.random.Generator) -> Values:
-    """Uniforms of a person with nothing on."""
+    """Uniforms of a person without clothes."""
     dark = fabric_colour(rng)
     return {
         "sleeve": 0.0, "hem": 0.1, "neckline": 0.57, "v_neck": 0.0, "tank": 0.0, "waist": 0.13, "cuff": -0.7,
         "skirt_top": 0.16, "skirt_length": -0.3, "hair_length": 0.5, "hair_line": 0.70, "hair_low": 0.63, "bald": 0.0,
-        "shoe_top": -GONE, "sock_top": -GONE, "glove": GONE, "hat_line": GONE, "hat_slope": 0.5, "ears_out": 1,
+        "shoe_top": -NOWHERE, "sock_top": -NOWHERE, "glove": NOWHERE, "hat_line": NOWHERE, "hat_slope": 0.5,
+        "ears_out": 1,
         "hooded": 0, "puff_shirt": 0.004, "puff_trousers": 0.004, "loose_shirt": 0.0, "loose_trousers": 0.0,
         "flare_hem": 0.0, "flare_sleeve": 0.0, "flare_leg": 0.0, "flare_skirt": 0.05, "pleats": 0.0, "bulge": 0.0,
         "drape_shirt": 0.0, "drape_trousers": 0.0,
@@ -94,13 +97,13 @@ def _bare(rng: np.random.Generator) -> Values:
 
 
 def bare_outfit(rng: np.random.Generator) -> Outfit:
-    """Nothing on and no hair, as a plain model of the body."""
+    """No clothes and no hair, for a plain rendering of the body."""
     light, lighting = _light(rng)
     return Outfit("briefs", frozenset(), light, _bare(rng) | lighting | {"skin": (0.45, 0.33, 0.27)})
 
 
 def sample_outfit(rng: np.random.Generator, gender: float, kind: str | None = None) -> Outfit:
-    """A random outfit and light; `gender` 0 male .. 1 female; `kind` is one of `KINDS`, by default drawn."""
+    """A random outfit and light; `gender` from 0 male to 1 female; `kind` is one of `KINDS`, drawn by default."""
     female = gender > 0.5
     if kind is None:
         kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
@@ -111,8 +114,8 @@ def sample_outfit(rng: np.random.Generator, gender: float, kind: str | None = No
     tone = rng.uniform(0, 5)
     low = int(tone)
     skin = (SKIN[low] * (1 - tone % 1) + SKIN[min(low + 1, 5)] * (tone % 1)) ** 1.5
-    dresser = Dresser(rng, female, kind, _bare(rng) | lighting | {"skin": colour_of(skin)})
-    dresser.dress()
-    things = tuple(dresser.things[:SLOTS])
+    draft = Draft(rng, female, kind, _bare(rng) | lighting | {"skin": colour_of(skin)})
+    dress(draft)
+    accessories = tuple(draft.accessories[:SLOTS])
     sky /= np.linalg.norm(sky)
-    return Outfit(kind, frozenset(dresser.parts), light, dresser.values, things, dresser.dots, colour_of(sky))
+    return Outfit(kind, frozenset(draft.parts), light, draft.values, accessories, draft.dots, colour_of(sky))

@@ -1,4 +1,4 @@
-"""Vertices of everything that is drawn of a person: the body, its shells, the dome round the skull, accessories."""
+"""Vertices of everything that is drawn of a person: the body, its shells, the dome around the skull, accessories."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,15 +13,16 @@ I32 = NDArray[np.int32]
 
 
 class Shells:
-    """Which faces make up each part, and where all vertices are for a posed body.
+    """Faces of each part, and positions of all vertices for a posed body.
 
     Attributes:
-        parts: triangles of body, trousers, shirt, shoes, skirt, long hair, hair, hat and the accessories' slots.
-        coarse_body: triangles of the body for shadows, a few millimetres less detailed.
-        static: (count, 7) position at rest and traits (head, eye, arm, metres that loose cloth hangs off).
+        parts: triangles of body, trousers, shirt, shoes, skirt, long hair, hair, hat and the accessory slots.
+        coarse_body: triangles of the body for shadows, with detail below a few millimetres removed.
+        static: (count, 7) position at rest and traits (head, eye, arm, distance of loose cloth from the skin in
+            metres).
         count: number of vertices.
-        first: the first vertex of the accessories.
-        dot_places: vertices of the body where a reflective dot may be.
+        first: first vertex of the accessories.
+        dot_places: vertices of the body that may carry a reflective dot.
     """
 
     def __init__(self, body: BodyModel) -> None:
@@ -61,7 +62,7 @@ class Shells:
         self.dot_places = np.nonzero(limbs)[0]
 
     def shape(self, vertices: Float32Array) -> tuple[Float32Array, Float32Array]:
-        """The buffer (first, 9) of positions, normals and slack positions of a posed body (V, 3); and the normals."""
+        """The buffer (first, 9) of positions, normals and slack positions for a posed body (V, 3); and the normals."""
         points = np.concatenate([vertices, self._dome @ vertices[:BODY_VERTICES]])
         normals = _unit(self._incidence @ _face_normals(points, self._faces))
         table = np.concatenate([points, normals, points], 1).astype(np.float32)
@@ -70,7 +71,7 @@ class Shells:
         return table, normals
 
     def accessories(self, items: tuple[Accessory, ...], vertices: Float32Array) -> Float32Array:
-        """(len(items) * rows * columns, 9): the same of accessories on a posed body."""
+        """(len(items) * rows * columns, 9): the same for accessories on a posed body."""
         tables = []
         for item in items:
             points = self._anchors.carry(item, vertices)
@@ -80,7 +81,7 @@ class Shells:
 
 
 def _coarse(faces: I32, rest: Float32Array, on_arm: BoolArray, cell: float = 0.008) -> I32:
-    """`faces` with the vertices in each cube of `cell` metres at rest made one; arms apart from the trunk."""
+    """`faces` with the vertices in each cube of `cell` metres at rest merged; arms separate from the trunk."""
     cube = np.concatenate([np.round(rest / cell).astype(int), on_arm[:, None]], 1)
     _, first, number = np.unique(cube, axis=0, return_index=True, return_inverse=True)
     merged = first[number.ravel()][faces]
@@ -95,7 +96,7 @@ def _incidence(faces: I32, count: int) -> sp.csr_matrix:
 
 
 def _face_normals(points: Float32Array, faces: I32) -> Float32Array:
-    """(F, 3) normals as long as twice the area."""
+    """(F, 3) normals whose length is twice the area."""
     a = points[faces[:, 0]]
     u, v = (points[faces[:, 1]] - a).T, (points[faces[:, 2]] - a).T
     return np.stack([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]], 1)

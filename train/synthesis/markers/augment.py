@@ -1,7 +1,7 @@
-"""What happens to markers in a laboratory, drawn for a batch of frames at once.
+"""Faults of marker recordings, drawn for a batch of frames at once.
 
-Placement jitter, slack skin, occlusion (random, in whole limbs, by geometry), ghosts near and far, missing markers, a
-second person's markers, exchanges, broken trajectories, other sizes and headings. Real recordings are never used.
+Placement jitter, soft tissue, occlusion (random, of whole regions, by geometry), ghosts near and far, missing markers,
+a second person's markers, swaps, broken trajectories, other sizes and headings. Real recordings are never used.
 """
 
 import math
@@ -14,14 +14,14 @@ from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT, SURFACE,
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
 from muybridge.train.synthesis.markers.trajectories import FPS, MarkerClips
 
-# Points of a frame, padded.
+# Largest number of points of a frame.
 POINTS = 52
 GHOSTS = 6
 OTHERS = 14
 DUST = len(SURFACE)
 
-# Markers that laboratories put anywhere along a segment: marker, the segment's ends, standard deviation as a share of
-# its length.
+# Markers that laboratories place anywhere along a segment: marker, ends of the segment, standard deviation as a share
+# of its length.
 _ALONG = (
     ("upper_arm_proximal", "acromion", "elbow_lateral", 0.14), ("upper_arm_distal", "acromion", "elbow_lateral", 0.14),
     ("forearm_proximal", "elbow_lateral", "radial_styloid", 0.14),
@@ -32,12 +32,12 @@ _ALONG = (
     ("metacarpal_2", "radial_styloid", "metacarpal_2", 0.2), ("toe", "heel", "toe", 0.07),
     ("asis", "asis", "psis", 0.08), ("psis", "psis", "asis", 0.06),
 )  # fmt: skip
-# Markers whose place is looser than the examiners' spread at a palpated point.
+# Markers whose position varies more than examiners' placement at a palpated point, metres.
 LOOSE = {"left_scapula": 0.035, "right_scapula": 0.035, "t10": 0.03, "xiphoid": 0.02, "c7": 0.015,
           "left_acromion": 0.015, "right_acromion": 0.015}  # fmt: skip
-# Marker, how often it stands on a wand, and how far off the skin, metres: older guides have wands on thigh and shank.
+# Marker, share on a wand, largest distance from the skin, metres: older guides have wands on thigh and shank.
 _WANDS = (("thigh", 0.08, 0.1), ("shank", 0.08, 0.09))
-# Share of the recordings with the wrist's markers at the ends of a bar, and how far each then stands out, metres.
+# Share of recordings with the wrist's markers at the ends of a bar, and how far each stands out, metres.
 _BARS = (0.25, 0.05)
 _HEAD = [SURFACE.index(f"{s}_{e}_head") for s in ("left", "right") for e in ("front", "back")]
 _OPTIONAL = ("upper_arm", "forearm", "scapula", "metacarpal", "thigh", "shank", "t10", "xiphoid", "head")
@@ -45,7 +45,7 @@ _OPTIONAL = ("upper_arm", "forearm", "scapula", "metacarpal", "thigh", "shank", 
 
 @dataclass(frozen=True)
 class CloudOptions:
-    """How hard the clouds are.
+    """Difficulty of the clouds.
 
     Attributes:
         sets: marker sets with their shares; the rest are random sets.
@@ -57,7 +57,14 @@ class CloudOptions:
 
 
 class CloudSampler:
-    """Draws augmented frames from clips."""
+    """Draws frames with faults from clips.
+
+    Args:
+        clips: marker trajectories.
+        window: times relative to a frame, seconds.
+        seed: random seed.
+        options: of the clouds.
+    """
 
     def __init__(self, clips: MarkerClips, window: tuple[float, ...], seed: int, options: CloudOptions) -> None:
         self.clips, self.options = clips, options
@@ -78,34 +85,34 @@ class CloudSampler:
     def batch(self, count: int) -> tuple[Float32Array, Float32Array, Float32Array, IntArray]:
         """`count` frames: points (B, 1 + W, N, 3), seen (B, 1 + W, N), asked (B, L), labels (B, N), -1 for padding.
 
-        A batch is of one marker set (or all of random sets), so that little of it is padding.
+        A batch is of one marker set (or entirely of random sets), so that it needs little padding.
         """
-        at, normals = self._draw(count)
+        at, normals = self._draw_frames(count)
         asked, present = self._sets(count)
-        at = self._place(self._slide(at, normals))
-        present &= ~self._hidden(at, normals[:, 0], present)
-        others = self._others(count, at)
+        at = self._jitter(self._soft_tissue(at, normals))
+        present &= ~self._occluded(at, normals[:, 0], present)
+        others = self._second_person(count, at)
         ghosts, ghost_there = self._ghosts(at, present)
         points = np.concatenate([at, others[0], ghosts], 2)
         there = np.concatenate([present, others[1], ghost_there], 1)
         labels = np.full(there.shape, DUST, np.int64)
         labels[:, :DUST] = np.arange(DUST)
         seen = self._windows(points, there)
-        points = self._turn(points)
+        points = self._rotate(points)
         return self._pack(points, seen, there, asked, labels)
 
-    def _draw(self, count: int) -> tuple[FloatArray, FloatArray]:
+    def _draw_frames(self, count: int) -> tuple[FloatArray, FloatArray]:
         rng, reach = self.rng, int(np.abs(self.offsets).max())
         clip = rng.integers(0, len(self.clips.points), count)
         frame = rng.integers(reach, self.clips.points.shape[1] - reach, count)
-        # Motion runs slower or faster than it was generated.
+        # Motion is slowed down or sped up.
         times = frame[:, None] + np.rint(self.offsets * rng.choice([0.34, 0.67, 1.0, 1.0], (count, 1))).astype(int)
         at = self.clips.points[clip[:, None], times].astype(np.float64)
         normals = self.clips.normals[clip[:, None], times].astype(np.float64) / 127
         return at, normals
 
     def _sets(self, count: int) -> tuple[BoolArray, BoolArray]:
-        """Labels asked for and markers there, both (B, L)."""
+        """Labels of the marker set and markers that are present, both (B, L)."""
         rng, size = self.rng, len(SURFACE)
         asked = np.zeros((count, size), bool)
         kind = int(np.searchsorted(np.cumsum([share for _, share in self.options.sets]), rng.random(), "right"))
@@ -116,23 +123,24 @@ class CloudSampler:
             lower = np.array([_is_lower(n) for n in SURFACE.names])
             asked[rng.random(count) < 0.3] &= lower
         present = asked.copy()
-        # A laboratory leaves some out, on both sides, for the whole recording; in half of these the set is told so.
+        # Some markers are left out on both sides for the whole recording; in half of these cases the declared set lacks
+        # them too.
         for stem in _OPTIONAL:
             left_out = rng.random(count) < 0.06
-            told = left_out & (rng.random(count) < 0.5)
+            declared = left_out & (rng.random(count) < 0.5)
             group = np.array([stem in n for n in SURFACE.names])
             present[np.ix_(left_out, group)] = False
-            asked[np.ix_(told, group)] = False
-        # Somebody wears half of the set, and asks for all of it.
+            asked[np.ix_(declared, group)] = False
+        # Some people wear half of the set, of which all labels are requested.
         half = rng.random(count)
         lower = np.array([_is_lower(n) for n in SURFACE.names])
         present[half < 0.03] &= lower
         present[half > 0.98] &= ~lower
         return asked, present
 
-    def _slide(self, at: FloatArray, normals: FloatArray) -> FloatArray:
-        """What stands off the skin, and how the shoulder's skin goes with an arm that is raised: skinning leaves the
-        scapula where it was."""
+    def _soft_tissue(self, at: FloatArray, normals: FloatArray) -> FloatArray:
+        """Markers on wands, and the skin of the shoulder moving with a raised arm, where skinning leaves the scapula in
+        place."""
         rng, count = self.rng, len(at)
         moved = at.copy()
         for markers, often, far in self.wands:
@@ -150,7 +158,7 @@ class CloudSampler:
             moved[:, :, scapula] += outward * raised * rng.uniform(0, 0.05, (count, 1, 1))
         return moved
 
-    def _place(self, at: FloatArray) -> FloatArray:
+    def _jitter(self, at: FloatArray) -> FloatArray:
         rng, count = self.rng, len(at)
         moved = at.copy()
         for (marker, a, b), share in self.along:
@@ -162,35 +170,35 @@ class CloudSampler:
         moved[:, :, _HEAD] = middle + (head - middle) * wide + rng.normal(0, 0.02, (count, 1, 1, 3))
         hard = rng.uniform(0.5, 1.5, (count, 1, 1, 1))
         moved += rng.normal(0, 1, (count, 1, moved.shape[2], 3)) * self.sigma[:, None] * hard
-        # Skin slides with the motion, and every measurement has its noise.
+        # Skin slides with the motion, and every measurement has noise.
         slack = rng.uniform(0.0, 0.008, (count, 1, 1, 1))
         moved += rng.normal(0, 1, moved.shape) * slack
-        # Sizes beyond the bodies', also from a unit that is only nearly known.
+        # Sizes beyond those of the bodies, also because the unit of length may be inexact.
         return moved * np.exp(rng.normal(0, 0.07, (count, 1, 1, 1)))
 
-    def _hidden(self, at: FloatArray, normals: FloatArray, present: BoolArray) -> BoolArray:
+    def _occluded(self, at: FloatArray, normals: FloatArray, present: BoolArray) -> BoolArray:
         rng, (count, size) = self.rng, present.shape
         style = rng.random(count)
         number = np.where(style < 0.25, 0, rng.integers(0, 7, count))
         number = np.where(style > 0.93, rng.integers(6, 16, count), number)
         order = np.argsort(np.argsort(np.where(present, rng.random((count, size)), 2.0), 1), 1)
         hidden: BoolArray = np.asarray(order < number[:, None])
-        # One region is out of sight: what lies nearest to some marker.
+        # One region is hidden: the markers nearest to some point.
         near = np.asarray(rng.random(count) < 0.12)
         centre = at[np.arange(count), 0, rng.integers(0, size, count)]
         distance = np.linalg.norm(at[:, 0] - centre[:, None], axis=-1)
         hidden |= near[:, None] & (distance < rng.uniform(0.08, 0.35, (count, 1)))
-        # By geometry: fewer than two of the cameras around see the skin's face.
+        # By geometry: fewer than two of the cameras around see the front of the skin.
         facing = np.asarray(rng.random(count) < 0.15)
         azimuth = rng.uniform(0, 2 * math.pi, (count, 6))
         cameras = np.stack([np.cos(azimuth), np.sin(azimuth), np.full_like(azimuth, 0.35)], -1)
         views = (np.einsum("bmc,bkc->bmk", normals, cameras) > 0.25).sum(2)
         return np.asarray(hidden | (facing[:, None] & (views < 2)))
 
-    def _others(self, count: int, at: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Some markers of a second person, standing by."""
+    def _second_person(self, count: int, at: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Some markers of a second person nearby."""
         rng = self.rng
-        other = self._draw(count)[0]
+        other = self._draw_frames(count)[0]
         angle = rng.uniform(0, 2 * math.pi, (count, 1, 1))
         away = rng.uniform(0.4, 2.0, (count, 1, 1)) * np.concatenate([np.cos(angle), np.sin(angle), 0 * angle], -1)
         shift = at[:, :1].mean(2) * [1, 1, 0] - other[:, :1].mean(2) * [1, 1, 0] + away
@@ -198,7 +206,7 @@ class CloudSampler:
         gap = np.linalg.norm(other[:, 0] - other[np.arange(count), 0, start][:, None], axis=-1)
         chosen = np.argsort(gap + rng.random(gap.shape) * 0.3, 1)[:, :OTHERS]
         picked = np.take_along_axis(other, chosen[:, None, :, None], 2) + shift[:, :, None]
-        # In some batches, which are padded for it.
+        # Only in some batches, which are padded for it.
         share = 0.5 if rng.random() < 0.15 else 0.0
         there = (rng.random(count) < share)[:, None] & (rng.random((count, OTHERS)) < rng.random((count, 1)))
         return picked, there
@@ -220,13 +228,13 @@ class CloudSampler:
         return ghosts, np.arange(GHOSTS) < number[:, None]
 
     def _windows(self, points: FloatArray, there: BoolArray) -> BoolArray:
-        """(B, 1 + W, S) where the window knows a point; exchanges some trajectories in place."""
+        """(B, 1 + W, S) where the window knows a point; swaps some trajectories in place."""
         rng, (count, size) = self.rng, there.shape
         w = len(self.offsets)
         seen = np.repeat(there[:, None], w, 1)
         lost = rng.random(count) < self.options.window_lost
         broken = rng.uniform(0, 0.3, (count, 1, 1)) * (rng.random((count, 1, 1)) < 0.7)
-        # A trajectory that breaks stays broken: what is farther in time is lost too.
+        # A broken trajectory stays broken: times farther away are lost too.
         span = np.abs(self.offsets)
         for sign in (-1, 1):
             reach = np.where(rng.random((count, size)) < broken[:, 0], rng.choice([0, 0.5, 1.5], (count, size)), 9.0)
@@ -237,10 +245,10 @@ class CloudSampler:
         # Ghosts are short.
         seen[:, 1:, -GHOSTS:] &= rng.random((count, w - 1, GHOSTS)) < 0.4
         seen[lost, 1:] = False
-        self._exchange(points, there)
+        self._swap_trajectories(points, there)
         return seen
 
-    def _exchange(self, points: FloatArray, there: BoolArray) -> None:
+    def _swap_trajectories(self, points: FloatArray, there: BoolArray) -> None:
         rng, count = self.rng, len(there)
         which = np.nonzero(rng.random(count) < 0.12)[0]
         one = rng.integers(0, points.shape[2], len(which))
@@ -254,8 +262,8 @@ class CloudSampler:
             a, c = one[later[:, i]], two[later[:, i]]
             points[b, i, a], points[b, i, c] = points[b, i, c].copy(), points[b, i, a].copy()
 
-    def _turn(self, points: FloatArray) -> FloatArray:
-        """Any heading, and an upright that is only nearly known."""
+    def _rotate(self, points: FloatArray) -> FloatArray:
+        """Any heading, and a vertical direction that is only approximately known."""
         rng, count = self.rng, len(points)
         angle = rng.uniform(0, 2 * math.pi, count)
         tilt = np.radians(rng.normal(0, 3, (count, 2)))
@@ -267,7 +275,7 @@ class CloudSampler:
 
     def _pack(self, points: FloatArray, seen: BoolArray, there: BoolArray, asked: BoolArray,
               labels: IntArray) -> tuple[Float32Array, Float32Array, Float32Array, IntArray]:  # fmt: skip
-        """Shuffled, those that are there first, cut to `POINTS`, padded to the fullest frame."""
+        """Shuffled, existing points first, cut to `POINTS`, padded to the fullest frame."""
         fullest = max(16, min(POINTS, int(there.sum(1).max())))
         order = np.argsort(np.where(there, self.rng.random(there.shape), 2.0), 1)[:, :fullest]
         points = np.take_along_axis(points, order[:, None, :, None], 2)

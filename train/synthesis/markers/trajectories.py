@@ -1,7 +1,7 @@
 """Synthetic marker trajectories: all surface landmarks on bodies of all shapes under generated motion.
 
-A store is a folder of shards; shard `k` depends on the seed and `k` alone. What happens to markers in a laboratory
-(jitter, gaps, ghosts, exchanges) is added while training (`train.marker_augment`).
+A store is a folder of shards; shard `k` depends only on the seed and `k`. The faults of marker recordings (jitter,
+gaps, ghosts, swaps) are added during training (`augment`).
 """
 
 import pathlib
@@ -12,19 +12,19 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from muybridge.arrays import Float32Array, FloatArray, IndexArray
-from muybridge.files import replacing
 from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.train.engine.shards import Arrays, concatenate, missing_shards, read_shards, save_shard
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
 from muybridge.train.synthesis.bodies.surface_markers import marker_table
-from muybridge.train.synthesis.motions.rig import Skeleton, forward, skin, turn
+from muybridge.train.synthesis.motions.rig import SkinnedBody, forward, skin, turn
 from muybridge.train.synthesis.motions.sampler import MOTIONS, MotionSampler
 
 FPS = 30.0
 FRAMES = 192
 CLIPS = 32
-# Share of the clips that wander between poses of the static sampler, whose poses are wider than generated motion.
+# Share of clips that move between poses of the static sampler, whose range is wider than that of generated motion.
 WANDER = 0.25
-# A marker's centre over the skin, metres: its radius and base.
+# Range of the distance of a marker's centre from the skin, metres: its radius and base.
 STANDOFF = (0.006, 0.018)
 
 
@@ -34,8 +34,8 @@ class MarkerClips:
 
     Attributes:
         points: (N, T, M, 3) metres, z up, in the order of `SURFACE`; T frames at `FPS`.
-        normals: (N, T, M, 3) unit, out of the skin.
-        kinds: (N,) index into `MOTIONS`, or its length for wandering between poses.
+        normals: (N, T, M, 3) out of the skin, of length 127.
+        kinds: (N,) index into `MOTIONS`, or its length for transitions between static poses.
     """
 
     points: Float32Array
@@ -44,7 +44,7 @@ class MarkerClips:
 
 
 class MarkerBodies:
-    """Bodies that carry markers: skin under the landmarks alone, which is fast."""
+    """Bodies with markers; only the skin under the landmarks is posed, which is fast."""
 
     def __init__(self, seed: int) -> None:
         self.model = BodyModel(seed)
@@ -62,11 +62,11 @@ class MarkerBodies:
         self.outward = self._outward()
 
     def reseed(self, seed: int) -> None:
-        """Everything drawn from now on depends on `seed` alone."""
+        """Make everything drawn from now on depend only on `seed`."""
         self.rng = self.model.rng = self.model.poses.rng = np.random.default_rng(seed)
 
     def _outward(self) -> FloatArray:
-        """(M,) +1 where the landmark's triangle runs anticlockwise seen from outside, else -1."""
+        """(M,) +1 where the landmark's triangle is counter-clockwise seen from outside, else -1."""
         rest = self.model.rest.astype(np.float64)
         faces = self.model.parts[0]
         faces = faces[(faces < BODY_VERTICES).all(1)]
@@ -78,8 +78,8 @@ class MarkerBodies:
         mean = normals[marker_table().vertices].sum(1)
         return np.where((np.cross(b - a, c - a) * mean).sum(-1) >= 0, 1.0, -1.0)
 
-    def skeleton(self, phenotypes: Float32Array) -> Skeleton:
-        """The skeleton with the landmarks' vertices as its skin."""
+    def skeleton(self, phenotypes: Float32Array) -> SkinnedBody:
+        """The skeleton of a body, with the landmarks' vertices as its skin."""
         import torch
 
         base = self.model.skeleton(phenotypes)
@@ -92,8 +92,8 @@ class MarkerBodies:
         surface += base.rest[0] - joint
         return replace(base, surface=surface, skin=self.bones, weights=self.weights)
 
-    def markers(self, skeleton: Skeleton, rotvec: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Markers (T, M, 3) with their stand-off, and unit normals (T, M, 3), of a motion of `skeleton`."""
+    def markers(self, skeleton: SkinnedBody, rotvec: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Markers (T, M, 3) including their stand-off, and unit normals (T, M, 3), for a motion of `skeleton`."""
         rotations, origins = forward(skeleton, turn(rotvec), root)
         corners = skin(skeleton, rotations, origins)[:, self.place]
         points = np.einsum("tmkc,mk->tmc", corners, marker_table().weights.astype(np.float64))
@@ -103,7 +103,8 @@ class MarkerBodies:
         return points + normals * self.rng.uniform(*STANDOFF), normals
 
     def wander(self) -> tuple[FloatArray, FloatArray]:
-        """Rotation vectors (T, bones, 3) and roots (T, 3) of a walk from pose to pose of the static sampler."""
+        """Rotation vectors (T, bones, 3) and root positions (T, 3) of transitions between poses of the static
+        sampler."""
         rng, count = self.rng, 7
         poses = self.model.poses.sample(count).rotvec
         at = np.linspace(0, count - 1, FRAMES) + 0.25 * np.sin(np.linspace(0, 2 * np.pi * count, FRAMES))
@@ -119,7 +120,7 @@ class MarkerBodies:
         return rotvec, root
 
     def clips(self, count: int) -> MarkerClips:
-        """`count` clips, two bodies a motion."""
+        """`count` clips, two bodies per motion."""
         points: list[FloatArray] = []
         normals, kinds = [], []
         while len(points) < count:
@@ -128,7 +129,7 @@ class MarkerBodies:
                 rotvec, root = self.wander()
                 kind = len(MOTIONS)
             else:
-                # The first body's motion; on the second the feet may slide, which labelling does not mind.
+                # Motion generated on one body; the feet of another one may slide, which does not matter for labelling.
                 clip = MotionSampler(self.model.skeleton(self.model.sample_phenotypes(1)[0]), self.rng).sample(
                     FRAMES / FPS, FPS
                 )
@@ -142,29 +143,16 @@ class MarkerBodies:
 
 
 def make_marker_clips(out: pathlib.Path, shards: range, seed: int = 0) -> None:
-    """Makes those of `shards` that are not in the folder `out` yet."""
-    out.mkdir(parents=True, exist_ok=True)
+    """Generate those of `shards` that are not in the folder `out` yet."""
     bodies = None
-    for k in shards:
-        path = out / f"{k:05}.npz"
-        if path.exists():
-            continue
+    for number in missing_shards(out, shards):
         bodies = bodies or MarkerBodies(seed)
-        bodies.reseed(int(np.random.SeedSequence([seed, k]).generate_state(1)[0]))
-        made = bodies.clips(CLIPS)
-        with replacing(path) as temporary, open(temporary, "wb") as file:
-            np.savez(file, points=made.points, normals=made.normals, kinds=made.kinds, names=np.array(SURFACE.names))
+        bodies.reseed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0]))
+        save_shard(out, number, vars(bodies.clips(CLIPS)) | {"names": np.array(SURFACE.names)})
 
 
 def load_marker_clips(folder: pathlib.Path, shards: range) -> MarkerClips:
-    """All clips of those of `shards` that are in `folder`; none is an empty array."""
-    empty = np.zeros((0, FRAMES, len(SURFACE), 3))
-    points, normals, kinds = [empty.astype(np.float32)], [empty.astype(np.int8)], [np.zeros(0, np.intp)]
-    for path in sorted(folder.glob("*.npz")):
-        if path.stem.isdecimal() and int(path.stem) in shards:
-            with np.load(path) as shard:
-                if tuple(shard["names"].tolist()) == SURFACE.names:
-                    points.append(shard["points"])
-                    normals.append(shard["normals"])
-                    kinds.append(shard["kinds"])
-    return MarkerClips(np.concatenate(points), np.concatenate(normals), np.concatenate(kinds))
+    """All clips of those of `shards` that are in `folder`; arrays are empty if there are none."""
+    points = np.zeros((0, FRAMES, len(SURFACE), 3), np.float32)
+    empty: Arrays = {"points": points, "normals": points.astype(np.int8), "kinds": np.zeros(0, np.intp)}
+    return MarkerClips(**concatenate(read_shards(folder, shards, empty, SURFACE.names), empty))

@@ -1,4 +1,4 @@
-"""Synthetic video of reflective markers: bright discs with bloom on a dark, noisy picture, and false lights."""
+"""Synthetic video of reflective markers: bright discs with bloom on a dark, noisy image, and false lights."""
 
 from dataclasses import dataclass
 
@@ -13,12 +13,15 @@ RADIUS_M = 0.007
 
 @dataclass(frozen=True)
 class VideoFaults:
-    """What is wrong with the picture.
+    """Faults of the image.
 
     Attributes:
-        noise: grey levels, standard deviation; dark: grey level of the background.
-        bloom: share of a marker's light that spreads; bloom_px: how far.
-        lamps: lights that stand in the room; flickers: false lights a frame and camera, each in one camera only.
+        noise: standard deviation, grey levels.
+        dark: grey level of the background.
+        bloom: share of a marker's light that spreads.
+        bloom_px: standard deviation of the spread.
+        lamps: fixed lights in the room.
+        flickers: false lights per frame and camera, each in one camera only.
     """
 
     noise: float = 4.0
@@ -31,7 +34,7 @@ class VideoFaults:
 
 def ring_of_cameras(count: int, radius_m: float = 4.2, height_m: float = 2.4, width: int = 1024, tall: int = 1024,
                     focal_px: float = 1150.0) -> CameraGroup:  # fmt: skip
-    """Cameras around the origin that look at a person's middle."""
+    """Cameras around the origin, facing the middle of a person."""
     cameras = []
     for k in range(count):
         angle = 2 * np.pi * k / count + 0.2
@@ -53,7 +56,10 @@ def markers_in_sight(
     """(C, M) markers that face a camera and are not behind a limb.
 
     Args:
-        points, normals: (M, 3). limbs: (S, 2, 3) metres, ends of capsules; radii: (S,) metres.
+        cameras: the cameras.
+        points, normals: (M, 3).
+        limbs: (S, 2, 3) metres, ends of capsules.
+        radii: (S,) metres.
     """
     out = np.zeros((len(cameras), len(points)), bool)
     for c, camera in enumerate(cameras):
@@ -78,7 +84,7 @@ def _distance(point: FloatArray, limb: FloatArray) -> float:
 
 
 def _segments(starts: FloatArray, end: FloatArray, limbs: FloatArray) -> FloatArray:
-    """(M, S) distances of the segments from `starts` to `end` from the limbs, by samples."""
+    """(M, S) distances between the segments from `starts` to `end` and the limbs, by sampling."""
     share = np.linspace(0.01, 0.5, 40)
     samples = starts[:, None] + share[:, None] * (end - starts)[:, None]
     along = limbs[:, 1] - limbs[:, 0]
@@ -91,10 +97,14 @@ def _segments(starts: FloatArray, end: FloatArray, limbs: FloatArray) -> FloatAr
 def draw_markers(
     camera: Camera, points: FloatArray, lamps: FloatArray, faults: VideoFaults, rng: np.random.Generator
 ) -> ByteArray:
-    """(H, W) grey picture of one frame.
+    """(H, W) grey image of one frame.
 
     Args:
-        points: (N, 3) metres, markers in sight. lamps: (K, 3) metres.
+        camera: the camera.
+        points: (N, 3) metres, visible markers.
+        lamps: (K, 3) metres.
+        faults: of the image.
+        rng: source of random numbers.
     """
     light = np.zeros((camera.height, camera.width), np.float32)
     at, far = camera.project(points), np.linalg.norm(points - camera.center_world, axis=-1)

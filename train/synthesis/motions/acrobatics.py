@@ -6,7 +6,7 @@ from muybridge.arrays import FloatArray
 from muybridge.train.synthesis.motions.floor import jump
 from muybridge.train.synthesis.motions.ground_contact import TRUNK_BONES
 from muybridge.train.synthesis.motions.rig import SIDES, apply, rot
-from muybridge.train.synthesis.motions.standing import Stage, ease
+from muybridge.train.synthesis.motions.stage import Stage, ease
 
 
 def floor_sit(g: Stage) -> None:

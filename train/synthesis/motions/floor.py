@@ -7,8 +7,8 @@ from scipy.ndimage import gaussian_filter1d
 from muybridge.arrays import FloatArray
 from muybridge.train.synthesis.motions.ground_contact import KNEE_BONES, TRUNK_BONES
 from muybridge.train.synthesis.motions.rig import SIDES
-from muybridge.train.synthesis.motions.solve import GRAVITY
-from muybridge.train.synthesis.motions.standing import Plant, Stage, ease, spans
+from muybridge.train.synthesis.motions.script import GRAVITY
+from muybridge.train.synthesis.motions.stage import Plant, Stage, ease, spans
 
 
 def jump(g: Stage, flight: tuple[float, float] = (0.26, 0.52)) -> None:

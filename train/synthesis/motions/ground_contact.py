@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from muybridge.arrays import BoolArray, FloatArray
-from muybridge.train.synthesis.motions.rig import SIDES, Skeleton, apply, forward, skin, turn, unit
+from muybridge.train.synthesis.motions.rig import SIDES, SkinnedBody, apply, forward, skin, turn, unit
 
 UP = np.array([0.0, 0.0, 1.0])
 TRUNK_BONES = ("root", "pelvis", "spine", "breast", "clavicle")
@@ -38,12 +38,12 @@ def _limbs(side: str) -> dict[str, _Limb]:
     }
 
 
-def chosen_skin(skeleton: Skeleton, bones: tuple[str, ...]) -> BoolArray:
+def chosen_skin(skeleton: SkinnedBody, bones: tuple[str, ...]) -> BoolArray:
     """(P,) points of the skin that a bone whose name begins with one of `bones` moves the most."""
     return np.array([name.startswith(bones) for name in skeleton.bones])[skeleton.strongest]
 
 
-def sink_limbs(skeleton: Skeleton, local: FloatArray, root: FloatArray, step: float, sink: dict[str, FloatArray],
+def sink_limbs(skeleton: SkinnedBody, local: FloatArray, root: FloatArray, step: float, sink: dict[str, FloatArray],
                free: dict[str, FloatArray]) -> FloatArray:  # fmt: skip
     """Swing arms, legs and head about their joints, out of the floor z = 0 and down onto it.
 
@@ -95,7 +95,7 @@ def _swing(points: FloatArray, height: FloatArray, along: FloatArray, sink: Floa
     return np.asarray(np.radians(np.where(clear[:, lowest], -lowered, raised).astype(float)))
 
 
-def flat_hand(skeleton: Skeleton, side: str) -> tuple[FloatArray, float]:
+def flat_hand(skeleton: SkinnedBody, side: str) -> tuple[FloatArray, float]:
     """Rotation (3, 3) of a hand that lies on the floor, palm down, fingers towards -y, and how high its wrist is then,
     metres, the thumb out of the way."""
     wrist = skeleton.at("wrist." + side)

@@ -10,8 +10,8 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.train.synthesis.motions.rig import SIDES, SPINE
-from muybridge.train.synthesis.motions.solve import Hold
-from muybridge.train.synthesis.motions.standing import Stage
+from muybridge.train.synthesis.motions.script import Hold
+from muybridge.train.synthesis.motions.stage import Stage
 
 CHEST, PELVIS = SPINE[-1], "root"
 

@@ -1,4 +1,4 @@
-"""The skeleton that motion is made on: forward kinematics, limb inverse kinematics, centre of mass, floor.
+"""The body that motion is generated for: its bones and skin, its joint angles, and rotations.
 
 Rotations are anny's `local-ref` (see `muybridge.train.synthesis.bodies.pose_sampler`): a bone's global rotation is its parent's times its
 own, and its origin is its parent's plus the parent's rotation of the offset at rest.
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
+from muybridge.geometry.skeleton.skeleton import Skeleton
 
 SIDES = (("L", 1.0), ("R", -1.0))
 SPINE = ("spine05", "spine04", "spine03", "spine02", "spine01")
@@ -21,18 +22,20 @@ LIMITS: dict[str, tuple[float, float]] = {
     "knee": (-7.0, 158.0), "ankle": (-48.0, 62.0), "elbow": (0.0, 158.0), "trunk": (-45.0, 85.0),
 }  # fmt: skip
 
-# Segments of the body, their share of its mass and where along them their centre lies (de Leva 1996).
-SEGMENTS: tuple[tuple[str, str, float, float], ...] = (
-    ("root", "neck01", 0.4346, 0.45), ("neck01", "head", 0.0694, 1.4),
-    *((a + s, b + s, m, c) for s in "LR" for a, b, m, c in (
-        ("upperleg01.", "lowerleg01.", 0.1416, 0.41), ("lowerleg01.", "foot.", 0.0433, 0.44),
-        ("foot.", "toe2-1.", 0.0137, 0.44), ("upperarm01.", "lowerarm01.", 0.0271, 0.58),
-        ("lowerarm01.", "wrist.", 0.0162, 0.46), ("wrist.", "finger3-1.", 0.0061, 0.8))),
-)  # fmt: skip
+# anny's bones by the roles that `muybridge.geometry.skeleton.mass` names.
+_BONE_OF_PART = {
+    "thigh": "upperleg01", "shin": "lowerleg01", "foot": "foot", "toe": "toe2-1", "upper_arm": "upperarm01",
+    "forearm": "lowerarm01", "hand": "wrist", "middle_1": "finger3-1",
+}  # fmt: skip
+BONE_OF_ROLE = {"hips": "root", "neck": "neck01", "head": "head"} | {
+    f"{side}_{part}": f"{bone}.{letter}"
+    for side, letter in (("left", "L"), ("right", "R"))
+    for part, bone in _BONE_OF_PART.items()
+}
 
 
 @dataclass(frozen=True)
-class Skeleton:
+class SkinnedBody:
     """One body at rest.
 
     Attributes:
@@ -62,6 +65,19 @@ class Skeleton:
     def strongest(self) -> IndexArray:
         """(P,) index of the bone that moves a point of the skin the most."""
         return np.asarray(np.take_along_axis(self.skin, self.weights.argmax(1)[:, None], 1)[:, 0])
+
+    @functools.cached_property
+    def joints(self) -> Skeleton:
+        """The bones as joints, without limits."""
+        parents = tuple(int(p) for p in self.parents)
+        offsets = np.stack([self.rest[i] - self.rest[p] if i else np.zeros(3) for i, p in enumerate(parents)])
+        free = np.full(offsets.shape, np.inf)
+        return Skeleton(self.bones, parents, offsets, np.full_like(offsets, np.nan), (2,) * len(parents), -free, free)
+
+    @functools.cached_property
+    def roles(self) -> dict[str, int]:
+        """Index of the bone of each role that the centre of mass needs."""
+        return {role: self.bones.index(bone) for role, bone in BONE_OF_ROLE.items() if bone in self.bones}
 
     @property
     def height(self) -> float:
@@ -121,17 +137,12 @@ def apply(r: FloatArray, v: FloatArray) -> FloatArray:
     return np.asarray((r @ v[..., None])[..., 0])
 
 
-def forward(skeleton: Skeleton, local: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
+def forward(body: SkinnedBody, local: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Global rotations (T, bones, 3, 3) and origins (T, bones, 3) from local rotations and root positions."""
-    out, at = np.empty_like(local), np.empty(local.shape[:2] + (3,))
-    out[:, 0], at[:, 0] = local[:, 0], root
-    for i, p in enumerate(skeleton.parents[1:].tolist(), 1):
-        np.matmul(out[:, p], local[:, i], out=out[:, i])
-        at[:, i] = at[:, p] + out[:, p] @ (skeleton.rest[i] - skeleton.rest[p])
-    return out, at
+    return body.joints.forward(root, local)
 
 
-def skin(skeleton: Skeleton, rotations: FloatArray, origins: FloatArray,
+def skin(skeleton: SkinnedBody, rotations: FloatArray, origins: FloatArray,
          chosen: slice | BoolArray = slice(None)) -> FloatArray:  # fmt: skip
     """(T, P, 3) surface points, linear blend skinning."""
     out = np.zeros((len(rotations), len(skeleton.surface[chosen]), 3))
@@ -142,46 +153,7 @@ def skin(skeleton: Skeleton, rotations: FloatArray, origins: FloatArray,
     return out
 
 
-def centre_of_mass(skeleton: Skeleton, origins: FloatArray) -> FloatArray:
-    """(T, 3) centre of mass."""
-    out, total = np.zeros((len(origins), 3)), 0.0
-    for a, b, mass, share in SEGMENTS:
-        i, j = skeleton.index(a), skeleton.index(b)
-        out += mass * (origins[:, i] * (1 - share) + origins[:, j] * share)
-        total += mass
-    return out / total
-
-
-def two_bone(upper: FloatArray, lower: FloatArray, hinge: FloatArray, reach: FloatArray, pole: FloatArray,
-             limits: tuple[float, float]) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Analytic inverse kinematics of a limb.
-
-    Args:
-        upper, lower: (3,) the two segments at rest; hinge: (3,) unit axis of the middle joint at rest.
-        reach: (T, 3) where the end shall be, from the limb's root, in the frame that rest is given in.
-        pole: (T, 3) where the hinge axis shall point as nearly as it can.
-        limits: smallest and largest angle of the hinge, degrees.
-
-    Returns:
-        Rotations (T, 3, 3) of the upper segment and angles (T,) of the hinge, degrees.
-    """
-    parallel = hinge * (hinge @ lower)
-    cosine, sine = upper @ (lower - parallel), upper @ np.cross(hinge, lower)
-    size, phase = np.hypot(cosine, sine), np.arctan2(sine, cosine)
-    want = ((reach**2).sum(-1) - upper @ upper - lower @ lower) / 2 - upper @ parallel
-    angle = np.degrees(phase + np.arccos(np.clip(want / size, -1, 1)))
-    angle = np.clip(angle, *limits)
-    end = upper + apply(turn(np.radians(angle)[:, None] * hinge), np.broadcast_to(lower, reach.shape))
-    return _frame(reach, pole) @ np.swapaxes(_frame(end, np.broadcast_to(hinge, reach.shape)), -1, -2), angle
-
-
-def _frame(first: FloatArray, second: FloatArray) -> FloatArray:
-    x = unit(first)
-    y = unit(second - (second * x).sum(-1, keepdims=True) * x)
-    return np.stack([x, y, np.cross(x, y)], -1)
-
-
-def joint_angles(skeleton: Skeleton, local: FloatArray) -> dict[str, FloatArray]:
+def joint_angles(skeleton: SkinnedBody, local: FloatArray) -> dict[str, FloatArray]:
     """Anatomical angles in degrees, each (T, 2) left and right (the trunk's flexion: (T, 1))."""
     out: dict[str, list[FloatArray]] = {k: [] for k in LIMITS}
     for side, sign in SIDES:
@@ -210,7 +182,7 @@ def joint_angles(skeleton: Skeleton, local: FloatArray) -> dict[str, FloatArray]
     return {k: np.stack(v, -1) for k, v in out.items()}
 
 
-def arm_rest(skeleton: Skeleton, side: str) -> tuple[FloatArray, FloatArray, float]:
+def arm_rest(skeleton: SkinnedBody, side: str) -> tuple[FloatArray, FloatArray, float]:
     """The elbow's axis, the upper arm's direction and the elbow's flexion in degrees, all at rest."""
     upper = skeleton.at("lowerarm01." + side) - skeleton.at("upperarm01." + side)
     lower = skeleton.at("wrist." + side) - skeleton.at("lowerarm01." + side)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
+from muybridge.motion.contacts.footskate import sliding_frames
 from muybridge.train.synthesis.motions import (
     acrobatics as motion_acrobatics,
 )
@@ -22,10 +23,11 @@ from muybridge.train.synthesis.motions import (
     standing as motion_kinds,
 )
 from muybridge.train.synthesis.motions.hands import hands_at_rest
-from muybridge.train.synthesis.motions.rig import LIMITS, SIDES, Skeleton, forward, joint_angles, log, rot, turn
+from muybridge.train.synthesis.motions.rig import LIMITS, SIDES, SkinnedBody, forward, joint_angles, log, rot, turn
+from muybridge.train.synthesis.motions.script import Script
 from muybridge.train.synthesis.motions.self_collision import penetrates
-from muybridge.train.synthesis.motions.solve import Script, Solver
-from muybridge.train.synthesis.motions.standing import Stage
+from muybridge.train.synthesis.motions.solve import Solver
+from muybridge.train.synthesis.motions.stage import Stage
 
 # Kinds of motion with their shares.
 MOTIONS: dict[str, float] = {
@@ -82,7 +84,7 @@ class PoseSamples:
 class MotionSampler:
     """Draws motion for one skeleton; the same generator state gives the same clips."""
 
-    def __init__(self, skeleton: Skeleton, rng: np.random.Generator) -> None:
+    def __init__(self, skeleton: SkinnedBody, rng: np.random.Generator) -> None:
         self.skeleton, self.rng, self.solver = skeleton, rng, Solver(skeleton)
         self.mirror = [skeleton.bones.index(_other(b)) for b in skeleton.bones]
 
@@ -196,7 +198,7 @@ class MotionSampler:
         out["limits"] = float(beyond.mean())
         for j, (side, _) in enumerate(SIDES):
             ball = at[:, self.solver.toes[side]].mean(1)
-            out["slide"] += float(slides(ball, clip.contacts[:, j]).mean())
+            out["slide"] += float(sliding_frames(ball, clip.contacts[:, j]).mean())
         some = slice(None, None, max(1, round(clip.fps / 12)))
         height = np.full(len(at[some]), self.skeleton.height)
         out["penetration"] = float(penetrates(self.skeleton.bones, at[some], height).mean())
@@ -214,16 +216,6 @@ class MotionSampler:
         """The same motion with left and right exchanged."""
         rotvec = clip.rotvec[:, self.mirror] * [1, -1, -1]
         return replace(clip, rotvec=rotvec, root=clip.root * [-1, 1, 1], contacts=clip.contacts[:, ::-1])
-
-
-def slides(ball: FloatArray, contact: BoolArray, allowed: float = 0.005) -> BoolArray:
-    """(T,) frames of a contact in which the ball of the foot, (T, 3), is off its median place on the floor by more
-    than `allowed` metres (it may rise: a foot rolls over its toes)."""
-    out = np.zeros(len(ball), bool)
-    edges = np.diff(np.concatenate([[0], contact.astype(int), [0]]))
-    for a, b in zip(np.nonzero(edges == 1)[0], np.nonzero(edges == -1)[0], strict=True):
-        out[a:b] = np.linalg.norm(ball[a:b, :2] - np.median(ball[a:b, :2], 0), axis=1) > allowed
-    return out
 
 
 def _programme(kind: str) -> Callable[[Stage], None]:

@@ -1,4 +1,4 @@
-"""Whole takes of several synthetic people who move about in one room, filmed by cameras round it; truth included."""
+"""Whole takes of several synthetic people in one room, seen by cameras around it, with the truth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,19 +12,25 @@ from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.clothing.sample import Outfit, sample_outfit
 from muybridge.train.synthesis.motions.sampler import MotionClip, MotionSampler
 from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
-from muybridge.train.synthesis.rendering.takes import layers
+from muybridge.train.synthesis.rendering.takes import person_layers
 
-# People's middles stay this far apart, metres, unless they came as a pair.
-_APART = 0.55
+# Least distance between the centres of people, metres, unless they came as a pair.
+_LEAST_DISTANCE = 0.55
 _TRIES = 40
 _AT_ONCE = 32
-# Sides of the windows that people are rendered in grow in steps, so that few render targets are needed.
+# Sides of the windows for rendering people are multiples of this, so that few render targets are needed.
 _STEP_PX = 160
 
 
 @dataclass(frozen=True)
 class Actor:
-    """One person of a take: `vertices` (T, V, 3) and `landmarks` (T, 23, 3), metres, in the world; what they wear."""
+    """One person of a take.
+
+    Attributes:
+        vertices: (T, V, 3) metres, world.
+        landmarks: (T, 23, 3) metres, world.
+        outfit: clothes.
+    """
 
     vertices: Float32Array
     landmarks: Float32Array
@@ -32,17 +38,17 @@ class Actor:
 
 
 def cast(body: BodyModel, kinds: Sequence[str], seconds: float, fps: float, reach: float) -> list[Actor]:
-    """People who do what `kinds` say (names of `motions.MOTIONS`; `pair` stands for two people), kept apart.
+    """People who perform `kinds` of motion (names of `MOTIONS`; `pair` stands for two people), kept apart.
 
     Args:
         body: the body model; its generator draws everybody.
-        kinds: what they do.
+        kinds: of motion.
         seconds: length of the take.
-        fps: frames a second.
-        reach: how far from the room's middle the middles of their paths lie, metres; farther if need be.
+        fps: frames per second.
+        reach: largest distance of the centres of their paths from the middle of the room, metres; more if necessary.
 
     Raises:
-        ValueError: they run into one another however they are placed.
+        ValueError: they collide in every placement.
     """
     actors: list[Actor] = []
     light = None
@@ -51,8 +57,8 @@ def cast(body: BodyModel, kinds: Sequence[str], seconds: float, fps: float, reac
         sampler = MotionSampler(body.skeleton(phenotypes), body.rng)
         pair = kind == "pair"
         clips = sampler.sample_pair(seconds, fps) if pair else (sampler.sample(seconds, fps, kind),)
-        skins = [_skinned(body, clip, phenotypes) for clip in clips]
-        placed = _placed(body.rng, skins, [a.landmarks for a in actors], reach)
+        skins = [_pose_clip(body, clip, phenotypes) for clip in clips]
+        placed = _place_apart(body.rng, skins, [a.landmarks for a in actors], reach)
         gender = float(phenotypes[list(body.model.phenotype_labels).index("gender")])
         for vertices, landmarks in placed:
             outfit = sample_outfit(body.rng, gender)
@@ -61,8 +67,8 @@ def cast(body: BodyModel, kinds: Sequence[str], seconds: float, fps: float, reac
     return actors
 
 
-def _skinned(body: BodyModel, clip: MotionClip, phenotypes: Float32Array) -> tuple[Float32Array, Float32Array]:
-    """Vertices and landmarks of a clip, where it says that they are."""
+def _pose_clip(body: BodyModel, clip: MotionClip, phenotypes: Float32Array) -> tuple[Float32Array, Float32Array]:
+    """Vertices and landmarks of a clip, at its positions."""
     vertices, landmarks = [], []
     for k in range(0, len(clip.root), _AT_ONCE):
         part = slice(k, k + _AT_ONCE)
@@ -74,10 +80,10 @@ def _skinned(body: BodyModel, clip: MotionClip, phenotypes: Float32Array) -> tup
     return np.concatenate(vertices), np.concatenate(landmarks)
 
 
-def _placed(
+def _place_apart(
     rng: np.random.Generator, skins: list[tuple[Float32Array, Float32Array]], others: list[Float32Array], reach: float
 ) -> list[tuple[Float32Array, Float32Array]]:
-    """The people turned and moved together to where they come near nobody else."""
+    """The people rotated and moved together to where they are near nobody else."""
     middle = np.concatenate([points for _, points in skins]).mean((0, 1)) * [1, 1, 0]
     for attempt in range(_TRIES):
         angle, heading = rng.uniform(-np.pi, np.pi, 2)
@@ -87,16 +93,16 @@ def _placed(
         turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         moved = [tuple(((a - middle) @ turn.T + place).astype(np.float32) for a in skin) for skin in skins]
         tracks = [points[..., :2].mean(1) for _, points in moved]
-        if all(np.linalg.norm(t - o[..., :2].mean(1), axis=-1).min() > _APART for t in tracks for o in others):
+        if all(np.linalg.norm(t - o[..., :2].mean(1), axis=-1).min() > _LEAST_DISTANCE for t in tracks for o in others):
             return [(vertices, points) for vertices, points in moved]
-    raise ValueError("these people run into one another: ask for fewer, or another seed")
+    raise ValueError("these people collide: use fewer people or another seed")
 
 
-def rig(
+def sample_rig(
     rng: np.random.Generator, count: int, size: tuple[int, int], distance: float, target_height: float = 0.95
 ) -> CameraGroup:
-    """`count` cameras of `size` (width, height) px on tripods round the room's middle, about `distance` metres from
-    it, none quite level, none with quite the same lens."""
+    """`count` cameras of `size` (width, height) px on tripods around the middle of the room, about `distance` metres
+    from it, none exactly level, all with slightly different lenses."""
     width, height = size
     cameras = []
     start = rng.uniform(0, 2 * np.pi)
@@ -105,7 +111,7 @@ def rig(
         away = distance * rng.uniform(0.88, 1.08)
         center = np.array([away * np.cos(angle), away * np.sin(angle), rng.uniform(0.9, 2.7)])
         target = np.array([*rng.normal(0, 0.15, 2), target_height])
-        # About 3 m of the room's middle fit into the shorter side.
+        # About 3 m around the middle of the room fit into the shorter side.
         focal = float(min(size) * away / 3.0 * rng.uniform(0.9, 1.1))
         params = (focal, focal, (width - 1) / 2, (height - 1) / 2)
         pose = look_at(center, target, np.radians(rng.normal(0, 4)))
@@ -119,15 +125,15 @@ def view_of(camera: Camera) -> View:
     return View(camera.cam_from_world, float(focal), (float(x), float(y)), camera.width, camera.height)
 
 
-def film_company(
-    renderer: Renderer, plate: ByteArray, view: View, actors: Sequence[Actor], frame: int,
+def draw_people(
+    renderer: Renderer, background: ByteArray, view: View, actors: Sequence[Actor], frame: int,
     rng: np.random.Generator, noise: float = 3.0,
 ) -> ByteArray:  # fmt: skip
-    """(H, W, 3) RGB of one frame: everybody, the farthest first, their shadows under all of them, noise."""
+    """(H, W, 3) RGB of one frame: everybody, the farthest first, shadows under all of them, noise."""
     eye = -view.cam_from_world[:, :3].T @ view.cam_from_world[:, 3]
     order = sorted(actors, key=lambda a: -float(np.linalg.norm(a.landmarks[frame].mean(0) - eye)))
     found = [layer for a in order if (layer := _layer(renderer, view, a, frame)) is not None]
-    picture = plate.astype(np.float32)
+    picture = background.astype(np.float32)
     for (x, y), _, shadow in found:
         picture[y : y + shadow.shape[0], x : x + shadow.shape[1]] *= 1 - 0.4 * shadow[..., None] / 255
     for (x, y), rgba, _ in found:
@@ -141,14 +147,14 @@ def film_company(
 def _layer(
     renderer: Renderer, view: View, actor: Actor, frame: int
 ) -> tuple[tuple[int, int], Float32Array, Float32Array] | None:
-    """Corner (x, y) in the picture, colour (h, w, 4) and shadow (h, w) of one person, in a window round them; None out
-    of sight."""
+    """Corner (x, y) in the image, colour (h, w, 4) and shadow (h, w) of one person, in a window around them; None if
+    out of sight."""
     body = actor.vertices[frame]
     light = np.array(actor.outfit.light)
     on_floor = body - body[:, 2:] * (light / max(light[2], 0.15))
     px, depth = view.project(np.concatenate([body, on_floor]).astype(float))
     if depth[: len(body)].min() < 0.3:
-        return None  # the camera stands in them
+        return None  # the camera is inside them
     px = px[depth > 0.3]
     limit = np.array([view.width, view.height])
     low = np.floor(px.min(0) - 8).clip(0, limit).astype(int)
@@ -159,5 +165,5 @@ def _layer(
     low = np.minimum(low, limit - side)
     x, y = np.array(view.principal_px) - low
     window = View(view.cam_from_world, view.focal_px, (x, y), int(side[0]), int(side[1]))
-    rgba, shadow = layers(renderer, window, body, actor.landmarks[frame], actor.outfit)
+    rgba, shadow = person_layers(renderer, window, body, actor.landmarks[frame], actor.outfit)
     return (int(low[0]), int(low[1])), rgba, shadow.astype(np.float32)

@@ -1,7 +1,7 @@
 """Rendering of synthetic people with moderngl on EGL (llvmpipe where there is no GPU).
 
-A render is a person alone: colour with alpha, and the shadow that the person casts on the floor; backgrounds,
-occluders and the camera's faults come later (`augment.py`), so that one render serves many images.
+A render shows a person alone: colour with alpha, and the person's shadow on the floor. Backgrounds, occluders and
+camera faults are added later (`muybridge.train.images`), so that one render serves many images.
 """
 
 import pathlib
@@ -19,14 +19,14 @@ from muybridge.train.synthesis.clothing.sample import Outfit
 from muybridge.train.synthesis.clothing.shells import Shells
 
 SHADERS = pathlib.Path(__file__).parent / "shaders"
-SHADOW_MAPS = (384, 224)  # pixels: of the main light, of the sky
+SHADOW_MAPS = (384, 224)  # pixels: for the main light, and for the sky
 PARTS = ("body", "trousers", "shirt", "shoes", "skirt", "long_hair", "hair", "hat")
 DOT = 0.007  # metres, radius of a reflective dot
-# Mean luma (0..255) of a person that the camera's exposure keeps to.
+# Range of a person's mean luma (0..255) after exposure.
 LUMA = (45.0, 205.0)
 NEAR, FAR = 0.1, 60.0
 
-# How far, in metres for a body of 1.7 m, a landmark lies under the skin: beyond it, something hides it.
+# Depth of a landmark under the skin, in metres for a body of 1.7 m: beyond it, something hides the landmark.
 _DEPTH = {
     "face": 0.06,
     "shoulder": 0.11,
@@ -44,8 +44,14 @@ LANDMARK_DEPTH = np.array(
 
 @dataclass(frozen=True)
 class View:
-    """A pinhole view: `cam_from_world` (3, 4), OpenCV axes; `focal_px` and principal point in pixels with
-    (0, 0) the centre of the top-left pixel; `width`, `height` in pixels."""
+    """A pinhole view.
+
+    Attributes:
+        cam_from_world: (3, 4), OpenCV axes.
+        focal_px: focal length.
+        principal_px: principal point; (0, 0) is the centre of the top-left pixel.
+        width, height: pixels.
+    """
 
     cam_from_world: FloatArray
     focal_px: float
@@ -61,7 +67,7 @@ class View:
 
     @property
     def clip_from_world(self) -> FloatArray:
-        """OpenGL's clip matrix; image row 0 is at the top of the read-back after a vertical flip."""
+        """OpenGL's clip matrix; image row 0 is at the top after a vertical flip of the result."""
         w, h, f = self.width, self.height, self.focal_px
         cx, cy = self.principal_px[0] + 0.5, self.principal_px[1] + 0.5
         clip = np.zeros((4, 4))
@@ -73,7 +79,8 @@ class View:
 
 
 def look_at(center_world: FloatArray, target_world: FloatArray, roll: float = 0.0) -> FloatArray:
-    """cam_from_world (3, 4), OpenCV axes, of a camera at `center_world` with no roll but `roll` radians."""
+    """cam_from_world (3, 4), OpenCV axes, of a camera at `center_world` that looks at a point, with `roll` in
+    radians."""
     z = target_world - center_world
     z = z / np.linalg.norm(z)
     x = np.cross(z, [0.0, 0.0, 1.0])
@@ -91,23 +98,23 @@ def direction_from_angles(azimuth: float, elevation: float) -> FloatArray:
 
 
 def target_of_pixel(view: View, px: FloatArray, eye: FloatArray, distance: float) -> FloatArray:
-    """(3,) the point that `view`, a camera at `eye`, sees at the pixel (2,), `distance` deep."""
+    """(3,) the point that `view`, a camera at `eye`, sees at the pixel (2,) at depth `distance`."""
     offset = (px - np.array(view.principal_px)) / view.focal_px
     return np.asarray(eye + view.cam_from_world[:, :3].T @ np.array([*offset, 1.0]) * distance)
 
 
 @dataclass(frozen=True)
 class Render:
-    """What a view shows.
+    """Image and labels of a person in a view.
 
     Attributes:
         rgba: (H, W, 4) uint8, premultiplied by alpha, which is coverage.
         shadow: (H, W) uint8, where the floor lies in the person's shadow.
         landmarks_px: (23, 2) pixels.
-        visible: (23,) whether the landmark is not hidden by the person's own body and in the image.
-        box_px: (4,) left, top, right, bottom of the whole body, also outside of the image.
-        markers_px: (M, 2) pixels of the virtual markers, the order of `SURFACE`.
-        markers_visible: (M,) whether the marker faces the camera, in the image and not behind a limb.
+        visible: (23,) whether the landmark is in the image and not hidden by the person's own body.
+        box_px: (4,) left, top, right, bottom of the whole body, also outside the image.
+        markers_px: (M, 2) pixels of the virtual markers, in the order of `SURFACE`.
+        markers_visible: (M,) whether the marker faces the camera, is in the image and not behind a limb.
         cut_px: (3,) where the person of a close-up has to be cut off, see `close_ups.Cuts`; else NaN.
     """
 
@@ -130,7 +137,7 @@ class Program:
         self._uniforms = {k: m for k, m in members.items() if hasattr(m, "value")}
 
     def set(self, values: dict[str, object]) -> None:
-        """Sets those of `values` that the program has; matrices are (4, 4)."""
+        """Set those of `values` that the program has; matrices are (4, 4)."""
         for key, uniform in self._uniforms.items():
             if key in values:
                 value = values[key]
@@ -141,7 +148,14 @@ class Program:
 
 
 class Renderer:
-    """An OpenGL context with the body's buffers in it; one a process."""
+    """An OpenGL context with the body's buffers; one per process.
+
+    Args:
+        body: the body model.
+
+    Raises:
+        MissingExtraError: there is no OpenGL.
+    """
 
     def __init__(self, body: BodyModel) -> None:
         import moderngl
@@ -163,14 +177,14 @@ class Renderer:
 
     @property
     def device(self) -> str:
-        """The name of what renders: llvmpipe is the CPU."""
+        """Name of the rendering device; llvmpipe is the CPU."""
         return str(self.ctx.info["GL_RENDERER"])
 
     def _programs(self) -> None:
         common = (SHADERS / "common.glsl").read_text()
         vertex = (SHADERS / "person.vert").read_text()
         self.programs: dict[str, list[Program]] = {}
-        # One program a part: on a CPU a shader pays for every branch that its source has.
+        # One program per part: on a CPU a shader pays for every branch in its source.
         for name, projection in (("person", "clip"), ("depth", "light_clip"), ("mask", "clip")):
             fragment = (SHADERS / f"{name}.frag").read_text()
             self.programs[name] = [
@@ -237,7 +251,7 @@ class Renderer:
         return (buffer, layout, *used)
 
     def load(self, vertices: Float32Array) -> None:
-        """Makes `vertices` (V, 3) the person that the next renders show."""
+        """Use `vertices` (V, 3) as the person for the next renders."""
         self.vertices = vertices
         table, self._normals = self._shells.shape(vertices)
         self.markers = virtual_markers(vertices[None])[0]
@@ -245,7 +259,7 @@ class Renderer:
         self.dynamic.write(table.tobytes())
 
     def _dress(self, outfit: Outfit) -> None:
-        """Writes the accessories and dots of `outfit` where they are on the loaded person."""
+        """Write the accessories and dots of `outfit` at their positions on the loaded person."""
         table = self._shells.accessories(outfit.accessories, self.vertices)
         if len(table):
             self.dynamic.write(table.tobytes(), offset=self._shells.first * 36)
@@ -281,13 +295,13 @@ class Renderer:
         self.dot_array.render(self.gl.POINTS, vertices=outfit.dots[0])
 
     def render(self, view: View, outfit: Outfit, landmarks_world: NDArray[np.floating]) -> Render:
-        """The loaded person in `outfit` as `view` sees it, floor at z = 0."""
+        """Render the loaded person in `outfit`; the floor is at z = 0."""
         body = self.vertices[:BODY_VERTICES]
         center = ((body.min(0) + body.max(0)) / 2).astype(float)
         radius = float(np.linalg.norm(body - center, axis=1).max())
         lamps = self._light(outfit.light, center, radius), self._light(outfit.sky, center, radius)
         shear = np.eye(4)
-        # A shadow on the floor: every point slides along the light until z = 0.
+        # A shadow on the floor: every point moves along the light until z = 0.
         shear[0, 2], shear[1, 2], shear[2, 2] = (
             -outfit.light[0] / max(outfit.light[2], 0.15), -outfit.light[1] / max(outfit.light[2], 0.15), 0.0
         )  # fmt: skip
@@ -341,26 +355,28 @@ class Renderer:
         shadow = np.frombuffer(mask.read(components=1, alignment=1), "u1").reshape(h, w)[::-1]  # type: ignore[attr-defined]
         z = np.frombuffer(depth.read(alignment=1), "f4").reshape(h, w)[::-1]  # type: ignore[attr-defined]
         metres = 2 * FAR * NEAR / (FAR + NEAR - (2 * z - 1) * (FAR - NEAR))
-        px, depth_m = _in_front(*view.project(landmarks_world))
+        px, depth_m = _clip_near(*view.project(landmarks_world))
         body_px = np.ascontiguousarray(view.project(self.vertices[:BODY_VERTICES])[0].T)
         box = np.concatenate([body_px.min(1), body_px.max(1)])
-        inside, front = _front(px, metres)
+        inside, surface = _surface_depth(px, metres)
         height = float(np.ptp(self.vertices[:BODY_VERTICES], axis=0).max())
-        visible = inside & (depth_m - front < LANDMARK_DEPTH * min(height, 1.8) / 1.7 + 0.02)
+        visible = inside & (depth_m - surface < LANDMARK_DEPTH * min(height, 1.8) / 1.7 + 0.02)
         labels = px.astype(np.float32), visible, box.astype(np.float32)
-        return Render(_soften(_expose(rgba.copy())), shadow.copy(), *labels, *self._read_markers(view, metres, height))
+        return Render(
+            _antialias(_expose(rgba.copy())), shadow.copy(), *labels, *self._read_markers(view, metres, height)
+        )
 
     def _read_markers(self, view: View, metres: NDArray[np.floating], height: float) -> tuple[Float32Array, BoolArray]:
-        """Pixels (M, 2) of the loaded person's markers and whether they are seen."""
-        px, depth_m = _in_front(*view.project(self.markers))
-        inside, front = _front(px, metres)
+        """Pixels (M, 2) of the loaded person's markers and whether they are visible."""
+        px, depth_m = _clip_near(*view.project(self.markers))
+        inside, surface = _surface_depth(px, metres)
         eye = -view.cam_from_world[:, :3].T @ view.cam_from_world[:, 3]
-        seen = markers_seen(self.markers, self.marker_normals, eye, depth_m, front, height)
+        seen = markers_seen(self.markers, self.marker_normals, eye, depth_m, surface, height)
         return px.astype(np.float32), inside & seen
 
 
 def _expose(rgba: ByteArray) -> ByteArray:
-    """Brings the mean luma of a person into `LUMA`, in place, as a camera's exposure would: nobody is a black hole."""
+    """Bring the mean luma of a person into `LUMA`, in place, like a camera's exposure control."""
     person = rgba[..., 3] > 0
     for _ in range(3 if person.any() else 0):
         luma = float(rgba[person, :3].mean(0) @ [0.299, 0.587, 0.114])
@@ -373,8 +389,8 @@ def _expose(rgba: ByteArray) -> ByteArray:
     return rgba
 
 
-def _soften(rgba: ByteArray) -> ByteArray:
-    """Smooths the staircase along the silhouette; what lies within keeps its detail."""
+def _antialias(rgba: ByteArray) -> ByteArray:
+    """Smooth the silhouette; the inside keeps its detail."""
     smooth = cv2.GaussianBlur(rgba, (3, 3), 0.65)
     cover = smooth[..., 3]
     edge = (cover > 0) & (cover < 255)
@@ -382,15 +398,15 @@ def _soften(rgba: ByteArray) -> ByteArray:
     return rgba
 
 
-def _in_front(px: FloatArray, depth_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Pixels and depths, with points that the near plane cuts off far outside of any image."""
+def _clip_near(px: FloatArray, depth_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pixels and depths; points clipped by the near plane are moved far outside any image."""
     px[depth_m < NEAR] = -1e5
     return px, depth_m
 
 
-def _front(px: FloatArray, metres: NDArray[np.floating]) -> tuple[BoolArray, NDArray[np.floating]]:
-    """(J,) whether `px` (J, 2) lie in the image, and the median depth in the 3 x 3 pixels around each: what lies before
-    a point in most of them hides it, and one at a silhouette is not lost to aliasing."""
+def _surface_depth(px: FloatArray, metres: NDArray[np.floating]) -> tuple[BoolArray, NDArray[np.floating]]:
+    """(J,) whether `px` (J, 2) lie in the image, and the median depth of the 3 x 3 pixels around each: robust to
+    aliasing at silhouettes."""
     at = np.round(px).astype(int)
     size = np.array(metres.shape[::-1])
     inside = np.all((at >= 1) & (at < size - 1), axis=1)

@@ -1,7 +1,7 @@
-"""Rendered rooms for backgrounds: laboratories, gyms, offices and halls with what stands in them, seeded.
+"""Rendered rooms for backgrounds: laboratories, gyms, offices and halls with their contents, seeded.
 
-A room is a box with windows, doors, lamps, furniture and equipment; cameras stand in it as in multi-camera
-recordings, and look at a place where a person would be, framed as the crops in use frame a person.
+A room is a box with windows, doors, lamps, furniture and equipment. Cameras are placed as in multi-camera recordings,
+and look at a place where a person would be, framed like the crops in use.
 """
 
 import colorsys
@@ -14,24 +14,30 @@ from muybridge.arrays import ByteArray, FloatArray
 from muybridge.train.synthesis.rendering.renderer import SHADERS, Renderer, View, look_at
 
 PLAIN, TILES, PANELS, GLOW, CURTAIN, BLIND, PICTURE, WOOD, ROUGH = range(9)
-VIEWS_EACH = 8  # pictures of one room
+VIEWS_EACH = 8  # images per room
 
 
 class RoomBuilder:
-    """Collects the triangles of one room: position, normal, colour, place on the quad in metres, pattern."""
+    """Collects the triangles of one room: position, normal, colour, position on the quad in metres, pattern.
+
+    Args:
+        rng: source of random numbers.
+        half: (2,) half the sides of the floor, metres.
+        height: metres.
+    """
 
     def __init__(self, rng: np.random.Generator, half: FloatArray, height: float) -> None:
         self.rng, self.half, self.height = rng, half, height
         self.rows: list[FloatArray] = []
 
     def colour(self, low: float = 0.05, high: float = 0.9, strong: float = 0.08) -> FloatArray:
-        """A linear colour as things in rooms have them: grey, brown and black lead."""
+        """A linear colour typical of indoor objects: mostly grey, brown and black."""
         saturation = self.rng.uniform(0.4, 0.95) if self.rng.random() < strong else self.rng.beta(1, 7)
         value = self.rng.uniform(low, high) ** 1.6
         return np.array(colorsys.hsv_to_rgb(self.rng.random(), saturation, value))
 
     def quad(self, corners: FloatArray, colour: FloatArray, kind: int = PLAIN) -> None:
-        """A quadrilateral (4, 3)."""
+        """Add a quadrilateral (4, 3)."""
         across, up = corners[1] - corners[0], corners[3] - corners[0]
         normal = np.cross(across, up)
         normal /= np.linalg.norm(normal) + 1e-9
@@ -45,7 +51,7 @@ class RoomBuilder:
     def box(
         self, center: FloatArray, size: FloatArray, colour: FloatArray, turn: float = 0.0, kind: int = PLAIN
     ) -> None:
-        """A box that stands upright, turned about the vertical by `turn` radians."""
+        """Add an upright box, rotated about the vertical by `turn` radians."""
         c, s = np.cos(turn), np.sin(turn)
         rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         for axis in range(3):
@@ -58,7 +64,7 @@ class RoomBuilder:
                 self.quad(corners * size / 2 @ rotation.T + center, colour, kind)
 
     def rod(self, start: FloatArray, end: FloatArray, radius: float, colour: FloatArray, sides: int = 6) -> None:
-        """A prism between two points: legs, poles, cables, lamps."""
+        """Add a prism between two points: legs, poles, cables, lamps."""
         along = end - start
         side = np.cross(along, [0.0, 0.0, 1.0] if abs(along[2]) < 0.9 * np.linalg.norm(along) else [1.0, 0.0, 0.0])
         side /= np.linalg.norm(side) + 1e-9
@@ -69,10 +75,10 @@ class RoomBuilder:
         for a, b in zip(ring[:-1], ring[1:], strict=True):
             self.quad(np.array([start + a, start + b, end + b, end + a]), colour)
 
-    # -- what a room has ------------------------------------------------------------------------------------
+    # -- contents of a room ---------------------------------------------------------------------------------
 
     def shell(self) -> None:
-        """Floor, ceiling, four walls and what hangs on them."""
+        """Add floor, ceiling, four walls and what hangs on them."""
         rng, (x, y), h = self.rng, self.half, self.height
         wall = self.colour(0.3, 0.95, 0.08)
         floor_kind = int(rng.choice([TILES, WOOD, ROUGH, PLAIN], p=[0.35, 0.25, 0.2, 0.2]))
@@ -84,20 +90,20 @@ class RoomBuilder:
             own = wall if rng.random() < 0.75 else self.colour(0.1, 0.9)
             self.quad(np.array([[*a, 0], [*b, 0], [*b, h], [*a, h]]), own * rng.uniform(0.8, 1.15), kind)
             for _ in range(int(rng.integers(0, 7))):
-                self.on_wall(a, b)
+                self.add_to_wall(a, b)
         for _ in range(int(rng.integers(0, 7))):
             size = np.array([rng.uniform(0.15, 1.6), rng.uniform(0.1, 0.6), 0.05])
             at = np.array([rng.uniform(-x, x), rng.uniform(-y, y), h - 0.04])
             self.box(at, size, np.full(3, rng.uniform(0.6, 1.4)), rng.choice([0, np.pi / 2]), GLOW)
 
     def walls(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Ends (2,) of the four walls, so that their quads face inwards."""
+        """Ends (2,) of the four walls, ordered so that their quads face inwards."""
         x, y = self.half
         ends = np.array([[-x, -y], [-x, y], [x, y], [x, -y]])
         return [(ends[k], ends[(k + 1) % 4]) for k in range(4)]
 
-    def on_wall(self, a: FloatArray, b: FloatArray) -> None:
-        """A window, door, board, poster, screen or shelf on the wall from `a` to `b`."""
+    def add_to_wall(self, a: FloatArray, b: FloatArray) -> None:
+        """Add a window, door, board, poster, screen or shelf to the wall from `a` to `b`."""
         rng = self.rng
         length = float(np.linalg.norm(b - a))
         along = np.array([*(b - a) / length, 0.0])
@@ -133,22 +139,22 @@ class RoomBuilder:
             panel(0.01, self.colour(0.1, 1.0, 0.2), WOOD if kind == "door" else PICTURE, 0.04)
 
     def place(self, margin: float = 1.2) -> FloatArray:
-        """Somewhere on the floor, mostly along the walls: the middle is where people move."""
+        """A position on the floor, mostly along the walls: people move in the middle."""
         x, y = self.half
         while True:
             at = self.rng.uniform([-x + 0.3, -y + 0.3], [x - 0.3, y - 0.3])
             if np.linalg.norm(at) > margin:
                 return np.array([*at, 0.0])
 
-    def thing(self) -> None:
-        """A table, chair, cupboard, tripod, treadmill, mat, rack, plant, ladder, heap of boxes or cable."""
+    def item(self) -> None:
+        """Add a table, chair, cupboard, tripod, treadmill, mat, rack, heap of boxes or cable."""
         rng = self.rng
         makers = (self.table, self.chair, self.cupboard, self.tripod, self.treadmill, self.mat, self.rack, self.boxes,
                   self.cable)  # fmt: skip
         makers[rng.choice(len(makers), p=[0.16, 0.16, 0.14, 0.14, 0.06, 0.08, 0.08, 0.1, 0.08])](self.place())
 
     def table(self, at: FloatArray) -> None:
-        """A table with things on it."""
+        """Add a table with objects on it."""
         rng, turn, colour = self.rng, self.rng.uniform(0, np.pi), self.colour()
         size = np.array([rng.uniform(0.6, 2.0), rng.uniform(0.5, 0.9), 0.04])
         top = rng.uniform(0.45, 1.05)
@@ -165,7 +171,7 @@ class RoomBuilder:
             self.box(center, part, self.colour(strong=0.3), rng.uniform(0, np.pi), int(rng.choice([PLAIN, PICTURE])))
 
     def chair(self, at: FloatArray) -> None:
-        """Seat, back and legs."""
+        """Add seat, back and legs."""
         rng, turn, colour = self.rng, self.rng.uniform(0, 2 * np.pi), self.colour()
         seat, back = rng.uniform(0.4, 0.5), rng.uniform(0.3, 0.6)
         behind = np.array([np.cos(turn + np.pi / 2), np.sin(turn + np.pi / 2), 0]) * 0.2
@@ -176,13 +182,13 @@ class RoomBuilder:
             self.rod(foot, foot * [1, 1, 0] + [0, 0, seat], 0.015, colour * 0.3)
 
     def cupboard(self, at: FloatArray) -> None:
-        """A box that reaches to the chest or higher."""
+        """Add a box of chest height or taller."""
         size = self.rng.uniform([0.4, 0.3, 0.6], [1.4, 0.7, 2.2])
         self.box(at + [0, 0, size[2] / 2], size, self.colour(), self.rng.uniform(0, np.pi),
                  int(self.rng.choice([PLAIN, WOOD, PANELS])))  # fmt: skip
 
     def tripod(self, at: FloatArray) -> None:
-        """A stand with a camera, a lamp or a reflector, higher than a table."""
+        """Add a stand with a camera, a lamp or a reflector, taller than a table."""
         rng, colour = self.rng, self.colour(0.01, 0.5)
         top = at + [0, 0, rng.uniform(1.0, 2.2)]
         knee = at + [0, 0, rng.uniform(0.5, 0.9)]
@@ -193,10 +199,10 @@ class RoomBuilder:
                  GLOW if rng.random() < 0.2 else PLAIN)  # fmt: skip
 
     def treadmill(self, at: FloatArray) -> None:
-        """A low plate with rails."""
+        """Add a low plate with rails."""
         rng, turn, colour = self.rng, self.rng.uniform(0, np.pi), self.colour(0.01, 0.4)
         length, width = rng.uniform(1.4, 2.4), rng.uniform(0.6, 1.2)
-        at = at * rng.uniform(0, 1)  # it may well be where the person is
+        at = at * rng.uniform(0, 1)  # it may be where the person is
         self.box(at + [0, 0, 0.08], np.array([length, width, 0.16]), colour, turn)
         c, s = np.cos(turn), np.sin(turn)
         for side in (-1, 1):
@@ -205,14 +211,14 @@ class RoomBuilder:
             self.rod(post + [0, 0, 1.0], post + np.array([-c * 0.6, -s * 0.6, 1.0]), 0.025, self.colour())
 
     def mat(self, at: FloatArray) -> None:
-        """A mat, force plate or coloured field on the floor, anywhere."""
+        """Add a mat, force plate or coloured field anywhere on the floor."""
         rng = self.rng
         size = np.array([rng.uniform(0.4, 3.0), rng.uniform(0.4, 2.0), rng.uniform(0.005, 0.3)])
         self.box(at * rng.uniform(0, 1) + [0, 0, size[2] / 2], size, self.colour(strong=0.5), rng.uniform(0, np.pi),
                  int(rng.choice([PLAIN, ROUGH, TILES])))  # fmt: skip
 
     def rack(self, at: FloatArray) -> None:
-        """Bars: wall bars, ladders, clothes racks, truss."""
+        """Add bars: wall bars, ladders, clothes racks, trusses."""
         rng, colour = self.rng, self.colour()
         turn, width, tall = rng.uniform(0, np.pi), rng.uniform(0.5, 1.5), rng.uniform(0.9, 2.6)
         across = np.array([np.cos(turn), np.sin(turn), 0]) * width
@@ -223,7 +229,7 @@ class RoomBuilder:
             self.rod(at + [0, 0, z], at + across + [0, 0, z], radius * 0.8, colour)
 
     def boxes(self, at: FloatArray) -> None:
-        """A heap of boxes and bags."""
+        """Add a heap of boxes and bags."""
         z = 0.0
         for _ in range(int(self.rng.integers(1, 5))):
             size = self.rng.uniform(0.12, 0.6, 3)
@@ -232,7 +238,7 @@ class RoomBuilder:
             z += size[2]
 
     def cable(self, at: FloatArray) -> None:
-        """A line over the floor."""
+        """Add a cable on the floor."""
         colour, points = self.colour(0.01, 0.6, 0.3), [at + [0, 0, 0.01]]
         heading = self.rng.uniform(0, 2 * np.pi)
         for _ in range(int(self.rng.integers(3, 10))):
@@ -253,12 +259,12 @@ class RoomPainter:
         self.targets: dict[tuple[int, int], object] = {}
 
     def build(self, rng: np.random.Generator) -> tuple[object, RoomBuilder]:
-        """A room's vertex array and what it was built with; sets lights and colours."""
+        """A vertex array of a random room, and its builder; sets lights and colours."""
         half = rng.uniform(2.2, 8.0, 2)
         builder = RoomBuilder(rng, half, float(rng.uniform(2.4, 5.0)))
         builder.shell()
         for _ in range(int(rng.integers(2, 26))):
-            builder.thing()
+            builder.item()
         ctx = self.renderer.ctx
         buffer = ctx.buffer(np.concatenate(builder.rows).astype("f4").tobytes())
         content = [(buffer, "3f 3f 3f 2f 1f", "position", "normal", "colour", "uv", "pattern")]
@@ -276,7 +282,7 @@ class RoomPainter:
         return array, builder
 
     def picture(self, array: object, view: View) -> ByteArray:
-        """(H, W, 3) RGB of the room in `view`, twice supersampled."""
+        """(H, W, 3) RGB of the room in `view`, supersampled twice."""
         ctx, size = self.renderer.ctx, (view.width * 2, view.height * 2)
         if size not in self.targets:
             self.targets[size] = ctx.framebuffer([ctx.texture(size, 4)], ctx.depth_texture(size))
@@ -295,7 +301,7 @@ class RoomPainter:
 
 
 def room_view(rng: np.random.Generator, builder: RoomBuilder, size: int) -> View:
-    """A camera of the room that frames a person who stands somewhere in its middle, as a crop would."""
+    """A camera in the room that frames a person standing near its middle, as a crop would."""
     x, y = builder.half
     while True:
         eye = np.array([*rng.uniform([-x + 0.1, -y + 0.1], [x - 0.1, y - 0.1]), 0.0])
@@ -304,14 +310,24 @@ def room_view(rng: np.random.Generator, builder: RoomBuilder, size: int) -> View
         distance = float(np.linalg.norm(target - eye))
         if distance > 1.5:
             break
-    span = rng.uniform(1.2, 3.4)  # metres that the picture shows at the person's distance
+    span = rng.uniform(1.2, 3.4)  # metres that the image shows at the person's distance
     middle, pose = (size - 1) / 2, look_at(eye, target, np.radians(rng.normal(0, 3)))
     return View(pose, size * distance / span, (middle, middle), size, size)
 
 
 def make_room_pictures(renderer: Renderer, count: int, size: int, seed: int, first: int = 0) -> ByteArray:
-    """(count, 3, size, size) uint8: `VIEWS_EACH` views of each of as many rooms as it takes, those of the seed from the
-    `first`, which a room has to begin with."""
+    """Images of random rooms, `VIEWS_EACH` views per room.
+
+    Args:
+        renderer: gives the context.
+        count: of the images.
+        size: of their sides, px.
+        seed: random seed.
+        first: number of the first image; a room has to begin with it.
+
+    Returns:
+        (count, 3, size, size) uint8.
+    """
     painter = RoomPainter(renderer)
     out = np.empty((count, 3, size, size), np.uint8)
     for start in range(0, count, VIEWS_EACH):

@@ -1,9 +1,9 @@
 """A store of renders on disk: made once, in seeded shards, composited many times.
 
-A shard is `renders-<number>.npz` (labels) beside `renders-<number>.npy` (pixels, memory-mapped). The label file
-is written last, so a shard with labels is whole. A store made before there were virtual markers may have their
-labels in `markers-<number>.npz`; without, they are NaN and hidden. Shard k of a store with seed s depends on
-(s, k) alone, on the kinds of motion that were asked for, and on whether they are close-ups.
+A shard is `renders-<number>.npz` (labels) beside `renders-<number>.npy` (pixels, memory-mapped). The label file is
+written last, so a shard with labels is complete. A store made before there were virtual markers may have their labels
+in `markers-<number>.npz`; without, they are NaN and hidden. Shard k of a store with seed s depends only on (s, k), on
+the requested kinds of motion, and on whether they are close-ups.
 """
 
 import functools
@@ -36,15 +36,15 @@ from muybridge.train.synthesis.rendering.renderer import (
 
 SHARD = 256  # renders
 SIZE = 256  # pixels
-# Bytes of memory that a process takes which renders.
+# Memory of a rendering process, bytes.
 MEMORY = 0.9e9
-# The crop spans the person's box times the network's padding (1.25) and a little more for the shadow.
+# The crop spans the person's bounding box times the network's padding (1.25), plus a margin for the shadow.
 SPAN = 1.25 * 1.1
 
 
 def sample_view(vertices: Float32Array, rng: np.random.Generator, size: int = SIZE, span: float = SPAN) -> View:
-    """A gravity-aligned view that looks at the middle of the person's box, as the virtual cameras of
-    `geometry.crops` do: rooms' cameras stand 1 to 8 m away, at knee height to under the ceiling."""
+    """A gravity-aligned view of the centre of the person's bounding box, like the virtual cameras of
+    `geometry.cameras.crops`: cameras stand 1 to 8 m away, from knee height to the ceiling."""
     body = vertices[:BODY_VERTICES].astype(float)
     center = (body.min(0) + body.max(0)) / 2
     reach = float(np.linalg.norm(body - center, axis=1).max())
@@ -57,7 +57,7 @@ def sample_view(vertices: Float32Array, rng: np.random.Generator, size: int = SI
     middle = (size - 1) / 2
     target = center
     focal = float(size)
-    for points in (body[::4], body[::4], body):  # the box's middle moves a little as the camera turns to it
+    for points in (body[::4], body[::4], body):  # the centre of the box moves slightly as the camera turns to it
         view = View(look_at(eye, target), focal, (middle, middle), size, size)
         px = np.ascontiguousarray(view.project(points)[0].T)
         low, high = px.min(1), px.max(1)
@@ -68,16 +68,24 @@ def sample_view(vertices: Float32Array, rng: np.random.Generator, size: int = SI
 
 @dataclass(frozen=True)
 class RenderSet:
-    """Renders of one or more shards; `pixels[i]` is (5, SIZE, SIZE) uint8: red, green, blue, alpha, shadow."""
+    """Renders of one or more shards.
+
+    Attributes:
+        pixels: of each shard (SHARD, 5, SIZE, SIZE) uint8: red, green, blue, alpha, shadow.
+        landmarks_px: (N, 23, 2).
+        visible: (N, 23).
+        box_px: (N, 4).
+        markers_px: (N, M, 2) virtual markers in the order of `SURFACE`; NaN if the store has no labels of them.
+        markers_visible: (N, M); False if the store has no labels of them.
+        cut_px: (N, 3) where the person of a close-up has to be cut off, see `close_ups.Cuts`; NaN for whole people.
+    """
 
     pixels: list[ByteArray]
     landmarks_px: Float32Array  # (N, 23, 2)
     visible: BoolArray  # (N, 23)
     box_px: Float32Array  # (N, 4)
-    # Virtual markers in the order of `SURFACE`; NaN and False where the store has no labels of them.
     markers_px: Float32Array = field(default_factory=lambda: np.zeros((0, len(SURFACE), 2), "f4"))  # (N, M, 2)
     markers_visible: BoolArray = field(default_factory=lambda: np.zeros((0, len(SURFACE)), bool))  # (N, M)
-    # Where the person of a close-up has to be cut off, see `close_ups.Cuts`; NaN for whole people.
     cut_px: Float32Array = field(default_factory=lambda: np.zeros((0, 3), "f4"))  # (N, 3)
 
     def __post_init__(self) -> None:
@@ -92,12 +100,12 @@ class RenderSet:
 
     @property
     def whole(self) -> IndexArray:
-        """Renders of whole people."""
+        """Indices of renders of whole people."""
         return np.flatnonzero(np.isnan(self.cut_px[:, 0]))
 
     @property
     def close_ups(self) -> IndexArray:
-        """Renders of parts of people."""
+        """Indices of renders of parts of people."""
         return np.flatnonzero(np.isfinite(self.cut_px[:, 0]))
 
     def pixels_of(self, index: int) -> ByteArray:
@@ -106,37 +114,37 @@ class RenderSet:
 
 
 def render_shard(body: BodyModel, renderer: Renderer, close_ups: bool, views_each: int = 2) -> list[Render]:
-    """One shard's renders: every body in `views_each` views and outfits; of a part of it if they are `close_ups`."""
+    """One shard's renders: every body in `views_each` views and outfits; only a part of it if they are `close_ups`."""
     renders: list[Render] = []
     while len(renders) < SHARD:
         batch = body.sample(32)
         for i in range(len(batch.height)):
             renderer.load(batch.vertices[i])
             for _ in range(views_each):
-                near = sample_close_up(batch.vertices[i], body.rng, SIZE, SPAN) if close_ups else None
-                view = near.view if near else sample_view(batch.vertices[i], body.rng)
+                close_up = sample_close_up(batch.vertices[i], body.rng, SIZE, SPAN) if close_ups else None
+                view = close_up.view if close_up else sample_view(batch.vertices[i], body.rng)
                 outfit = sample_outfit(body.rng, float(batch.gender[i]))
                 render = renderer.render(view, outfit, batch.landmarks[i])
-                renders.append(replace(render, box_px=near.box_px, cut_px=near.cut_px) if near else render)
+                renders.append(replace(render, box_px=close_up.box_px, cut_px=close_up.cut_px) if close_up else render)
     return renders[:SHARD]
 
 
 def shard_path(folder: pathlib.Path, number: int) -> pathlib.Path:
-    """The label file of a shard; its pixels lie beside it as `.npy`."""
+    """The label file of a shard; its pixels are beside it as `.npy`."""
     return folder / f"renders-{number:05d}.npz"
 
 
 def shard_numbers(folder: pathlib.Path) -> list[int]:
-    """Which shards a store has."""
+    """Numbers of the shards of a store."""
     return sorted(int(path.stem[-5:]) for path in folder.glob("renders-[0-9][0-9][0-9][0-9][0-9].npz"))
 
 
 @dataclass
-class _Studio:
-    """Where shards are made: a body and what renders it, which begin with the first shard.
+class _ShardMaker:
+    """Makes shards; the body model and the renderer are created for the first one.
 
     Attributes:
-        folder, seed, kinds, close_ups: as of `make_renders`.
+        folder, seed, kinds, close_ups: as in `make_renders`.
     """
 
     folder: pathlib.Path
@@ -151,7 +159,7 @@ class _Studio:
         return body, Renderer(body)
 
     def make(self, number: int) -> str:
-        """Writes a shard; returns the name of what rendered it."""
+        """Write a shard; return the name of the rendering device."""
         body, renderer = self._equipment
         body.rng = np.random.default_rng([self.seed, number])
         body.poses.rng = body.rng
@@ -170,58 +178,65 @@ def make_renders(
     folder: pathlib.Path, numbers: range, seed: int, kinds: Sequence[str] = (), close_ups: bool = False,
     processes: int = 1,
 ) -> None:  # fmt: skip
-    """Writes the shards `numbers` that are not there yet, of people in these `kinds` of motion alone if there are any,
-    and of parts of them if they are `close_ups`; the same in one process or several.
+    """Write the shards that do not exist yet; the result does not depend on the number of processes.
+
+    Args:
+        folder: the store.
+        numbers: of the shards.
+        seed: random seed.
+        kinds: of motion to restrict renders to; all if empty.
+        close_ups: render parts of people.
+        processes: number of processes.
 
     Raises:
-        SessionError: there is no such kind.
+        SessionError: there is no such kind of motion, or no process.
     """
     if unknown := sorted(set(kinds) - set(MOTIONS)):
-        raise SessionError(f"no kind of motion is called {', '.join(unknown)}: there are {', '.join(MOTIONS)}")
+        raise SessionError(f"unknown kind of motion {', '.join(unknown)}; known are {', '.join(MOTIONS)}")
     if processes < 1:
-        raise SessionError(f"{processes} processes: it takes at least one to render")
+        raise SessionError(f"{processes} processes: at least one is needed to render")
     folder.mkdir(parents=True, exist_ok=True)
     missing = [n for n in numbers if not shard_path(folder, n).exists()]
     if not missing:
         return
-    studio = _Studio(folder, seed, tuple(kinds), close_ups)
+    maker = _ShardMaker(folder, seed, tuple(kinds), close_ups)
     with Progress() as progress:
         bar = progress.add_task("rendering", total=len(missing))
-        for device in map_in_processes(studio.make, missing, processes):
+        for device in map_in_processes(maker.make, missing, processes):
             progress.update(bar, advance=1, description=f"rendering on {device}")
 
 
 def load_renders(folder: pathlib.Path, numbers: range | None = None) -> RenderSet:
-    """All whole shards of `folder`, or those of `numbers`; pixels stay on disk until used.
+    """All complete shards of `folder`, or those of `numbers`; pixels stay on disk until used.
 
     Raises:
-        SessionError: a shard that is damaged, or has no pixels.
+        SessionError: a shard is damaged, or has no pixels.
     """
     paths = [shard_path(folder, n) for n in shard_numbers(folder) if numbers is None or n in numbers]
-    shards = [_shard(path) for path in paths]
+    shards = [_load_shard(path) for path in paths]
     if not shards:
         return RenderSet([], np.zeros((0, 23, 2), "f4"), np.zeros((0, 23), bool), np.zeros((0, 4), "f4"))
     labels = {key: np.concatenate([shard[key] for _, shard in shards]) for key in shards[0][1]}
     return RenderSet([pixels for pixels, _ in shards], **labels)
 
 
-def _shard(path: pathlib.Path) -> tuple[ByteArray, dict[str, Any]]:
+def _load_shard(path: pathlib.Path) -> tuple[ByteArray, dict[str, Any]]:
     """The pixels of a shard and its labels by their names in `RenderSet`."""
     try:
         with np.load(path) as file:
             labels = {key: file[key] for key in ("landmarks_px", "visible", "box_px")}
             cuts = file["cut_px"] if "cut_px" in file else np.full((SHARD, 3), np.nan, np.float32)
-        markers, seen = _markers(path)
+        markers, visible = _load_markers(path)
         pixels = np.load(path.with_suffix(".npy"), mmap_mode="r")
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise SessionError(
             f"{path}: a damaged shard, or one without the pixels beside it ({error}); remove it and its .npy, and "
-            "`muybridge synth` makes it anew"
+            "`muybridge synth` makes it again"
         ) from error
-    return pixels, labels | {"markers_px": markers, "markers_visible": seen, "cut_px": cuts}
+    return pixels, labels | {"markers_px": markers, "markers_visible": visible, "cut_px": cuts}
 
 
-def _markers(path: pathlib.Path) -> tuple[Float32Array, BoolArray]:
+def _load_markers(path: pathlib.Path) -> tuple[Float32Array, BoolArray]:
     """`markers_px` and `markers_visible` of a shard: its own, else from the file beside it, else NaN and False."""
     beside = path.with_name(path.name.replace("renders-", "markers-"))
     for file in (path, beside):

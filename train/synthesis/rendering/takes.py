@@ -1,4 +1,4 @@
-"""Whole takes of one synthetic person: a moving body in a rendered room, several cameras, truth included."""
+"""Whole takes of one synthetic person: a moving body in a rendered room, several cameras, with the truth."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +22,7 @@ class Choreography:
     Attributes:
         rotvec: (T, bones, 3) `local-ref` rotations.
         phenotypes: (phenotypes,) of the body.
-        fps: frames a second.
+        fps: frames per second.
     """
 
     rotvec: FloatArray
@@ -31,14 +31,14 @@ class Choreography:
 
 
 def choreograph(body: BodyModel, seconds: float, fps: float, hold: float = 0.75) -> Choreography:
-    """Goes through sampled upright poses on the right leg, one every `hold` seconds, by monotone cubic
-    interpolation; poses with self-penetration on the way are drawn anew."""
+    """A motion through sampled upright poses on the right leg, one every `hold` seconds, by monotone cubic
+    interpolation; poses with self-penetration on the way are redrawn."""
     phenotypes = body.sample_phenotypes(1)
     labels = list(body.model.phenotype_labels)
     phenotypes[0, labels.index("age")] = 0.7
     times = np.arange(round(seconds * fps)) / fps
     keys = np.arange(0, seconds + hold, hold)
-    chosen = [_stand(body)]
+    chosen = [_standing_pose(body)]
     while len(chosen) < len(keys):
         pose = body.poses.sample(1, kinds=("stand", "balance", "kick", "reach")).rotvec[0]
         between = np.stack([chosen[-1] * (1 - t) + pose * t for t in np.linspace(0, 1, 6)[1:]])
@@ -51,7 +51,7 @@ def choreograph(body: BodyModel, seconds: float, fps: float, hold: float = 0.75)
     return Choreography(rotvec, phenotypes[0], fps)
 
 
-def _stand(body: BodyModel) -> FloatArray:
+def _standing_pose(body: BodyModel) -> FloatArray:
     pose = body.poses.sample(1, kinds=("stand",)).rotvec[0]
     for bone in ("root", "head", "neck01", "neck02", "neck03"):
         pose[body.index(bone)] *= 0.3
@@ -59,7 +59,7 @@ def _stand(body: BodyModel) -> FloatArray:
 
 
 def perform(body: BodyModel, motion: Choreography) -> BodyBatch:
-    """The bodies of every frame, on the floor, the stance heel on one spot."""
+    """The bodies of every frame, on the floor, with the heel of the stance leg at one point."""
     count = len(motion.rotvec)
     phenotypes = np.repeat(motion.phenotypes[None], count, 0)
     parts = []
@@ -94,7 +94,7 @@ class Room:
 
     @staticmethod
     def _quad(corners: FloatArray, colour: FloatArray, pattern: float) -> FloatArray:
-        """Two triangles (6, 10) of a quadrilateral (4, 3), whose normal follows the corners' turn."""
+        """Two triangles (6, 10) of a quadrilateral (4, 3); the corners' order gives the normal."""
         normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
         normal /= np.linalg.norm(normal)
         row = [np.concatenate([c, normal, colour, [pattern]]) for c in corners]
@@ -146,7 +146,7 @@ class Room:
         return pixels[::-1].copy()
 
 
-def layers(
+def person_layers(
     renderer: Renderer, view: View, vertices: Float32Array, landmarks: Float32Array, outfit: Outfit
 ) -> tuple[Float32Array, ByteArray]:
     """Colour (H, W, 4) and soft shadow (H, W) of a person (V, 3), rendered at twice the size for smooth edges."""
@@ -162,13 +162,13 @@ def layers(
     return rgba, np.asarray(shadow, np.uint8)
 
 
-def film(
-    renderer: Renderer, plate: ByteArray, view: View, batch: BodyBatch, outfit: Outfit, frame: int,
+def draw_frame(
+    renderer: Renderer, background: ByteArray, view: View, batch: BodyBatch, outfit: Outfit, frame: int,
     rng: np.random.Generator,
 ) -> ByteArray:  # fmt: skip
     """(H, W, 3) RGB of one frame: the person, the shadow, noise."""
-    rgba, shadow = layers(renderer, view, batch.vertices[frame], batch.landmarks[frame], outfit)
+    rgba, shadow = person_layers(renderer, view, batch.vertices[frame], batch.landmarks[frame], outfit)
     alpha = rgba[..., 3:] / 255
-    picture = plate * (1 - 0.4 * shadow[..., None] / 255.0) * (1 - alpha) + rgba[..., :3]
+    picture = background * (1 - 0.4 * shadow[..., None] / 255.0) * (1 - alpha) + rgba[..., :3]
     picture += rng.normal(0, 3.0, picture.shape)
     return picture.clip(0, 255).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Renders that are made while a network is trained on them, by processes of their own."""
+"""Renders that child processes make while a network is trained on them."""
 
 import _thread
 import contextlib
@@ -18,22 +18,22 @@ from muybridge.files import replacing
 from muybridge.train.engine.process_pool import affordable_processes
 from muybridge.train.synthesis.rendering.store import MEMORY, make_renders, shard_numbers
 
-# Lies in a store as long as such a process has work left, so that a killed training's successor takes it up. Stores
-# that `muybridge synth` made are left as they are.
+# Exists in a store while such a process has work left, so that the next training continues it. Stores that `muybridge
+# synth` made are not changed.
 PLAN = "unfinished.json"
 _ERRORS = "unfinished.log"
 
 
 class RenderWorker:
-    """A store's missing shards in the making, as long as the object is open (a context manager).
+    """Renders a store's missing shards while the object is open (a context manager).
 
     Args:
-        folder: the store. Where it has shards, and not from such a process that was interrupted, nothing is made.
-        shards: how many there shall be; none are made for 0.
-        seed: of the renders; one that was interrupted keeps its own.
+        folder: the store. If it has shards that do not stem from an interrupted worker, nothing is made.
+        shards: total number of shards; 0: none are made.
+        seed: of the renders; an interrupted worker's seed is kept.
 
     Raises:
-        SessionError: the plan of one that was interrupted cannot be read.
+        SessionError: the plan of an interrupted worker cannot be read.
     """
 
     def __init__(self, folder: pathlib.Path, shards: int, seed: int) -> None:
@@ -63,22 +63,22 @@ class RenderWorker:
                 (self.folder / _ERRORS).unlink(missing_ok=True)
 
     def wait_for(self, shards: int) -> None:
-        """Returns when the store has so many shards, or when nothing is being made.
+        """Return when the store has this many shards, or when nothing is being made.
 
         Raises:
-            SessionError: the process that makes them ended early.
+            SessionError: the rendering process ended early.
         """
-        shards, began = min(shards, self.shards), time.monotonic()
+        shards, start = min(shards, self.shards), time.monotonic()
         if self._process is None or len(shard_numbers(self.folder)) >= shards:
             return
         with Console().status("") as status:
-            while (there := len(shard_numbers(self.folder))) < shards:
-                status.update(f"{self.folder}: {there} of the first {shards} shards of renders, "
-                              f"{time.monotonic() - began:.0f} s")  # fmt: skip
+            while (existing := len(shard_numbers(self.folder))) < shards:
+                status.update(f"{self.folder}: {existing} of the first {shards} shards of renders, "
+                              f"{time.monotonic() - start:.0f} s")  # fmt: skip
                 if self._process.poll() is not None and len(shard_numbers(self.folder)) < shards:
                     log = self.folder / _ERRORS
-                    last = (log.read_text(errors="replace").strip().splitlines() or ["it says nothing"])[-1]
-                    raise SessionError(f"{self.folder}: no more renders are made: {last} (all of it in {log})")
+                    last = (log.read_text(errors="replace").strip().splitlines() or ["no message"])[-1]
+                    raise SessionError(f"{self.folder}: rendering stopped: {last} (full output in {log})")
                 time.sleep(0.5)
 
 
@@ -88,14 +88,14 @@ def _read_plan(path: pathlib.Path) -> tuple[int, int]:
         return int(plan["shards"]), int(plan["seed"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise SessionError(
-            f"{path}: does not say which renders are still to be made; remove it to train on what there is, or go on "
-            "with `muybridge synth`"
+            f"{path}: does not tell which renders are missing; remove it to train on the existing ones, or continue with "
+            "`muybridge synth`"
         ) from error
 
 
 def _start(folder: pathlib.Path, shards: int, seed: int) -> "subprocess.Popen[bytes]":
-    there = len(shard_numbers(folder))
-    print(f"{folder}: {there} of {shards} shards of renders; the others are made while training goes on", flush=True)
+    existing = len(shard_numbers(folder))
+    print(f"{folder}: {existing} of {shards} shards of renders; the others are made during training", flush=True)
     with (folder / _ERRORS).open("wb") as log:
         return subprocess.Popen(_command(folder, shards, seed), stdin=subprocess.PIPE, stdout=log, stderr=log)
 
@@ -105,22 +105,22 @@ def _command(folder: pathlib.Path, shards: int, seed: int) -> list[str]:
 
 
 def main(folder: pathlib.Path, shards: int, seed: int) -> None:
-    """Makes a store's missing shards, at low priority: whatever trains on them comes first. Ends when nobody holds the
-    other end of its input any more, however its parent ended."""
+    """Make the missing shards of a store, at low priority compared with the training that uses them. Ends when the
+    other end of its standard input is closed, in whatever way its parent ended."""
 
     def wait_for_end() -> None:
         sys.stdin.buffer.read()
-        if hasattr(signal, "pthread_kill"):  # which wakes a thread that waits for processes, too
+        if hasattr(signal, "pthread_kill"):  # also wakes a thread that waits for processes
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
         else:
             _thread.interrupt_main()
 
-    # A shell's background jobs, and all that they start, ignore the interrupt, and Python's own then does nothing.
+    # Background jobs of a shell, and their children, ignore the interrupt unless Python's handler is restored.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     threading.Thread(target=wait_for_end, daemon=True).start()
     if hasattr(os, "nice"):
         os.nice(5)
-    with contextlib.suppress(KeyboardInterrupt):  # what is half written is removed
+    with contextlib.suppress(KeyboardInterrupt):  # half-written files are removed
         make_renders(folder, range(shards), seed, processes=affordable_processes(MEMORY))
         (folder / PLAN).unlink(missing_ok=True)
 
