@@ -1,4 +1,4 @@
-"""What a file holds: points or motion, with how it was read."""
+"""The contents of a file: points or a motion."""
 
 from dataclasses import dataclass, field
 
@@ -12,14 +12,14 @@ from muybridge.motion.formats.points.c3d import C3DTake
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """What a file holds: points or a motion.
+    """The contents of a file: points or a motion.
 
     Attributes:
         points: None in a file of motion.
         motion: None in a file of points.
-        c3d: what a C3D has besides points.
-        start: seconds of the recording at which the first frame is, where the file says it.
-        notices: what was assumed in reading, one sentence each.
+        c3d: the contents of a C3D besides points.
+        start: seconds of the recording at which the first frame is, where the file states it.
+        notices: assumptions made in reading, one sentence each.
     """
 
     points: Points3D | None = None
@@ -30,12 +30,12 @@ class Take:
 
     @property
     def fps(self) -> float:
-        """Frames a second."""
+        """Frames per second."""
         return self.positions.fps if self.motion is None else self.motion.fps
 
     @property
     def positions(self) -> Points3D:
-        """The points, or the joints' places of the motion."""
+        """The points, or the joint positions of the motion."""
         if self.points is not None:
             return self.points
         assert self.motion is not None
@@ -43,7 +43,7 @@ class Take:
 
 
 def points_of_motion(motion: Motion) -> Points3D:
-    """The joints' places over time, by forward kinematics; edges are the bones."""
+    """The joint positions over time, by forward kinematics; edges are the bones."""
     skeleton = motion.skeleton
     xyz = motion.joint_positions_world()
     edges = tuple((skeleton.names[p], n) for n, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0)

@@ -61,7 +61,7 @@ def total_cost(
     chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray,
     velocity: FloatArray, acceleration: FloatArray,
 ) -> float:  # fmt: skip
-    """Half the weighted sum of squares of everything; `velocity` and `acceleration` are (N,)."""
+    """Half the weighted sum of squares of all terms; `velocity` and `acceleration` are (N,)."""
     total = misfit(chain, root, turn, angles, targets, information)
     step = differences(chain, root, turn, angles)
     n = len(chain.above)
@@ -81,7 +81,7 @@ def assemble(
     chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray,
     velocity: FloatArray, acceleration: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Band (T N, 2 N + 1) and gradient (T, N) of everything."""
+    """Band (T N, 2 N + 1) and gradient (T, N) of all terms."""
     t_count, n = len(root), len(chain.above)
     step = differences(chain, root, turn, angles)
     band, slope = np.zeros((t_count * n, 2 * n + 1)), np.empty((t_count, n))
@@ -124,7 +124,7 @@ def assemble(
 
 @compiled
 def hold(band: FloatArray, slope: FloatArray, held: BoolArray, damping: float) -> tuple[FloatArray, FloatArray]:
-    """A damped copy of the band and the negative gradient with what is held taken out."""
+    """A damped copy of the band and the negative gradient without the unknowns that are held."""
     out, right = band.copy(), np.empty(len(band))
     size, width = band.shape
     flat, gone = slope.ravel(), held.ravel()

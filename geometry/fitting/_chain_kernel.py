@@ -1,9 +1,9 @@
 """The compiled core of the body fit: one frame's landmarks, their cost and their normal equations.
 
 The Gauss-Newton matrix is built without the Jacobian, as the composite-rigid-body algorithm builds a mass matrix:
-every landmark is a 6 x 6 block of information about a turn and a shift, the blocks of what hangs below a joint
+every landmark is a 6 x 6 block of information about a turn and a shift, the blocks of everything below a joint
 are summed, and an entry of the matrix is the product of two screws with such a sum. The matrix has the sparsity
-of the tree (a hand says nothing about the other hand), and its factor L of `H = L^T L` has the same: factor,
+of the tree (a hand does not depend on the other hand), and its factor L of `H = L^T L` has the same: factor,
 solution and inverse walk from each angle to the root only.
 
 Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, sections 6.2 (composite rigid bodies) and 6.5
@@ -139,7 +139,7 @@ def landmarks_of(chain: Chain, root: FloatArray, turn: FloatArray, angles: Float
 
 @compiled
 def add_landmark(r: FloatArray, w: FloatArray, e: FloatArray, block: FloatArray, force: FloatArray) -> None:
-    """A landmark at `r` with information `w` and error `e`: its 6 x 6 block and its wrench are added."""
+    """A landmark at `r` with information `w` and error `e`: adds its 6 x 6 block and its wrench."""
     wx, wy, wz = (w[0, 0] * e[0] + w[0, 1] * e[1] + w[0, 2] * e[2], w[1, 0] * e[0] + w[1, 1] * e[1] + w[1, 2] * e[2],
                   w[2, 0] * e[0] + w[2, 1] * e[1] + w[2, 2] * e[2])  # fmt: skip
     force[0] += r[1] * wz - r[2] * wy

@@ -66,7 +66,7 @@ def frame_equations(
 
 @compiled
 def hold_at_limits(chain: Chain, angles: FloatArray, matrix: FloatArray, slope: FloatArray) -> None:
-    """Take the angles out that are pressed against a limit: unit rows, no gradient."""
+    """Remove angles that are pressed against a limit: unit rows, no gradient."""
     n = len(chain.above)
     held = np.zeros(n, dtype=np.bool_)
     some = False
@@ -91,7 +91,7 @@ def hold_at_limits(chain: Chain, angles: FloatArray, matrix: FloatArray, slope: 
 def move(
     chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, step: FloatArray, longest: float
 ) -> float:
-    """Take a step in place, limits kept; the largest turn of it. No unknown turns by more than `longest`."""
+    """Take a step in place within the limits, no unknown by more than `longest`; returns its largest rotation."""
     largest = 0.0
     for i in range(3, len(step)):
         largest = max(largest, abs(step[i]))
@@ -150,8 +150,8 @@ def settle(
 
 @compiled
 def track_one(
-    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, rate: FloatArray, spread: FloatArray, targets: FloatArray,
-    information: FloatArray, dt: float, jerkiness: FloatArray, student_dof: float, iterations: int,
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, rate: FloatArray, spread: FloatArray,
+    targets: FloatArray, information: FloatArray, dt: float, jerkiness: FloatArray, student_dof: float, iterations: int,
 ) -> None:  # fmt: skip
     """One frame ahead, in place.
 
@@ -239,7 +239,7 @@ def difference(
 def count_far(
     chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray
 ) -> tuple[int, int]:
-    """How many points there are, and how many are further than five standard deviations from the body."""
+    """Number of points, and of those farther than five standard deviations from the body."""
     at = landmarks_of(chain, root.reshape(1, 3), turn.reshape(1, 3, 3), angles.reshape((1, *angles.shape)))
     known = far = 0
     for landmark in range(len(targets)):
@@ -254,14 +254,15 @@ def count_far(
 
 @compiled
 def track(
-    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, rate: FloatArray, spread: FloatArray, targets: FloatArray,
-    information: FloatArray, dt: float, jerkiness: FloatArray, student_dof: float, iterations: int, patience: int,
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, rate: FloatArray, spread: FloatArray,
+    targets: FloatArray, information: FloatArray, dt: float, jerkiness: FloatArray, student_dof: float,
+    iterations: int, patience: int,
     roots: FloatArray, turns: FloatArray, all_angles: FloatArray,
 ) -> int:  # fmt: skip
-    """`track_one` over (T, L, 3) targets, until the body seems lost: a quarter of the points is far.
+    """`track_one` over (T, L, 3) targets, until the body seems lost: a quarter of the points are outliers.
 
     Args, besides those of `track_one`:
-        patience: so many frames at the start are not judged.
+        patience: number of frames at the start that are not checked.
         roots, turns, all_angles: (T, 3), (T, 3, 3) and (T, J, 3), filled.
 
     Returns:

@@ -189,7 +189,7 @@ def _check(model: BodyModel, points: Points3D) -> tuple[IndexArray, int, int]:
 
 
 def _first_shape(model: BodyModel, filled: FloatArray) -> FloatArray:
-    """Published proportions, with the stature that the median lengths of trunk and limbs ask for."""
+    """Published proportions, with the stature that fits the median lengths of trunk and limbs."""
     at = {name: filled[:, i] for i, name in enumerate(model.landmark_names)}
     pairs = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"),
              "shin": ("knee", "ankle"), "trunk": ("hip", "shoulder")}  # fmt: skip
@@ -207,7 +207,7 @@ def _first_shape(model: BodyModel, filled: FloatArray) -> FloatArray:
 
 
 def _stature(shape: FloatArray) -> float:
-    """The stature that the shape is most likely of, by the prior's proportions."""
+    """The most likely stature of the shape, by the prior's proportions."""
     ratio, spread = np.array(list(SHAPE_PRIOR.values())).T
     information = np.sum((ratio / spread / STATURE_M) ** 2) + 1 / STATURE_SD_M**2
     pull = np.sum(ratio * shape / (spread * STATURE_M) ** 2) + STATURE_M / STATURE_SD_M**2
@@ -279,7 +279,7 @@ def _fit_shape(model: BodyModel, problem: Problem, pose: Pose, shape_frames: int
     full[size, size] = np.sum(certain * ratio**2) + 1 / STATURE_SD_M**2
     solved = np.linalg.solve(full, np.r_[share * vector, STATURE_M / STATURE_SD_M**2])
     shape = np.asarray(solved[:size], dtype=np.float64)
-    # No length may vanish or turn round, whatever the data say; offsets of small landmarks may.
+    # No length may vanish or turn round, whatever the data; offsets of small landmarks may.
     mean = prior_shape(_stature(shape))
     return np.where(ratio > 0.05, np.clip(shape, 0.4 * mean, 2.0 * mean), shape)
 

@@ -32,7 +32,7 @@ class Chain(NamedTuple):
 
 
 def open_angles(skeleton: Skeleton) -> IndexArray:
-    """(K,) indices into the flattened (J, 3) of what may move, the root's left out."""
+    """(K,) indices into the flattened (J, 3) of the angles that may move, without the root's."""
     moves = skeleton.upper - skeleton.lower > 1e-9
     moves[0] = False
     return np.flatnonzero(moves.ravel())

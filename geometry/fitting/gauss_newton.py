@@ -69,7 +69,7 @@ class Problem:
 
     @property
     def open_angles(self) -> IndexArray:
-        """(K,) indices into the flattened (J, 3) of what may move, the root's left out."""
+        """(K,) indices into the flattened (J, 3) of the angles that may move, without the root's."""
         return open_angles(self.skeleton)
 
     @cached_property
@@ -79,7 +79,7 @@ class Problem:
 
 
 def landmark_positions(problem: Problem, pose: Pose) -> FloatArray:
-    """(T, L, 3) metres: where the landmarks of a pose are."""
+    """(T, L, 3) metres: the landmarks of a pose."""
     return np.asarray(landmarks_of(problem.chain, *_state(pose)))
 
 
@@ -108,7 +108,7 @@ def jacobian(problem: Problem, pose: Pose) -> tuple[FloatArray, FloatArray]:
 
 
 def _axes_world(skeleton: Skeleton, pose: Pose, turns: FloatArray) -> FloatArray:
-    """(T, J, 3, 3): column `k` is the world axis about which angle `k` of a joint turns what is below it."""
+    """(T, J, 3, 3): column `k` is the world axis about which angle `k` of a joint rotates everything below it."""
     out = np.empty_like(turns)
     parents = np.array(skeleton.parents)
     for axis in range(3):
@@ -122,7 +122,7 @@ def _axes_world(skeleton: Skeleton, pose: Pose, turns: FloatArray) -> FloatArray
 
 
 def cost(problem: Problem, pose: Pose) -> float:
-    """Half the weighted sum of squares of everything."""
+    """Half the weighted sum of squares of all terms."""
     return float(total_cost(problem.chain, *_state(pose), *_data(problem)))
 
 
@@ -137,7 +137,7 @@ def _data(problem: Problem) -> tuple[FloatArray, FloatArray, FloatArray, FloatAr
 
 
 def _held(problem: Problem, pose: Pose, gradient: FloatArray, fixed_frames: int) -> BoolArray:
-    """(T, N) what does not move in this step: fixed frames, and angles pressed against a limit."""
+    """(T, N) unknowns that are held in this step: fixed frames, and angles pressed against a limit."""
     open_angles = problem.open_angles
     angles = pose.angles.reshape(len(pose), -1)[:, open_angles]
     lower, upper = (v.ravel()[open_angles] for v in (problem.skeleton.lower, problem.skeleton.upper))

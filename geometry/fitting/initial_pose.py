@@ -38,7 +38,7 @@ def start_pose(
     joint = skeleton.names.index
 
     def put(name: str, parent_world: FloatArray, world: FloatArray) -> FloatArray:
-        """Set a joint to look like `world` as far as its limits allow; its orientation in the world."""
+        """Set a joint as near to the orientation `world` as its limits allow; returns its orientation in the world."""
         j = joint(name)
         local = np.swapaxes(parent_world, -1, -2) @ world
         angle = np.clip(swing_twist_from_matrix(local, skeleton.twist_axis[j]), model.lower[j], model.upper[j])
@@ -76,7 +76,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
 
 
 def _across(vectors: FloatArray, axis: FloatArray) -> FloatArray:
-    """What of `vectors` is at right angles to the unit vectors `axis`."""
+    """The components of `vectors` at right angles to the unit vectors `axis`."""
     return np.asarray(vectors - np.sum(vectors * axis, axis=-1, keepdims=True) * axis)
 
 

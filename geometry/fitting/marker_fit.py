@@ -68,7 +68,7 @@ def fit_markers(
     Args:
         points_world: (T, L, 3) metres, Z up; NaN where missing.
         markers: (L,) index of each in SURFACE.
-        fps: frames a second.
+        fps: frames per second.
         options: see MarkerFitOptions.
         centres: joint centres that count besides the markers.
         person: calibrated before, on another take with the same markers; None does it on this one.

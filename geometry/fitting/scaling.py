@@ -1,4 +1,4 @@
-"""Lengths of a person's bones, and where markers sit on them, for any skeleton."""
+"""Lengths of a person's bones, and the places of markers on them, for any skeleton."""
 
 from dataclasses import replace
 
@@ -28,12 +28,12 @@ def calibrate_skeleton(
 ) -> tuple[Skeleton, Rigging]:  # fmt: skip
     """Lengths of a person's bones, and where the points sit on them, from a take.
 
-    One scale a bone along the offset that the template has, about the same left and right where names pair
+    One scale per bone along the offset that the template has, about the same left and right where names pair
     (`left_x`/`right_x`, `LeftX`/`RightX`); alternately the pose by `fit_take` and the scales by linear least squares.
 
     Args:
-        skeleton: the template; its lengths are the prior, up to one scale that the points tell.
-        points_world, fps, rigging, options: as of `fit_take`; a second of varied motion is enough.
+        skeleton: the template; its lengths are the prior, up to one scale that the points determine.
+        points_world, fps, rigging, options: as of `fit_take`; one second of varied motion is enough.
         length_spread: standard deviation of a bone's share of its length, over the common scale.
         side_spread: standard deviation of the difference of the two sides' scales.
         offset_spread: metres, how far points may sit from where `rigging` has them; 0: they do not move.
@@ -80,7 +80,7 @@ def calibrate_skeleton(
 
 
 def _tips(template: Skeleton, scale: FloatArray) -> FloatArray:
-    """The end of a chain grows with the bone before it."""
+    """The tips, scaled with the bone before them."""
     return np.asarray(template.tips * scale[:, None])
 
 
@@ -100,7 +100,7 @@ def _calibration_span(points_world: FloatArray, most: int = 600) -> slice:
 def _of_fixed_offsets(
     problem: Problem, pose: Pose, joint_basis: FloatArray, landmark_basis: FloatArray, rigging: Rigging
 ) -> FloatArray:
-    """What points away from joint centres add to the right-hand side when their offsets are not unknown."""
+    """Terms of points away from joint centres on the right-hand side where their offsets are known."""
     still = replace(problem, skeleton=replace(problem.skeleton, offsets=0 * problem.skeleton.offsets))
     moved = replace(problem, targets=landmark_positions(still, Pose(0 * pose.root, pose.turn, pose.angles)))
     _, vector = length_equations(moved, Pose(0 * pose.root, pose.turn, pose.angles), joint_basis, landmark_basis)
@@ -108,7 +108,7 @@ def _of_fixed_offsets(
 
 
 def _bone_scales(skeleton: Skeleton) -> tuple[IndexArray, list[tuple[int, int]]]:
-    """(J,) number of the scale that each bone has, -1 where there is no length; and the pairs of both sides'."""
+    """(J,) number of the scale that each bone has, -1 where there is no length; and the left-right pairs."""
     long = skeleton.bone_lengths > 1e-6
     long[0] = False
     number = np.where(long, np.cumsum(long) - 1, -1)
@@ -122,7 +122,7 @@ def _bone_scales(skeleton: Skeleton) -> tuple[IndexArray, list[tuple[int, int]]]
 
 
 def _common_scale(skeleton: Skeleton, rigging: Rigging, points_world: FloatArray) -> float:
-    """Median of how much longer the points' distances are than at rest, over bones with points at both ends."""
+    """Median ratio of the points' distances to those at rest, over bones with points at both ends."""
     at = skeleton.rest_positions[rigging.joints] + rigging.offsets
     ratios = []
     for a, joint in enumerate(rigging.joints):

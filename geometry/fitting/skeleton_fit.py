@@ -1,10 +1,9 @@
-"""Any skeleton to any labelled points: frame by frame as they come, or the whole take at once.
+"""Fitting any skeleton to any labelled points: frame by frame, or the whole take at once.
 
-`fit_online` is causal: a frame sees itself and what came before it (a Kalman prediction, Gauss-Newton with limits
+`fit_online` is causal: a frame depends on itself and on earlier ones (a Kalman prediction, Gauss-Newton with limits
 and robust weights on top). `fit_take` starts there and then moves all frames together, tied by smoothness. Bones keep
-the lengths that the skeleton has; `muybridge.geometry.fitting.scaling` finds them.
-`muybridge.geometry.fitting.body_fit.fit_body` is the same for the project's own body with its landmarks, whose proportions have a
-prior.
+the lengths that the skeleton has; `scaling.calibrate_skeleton` estimates them. `body_fit.fit_body` does the same for
+the project's own body with its landmarks, whose proportions have a prior.
 """
 
 from dataclasses import dataclass, replace
@@ -24,7 +23,7 @@ from muybridge.geometry.skeleton.skeleton import Skeleton
 
 State = tuple[
     FloatArray, FloatArray, FloatArray, FloatArray, FloatArray
-]  # root, turn, angles, their rates, and how sure all are
+]  # root, turn, angles, their rates, and their variances
 
 _PATIENCE = 10  # frames until a body that could not be found again is looked for once more
 
@@ -40,7 +39,7 @@ class SkeletonFitOptions:
         angular_acceleration: radians per second squared, of every angle's.
         root_velocity, angular_velocity: metres and radians per second, hold the take back across gaps.
         rest_spread: radians, of the weak prior that holds what no point determines.
-        iterations: Gauss-Newton steps a frame online.
+        iterations: Gauss-Newton steps per frame online.
         rounds: how often robust weights are taken anew for the whole take; steps: Gauss-Newton steps a round.
     """
 
@@ -99,7 +98,7 @@ def joint_rigging(skeleton: Skeleton, names: tuple[str, ...] | None = None) -> R
 def noise_of(points_world: FloatArray, fps: float) -> float:
     """Standard deviation of a coordinate of (T, L, 3) points, metres: from third differences, which motion hardly has.
 
-    Slow takes only tell the noise between frames: at less than about 50 frames/s quick motion counts as noise.
+    Reliable at 50 frames per second and above: in slower takes quick motion counts as noise.
     """
     third = np.diff(points_world, 3, axis=0)
     known = third[np.isfinite(third)]
@@ -118,7 +117,7 @@ def fit_online(
     Args:
         skeleton: with its lengths and limits; where all are infinite, those of `with_limits`.
         points_world: (T, L, 3) metres, NaN where missing.
-        fps: frames a second.
+        fps: frames per second.
         rigging: where the points sit; joint centres in the skeleton's order if None.
         options: see SkeletonFitOptions.
 
@@ -157,7 +156,7 @@ def fit_take(
 
 
 class OnlineFit:
-    """`fit_online` for frames that are still to come: give it one frame after another."""
+    """`fit_online` as a stream: takes one frame after another."""
 
     def __init__(
         self, skeleton: Skeleton, fps: float, sigma: float, rigging: Rigging | None = None,
@@ -201,7 +200,7 @@ class OnlineFit:
 def checked(
     skeleton: Skeleton, points_world: FloatArray, fps: float, rigging: Rigging | None
 ) -> tuple[Skeleton, Rigging]:
-    """The skeleton as it is solved, and the rigging."""
+    """The skeleton prepared for the solver, and the rigging."""
     rigging = rigging or joint_rigging(skeleton)
     if points_world.ndim != 3 or points_world.shape[1:] != (len(rigging.joints), 3):
         raise ValueError(f"points_world must be (T, {len(rigging.joints)}, 3), not {points_world.shape}")
@@ -216,7 +215,7 @@ def solvable(skeleton: Skeleton, rigging: Rigging, lever: float = 0.005) -> Skel
     Args:
         skeleton: any; without any finite limit it gets those of `with_limits`.
         rigging: the points.
-        lever: metres a radian; what moves no point by more is locked at zero, or at the limit that is nearest.
+        lever: metres per radian; what moves no point by more is locked at zero, or at the limit that is nearest.
     """
     if not np.isfinite(skeleton.lower[1:]).any() and not np.isfinite(skeleton.upper[1:]).any():
         skeleton = with_limits(skeleton)
@@ -255,7 +254,7 @@ def _known(points_world: FloatArray, sigma: float) -> tuple[FloatArray, FloatArr
 
 
 def _enough(chain: Chain) -> int:
-    """So many points place the body for the first time."""
+    """Number of points that are needed to place the body for the first time."""
     return max(3, len(chain.carrier) // 2)
 
 
@@ -295,7 +294,7 @@ def _tracked(
 def _recovered(
     chain: Chain, state: State, targets: FloatArray, information: FloatArray, options: SkeletonFitOptions
 ) -> tuple[State, bool]:
-    """The state anew from one frame alone, if that leaves at most half as many points far; whether it does."""
+    """Re-initialise the state from one frame if that at most halves the outliers; returns whether it did."""
     _, far = count_far(chain, *state[:3], targets, information)
     new = _begun(chain, targets, information, options)
     if 2 * count_far(chain, *new[:3], targets, information)[1] > far:
@@ -304,7 +303,7 @@ def _recovered(
 
 
 def _cuts(chain: Chain, pose: Pose, lost: BoolArray, fps: float, top_speed: float = 12.0) -> list[int]:
-    """Frames at which the take jumps: the body was lost there, and a quarter of it is faster than any man."""
+    """Frames at which the take jumps: the body was lost, and a quarter of its points move faster than any person."""
     at = landmarks_of(chain, pose.root, pose.turn, pose.angles)
     frames = np.flatnonzero(lost)
     frames = frames[frames > 0]
@@ -313,7 +312,7 @@ def _cuts(chain: Chain, pose: Pose, lost: BoolArray, fps: float, top_speed: floa
 
 
 def _begun(chain: Chain, targets: FloatArray, information: FloatArray, options: SkeletonFitOptions) -> State:
-    """The first frame without a frame before it: from several headings, the best."""
+    """The first frame, without a prediction: the best of several headings."""
     j_count, n = len(chain.parents), len(chain.above)
     angles = np.zeros((j_count, 3))
     angles[chain.open_joint, chain.open_axis] = np.clip(0.0, chain.lower, chain.upper)

@@ -23,7 +23,7 @@ from muybridge.geometry.skeleton.statistical_body import MarkerBody, marker_body
 
 _CHI2_3_MEDIAN = 2.366
 _FEWEST = 6
-# Joints that motion tells the place of; and metres, how far one may be off that is given from elsewhere.
+# Joints that motion locates; and metres, the error of a centre that is given from elsewhere.
 _LIMBS = ("thigh", "shin", "foot", "upper_arm", "forearm")
 _GIVEN = 0.04
 _ROUNDS = 15  # of Levenberg-Marquardt on one frame, from a pose that is near
@@ -57,14 +57,14 @@ class MarkerFitOptions:
         slack_m: metres, the same of what skin does beyond the table's `soft`.
         student_dof: of Student's t.
         length_m: metres, how far a joint may be from where the statistical body has it.
-        limb_m: the same of hips, knees, ankles, shoulders and elbows, whose places motion tells.
+        limb_m: the same of hips, knees, ankles, shoulders and elbows, which motion locates.
         placement: factor on the table's tolerance of markers' places.
         root_acceleration: metres per second squared, standard deviation of the root's acceleration.
         angular_acceleration: radians per second squared, of every angle's.
         root_velocity: metres per second, holds the root back across gaps.
         angular_velocity: radians per second, the same for angles.
         prior_weight: of the weak prior on angles, against a marker's standard deviation.
-        calibration_frames: so many frames tell the person.
+        calibration_frames: number of frames that the subject is calibrated on.
         shape_frames: they count as so many independent ones: what skin does is alike in all of them.
         rounds: how often robust weights are taken anew for the whole take.
         steps: Gauss-Newton steps a round.
@@ -154,7 +154,7 @@ class _Shape:
         return person
 
     def _first(self, person: Person) -> FloatArray:
-        """The components that make the mean as large as the person is."""
+        """The components that scale the mean to the person."""
         k = len(self.table.basis)
         offsets = person.skeleton.offsets.ravel()
         basis = self.table.basis[:, : offsets.size]
@@ -219,13 +219,13 @@ def scaled_person(
     points: FloatArray, markers: IndexArray, options: MarkerFitOptions | None = None,
     centres: JointCentres | None = None,
 ) -> Person:  # fmt: skip
-    """The mean body, as large as the markers say; arguments as of `calibrate_person`."""
+    """The mean body, scaled to the markers; arguments as of `calibrate_person`."""
     table, options, centres = marker_body(), options or MarkerFitOptions(), centres or JointCentres()
     return _person(table, markers, centres, table.mean * _size(table, points, markers), options)
 
 
 def follow_take(person: Person, points: FloatArray, fps: float, options: MarkerFitOptions) -> Pose:
-    """A first pose of every frame: followed frame by frame."""
+    """An initial pose of every frame, tracked frame by frame."""
     sigma = float(np.median(person.sigma)) + 0.006
     o = SkeletonFitOptions(sigma, options.student_dof, 20.0, 130.0, options.root_velocity, options.angular_velocity)
     fit = fit_online(person.skeleton, points, fps, person.rigging, o)
@@ -235,7 +235,7 @@ def follow_take(person: Person, points: FloatArray, fps: float, options: MarkerF
 def settle_frames(
     person: Person, points: FloatArray, start: Pose, options: MarkerFitOptions, robust: bool = True
 ) -> Pose:
-    """Every frame for itself, from `start`; least squares if not `robust`."""
+    """Every frame independently, from `start`; least squares if not `robust`."""
     skeleton = solvable(person.skeleton, person.rigging)
     table = marker_body()
     chain = make_chain(skeleton, person.rigging.joints, person.rigging.offsets, table.rest, _prior(table, options))
@@ -250,8 +250,8 @@ def settle_frames(
 
 @compiled
 def _settle_all(
-    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray, student_dof: float,
-    rounds: int,
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray,
+    student_dof: float, rounds: int,
 ) -> None:  # fmt: skip
     for t in range(len(root)):
         settle(chain, root[t], turn[t], angles[t], targets[t], information[t], student_dof, rounds)
@@ -276,7 +276,7 @@ def _person(
 
 
 def _size(table: MarkerBody, points: FloatArray, markers: IndexArray) -> float:
-    """How much larger than the mean: median over pairs of markers on one bone or on two that meet."""
+    """Size relative to the mean: median over pairs of markers on one bone or on two that meet."""
     offsets, places, _ = table.parts(table.mean)
     joints = table.carrier[markers]
     at = table.skeleton(offsets).rest_positions[joints] + places[markers]

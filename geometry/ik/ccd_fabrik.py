@@ -1,6 +1,6 @@
 """Methods without a Jacobian: cyclic coordinate descent and FABRIK.
 
-Both turn one hinge at a time by the angle that is best in closed form: of points and axes that hang on a hinge and
+Both turn one hinge at a time by the angle that is best in closed form: of points and axes that a hinge carries and
 should be elsewhere, the sum of squares is `c - a cos(angle) - b sin(angle)`.
 
 Sources: L.-C. T. Wang, C. C. Chen, 1991 (CCD); A. Aristidou, J. Lasenby, "FABRIK: a fast, iterative solver for the
@@ -15,14 +15,14 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.geometry.ik.jacobian import good_enough, perturb, uniform
-from muybridge.geometry.ik.tree import KinematicTree, Links, Wishes, errors, forward, forward_from, turned
+from muybridge.geometry.ik.tree import GoalArrays, KinematicTree, Links, errors, forward, forward_from, rotate
 from muybridge.geometry.numerics._numba import compiled
 
 _LATER = 0.1  # weight of what comes one link later
 
 
 class Nodes(NamedTuple):
-    """A tree as FABRIK sees it: places where hinges are together, and the links between them."""
+    """A tree for FABRIK: nodes, which are hinges at one place, and the links between them."""
 
     of_joint: IntArray  # (N,) node of each joint
     first: IntArray  # (G,) first joint of each node
@@ -54,16 +54,16 @@ def make_nodes(tree: KinematicTree) -> Nodes:
 
 
 @compiled
-def add_pair(axis: FloatArray, now: FloatArray, wish: FloatArray, weight: float, sums: FloatArray) -> None:
-    """Add to (2,) `a` and `b` what a vector that hangs on a hinge has to say about its angle."""
+def add_pair(axis: FloatArray, now: FloatArray, target: FloatArray, weight: float, sums: FloatArray) -> None:
+    """Add to (2,) `a` and `b` the terms of one vector that the hinge carries."""
     along = (now[0] * axis[0] + now[1] * axis[1] + now[2] * axis[2]) * (
-        wish[0] * axis[0] + wish[1] * axis[1] + wish[2] * axis[2]
+        target[0] * axis[0] + target[1] * axis[1] + target[2] * axis[2]
     )
-    sums[0] += weight * (now[0] * wish[0] + now[1] * wish[1] + now[2] * wish[2] - along)
+    sums[0] += weight * (now[0] * target[0] + now[1] * target[1] + now[2] * target[2] - along)
     sums[1] += weight * (
-        axis[0] * (now[1] * wish[2] - now[2] * wish[1])
-        + axis[1] * (now[2] * wish[0] - now[0] * wish[2])
-        + axis[2] * (now[0] * wish[1] - now[1] * wish[0])
+        axis[0] * (now[1] * target[2] - now[2] * target[1])
+        + axis[1] * (now[2] * target[0] - now[0] * target[2])
+        + axis[2] * (now[0] * target[1] - now[1] * target[0])
     )
 
 
@@ -89,7 +89,7 @@ def best_angle(sums: FloatArray, theta: float, lower: float, upper: float) -> fl
 @compiled
 def turn_joint(
     links: Links,
-    wishes: Wishes,
+    targets: GoalArrays,
     theta: FloatArray,
     j: int,
     turns: FloatArray,
@@ -97,30 +97,30 @@ def turn_joint(
     axes: FloatArray,
     sums: FloatArray,
 ) -> None:
-    """Add to `sums` what the goals below hinge `j` say about its angle."""
-    now, wish, point = np.empty(3), np.empty(3), np.empty(3)
-    for e in range(len(wishes.joint)):
-        carrier = wishes.joint[e]
+    """Add to `sums` the terms of the goals below hinge `j`."""
+    now, target, point = np.empty(3), np.empty(3), np.empty(3)
+    for e in range(len(targets.joint)):
+        carrier = targets.joint[e]
         up = carrier
         while up > j:
             up = links.parents[up]
         if up != j:
             continue
-        if wishes.place_weight[e] > 0:
-            turned(turns[carrier], wishes.offset[e], point)
+        if targets.place_weight[e] > 0:
+            rotate(turns[carrier], targets.offset[e], point)
             for i in range(3):
                 now[i] = point[i] + places[carrier, i] - places[j, i]
-                wish[i] = wishes.place[e, i] - places[j, i]
-            add_pair(axes[j], now, wish, wishes.place_weight[e] ** 2, sums)
-        for k in range(wishes.pairs[e]):
-            turned(turns[carrier], wishes.local[e, k], now)
-            share = 0.5 if wishes.pairs[e] == 3 else 1.0  # of three axes two say the same twice
-            add_pair(axes[j], now, wishes.world[e, k], share * wishes.turn_weight[e] ** 2, sums)
+                target[i] = targets.place[e, i] - places[j, i]
+            add_pair(axes[j], now, target, targets.place_weight[e] ** 2, sums)
+        for k in range(targets.pairs[e]):
+            rotate(turns[carrier], targets.local[e, k], now)
+            share = 0.5 if targets.pairs[e] == 3 else 1.0  # two axes determine the third
+            add_pair(axes[j], now, targets.world[e, k], share * targets.turn_weight[e] ** 2, sums)
 
 
 @compiled
 def cyclic_descent(
-    links: Links, wishes: Wishes, theta: FloatArray, iterations: int, near: float, straight: float, patience: int,
+    links: Links, targets: GoalArrays, theta: FloatArray, iterations: int, near: float, straight: float, patience: int,
     seed: int,
 ) -> tuple[FloatArray, int]:  # fmt: skip
     """Cyclic coordinate descent from the tips to the base; best angles and sweeps.
@@ -128,12 +128,12 @@ def cyclic_descent(
     A straight chain whose target is on its line gives no hinge anything to do: without progress the angles are
     shaken a little, more each time.
     """
-    n, e_count = len(theta), len(wishes.joint)
+    n, e_count = len(theta), len(targets.joint)
     state = np.array([seed], dtype=np.uint64)
     uniform(state)
     turns, places, axes = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
     place, turn, sums = np.zeros(e_count), np.zeros(e_count), np.empty(2)
-    best, value = theta.copy(), errors(links, wishes, theta, place, turn)
+    best, value = theta.copy(), errors(links, targets, theta, place, turn)
     since, tried, local = 0, 0, value
     for k in range(iterations):
         if good_enough(place, turn, near, straight):
@@ -141,12 +141,12 @@ def cyclic_descent(
         forward(links, theta, turns, places, axes)
         for j in range(n - 1, -1, -1):
             sums[:] = 0.0
-            turn_joint(links, wishes, theta, j, turns, places, axes, sums)
+            turn_joint(links, targets, theta, j, turns, places, axes, sums)
             angle = best_angle(sums, theta[j], links.lower[j], links.upper[j])
             if angle != theta[j]:
                 theta[j] = angle
                 forward_from(links, theta, j, turns, places, axes)
-        now = errors(links, wishes, theta, place, turn)
+        now = errors(links, targets, theta, place, turn)
         if now < value:
             best, value = theta.copy(), now
         since = 0 if now < 0.999 * local else since + 1
@@ -154,38 +154,38 @@ def cyclic_descent(
         if since > patience:
             tried += 1
             theta = perturb(links, best, min(0.05 * 2.0**tried, 1.0), state)
-            local, since = errors(links, wishes, theta, place, turn), 0
+            local, since = errors(links, targets, theta, place, turn), 0
     return best, iterations
 
 
 @compiled
 def reach_back(
-    nodes: Nodes, wishes: Wishes, places: FloatArray, points: FloatArray, wanted: FloatArray, counts: FloatArray
+    nodes: Nodes, targets: GoalArrays, places: FloatArray, points: FloatArray, wanted: FloatArray, counts: FloatArray
 ) -> None:
-    """FABRIK from the tips: (G, 3) where each node should be; where links meet, the middle of what they ask for."""
+    """FABRIK from the tips: (G, 3) where each node should be; where links meet, the mean of their targets."""
     wanted[:], counts[:] = 0.0, 0.0
-    for e in range(len(wishes.joint)):
-        if wishes.place_weight[e] == 0:
+    for e in range(len(targets.joint)):
+        if targets.place_weight[e] == 0:
             continue
-        g = nodes.of_joint[wishes.joint[e]]
+        g = nodes.of_joint[targets.joint[e]]
         # The effector's own link: from its target back towards its node, or as its orientation has it.
-        length = math.sqrt(wishes.offset[e, 0] ** 2 + wishes.offset[e, 1] ** 2 + wishes.offset[e, 2] ** 2)
+        length = math.sqrt(targets.offset[e, 0] ** 2 + targets.offset[e, 1] ** 2 + targets.offset[e, 2] ** 2)
         way = np.empty(3)
-        if wishes.pairs[e] == 3:
+        if targets.pairs[e] == 3:
             for i in range(3):
                 way[i] = -(
-                    wishes.world[e, 0, i] * wishes.offset[e, 0] + wishes.world[e, 1, i] * wishes.offset[e, 1]
-                    + wishes.world[e, 2, i] * wishes.offset[e, 2]
+                    targets.world[e, 0, i] * targets.offset[e, 0] + targets.world[e, 1, i] * targets.offset[e, 1]
+                    + targets.world[e, 2, i] * targets.offset[e, 2]
                 )  # fmt: skip
         else:
             norm = 0.0
             for i in range(3):
-                way[i] = places[g, i] - wishes.place[e, i]
+                way[i] = places[g, i] - targets.place[e, i]
                 norm += way[i] ** 2
             way *= length / max(math.sqrt(norm), 1e-12)
         for i in range(3):
-            wanted[g, i] += wishes.place_weight[e] * (wishes.place[e, i] + way[i])
-        counts[g] += wishes.place_weight[e]
+            wanted[g, i] += targets.place_weight[e] * (targets.place[e, i] + way[i])
+        counts[g] += targets.place_weight[e]
     for g in range(len(nodes.parent) - 1, -1, -1):
         if counts[g] == 0:
             continue
@@ -204,48 +204,46 @@ def reach_back(
 
 
 @compiled
-def wishes_of_node(
-    links: Links, nodes: Nodes, wishes: Wishes, g: int, j: int, wanted: FloatArray, counts: FloatArray, turns: FloatArray,
-    places: FloatArray, axes: FloatArray,
-    later: float,
-    sums: FloatArray,
+def targets_of_node(
+    links: Links, nodes: Nodes, targets: GoalArrays, g: int, j: int, wanted: FloatArray, counts: FloatArray,
+    turns: FloatArray, places: FloatArray, axes: FloatArray, later: float, sums: FloatArray,
 ) -> None:  # fmt: skip
     """Add to `sums` what hangs on hinge `j` of node `g` says about its angle.
 
     That is the nodes after it and the effectors on it, as in FABRIK; and with a small weight what comes one link
     later, or a hinge along a link (a roll) would have nothing to go by and an elbow would stay in its plane.
     """
-    now, wish = np.empty(3), np.empty(3)
+    now, target = np.empty(3), np.empty(3)
     for other in range(g + 1, len(nodes.first)):
         up = nodes.parent[other]
         if counts[other] == 0 or up < 0 or (up != g and nodes.parent[up] != g):
             continue
         for i in range(3):
             now[i] = places[nodes.first[other], i] - places[j, i]
-            wish[i] = wanted[other, i] - places[j, i]
-        add_pair(axes[j], now, wish, 1.0 if up == g else later, sums)
-    for e in range(len(wishes.joint)):
-        carrier = wishes.joint[e]
+            target[i] = wanted[other, i] - places[j, i]
+        add_pair(axes[j], now, target, 1.0 if up == g else later, sums)
+    for e in range(len(targets.joint)):
+        carrier = targets.joint[e]
         here = nodes.of_joint[carrier]
         if here == g and carrier < j or here != g and nodes.parent[here] != g:
             continue
         weight = 1.0 if here == g else later
-        turned(turns[carrier], wishes.offset[e], now)
-        if wishes.place_weight[e] > 0:
+        rotate(turns[carrier], targets.offset[e], now)
+        if targets.place_weight[e] > 0:
             for i in range(3):
                 now[i] += places[carrier, i] - places[j, i]
-                wish[i] = wishes.place[e, i] - places[j, i]
-            add_pair(axes[j], now, wish, weight * wishes.place_weight[e] ** 2, sums)
-        share = 0.5 if wishes.pairs[e] == 3 else 1.0
-        for p in range(wishes.pairs[e]):
-            turned(turns[carrier], wishes.local[e, p], now)
-            add_pair(axes[j], now, wishes.world[e, p], share * weight * wishes.turn_weight[e] ** 2, sums)
+                target[i] = targets.place[e, i] - places[j, i]
+            add_pair(axes[j], now, target, weight * targets.place_weight[e] ** 2, sums)
+        share = 0.5 if targets.pairs[e] == 3 else 1.0
+        for p in range(targets.pairs[e]):
+            rotate(turns[carrier], targets.local[e, p], now)
+            add_pair(axes[j], now, targets.world[e, p], share * weight * targets.turn_weight[e] ** 2, sums)
 
 
 @compiled
 def reach_forward(
-    links: Links, nodes: Nodes, wishes: Wishes, theta: FloatArray, wanted: FloatArray, counts: FloatArray, turns: FloatArray,
-    places: FloatArray, axes: FloatArray, later: float,
+    links: Links, nodes: Nodes, targets: GoalArrays, theta: FloatArray, wanted: FloatArray, counts: FloatArray,
+    turns: FloatArray, places: FloatArray, axes: FloatArray, later: float,
 ) -> None:  # fmt: skip
     """FABRIK from the base: each node's hinges point its links at where the nodes after it should be, limits kept."""
     sums = np.empty(2)
@@ -258,7 +256,7 @@ def reach_forward(
                 if nodes.of_joint[j] != g:
                     continue
                 sums[:] = 0.0
-                wishes_of_node(links, nodes, wishes, g, j, wanted, counts, turns, places, axes, later, sums)
+                targets_of_node(links, nodes, targets, g, j, wanted, counts, turns, places, axes, later, sums)
                 angle = best_angle(sums, theta[j], links.lower[j], links.upper[j])
                 if angle != theta[j]:
                     theta[j] = angle
@@ -267,20 +265,20 @@ def reach_forward(
 
 @compiled
 def fabrik(
-    links: Links, nodes: Nodes, wishes: Wishes, theta: FloatArray, iterations: int, near: float, straight: float,
+    links: Links, nodes: Nodes, targets: GoalArrays, theta: FloatArray, iterations: int, near: float, straight: float,
     patience: int, seed: int,
 ) -> tuple[FloatArray, int]:  # fmt: skip
     """Forward and backward reaching; best angles and iterations.
 
-    Points on a line stay on it for ever, so without progress the angles are shaken a little, more each time.
+    Points on a line stay on it, so without progress the angles are perturbed, more each time.
     """
-    n, e_count, g_count = len(theta), len(wishes.joint), len(nodes.first)
+    n, e_count, g_count = len(theta), len(targets.joint), len(nodes.first)
     state = np.array([seed], dtype=np.uint64)
     uniform(state)
     turns, places, axes = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
     at, wanted, counts = np.empty((g_count, 3)), np.empty((g_count, 3)), np.empty(g_count)
     place, turn = np.zeros(e_count), np.zeros(e_count)
-    best, value = theta.copy(), errors(links, wishes, theta, place, turn)
+    best, value = theta.copy(), errors(links, targets, theta, place, turn)
     since, tried, local = 0, 0, value
     forward(links, theta, turns, places, axes)
     for k in range(iterations):
@@ -288,16 +286,16 @@ def fabrik(
             return theta, k
         for g in range(g_count):
             at[g] = places[nodes.first[g]]
-        reach_back(nodes, wishes, at, places, wanted, counts)
-        # A node on a way to an effector without a wish for its place still has to turn for its orientation.
+        reach_back(nodes, targets, at, places, wanted, counts)
+        # A node on a way to an effector without a target for its place still has to turn for its orientation.
         for e in range(e_count):
-            g = nodes.of_joint[wishes.joint[e]]
+            g = nodes.of_joint[targets.joint[e]]
             if counts[g] == 0:
                 counts[g] = 1.0
                 wanted[g] = at[g]
         later = _LATER * 0.9 ** (k % 60)
-        reach_forward(links, nodes, wishes, theta, wanted, counts, turns, places, axes, later)
-        now = errors(links, wishes, theta, place, turn)
+        reach_forward(links, nodes, targets, theta, wanted, counts, turns, places, axes, later)
+        now = errors(links, targets, theta, place, turn)
         if now < value:
             best, value = theta.copy(), now
         since = 0 if now < 0.98 * local else since + 1
@@ -306,5 +304,5 @@ def fabrik(
             tried += 1
             theta = perturb(links, best, min(0.05 * 2.0**tried, 1.0), state)
             forward(links, theta, turns, places, axes)
-            local, since = errors(links, wishes, theta, place, turn), 0
+            local, since = errors(links, targets, theta, place, turn), 0
     return best, iterations

@@ -13,41 +13,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, FloatArray
-from muybridge.geometry.ik.tree import Links, Wishes, errors, forward, turn_error, turned
+from muybridge.geometry.ik.tree import GoalArrays, Links, errors, forward, rotate, rotation_error
 from muybridge.geometry.numerics._numba import compiled
 
 TRANSPOSE, PSEUDO_INVERSE, DAMPED, NULL_SPACE = range(4)
 
 
 @compiled
-def rows_of(wishes: Wishes) -> int:
-    """How many scalar equations the goals are."""
+def rows_of(targets: GoalArrays) -> int:
+    """Number of scalar equations of the goals."""
     count = 0
-    for e in range(len(wishes.joint)):
-        count += 3 * (wishes.place_weight[e] > 0) + 3 * (wishes.pairs[e] > 0)
+    for e in range(len(targets.joint)):
+        count += 3 * (targets.place_weight[e] > 0) + 3 * (targets.pairs[e] > 0)
     return count
 
 
 @compiled
 def equations(
-    links: Links, wishes: Wishes, theta: FloatArray, longest: float, jacobian: FloatArray, wanted: FloatArray
+    links: Links, targets: GoalArrays, theta: FloatArray, longest: float, jacobian: FloatArray, wanted: FloatArray
 ) -> None:
-    """Weighted Jacobian (M, N) and how the effectors should move (M,), no goal by more than `longest` metres."""
+    """Weighted Jacobian (M, N) and the wanted motion of the effectors (M,), no goal by more than `longest` metres."""
     n = len(links.parents)
     turns, places, axes = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
     forward(links, theta, turns, places, axes)
     point, v, axis = np.empty(3), np.empty(3), np.empty(3)
     jacobian[:] = 0.0
     row = 0
-    for e in range(len(wishes.joint)):
-        carrier = wishes.joint[e]
-        turned(turns[carrier], wishes.offset[e], point)
+    for e in range(len(targets.joint)):
+        carrier = targets.joint[e]
+        rotate(turns[carrier], targets.offset[e], point)
         point += places[carrier]
-        if wishes.place_weight[e] > 0:
-            w = wishes.place_weight[e]
+        if targets.place_weight[e] > 0:
+            w = targets.place_weight[e]
             length = 0.0
             for i in range(3):
-                v[i] = wishes.place[e, i] - point[i]
+                v[i] = targets.place[e, i] - point[i]
                 length += v[i] * v[i]
             scale = w * min(1.0, longest / max(math.sqrt(length), 1e-12))
             for i in range(3):
@@ -61,12 +61,12 @@ def equations(
                 jacobian[row + 2, j] = w * (a[0] * y - a[1] * x)
                 j = links.parents[j]
             row += 3
-        if wishes.pairs[e] > 0:
-            w = wishes.turn_weight[e]
-            angle = turn_error(turns[carrier], wishes.local[e], wishes.world[e], wishes.pairs[e], v)
+        if targets.pairs[e] > 0:
+            w = targets.turn_weight[e]
+            angle = rotation_error(turns[carrier], targets.local[e], targets.world[e], targets.pairs[e], v)
             scale = w * min(1.0, 0.8 / max(angle, 1e-12))
-            turned(turns[carrier], wishes.local[e, 0], axis)
-            free = wishes.pairs[e] == 1  # a direction does not mind a turn about itself
+            rotate(turns[carrier], targets.local[e, 0], axis)
+            free = targets.pairs[e] == 1  # a direction does not mind a turn about itself
             for i in range(3):
                 wanted[row + i] = scale * v[i]
             j = carrier
@@ -100,10 +100,10 @@ def inverses(jacobian: FloatArray, damping: float, near: float) -> tuple[FloatAr
 
 @compiled
 def step_of(
-    jacobian: FloatArray, wanted: FloatArray, theta: FloatArray, method: int, damping: float, near: float, preferred: FloatArray,
-    gains: FloatArray, locked: BoolArray,
+    jacobian: FloatArray, wanted: FloatArray, theta: FloatArray, method: int, damping: float, near: float,
+    preferred: FloatArray, gains: FloatArray, locked: BoolArray,
 ) -> FloatArray:  # fmt: skip
-    """(N,) how the angles should move; those that are locked stay."""
+    """(N,) step of the angles; zero for those that are locked."""
     free = jacobian.copy()
     for j in range(len(locked)):
         if locked[j]:
@@ -166,7 +166,7 @@ def uniform(state: NDArray[np.uint64]) -> float:
 
 @compiled
 def perturb(links: Links, theta: FloatArray, size: float, state: NDArray[np.uint64]) -> FloatArray:
-    """Another start near by, within the limits. `state` (1,) is that of a linear congruential generator (Knuth)."""
+    """Another start nearby, within the limits. `state` (1,) is that of a linear congruential generator (Knuth)."""
     out = theta.copy()
     for j in range(len(theta)):
         reach = min(links.upper[j] - links.lower[j], 2 * math.pi)
@@ -182,16 +182,16 @@ def good_enough(place: FloatArray, turn: FloatArray, near: float, straight: floa
 
 @compiled
 def follow_jacobian(
-    links: Links, wishes: Wishes, theta: FloatArray, method: int, iterations: int, near: float, straight: float,
+    links: Links, targets: GoalArrays, theta: FloatArray, method: int, iterations: int, near: float, straight: float,
     damping: float, singular: float, longest: float, preferred: FloatArray, gains: FloatArray, patience: int, seed: int,
 ) -> tuple[FloatArray, int]:  # fmt: skip
     """Steps until the goals are met; another start after `patience` steps without progress. Best angles and steps."""
     state = np.array([seed], dtype=np.uint64)
     uniform(state)
-    e_count, m = len(wishes.joint), rows_of(wishes)
+    e_count, m = len(targets.joint), rows_of(targets)
     jacobian, wanted = np.zeros((m, len(theta))), np.zeros(m)
     place, turn = np.zeros(e_count), np.zeros(e_count)
-    best, value = theta.copy(), errors(links, wishes, theta, place, turn)
+    best, value = theta.copy(), errors(links, targets, theta, place, turn)
     since, tried, local = 0, 0, value
     done = -1
     for k in range(iterations):
@@ -201,9 +201,9 @@ def follow_jacobian(
             done = k if done < 0 else done
             if method != NULL_SPACE or k - done >= 10:
                 return best, k
-        equations(links, wishes, theta, longest, jacobian, wanted)
+        equations(links, targets, theta, longest, jacobian, wanted)
         theta = limited_step(links, jacobian, wanted, theta, method, damping, singular, preferred, gains, 0.6)
-        now = errors(links, wishes, theta, place, turn)
+        now = errors(links, targets, theta, place, turn)
         if now < value and done < 0:
             best, value = theta.copy(), now
         if now < 0.999 * local:
@@ -213,5 +213,5 @@ def follow_jacobian(
         if since > patience and done < 0:
             tried += 1
             theta = perturb(links, best, min(0.1 * 2.0**tried, 1.0), state)
-            local, since = errors(links, wishes, theta, place, turn), 0
+            local, since = errors(links, targets, theta, place, turn), 0
     return best, iterations

@@ -10,12 +10,12 @@ import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, minimize
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.ik.tree import KinematicTree, Links, Wishes, forward, turned
+from muybridge.geometry.ik.tree import GoalArrays, KinematicTree, Links, forward, rotate
 from muybridge.geometry.numerics._numba import compiled
 
 
 @compiled
-def goal_function(links: Links, wishes: Wishes, theta: FloatArray, gradient: FloatArray) -> float:
+def goal_function(links: Links, targets: GoalArrays, theta: FloatArray, gradient: FloatArray) -> float:
     """Half the sum of squares; fills its gradient (N,)."""
     n = len(theta)
     turns, places, axes = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
@@ -23,22 +23,22 @@ def goal_function(links: Links, wishes: Wishes, theta: FloatArray, gradient: Flo
     gradient[:] = 0.0
     point, off = np.empty(3), np.empty(3)
     total = 0.0
-    for e in range(len(wishes.joint)):
-        carrier = wishes.joint[e]
-        for k in range(-1, wishes.pairs[e]):
+    for e in range(len(targets.joint)):
+        carrier = targets.joint[e]
+        for k in range(-1, targets.pairs[e]):
             if k < 0:
-                weight = wishes.place_weight[e] ** 2
+                weight = targets.place_weight[e] ** 2
                 if weight == 0:
                     continue
-                turned(turns[carrier], wishes.offset[e], point)
+                rotate(turns[carrier], targets.offset[e], point)
                 for i in range(3):
                     point[i] += places[carrier, i]
-                    off[i] = point[i] - wishes.place[e, i]
+                    off[i] = point[i] - targets.place[e, i]
             else:
-                weight = wishes.turn_weight[e] ** 2 * (0.5 if wishes.pairs[e] == 3 else 1.0)
-                turned(turns[carrier], wishes.local[e, k], point)
+                weight = targets.turn_weight[e] ** 2 * (0.5 if targets.pairs[e] == 3 else 1.0)
+                rotate(turns[carrier], targets.local[e, k], point)
                 for i in range(3):
-                    off[i] = point[i] - wishes.world[e, k, i]
+                    off[i] = point[i] - targets.world[e, k, i]
             total += 0.5 * weight * (off[0] ** 2 + off[1] ** 2 + off[2] ** 2)
             j = carrier
             while j >= 0:
@@ -54,7 +54,7 @@ def goal_function(links: Links, wishes: Wishes, theta: FloatArray, gradient: Flo
 
 
 def solve_nonlinear(
-    tree: KinematicTree, wishes: Wishes, theta: FloatArray, iterations: int, tolerance: float,
+    tree: KinematicTree, targets: GoalArrays, theta: FloatArray, iterations: int, tolerance: float,
     constraint: LinearConstraint | None = None,
 ) -> tuple[FloatArray, int]:  # fmt: skip
     """Angles and iterations.
@@ -65,7 +65,7 @@ def solve_nonlinear(
     gradient = np.empty(len(tree))
 
     def value(x: FloatArray) -> tuple[float, FloatArray]:
-        return float(goal_function(tree.links, wishes, np.ascontiguousarray(x), gradient)), gradient.copy()
+        return float(goal_function(tree.links, targets, np.ascontiguousarray(x), gradient)), gradient.copy()
 
     bounds = Bounds(tree.lower, tree.upper)
     if constraint is None:

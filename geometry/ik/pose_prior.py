@@ -17,7 +17,7 @@ from scipy.special import logsumexp
 
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.ik.jacobian import equations, good_enough, rows_of
-from muybridge.geometry.ik.tree import KinematicTree, Links, Wishes, errors
+from muybridge.geometry.ik.tree import GoalArrays, KinematicTree, Links, errors
 from muybridge.geometry.numerics._numba import compiled
 
 
@@ -79,7 +79,7 @@ def fit_prior(
         names: (N,) of the hinges.
         theta: (T, N) radians, poses well apart in time.
         components: of the mixture.
-        floor: radians, added in square to every variance: examples are never all there is.
+        floor: radians, added in square to every variance: examples never cover everything.
         seed: of the first centres.
     """
     rng = np.random.default_rng(seed)
@@ -134,7 +134,7 @@ def likely_step(
     sigma: float,
     links: Links,
 ) -> FloatArray:
-    """(N,) new angles: one Gauss-Newton step on goals and prior; what presses against a limit is held."""
+    """(N,) new angles: one Gauss-Newton step on goals and prior; angles pressed against a limit are held."""
     n = len(theta)
     matrix = jacobian.T @ jacobian / sigma**2 + precision
     slope = jacobian.T @ wanted / sigma**2 - precision @ (theta - mean)
@@ -166,19 +166,19 @@ def likely_step(
 
 @compiled
 def descend(
-    links: Links, wishes: Wishes, theta: FloatArray, mean: FloatArray, precision: FloatArray, iterations: int, near: float,
-    straight: float, first_sigma: float,
+    links: Links, targets: GoalArrays, theta: FloatArray, mean: FloatArray, precision: FloatArray, iterations: int,
+    near: float, straight: float, first_sigma: float,
 ) -> tuple[FloatArray, int, float]:  # fmt: skip
     """From one start with one component: angles, steps and the cost, goals at their last standard deviation."""
-    e_count, m = len(wishes.joint), rows_of(wishes)
+    e_count, m = len(targets.joint), rows_of(targets)
     jacobian, wanted = np.zeros((m, len(theta))), np.zeros(m)
     place, turn = np.zeros(e_count), np.zeros(e_count)
-    sigma, value = first_sigma, errors(links, wishes, theta, place, turn)
+    sigma, value = first_sigma, errors(links, targets, theta, place, turn)
     best, least = theta.copy(), value
     for k in range(iterations):
-        equations(links, wishes, theta, 1.0, jacobian, wanted)
+        equations(links, targets, theta, 1.0, jacobian, wanted)
         theta = likely_step(jacobian, wanted, theta, mean, precision, sigma, links)
-        value = errors(links, wishes, theta, place, turn)
+        value = errors(links, targets, theta, place, turn)
         if value < least:
             best, least = theta.copy(), value
         if good_enough(place, turn, near, straight):
@@ -189,7 +189,7 @@ def descend(
 
 def solve_with_prior(
     tree: KinematicTree,
-    wishes: Wishes,
+    targets: GoalArrays,
     theta: FloatArray,
     prior: PosePrior,
     iterations: int,
@@ -204,7 +204,7 @@ def solve_with_prior(
     for k in order:
         start = tree.clipped(prior.means[k])
         found, count, cost = descend(
-            tree.links, wishes, start, prior.means[k], prior.precisions[k], min(iterations, 60), near, straight, 0.1
+            tree.links, targets, start, prior.means[k], prior.precisions[k], min(iterations, 60), near, straight, 0.1
         )
         total += count
         cost -= 2 * float(prior.log_scale[k])

@@ -12,7 +12,7 @@ from muybridge.geometry.ik.ccd_fabrik import cyclic_descent, fabrik, make_nodes
 from muybridge.geometry.ik.jacobian import DAMPED, NULL_SPACE, PSEUDO_INVERSE, TRANSPOSE, follow_jacobian
 from muybridge.geometry.ik.nonlinear import solve_nonlinear
 from muybridge.geometry.ik.pose_prior import PosePrior, solve_with_prior
-from muybridge.geometry.ik.tree import Goal, KinematicTree, errors, make_wishes
+from muybridge.geometry.ik.tree import Goal, KinematicTree, errors, goal_arrays
 
 _JACOBIAN = {"transpose": TRANSPOSE, "pseudo_inverse": PSEUDO_INVERSE, "damped": DAMPED, "null_space": NULL_SPACE}
 METHODS = (*_JACOBIAN, "ccd", "fabrik", "nonlinear", "gmm_prior")
@@ -75,7 +75,7 @@ def solve_ik(
 
     Args:
         tree: chain or tree.
-        goals: one an effector; out of reach, the least sum of squares is looked for.
+        goals: one per effector; out of reach, the least sum of squares is looked for.
         start: (N,) radians, clipped to the limits; the preferred angles if None.
         method: one of METHODS.
         options: see IkOptions.
@@ -99,35 +99,35 @@ def solve_ik(
         raise ValueError(f"{method!r} takes no constraint between angles: only 'nonlinear' does")
     if (prior is None) != (method != "gmm_prior"):
         raise ValueError("a prior goes with the method 'gmm_prior', and only with it")
-    wishes, links = make_wishes(tree, goals), tree.links
+    targets, links = goal_arrays(tree, goals), tree.links
     theta = tree.clipped(tree.preferred if start is None else start)
     near, straight = options.position_tolerance, options.orientation_tolerance
     if method in _JACOBIAN:
         gains = options.gain * (np.ones(len(tree)) if options.gains is None else np.asarray(options.gains))
         theta, count = follow_jacobian(
-            links, wishes, theta, _JACOBIAN[method], options.iterations, near, straight, options.damping,
+            links, targets, theta, _JACOBIAN[method], options.iterations, near, straight, options.damping,
             options.singular, options.step, np.asarray(tree.preferred, dtype=np.float64), gains, options.patience,
             options.seed,
         )  # fmt: skip
     elif method == "ccd":
         theta, count = cyclic_descent(
-            links, wishes, theta, options.iterations, near, straight, options.patience, options.seed
+            links, targets, theta, options.iterations, near, straight, options.patience, options.seed
         )
     elif method == "fabrik":
         theta, count = fabrik(
-            links, make_nodes(tree), wishes, theta, options.iterations, near, straight, options.patience, options.seed
+            links, make_nodes(tree), targets, theta, options.iterations, near, straight, options.patience, options.seed
         )
     elif method == "nonlinear":
         theta, count = _from_several_starts(tree, goals, theta, options, constraint)
     else:
         assert prior is not None
-        theta, count = solve_with_prior(tree, wishes, theta, prior, options.iterations, near, straight)
+        theta, count = solve_with_prior(tree, targets, theta, prior, options.iterations, near, straight)
     return _judged(tree, goals, theta, count, options)
 
 
 def _judged(tree: KinematicTree, goals: Sequence[Goal], theta: FloatArray, count: int, options: IkOptions) -> IkResult:
     place, turn = np.zeros(len(goals)), np.zeros(len(goals))
-    errors(tree.links, make_wishes(tree, goals), theta, place, turn)
+    errors(tree.links, goal_arrays(tree, goals), theta, place, turn)
     good = place.max() <= options.position_tolerance and turn.max() <= options.orientation_tolerance
     return IkResult(theta, place, turn, int(count), bool(good))
 
@@ -139,9 +139,9 @@ def _from_several_starts(
     options: IkOptions,
     constraint: LinearConstraint | None,
 ) -> tuple[FloatArray, int]:
-    """Local minima are what a quasi-Newton method ends in: from several starts, the best."""
+    """The best of several starts, since a quasi-Newton method ends in local minima."""
     rng = np.random.default_rng(options.seed)
-    wishes = make_wishes(tree, goals)
+    targets = goal_arrays(tree, goals)
     tolerance = 0.01 * min(options.position_tolerance, options.orientation_tolerance)
     best, least, total = theta, np.inf, 0
     place, turn = np.zeros(len(goals)), np.zeros(len(goals))
@@ -150,9 +150,9 @@ def _from_several_starts(
         start = tree.clipped(
             theta + min(0.1 * 2.0 ** (k - 1), 1.0) * (k > 0) * reach * rng.uniform(-0.5, 0.5, len(tree))
         )
-        found, count = solve_nonlinear(tree, wishes, start, options.iterations, tolerance, constraint)
+        found, count = solve_nonlinear(tree, targets, start, options.iterations, tolerance, constraint)
         total += count
-        value = errors(tree.links, wishes, found, place, turn)
+        value = errors(tree.links, targets, found, place, turn)
         if value < least:
             best, least = found, value
         if place.max() <= options.position_tolerance and turn.max() <= options.orientation_tolerance:

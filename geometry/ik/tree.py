@@ -1,6 +1,6 @@
 """Trees of hinges: forward kinematics, goals of their end effectors, and the Jacobian.
 
-Every joint turns about one axis; a ball joint is three joints at one place. The base stands still. Angles are in
+Every joint turns about one axis; a ball joint is three joints at one place. The base is fixed. Angles are in
 radians, lengths in metres; goals are in the base's axes.
 """
 
@@ -22,7 +22,7 @@ from muybridge.geometry.skeleton.skeleton import Skeleton, require_one_rigid_tre
 
 
 class Links(NamedTuple):
-    """A tree as the kernels want it."""
+    """A tree, for the kernels."""
 
     parents: IntArray  # (N,)
     offsets: FloatArray  # (N, 3) from the parent's place, in the axes after the parent's turn
@@ -31,8 +31,8 @@ class Links(NamedTuple):
     upper: FloatArray  # (N,)
 
 
-class Wishes(NamedTuple):
-    """Goals as the kernels want them: places, and pairs of a local axis and the direction it should have."""
+class GoalArrays(NamedTuple):
+    """Goals, for the kernels: places, and pairs of a local axis and the direction it should have."""
 
     joint: IntArray  # (E,)
     offset: FloatArray  # (E, 3)
@@ -41,7 +41,12 @@ class Wishes(NamedTuple):
     local: FloatArray  # (E, 3, 3) rows are axes in the effector's own axes
     world: FloatArray  # (E, 3, 3) rows are the directions they should have
     pairs: IntArray  # (E,) how many rows count: 0, 1 (a direction) or 3 (an orientation)
-    turn_weight: FloatArray  # (E,) metres a radian
+    turn_weight: FloatArray  # (E,) metres per radian
+
+
+# The former name: kernels that were compiled before and lie in numba's cache refer to it, and numba looks it up before
+# it sees that they are out of date.
+Wishes = GoalArrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +54,7 @@ class KinematicTree:
     """Hinges, parents before children, on a base that does not move.
 
     Attributes:
-        names: (N,) one a joint; the hinges of a ball joint have a name each.
+        names: (N,) one per joint; the hinges of a ball joint have a name each.
         parents: (N,) -1 where the joint is on the base.
         offsets: (N, 3) metres from the parent's place, in the parent's axes.
         axes: (N, 3) unit vectors that the joints turn about, in the parent's axes.
@@ -103,7 +108,7 @@ class KinematicTree:
         return turns, places
 
     def reach(self, joint: int, offset: FloatArray) -> float:
-        """Longest way from the base's end to a point on a joint: the sum of the links."""
+        """Longest distance from the base to a point on a joint: the sum of the links."""
         total = float(np.linalg.norm(offset))
         while joint >= 0:
             if self.parents[joint] >= 0:
@@ -113,13 +118,13 @@ class KinematicTree:
 
     def jacobian(self, theta: FloatArray, goals: Sequence[Goal]) -> FloatArray:
         """(6 E, N) unweighted: place and turn of each effector by each angle."""
-        wishes = make_wishes(self, goals)
+        targets = goal_arrays(self, goals)
         n = len(self)
         turns, places, axes = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
         forward(self.links, np.asarray(theta, dtype=np.float64), turns, places, axes)
         out = np.zeros((6 * len(goals), n))
         for e, goal in enumerate(goals):
-            point = places[goal.joint] + turns[goal.joint] @ wishes.offset[e]
+            point = places[goal.joint] + turns[goal.joint] @ targets.offset[e]
             j = goal.joint
             while j >= 0:
                 out[6 * e : 6 * e + 3, j] = np.cross(axes[j], point - places[j])
@@ -139,7 +144,7 @@ class Goal:
         orientation: (3, 3) base from effector, or None.
         direction: (local axis (3,), base direction (3,)), unit vectors: this axis should point there; or None.
         position_weight: of metres.
-        orientation_weight: metres a radian: what an orientation or direction counts beside a position.
+        orientation_weight: metres per radian: what an orientation or direction counts beside a position.
     """
 
     joint: int
@@ -151,7 +156,7 @@ class Goal:
     orientation_weight: float = 0.2
 
 
-def make_wishes(tree: KinematicTree, goals: Sequence[Goal]) -> Wishes:
+def goal_arrays(tree: KinematicTree, goals: Sequence[Goal]) -> GoalArrays:
     """Goals for the kernels.
 
     Raises:
@@ -160,7 +165,7 @@ def make_wishes(tree: KinematicTree, goals: Sequence[Goal]) -> Wishes:
     if not goals:
         raise ValueError("at least one goal is needed")
     e = len(goals)
-    out = Wishes(
+    out = GoalArrays(
         np.array([g.joint for g in goals], dtype=np.int64),
         np.array([g.offset for g in goals], dtype=np.float64).reshape(e, 3),
         np.zeros((e, 3)), np.zeros(e), np.zeros((e, 3, 3)), np.zeros((e, 3, 3)),
@@ -225,8 +230,8 @@ def tree_of_skeleton(skeleton: Skeleton, preferred: FloatArray | None = None) ->
             low, high = float(skeleton.lower[j, axis]), float(skeleton.upper[j, axis])
             if high - low <= 1e-9:
                 continue
-            wish = float(np.clip(0.0 if preferred is None else preferred[j, axis], low, high))
-            rows.append((offset, np.eye(3)[axis], low, high, wish))
+            target = float(np.clip(0.0 if preferred is None else preferred[j, axis], low, high))
+            rows.append((offset, np.eye(3)[axis], low, high, target))
             names.append(f"{skeleton.names[j]}.{'xyz'[axis]}")
             parents.append(int(last[j]))
             last[j], offset = len(names) - 1, np.zeros(3)
@@ -286,14 +291,14 @@ def forward_from(
 
 
 @compiled
-def turned(r: FloatArray, v: FloatArray, out: FloatArray) -> None:
+def rotate(r: FloatArray, v: FloatArray, out: FloatArray) -> None:
     """`r v`."""
     for i in range(3):
         out[i] = r[i, 0] * v[0] + r[i, 1] * v[1] + r[i, 2] * v[2]
 
 
 @compiled
-def turn_error(r: FloatArray, local: FloatArray, world: FloatArray, pairs: int, out: FloatArray) -> float:
+def rotation_error(r: FloatArray, local: FloatArray, world: FloatArray, pairs: int, out: FloatArray) -> float:
     """(3,) rotation vector that brings the effector's axes where they should be, in the base's axes; its length."""
     v = np.empty(3)
     out[:] = 0.0
@@ -301,7 +306,7 @@ def turn_error(r: FloatArray, local: FloatArray, world: FloatArray, pairs: int, 
         return 0.0
     cosine = 0.0
     for k in range(pairs):
-        turned(r, local[k], v)
+        rotate(r, local[k], v)
         w = world[k]
         out[0] += v[1] * w[2] - v[2] * w[1]
         out[1] += v[2] * w[0] - v[0] * w[2]
@@ -317,7 +322,7 @@ def turn_error(r: FloatArray, local: FloatArray, world: FloatArray, pairs: int, 
         out[:] *= angle / sine
     elif cosine < 0:
         # Half a turn off: any axis at right angles to the first pair will do to get away.
-        turned(r, local[0], v)
+        rotate(r, local[0], v)
         i = 0 if abs(v[0]) < 0.6 else 1
         unit = np.zeros(3)
         unit[i] = 1.0
@@ -331,7 +336,7 @@ def turn_error(r: FloatArray, local: FloatArray, world: FloatArray, pairs: int, 
 
 
 @compiled
-def errors(links: Links, wishes: Wishes, theta: FloatArray, place: FloatArray, turn: FloatArray) -> float:
+def errors(links: Links, targets: GoalArrays, theta: FloatArray, place: FloatArray, turn: FloatArray) -> float:
     """Fills (E,) metres and (E,) radians of how far the goals are off (0 where not asked for); the weighted sum of
     squares."""
     n = len(links.parents)
@@ -339,17 +344,17 @@ def errors(links: Links, wishes: Wishes, theta: FloatArray, place: FloatArray, t
     forward(links, theta, turns, places, axes)
     point, v = np.empty(3), np.empty(3)
     total = 0.0
-    for e in range(len(wishes.joint)):
-        j = wishes.joint[e]
+    for e in range(len(targets.joint)):
+        j = targets.joint[e]
         place[e] = turn[e] = 0.0
-        if wishes.place_weight[e] > 0:
-            turned(turns[j], wishes.offset[e], point)
+        if targets.place_weight[e] > 0:
+            rotate(turns[j], targets.offset[e], point)
             square = 0.0
             for i in range(3):
-                square += (wishes.place[e, i] - point[i] - places[j, i]) ** 2
+                square += (targets.place[e, i] - point[i] - places[j, i]) ** 2
             place[e] = math.sqrt(square)
-            total += wishes.place_weight[e] ** 2 * square
-        if wishes.pairs[e] > 0:
-            turn[e] = turn_error(turns[j], wishes.local[e], wishes.world[e], wishes.pairs[e], v)
-            total += (wishes.turn_weight[e] * turn[e]) ** 2
+            total += targets.place_weight[e] ** 2 * square
+        if targets.pairs[e] > 0:
+            turn[e] = rotation_error(turns[j], targets.local[e], targets.world[e], targets.pairs[e], v)
+            total += (targets.turn_weight[e] * turn[e]) ** 2
     return total

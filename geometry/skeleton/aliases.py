@@ -1,6 +1,6 @@
-"""What other programs call the landmarks of BODY23, and the markers of SURFACE.
+"""Names that other programs give the landmarks of BODY23 and the markers of SURFACE.
 
-Understood are the spellings of COCO, HALPE, OpenPose and Pose2Sim, MediaPipe, and names of joints in skeletons;
+Recognised are the spellings of COCO, HALPE, OpenPose and Pose2Sim, MediaPipe, and names of joints in skeletons;
 labels of Plug-in Gait and the CMU marker set; each with or without a subject's name before a colon.
 
 Sources: T.-Y. Lin and others, Microsoft COCO, 2014; H.-S. Fang and others, HALPE full-body, 2022; OpenPose's BODY_25
@@ -21,7 +21,7 @@ _PARTS = {
     "smalltoe": "small_toe", "littletoe": "small_toe", "toesmall": "small_toe", "pinkytoe": "small_toe",
 }  # fmt: skip
 _SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
-# Where a skeleton's joint stands is where the landmark is.
+# Landmarks that coincide with a skeleton's joint.
 _LANDMARK_OF_ROLE = {
     "upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist", "thigh": "hip", "shin": "knee", "foot": "ankle",
 }  # fmt: skip
@@ -61,9 +61,9 @@ def body_landmark(name: str) -> str | None:
 
 
 def map_body(names: Sequence[str]) -> dict[str, int]:
-    """Landmark of BODY23 -> index in `names`, by what the names mean; the first of several counts.
+    """Landmark of BODY23 -> index in `names`, by the meaning of the names; the first of several counts.
 
-    Names of a skeleton's joints are understood too, as a shoulder is where the upper arm begins. Of several subjects
+    Names of a skeleton's joints are recognised too: a shoulder is where the upper arm begins. Of several subjects
     the one with most landmarks is taken.
     """
     return of_one_subject(names, _map_body)
@@ -75,7 +75,7 @@ def _map_body(names: Sequence[str]) -> dict[str, int]:
         landmark = body_landmark(name)
         if landmark is not None:
             out.setdefault(landmark, i)
-    # A skeleton's `LeftShoulder` may be a collar bone, and its hand begin beyond the wrist: names say which.
+    # A skeleton's `LeftShoulder` may be a collar bone, and its hand begin beyond the wrist; roles decide.
     for role, i in roles_of(names).items():
         side, _, part = role.partition("_")
         landmark = f"{side}_{_LANDMARK_OF_ROLE.get(part, '')}"
@@ -100,21 +100,21 @@ def _map_surface(names: Sequence[str]) -> dict[str, int]:
 
 
 def _label(name: str) -> str:
-    """A marker's label in capitals, without what stands before a colon or, where it is no label with it, an
-    underscore."""
+    """A marker's label in capitals, without a prefix that ends in a colon or, if the whole is no label,
+    in an underscore."""
     plain = name.rsplit(":", 1)[-1].strip().upper()
     return plain if plain in _MARKER_OF_LABEL else plain.rsplit("_", 1)[-1]
 
 
 def subject_of(name: str) -> str:
-    """Whom a label belongs to, by what stands before its colon or before a known marker's label; "" if nothing does."""
+    """The subject of a label: its prefix before a colon or before a known marker's label; "" without a prefix."""
     label, colon = _label(name), name.rfind(":") + 1
     name = name.rstrip()
     return (name[: -len(label)] if label in _MARKER_OF_LABEL else name[:colon]).strip().rstrip(":_")
 
 
 def of_one_subject(names: Sequence[str], find: Callable[[Sequence[str]], dict[str, int]]) -> dict[str, int]:
-    """What `find` finds among the names of one subject, as indices in `names`: of the one that it finds most of."""
+    """The result of `find` for the subject of which it finds most, as indices in `names`."""
     best: dict[str, int] = {}
     for columns in _columns_of_subjects(names).values():
         found = {key: columns[i] for key, i in find([names[i] for i in columns]).items()}
@@ -123,7 +123,7 @@ def of_one_subject(names: Sequence[str], find: Callable[[Sequence[str]], dict[st
 
 
 def one_of_several(names: Sequence[str], used: Sequence[int]) -> str:
-    """One sentence on whose labels were used where the names are those of several people; else empty."""
+    """One sentence that names the subject whose labels are used, where there are several subjects; else empty."""
     known = {
         subject: max(len(_map_body(mine)), len(_map_surface(mine)))
         for subject, columns in _columns_of_subjects(names).items()

@@ -1,4 +1,4 @@
-"""Joint centres found from movement: SCoRE and sphere fits."""
+"""Functional joint centres, from movement: SCoRE and sphere fits."""
 
 from dataclasses import dataclass
 
@@ -26,8 +26,9 @@ class Centre:
 
 
 def segment_poses(points: FloatArray, reference: FloatArray | None = None) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """How a rigid cluster of markers moves: rotations (T, 3, 3), origins (T, 3), reference (K, 3); NaN where fewer than
-    three of its markers are known.
+    """Poses of a rigid cluster of markers: rotations (T, 3, 3), origins (T, 3), reference (K, 3).
+
+    NaN where fewer than three of its markers are known.
 
     Args:
         points: (T, K, 3) metres.
@@ -117,7 +118,7 @@ def sphere_centre(points: FloatArray, rounds: int = 30, student_dof: float = 4.0
     tracks = [points[np.isfinite(points[:, k]).all(-1), k] for k in range(points.shape[1])]
     tracks = [p for p in tracks if len(p) >= 4]
     if not tracks:
-        raise ValueError("no marker is known in four frames or more, so it tells no centre")
+        raise ValueError("no marker is known in at least four frames, so there is no centre")
     matrix, fixed = np.zeros((3, 3)), np.zeros(3)
     origin = np.concatenate(tracks).mean(0)
     for p in tracks:
@@ -125,7 +126,7 @@ def sphere_centre(points: FloatArray, rounds: int = 30, student_dof: float = 4.0
         matrix += 2 * off.T @ off / len(p)
         fixed += (square - square.mean()) @ off / len(p)
     if np.linalg.cond(matrix) > 1e7:
-        raise ValueError("the markers hardly move about the centre: it cannot be told")
+        raise ValueError("the markers hardly move about the centre, so it cannot be determined")
     centre = origin + np.linalg.solve(matrix, fixed)
     if not rounds:
         return centre, float(np.sqrt(np.mean([np.var(np.linalg.norm(p - centre, axis=-1)) for p in tracks])))

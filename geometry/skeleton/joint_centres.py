@@ -133,7 +133,7 @@ METHODS = ("midpoint", "plane", "harrington", "bell", "davis", "functional")
 
 
 def centres_from_markers(points_world: FloatArray, index: dict[str, int], methods: tuple[str, ...]) -> JointCentres:
-    """Every joint centre that the markers and the methods tell; of two methods for one joint the first counts.
+    """All joint centres that the markers and the methods determine; of two methods for one joint the first counts.
 
     Args:
         points_world: (T, M, 3) metres, NaN where missing.
@@ -173,7 +173,7 @@ def _hinges(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int]
         other = points[:, index[f"{_OTHER[side]}_{outside}"]] if f"{_OTHER[side]}_{outside}" in index else None
         upper = at.get(above, at.get("asis"))
         if method == "plane" and outside in at and below in at and upper is not None and other is not None:
-            # The two sides' markers tell roughly where inward is; arms and legs may cross for some frames.
+            # The markers of both sides give roughly the inward direction; arms and legs may cross for some frames.
             inward = np.where(np.isfinite(other), other - at[outside], 0.0)
             out[joint] = plane_centre(upper, at[outside], at[below], _HALF_WIDTH[joint], inward), _SIGMA[method]
     if method == "midpoint" and "radial_styloid" in at and "ulnar_styloid" in at:
@@ -237,7 +237,7 @@ def _functional(at: dict[str, FloatArray], points: FloatArray, index: dict[str, 
             centre, spread = sphere_centre(local)
         except ValueError:
             continue
-        # How well the motion tells it: the spread of the markers over the sphere against the noise.
+        # How well the motion determines it: the spread of the markers over the sphere against the noise.
         known = local[np.isfinite(local).all((1, 2))]
         if len(known) < 20:
             continue

@@ -45,7 +45,7 @@ class _Markers:
 
 
 def landmarks_from_markers(points: Points3D, index: dict[str, int]) -> Points3D:
-    """The points of BODY23 that the markers tell, with a covariance that says how well.
+    """The points of BODY23 that the markers determine, with their covariance.
 
     Args:
         points: (T, M, 3) metres; NaN where missing.
@@ -117,7 +117,7 @@ def _leg(markers: _Markers, out: dict[str, FloatArray], side: str, outward: Floa
     thigh = _or(markers[f"{side}_thigh_distal"], markers[f"{side}_thigh_proximal"])
     shank = _or(markers[f"{side}_shank_distal"], markers[f"{side}_shank_proximal"])
     inside = markers[f"{side}_knee_medial"]
-    # A marker on the side of the thigh tells how the leg is turned; the pelvis, where it was put by eye.
+    # A marker on the side of the thigh determines the rotation of the leg; the pelvis, where it was placed by eye.
     to_side = _unit(_across(thigh - hip, _unit(knee_marker - hip)))
     outward = np.where(np.isfinite(to_side), to_side + outward, outward)
     knee = _chord(hip, knee_marker, outward, _HALF_WIDTH["knee"])

@@ -37,7 +37,7 @@ class Motion:
         if self.quat_wxyz.shape != (t, len(self.skeleton), 4):
             raise ValueError(
                 f"quat_wxyz must be {(t, len(self.skeleton), 4)}, as root_positions_world and the skeleton "
-                f"say, not {self.quat_wxyz.shape}"
+                f"require, not {self.quat_wxyz.shape}"
             )
         count = len(self.skeleton.sliding)
         shape = None if self.translations is None else self.translations.shape

@@ -8,10 +8,10 @@ Biovision's own files; Mixamo: its FBX downloads; HumanIK: Autodesk MotionBuilde
 mannequin of Epic Games; VRM: vrm-specification 1.0, "humanoid"; SMPL-H: J. Romero, D. Tzionas, M. J. Black, "Embodied
 hands", 2017; OpenSim: the bodies of A. Rajagopal and others, 2016, and of gait2392.
 
-Sources of the ranges: as in `muybridge.geometry.skeleton.body` (American Academy of Orthopaedic Surgeons, Joint Motion, 1965;
-I. A. Kapandji, The Physiology of the Joints), and of the same: forearm, pronation and supination 80; wrist, flexion
-80, extension 70, radial deviation 20, ulnar 30; knee, rotation 30 inward and 40 outward when bent; toes, extension 70,
-flexion 40; fingers, MCP -45 to 90, PIP 0 to 100, DIP 0 to 90.
+Sources of the ranges: as in `muybridge.geometry.skeleton.body` (American Academy of Orthopaedic Surgeons, Joint Motion,
+1965; I. A. Kapandji, The Physiology of the Joints), and of the same: forearm, pronation and supination 80; wrist,
+flexion 80, extension 70, radial deviation 20, ulnar 30; knee, rotation 30 inward and 40 outward when bent; toes,
+extension 70, flexion 40; fingers, MCP -45 to 90, PIP 0 to 100, DIP 0 to 90.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""One body, of bones that keep their lengths, through joints that were each told by themselves."""
+"""A body of constant bone lengths, fitted to joints that were each estimated independently."""
 
 from dataclasses import replace
 
@@ -8,14 +8,14 @@ from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.numerics.rotations import exp_so3, log_so3
 from muybridge.geometry.skeleton.skeleton import Skeleton, require_one_rigid_tree
 
-# What a joint's told place and rotation are off, metres and radians: how far each yields to the other.
+# Standard deviations of an estimated position and rotation, metres and radians: their weights against each other.
 PLACE, TURN = 0.004, 0.03
 _ROUNDS = 3
 _STRETCH = 1000
 
 
 def body_through(skeleton: Skeleton, turns: FloatArray, places: FloatArray) -> tuple[Skeleton, FloatArray, FloatArray]:
-    """The skeleton, root and rotations that come nearest to joints told in the world.
+    """The skeleton, root and rotations that are nearest to joints estimated in the world.
 
     Least squares over each frame's root and rotations, in turn with the bones, which are one for the take
     (Gauss-Newton; rotations in the world are the unknowns, so that a place depends on its ancestors' alone).
@@ -55,8 +55,8 @@ def _nearer(
     parents: IndexArray,
     turns: FloatArray,
     root: FloatArray,
-    told_turns: FloatArray,
-    told_places: FloatArray,
+    target_turns: FloatArray,
+    target_places: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """One Gauss-Newton step: rotations (T, J, 3, 3) and root (T, 3)."""
     t, size = turns.shape[:2]
@@ -72,9 +72,9 @@ def _nearer(
         own, none = 3 + 3 * parent, np.zeros(t)
         slope[:, j, :, own : own + 3] += np.stack([none, z, -y, -z, none, x, y, -x, none], -1).reshape(t, 3, 3)
     a = slope.reshape(t, 3 * size, -1) / PLACE
-    off = (told_places - at).reshape(t, -1, 1) / PLACE
-    # Left perturbation: R = exp(w) R; what is left to the told rotation is its own target.
-    left = log_so3(told_turns @ np.swapaxes(turns, -1, -2)).reshape(t, -1)
+    off = (target_places - at).reshape(t, -1, 1) / PLACE
+    # Left perturbation: R = exp(w) R; the remainder to the estimated rotation is its own target.
+    left = log_so3(target_turns @ np.swapaxes(turns, -1, -2)).reshape(t, -1)
     held = np.r_[np.zeros(3), np.full(3 * size, TURN**-2)]
     right = np.swapaxes(a, 1, 2) @ off
     right[:, 3:, 0] += left / TURN**2

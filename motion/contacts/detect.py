@@ -16,7 +16,7 @@ from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.contacts.footskate import contact_spans
 
 FEET = ("left", "right")
-_USUAL_LEG_M = 0.85  # hip to ankle of an adult, for whom the thresholds are
+_USUAL_LEG_M = 0.85  # hip to ankle of an adult, whom the thresholds fit
 
 
 @dataclass(frozen=True)

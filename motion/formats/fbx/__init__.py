@@ -1,4 +1,4 @@
-"""Binary FBX: read and written."""
+"""Reading and writing binary FBX."""
 
 import lazy_loader as _lazy
 

@@ -84,7 +84,7 @@ class Table:
 
 
 def write_fbx_nodes(path: Path, nodes: list[Node]) -> None:
-    """Writes a file of these nodes; OutputError where it cannot be written."""
+    """Write a file of these nodes; OutputError where it cannot be written."""
     body = bytearray(MAGIC + struct.pack("<I", VERSION))
     for node in nodes:
         _append(body, node)
@@ -205,7 +205,7 @@ class _Reader:
         if at > limit:
             raise ValueError("an array runs beyond its node")
         if packed:
-            # No more than it says: a small file may hold a huge one.
+            # Limited to the stated size: a small file may unpack to a huge one.
             raw = zlib.decompressobj().decompress(raw, size + 1)
         if len(raw) != size:
             raise ValueError(f"an array of {count} values has {len(raw)} bytes, not {size}")

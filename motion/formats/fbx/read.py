@@ -1,4 +1,4 @@
-"""Reading a skeleton and its animation out of a binary FBX file, whoever made it."""
+"""Reading a skeleton and its animation from a binary FBX file, whichever program wrote it."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.fbx.container import read_fbx_nodes
-from muybridge.motion.formats.fbx.scene import Complaint, Model, Scene, read_scene
+from muybridge.motion.formats.fbx.scene import ErrorFactory, Model, Scene, read_scene
 from muybridge.motion.formats.skeletal.joint_frames import frame_times, motion_from_frames
 
 _DEFAULT_FPS = 30.0
@@ -28,11 +28,12 @@ def read_fbx(path: Path, clip: str | int | None = None) -> tuple[Motion, tuple[s
 
     Returns:
         A Motion at the frame rate of the keys, or the file's where they lie farther apart; one frame where nothing
-        moves. Its rest pose is the one that a skin or a pose binds, else that of no rotation. And what was left out,
-        one sentence each.
+        moves. Its rest pose is the bind pose of a skin or a pose, else that of no rotation. And notices of what was
+        left out, one sentence each.
 
     Raises:
-        FormatError: malformed, text, no skeleton, no such clip (the message lists those there are), or joints below a node that stretches or mirrors.
+        FormatError: malformed, text, no skeleton, no such clip (the message lists those there are), or
+            joints below a node that stretches or mirrors.
     """
 
     def error(problem: str, remedy: str = "export_fbx") -> FormatError:
@@ -41,10 +42,10 @@ def read_fbx(path: Path, clip: str | int | None = None) -> tuple[Motion, tuple[s
     try:
         return _read(Path(path), clip, error)
     except (TypeError, ValueError, IndexError, OverflowError) as problem:
-        raise error(f"is not as FBX is known to be ({type(problem).__name__}: {problem})") from problem
+        raise error(f"is not valid FBX ({type(problem).__name__}: {problem})") from problem
 
 
-def _read(path: Path, clip: str | int | None, error: Complaint) -> tuple[Motion, tuple[str, ...]]:
+def _read(path: Path, clip: str | int | None, error: ErrorFactory) -> tuple[Motion, tuple[str, ...]]:
     scene = read_scene(read_fbx_nodes(path), error, clip)
     above = {n: _above(scene, n, error) for n, m in scene.models.items() if m.kind in _LIMBS}
     if not above:
@@ -63,7 +64,7 @@ def _read(path: Path, clip: str | int | None, error: Complaint) -> tuple[Motion,
     return _motion(scene, trees[largest], error), tuple(notices)
 
 
-def _above(scene: Scene, number: int, error: Complaint) -> list[int]:
+def _above(scene: Scene, number: int, error: ErrorFactory) -> list[int]:
     """A model and those above it, the topmost first."""
     line: list[int] = []
     while number:
@@ -74,8 +75,8 @@ def _above(scene: Scene, number: int, error: Complaint) -> list[int]:
     return line
 
 
-def _motion(scene: Scene, lines: list[list[int]], error: Complaint) -> Motion:
-    """The motion of the limbs at the ends of `lines`, each with the models above it, and of what is between them."""
+def _motion(scene: Scene, lines: list[list[int]], error: ErrorFactory) -> Motion:
+    """The motion of the limbs at the ends of `lines`, each with the models above it, and of the models between them."""
     limbs = {line[-1] for line in lines}
     wanted: set[int] = set()
     for line in lines:
@@ -118,7 +119,7 @@ def _bound_translations(scene: Scene, order: list[int]) -> FloatArray:
 
 
 def _parents_first(scene: Scene, wanted: set[int]) -> list[int]:
-    """As they come in the file, but none before its parent."""
+    """In the order of the file, but none before its parent."""
     order: list[int] = []
     while len(order) < len(wanted):
         for n in scene.models:
@@ -134,7 +135,7 @@ def _is_end(scene: Scene, number: int, children: dict[int, list[int]]) -> bool:
     return named and not children[number] and not model.curves
 
 
-def _even_times(scene: Scene, order: list[int], error: Complaint) -> tuple[float, FloatArray]:
+def _even_times(scene: Scene, order: list[int], error: ErrorFactory) -> tuple[float, FloatArray]:
     curves = [curve for n in order for curve in scene.models[n].curves.values()]
     fps = scene.fps if np.isfinite(scene.fps) else _DEFAULT_FPS
     if not curves:
@@ -150,7 +151,7 @@ def _even_times(scene: Scene, order: list[int], error: Complaint) -> tuple[float
 
 
 def _forward(
-    scene: Scene, order: list[int], times: FloatArray, error: Complaint
+    scene: Scene, order: list[int], times: FloatArray, error: ErrorFactory
 ) -> tuple[dict[int, FloatArray], dict[int, FloatArray], dict[int, float]]:
     """Orientation (T, 3, 3), place (T, 3) and size in the scene of models, parents first."""
     turns: dict[int, FloatArray] = {0: np.broadcast_to(np.eye(3), (len(times), 3, 3))}
@@ -170,7 +171,7 @@ def _forward(
     return turns, places, sizes
 
 
-def _size(model: Model, times: FloatArray, error: Complaint) -> float:
+def _size(model: Model, times: FloatArray, error: ErrorFactory) -> float:
     scale = model.over_time("Lcl Scaling", times)
     size = float(scale[0, 0])
     if not size > 0 or np.abs(scale - size).max() > 1e-3 * size:
@@ -179,7 +180,7 @@ def _size(model: Model, times: FloatArray, error: Complaint) -> float:
 
 
 def _rest(scene: Scene, above: list[int], order: list[int]) -> dict[int, FloatArray]:
-    """World from joint at rest, (3, 3) each: as bound, else as its node stands without rotation of its own."""
+    """World from joint at rest, (3, 3) each: as bound, else as its node is without rotation of its own."""
     still = np.zeros((1, 3))
     rest: dict[int, FloatArray] = {0: np.eye(3)}
     for n in above:

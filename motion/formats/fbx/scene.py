@@ -1,4 +1,4 @@
-"""What an FBX file's objects say: models that stand under each other, their curves, the poses that skins are bound in.
+"""The objects of an FBX file: its tree of models, their curves, and the poses that skins are bound in.
 
 Sources beside the files themselves: the order of a node's transforms is Autodesk's own ("Computing transformation
 matrices", FBX SDK help): T Roff Rp Rpre R Rpost^-1 Rp^-1 Soff Sp S Sp^-1.
@@ -17,17 +17,17 @@ from muybridge.motion.formats.clip_choice import choose_clip
 from muybridge.motion.formats.fbx.container import Node, Property
 from muybridge.motion.formats.skeletal.joint_frames import different_names
 
-Complaint = Callable[..., FormatError]
+ErrorFactory = Callable[..., FormatError]
 Table = Mapping[str, tuple[Property, ...]]
 Links = Sequence[tuple[Property, ...]]
 Objects = Mapping[Any, Node]
 
 TICKS_A_SECOND = 46186158000
-# Frames a second by their numbers; 14 is any other. Of two of one rate the first is what is written.
+# Frames per second by their numbers; 14 is any other. Of two of one rate the first is what is written.
 RATES = {1: 120.0, 2: 100.0, 3: 60.0, 4: 50.0, 5: 48.0, 6: 30.0, 7: 30.0, 8: 30 / 1.001, 9: 30 / 1.001, 10: 25.0,
          11: 24.0, 12: 1000.0, 13: 24 / 1.001, 15: 96.0, 16: 72.0, 17: 60 / 1.001}  # fmt: skip
 CUSTOM_RATE = 14
-# Of a node's rotation, by its number; 6 is "spheric", which nobody writes.
+# Of a node's rotation, by its number; 6 is "spheric", which no program writes.
 ORDERS = ("XYZ", "XZY", "YZX", "YXZ", "ZXY", "ZYX")
 _CONSTANT, _LINEAR, _CUBIC = 2, 4, 8
 _USER_TANGENTS = 0x400
@@ -44,8 +44,8 @@ class Curve:
     Attributes:
         times: (K,) seconds, ascending.
         values: (K,).
-        kinds: (K,) how it goes on from each key: 2 as it is, 4 straight, 8 by a cubic.
-        slopes: (K, 2) a second, out of each key and into the next; NaN where the file leaves them to the program.
+        kinds: (K,) interpolation after each key: 2 constant, 4 linear, 8 cubic.
+        slopes: (K, 2) per second, out of each key and into the next; NaN where the file does not state them.
     """
 
     times: FloatArray
@@ -54,7 +54,7 @@ class Curve:
     slopes: FloatArray
 
     def at(self, times: FloatArray) -> FloatArray:
-        """(T,) values; before the first and after the last key theirs."""
+        """(T,) values, constant before the first and after the last key."""
         if len(self.times) == 1:
             return np.full(len(times), self.values[0])
         t = np.clip(times, self.times[0], self.times[-1])
@@ -73,17 +73,17 @@ class Curve:
         return np.select([self.kinds[k] == _CONSTANT, self.kinds[k] == _CUBIC], [held, cubic], straight)
 
     def _tangents(self) -> tuple[FloatArray, FloatArray]:
-        """(K - 1,) slopes out of each key and into the next; those that are not told as of a smooth curve through the
-        keys, flat where it turns."""
+        """(K - 1,) slopes out of each key and into the next; unstated ones as of a smooth curve through the keys,
+        flat where it turns."""
         step, rise = np.diff(self.times), np.diff(self.values)
         smooth = np.zeros(len(self.times))
         turns = rise[1:] * rise[:-1] <= 0
         smooth[1:-1] = np.where(turns, 0.0, (rise[1:] + rise[:-1]) / (step[1:] + step[:-1]))
         smooth[0], smooth[-1] = rise[0] / step[0], rise[-1] / step[-1]
-        told = self.slopes[:-1]
+        stated = self.slopes[:-1]
         return (
-            np.where(np.isfinite(told[:, 0]), told[:, 0], smooth[:-1]),
-            np.where(np.isfinite(told[:, 1]), told[:, 1], smooth[1:]),
+            np.where(np.isfinite(stated[:, 0]), stated[:, 0], smooth[:-1]),
+            np.where(np.isfinite(stated[:, 1]), stated[:, 1], smooth[1:]),
         )
 
 
@@ -93,7 +93,7 @@ class Model:
 
     Attributes:
         name, kind: `kind` is LimbNode, Null, Root, Mesh, ...
-        parent: number of the model that it stands under, 0 for the scene.
+        parent: number of the model of its parent, 0 for the scene.
         vectors: its transforms, by their names in the file; degrees and the file's units.
         order: of its rotation: three axes, the first turned about first.
         curves: by the name of the transform and the axis ("X").
@@ -135,7 +135,7 @@ class Scene:
         bound: (4, 4) world from model, columns as in mathematics, of models that a skin or a pose binds.
         metres: that one of the file's units is.
         axes: (3, 3) our world (Z up) from the file's.
-        fps: what the file says, NaN where it says nothing.
+        fps: as the file states it, NaN where it does not.
         clips: names of its animation stacks.
     """
 
@@ -147,7 +147,7 @@ class Scene:
     clips: tuple[str, ...]
 
 
-def read_scene(top: Node, error: Complaint, clip: str | int | None = None) -> Scene:
+def read_scene(top: Node, error: ErrorFactory, clip: str | int | None = None) -> Scene:
     """The scene of a file's nodes, moved by one of its animations (None: the first); `error` makes exceptions."""
     objects = {n.properties[0]: n for section in top.all("Objects") for n in section.children or [] if n.properties}
     links = [c.properties for section in top.all("Connections") for c in section.all("C") if len(c.properties) >= 3]
@@ -175,7 +175,7 @@ def _properties(node: Node) -> Table:
 
 
 def _template(top: Node) -> Table:
-    """What models have that say nothing else."""
+    """Properties of models that do not set them."""
     for definitions in top.all("Definitions"):
         for kind in definitions.all("ObjectType"):
             if kind.properties[:1] == ("Model",):
@@ -184,7 +184,7 @@ def _template(top: Node) -> Table:
     return {}
 
 
-def _model(node: Node, defaults: Table, error: Complaint) -> Model:
+def _model(node: Node, defaults: Table, error: ErrorFactory) -> Model:
     name, kind = (str(p) for p in (*node.properties[1:3], "", "")[:2])
     name = name.split("\x00")[0]
     own = {**defaults, **_properties(node)}
@@ -206,8 +206,8 @@ def _model(node: Node, defaults: Table, error: Complaint) -> Model:
     return Model(name, kind, 0, vectors, ORDERS[order])
 
 
-def _animate(models: dict[int, Model], objects: Objects, links: Links, stack: object, error: Complaint) -> None:
-    """Gives the models the curves of the animation stack of this number."""
+def _animate(models: dict[int, Model], objects: Objects, links: Links, stack: object, error: ErrorFactory) -> None:
+    """Give the models the curves of the animation stack of this number."""
     of_kind = {kind: {n for n, o in objects.items() if o.name == kind}
                for kind in ("AnimationLayer", "AnimationCurveNode", "AnimationCurve")}  # fmt: skip
     layers = {link[1] for link in links if link[1] in of_kind["AnimationLayer"] and link[2] == stack}
@@ -229,11 +229,11 @@ def _animate(models: dict[int, Model], objects: Objects, links: Links, stack: ob
             models[model].curves[what, axis] = curve  # type: ignore[index]
 
 
-def _curve(node: Node, error: Complaint) -> Curve | None:
+def _curve(node: Node, error: ErrorFactory) -> Curve | None:
     def array(name: str) -> FloatArray:
         found = next((n.properties[0] for n in node.all(name) if n.properties), None)
         if found is not None and not isinstance(found, np.ndarray):
-            raise error(f"a curve's {name} is no list of numbers")
+            raise error(f"a curve's {name} is not a list of numbers")
         return np.zeros(0) if found is None else np.asarray(found, dtype=np.float64)
 
     times, values = array("KeyTime") / TICKS_A_SECOND, array("KeyValueFloat")
@@ -246,8 +246,8 @@ def _curve(node: Node, error: Complaint) -> Curve | None:
     if len(flags) == len(counts) and len(data) == 4 * len(flags) and counts.sum() == len(times) and (counts >= 0).all():
         flag = np.repeat(flags.astype(np.int64), counts.astype(np.int64))
         kinds = np.where(flag & _CONSTANT, _CONSTANT, np.where(flag & _CUBIC, _CUBIC, _LINEAR))
-        told = np.repeat(data.reshape(-1, 4)[:, :2], counts.astype(np.int64), axis=0)
-        slopes = np.where((flag & _USER_TANGENTS > 0)[:, None] & (np.abs(told) < 1e9), told, np.nan)
+        stated = np.repeat(data.reshape(-1, 4)[:, :2], counts.astype(np.int64), axis=0)
+        slopes = np.where((flag & _USER_TANGENTS > 0)[:, None] & (np.abs(stated) < 1e9), stated, np.nan)
     return Curve(times, values, kinds, slopes)
 
 
@@ -273,8 +273,8 @@ def _matrices(models: dict[int, Model], number: object, found: list[Node]) -> It
             yield number, values.astype(np.float64).reshape(4, 4).T
 
 
-def _units(settings: Table, error: Complaint) -> tuple[float, FloatArray, float]:
-    """Metres a unit, our world from the file's, and frames a second."""
+def _units(settings: Table, error: ErrorFactory) -> tuple[float, FloatArray, float]:
+    """Metres per unit, our world from the file's, and frames per second."""
 
     def number(name: str, usual: float) -> float:
         value = (settings.get(name) or (usual,))[0]
@@ -282,16 +282,16 @@ def _units(settings: Table, error: Complaint) -> tuple[float, FloatArray, float]
 
     scale = number("UnitScaleFactor", 1.0) / 100
     if not 1e-6 < scale < 1e6:
-        raise error(f"a unit of {scale:g} m is none")
+        raise error(f"its unit of {scale:g} m is not plausible")
     axes = []
     for name, usual in (("Coord", 0), ("Up", 1)):
         axis, sign = number(f"{name}Axis", usual), number(f"{name}AxisSign", 1)
         if axis not in (0, 1, 2) or abs(sign) != 1:
-            raise error(f"its {name}Axis is {axis:g} with the sign {sign:g}, which is none")
+            raise error(f"its {name}Axis is {axis:g} with the sign {sign:g}, which is not an axis")
         axes.append(sign * np.eye(3)[int(axis)])
     x, z = axes
     if abs(x @ z) > 0:
-        raise error("two of its axes are one")
+        raise error("two of its axes coincide")
     mode = int(number("TimeMode", 0))
     fps = number("CustomFrameRate", np.nan) if mode == CUSTOM_RATE else RATES.get(mode, np.nan)
     return scale, np.stack([x, np.cross(z, x), z]), fps if 0 < fps < 1e5 else np.nan

@@ -1,9 +1,9 @@
-"""FBX: a skeleton of limb nodes, its animation and a mesh of its bones, as it is written.
+"""Writing FBX: a skeleton of limb nodes, its animation and a mesh of its bones.
 
 Centimetres, Y up, facing +Z at rest, as exporters for game engines write it; Unreal, Unity and Maya import it without
-settings. Joints have their own axes, and the bind pose holds how they stand at rest. Every frame is a key, of rotations
+settings. Joints have their own axes, and the bind pose holds their rest orientation. Every frame is a key, of rotations
 and, for roots and joints that slide, of translations; angles are unwrapped, so that a value between two keys lies
-between them. Several roots stand under one null node.
+between them. Several roots are children of one null node.
 """
 
 from collections.abc import Iterable
@@ -27,7 +27,7 @@ from muybridge.motion.formats.skeletal.euler import smooth_euler
 CM = 100.0
 _RATE_NUMBERS = {rate: number for number, rate in reversed(RATES.items()) if rate.is_integer()}
 _TAKE = "Take 001"
-# A key of straight lines: no tangents; the numbers are those of "nothing set".
+# Keys with linear interpolation: no tangents; the numbers are the defaults.
 _LINEAR = np.array([4], np.int32)
 _TANGENTS = np.array([0, 0, 9.419963346924634e-30, 0], np.float32)
 _DOCUMENT, _STACK, _LAYER, _MESH, _GEOMETRY, _SKIN, _POSE, _MATERIAL, _HOLDER = range(100001, 100010)
@@ -59,7 +59,7 @@ def write_fbx(path: Path, motion: Motion) -> None:
 
 
 def _name(name: str, kind: str) -> str:
-    """As binary files have it: the name first, its class after two marks."""
+    """A name in the form of binary files: the name, two marks, its class."""
     return f"{name}\x00\x01{kind}"
 
 
@@ -123,7 +123,7 @@ def _takes(motion: Motion) -> Node:
 
 
 def _model(number: int, name: str, kind: str, place: FloatArray, turn: FloatArray | None = None) -> Node:
-    """A model at `place` (3,) that stands as `turn` (3, 3) in its parent's axes; None: as its parent."""
+    """A model at `place` (3,) with the rotation `turn` (3, 3) in its parent's axes; None: without rotation."""
     angles = np.zeros(3)
     if turn is not None:
         angles = np.degrees(smooth_euler(Rotation.from_matrix(turn).as_quat()[None, None], "xyz")[0, 0])

@@ -1,4 +1,4 @@
-"""glTF 2.0, VRM among it: read and written."""
+"""Reading and writing glTF 2.0; reading VRM."""
 
 import lazy_loader as _lazy
 

@@ -36,13 +36,13 @@ Tracks = dict[tuple[int, str], Track]
 
 
 def clip_names_of(document: Document) -> tuple[str, ...]:
-    """The animations' names in the file's order, no two the same; those without are called by their number."""
+    """The animations' names in the file's order, no two the same; unnamed ones are `animation_<number>`."""
     animations = document.json.get("animations") or []
     return different_names([str(a.get("name") or f"animation_{i}") for i, a in enumerate(animations)])
 
 
 def read_tracks(document: Document, clip: int | None, nodes: Container[int]) -> Tracks:
-    """What a clip does to some nodes, by node and property.
+    """The tracks of a clip for some nodes, by node and property.
 
     Raises:
         FormatError: keys that do not fit together.
@@ -69,8 +69,8 @@ def read_tracks(document: Document, clip: int | None, nodes: Container[int]) -> 
 def even_times(document: Document, tracks: Tracks, clip: int | None) -> tuple[float, FloatArray]:
     """Frames per second, and (T,) seconds of the frames from the first key to the last.
 
-    The rate is what our own files say, else that of the track with most keys; keys that are too sparse to be frames
-    are on every so many frames of a rate of 30 or the next above.
+    The rate is the one that our own files state, else that of the track with most keys. Keys that are too sparse to be
+    frames are sampled at the lowest multiple of their rate that is at least 30.
     """
     if not tracks or clip is None:
         return _DEFAULT_FPS, np.zeros(1)
@@ -90,7 +90,7 @@ def even_times(document: Document, tracks: Tracks, clip: int | None) -> tuple[fl
 
 
 def sample(track: Track, times: FloatArray, rotation: bool) -> FloatArray:
-    """(T, K) values of a track; before its first key and after its last theirs. Rotations (xyzw) are of unit length."""
+    """(T, K) values of a track, constant before its first and after its last key. Rotations (xyzw) are normalised."""
     keys = track.times
     at = np.clip(times, keys[0], keys[-1])
     if track.kind == "CUBICSPLINE":

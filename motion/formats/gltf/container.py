@@ -22,7 +22,7 @@ ARRAY_BUFFER = 34962
 _MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 _DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _KINDS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-# What reading JSON of unknown making can raise where it is not what the specification says.
+# Exceptions that reading JSON can raise where it does not follow the specification.
 JSON_ERRORS = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, struct.error, MemoryError)
 
 
@@ -43,7 +43,7 @@ class Buffer:
             values: (N,) or (N, K) with as many components as `kind` has.
             kind: the accessor's type.
             component: the numbers' type.
-            target: what the view is for, where that is to be said.
+            target: use of the view, where that must be stated.
             bounds: whether minimum and maximum are stated.
         """
         array = np.ascontiguousarray(values, dtype=_DTYPES[component])
@@ -76,7 +76,7 @@ def pack_glb(document: dict[str, Any], data: bytes) -> bytes:
 
 
 class Document:
-    """A glTF file that was read: its JSON, and its accessors as arrays."""
+    """The contents of a glTF file: its JSON, and its accessors as arrays."""
 
     def __init__(self, path: Path) -> None:
         """Read a `.glb`, or a `.gltf` with the files it names.

@@ -14,7 +14,7 @@ _EVEN = 1e-3  # relative difference of a node's scales that counts as none
 
 @dataclass
 class Node:
-    """A node as it stands where no animation moves it.
+    """A node without animation.
 
     Attributes:
         name: as in the file, or made of its number.
@@ -22,8 +22,8 @@ class Node:
         translation: (3,) in the parent's axes and size.
         rotation: (3, 3) parent from node.
         scales: (3,) along the node's own axes.
-        tip: (3,) where the bone ends, which our own files say; None elsewhere.
-        drawn: whether it shows a mesh, a camera or a light.
+        tip: (3,) the end of the bone, which our own files state; None elsewhere.
+        drawn: whether it has a mesh, a camera or a light.
     """
 
     name: str
@@ -46,7 +46,7 @@ def read_nodes(document: Document) -> list[Node]:
     for i, node in enumerate(raw):
         for child in node.get("children", []):
             if not isinstance(child, int) or not 0 <= child < len(raw) or parents[child] >= 0 or child == i:
-                raise document.error(f"node {i} has a child {child!r} that is none or has another parent")
+                raise document.error(f"node {i} has a child {child!r} that does not exist or has another parent")
             parents[child] = i
     for i in range(len(raw)):
         above, steps = parents[i], 0
@@ -88,7 +88,7 @@ def _vector(document: Document, values: Any, count: int, what: str) -> FloatArra
 
 
 def even_scale(scales: FloatArray) -> bool:
-    """Whether (..., 3) scales are positive and one along the three axes, to a thousandth."""
+    """Whether (..., 3) scales are positive and equal along the three axes, to a thousandth."""
     return bool((scales > 0).all() and (np.ptp(scales, axis=-1) <= _EVEN * scales.max(axis=-1)).all())
 
 
@@ -117,11 +117,11 @@ class JointChoice:
 
 
 def choose_joints(document: Document, nodes: list[Node]) -> JointChoice:
-    """The joints of a file: those of its skins; without any, its VRM humanoid's; without that, what it animates.
+    """The joints of a file: those of its skins, else of its VRM humanoid, else the animated nodes.
 
-    Skins that share joints, or of which one hangs below the other, are of one skeleton; of several skeletons the one
-    with most joints is read. Nodes between two joints are joints too; so is, without a skin, whatever hangs below one
-    and shows nothing.
+    Skins that share joints, or of which one is below the other, are of one skeleton; of several skeletons the one with
+    most joints is read. Nodes between two joints are joints too; without a skin, so are nodes below a joint that have
+    no mesh.
 
     Raises:
         FormatError: there is no skeleton, or a skin names nodes that do not exist.

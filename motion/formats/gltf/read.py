@@ -1,7 +1,7 @@
 """Reading a skeleton and its animation from a glTF 2.0 file, whichever program wrote it.
 
-Other programs' joints have axes of their own at rest, stand under nodes that turn and scale everything, slide against
-their parents, and move at any times. The result has even frames; the joints' own axes are in `Skeleton.axes`.
+Other programs' joints have axes of their own at rest, are below nodes that rotate and scale everything, slide against
+their parents, and have keys at any times. The result has even frames; the joints' own axes are in `Skeleton.axes`.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ def read_gltf(path: Path, clip: Clip = None) -> Motion:
     Args:
         path: a `.glb` or `.gltf` file, or a `.vrm` or `.vrma`, which are glTF.
         clip: name or number (from 0) of the animation; None is the first. Without any animation the motion is one
-            frame as the nodes stand.
+            frame of the nodes without animation.
 
     Returns:
         A Motion at the frame rate of the keys (30 where there are fewer than two). Its rest pose is the skin's.
@@ -47,7 +47,7 @@ def read_gltf_take(path: Path, clip: Clip = None) -> Take:
     try:
         return _read(document, clip)
     except (RecursionError, *JSON_ERRORS) as error:
-        raise document.error(f"is not as glTF 2.0 must be ({type(error).__name__}: {error})") from error
+        raise document.error(f"is not valid glTF 2.0 ({type(error).__name__}: {error})") from error
 
 
 def clip_names(path: Path) -> tuple[str, ...]:
@@ -60,7 +60,7 @@ def clip_names(path: Path) -> tuple[str, ...]:
     try:
         return clip_names_of(document)
     except JSON_ERRORS as error:
-        raise document.error(f"is not as glTF 2.0 must be ({type(error).__name__}: {error})") from error
+        raise document.error(f"is not valid glTF 2.0 ({type(error).__name__}: {error})") from error
 
 
 def _read(document: Document, clip: Clip) -> Take:
@@ -91,7 +91,7 @@ class _Frame:
 def _forward(
     document: Document, nodes: list[Node], needed: list[int], tracks: Tracks, times: FloatArray
 ) -> dict[int, _Frame]:
-    """The joints and what stands above them, by number; `needed` has parents first."""
+    """The joints and the nodes above them, by number; `needed` has parents first."""
     out: dict[int, _Frame] = {}
     above = {nodes[n].parent for n in needed}
     for n in needed:
@@ -141,7 +141,7 @@ def _motion(
 
 
 def _standing(nodes: list[Node], n: int) -> FloatArray:
-    """(3,) where a node stands in the scene where nothing moves it."""
+    """(3,) position of a node in the scene without animation."""
     linear, place = np.eye(3), np.zeros(3)
     for m in path_to(nodes, n):
         place = place + linear @ nodes[m].translation
@@ -150,8 +150,8 @@ def _standing(nodes: list[Node], n: int) -> FloatArray:
 
 
 def _rest_turns(document: Document, nodes: list[Node], choice: JointChoice) -> FloatArray:
-    """(J, 3, 3) scene from joint at rest: by the skins' bind pose where it is given, turned so that the first root
-    stands as its node does."""
+    """(J, 3, 3) scene from joint at rest: by the skins' bind pose where it is given, rotated so that the first root
+    has the orientation of its node."""
     of_node: dict[int, FloatArray] = {}
 
     def standing(n: int) -> FloatArray:

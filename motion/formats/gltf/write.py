@@ -3,7 +3,7 @@
 Metres, Y up, facing +Z at rest, as the specification has it: (x, y, z)_gltf = (x_world, z_world, -y_world). The file
 has one node per joint, in the joint's own axes, with its rotation animated and, of a root and of joints that slide,
 its translation; a skin with inverse bind matrices of the rest pose; and a mesh of one octahedron per bone, so that
-any viewer shows something. Several roots stand under one node, as the specification wants it of a skin.
+any viewer shows something. Several roots are children of one node, since a skin needs a common root.
 
 Source: Khronos Group, glTF 2.0 Specification, sections 3.7.3 (skins) and 3.11 (animations).
 """
@@ -44,7 +44,7 @@ def write_glb(path: Path, motion: Motion) -> None:
     buffer = Buffer()
     rest = skeleton.rest_positions
     reach = np.concatenate([rest, (rest + skeleton.tips)[np.isfinite(skeleton.tips).all(axis=1)]])
-    rest -= (0.0, 0.0, reach[:, 2].min())  # at rest it stands on the ground
+    rest -= (0.0, 0.0, reach[:, 2].min())  # on the ground at rest
     nodes = _joint_nodes(skeleton, rest)
     tops = list(skeleton.roots)
     if len(tops) > 1:
@@ -84,7 +84,7 @@ def write_glb(path: Path, motion: Motion) -> None:
 
 
 def _joint_nodes(skeleton: Skeleton, rest: FloatArray) -> list[dict[str, Any]]:
-    """A node per joint as it stands at rest; `rest` (J, 3) has the places in the world."""
+    """A node per joint at rest; `rest` (J, 3) has the positions in the world."""
     axes = own_axes(skeleton, GLTF_FROM_WORLD.T)
     turns, places = rest_frames(skeleton, GLTF_FROM_WORLD.T)
     nodes = []

@@ -45,7 +45,7 @@ class Event:
         label: what, such as "Foot Strike".
         time: seconds, as the file counts: frame 1 of the recording is at zero, also where the file begins later.
         context: "Left", "Right" or "General".
-        subject: whom it concerns.
+        subject: the subject that it concerns.
         description: more about it.
     """
 
@@ -63,7 +63,7 @@ class Analog:
     Attributes:
         labels: (M,)
         units: (M,)
-        rate: samples a second, a whole multiple of the points' frames.
+        rate: samples per second, a whole multiple of the points' frames.
         values: (S, M) in `units`.
     """
 
@@ -98,7 +98,7 @@ def write_c3d(path: Path, points: Points3D | C3DTake, up: Literal["y", "z"] = "z
     Args:
         path: the file to write; replaced only once it is complete.
         points: (T, J, 3) metres; NaN where unknown.
-        up: which of their axes is up; nothing is turned, the file says it.
+        up: which of their axes is up; nothing is rotated, the file states it.
 
     Raises:
         OutputError: the file cannot be written.
@@ -185,7 +185,7 @@ def read_c3d(path: Path, unit: str | None = None, up: str | None = None) -> Poin
 
     Args:
         path: the file.
-        unit: m, cm or mm, whatever the file says; None for what it says.
+        unit: m, cm or mm, overriding the file; None for what the file states.
         up: y or z, likewise.
 
     Returns:
@@ -201,7 +201,7 @@ def read_c3d(path: Path, unit: str | None = None, up: str | None = None) -> Poin
 
 def read_c3d_take(path: Path, unit: str | None = None, up: str | None = None, fps: float | None = None) -> C3DTake:
     """Read points as `read_c3d` does, with events, analog channels, force plates and the first frame's number; `fps`
-    where the file says its frame rate wrongly."""
+    where the file states its frame rate wrongly."""
     path = Path(path)
     raw = read_raw_c3d(path)
     frames, count = raw.points.shape[:2]

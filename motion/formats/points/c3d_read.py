@@ -27,7 +27,7 @@ LAST_COUNTED = 65535  # the last frame that the header can name
 
 @dataclass(frozen=True, eq=False)
 class RawC3D:
-    """What the file says, in its own units and axes.
+    """The contents of the file, in its own units and axes.
 
     Attributes:
         parameters: by group and name, upper case: strings as list of str, numbers as array in the file's shape
@@ -36,7 +36,7 @@ class RawC3D:
         residuals: (T, N), negative where a point is missing.
         analog: (T * K, M) scaled samples.
         analog_per_frame: K.
-        fps: points a second by the header.
+        fps: points per second by the header.
         first_frame: number of the first frame, from 1.
         header_events: label and seconds, where the old way of writing them was used.
     """
@@ -90,7 +90,7 @@ class _Reader:
             raise self.error("does not begin as a C3D file does, or is shorter than one can be")
         self.section = (data[0] - 1) * _BLOCK
         if self.section < _BLOCK or self.section + 4 > len(data):
-            raise self.error(f"its parameters are said to begin in block {data[0]}, which is not in the file")
+            raise self.error(f"its parameters are stated to begin in block {data[0]}, which is not in the file")
         processor = data[self.section + 3]
         if processor not in (_INTEL, _DEC, _MIPS):
             raise self.error(f"is of processor type {processor}; known are 84 (Intel), 85 (DEC), 86 (MIPS)")
@@ -122,14 +122,14 @@ class _Reader:
             raise self.error(f"its header has {count} points, POINT:USED {used:g}")
         channels = int(header[2]) // per_frame if per_frame else 0
         if per_frame and header[2] % per_frame:
-            raise self.error(f"{header[2]} analog values a frame are no multiple of {per_frame} samples a channel")
+            raise self.error(f"{header[2]} analog values per frame are no multiple of {per_frame} samples per channel")
         if not (np.isfinite(scale) and scale != 0):
             raise self.error(f"its scale is {scale}")
         kind = "f4" if scale < 0 else "i2"
         width = 4 * count + channels * per_frame
         start = (int(header[8]) - 1) * _BLOCK
         if start < self.section:
-            raise self.error(f"its data are said to begin in block {header[8]}")
+            raise self.error(f"its data are stated to begin in block {header[8]}")
         frames, first = self.frames(header, parameters, start, width * np.dtype(kind).itemsize)
         raw = self.words(start, frames * width, kind).reshape(frames, width)
         fourth = raw[:, : 4 * count].reshape(frames, count, 4)

@@ -1,8 +1,8 @@
-"""Points as a table: what CSV and Parquet share.
+"""Points as a table: the part that CSV and Parquet share.
 
-One row a frame: `frame`, `time`, then three columns a landmark, `<name>_x`, `<name>_y`, `<name>_z`, in metres with Z
-up. Read are also the other ways of writing such columns (`LASI.X`, `LASI:x`, `LASI X (mm)`, `noseX`), and tables with
-one row a landmark and frame (`frame, name, x, y, z`).
+One row per frame: `frame`, `time`, then three columns per landmark, `<name>_x`, `<name>_y`, `<name>_z`, in metres with
+Z up. Other spellings of such columns are read too (`LASI.X`, `LASI:x`, `LASI X (mm)`, `noseX`), and so are tables with
+one row per landmark and frame (`frame, name, x, y, z`).
 """
 
 import re
@@ -31,7 +31,7 @@ _COLUMN = re.compile(
     r"^(?P<name>.+?)(?:[\s_.:\-/|(\[]+(?P<a>[xyzXYZ])|(?<=[a-z0-9])(?P<b>[XYZ]))[)\]]?"
     rf"(?:[\s_(\[]+(?P<unit>(?i:{'|'.join(UNIT_WORDS)}))[)\]]?)?$"
 )
-# Frames a second: what is slower has times in another unit.
+# Frames per second: what is slower has times in another unit.
 _SLOWEST = 0.9
 TIMES = ("time", "t", "time_s", "time(s)", "time[s]", "time (s)", "time [s]", "seconds", "timestamp")
 FRAMES = ("frame", "frame#", "frames", "frame_index", "index", "sync_index")
@@ -58,8 +58,8 @@ def points_of(
     Args:
         path: for the message.
         columns: by name, equally long; empty cells NaN, or texts in a column of names.
-        fps: frames a second; None takes them from a column of times.
-        unit: m, cm or mm; None for what the column names say, metres where they say nothing.
+        fps: frames per second; None takes them from a column of times.
+        unit: m, cm or mm; None for what the column names state, metres where they state none.
         up: y or z.
 
     Raises:
@@ -97,7 +97,7 @@ def placed(
 
 
 def rate_of(path: Path, times: FloatArray | None) -> float:
-    """Frames a second by the times (T,) of frames, NaN where one has none.
+    """Frames per second by the times (T,) of frames, NaN where one has none.
 
     Raises:
         FormatError: they do not rise, or are no seconds.
@@ -110,8 +110,8 @@ def rate_of(path: Path, times: FloatArray | None) -> float:
     even = float(np.sum(steps * np.diff(known)) / (known[-1] - known[0]))
     fps = 1.0 / (even if abs(even - step) < 0.01 * step else step)
     if fps < _SLOWEST:
-        raise FormatError(f"{path}: its times give {fps:.3g} frames a second: are they milliseconds? If so, the rate is "
-                          "unknown", remedy="fps_unstated")  # fmt: skip
+        raise FormatError(f"{path}: its times give {fps:.3g} frames per second: are they milliseconds?",
+                          remedy="fps_unstated")  # fmt: skip
     return float(round(fps)) if abs(fps - round(fps)) < 1e-4 * fps else fps
 
 
@@ -154,7 +154,7 @@ def _long(
     path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]], lower: Mapping[str, str], times: FloatArray | None,
     fps: float | None,
 ) -> tuple[list[str], FloatArray, FloatArray | None]:  # fmt: skip
-    """One row a landmark and frame."""
+    """One row per landmark and frame."""
     label = next((lower[k] for k in _NAMES if k in lower), None)
     frame = next((lower[k] for k in (*FRAMES, *TIMES) if k in lower), None)
     if label is None or frame is None:

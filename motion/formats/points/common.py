@@ -65,7 +65,7 @@ def frames_of_rows(path: Path, numbers: FloatArray | None, times: FloatArray | N
         path: for the message.
         numbers: (N,) frames' numbers as the file has them. Where they are whole and differ, rows are placed by them.
         times: (N,) the file's times; else these have to rise evenly.
-        fps: frames a second that the user stated: rows are then consecutive whatever the times' steps are.
+        fps: frames per second that the user stated: rows are then consecutive whatever the times' steps are.
 
     Raises:
         FormatError: two rows are of one frame, or times fall or have a gap.
@@ -75,7 +75,7 @@ def frames_of_rows(path: Path, numbers: FloatArray | None, times: FloatArray | N
         if len(frames) > 1 and np.ptp(frames) < _SPREAD * len(numbers) + _FEW:
             if count.max() > 1:
                 raise FormatError(f"{path}: {count.max()} rows are of frame {frames[count.argmax()]:.0f}; keep one")
-            # Of every second frame, say; a few frames tell no rhythm.
+            # Frames may be numbered in steps of two, for example; a few frames do not show the step.
             step = np.gcd.reduce(np.diff(frames).astype(np.int64)) if len(frames) > 3 else 1
             return np.asarray((numbers - frames[0]) // step, dtype=np.intp)
     if times is not None and len(times) > 1 and np.isfinite(times).all():
@@ -108,22 +108,22 @@ def check_up(up: str) -> str:
 
 
 def points_of_file(path: Path, names: Sequence[str], points_world: FloatArray, fps: float, name: str) -> Points3D:
-    """Points3D of what a file holds: positions only, so covariance is NaN and no camera stands behind them.
+    """Points3D of what a file holds: positions only, so covariance is NaN and there are no cameras.
 
     Args:
         path: for the message.
         names: (J,) labels; those of BODY23 in its order give that very set, others one called `name` without
             edges.
         points_world: (T, J, 3) metres, Z up, NaN where missing.
-        fps: frames a second.
+        fps: frames per second.
         name: the landmark set's name where it is not one of ours.
 
     Raises:
-        FormatError: a label stands twice.
+        FormatError: a label appears twice.
     """
     twice = sorted({n for n in names if list(names).count(n) > 1})
     if twice:
-        raise FormatError(f"{path}: the label {twice[0]!r} stands more than once; rename one of them")
+        raise FormatError(f"{path}: the label {twice[0]!r} appears more than once; rename one of them")
     landmarks = BODY23 if tuple(names) == BODY23.names else LandmarkSet(name, tuple(names), ())
     t, j = points_world.shape[:2]
     return Points3D(

@@ -16,7 +16,7 @@ _MISSING = ("", "nan", "na", "null", "none", "-")
 
 
 def write_csv(path: Path, points: Points3D) -> None:
-    """Write one row a frame in metres, Z up; what is missing is an empty cell.
+    """Write one row per frame in metres, Z up; what is missing is an empty cell.
 
     Raises:
         OutputError: the file cannot be written.
@@ -36,9 +36,9 @@ def read_csv(path: Path, fps: float | None = None, unit: str | None = None, up: 
 
     Args:
         path: a table separated by commas, semicolons or tabs, with names in its first row.
-        fps: frames a second; None takes them from a column of times.
-        unit: m, cm or mm; None for what the column names say, metres where they say nothing.
-        up: y or z; the format does not say.
+        fps: frames per second; None takes them from a column of times.
+        unit: m, cm or mm; None for what the column names state, metres where they state none.
+        up: y or z; the format does not state it.
 
     Raises:
         FormatError: malformed; the message names the line.
@@ -57,12 +57,14 @@ def read_csv_from(
         head.pop()
     twice = sorted({n for n in head if n and head.count(n) > 1})
     if twice:
-        raise FormatError(f"{path}: the column {twice[0]!r} stands more than once; rename one of them")
+        raise FormatError(f"{path}: the column {twice[0]!r} appears more than once; rename one of them")
     body = [(begin + i, row) for i, row in enumerate(rows[1:], start=2) if any(row)]
     columns: dict[str, list[Any]] = {name: [] for name in head if name}
     for number, row in body:
         if len(row) < len(head) or any(row[len(head) :]):
-            raise FormatError(f"{path}: line {number} has {len(row)} cells, the first row {len(head)}; mend the line")
+            raise FormatError(
+                f"{path}: line {number} has {len(row)} cells, the first row {len(head)}; correct the line"
+            )
         for name, cell in zip(head, row, strict=False):
             if name:
                 columns[name].append(value_of(cell, separator))

@@ -1,15 +1,15 @@
-"""Marker sets that a laboratory writes down itself.
+"""Custom marker sets, as text files.
 
-A set of one's own is a text file, a marker a line: what the laboratory calls it, the point of the body it stands on (a
-name of `SURFACE`), and after that, in any order, what else is known::
+One marker per line: the laboratory's label, the point of the body that it is placed on (a name of `SURFACE`), and after
+that, in any order, optional facts::
 
     # Our lab's leg set
     LASI  left_asis          mirror=RASI
     LTHI  left_thigh_distal  jitter=60    # mm, standard deviation: it is put anywhere on the thigh
     LMT5  left_metatarsal_5  optional
 
-`mirror` names the twin on the other side (a left marker's is otherwise found by its body point), `jitter` how loosely
-the marker is placed, and `optional` that recordings may lack it.
+`mirror` names the twin on the other side (by default found by its body point), `jitter` the standard deviation of its
+placement, and `optional` marks that recordings may lack it.
 """
 
 import difflib
@@ -43,7 +43,7 @@ def read_marker_set(path: Path) -> MarkerPlan:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise FormatError(f"{path}: cannot be read as text ({error}); write a marker a line") from error
+        raise FormatError(f"{path}: cannot be read as text ({error}); write one marker per line") from error
     labels: list[str] = []
     names: list[str] = []
     jitter, optional, mirror = [], [], {}
@@ -53,15 +53,15 @@ def read_marker_set(path: Path) -> MarkerPlan:
             continue
         label, name, extra = _marker(path, number, words)
         if label in labels or name in names:
-            raise FormatError(f"{path}: line {number}: {label if label in labels else name!r} is there twice; "
-                              "a label and a body point may stand once")  # fmt: skip
+            raise FormatError(f"{path}: line {number}: {label if label in labels else name!r} appears twice; "
+                              "a label and a body point may appear once")  # fmt: skip
         labels.append(label)
         names.append(name)
         jitter.append(_millimetres(path, number, extra.get("jitter", str(JITTER_MM))) / 1000)
         optional.append("optional" in extra)
         mirror[label] = extra.get("mirror", "")
     if len(labels) < 6:
-        raise FormatError(f"{path}: holds {len(labels)} markers; at least 6 are needed to tell a person")
+        raise FormatError(f"{path}: holds {len(labels)} markers; at least 6 are needed to recognise a person")
     lost = [(a, b) for a, b in mirror.items() if b and b not in labels]
     if lost:
         raise FormatError(f"{path}: the mirror of {lost[0][0]}, {lost[0][1]}, is not in the set")
@@ -76,7 +76,7 @@ def read_marker_set(path: Path) -> MarkerPlan:
 
 def _marker(path: Path, number: int, words: list[str]) -> tuple[str, str, dict[str, str]]:
     if len(words) < 2:
-        raise FormatError(f"{path}: line {number}: {words[0]!r} stands alone; write a label and a body point")
+        raise FormatError(f"{path}: line {number}: {words[0]!r} is alone on its line; write a label and a body point")
     if words[1] not in SURFACE.names:
         near = difflib.get_close_matches(words[1], SURFACE.names, n=3, cutoff=0.4)
         raise FormatError(f"{path}: line {number}: no body point {words[1]!r}; near it are {', '.join(near) or 'none'}",

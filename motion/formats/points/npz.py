@@ -51,8 +51,8 @@ def read_npz(path: Path, fps: float | None = None, unit: str | None = None, up: 
 
     Args:
         path: the file.
-        fps: frames a second; None for what the file says.
-        unit: m, cm or mm; None for what the file's `unit` says, metres where it says nothing.
+        fps: frames per second; None for what the file states.
+        unit: m, cm or mm; None for the file's `unit`, metres where it has none.
         up: y or z.
 
     Raises:

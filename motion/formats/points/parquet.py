@@ -15,7 +15,7 @@ from muybridge.motion.formats.points.columns import columns_of, points_of
 
 
 def write_parquet(path: Path, points: Points3D) -> None:
-    """Write one row a frame in metres, Z up; what is missing is null.
+    """Write one row per frame in metres, Z up; what is missing is null.
 
     Raises:
         OutputError: the file cannot be written.
@@ -37,9 +37,9 @@ def read_parquet(path: Path, fps: float | None = None, unit: str | None = None, 
 
     Args:
         path: the file.
-        fps: frames a second; None for what the metadata or a column of times say.
-        unit: m, cm or mm; None for what metadata or column names say, metres where they say nothing.
-        up: y or z; None for what the metadata say, else z.
+        fps: frames per second; None for what the metadata or a column of times give.
+        unit: m, cm or mm; None for what metadata or column names state, metres where they state none.
+        up: y or z; None for what the metadata state, else z.
 
     Raises:
         FormatError: the file is malformed or holds no points.
@@ -73,8 +73,8 @@ def read_parquet_from(
         except ValueError:
             fps = float("nan")
         if not 0 < fps < 1e9:
-            raise FormatError(f"{path}: its metadata say {stated!r} frames a second; it must be above zero")
+            raise FormatError(f"{path}: its metadata state {stated!r} frames per second; it must be above zero")
     up = up or facts.get("up", "z")
     if up not in ("y", "z"):
-        raise FormatError(f"{path}: its metadata say that {up!r} is up; valid are y, z")
+        raise FormatError(f"{path}: its metadata state that {up!r} is up; valid are y, z")
     return points_of(path, columns, fps, unit or facts.get("unit") or None, up)

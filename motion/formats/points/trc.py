@@ -69,9 +69,9 @@ def read_trc(path: Path, unit: str | None = None, up: str = "y", fps: float | No
 
     Args:
         path: the file.
-        unit: m, cm or mm, whatever the file says; None for what it says.
-        up: y or z; the format does not say.
-        fps: frames a second, whatever the file says; None for what it says.
+        unit: m, cm or mm, overriding the file; None for what the file states.
+        up: y or z; the format does not state it.
+        fps: frames per second, overriding the file; None for what the file states.
 
     Returns:
         points_world (T, J, 3), NaN where a cell is empty or a frame has no row; covariance NaN, since the format has
@@ -100,7 +100,7 @@ def read_trc_from(
         raise FormatError(f"{path}: line 4 names no markers; it must be Frame#, Time, a name per 3 cells")
     if head.get("NumMarkers") not in (None, str(len(names))):
         raise FormatError(
-            f"{path}: line 3 says {head['NumMarkers']} markers, line 4 names {len(names)}; mend NumMarkers"
+            f"{path}: line 3 states {head['NumMarkers']} markers, line 4 names {len(names)}; correct NumMarkers"
         )
     rows = [_row(path, i, line, len(names)) for i, line in enumerate(lines[5:], start=6) if line.strip()]
     if rows and lines[-1].strip() and lines[-1].count("\t") + 1 < 2 + 3 * len(names):
@@ -109,8 +109,8 @@ def read_trc_from(
     table = in_frames(table, frames_of_rows(path, table[:, 0], table[:, 1], fps))
     announced = head.get("NumFrames", "")
     if rows and announced.isdecimal() and int(announced) > len(table):
-        raise FormatError(f"{path}: line 3 says {announced} frames, {len(rows)} rows follow: the file is cut off; "
-                          "export it again, or mend NumFrames")  # fmt: skip
+        raise FormatError(f"{path}: line 3 states {announced} frames, {len(rows)} rows follow: the file is cut off; "
+                          "export it again, or correct NumFrames")  # fmt: skip
     xyz = table[:, 2:].reshape(len(table), len(names), 3)
     xyz[~np.all(np.abs(xyz) < 1e12, axis=-1)] = np.nan
     points = points_of_file(path, names, xyz[..., UP_PERMUTATION[check_up(up)]] * metres, rate, "trc")

@@ -1,4 +1,4 @@
-"""Recordings of points that nobody has named yet (or named wrongly): C3D, TRC and CSV.
+"""Recordings of points without labels, or with wrong ones: C3D, TRC and CSV.
 
 Other readers insist on labels that are there once; here a label is only a hint, and whatever a file calls its points
 is kept beside them.
@@ -32,7 +32,7 @@ class MarkerCloud:
         points: (T, K, 3) in the file's axes, metres by the unit that the file states (as they are where it states
             none); NaN where missing.
         names: (K,) what the file calls them, prefixes of subjects included.
-        fps: frames a second; NaN where the file does not say.
+        fps: frames per second; NaN where the file does not state it.
         unit: the unit that the file states, "" where it states none.
         left_out: names of what is stored as points and is none (angles, forces).
         empty: names of trajectories without a single point.
@@ -55,7 +55,7 @@ def read_marker_cloud(path: Path, fps: float | None = None) -> MarkerCloud:
 
     Args:
         path: the file.
-        fps: frames a second, whatever the file says; None for what it says.
+        fps: frames per second, overriding the file; None for what the file states.
 
     Raises:
         FormatError: the file is missing, truncated, of no known kind, or holds no points.
@@ -137,7 +137,7 @@ def _triples(head: list[str]) -> tuple[list[tuple[str, tuple[int, int, int]]], s
 
 
 def _vicon(path: Path, rows: list[tuple[int, list[str]]], separator: str) -> MarkerCloud:
-    """Vicon Nexus' ASCII export: Trajectories, rate, names, axes, units, a row a frame."""
+    """Vicon Nexus' ASCII export: Trajectories, rate, names, axes, units, one row per frame."""
     try:
         fps = float(rows[1][1][0])
         names = [n for n in rows[2][1][2:] if n]

@@ -6,7 +6,7 @@ C R C^-1, which is what a joint of `Skeleton` has. A joint here bears its bone's
 begins; several bones that begin at one place are several joints there.
 
 Y is up, as in BVH. A unit of length is `1 / length` inches in the files of the CMU database (`length 0.45`),
-and what we write keeps to that. An AMC says nothing of its frame rate: CMU's is 120 a second.
+and written files keep to that. An AMC does not state its frame rate: CMU's is 120 per second.
 
 Source: the description of both files by Jeff Lander, "Working with Motion Capture File Formats", Game Developer,
 January 1998, and the files of the CMU motion capture database.
@@ -49,7 +49,7 @@ def read_amc(path: Path, asf: Path | None = None, fps: float = CMU_FPS) -> Motio
         path: the AMC file.
         asf: its skeleton; None for the ASF of the same name beside it, or whose name the AMC's begins with (as
             `01.asf` for `01_01.amc`), or the only one there.
-        fps: frames a second, which the files do not say.
+        fps: frames per second, which the files do not state.
 
     Returns:
         A Motion; its skeleton has the file's rest pose. Limits are not kept: the file's are about other axes.
@@ -161,14 +161,14 @@ def _read_frames(path: Path, asf: Asf) -> dict[str, FloatArray]:
             continue
         rows = values.get(words[0])
         if rows is None:
-            raise lines.error(f"the bone {words[0]!r} is unknown to the skeleton, or cannot move in it")
+            raise lines.error(f"the bone {words[0]!r} is unknown to the skeleton, or has no degrees of freedom in it")
         if frame == 0 or len(rows) != frame - 1:
-            raise lines.error(f"the bone {words[0]!r} stands twice in frame {frame} or before any frame")
+            raise lines.error(f"the bone {words[0]!r} appears twice in frame {frame} or before any frame")
         count = len(asf.bones[words[0]].channels)
         if len(words) != count + 1:
-            raise lines.error(f"the bone {words[0]!r} has {len(words) - 1} numbers, but {count} ways to move")
+            raise lines.error(f"the bone {words[0]!r} has {len(words) - 1} numbers, but {count} degrees of freedom")
         rows.append(lines.numbers(words[1:], count, f"the bone {words[0]!r}"))
     whole()
     if frame == 0:
-        raise FormatError(f"{path}: has no frame; is it an AMC file, and whole?")
+        raise FormatError(f"{path}: has no frame; is it an AMC file, and complete?")
     return {name: np.array(rows) for name, rows in values.items()}

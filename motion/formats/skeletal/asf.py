@@ -45,7 +45,7 @@ class Asf:
 
 
 class Lines:
-    """The lines of a file that say something, with their numbers; every complaint names file and line."""
+    """The lines of a file that are not empty, with their numbers; every error names file and line."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -68,20 +68,20 @@ class Lines:
         return found[1]
 
     def back(self, words: list[str]) -> None:
-        """Let the line be read once more."""
+        """Return a line, so that it is read again."""
         self._kept.append((self.number, words))
 
     def error(self, problem: str) -> FormatError:
-        return FormatError(f"{self.path}: line {self.number}: {problem}; mend or re-export it")
+        return FormatError(f"{self.path}: line {self.number}: {problem}; correct or re-export the file")
 
     def numbers(self, words: list[str], count: int, what: str) -> FloatArray:
         """`count` finite numbers."""
         if len(words) < count:
-            raise self.error(f"{what} has {len(words)} numbers where {count} must be")
+            raise self.error(f"{what} has {len(words)} numbers where {count} are expected")
         try:
             values = np.array([float(w) for w in words[:count]])
         except ValueError:
-            raise self.error(f"{what} has something that is no number: {' '.join(words[:count])}") from None
+            raise self.error(f"{what} has a word that is not a number: {' '.join(words[:count])}") from None
         if not (np.abs(values) < 1e12).all():
             raise self.error(f"{what} must be finite")
         return values
@@ -113,7 +113,7 @@ def find_asf(amc: Path) -> Path:
 
 
 def word(name: str) -> str:
-    """A name that is one word and no key of the format."""
+    """A name as a single word that is not a keyword of the format."""
     return "_".join(name.replace("#", "_").replace(":", "_").split()) or "_"
 
 
@@ -170,7 +170,7 @@ def asf_lines(name: str, bones: list[tuple[str, FloatArray, bool]], links: list[
 
 
 def skeleton_of_asf(path: Path, asf: Asf) -> Skeleton:
-    """Joints in the order of depth first."""
+    """The skeleton, joints in depth-first order."""
     children: dict[str, list[str]] = {name: [] for name in asf.bones}
     for bone in asf.bones.values():
         if bone.parent is not None:
@@ -182,7 +182,7 @@ def skeleton_of_asf(path: Path, asf: Asf) -> Skeleton:
         waiting += reversed(children[order[-1]])
     loose = [name for name in asf.bones if name not in order]
     if loose:
-        raise FormatError(f"{path}: the bone {loose[0]!r} hangs on nothing in the hierarchy; add it there")
+        raise FormatError(f"{path}: the bone {loose[0]!r} has no parent in the hierarchy; add it there")
     ends = np.array([asf.bones[n].direction * asf.bones[n].length for n in order]) @ BVH_FROM_WORLD * asf.metres
     ends[0] = 0.0
     parents = [order.index(asf.bones[n].parent or "") if n != "root" else -1 for n in order]
@@ -206,7 +206,7 @@ def read_asf_file(path: Path) -> Asf:
     while (words := lines.next()) is not None:
         section = words[0].lower()
         if not section.startswith(":"):
-            raise lines.error(f"{words[0]!r} stands where a section (:units, :root, ...) must begin")
+            raise lines.error(f"{words[0]!r} found where a section (:units, :root, ...) is expected")
         seen.add(section)
         if section == ":units":
             _read_units(lines, asf)
@@ -220,7 +220,7 @@ def read_asf_file(path: Path) -> Asf:
             _skip(lines)
     missing = [s for s in (":root", ":bonedata", ":hierarchy") if s not in seen]
     if missing:
-        raise FormatError(f"{path}: has no section {missing[0]}; is it an ASF file, and whole?")
+        raise FormatError(f"{path}: has no section {missing[0]}; is it an ASF file, and complete?")
     return asf
 
 
@@ -247,7 +247,7 @@ def _read_units(lines: Lines, asf: Asf) -> None:
             asf.metres = INCH / length
         elif words[0].lower() == "angle":
             if words[1:2] not in (["deg"], ["rad"]):
-                raise lines.error(f"the unit of angles is {' '.join(words[1:])!r} where deg or rad must be")
+                raise lines.error(f"the unit of angles is {' '.join(words[1:])!r} where deg or rad is expected")
             asf.degrees = words[1] == "deg"
 
 
@@ -270,13 +270,13 @@ def _read_root(lines: Lines, asf: Asf) -> None:
 def _read_channels(lines: Lines, words: list[str]) -> tuple[str, ...]:
     channels = tuple(w.lower() for w in words)
     if len(set(channels)) != len(channels) or any(c not in _CHANNELS for c in channels):
-        raise lines.error(f"{' '.join(words)!r} are not different ones of {', '.join(_CHANNELS)}")
+        raise lines.error(f"{' '.join(words)!r} are not distinct channels of {', '.join(_CHANNELS)}")
     return channels
 
 
 def _axis_order(lines: Lines, words: list[str]) -> str:
     if not words or sorted(words[0].upper()) != ["X", "Y", "Z"]:
-        raise lines.error(f"{' '.join(words)!r} is no order of axes such as XYZ")
+        raise lines.error(f"{' '.join(words)!r} is not an order of axes such as XYZ")
     return words[0].upper()
 
 
@@ -287,10 +287,10 @@ def _read_bones(lines: Lines, asf: Asf) -> None:
         if key == "begin":
             bone = Bone("", lines.number)
         elif bone is None:
-            raise lines.error(f"{words[0]!r} stands where a bone must begin")
+            raise lines.error(f"{words[0]!r} found where a bone is expected")
         elif key == "name":
             if len(words) < 2 or words[1] in asf.bones:
-                raise lines.error(f"{' '.join(words)!r} gives no name, or one that stands twice")
+                raise lines.error(f"{' '.join(words)!r} gives no name, or one that appears twice")
             bone.name = words[1]
         elif key == "direction":
             direction = lines.numbers(words[1:], 3, "the direction")

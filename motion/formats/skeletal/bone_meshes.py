@@ -1,6 +1,6 @@
-"""A mesh to see a skeleton by: one octahedron a bone, each vertex bound to the bone's joint alone.
+"""A mesh that shows a skeleton: one octahedron per bone, each vertex bound to the bone's joint alone.
 
-It stands in for a skin where a format shows nothing without one.
+It replaces a skin in formats that show nothing without one.
 """
 
 from dataclasses import dataclass

@@ -29,7 +29,7 @@ _SHORTEST_M = 0.01
 BVH_FROM_WORLD = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 _AXES = "xyz"
 _STILL = 2e-6  # of a unit, or of the position: by less a joint does not slide
-_PRECISE = 0.02  # share of a frame's time that its text may be off by and still tell the rate
+_PRECISE = 0.02  # share of a frame's time that its text may deviate by for the rate to be recognised
 
 
 def write_bvh(path: Path, motion: Motion, units: Literal["m", "cm"] = "m") -> None:
@@ -72,7 +72,7 @@ def write_bvh(path: Path, motion: Motion, units: Literal["m", "cm"] = "m") -> No
 
 
 def _long_tips(skeleton: Skeleton) -> FloatArray:
-    """(J, 3): tips of at least 1 cm; one that is not known goes on in the direction of its bone."""
+    """(J, 3): tips of at least 1 cm; an unknown one continues the direction of its bone."""
     tips = np.nan_to_num(skeleton.tips)
     short = np.linalg.norm(tips, axis=1) < _SHORTEST_M
     for directions in (skeleton.offsets, np.tile([0.0, 0.0, 1.0], (len(tips), 1)), tips):
@@ -115,7 +115,7 @@ class _Joint:
 
 
 class _Words:
-    """The words of a file with their line numbers; every complaint names file and line."""
+    """The words of a file with their line numbers; every error names file and line."""
 
     def __init__(self, path: Path, text: str) -> None:
         self.path = path
@@ -133,13 +133,15 @@ class _Words:
         return word[1]
 
     def more(self) -> bool:
-        """Whether another word follows; it is used up."""
+        """Whether another word follows; it is consumed."""
         word = next(self._words, None)
         self.line = word[0] if word else self.line
         return word is not None
 
     def bad(self, found: str, wanted: str) -> FormatError:
-        return FormatError(f"{self.path}: line {self.line}: {found!r} stands where {wanted} must; mend or re-export it")
+        return FormatError(
+            f"{self.path}: line {self.line}: {found!r} found where {wanted} is expected; correct or re-export the file"
+        )
 
     def expect(self, *words: str) -> str:
         found = self.next(" or ".join(words))
@@ -224,7 +226,7 @@ def read_bvh(path: Path, metres_per_unit: float = 1.0) -> Motion:
 
 
 def _read_joints(words: _Words, joints: list[_Joint]) -> None:
-    """The hierarchy, from behind the word ROOT to the brace that closes it; not recursive, so depth is no
+    """The hierarchy, after the word ROOT to the brace that closes it; not recursive, so depth is no
     risk."""
     open_joints: list[int] = []
     while True:
@@ -236,7 +238,7 @@ def _read_joints(words: _Words, joints: list[_Joint]) -> None:
                 raise words.bad(after, "{")
             name, after = f"{name}_{after}", words.next("{")
         if name in (j.name for j in joints):
-            raise FormatError(f"{words.path}: line {line}: the joint {name!r} stands twice; rename one of them")
+            raise FormatError(f"{words.path}: line {line}: the joint {name!r} appears twice; rename one of them")
         joints.append(_Joint(name, open_joints[-1] if open_joints else -1, line))
         open_joints.append(len(joints) - 1)
         while True:
@@ -280,7 +282,7 @@ def _read_end_site(words: _Words) -> FloatArray:
 
 
 def _read_values(words: _Words, channels: int) -> tuple[FloatArray, float]:
-    """(T, channels) and frames per second, from behind the word MOTION."""
+    """(T, channels) and frames per second, after the word MOTION."""
     words.expect("Frames:")
     frames = words.count("the number of frames")
     words.expect("Frame")
@@ -302,17 +304,18 @@ def _read_values(words: _Words, channels: int) -> tuple[FloatArray, float]:
             if words.line != begun:
                 raise FormatError(
                     f"{words.path}: line {begun} has {c} numbers, but the {channels} channels need as many; "
-                    "mend the line"
+                    "correct the line"
                 )
     if words.more():
         raise FormatError(
-            f"{words.path}: line {words.line}: more follows the {frames} frames that the file announces; mend Frames:"
+            f"{words.path}: line {words.line}: more follows the {frames} frames that the file announces; correct "
+            "Frames:"
         )
     return values, _rate(text, seconds)
 
 
 def _rate(text: str, seconds: float) -> float:
-    """Frames a second: a whole number where the text is what its reciprocal is rounded or cut to."""
+    """Frames per second: a whole number where the text is its rounded or truncated reciprocal."""
     fps = 1 / seconds
     whole, last = float(max(round(fps), 1)), Decimal(text).as_tuple().exponent
     decimals = -last if isinstance(last, int) else 0
@@ -345,7 +348,7 @@ def _split_channels(joints: list[_Joint], values: FloatArray) -> tuple[dict[int,
         for k, name in enumerate(names):
             if name.endswith("position"):
                 place[:, _AXES.index(name[0])] = mine[:, k]
-        # A few units of the last decimal that files print are no movement.
+        # A few units of the last printed decimal are not a movement.
         if joint.parent < 0 or t_count and (np.ptp(place, axis=0) > _STILL * np.maximum(1.0, abs(place).max(0))).any():
             places[j] = place
         elif t_count:

@@ -11,7 +11,7 @@ from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.motion.take import Take
 
 METRES_OF_LENGTH = METRES_OF_UNIT | {"cmu": 0.0254 / 0.45}
-# Units that a body is tall, and what a unit is then; outside of these ranges nothing is guessed.
+# Height of a body in units, and the unit that this implies; nothing is guessed outside these ranges.
 _TALL = ((0.4, 3.0, "m"), (20.0, 40.0, "cmu"), (100.0, 300.0, "cm"), (1000.0, 3000.0, "mm"))
 _JOINTS_OF_A_BODY = 8
 
@@ -28,7 +28,7 @@ def read_bvh_take(path: Path, units: str | None = None) -> Take:
     """
     if units is not None:
         if units not in METRES_OF_LENGTH:
-            raise FormatError(f"{path}: {units!r} is no unit; valid are {', '.join(METRES_OF_LENGTH)}")
+            raise FormatError(f"{path}: {units!r} is not a unit; valid are {', '.join(METRES_OF_LENGTH)}")
         return Take(motion=read_bvh(path, METRES_OF_LENGTH[units]))
     motion = read_bvh(path)
     tall = _height(motion)
@@ -39,7 +39,7 @@ def read_bvh_take(path: Path, units: str | None = None) -> Take:
             metres = METRES_OF_LENGTH[unit]
             notice = f"{path.name}: the body is {tall:.4g} units tall, so a unit is taken to be {metres:.4g} m"
             return Take(motion=read_bvh(path, metres), notices=(notice,))
-    if len(motion.skeleton) < _JOINTS_OF_A_BODY:  # not a person, so its height tells nothing
+    if len(motion.skeleton) < _JOINTS_OF_A_BODY:  # not a person, so its height implies nothing
         return Take(motion=motion)
     raise FormatError(
         f"{path}: the body is {tall:.4g} units tall, and BVH does not state what a unit is", remedy="bvh_units",

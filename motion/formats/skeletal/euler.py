@@ -1,4 +1,4 @@
-"""Angles about axes, for the formats that have no better: continuous in time."""
+"""Euler angles, continuous in time, for formats without quaternions."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""A motion from joints that are known by where they are and how they stand, as other programs' files give them."""
+"""A motion from the positions and orientations of its joints in the world, as other programs' files give them."""
 
 from collections.abc import Callable, Sequence
 
@@ -35,7 +35,7 @@ def motion_from_frames(
         rest: (J, 3, 3) world from joint at rest.
         tips: (J, 3) metres to the end of a bone, in the joint's axes; NaN where there is none.
         fps: frames per second.
-        world_from_file: (3, 3) a joint that stands so at rest has no axes of its own.
+        world_from_file: (3, 3) axes of the file; a joint with these at rest has no axes of its own.
         rest_translations: (J, 3) metres from the parent at rest, in the parent's axes (a root's: in the world), NaN
             where unknown; used for joints that slide, whose first frame counts where it is unknown.
 

@@ -81,7 +81,7 @@ def _row(path: Path, number: int, cells: list[str], count: int) -> FloatArray:
     except ValueError:
         row = np.full(1, np.nan)
     if len(row) != count or not (np.abs(row) < 1e12).all():
-        raise FormatError(f"{path}: line {number} must have {count} finite numbers; mend the line")
+        raise FormatError(f"{path}: line {number} must have {count} finite numbers; correct the line")
     return row
 
 

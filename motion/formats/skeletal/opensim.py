@@ -1,7 +1,7 @@
 """OpenSim's coordinates: joint angles over time, under the names and signs of the Rajagopal 2016 full-body model.
 
-Angles are about OpenSim's axes (X forward, Y up, Z to the right) in its order Z, X, Y: flexion, adduction, rotation; all
-zero stands upright with the arms at the sides. Ground is that of our TRC files, so that both may be loaded together. A
+Angles are about OpenSim's axes (X forward, Y up, Z to the right) in its order Z, X, Y: flexion, adduction, rotation.
+All zero is upright with the arms at the sides. Ground is that of our TRC files, so that both may be loaded together. A
 motion whose joints are of no known role becomes three angles per joint, `<joint>_rz`, `_rx`, `_ry`, from its own rest
 pose.
 
@@ -166,7 +166,7 @@ def _plain_coordinates(motion: Motion, times: FloatArray) -> Coordinates:
 
 
 def motion_of(coordinates: Coordinates, skeleton: Skeleton) -> Motion:
-    """A skeleton moved by the model's coordinates; what these do not tell stays at rest.
+    """A skeleton moved by the model's coordinates; joints without coordinates stay at rest.
 
     Args:
         coordinates: under the model's names; one that is missing is zero.

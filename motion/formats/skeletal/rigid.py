@@ -7,7 +7,7 @@ from muybridge.geometry.skeleton.motion import Motion
 
 
 def with_rigid_bones(path: Path, motion: Motion) -> Motion:
-    """The motion with joints held that slide by less than a millimetre.
+    """The motion with joints fixed that slide by less than a millimetre.
 
     Raises:
         FormatError: a joint slides farther, or there are several roots; the message names `path`.

@@ -36,7 +36,7 @@ from muybridge.geometry.numerics.rotations import matrix_from_quat
 from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.statistical_body import without_rolls
-from muybridge.infer.networks.correction import SolverNetwork, corrected
+from muybridge.infer.networks.correction import SolverNetwork, correct_joints
 from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.train.correction.takes import MarkerFaults, SolverTake, add_faults, marker_columns, recorded_take
@@ -112,7 +112,7 @@ def solve_all(
     out["joint centres, then body"] = _world(fit_body(centres).motion)
     fit = fit_markers(points, columns, fps, options, person=person)
     out["whole take"] = _world(fit.motion)
-    out["whole take and network"] = _world(corrected(fit, points, SolverNetwork(network)).motion)
+    out["whole take and network"] = _world(correct_joints(fit, points, SolverNetwork(network)).motion)
     return out
 
 

@@ -18,7 +18,7 @@ from muybridge.geometry.ik import (
 )
 from muybridge.geometry.ik.nonlinear import goal_function
 from muybridge.geometry.ik.pose_prior import PosePrior
-from muybridge.geometry.ik.tree import make_wishes, theta_of_rotations
+from muybridge.geometry.ik.tree import goal_arrays, theta_of_rotations
 from muybridge.geometry.numerics.rotations import exp_so3, log_so3
 from muybridge.geometry.skeleton.body import BODY, prior_shape
 
@@ -82,11 +82,11 @@ def test_gradient_of_the_goal_function_by_finite_differences():
         Goal(*wrist("left"), rng.normal(size=3), exp_so3(rng.normal(size=3))),
         Goal(*wrist("right"), None, None, (np.array([1.0, 0, 0]), np.array([0, 0, 1.0]))),
     ]
-    wishes = make_wishes(TREE, goals)
+    targets = goal_arrays(TREE, goals)
     theta, step = rng.uniform(TREE.lower, TREE.upper), rng.normal(size=len(TREE))
     gradient, other = np.empty(len(TREE)), np.empty(len(TREE))
-    goal_function(TREE.links, wishes, theta, gradient)
-    values = [goal_function(TREE.links, wishes, theta + s * 1e-6 * step, other) for s in (1, -1)]
+    goal_function(TREE.links, targets, theta, gradient)
+    values = [goal_function(TREE.links, targets, theta + s * 1e-6 * step, other) for s in (1, -1)]
     assert gradient @ step == pytest.approx((values[0] - values[1]) / 2e-6, abs=1e-6)
 
 

@@ -162,16 +162,16 @@ def test_axes_units_and_places(tmp_path):
         (ASF, "", "no section :root"),
         ("length 0.0254", "length 0", "line 6: the unit of length"),
         ("angle deg", "angle grad", "line 7: .*deg or rad"),
-        ("order TX TY TZ RX RY RZ", "order TX TX", "line 10: .*different ones"),
+        ("order TX TY TZ RX RY RZ", "order TX TX", "line 10: .*distinct channels"),
         ("axis XYZ", "axis XYX", "line 11: .*order of axes"),
         ("direction 2 0 0", "direction 2 0", "line 18: the direction has 2 numbers"),
         ("direction 2 0 0", "direction 2 0 nan", "line 18: .*finite"),
-        ("direction 2 0 0", "direction 2 0 x", "line 18: .*no number"),
-        ("name leg", "name hip", "line 24: .*stands twice"),
+        ("direction 2 0 0", "direction 2 0 x", "line 18: .*not a number"),
+        ("name leg", "name hip", "line 24: .*appears twice"),
         ("    name leg\n", "", "has no name"),
         ("    hip leg\n", "    hip arm\n", "line 34: the bone 'arm'"),
         ("    hip leg\n", "    leg hip\n", "line 34: the bone 'hip' has two parents"),
-        ("    hip leg\n", "", "'leg' hangs on nothing"),
+        ("    hip leg\n", "", "'leg' has no parent"),
     ],
 )
 def test_malformed_asf_names_the_line(tmp_path, old, new, says):
@@ -189,10 +189,10 @@ def test_malformed_asf_names_the_line(tmp_path, old, new, says):
     [
         (AMC, "", "has no frame"),
         ("leg 90", "leg", "line 8: the bone 'leg' has 0 numbers, but 1"),
-        ("leg 90", "leg ninety", "line 8: .*no number"),
+        ("leg 90", "leg ninety", "line 8: .*not a number"),
         ("leg 90", "arm 90", "line 8: the bone 'arm' is unknown"),
         ("leg 90\n", "", "frame 2 ends without the bone 'leg'"),
-        ("leg 0\n2\n", "leg 0\n", "line 6: the bone 'root' stands twice"),
+        ("leg 0\n2\n", "leg 0\n", "line 6: the bone 'root' appears twice"),
         ("1\nroot 0", "root 0", "before any frame"),
     ],
 )

@@ -179,7 +179,7 @@ def test_good_small_file_and_its_variants(tmp_path):
     ("old", "new", "says"),
     [
         (GOOD, "", "ends after line 1"),
-        ("HIERARCHY", "PathFileType 4", "line 1: 'PathFileType' stands where HIERARCHY must"),
+        ("HIERARCHY", "PathFileType 4", "line 1: 'PathFileType' found where HIERARCHY is expected"),
         ("OFFSET 0 1 0", "OFFSET 0 one 0", "line 8: 'one'"),
         ("OFFSET 0 1 0", "OFFSET 0 nan 0", "line 8: 'nan'"),
         ("    OFFSET 0 1 0\n", "", "'head' has no OFFSET"),
@@ -187,9 +187,9 @@ def test_good_small_file_and_its_variants(tmp_path):
         ("CHANNELS 3 Zrotation", "CHANNELS 2 Zrotation", "line 9: 'Yrotation'"),
         ("CHANNELS 3 Zrotation Xrotation", "CHANNELS 3 Xrotation Xrotation", "line 9"),
         ("CHANNELS 3 ", "CHANNELS -3 ", "line 9"),
-        ("JOINT head", "JOINT hips", "line 6: the joint 'hips' stands twice"),
-        ("\n}\nMOTION", "\nMOTION", "'MOTION' stands where"),
-        ("MOTION", "MOTIONS", "'MOTIONS' stands where MOTION"),
+        ("JOINT head", "JOINT hips", "line 6: the joint 'hips' appears twice"),
+        ("\n}\nMOTION", "\nMOTION", "'MOTION' found where"),
+        ("MOTION", "MOTIONS", "'MOTIONS' found where MOTION"),
         ("Frames: 2", "Frames: two", "line 17: 'two'"),
         ("Frames: 2", "Frames: 3", "ends after line 20"),
         ("Frames: 2", "Frames: 1", "line 20: more follows the 1 frames"),
@@ -294,3 +294,22 @@ def test_a_frame_time_is_read_as_the_rate_that_it_was_rounded_from(tmp_path, tex
     whole = re.sub(r"Frame Time: \S+", f"Frame Time: {text}", (tmp_path / "a.bvh").read_text())
     (tmp_path / "a.bvh").write_text(whole)
     assert read_bvh(tmp_path / "a.bvh").fps == pytest.approx(fps, rel=1e-12)
+
+
+def test_several_roots(tmp_path):
+    first, rest = GOOD.split("MOTION")
+    second = first.replace("HIERARCHY\n", "").replace("hips", "box").replace("head", "lid")
+    second = second.replace("OFFSET 0 0 0", "OFFSET 5 0 0", 1) if "OFFSET 0 0 0" in second else second
+    lines = rest.strip().split("\n")
+    rows = [f"{row} {row}" for row in lines[2:]]
+    path = tmp_path / "two.bvh"
+    path.write_text(first + second + "\n".join(["MOTION", *lines[:2], *rows]) + "\n")
+    motion, one = read_bvh(path), None
+    (tmp_path / "one.bvh").write_text(GOOD)
+    one = read_bvh(tmp_path / "one.bvh")
+    count = len(one.skeleton)
+    assert motion.skeleton.roots == (0, count) and motion.skeleton.sliding == (count,)
+    np.testing.assert_allclose(motion.forward()[:, :count], one.forward(), atol=1e-12)
+    np.testing.assert_allclose(motion.forward()[:, count:], one.forward(), atol=1e-12)
+    write_bvh(tmp_path / "again.bvh", motion)
+    np.testing.assert_allclose(read_bvh(tmp_path / "again.bvh").forward(), motion.forward(), atol=2e-6)

@@ -170,7 +170,7 @@ def test_many_points_and_results_of_gait_models(tmp_path):
     ("at", "new", "says"),
     [
         (1, b"\x51", "does not begin as"),
-        (0, b"\xff", "parameters are said to begin"),
+        (0, b"\xff", "parameters are stated to begin"),
         (2, b"\x63\x00", "99 points, POINT:USED 2"),
         (8, b"\xff\x00", "cut off"),
         (6, b"\xff\x00", "frames go from"),

@@ -239,6 +239,24 @@ def test_sliding_joints_and_several_roots(tmp_path):
     np.testing.assert_allclose(back.joint_frames(), motion.joint_frames(), atol=1e-6)
 
 
+def test_a_clip_is_chosen_by_name_or_number(tmp_path):
+    file = File()
+    file.settings.integer("TimeMode", 14, "enum").number("CustomFrameRate", 4.0)
+    hips = file.joint("hips", 0, (0, 100, 0))
+    file.joint("spine", hips, (0, 0, 10))
+    for height in (50, 80):
+        if hasattr(file, "stack"):
+            del file.stack
+        file.curve(file.layer(), hips, "Lcl Translation", "Y", [0, 1], [100, height])
+    path = file.write(tmp_path / "m.fbx")
+    for clip, height in ((None, 0.5), (0, 0.5), ("Take", 0.5), (1, 0.8), ("Take.001", 0.8)):
+        motion, notices = read_fbx(path, clip)
+        assert motion.root_positions_world[-1, 2] == pytest.approx(height)
+        assert notices == (("m.fbx: the first of its 2 clips was read, 'Take'",) if clip is None else ())
+    with pytest.raises(FormatError, match=r"has no clip 'Run'; its clips are: 0 'Take', 1 'Take\.001'; pass `clip`"):
+        read_fbx(path, "Run")
+
+
 def test_what_cannot_be_read_is_said(tmp_path):
     def refused(file: File, words: str) -> None:
         with pytest.raises(FormatError, match=words) as caught:

@@ -252,7 +252,7 @@ def damage(document: dict, what: str) -> None:
         ("cycle", "its own ancestor|another parent"),
         ("two parents", "another parent"),
         ("far joint", "not among the nodes"),
-        ("nan", "not as glTF|finite numbers"),
+        ("nan", "not valid glTF|finite numbers"),
         ("stretch", "stretches"),
         ("beyond", "beyond its buffer"),
         ("keys", "do not fit together"),

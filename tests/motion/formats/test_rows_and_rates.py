@@ -34,7 +34,7 @@ def table(frames=None, times=None, head="LASI_x,LASI_y,LASI_z", values=None):
 
 def test_a_trc_that_ends_too_early_is_refused(tmp_path):
     save_trc(tmp_path / "a.trc", lambda lines: lines[:-4])
-    with pytest.raises(FormatError, match="says 10 frames, 6 rows follow"):
+    with pytest.raises(FormatError, match="states 10 frames, 6 rows follow"):
         read_trc(tmp_path / "a.trc")
     save_trc(tmp_path / "b.trc")
     whole = (tmp_path / "b.trc").read_text()
@@ -77,7 +77,7 @@ def test_rows_of_a_table_are_placed_by_their_numbers(tmp_path, read):
     assert x(table(times=[0, 0.1, 0.2, 0.5, 0.6], values=np.ones(5)), 10)[0] == 10
     for rate in (60, 120, 1000 / 7):  # times that are rounded, or that jitter
         assert x(table(times=np.round(np.arange(ROWS) / rate, 3)))[0] == pytest.approx(rate, rel=0.05)
-    with pytest.raises(FormatError, match="0.1 frames a second: are they milliseconds.*pass `fps`"):
+    with pytest.raises(FormatError, match="0.1 frames per second: are they milliseconds.*pass `fps`"):
         x(table(times=np.arange(ROWS) * 10.0))
 
 

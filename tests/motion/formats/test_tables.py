@@ -103,7 +103,7 @@ GOOD = "time,a_x,a_y,a_z\n0,1,2,3\n0.5,4,5,6\n"
         ("", "is empty"),
         ("# only\n", "is empty"),
         (GOOD.replace("a_z", "b_z"), "no landmark has columns"),
-        (GOOD.replace("a_y", "a_x"), "'a_x' stands more than once"),
+        (GOOD.replace("a_y", "a_x"), "'a_x' appears more than once"),
         (GOOD.replace("a_z", "a_z,a.x").replace("3\n", "3,3\n").replace("6\n", "6,6\n"), "two columns for x"),
         (GOOD.replace("0,1,2,3", "0,1,two,3"), "line 2, column 'a_y': 'two'"),
         (GOOD.replace("0,1,2,3", "0,1,2"), "line 2 has 3 cells"),

@@ -1,1 +1,5 @@
-"""Procedural motion of synthetic people: programmes, scripts, and the solver that puts them on their feet."""
+"""Procedural motion of synthetic people: generators, scripts, and the solver that turns scripts into rotations."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""Programmes of motion on the hands, head down, or sitting on the floor: what gymnasts, dancers and patients do."""
+"""Generators of motion on the hands, upside down, or sitting on the floor, as of gymnasts, dancers and patients."""
 
 import numpy as np
 

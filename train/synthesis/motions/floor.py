@@ -1,4 +1,4 @@
-"""Programmes of motion that leave the feet: jumping, kneeling, sitting, crawling, lying, getting up; two people."""
+"""Generators of motion that leaves the feet: jumping, kneeling, sitting, crawling, lying, getting up; two people."""
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline

@@ -1,4 +1,4 @@
-"""Bodies on the floor: what bears them lies on it, and the limbs that hang over it sink down or keep out of it."""
+"""Bodies on the floor: the bearing parts lie on it, and free limbs sink onto it or stay above it."""
 
 from dataclasses import dataclass
 

@@ -1,7 +1,7 @@
 """The body that motion is generated for: its bones and skin, its joint angles, and rotations.
 
-Rotations are anny's `local-ref` (see `muybridge.train.synthesis.bodies.pose_sampler`): a bone's global rotation is its parent's times its
-own, and its origin is its parent's plus the parent's rotation of the offset at rest.
+Rotations are anny's `local-ref` (see `muybridge.train.synthesis.bodies.pose_sampler`): a bone's global rotation is its
+parent's times its own, and its origin is its parent's plus the parent's rotation of the offset at rest.
 """
 
 import functools

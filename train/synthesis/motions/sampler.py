@@ -1,7 +1,7 @@
 """Seeded, procedural motion as sequences: wide and plausible, within joint limits, on the floor or in flight.
 
-A clip comes from a programme (`motion_kinds`, `motion_floor`, `motion_acrobatics`) that writes a script of joint
-angles and foot plans; `motion_solve` makes it stand on its feet, keep its balance and fly in parabolas. A clip that
+A clip comes from a generator (`standing`, `floor`, `acrobatics`) that writes a script of joint angles and foot plans;
+`solve` makes it stand on its feet, keep its balance and fly in parabolas. A clip that
 breaks a bar (joint limits, sliding feet, self-penetration, speed) is drawn again, calmer.
 """
 
@@ -13,15 +13,7 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.motion.contacts.footskate import sliding_frames
-from muybridge.train.synthesis.motions import (
-    acrobatics as motion_acrobatics,
-)
-from muybridge.train.synthesis.motions import (
-    floor as motion_floor,
-)
-from muybridge.train.synthesis.motions import (
-    standing as motion_kinds,
-)
+from muybridge.train.synthesis.motions import acrobatics, floor, standing
 from muybridge.train.synthesis.motions.hands import hands_at_rest
 from muybridge.train.synthesis.motions.rig import LIMITS, SIDES, SkinnedBody, forward, joint_angles, log, rot, turn
 from muybridge.train.synthesis.motions.script import Script
@@ -35,10 +27,10 @@ MOTIONS: dict[str, float] = {
     "throw": 0.05, "kick": 0.06, "balance": 0.08, "dance": 0.08, "crawl": 0.02, "lie": 0.02, "get_up": 0.02,
     "floor_sit": 0.015, "plank": 0.01, "handstand": 0.01, "cartwheel": 0.01, "somersault": 0.005,
 }  # fmt: skip
-# Share of the clips of a kind in which hands rest somewhere (`motion_hands`).
+# Share of the clips of a kind in which hands rest somewhere (`hands`).
 HANDS_AT_REST = {"stand": 0.65, "walk": 0.3, "sit": 0.55, "kneel": 0.2}
 TRIES = 7
-FASTEST = 2200.0  # degrees a second, any joint
+FASTEST = 2200.0  # degrees per second, any joint
 
 
 @dataclass(frozen=True)
@@ -48,7 +40,7 @@ class MotionClip:
     Attributes:
         rotvec: (T, bones, 3) rotation vectors, radians, `local-ref`.
         root: (T, 3) metres, origin of the root bone in the world (z up, floor z = 0).
-        fps: frames a second.
+        fps: frames per second.
         kind: name of the motion.
         contacts: (T, 2) whether the left and right foot stand on the floor; a standing foot's ball does not move.
         flights: spans (first, last) of frames between which nothing is touched.
@@ -62,7 +54,7 @@ class MotionClip:
     flights: tuple[tuple[int, int], ...] = ()
 
     def velocity(self, frame: int) -> FloatArray:
-        """(bones, 3) rates of the rotation vectors, radians a second, by central difference."""
+        """(bones, 3) rates of the rotation vectors, radians per second, by central difference."""
         a, b = max(frame - 1, 0), min(frame + 1, len(self.root) - 1)
         return np.asarray((self.rotvec[b] - self.rotvec[a]) * self.fps / max(b - a, 1))
 
@@ -72,7 +64,7 @@ class PoseSamples:
     """Single frames of clips.
 
     Attributes:
-        rotvec: (N, bones, 3) radians, `local-ref`; velocity: (N, bones, 3) radians a second.
+        rotvec: (N, bones, 3) radians, `local-ref`; velocity: (N, bones, 3) radians per second.
         kinds: (N,) index into `MOTIONS`.
     """
 
@@ -99,8 +91,8 @@ class MotionSampler:
             raise ValueError(f"a clip of {count} frames is too short for motion: ask for at least 8")
         if kind is None:
             kind = str(self.rng.choice(list(MOTIONS), p=np.array(list(MOTIONS.values())) / sum(MOTIONS.values())))
-        programme = _programme(kind)
-        return self._place(self._best(kind, np.arange(count) / fps, fps, programme))
+        generator = _generator(kind)
+        return self._place(self._best(kind, np.arange(count) / fps, fps, generator))
 
     def sample_pair(self, seconds: float, fps: float) -> tuple[MotionClip, MotionClip]:
         """Two people close together in one world: hand in hand, hands on hands, or talking, before or beside one
@@ -126,7 +118,7 @@ class MotionSampler:
         for person in range(2):
             # The other's right hand meets at the same place, which lies to its left when it faces us.
             place = meet if person == 0 else meet + [-2 * float(meet[0, 0]) * (style == 0), 0, 0]
-            act = functools.partial(motion_floor.partner, meet=place, hands=hands, gap=gap)
+            act = functools.partial(floor.partner, meet=place, hands=hands, gap=gap)
             clips.append(self._best("pair", time, fps, act))
         if style < 2:
             return clips[0], _turned(clips[1], 180.0, np.array([0.0, -gap, 0.0]))
@@ -146,7 +138,7 @@ class MotionSampler:
         return nearest(*core) < 0.3 or nearest(wrists[0], core[1]) < 0.15 or nearest(wrists[1], core[0]) < 0.15
 
     def sample_poses(self, n: int, kinds: Sequence[str] | None = None) -> PoseSamples:
-        """`n` single frames, well apart: clips of 8 s at 15 frames a second, twelve frames from each."""
+        """`n` single frames, well apart: clips of 8 s at 15 frames per second, twelve frames from each."""
         names = [m for m in MOTIONS if kinds is None or m in kinds]
         share = np.array([MOTIONS[m] for m in names])
         rotvec: list[FloatArray] = []
@@ -162,11 +154,11 @@ class MotionSampler:
                 kind.append(list(MOTIONS).index(name))
         return PoseSamples(np.stack(rotvec), np.stack(velocity), np.array(kind))
 
-    def _best(self, kind: str, time: FloatArray, fps: float, programme: Callable[[Stage], None]) -> MotionClip:
+    def _best(self, kind: str, time: FloatArray, fps: float, generator: Callable[[Stage], None]) -> MotionClip:
         best, least = None, np.inf
         for attempt in range(TRIES):
             stage = Stage(self.solver, time, self.rng, attempt / (TRIES - 1))
-            programme(stage)
+            generator(stage)
             if self.rng.random() < HANDS_AT_REST.get(kind, 0.0):
                 hands_at_rest(stage, seated=kind == "sit")
             clip, faults = self._finish(kind, stage.s, fps)
@@ -218,10 +210,10 @@ class MotionSampler:
         return replace(clip, rotvec=rotvec, root=clip.root * [-1, 1, 1], contacts=clip.contacts[:, ::-1])
 
 
-def _programme(kind: str) -> Callable[[Stage], None]:
+def _generator(kind: str) -> Callable[[Stage], None]:
     if kind not in MOTIONS:
         raise ValueError(f"unknown kind of motion {kind!r}: choose one of {', '.join(MOTIONS)}")
-    modules = (motion_kinds, motion_floor, motion_acrobatics)
+    modules = (standing, floor, acrobatics)
     found: Callable[[Stage], None] = next(getattr(m, kind) for m in modules if hasattr(m, kind))
     return found
 

@@ -1,4 +1,4 @@
-"""Scripts of motion: what a motion shall be, as named curves, before the body is solved for it."""
+"""Scripts of motion: named curves that a motion is solved from."""
 
 from dataclasses import dataclass, field, replace
 
@@ -34,7 +34,7 @@ class Hold:
 
 @dataclass
 class Script:
-    """What a motion shall be, before the body has its say.
+    """A motion as it is wanted, before it is solved for a body.
 
     Attributes:
         time: (T,) seconds.

@@ -105,7 +105,7 @@ class Solver:
         return out
 
     def _onto_the_floor(self, script: Script, local: FloatArray, root: FloatArray) -> FloatArray:
-        """Shift of the root that puts the lowest point on the floor where `ground` says so, and nowhere below it."""
+        """Shift of the root that puts the lowest point on the floor where `ground` is 1, and nowhere below it."""
         low = self._lowest(local, root, script.bearing)
         out = np.zeros_like(root)
         low = np.where(low < 0, low, low * (1 - (1 - script["ground"]) ** 3))
@@ -119,7 +119,7 @@ class Solver:
         return np.asarray(skin(self.k, rotations, at, mine)[..., 2].min(1))
 
     def _limbs_onto_the_floor(self, script: Script, local: FloatArray, root: FloatArray) -> FloatArray:
-        """Local rotations with limbs and head out of the floor, and sunk onto it as far as the script says."""
+        """Local rotations with limbs and head out of the floor, and sunk onto it as far as the script wants."""
         c = script.channels
         near = np.clip(2 * c["ground"], 0, 1)
         sink, free = {"head": c["headsink"] * c["ground"]}, {"head": near}

@@ -1,4 +1,4 @@
-"""The stage on which a programme of motion writes its script: draws of style, curves over time, plans of the feet.
+"""The stage on which a generator writes its script: random style, curves over time, plans of the feet.
 
 At yaw 0 the person faces -y; lengths are in metres, times in seconds, angles in degrees.
 """
@@ -23,7 +23,7 @@ def ease(x: FloatArray) -> FloatArray:
 
 
 class Stage:
-    """A script being written, with the tools that programmes share.
+    """A script being written, with the tools that generators share.
 
     Attributes:
         calm: 0 to 1; later tries at a motion are calmer.

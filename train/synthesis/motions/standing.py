@@ -1,6 +1,6 @@
-"""Programmes of motion on the feet: standing, walking, running, jumping, squatting, reaching, balancing, ...
+"""Generators of motion on the feet: standing, walking, running, jumping, squatting, reaching, balancing, ...
 
-A programme draws a style (amplitude, tempo, asymmetry) and fills the channels of a `Script`. At yaw 0 the person
+A generator draws a style (amplitude, tempo, asymmetry) and fills the channels of a `Script`. At yaw 0 the person
 faces -y; lengths are in metres, times in seconds, angles in degrees. Lengths scale with the leg.
 """
 
@@ -210,7 +210,7 @@ def dance(g: Stage) -> None:
 
 
 def _travel(g: Stage, speed: float, bend: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Path of the root at a speed, turning by `bend` degrees a second: x, y and yaw as functions sampled finely."""
+    """Path of the root at a speed, turning by `bend` degrees per second: x, y and yaw as functions sampled finely."""
     fine = np.arange(-2, g.end + 2, 1 / 240)
     yaw = np.radians(bend * fine + 8 * np.sin(fine * g.u(0.3, 0.9) + g.u(0, 6)))
     x, y = np.cumsum(np.sin(yaw)) / 240 * speed, np.cumsum(-np.cos(yaw)) / 240 * speed

@@ -1,0 +1,138 @@
+"""glTF files of odd rigs: several roots, several skins, scaled holders, names that repeat, no skin at all."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from muybridge.errors import FormatError
+from muybridge.motion.formats.gltf.container import Buffer, pack_glb
+from muybridge.motion.formats.gltf.read import read_gltf, read_gltf_take
+from muybridge.motion.formats.gltf.write import write_glb
+from muybridge.motion.formats.registry import read_file
+from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
+
+WORLD_FROM_GLTF = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+HALF = float(np.sqrt(0.5))
+
+
+def write(path: Path, nodes: list[dict], skins: list[list[int]], tracks: dict[tuple[int, str], Any] | None = None,
+          **more: Any) -> Path:  # fmt: skip
+    """A file of these nodes, with skins of these joints and, of one clip at 30 frames per second, these keys."""
+    buffer = Buffer()
+    document: dict[str, Any] = {"asset": {"version": "2.0"}, "nodes": nodes, **more}
+    if skins:
+        document["skins"] = [{"joints": joints} for joints in skins]
+    if tracks:
+        channels, samplers = [], []
+        for (node, what), values in tracks.items():
+            times = buffer.add(np.arange(len(values)) / 30, "SCALAR", bounds=True)
+            output = buffer.add(np.array(values), "VEC4" if what == "rotation" else "VEC3")
+            channels.append({"sampler": len(samplers), "target": {"node": node, "path": what}})
+            samplers.append({"input": times, "output": output})
+        document["animations"] = [{"channels": channels, "samplers": samplers}]
+    document |= {"accessors": buffer.accessors, "bufferViews": buffer.views}
+    document["buffers"] = [{"byteLength": len(buffer.data)}]
+    path.write_bytes(pack_glb(document, bytes(buffer.data)))
+    return path
+
+
+def test_several_roots_under_a_scaled_holder_with_one_name(tmp_path):
+    nodes = [
+        {"name": "Armature", "children": [1, 3], "scale": [0.01] * 3, "translation": [1, 0, 0]},
+        {"name": "bone", "children": [2], "translation": [0, 100, 0]},
+        {"name": "bone", "translation": [0, 50, 0]},
+        {"name": "bone", "children": [4], "translation": [30, 0, 0], "rotation": [0, 0, HALF, HALF]},
+        {"name": "tip", "translation": [10, 0, 0]},
+    ]
+    shift = [[30, 0, 0], [30, 0, 10], [30, 0, 20]]
+    motion = read_gltf(write(tmp_path / "m.glb", nodes, [[1, 2, 3, 4]], {(3, "translation"): shift}))
+    skeleton = motion.skeleton
+    assert skeleton.names == ("bone", "bone.001", "bone.002", "tip") and skeleton.parents == (-1, -1, 0, 1)
+    assert skeleton.roots == (0, 1) and skeleton.sliding == (1,) and len(motion) == 3
+    expected = np.array([[[1, 1, 0], [1.3, 0, 0.1 * t], [1, 1.5, 0], [1.3, 0.1, 0.1 * t]] for t in range(3)])
+    np.testing.assert_allclose(motion.joint_positions_world(), expected @ WORLD_FROM_GLTF.T, atol=1e-7)
+    np.testing.assert_allclose(skeleton.offsets[1], [0.3, 0, -1.0], atol=1e-7)
+    for path, writer, reader in (
+        (tmp_path / "again.glb", write_glb, read_gltf), (tmp_path / "again.bvh", write_bvh, read_bvh),
+    ):  # fmt: skip
+        writer(path, motion)
+        back = reader(path)
+        order = [back.skeleton.index(name) for name in skeleton.names]
+        np.testing.assert_allclose(back.joint_positions_world()[:, order], motion.joint_positions_world(), atol=2e-6)
+        np.testing.assert_allclose(back.skeleton.rest_positions[order], skeleton.rest_positions, atol=2e-6)
+        assert len(back.skeleton.roots) == 2
+
+
+def test_skins_that_share_joints_are_one_skeleton_and_others_are_left_out(tmp_path):
+    nodes = [
+        {"name": "hips", "children": [1, 2]},
+        {"name": "spine", "translation": [0, 1, 0], "children": [3]},
+        {"name": "leg", "translation": [0, -1, 0]},
+        {"name": "hair", "translation": [0, 1, 0]},
+        {"name": "dog", "children": [5]},
+        {"name": "tail", "translation": [0, 0, 1]},
+    ]
+    path = write(tmp_path / "m.glb", nodes, [[4, 5], [0, 1, 2], [1, 3]])
+    take = read_gltf_take(path)
+    assert take.motion.skeleton.names == ("hips", "spine", "leg", "hair")
+    assert take.notices == ("m.glb: of 2 skeletons 'hips' was read, dog not",)
+
+
+@pytest.mark.parametrize("suffix", [".vrm", ".vrma"])
+def test_a_humanoid_without_a_skin(tmp_path, suffix):
+    nodes = [
+        {"name": "top", "children": [1, 4], "translation": [0, 1, 0]},
+        {"name": "hips", "children": [2]},
+        {"name": "between", "children": [3], "translation": [0, 0.5, 0]},
+        {"name": "head", "translation": [0, 0.5, 0], "children": [5, 6]},
+        {"name": "lamp", "mesh": 0},
+        {"name": "hair", "translation": [0, 0.1, 0]},
+        {"name": "hat", "translation": [0, 0.2, 0], "mesh": 0},
+    ]
+    extension = {"VRMC_vrm": {"humanoid": {"humanBones": {"hips": {"node": 1}, "head": {"node": 3}}}}}
+    old = {"VRM": {"humanoid": {"humanBones": [{"bone": "hips", "node": 1}, {"bone": "head", "node": 3}]}}}
+    for extensions in (extension, old):
+        path = write(tmp_path / f"m{suffix}", nodes, [], extensions=extensions)
+        motion = read_file(path).motion
+        assert motion.skeleton.names == ("hips", "between", "head", "hair")
+        np.testing.assert_allclose(motion.joint_positions_world()[0, :, 2], [1, 1.5, 2, 2.1], atol=1e-7)
+
+
+def test_only_scales_above_joints_matter(tmp_path):
+    nodes = [
+        {"name": "hips", "children": [1]},
+        {"name": "spine", "translation": [0, 1, 0], "scale": [1, 2, 1]},
+        {"name": "prop", "scale": [-1, 1, 1]},
+    ]
+    assert len(read_gltf(write(tmp_path / "m.glb", nodes, [[0, 1]])).skeleton) == 2
+    nodes[0]["scale"] = [1, 1, -1]
+    with pytest.raises(FormatError, match=r"node 0 \(hips\) stretches or mirrors what is below it"):
+        read_gltf(write(tmp_path / "m.glb", nodes, [[0, 1]]))
+    nodes[0].pop("scale")
+    nodes[0]["matrix"] = np.diag([-1.0, 1, 1, 1]).ravel().tolist()
+    with pytest.raises(FormatError, match=r"node 0 \(hips\) stretches or mirrors"):
+        read_gltf(write(tmp_path / "m.glb", nodes, [[0, 1]]))
+
+
+def test_a_scale_that_changes_moves_what_is_below(tmp_path):
+    nodes = [{"name": "hips", "children": [1]}, {"name": "spine", "translation": [0, 1, 0]}]
+    motion = read_gltf(write(tmp_path / "m.glb", nodes, [[0, 1]], {(0, "scale"): [[1, 1, 1], [2, 2, 2]]}))
+    np.testing.assert_allclose(motion.joint_positions_world()[:, 1, 2], [1, 2], atol=1e-7)
+    assert motion.skeleton.sliding == (1,)
+
+
+def test_sparse_keys_are_sampled_between_them(tmp_path):
+    nodes = [{"name": "hips", "children": [1]}, {"name": "spine", "translation": [0, 1, 0]}]
+    path = write(tmp_path / "m.glb", nodes, [[0, 1]], {(0, "translation"): [[0, 0, 0], [0, 0, 0], [3, 0, 0]]})
+    assert read_gltf(path).fps == 30 and len(read_gltf(path)) == 3
+    data = path.read_bytes()
+    keys = np.arange(3, dtype="<f4") / np.float32(30)
+    assert data.count(keys.tobytes()) == 1
+    # Keys at 0, 0.7 and 1.4 s: 1.43 a second are no frames.
+    path.write_bytes(data.replace(keys.tobytes(), (0.7 * np.arange(3)).astype("<f4").tobytes()))
+    motion = read_gltf(path)
+    assert motion.fps == pytest.approx(30.0) and len(motion) == 43
+    np.testing.assert_allclose(motion.root_positions_world[[0, 21, 42], 0], [0, 0, 3], atol=1e-6)
+    np.testing.assert_allclose(np.diff(motion.root_positions_world[21:, 0]), 3 / 21, atol=1e-5)
