@@ -21,6 +21,14 @@ _Network = Annotated[
     tyro.conf.arg(name=""),
 ]
 
+# What `--help` shows; `--help-all` shows every option.
+COMMON_OPTIONS = {
+    "train": (
+        "renders", "shards", "out", "minutes", "batch", "rate", "model", "footage", "clips", "markerset", "workers",
+        "seed",
+    )
+}  # fmt: skip
+
 
 def _command_line() -> str:
     return shlex.join(["muybridge", *sys.argv[1:]])

@@ -13,7 +13,7 @@ import platform
 import re
 import shutil
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -25,25 +25,6 @@ _TEMPORARY = re.compile(r"\.(?P<host>[0-9a-f]{8})-(?P<process>\d+)-\d+\.tmp(\.[^
 _numbers = itertools.count()
 # Temporary paths that this process is writing now.
 _open: set[Path] = set()
-
-
-def check_free(path: Path, overwrite: bool, read: Iterable[Path] = ()) -> None:
-    """Refuse to replace an existing file.
-
-    Args:
-        path: file to be written.
-        overwrite: whether it may be replaced.
-        read: input files, which are never replaced.
-
-    Raises:
-        OutputError: the file exists and may not be replaced.
-    """
-    if not path.exists():
-        return
-    if path.resolve() in (other.resolve() for other in read):
-        raise OutputError(f"{path} is a file to be read", remedy="other_name")
-    if not overwrite:
-        raise OutputError(f"{path} is there already", remedy="overwrite")
 
 
 def temporary_path(path: Path) -> Path:

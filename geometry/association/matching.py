@@ -49,7 +49,7 @@ class Detections:
     valid: BoolArray
 
     def __contains__(self, t: int) -> bool:
-        return self.first <= t < self.first + self.valid.shape[1]
+        return bool(self.first <= t < self.first + self.valid.shape[1])
 
     def frame(self, t: int) -> FrameDetections:
         """The detections of frame `t`."""

@@ -32,8 +32,8 @@ def label(
         overwrite: replace files in the results folder that muybridge did not write or that were changed since.
         markerset: markers that the person wears: `pig39`, `cmu41`, another set of `muybridge markerset list`, or a text
             file of your own.
-        corrections: manual corrections, one per line (see docs/guides/label-markers.md); the file is copied to the results folder,
-            where later runs find it.
+        corrections: manual corrections, one per line (see docs/guides/label-markers.md); the file is copied to the
+            results folder, where later runs find it.
         model: labelling network in place of the shipped one.
         fps: frames per second, where the file does not say.
         clean: spikes and gaps.

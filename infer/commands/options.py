@@ -9,6 +9,7 @@ WITHOUT_PREFIX = frozenset(
     {
         "AdaptOptions", "BoardChoice", "BoardOptions", "DetectOptions", "DiagnosisOptions", "MarkerVideoOptions",
         "PeopleCalibrationOptions", "RunOptions", "ScanOptions", "SessionOptions", "SolveOptions",
+        "SolvePointsOptions",
     }
 )  # fmt: skip
 
@@ -46,6 +47,7 @@ COMMAND_LINE: dict[str, tuple[str, ...]] = {
 # What a value is called in help, by class and field, where its type says little.
 METAVARS: dict[str, str] = {
     "SessionOptions.cameras": "NAME [NAME ...]",
+    "SolvePointsOptions.centres": "{midpoint,plane,harrington,bell,davis,functional} ...",
 }
 
 # What an option is called in full, by class and field, where the names of field and class read badly together.

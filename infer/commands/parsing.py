@@ -190,6 +190,8 @@ class _Fields:
             extra.append(tyro.conf.arg(help_behavior_hint="" if name == "verbose" else _default_label))
         if self.common is not None and not self._is_common(name, plain) and default is not MISSING_NONPROP:
             extra.append(tyro.conf.Suppress)
+        if text is not None:
+            text = re.sub(r"`?\bNone\b`?", "unset", text)  # on the command line nothing can be set to None
         return StructFieldSpec(name, Annotated[(hint, *extra)] if extra else hint, default, text)  # type: ignore[arg-type]
 
     def _heading(self, name: str, kind: Any) -> list[Any]:

@@ -1,4 +1,4 @@
-"""The demo's take, which comes with the package, and its true points."""
+"""The demo's take, which is part of the package, and its ground truth."""
 
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -15,7 +15,7 @@ def demo_folder() -> Traversable:
     """The take inside the package: `videos/`, `calibration.toml` and `truth.npz`.
 
     Raises:
-        SessionError: the installation has none.
+        SessionError: it is missing from the installation.
     """
     folder = resources.files("muybridge.infer").joinpath("demo_take")
     if not folder.joinpath(TRUTH).is_file():

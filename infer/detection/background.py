@@ -1,6 +1,7 @@
-"""What a static camera sees without the people who move, and how each frame differs from it.
+"""The background of a static camera's video, and how each frame differs from it.
 
-The person detector and the keypoint network are both helped by it: motion tells people from what only looks like them.
+The person detector and the keypoint network both take the difference as input: it separates moving people from
+objects that only look like them.
 """
 
 from __future__ import annotations
@@ -16,19 +17,20 @@ from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.infer.detection.crop_pixels import extract_crops
 from muybridge.infer.detection.orientation import Letterbox
 
-# With fewer frames than this there is no telling what is background.
+# With fewer frames than this the background is unknown.
 _PLATE_MIN_FRAMES = 3
-# Of what pixels tell an exposure: every so manieth, neither dark nor burnt out, not too few, alike within noise.
-_EVERY, _DARK, _BRIGHT, _LEAST_PIXELS, _ALIKE = 3, 20, 235, 200, 0.08
-# How thick people are, in longer sides of their landmarks' own box: limbs, and what is round each landmark.
-_LIMB, _ROUND, _HEAD = 0.13, 0.05, 0.1
+# Exposure is compared on every n-th pixel that is neither dark nor saturated; on at least so many, which agree within
+# this share.
+_STRIDE, _DARK, _BRIGHT, _LEAST_PIXELS, _AGREEMENT = 3, 20, 235, 200, 0.08
+# Thickness of people, in longer sides of their landmarks' own box: limbs, and the disc around each landmark.
+_LIMB, _JOINT, _HEAD = 0.13, 0.05, 0.1
 
 
 class BackgroundPlate:
-    """What a static camera sees without the people who move: a median over frames spaced evenly in time.
+    """The median over frames spaced evenly in time: what a static camera sees without moving people.
 
-    At most `max_frames` frames are kept; when they are full, every other one goes and the spacing doubles.
-    Someone who hardly moves melts into the plate: the detector is trained to do without it as well.
+    At most `max_frames` frames are kept; when there are more, every other one is dropped and the spacing doubles.
+    Someone who hardly moves becomes part of the plate; the detector is trained to work without it as well.
     """
 
     def __init__(self, max_frames: int = 25) -> None:
@@ -42,11 +44,11 @@ class BackgroundPlate:
 
     @property
     def frames(self) -> IndexArray:
-        """(K,) the numbers of the frames that are kept."""
+        """(K,) numbers of the frames that are kept."""
         return self._spacing * np.arange(len(self._kept))
 
     def add(self, frames: ByteArray) -> None:
-        """Take note of the next (n, h, w, 3) frames, in order."""
+        """Add the next (n, h, w, 3) frames, in order."""
         for frame in frames:
             if self._seen % self._spacing == 0:
                 self._kept.append(frame.copy())
@@ -58,15 +60,20 @@ class BackgroundPlate:
 
     @property
     def plate(self) -> ByteArray | None:
-        """(h, w, 3), or None while too few frames were seen."""
+        """(h, w, 3), or None while there are too few frames."""
         if self._plate is None and len(self._kept) >= _PLATE_MIN_FRAMES:
             middle = len(self._kept) // 2
             self._plate = np.partition(np.stack(self._kept, axis=-1), middle, axis=-1)[..., middle]
         return self._plate
 
     def without(self, people: BoolArray) -> ByteArray | None:
-        """(h, w, 3) the same of what is not people in the kept frames, (K, h, w): who sways or steps about in one place
-        is in most frames' way and not in all. Where too few frames are free it is as before."""
+        """(h, w, 3) the plate without the pixels of people in the kept frames.
+
+        Someone who sways or steps in one place covers a pixel in most frames, but not in all.
+
+        Args:
+            people: (K, h, w) where people are; where too few frames are free, the pixel stays as in `plate`.
+        """
         plate = self.plate
         if plate is None:
             return None
@@ -85,7 +92,7 @@ class SmallFrames(NamedTuple):
 
     Attributes:
         pixels: (n, h, w, 3) RGB.
-        difference: (n, h, w) to the background plate, 0..1; zero while there is none.
+        difference: (n, h, w) from the background plate, 0..1; zero while there is none.
     """
 
     pixels: ByteArray
@@ -93,15 +100,15 @@ class SmallFrames(NamedTuple):
 
 
 class BackgroundModel:
-    """One camera's background plate, which grows with the frames that it is shown in order, or is known already."""
+    """One camera's background plate, built from its frames in order, or known already."""
 
     def __init__(self, letterbox: Letterbox, enabled: bool = True, known: ByteArray | None = None) -> None:
-        """A backdrop for frames that `letterbox` makes small.
+        """A model for frames that `letterbox` scales down.
 
         Args:
             letterbox: of the person detector.
-            enabled: there is a plate; not for moving cameras.
-            known: (h, w, 3) a plate that was found before, and is kept.
+            enabled: build a plate; not for moving cameras.
+            known: (h, w, 3) a plate from an earlier pass, used as it is.
         """
         self._letterbox = letterbox
         self._enabled = enabled
@@ -116,14 +123,14 @@ class BackgroundModel:
         return self._plate.plate if self._known is None else self._known
 
     def __call__(self, frames: ByteArray) -> SmallFrames:
-        """The next (n, H, W, 3) RGB frames made small."""
+        """The next (n, H, W, 3) RGB frames scaled down."""
         small = np.stack([self._letterbox.apply(frame) for frame in frames])
         if self._enabled and self._known is None:
             self._plate.add(small)
         return SmallFrames(small, _difference(small, self.plate))
 
     def without(self, tracks: FloatArray, landmarks: LandmarkSet) -> ByteArray | None:
-        """(h, w, 3) the background of the frames so far without the people who were found in them.
+        """(h, w, 3) the background of the frames so far, without the people found in them.
 
         Args:
             tracks: (T, P, J, 2) px of the frames.
@@ -136,13 +143,13 @@ class BackgroundModel:
         return self._plate.without(silhouettes(px, landmarks, self._letterbox.canvas))
 
     def difference_in(self, crops: Crops, small: SmallFrames, index: int) -> ByteArray:
-        """(N, S, S) the difference of one of the frames in crops of it, 255 for 1."""
+        """(N, S, S) the difference of one of the frames in crops, 255 for 1."""
         in_small = Crops(crops.size_px, crops.crop_from_image @ self._letterbox.frame_from_canvas)
         return extract_crops(np.round(255 * small.difference[index]).astype(np.uint8), in_small)
 
 
 def _difference(frames: ByteArray, plate: ByteArray | None) -> Float32Array:
-    """(n, h, w) mean over RGB of |frame - plate| in 0..1, of frames exposed as the plate; zero without a plate."""
+    """(n, h, w) mean over RGB of |frame - plate| in 0..1, after matching the exposure; zero without a plate."""
     result = np.zeros(frames.shape[:3], dtype=np.float32)
     if plate is not None:
         for index, frame in enumerate(frames):
@@ -153,38 +160,38 @@ def _difference(frames: ByteArray, plate: ByteArray | None) -> Float32Array:
 
 
 def _exposure(frame: ByteArray, plate: ByteArray) -> ByteArray:
-    """(256, 1, 3) what the frame's values are in the plate's exposure, since cameras set themselves: by what most of
-    the picture agrees on, as they are where that is not so."""
+    """(256, 1, 3) the frame's values in the plate's exposure, because cameras adjust theirs: by the gain that most of
+    the image agrees on, unchanged where there is none."""
     values = np.arange(256.0)[:, None, None] * _gain(frame, plate)
     return np.asarray(values.round().clip(0, 255), dtype=np.uint8)
 
 
 def _gain(frame: ByteArray, plate: ByteArray) -> FloatArray:
-    """(3,) of the channels, from the frame to the plate."""
-    some = plate[::_EVERY, ::_EVERY].reshape(-1, 3), frame[::_EVERY, ::_EVERY].reshape(-1, 3)
+    """(3,) gain of the channels from the frame to the plate."""
+    some = plate[::_STRIDE, ::_STRIDE].reshape(-1, 3), frame[::_STRIDE, ::_STRIDE].reshape(-1, 3)
     usable = ((some[0] > _DARK) & (some[0] < _BRIGHT) & (some[1] > _DARK) & (some[1] < _BRIGHT)).all(axis=1)
     if usable.sum() < _LEAST_PIXELS:
         return np.ones(3)
     ratio = some[0][usable].astype(np.float32) / some[1][usable]
     gain = np.median(ratio, axis=0)
-    agree = (np.abs(ratio / gain - 1) < _ALIKE).all(axis=1).mean()
+    agree = (np.abs(ratio / gain - 1) < _AGREEMENT).all(axis=1).mean()
     return np.asarray(gain if agree > 0.5 else np.ones(3), dtype=np.float64)
 
 
 def silhouettes(points_px: FloatArray, landmarks: LandmarkSet, size: tuple[int, int]) -> BoolArray:
-    """Where people are, roughly and rather too wide.
+    """Masks of people, a little too wide.
 
     Args:
-        points_px: (K, P, J, 2) px of K pictures, NaN where missing.
+        points_px: (K, P, J, 2) px of K images, NaN where missing.
         landmarks: the meaning of the J axis.
-        size: width and height of the pictures.
+        size: width and height of the images.
 
     Returns:
         (K, height, width).
     """
     masks = np.zeros((len(points_px), size[1], size[0]), np.uint8)
     head = {"nose", "left_eye", "right_eye", "left_ear", "right_ear"}
-    reach = np.array([_HEAD if name in head else _ROUND for name in landmarks.names])
+    reach = np.array([_HEAD if name in head else _JOINT for name in landmarks.names])
     trunk = [i for i, name in enumerate(landmarks.names) if name.endswith(("_shoulder", "_hip"))]
     for mask, people in zip(masks, points_px, strict=True):
         for body in people:

@@ -1,4 +1,4 @@
-"""Bright markers in an image, to a fraction of a pixel; the threshold is found on the video itself."""
+"""Bright markers in an image with sub-pixel accuracy; the threshold is estimated from the video itself."""
 
 from dataclasses import dataclass
 
@@ -12,13 +12,13 @@ from muybridge.arrays import BoolArray, ByteArray, FloatArray
 
 @dataclass(frozen=True)
 class BlobOptions:
-    """How bright markers are found in an image.
+    """How bright markers are detected in an image.
 
     Attributes:
-        threshold: grey level above which a pixel belongs to a marker; None finds it on the video.
+        threshold: grey level above which a pixel belongs to a marker; None estimates it from the video.
         least_px: smallest area of a marker.
-        most_px: largest; what is larger is a lamp or a window.
-        roundness: least share of its own ellipse that a blob fills; less is two markers that touch, and is split.
+        most_px: largest area; larger blobs are lamps or windows.
+        roundness: least share of its ellipse that a blob fills; with less, it is two touching markers and is split.
     """
 
     threshold: float | None = None
@@ -28,9 +28,9 @@ class BlobOptions:
 
 
 def find_threshold(images: list[ByteArray]) -> float:
-    """A grey level between dark picture and bright markers, from some images of one video.
+    """A grey level between dark background and bright markers, from some images of one video.
 
-    Above the background's noise there are markers and their glow; Otsu's threshold parts the two.
+    Above the background's noise there are markers and their glow; Otsu's threshold separates the two.
 
     Args:
         images: (H, W) grey.
@@ -50,11 +50,13 @@ def find_threshold(images: list[ByteArray]) -> float:
 def find_blobs(image: ByteArray, threshold: float, options: BlobOptions = BlobOptions()) -> FloatArray:
     """(K, 3): x, y in pixels and area of every marker.
 
-    The centre is the mean of the pixels' places weighed by how far they are above the threshold; blobs that are no
-    ellipse are split where they are widest.
+    The centre is the mean of the pixels' positions, weighted by their level above the threshold; blobs that are no
+    ellipse are split at their widest parts.
 
     Args:
-        image: (H, W) grey. threshold: see `find_threshold`.
+        image: (H, W) grey.
+        threshold: see `find_threshold`.
+        options: sizes and shapes.
     """
     mask = image > threshold
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
@@ -75,7 +77,7 @@ def find_blobs(image: ByteArray, threshold: float, options: BlobOptions = BlobOp
 
 
 def _parts(own: BoolArray, level: FloatArray, area: int, options: BlobOptions) -> list[tuple[FloatArray, int]]:
-    """The markers that one blob is made of: their levels and areas."""
+    """The markers that one blob consists of: their levels and areas."""
     if area < 12:
         return [(level, area)]
     shape = regionprops(own.astype(np.uint8))[0]  # type: ignore[no-untyped-call]

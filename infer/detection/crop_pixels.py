@@ -8,7 +8,7 @@ import numpy as np
 from muybridge.arrays import ByteArray, FloatArray, IndexArray
 from muybridge.geometry.cameras.crops import Crops
 
-# A crop that is this many times coarser than the frame is cut from a frame that was averaged down first.
+# A crop that is this many times coarser than the frame is cut from a frame that is averaged down first.
 _COARSE = 4
 
 # Averaging down stops here: crops of 128 px from people of 16,000.

@@ -17,7 +17,7 @@ from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.robust import row_median
 from muybridge.infer.detection.background import BackgroundModel, SmallFrames
 from muybridge.infer.detection.crop_pixels import extract_crops
-from muybridge.infer.detection.exposure import light_up
+from muybridge.infer.detection.exposure import brighten_crops
 from muybridge.infer.detection.orientation import FrameOrientation
 from muybridge.infer.detection.tracker import filled_boxes, smoothed_boxes, smoothing_frames
 from muybridge.infer.detection.tracks import LandmarkArrays, body_of, by_name, flat
@@ -26,26 +26,26 @@ from muybridge.infer.networks.keypoints import Expectation, KeypointNetwork, Loc
 from muybridge.models.keypoints.decode import DecodedHeatmaps, sigmoid
 from muybridge.models.keypoints.test_time import Series
 
-# How far a person reaches beyond their landmarks, in longer sides of the landmarks' own box.
+# Margin of a person's box around the landmarks, in longer sides of the landmarks' own box.
 _REACH = {"nose": 0.11, "eye": 0.11, "ear": 0.11, "wrist": 0.10}
 _REACH_ELSEWHERE = 0.04
 
-# Boxes narrower than this are widened: there is nothing to see in them.
+# Boxes narrower than this are widened: they are too small to show anything.
 _MIN_BOX_PX = 8.0
 
-# Smoothing of the landmarks' own boxes (seconds), and how many frames round a poor box are redone.
+# Smoothing of the landmarks' own boxes (seconds), and how many frames around a poor box are read again.
 _OWN_BOX_SMOOTHING = 0.067
 _REDO_AROUND = 3
 
-# How often (seconds) what the network is unsure of in a track is shown to it in every orientation.
+# Interval (seconds) at which crops of low confidence in a track are read in every orientation.
 _TRY_EVERY = 0.13
 
-# Two tracks are of one person if the median distance of their landmarks is below this part of the body's
-# longer side; the younger one goes unless it is surer by this much. Landmarks that both are sure of decide, where
-# there are enough: what one crop shows and the other cuts off is guessed.
+# Two tracks are one person if the median distance of their landmarks is below this share of the body's longer side; the
+# younger one is dropped unless its confidence is higher by this much. Landmarks of which both are confident decide,
+# where there are enough: those that one crop shows and the other cuts off are guesses.
 _SAME_PERSON = 0.06
-_MUCH_SURER = 0.1
-_SURE, _ENOUGH_SURE = 0.3, 5
+_MUCH_MORE_CONFIDENT = 0.1
+_CONFIDENT, _ENOUGH_CONFIDENT = 0.3, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ class Pictures(NamedTuple):
 
     Attributes:
         frames: (n, H, W, 3) RGB.
-        small: the same as its `BackgroundModel` sees them; None for networks that do not see the background.
+        small: the same as scaled down by its `BackgroundModel`; None for networks that do not take the background.
     """
 
     frames: ByteArray
@@ -111,12 +111,12 @@ class PoseReader:
     """Reads the landmarks in boxes of one camera's frames.
 
     Attributes:
-        upright: how the camera's frames are hung; boxes are in upright px.
+        upright: rotation of the camera's frames; boxes are in upright px.
     """
 
     def __init__(
-        self, network: KeypointNetwork | ExternalModel, camera: Camera | None, upright: FrameOrientation, backdrop: BackgroundModel,
-        fps: float,
+        self, network: KeypointNetwork | ExternalModel, camera: Camera | None, upright: FrameOrientation,
+        backdrop: BackgroundModel, fps: float,
     ) -> None:  # fmt: skip
         self._network = network
         self._camera = camera
@@ -129,12 +129,12 @@ class PoseReader:
         """Landmarks in boxes.
 
         Args:
-            pictures: n of them.
-            frame: (K,) which of them a box is in.
-            track: (K,) which track it belongs to; frames ascend within a track.
+            pictures: n frames.
+            frame: (K,) the frame of each box.
+            track: (K,) the track of each box; frames ascend within a track.
             boxes_px: (K, 4) upright px.
         """
-        boxes_px = _at_least(boxes_px)
+        boxes_px = _with_least_side(boxes_px)
         crops = self._crops(boxes_px)
         found = self._network.locate(self._pixels(pictures, frame, crops), series=Series(track, self._try_every))
         return self._poses(found, crops, boxes_px)
@@ -142,13 +142,13 @@ class PoseReader:
     def expecting(
         self, pictures: Pictures, frame: IndexArray, boxes_px: FloatArray, expected: Expectation
     ) -> tuple[Poses, Poses]:
-        """Landmarks in boxes of one person, where they are expected if need be; and the same without the expectation.
+        """Landmarks in boxes of one person, with and without a prior on where they are.
 
         Args:
             pictures, frame, boxes_px: as above; frames ascend.
-            expected: of every box, in px of the frame.
+            expected: the prior for every box, in px of the frame.
         """
-        boxes_px = _at_least(boxes_px)
+        boxes_px = _with_least_side(boxes_px)
         crops = self._crops(boxes_px)
         in_crop = expected._replace(points_px=crops.to_crop(expected.points_px))
         one = Series(np.zeros(len(frame), dtype=np.int64), self._try_every)
@@ -176,7 +176,7 @@ class PoseReader:
         return crop_pixels(pictures, self._backdrop, frame, crops, self._network.channels)
 
     def own_boxes(self, poses: Poses) -> FloatArray:
-        """(K, 4) boxes that the landmarks themselves suggest, upright px; NaN where there are none."""
+        """(K, 4) boxes around the landmarks, upright px; NaN where there are none."""
         return body_boxes(self.upright.to_upright(poses.body.points_px), self._network.landmarks)
 
     def refined(
@@ -188,28 +188,28 @@ class PoseReader:
         min_confidence: float,
         change: float,
     ) -> Poses:
-        """The poses, read once more where a track's boxes differ much from those of its landmarks.
+        """The poses, read again where a track's boxes differ much from those of its landmarks.
 
         Args:
-            pictures: n of them.
-            frame: (K,) which frame a pose is in.
-            track: (K,) which track it belongs to; frames ascend within a track.
-            poses: of a first reading.
-            min_confidence: mean score from which a pose's own box is believed.
+            pictures: n frames.
+            frame: (K,) the frame of each pose.
+            track: (K,) the track of each pose; frames ascend within a track.
+            poses: of the first reading.
+            min_confidence: mean score from which a pose's own box is trusted.
             change: difference in centre or size, relative to the box, from which a box is poor.
         """
         wanted = poses.boxes_px.copy()
-        own, sure = self.own_boxes(poses), poses.confidence >= min_confidence
+        own, confident = self.own_boxes(poses), poses.confidence >= min_confidence
         again = np.zeros(len(frame), dtype=np.bool_)
         for number in np.unique(track):
             rows = np.flatnonzero(track == number)
-            believed = sure[rows] & np.isfinite(own[rows]).all(axis=1)
-            if not believed.any():
+            trusted = confident[rows] & np.isfinite(own[rows]).all(axis=1)
+            if not trusted.any():
                 continue
-            series = filled_boxes(own[rows], believed)
-            # Before the first and after the last pose that is believed the crop stays as it was.
-            inner = rows[np.isfinite(series).all(axis=1) & _between(believed)]
-            wanted[inner] = smoothed_boxes(series[_between(believed)], self._smoothing)
+            series = filled_boxes(own[rows], trusted)
+            # Before the first and after the last trusted pose the crop stays as it was.
+            inner = rows[np.isfinite(series).all(axis=1) & _between(trusted)]
+            wanted[inner] = smoothed_boxes(series[_between(trusted)], self._smoothing)
             poor = _differs(wanted[rows], poses.boxes_px[rows], change)
             again[rows] = maximum_filter1d(poor.astype(np.uint8), 2 * _REDO_AROUND + 1).astype(np.bool_)
         again &= (wanted != poses.boxes_px).any(axis=1)
@@ -217,11 +217,11 @@ class PoseReader:
         if not len(redo):
             return poses
         second = self(pictures, frame[redo], track[redo], wanted[redo])
-        # Of all landmarks: a crop that cuts some off is not the better one for being sure of the rest.
+        # Over all landmarks: a crop that cuts some off is not better for its confidence in the rest.
         gain = (second.body.score - poses.body.score[redo]).mean(axis=1)
         for number in np.unique(track[redo]):
             here = track[redo] == number
-            # All of a track's frames or none: two readings in turns would jitter.
+            # All frames of a track or none: alternating readings would jitter.
             if gain[here].mean() <= 0:
                 continue
             for values, new in zip(poses.arrays().values(), second.arrays().values(), strict=True):
@@ -233,7 +233,7 @@ class PoseReader:
         own, body = self.own_boxes(poses), poses.body
         side = (own[:, 2:] - own[:, :2]).max(axis=1)
         tracks = np.unique(track)
-        # Of all landmarks: a box on a part of somebody finds few, and these surely.
+        # Over all landmarks: a box on a part of a person finds few, with high confidence.
         confidence = {int(t): float(body.score[track == t].mean()) for t in tracks}
         gone: set[int] = set()
         for older, younger in [(int(a), int(b)) for i, a in enumerate(tracks) for b in tracks[i + 1 :]]:
@@ -245,18 +245,18 @@ class PoseReader:
                 continue
             a, b = a[in_a], b[in_b]
             away = np.linalg.norm(body.points_px[a] - body.points_px[b], axis=-1)
-            sure = np.minimum(body.score[a], body.score[b]) >= _SURE
-            away = np.where(sure | (sure.sum(axis=1, keepdims=True) < _ENOUGH_SURE), away, np.nan)
+            both = np.minimum(body.score[a], body.score[b]) >= _CONFIDENT
+            away = np.where(both | (both.sum(axis=1, keepdims=True) < _ENOUGH_CONFIDENT), away, np.nan)
             apart = row_median(away, 1) / np.maximum(side[a], side[b])
             if np.isfinite(apart).any() and np.nanmedian(apart) < _SAME_PERSON:
-                gone.add(older if confidence[younger] > confidence[older] + _MUCH_SURER else younger)
+                gone.add(older if confidence[younger] > confidence[older] + _MUCH_MORE_CONFIDENT else younger)
         return np.array(sorted(gone), dtype=np.int64)
 
 
 def crop_pixels(
     pictures: Pictures, backdrop: BackgroundModel, frame: IndexArray, crops: Crops, channels: int
 ) -> ByteArray:
-    """(K, S, S, channels) what crops show of their frames (K,): RGB and, of 4 channels, the difference to the
+    """(K, S, S, channels) pixels of crops of their frames (K,): RGB and, as a fourth channel, the difference to the
     background."""
     pixels = np.zeros((len(crops), crops.size_px, crops.size_px, channels), dtype=np.uint8)
     for index in np.unique(frame):
@@ -264,7 +264,7 @@ def crop_pixels(
         pixels[here, ..., :3] = extract_crops(pictures.frames[index], crops.select(here))
         if channels > 3 and pictures.small is not None:
             pixels[here, ..., 3] = backdrop.difference_in(crops.select(here), pictures.small, int(index))
-    light_up(pixels)
+    brighten_crops(pixels)
     return pixels
 
 
@@ -294,7 +294,7 @@ def body_boxes(points_px: FloatArray, landmarks: LandmarkSet) -> FloatArray:
 
     Args:
         points_px: (K, J, 2), NaN where missing.
-        landmarks: which are what; heads and hands reach further beyond their landmarks than the rest.
+        landmarks: the meaning of the J axis; heads and hands have wider margins than the rest.
 
     Returns:
         (K, 4) left, top, right, bottom; NaN where no landmark is known.
@@ -308,12 +308,12 @@ def body_boxes(points_px: FloatArray, landmarks: LandmarkSet) -> FloatArray:
 
 
 def _nan_extreme(points: FloatArray, extreme: np.ufunc) -> FloatArray:
-    """(K, J, 2) to (K, 2) by np.fmin or np.fmax, which pass NaN over without a warning."""
+    """(K, J, 2) to (K, 2) by np.fmin or np.fmax, which ignore NaN without a warning."""
     return np.asarray(extreme.reduce(points, axis=1), dtype=np.float64)
 
 
-def _at_least(boxes: FloatArray) -> FloatArray:
-    """The boxes, widened about their middle to a least side."""
+def _with_least_side(boxes: FloatArray) -> FloatArray:
+    """The boxes, widened about their centres to a least side."""
     center = (boxes[:, :2] + boxes[:, 2:]) / 2
     half = np.maximum(boxes[:, 2:] - boxes[:, :2], _MIN_BOX_PX) / 2
     return np.concatenate([center - half, center + half], axis=1)

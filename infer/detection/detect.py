@@ -1,7 +1,7 @@
-"""2D landmarks of every camera: each video is read once, and a small copy of it is kept for the overlays.
+"""2D landmarks of every camera: each video is decoded once, and a small copy of it is kept for the overlays.
 
-Each camera is a stage of its own. Two cameras are worked on side by side (decoding, the networks and the
-encoder all leave Python's lock alone), each in bounded memory.
+Each camera is a stage of its own. Two cameras are processed in parallel (decoding, the networks and the encoder all
+release Python's lock), each in bounded memory.
 """
 
 import threading
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from muybridge.arrays import BoolArray, ByteArray
 from muybridge.geometry.landmarks.marker_sets import MarkerChoice
 from muybridge.infer.detection.background import BackgroundModel
-from muybridge.infer.detection.exposure import stretch
+from muybridge.infer.detection.exposure import stretch_contrast
+from muybridge.infer.detection.frozen_frames import RepeatedFrames, find_frozen
 from muybridge.infer.detection.orientation import FrameOrientation, Letterbox, orientation_for
 from muybridge.infer.detection.pose_estimator import KeypointOptions, PoseEstimator
-from muybridge.infer.detection.resample import Repeats, frozen
 from muybridge.infer.detection.tracks import CameraTracks, tracks_from
 from muybridge.infer.networks.keypoints import SIZES, OnnxOptions
 from muybridge.infer.networks.models import Models
@@ -35,10 +35,10 @@ from muybridge.models.keypoints.test_time import FIRST_PASS
 from muybridge.models.shipped import Precision
 
 PROXY_LONG_SIDE_PX = 960
-# Of a camera's name within a file's, which may have 255.
+# Of a camera's name within a file name, which may have 255 bytes.
 _NAME_BYTES = 150
 # Of a stage's arrays and facts.
-_PLATE, _REPEATS, _ALIKE_FROM, _HUNG = "plate", "repeats", "alike_from", "frames_width_height_angle_and_long_side"
+_PLATE, _REPEATS, _STILL_FROM, _LETTERBOX = "plate", "repeats", "still_from", "frames_width_height_angle_and_long_side"
 # The code that 2D landmarks depend on.
 CODE = (
     "muybridge.geometry",
@@ -51,19 +51,19 @@ CODE = (
 
 @dataclass(frozen=True)
 class DetectOptions:
-    """How 2D landmarks are found.
+    """How 2D landmarks are detected.
 
     Attributes:
-        precision: of the shipped keypoint network: `int8` looks at every crop twice, mirrored too, in the time that
-            `fp32` needs for once, and is the more accurate for it, see docs/explanation/networks.md.
+        precision: of the shipped keypoint network: `int8` reads every crop twice, once mirrored, in the time that
+            `fp32` needs for one reading, and is more accurate for it.
         keypoint_model: keypoint network to use in place of the shipped one, whatever its precision.
-        model_card: what that network takes in and gives out, where it is not one of muybridge's: a TOML file, or
-            the name of a card that came along, such as `rtmpose-coco17`; see docs/guides/other-models.md.
+        model_card: inputs and outputs of that network, where it is not one of muybridge's: a TOML file, or the name of
+            a shipped card, such as `rtmpose-coco17`.
         people_model: person detector to use in place of the shipped one.
-        markers: virtual markers on the skin, written to `markers.c3d` under a laboratory's names: Plug-in Gait's 39,
-            CMU's 41, or all 72 that are known.
-        workers: cameras worked on at the same time; each takes about half a gigabyte.
-        keypoints: how each camera's landmarks are found.
+        markers: virtual markers on the skin, written to `markers.c3d` under a laboratory's names: the 39 of Plug-in
+            Gait, the 41 of CMU, or all 72.
+        workers: cameras processed at the same time; each takes about half a gigabyte.
+        keypoints: how each camera's landmarks are detected.
     """
 
     precision: Precision = "int8"
@@ -89,10 +89,10 @@ class CameraResult:
     """A camera's finished 2D stage.
 
     Attributes:
-        tracks: its landmarks, as its pictures show them.
+        tracks: its landmarks in its own frames.
         proxy: the small copy of its video.
         stage: key and timing.
-        frozen_from: the frame from which its film hangs to its end, if it does.
+        frozen_from: the frame from which its video is frozen to its end, if it is.
     """
 
     tracks: CameraTracks
@@ -107,24 +107,24 @@ class CameraResult:
 
     @property
     def own_repeats(self) -> BoolArray:
-        """(T,) which frames of the video are the one before once more, by what the camera itself has seen."""
+        """(T,) which frames of the video repeat the one before, judged by this camera alone."""
         return self.stage.arrays[_REPEATS]
 
     @property
     def repeats(self) -> BoolArray:
-        """(T,) the same, and those in which it hangs to its end, which the other cameras tell."""
+        """(T,) the same, and those in which the video is frozen to its end, judged by the other cameras."""
         own = self.own_repeats
         return own if self.frozen_from is None else own | (np.arange(len(own)) >= self.frozen_from)
 
     @property
-    def alike_from(self) -> int:
-        """The frame from which all pictures up to the last are alike; how many there are if none is."""
-        return int(self.stage.arrays[_ALIKE_FROM])
+    def still_from(self) -> int:
+        """The frame from which all frames to the end look the same; the number of frames if none do."""
+        return int(self.stage.arrays[_STILL_FROM])
 
-    def backdrop(self) -> BackgroundModel:
-        """The background of the whole video, for looking at it again: hung as it was then, since the camera's pose may
-        have been refined meanwhile."""
-        width, height, angle, long_side = self.stage.facts[_HUNG]
+    def background_model(self) -> BackgroundModel:
+        """The background of the whole video, for reading it again: in the orientation of the first pass, because the
+        camera's pose may have been refined since."""
+        width, height, angle, long_side = self.stage.facts[_LETTERBOX]
         letterbox = Letterbox(FrameOrientation(width, height, angle), long_side)
         return BackgroundModel(letterbox, self.plate is not None, self.plate)
 
@@ -144,12 +144,11 @@ def detect(
         file_names: (C,) the cameras' names as file names.
         models: the networks.
         store: where finished stages are, and the small copies of the videos.
-        options: how.
-        progress: whom to tell.
+        options: of the detection.
+        progress: receives progress messages.
 
     Returns:
-        C results. Where a container does not list its frames, a camera may have found fewer than
-        `session.frames`.
+        C results. Where a container does not list its frames, a video may have fewer than `session.frames`.
 
     Raises:
         VideoError: a video cannot be read to its end.
@@ -161,8 +160,8 @@ def detect(
             for c, name in enumerate(file_names)
         ]
         found = in_threads([w.run for w in work], options.workers, stop)
-    hung = frozen([d.tracks for d in found], [d.alike_from for d in found], session.fps)
-    return [replace(d, frozen_from=start) for d, start in zip(found, hung, strict=True)]
+    starts = find_frozen([d.tracks for d in found], [d.still_from for d in found], session.fps)
+    return [replace(d, frozen_from=start) for d, start in zip(found, starts, strict=True)]
 
 
 def is_finished(
@@ -175,8 +174,8 @@ def is_finished(
     )
 
 
-def first_look(options: DetectOptions) -> DetectOptions:
-    """How views are read that are all read again: there mirrored crops and large ones are worth their time."""
+def first_pass(options: DetectOptions) -> DetectOptions:
+    """Faster options for a first pass over views that are all read again with mirrored and larger crops."""
     keypoints, onnx = options.keypoints, options.keypoints.onnx
     if onnx.flip is None:
         onnx = replace(onnx, flip=False)
@@ -193,7 +192,7 @@ def _proxy(store: StageStore, name: str) -> Path:
 
 
 def _key(session: Session, index: int, models: Models, options: DetectOptions) -> str:
-    """Of a camera's 2D stage."""
+    """The key of a camera's 2D stage."""
     video = session.videos[index]
     return digest(
         [video.content, video.rotation_deg],
@@ -233,15 +232,15 @@ class _CameraWork:
             self.task.advance(self.session.frames)
             return CameraResult(_tracks(stored, self.models), self.proxy, stored)
         start = time.perf_counter()
-        tracks, plate, repeats, alike_from = self._compute()
+        tracks, plate, repeats, still_from = self._compute()
         arrays: dict[str, NDArray[Any]] = {
             name: values if name == "ids" else values.astype(np.float32) for name, values in tracks.arrays().items()
         }
-        arrays |= {_REPEATS: repeats, _ALIKE_FROM: np.array(alike_from)} | ({} if plate is None else {_PLATE: plate})
+        arrays |= {_REPEATS: repeats, _STILL_FROM: np.array(still_from)} | ({} if plate is None else {_PLATE: plate})
         camera = self.session.level_cameras[self.index]
         long_side = int(self.models.metadata["people"]["input_long_side"])
         upright = orientation_for(camera, camera.width, camera.height)
-        facts = {_HUNG: [upright.width, upright.height, upright.angle, long_side]}
+        facts = {_LETTERBOX: [upright.width, upright.height, upright.angle, long_side]}
         result = self.store.save(stage, key, arrays, facts, time.perf_counter() - start)
         return CameraResult(_tracks(result, self.models), self.proxy, result)
 
@@ -253,20 +252,20 @@ class _CameraWork:
             self.options.markers != "none", self.session.fps,
         )  # fmt: skip
         size = fit_inside(video.width, video.height, PROXY_LONG_SIDE_PX)
-        repeats = Repeats()
-        # Nobody keeps it: fast is better than small.
+        repeats = RepeatedFrames()
+        # A temporary copy: speed matters more than size.
         with VideoWriter(self.proxy, *size, fps=self.session.fps, preset="ultrafast") as writer:
             for frames in read_chunks(video, self.session.frame_indices[self.index]):
                 if self.stop.is_set():
                     raise Stopped
                 for frame in frames:
                     writer.write(frame)
-                    repeats.see(frame)
-                    stretch(frame)
+                    repeats.add(frame)
+                    stretch_contrast(frame)
                 estimator.process(frames)
                 self.task.advance(len(frames))
         tracks = estimator.finish()
-        return tracks, estimator.background(tracks), repeats.confirmed(tracks), repeats.alike_from
+        return tracks, estimator.background(tracks), repeats.confirmed(tracks), repeats.still_from
 
 
 def _tracks(stage: StageResult, models: Models) -> CameraTracks:
@@ -276,7 +275,7 @@ def _tracks(stage: StageResult, models: Models) -> CameraTracks:
 
 
 def file_names(cameras: Sequence[str]) -> tuple[str, ...]:
-    """The cameras' names with what file systems dislike replaced, all different."""
+    """The cameras' names as file names: special characters replaced, all different."""
     names: list[str] = []
     for camera in cameras:
         kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in camera).lstrip(".") or "camera"

@@ -1,7 +1,7 @@
-"""Frames turned upright for the person detector: cameras are hung sideways, tilted and upside down.
+"""Frames rotated upright for the person detector: cameras are mounted sideways, tilted and upside down.
 
-"Upright pixels" are pixels of the frame turned about its middle so that world Z points up there. Boxes of
-people are found, tracked and compared in them, where a standing person's box is tall and narrow.
+"Upright pixels" are pixels of the frame rotated about its centre so that world Z points up. Boxes of people are
+detected, tracked and compared in them, where a standing person's box is tall and narrow.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from muybridge.arrays import ByteArray, FloatArray
 from muybridge.geometry.cameras.camera import Camera
 
-# A camera whose up is closer to its axis than this (sine) looks down on people: no side of its image is up.
+# A camera whose up direction is closer to its axis than this (sine) looks down on people: no image side is up.
 _STEEP = 0.35
 
-# Turning by less than this is not worth the resampling: the detector knows people who lean.
+# Rotating by less than this is not worth the resampling: the detector was trained on leaning people too.
 _LEAST_TURN = np.deg2rad(3.0)
 
 # The detector takes sizes that are multiples of this.
@@ -26,7 +26,7 @@ _GRID_PX = 32
 
 @dataclass(frozen=True)
 class FrameOrientation:
-    """A turn of frames about their middle.
+    """A rotation of frames about their centre.
 
     Attributes:
         width: of the frame, px.
@@ -64,13 +64,13 @@ class FrameOrientation:
         return np.concatenate([corners.min(axis=0), corners.max(axis=0)])
 
     def centered_in_frame(self, boxes_upright_px: FloatArray) -> FloatArray:
-        """(K, 4) boxes of the same size in frame px, about the same middles: what a level crop needs."""
+        """(K, 4) boxes of the same size and centre in frame px, as needed for a level crop."""
         center = self.to_frame((boxes_upright_px[:, :2] + boxes_upright_px[:, 2:]) / 2)
         half = (boxes_upright_px[:, 2:] - boxes_upright_px[:, :2]) / 2
         return np.concatenate([center - half, center + half], axis=1)
 
     def around_in_frame(self, boxes_upright_px: FloatArray) -> FloatArray:
-        """(K, 4) boxes in frame px around the turned ones."""
+        """(K, 4) axis-parallel boxes in frame px around the rotated ones."""
         left, top, right, bottom = boxes_upright_px.T
         corners = np.stack([left, top, right, top, right, bottom, left, bottom], axis=1).reshape(-1, 4, 2)
         corners = self.to_frame(corners)
@@ -78,9 +78,9 @@ class FrameOrientation:
 
 
 def orientation_for(camera: Camera | None, width: int, height: int) -> FrameOrientation:
-    """The turn that puts people's heads up in a camera's frames.
+    """The rotation after which people's heads point up in a camera's frames.
 
-    None without a camera, and for one that looks so steeply that heads point all ways.
+    No rotation without a camera, or for one that looks down so steeply that heads point in all directions.
     """
     if camera is None:
         return FrameOrientation(width, height)
@@ -93,12 +93,12 @@ def orientation_for(camera: Camera | None, width: int, height: int) -> FrameOrie
 
 @dataclass(frozen=True)
 class Letterbox:
-    """How a frame becomes the detector's input: scaled to its long side, turned upright, at the top left of a
+    """How a frame becomes the detector's input: scaled to its long side, rotated upright, at the top left of a
     canvas whose sides are multiples of 32, black elsewhere.
 
     Attributes:
-        upright: size and turn of the frames.
-        long_side: of the scaled frame before it is turned, px.
+        upright: size and rotation of the frames.
+        long_side: of the scaled frame before it is rotated, px.
     """
 
     upright: FrameOrientation
@@ -106,13 +106,13 @@ class Letterbox:
 
     @property
     def _scaled(self) -> tuple[int, int]:
-        """Width and height of the scaled frame before it is turned, px."""
+        """Width and height of the scaled frame before it is rotated, px."""
         scale = self.long_side / max(self.upright.width, self.upright.height)
         return max(1, round(self.upright.width * scale)), max(1, round(self.upright.height * scale))
 
     @property
     def _canvas_px_per_px(self) -> FloatArray:
-        """(2,) scale along x and y; a frame that is not turned is not resampled to make them equal."""
+        """(2,) scale along x and y; a frame that is not rotated is not resampled to make them equal."""
         if self.upright.angle == 0.0:
             return np.array(self._scaled) / [self.upright.width, self.upright.height]
         return np.full(2, self.long_side / max(self.upright.width, self.upright.height))
@@ -135,7 +135,7 @@ class Letterbox:
             canvas = np.zeros((height, width, 3), dtype=np.uint8)
             canvas[: small.shape[0], : small.shape[1]] = small
             return canvas
-        # canvas <- upright <- frame <- small; centres of pixels are whole numbers in all four.
+        # canvas <- upright <- frame <- small; pixel centres are integers in all four.
         frame_px = np.array([self.upright.width, self.upright.height]) / self._scaled
         frame_from_small = np.array([[frame_px[0], 0, (frame_px[0] - 1) / 2], [0, frame_px[1], (frame_px[1] - 1) / 2]])
         affine = self.upright.upright_from_frame
@@ -164,7 +164,7 @@ class Letterbox:
 
 
 def _halved(frame: ByteArray, long_side: int) -> ByteArray:
-    """The frame halved while its long side stays twice as long as `long_side`: OpenCV averages two by two pixels seven
+    """The frame halved while its long side is at least four times `long_side`: OpenCV averages two by two pixels seven
     times as fast as six by six."""
     while max(frame.shape[:2]) >= 4 * long_side and not (frame.shape[0] % 2 or frame.shape[1] % 2):
         half = frame.shape[1] // 2, frame.shape[0] // 2

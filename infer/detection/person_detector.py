@@ -1,4 +1,4 @@
-"""Where people are in a camera's frames: a small detector, helped by a static camera's background plate."""
+"""People in a camera's frames: a small detector that also sees the difference to the background."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from muybridge.models.people.decode import DetectedPeople, decode_people
 
 @dataclass(frozen=True)
 class PeopleOptions:
-    """How people are found.
+    """How people are detected.
 
     Attributes:
         min_score: least probability of a detection. Weak ones only prolong a track, see `TrackOptions`.
-        every: look at every n-th frame; boxes in between are interpolated.
-        background: use the difference to the camera's background plate, here and in the keypoint network; turn it off
-            for moving cameras.
+        every: detect in every n-th frame; boxes in between are interpolated.
+        background: use the difference to the camera's background, here and in the keypoint network; turn it off for
+            moving cameras.
     """
 
     min_score: float = 0.2
@@ -33,10 +33,10 @@ class PeopleOptions:
 
 
 class PeopleDetector:
-    """Finds people in one camera's frames, which it must see in order."""
+    """Detects people in one camera's frames, given in order."""
 
     def __init__(self, network: PeopleNetwork, letterbox: Letterbox, options: PeopleOptions = PeopleOptions()) -> None:
-        """A detector for frames that `letterbox` made small."""
+        """A detector for frames that `letterbox` scaled down."""
         self._network = network
         self._letterbox = letterbox
         self._options = options
@@ -46,17 +46,17 @@ class PeopleDetector:
         """People in the next frames.
 
         Returns:
-            one entry a frame, boxes in upright px (see `FrameOrientation`); None for frames that were not looked at.
+            one entry per frame, boxes in upright px (see `FrameOrientation`); None for frames that were skipped.
         """
         count = len(frames.pixels)
         found: list[DetectedPeople | None] = [None] * count
-        looked_at = np.arange(-self._next % self._options.every, count, self._options.every)
+        chosen = np.arange(-self._next % self._options.every, count, self._options.every)
         self._next += count
-        if not len(looked_at):
+        if not len(chosen):
             return found
-        heatmap, box = self._network(frames.pixels[looked_at], frames.difference[looked_at])
+        heatmap, box = self._network(frames.pixels[chosen], frames.difference[chosen])
         people = decode_people(heatmap, box, self._network.card.stride, self._options.min_score)
-        for index, detected in zip(looked_at, people, strict=True):
+        for index, detected in zip(chosen, people, strict=True):
             boxes = self._letterbox.boxes_to_upright(detected.boxes_px)
             found[index] = DetectedPeople(boxes, detected.scores)
         return found

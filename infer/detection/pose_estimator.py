@@ -24,23 +24,23 @@ from muybridge.infer.networks.keypoints import OnnxOptions, PeopleNetwork
 
 _log = logging.getLogger(__name__)
 
-# Frames worked on together: it bounds memory and is how far the boxes' smoothing may look ahead.
+# Frames processed together: this bounds memory, and the smoothing of boxes looks ahead no further.
 _FRAMES_AT_ONCE = 16
 
 
 @dataclass(frozen=True)
 class KeypointOptions:
-    """How landmarks are found in one camera's video.
+    """How landmarks are detected in one camera's video.
 
     Attributes:
-        people: the detector.
+        people: the person detector.
         track: tracks from detections.
         onnx: how the networks run.
-        refine_crop: crop again where the landmarks' own box differs from the detector's, and keep the surer
-            of the two results.
+        refine_crop: crop again where the landmarks' own box differs from the detector's, and keep the result of higher
+            confidence.
         refine_change: how much it has to differ, in centre or size, relative to the box.
-        min_confidence: mean score from which a person's landmarks count as evidence that someone is there. A track that has
-            less over all its frames is nobody's, whatever the detector says, unless there is no better one.
+        min_confidence: mean score from which landmarks count as evidence of a person. A track with less over all its
+            frames is dropped, whatever the detector reports, unless there is no better one.
     """
 
     people: PeopleOptions = field(default_factory=PeopleOptions)
@@ -52,9 +52,9 @@ class KeypointOptions:
 
 
 class _Found(NamedTuple):
-    """What one chunk gave: K poses with their frame, slot and track; float32 to keep long takes small.
+    """The result of one chunk: K poses with their frame, slot and track; float32 to save memory on long takes.
 
-    Boxes are in px of the frame here, those around the upright ones.
+    Boxes are in px of the frame here, around the upright ones.
     """
 
     frame: IntArray
@@ -66,10 +66,10 @@ class _Found(NamedTuple):
 
 
 class PoseEstimator:
-    """Landmarks of the people in one camera's video, which it is fed chunk by chunk, in order.
+    """Landmarks of the people in one camera's video, chunk by chunk in order, or frame by frame (see `take`).
 
-    The same chunks give the same results; other chunks may shift a box by a little, since smoothing looks
-    ahead only as far as the chunk goes.
+    The same chunks give the same results; other chunks may shift a box slightly, because smoothing looks ahead only
+    within a chunk.
     """
 
     def __init__(
@@ -88,13 +88,13 @@ class PoseEstimator:
             keypoint_model: ONNX file of the keypoint network.
             people_model: ONNX file of the person detector.
             camera: calibration at the video's size; without it crops are plain squares.
-            options: how.
-            model_card: of the keypoint model, where it is not one of ours: see `other_models.open_keypoints`.
-            markers: find the virtual markers too.
-            fps: frames a second.
+            options: of every step.
+            model_card: of a third-party keypoint model: see `networks.external.open_keypoints`.
+            markers: detect the virtual markers too.
+            fps: frames per second.
 
         Raises:
-            ModelError: a file is missing or not one of ours.
+            ModelError: a file is missing or cannot be used.
         """
         self._network = open_keypoints(keypoint_model, model_card, options.onnx, markers)
         self._people = PeopleNetwork(people_model, options.onnx)
@@ -108,17 +108,17 @@ class PoseEstimator:
 
     @property
     def landmarks(self) -> LandmarkSet:
-        """What the network finds."""
+        """The body landmarks that the network finds."""
         return self._network.landmarks
 
     def process(self, frames: ByteArray) -> None:
-        """Work on the next frames.
+        """Process the next frames.
 
         Args:
-            frames: (n, H, W, 3) RGB, n at will, the same size in every call.
+            frames: (n, H, W, 3) RGB, any n, the same size in every call.
 
         Raises:
-            ValueError: not such frames, or of another size than before or than the camera's.
+            ValueError: frames of another type, or of another size than before or than the camera's.
         """
         if frames.ndim != 4 or frames.shape[-1] != 3 or frames.dtype != np.uint8:
             raise ValueError(f"frames must be (n, H, W, 3) uint8, not {frames.shape} {frames.dtype}")
@@ -132,7 +132,7 @@ class PoseEstimator:
             self._process_part(frames[start : start + _FRAMES_AT_ONCE], self._parts)
 
     def _start(self, width: int, height: int) -> _Parts:
-        """What depends on the frames' size."""
+        """The parts that depend on the size of the frames."""
         camera = self._camera
         if camera is not None and (width, height) != (camera.width, camera.height):
             raise ValueError(
@@ -150,19 +150,20 @@ class PoseEstimator:
         )
 
     def background(self, tracks: CameraTracks) -> ByteArray | None:
-        """(h, w, 3) what the frames so far show without the people of `tracks`, at the detector's resolution; None
-        where too few frames tell, or a moving camera has none."""
+        """(h, w, 3) the background of the frames so far without the people of `tracks`, at the detector's resolution;
+        None with too few frames, or for a moving camera."""
         return None if self._parts is None else self._parts.backdrop.without(tracks.body.points_px, tracks.body.set)
 
     def finish(self) -> CameraTracks:
-        """Everything found so far; T is the number of frames processed, P the slots that were used."""
-        looks = -(-self._frames // self._options.people.every)
-        min_seen = min(self._options.track.min_seen, looks)
+        """Everything detected so far; T is the number of frames processed, P the number of slots used."""
+        passes = -(-self._frames // self._options.people.every)
+        min_seen = min(self._options.track.min_seen, passes)
         least = min_seen, self._options.min_confidence
         return _assemble(self._found, self._frames, self._network.sets, least)
 
     def take(self) -> CameraTracks:
-        """What was found since the last call, accidents and all, and forget it: frame by frame, in bounded memory.
+        """What was detected since the last call, false detections included, then forgotten: frame by frame, in bounded
+        memory.
 
         T is the number of frames since then; a slot is one track in all of them, `ids` say which.
         """
@@ -191,7 +192,7 @@ class PoseEstimator:
         missed = np.stack([t.missed for t in tracked])[frame, slot]
         unsure = poses.confidence < options.min_confidence
         duplicate = np.isin(track, reader.duplicates(frame, track, poses))
-        # What sure landmarks in the last frame say of tracks that the detector has lost sight of.
+        # Confident landmarks in the last frame confirm tracks that the detector has lost.
         own = reader.own_boxes(poses)
         for row in np.flatnonzero((frame == len(frames) - 1) & missed & ~unsure):
             if duplicate[row]:
@@ -206,7 +207,7 @@ class PoseEstimator:
 
 
 class _Parts(NamedTuple):
-    """What works on one camera's frames, once their size is known."""
+    """The steps for one camera's frames, once their size is known."""
 
     backdrop: BackgroundModel
     detector: PeopleDetector

@@ -1,9 +1,9 @@
-"""People read again once the cameras together know where they are: boxes predicted from 3D.
+"""Top-down refinement: people read again in boxes predicted from 3D.
 
-A detector misses people, or a track jumps to a neighbour; its boxes are rough, and one view alone often can't tell
-an arm from what it hangs before, or left from right. Once a person is in 3D, their landmarks seen from every camera
-say where to crop, and where the network has two minds about a landmark, which to follow. What it finds counts if it
-lies on that prediction.
+A detector misses people, or a track jumps to a neighbour; its boxes are rough, and one view alone often cannot separate
+an arm from the body behind it, or left from right. Once a person is in 3D, the projections of their landmarks tell
+where to crop, and serve as a prior where the network has two hypotheses for a landmark. The new landmarks are accepted
+if they lie close to the prediction.
 """
 
 import threading
@@ -21,9 +21,9 @@ from muybridge.geometry.numerics.robust import row_median
 from muybridge.geometry.sync.clocks import own_frames, resample_keypoints
 from muybridge.infer.detection.crop_reader import Pictures, PoseReader, body_boxes, join_poses
 from muybridge.infer.detection.detect import CODE, CameraResult, DetectOptions
-from muybridge.infer.detection.exposure import well_exposed
+from muybridge.infer.detection.exposure import stretch_frames
 from muybridge.infer.detection.orientation import orientation_for
-from muybridge.infer.detection.resample import in_time
+from muybridge.infer.detection.resample import resample_tracks
 from muybridge.infer.detection.tracks import first_frames, merge_tracks, with_slots
 from muybridge.infer.networks.external import open_keypoints
 from muybridge.infer.networks.keypoints import Expectation
@@ -35,24 +35,24 @@ from muybridge.infer.runtime.threads import Stopped, in_threads
 from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import read_chunks
 
-# Before the names of arrays that were read with nothing expected.
+# Prefix of arrays that were read without a prior.
 _ALONE = "alone."
 
 
 @dataclass(frozen=True)
 class RefinementOptions:
-    """When a person is looked for again, and what counts as found.
+    """Which views of a person are read again, and which results are accepted.
 
     Attributes:
-        enabled: look again at all.
-        everywhere: in every view, not only in those that lack the person: better landmarks, and the network's time
-            once more.
-        expected_sd: standard deviation of where a landmark is expected, in sides of the crop. It is wide: it decides
+        enabled: read views again.
+        everywhere: in every view, not only in those that lack the person: more accurate landmarks for twice the
+            network's time.
+        expected_sd: standard deviation of the prior on a landmark, in sides of the crop. It is wide, so that it decides
             between hypotheses and hardly moves a sharp one.
-        expected_most: that the expectation can say against a place, nats; 0 to look without it.
-        min_known: share of the landmarks that has to be known in 3D, and to lie in the image.
-        min_agreeing: a camera whose landmarks fit the others' in a smaller share than this has someone else.
-        max_distance: median distance from the prediction, in longer sides of the box, up to which it is them.
+        expected_most: largest penalty of the prior, nats; 0 for no prior.
+        min_known: share of the landmarks that must be known in 3D and lie in the image.
+        min_agreeing: a camera whose landmarks agree with the others' in a smaller share than this has someone else.
+        max_distance: largest median distance from the prediction, in longer sides of the box.
     """
 
     enabled: bool = True
@@ -69,15 +69,13 @@ class RefinementOptions:
 
 
 class RefinedTake(NamedTuple):
-    """The take with what was found at the second look.
+    """The take with the refined landmarks.
 
     Attributes:
-        keypoints: as before, with one more slot in every camera.
-        alone: the same as each view reads on its own, with nothing expected from the others: what their agreement
-            is measured by.
-        markers: the same of the markers.
+        keypoints: by landmark set, with one more slot in every camera.
+        alone: the body's landmarks as each view reads them without a prior from the others, for measuring agreement.
         slots: (C, T) the person's slot in every camera and frame.
-        stages: of the cameras that looked again, by name.
+        stages: of the cameras that were read again, by name.
     """
 
     keypoints: dict[str, Keypoints2D]
@@ -98,13 +96,13 @@ def seeing_views(session: Session, points: Points3D, options: RefinementOptions)
 
 
 def missing_views(session: Session, slots: IntArray, points: Points3D, options: RefinementOptions) -> BoolArray:
-    """(C, T) whether a camera should see the person and has nobody, or somebody else.
+    """(C, T) whether a camera should see the person but has nobody, or somebody else.
 
     Args:
         session: C cameras.
         slots: (C, T) the person's, -1 where there is none.
         points: the person's landmarks, triangulated.
-        options: when to look again.
+        options: which views are read again.
     """
     known = np.isfinite(points.points_world).all(-1)
     result = seeing_views(session, points, options)
@@ -117,17 +115,17 @@ def missing_views(session: Session, slots: IntArray, points: Points3D, options: 
 
 @dataclass(frozen=True)
 class TopDownRefinement:
-    """Looks again at a session's videos; see `__call__`.
+    """Reads a person's views again; see `__call__`.
 
     Attributes:
         session: C cameras and their videos.
-        detected: what the cameras found at first.
+        detected: the cameras' results of the first pass.
         file_names: (C,) the cameras' names as file names.
         models: the networks.
         store: where finished stages are.
-        detect: how 2D landmarks are found.
-        options: when to look again.
-        progress: whom to tell.
+        detect: how 2D landmarks are detected.
+        options: which views are read again.
+        progress: receives progress messages.
     """
 
     session: Session
@@ -142,11 +140,11 @@ class TopDownRefinement:
     def __call__(
         self, slots: IntArray, points: Points3D, expected: Points3D | None = None, number: str = ""
     ) -> RefinedTake | None:
-        """What the cameras find where the person is known to be; None where nothing is new.
+        """Read the person's views again; None where nothing new was found.
 
         Args:
             slots: (C, T) the person's, -1 where there is none.
-            points: the person's landmarks, triangulated from the first look.
+            points: the person's landmarks, triangulated from the first pass.
             expected: the same, smoothed; `points` if absent.
             number: of the person, for the names of files.
         """
@@ -160,21 +158,21 @@ class TopDownRefinement:
         cameras = np.flatnonzero(wanted.any(axis=1)).tolist()
         stop = threading.Event()
         with self.progress.task("refinement", int(wanted.sum())) as task:
-            jobs = [partial(self._look, c, np.flatnonzero(wanted[c]), expected, number, task, stop) for c in cameras]
-            looks = in_threads(jobs, self.detect.workers, stop)
-        return self._taken_in(slots, missing, wanted, dict(zip(cameras, looks, strict=True)), number)
+            jobs = [partial(self._read, c, np.flatnonzero(wanted[c]), expected, number, task, stop) for c in cameras]
+            results = in_threads(jobs, self.detect.workers, stop)
+        return self._merge(slots, missing, wanted, dict(zip(cameras, results, strict=True)), number)
 
-    def _taken_in(
+    def _merge(
         self, slots: IntArray, missing: BoolArray, wanted: BoolArray,
-        looks: dict[int, StageResult], number: str,
+        results: dict[int, StageResult], number: str,
     ) -> RefinedTake | None:  # fmt: skip
-        """The take with what the cameras' stages `looks` found."""
+        """The take with the cameras' new stages merged in."""
         tracks = [d.tracks for d in self.detected]
         extra = max(t.ids.shape[1] for t in tracks)
         tracks = [t.map(lambda name, array: with_slots(name, array, extra + 1)) for t in tracks]
         alone = [t.map(lambda _, array: array.copy()) for t in tracks]
         slots = slots.copy()
-        for c, stage in looks.items():
+        for c, stage in results.items():
             at, found = np.flatnonzero(wanted[c]), stage.arrays["found"]
             own = self._own(c, at)
             for those, kind in ((tracks[c], ""), (alone[c], _ALONE)):
@@ -186,37 +184,37 @@ class TopDownRefinement:
             if missing[c].any():
                 self.progress.say(
                     f"{self.session.cameras.names[c]}: lacked the person in {int(missing[c].sum())} frames, "
-                    f"found them in {int(found[missing[c][at]].sum())}"
+                    f"and has them now in {int(found[missing[c][at]].sum())}"
                 )
-        if not any(stage.arrays["found"].any() for stage in looks.values()):
+        if not any(stage.arrays["found"].any() for stage in results.values()):
             return None
         tracks, alone = (
-            [in_time(self.session, c, first_frames(t, slots.shape[1]), self.detected[c].repeats)
+            [resample_tracks(self.session, c, first_frames(t, slots.shape[1]), self.detected[c].repeats)
              for c, t in enumerate(those)] for those in (tracks, alone)
         )  # fmt: skip
         body = tracks[0].body.set.name
         return RefinedTake(
-            {name: self._in_step(found) for name, found in merge_tracks(tracks).items()},
-            self._in_step(merge_tracks(alone)[body]), slots,
-            {f"2D {self.file_names[c]}{number}, refined": stage for c, stage in looks.items()},
+            {name: self._synchronise(found) for name, found in merge_tracks(tracks).items()},
+            self._synchronise(merge_tracks(alone)[body]), slots,
+            {f"2D {self.file_names[c]}{number}, refined": stage for c, stage in results.items()},
         )  # fmt: skip
 
-    def _in_step(self, found: Keypoints2D) -> Keypoints2D:
-        """Landmarks of cameras that run apart, in step."""
+    def _synchronise(self, found: Keypoints2D) -> Keypoints2D:
+        """Landmarks of cameras with different clocks at the times of the take."""
         return resample_keypoints(found, self.session.clocks, self.session.fps)
 
     def _own(self, c: int, frames: IndexArray) -> IndexArray:
-        """The camera's own frames at the session's."""
+        """The camera's own frames for frames of the session."""
         return own_frames(self.session.clocks, c, frames, self.session.fps, self.detected[c].tracks.frames)
 
-    def _look(
+    def _read(
         self, c: int, wanted: IndexArray, expected: Points3D, number: str, task: Task, stop: threading.Event
     ) -> StageResult:
-        """One camera's stage: `found` (n,) and the arrays of `CameraTracks` for the frames `wanted` (n,); those read
-        with nothing expected begin with `alone_`."""
-        name, camera, world = f"again{number}-{self.file_names[c]}", self.session.cameras[c], expected.points_world
+        """One camera's stage: `found` (n,) and the arrays of `Poses` for the frames `wanted` (n,); the names of arrays
+        read without a prior begin with `alone.`."""
+        name, camera, world = f"refined{number}-{self.file_names[c]}", self.session.cameras[c], expected.points_world
         own = self._own(c, wanted)
-        how = self.options, self.detect.keypoints  # the first look need not have mirrored the crops
+        how = self.options, self.detect.keypoints  # the first pass may not have mirrored the crops
         key = digest(self.detected[c].stage.key, own, world[wanted], how, code_digest(*CODE))
         stored = self.store.load(name, key)
         if stored is not None:
@@ -226,16 +224,18 @@ class TopDownRefinement:
         network = open_keypoints(
             self.models.keypoints, self.models.model_card, self.detect.keypoints.onnx, self.detect.markers != "none"
         )
-        backdrop = self.detected[c].backdrop()
-        hung = self.session.level_cameras[c]
-        reader = PoseReader(network, hung, orientation_for(hung, hung.width, hung.height), backdrop, self.session.fps)
+        backdrop = self.detected[c].background_model()
+        level = self.session.level_cameras[c]
+        reader = PoseReader(
+            network, level, orientation_for(level, level.width, level.height), backdrop, self.session.fps
+        )
         predicted = camera.project_seen(world[wanted])
-        # What is beyond the picture's border can't be seen: the crop shows what can.
+        # The crop covers the part of the person within the image.
         within = np.clip(predicted, 0, [camera.width - 1, camera.height - 1])
         boxes = body_boxes(reader.upright.to_upright(within), network.landmarks)
         frames, order = np.unique(own, return_inverse=True)
         parts, begin = [], 0
-        for chunk in well_exposed(read_chunks(self.session.videos[c], self.session.frame_indices[c][frames])):
+        for chunk in stretch_frames(read_chunks(self.session.videos[c], self.session.frame_indices[c][frames])):
             if stop.is_set():
                 raise Stopped
             here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))
@@ -245,10 +245,10 @@ class TopDownRefinement:
             begin += len(chunk)
             task.advance(len(here))
         back = np.argsort(np.concatenate([here for here, _ in parts]), kind="stable")
-        poses, alone = (join_poses(looks).select(back) for looks in zip(*(both for _, both in parts), strict=True))
+        poses, alone = (join_poses(each).select(back) for each in zip(*(both for _, both in parts), strict=True))
         away = np.linalg.norm(poses.body.points_px - predicted, axis=-1)
         side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
-        near = row_median(away, 1) < self.options.max_distance * side  # never where nothing is in both
+        near = row_median(away, 1) < self.options.max_distance * side  # never where no landmark is in both
         arrays = poses.arrays() | {"found": near & (poses.confidence >= self.detect.keypoints.min_confidence)}
         arrays["boxes_px"] = reader.upright.around_in_frame(poses.boxes_px)
         name_of_body = alone.body.set.name

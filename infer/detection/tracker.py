@@ -1,7 +1,7 @@
 """Detections of one camera to tracks: slots that hold the same person from frame to frame.
 
-Boxes here are (left, top, right, bottom) in upright px (see `muybridge.infer.detection.orientation`). The tracker is fed
-frame by frame and keeps a few numbers a slot; smoothing looks a little ahead, as far as the frames at hand go.
+Boxes here are (left, top, right, bottom) in upright px (see `muybridge.infer.detection.orientation`). The tracker
+steps frame by frame and keeps a few numbers per slot; smoothing looks ahead within the frames of a chunk.
 """
 
 from __future__ import annotations
@@ -16,34 +16,34 @@ from scipy.optimize import linear_sum_assignment
 from muybridge.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from muybridge.models.people.decode import DetectedPeople, box_overlap
 
-# How fast a track believes in a change of its velocity, and forgets it while nothing is seen.
+# Gain with which a track's velocity follows detections, and its decay per frame without one.
 _VELOCITY_GAIN = 0.3
 _VELOCITY_DECAY = 0.95
 
-# A detection belongs to a track if the boxes overlap or their centres are near, in longer sides of the
-# track's box; a track that was not seen for a while may be further off, and one that is seldom looked at (a
-# second between two frames beyond a thirtieth).
+# A detection may belong to a track if the boxes overlap or their centres are close, in longer sides of the track's
+# box. The distance may be larger for a track that was not seen for a while, and at low frame rates (per second
+# between two frames beyond a thirtieth).
 _MIN_OVERLAP = 0.1
 _MAX_DISTANCE = 0.3
 _MORE_DISTANCE = 0.5
 _MAX_DISTANCE_GROWTH = 0.05
 _MAX_DISTANCE_EVER = 0.8
-# The cost of leaving a track and a detection alone: dearer than a good pair, and cheaper than to pull a track off its
-# detection so that another one gets any.
+# Cost of leaving a track and a detection unassigned: more than a good pair, and less than pulling a track off its
+# detection so that another track gets one.
 _APART = 1.8
 
-# A new track does not begin on a person who already has one.
+# A new track does not start on a person who already has one.
 _MAX_START_OVERLAP = 0.5
 
-# How fast a track's score follows its detections; a track with less than this part of a newcomer's score
-# makes room where all slots are taken.
+# Gain with which a track's score follows its detections. Where all slots are taken, a track with less than this share
+# of a new detection's score ends.
 _SCORE_GAIN = 0.2
 _MUCH_WEAKER = 0.6
 
-# Boxes whose smoothing is wider than this, in frames, hardly change from one frame to the next.
+# With smoothing wider than this, in frames, boxes change little from one frame to the next.
 _SLOW = 0.5
 
-# A track ends when less than this part of its box is in the image.
+# A track ends when less than this share of its box is in the image.
 _MIN_INSIDE = 0.1
 
 
@@ -53,10 +53,10 @@ class TrackOptions:
 
     Attributes:
         max_people: slots, i.e. the most people at a time.
-        start_score: least probability of a detection that begins a track.
-        coast: seconds that a track may go on without evidence; never longer than it was seen.
+        start_score: least probability of a detection that starts a track.
+        coast: seconds that a track may continue without detections; never longer than it was detected.
         smooth: standard deviation of the boxes' smoothing over time, seconds; sizes take twice that.
-        min_seen: tracks that were seen in fewer frames are dropped as accidents.
+        min_seen: tracks detected in fewer frames are dropped as false detections.
     """
 
     max_people: int = 6
@@ -74,10 +74,10 @@ class TrackedFrame(NamedTuple):
     """The slots after one frame.
 
     Attributes:
-        boxes_px: (P, 4) detected or, where it was not seen, predicted; NaN in free slots.
+        boxes_px: (P, 4) detected or, without a detection, predicted; NaN in free slots.
         ids: (P,) number of the track, -1 in free slots.
         seen: (P,) whether the box was detected in this frame.
-        missed: (P,) whether the track was looked for in vain, here or when last looked for.
+        missed: (P,) whether the latest detector pass did not find the track.
     """
 
     boxes_px: FloatArray
@@ -87,10 +87,10 @@ class TrackedFrame(NamedTuple):
 
 
 class Tracker:
-    """Assigns detections to slots. A slot is reused only after its track has ended."""
+    """Assigns detections to slots, one frame at a time. A slot is reused only after its track has ended."""
 
     def __init__(self, bounds_px: FloatArray, options: TrackOptions = TrackOptions(), fps: float = 30.0) -> None:
-        """A tracker for images with the edges (left, top, right, bottom), `fps` of them a second."""
+        """A tracker for images with the edges (left, top, right, bottom) px, at `fps` frames per second."""
         self._bounds = np.asarray(bounds_px, dtype=np.float64)
         self._options = options
         self._coast = max(1, round(options.coast * fps))
@@ -108,7 +108,7 @@ class Tracker:
         self._started = 0
 
     def step(self, detected: DetectedPeople | None) -> TrackedFrame:
-        """Advance by one frame; None if nobody looked at it."""
+        """Advance by one frame; None if the detector skipped it."""
         self._clock += 1
         self._gap += 1
         self._boxes += np.tile(self._velocity, 2)
@@ -129,7 +129,7 @@ class Tracker:
         return TrackedFrame(self._boxes.copy(), self._ids.copy(), seen & active, active & (self._misses > 0))
 
     def confirm(self, slot: int, box_px: FloatArray) -> None:
-        """Other evidence (its keypoints) says that the track of a slot is at this box now."""
+        """Correct the box of a slot's track by other evidence, such as its landmarks."""
         self._boxes[slot] = box_px
         self._misses[slot] = self._gap[slot] = 0
 
@@ -152,10 +152,10 @@ class Tracker:
         return active[rows[good]], columns[good]
 
     def _observe(self, slots: IndexArray, boxes: FloatArray, scores: FloatArray) -> None:
-        surprise = _centers(boxes) - _centers(self._boxes[slots])
-        # A step after a gap is spread over the gap; a young track learns faster.
+        innovation = _centers(boxes) - _centers(self._boxes[slots])
+        # A step after a gap is spread over the gap; a young track adapts faster.
         gain = np.maximum(_VELOCITY_GAIN, 1 / (1 + self._hits[slots])) / self._gap[slots]
-        self._velocity[slots] += gain[:, None] * surprise
+        self._velocity[slots] += gain[:, None] * innovation
         self._boxes[slots] = boxes
         self._score[slots] += _SCORE_GAIN * (scores - self._score[slots])
         self._hits[slots] += 1
@@ -168,9 +168,9 @@ class Tracker:
         self._end(slots & (self._misses > np.minimum(self._coast, self._hits)))
 
     def _start(self, box: FloatArray, score: float) -> int | None:
-        """Begin a track in the slot that was free longest; None if there is none or it is a duplicate.
+        """Start a track in the slot that was free longest; None if there is none or it is a duplicate.
 
-        Where all slots are taken the weakest track ends if it is much weaker than this detection.
+        Where all slots are taken, the weakest track ends if it is much weaker than this detection.
         """
         active = self._ids >= 0
         if (box_overlap(self._boxes[active], box[None]) > _MAX_START_OVERLAP).any():
@@ -218,8 +218,7 @@ class BoxSmoother:
     def __call__(self, frames: list[TrackedFrame]) -> FloatArray:
         """(n, P, 4) smoothed boxes of n frames, NaN in free slots.
 
-        Frames in which a track was not seen are interpolated between those in which it was; after the last of
-        these the tracker's prediction stands.
+        Frames without a detection are interpolated; after the last detection the tracker's prediction is used.
         """
         boxes = np.stack([frame.boxes_px for frame in frames])
         ids = np.stack([frame.ids for frame in frames])
@@ -238,7 +237,7 @@ class BoxSmoother:
 
 
 def filled_boxes(series: FloatArray, known: BoolArray) -> FloatArray:
-    """(n, 4) with the boxes between known ones interpolated."""
+    """(n, 4) boxes with those between known ones interpolated."""
     result = series.copy()
     at = np.flatnonzero(known)
     if len(at):
@@ -249,7 +248,7 @@ def filled_boxes(series: FloatArray, known: BoolArray) -> FloatArray:
 
 
 def smoothing_frames(seconds: float, fps: float) -> float:
-    """Frames of a smoothing over seconds: no more than at 30 a second; more show much the same, and memory ends."""
+    """Width of a smoothing in frames, at most that at 30 fps: more frames show much the same, and memory is bounded."""
     return seconds * min(fps, 30.0)
 
 
@@ -258,8 +257,8 @@ def smoothed_boxes(series: FloatArray, sigma: float) -> FloatArray:
 
     Args:
         series: (n, 4).
-        sigma: standard deviation of the centres' smoothing, frames. With less than half a frame, where people move far
-            from one to the next, medians are of sizes alone.
+        sigma: standard deviation of the centres' smoothing, frames. Below half a frame, where people move far between
+            frames, the median filter applies to sizes only.
     """
     center, size = (series[:, :2] + series[:, 2:]) / 2, series[:, 2:] - series[:, :2]
     if len(series) >= 3 and sigma > 0:

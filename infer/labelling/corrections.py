@@ -1,6 +1,6 @@
-"""Corrections of a labelling by a person: a small text file that every later run applies again.
+"""Corrections of labels by a person: a small text file that every later run applies again.
 
-A line says in which frames (numbers from 0, both ends included) which point gets which name::
+A line gives frames (from 0, both ends included) and which point gets which name::
 
     # frames   from   to
     100-250    LWRA   LWRB
@@ -9,8 +9,8 @@ A line says in which frames (numbers from 0, both ends included) which point get
     410        *12    RTOE
     all        C7     T10
 
-`from` is a label as the run before gave it, or the name of one of the file's own trajectories. All lines count at
-once, so that two of them exchange two markers.
+`from` is a label of the run before, or the name of one of the file's own trajectories. All lines apply at once, so
+that two of them exchange two markers.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ DELETE = "delete"
 
 @dataclass(frozen=True)
 class Correction:
-    """One line: in frames `first` to `last` what is called `source` becomes `target`."""
+    """One line: in frames `first` to `last` the point named `source` becomes `target`."""
 
     first: int
     last: int
@@ -36,7 +36,11 @@ class Correction:
 
 
 def read_corrections(path: Path) -> list[Correction]:
-    """The lines of a corrections file; FormatError names a faulty one."""
+    """The lines of a corrections file.
+
+    Raises:
+        FormatError: a line is malformed, or the file cannot be read.
+    """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -70,24 +74,24 @@ def apply_corrections(
     label: IndexArray, column: IndexArray, corrections: list[Correction], labels: tuple[str, ...],
     names: tuple[str, ...], path: Path,
 ) -> tuple[IndexArray, list[str]]:  # fmt: skip
-    """Labels of slots with a person's corrections.
+    """Apply a person's corrections to the labels of slots.
 
     Args:
         label: (T, S) index of every slot's label, -1 for none.
         column: (T, S) column of the file that a slot comes from, -1 where it is empty.
-        corrections: what to do.
+        corrections: to apply.
         labels: of the marker set.
         names: of the file's columns.
         path: of the corrections, for messages.
 
     Returns:
-        The new labels, and what was done as sentences; a line that found nothing says so.
+        The new labels, and a sentence per line about its effect, also where it matched nothing.
 
     Raises:
-        FormatError: a line names what there is not.
+        FormatError: a line names a frame, label or trajectory that does not exist.
     """
-    out, said = label.copy(), []
-    moved = np.zeros(label.shape, bool)
+    out, notes = label.copy(), []
+    corrected = np.zeros(label.shape, bool)
     for one in corrections:
         if one.first >= len(label):
             raise FormatError(f"{path}: line {one.line}: frame {one.first} is beyond the last, {len(label) - 1}")
@@ -104,12 +108,12 @@ def apply_corrections(
                               "of the file")  # fmt: skip
         new = -1 if one.target == DELETE else labels.index(one.target)
         if new >= 0:
-            # Who bore that name and was not given another loses it.
-            others = (out[frames] == new) & ~moved[frames] & ~chosen
+            # A point that had this name and gets no other loses it.
+            others = (out[frames] == new) & ~corrected[frames] & ~chosen
             out[frames][others & chosen.any(1)[:, None]] = -1
         out[frames][chosen] = new
-        moved[frames] |= chosen
+        corrected[frames] |= chosen
         what = "deleted" if new < 0 else f"called {one.target}"
         count = int(chosen.any(1).sum())
-        said.append(f"{one.source} {what} in {count} frames" if count else f"line {one.line} found no {one.source}")
-    return out, said
+        notes.append(f"{one.source} {what} in {count} frames" if count else f"line {one.line} found no {one.source}")
+    return out, notes

@@ -1,8 +1,9 @@
-"""From unnamed points to named markers: orientation and unit, network, trajectories, votes."""
+"""From unlabelled points to labelled markers: orientation and unit, network, trajectories, votes."""
 
 from __future__ import annotations
 
 import itertools
+import logging
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,22 +18,26 @@ from muybridge.geometry.markers.tracking import TrackOptions, Tracks, find_track
 from muybridge.geometry.markers.voting import VoteOptions, assign_frames, assign_labels, cut_tracks, sort_by_track, vote
 from muybridge.infer.networks.labelling import LabelNetwork
 
-# How far a marker's third neighbour is in the median, metres: 0.15 to 0.37 on bodies of all sizes and poses in the
-# known sets, more where few markers are worn; whoever else is there changes little.
+_log = logging.getLogger(__name__)
+
+# Range of the median distance to a marker's third neighbour, metres: 0.15 to 0.37 on bodies of all sizes and poses in
+# the known sets, more with few markers; other people nearby change it little.
 APART_M = (0.06, 1.0)
 FACTORS = (1.0, 0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
 
 
 @dataclass(frozen=True)
 class LabelOptions:
-    """How markers are named.
+    """How markers are labelled.
 
     Attributes:
         track: trajectories.
         vote: votes of trajectories.
-        window: the network sees where points were and will be.
-        votes: trajectories vote; else every frame is labelled by itself.
-        distances: distances between markers repair what the network got wrong.
+        rigidity: distances between markers.
+        recover: markers recovered after the vote.
+        window: the network also takes past and future positions.
+        votes: trajectories vote; otherwise every frame is labelled by itself.
+        distances: distances between markers correct the network's errors.
     """
 
     track: TrackOptions = TrackOptions()
@@ -46,19 +51,19 @@ class LabelOptions:
 
 @dataclass(frozen=True)
 class Labelled:
-    """Named markers.
+    """Labelled markers.
 
     Attributes:
         markers: the marker set, M labels.
-        points: (T, M, 3) metres, in the file's axes (in metres also where the file states another unit than it is
-            in); NaN where a marker was not found.
-        confidence: (T, M) probability that a point is the marker it is called; 0 where there is none.
+        points: (T, M, 3) metres, in the file's axes (in metres also where the file states a wrong unit); NaN where a
+            marker was not found.
+        confidence: (T, M) probability that a point is this marker; 0 where there is none.
         column: (T, M) column of the file that a marker comes from, -1 where there is none.
         turn: (3, 3) rotation from the file's axes to Z up.
-        factor: what the file's points, in the unit it states, were multiplied by to be in metres.
+        factor: by which the file's points, in the unit it states, were multiplied to be in metres.
         tracks: trajectories of the file's points.
         label: (T, S) index of the label of every slot of `tracks`, -1 for none.
-        notes: what the user should know.
+        notes: for the user, as sentences.
     """
 
     markers: MarkerSet
@@ -74,17 +79,17 @@ class Labelled:
 
 def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: LabelNetwork,
                  options: LabelOptions = LabelOptions()) -> Labelled:  # fmt: skip
-    """Names the points of a recording.
+    """Label the points of a recording.
 
     Args:
-        points: (T, K, 3) metres as far as the file's unit is right, any axis up; NaN where missing.
-        fps: frames a second.
+        points: (T, K, 3) metres if the file's unit is right, any axis up; NaN where missing.
+        fps: frames per second.
         markers: the set to look for.
         network: scores points.
-        options: how.
+        options: of every step.
 
     Raises:
-        FormatError: there are fewer points than a person can be told by.
+        FormatError: there are too few points to recognise a person.
     """
     count = np.isfinite(points[..., 0]).sum(1)
     if count.max(initial=0) < 6:
@@ -96,23 +101,25 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
     scaled = points * scale
     tracks = find_tracks(scaled, fps, options.track)
     if tracks.tracked:
-        notes.append("the file's trajectories jump from marker to marker: the points were tracked anew")
+        notes.append("the file's trajectories jump from marker to marker: the points were tracked again")
     tracks, *others = split_people(tracks, len(markers))
     if others:
         notes.append("the file holds two people: the one with more points was labelled, the other's points were not")
     asked = np.array(markers.surface_indices)
     turn = upright(tracks, fps, asked, network)
     scores = network.scores(tracks, fps, asked, turn=turn, windowed=options.window).astype(np.float64)
+    for note in notes:
+        _log.info(note)
     label = _elect(scores, tracks, fps, options)
     if options.distances:
         scores, label = _repair(scores, label, tracks, turn, fps, asked, network, options)
-    sure = _over_time(scores, tracks.track, fps, options) if options.votes else scores
-    return _labelled(markers, label, sure, turn, scale, tracks, notes)
+    smooth = _over_time(scores, tracks.track, fps, options) if options.votes else scores
+    return _labelled(markers, label, smooth, turn, scale, tracks, notes)
 
 
 def _over_time(scores: FloatArray, track: IndexArray, fps: float, options: LabelOptions) -> FloatArray:
-    """Scores in which half a second to either side has a say, and the whole trajectory has some: what a name's
-    confidence is measured by."""
+    """Scores averaged over half a second to either side and, with less weight, over the whole trajectory: what a
+    label's confidence is computed from."""
     out = scores.copy()
     weight, half = 1.0 / (1.0 + fps * options.vote.memory), max(1, round(0.5 * fps))
     t, s, starts = sort_by_track(track)
@@ -126,8 +133,10 @@ def _over_time(scores: FloatArray, track: IndexArray, fps: float, options: Label
     return out
 
 
-def _labelled(markers: MarkerSet, label: IndexArray, scores: FloatArray, turn: FloatArray, factor: float, tracks: Tracks,
-              notes: list[str]) -> Labelled:  # fmt: skip
+def _labelled(
+    markers: MarkerSet, label: IndexArray, scores: FloatArray, turn: FloatArray, factor: float, tracks: Tracks,
+    notes: list[str],
+) -> Labelled:  # fmt: skip
     shape = (len(label), len(markers))
     out, confidence, column = np.full((*shape, 3), np.nan), np.zeros(shape), np.full(shape, -1, np.intp)
     t, s = np.nonzero(label >= 0)
@@ -138,8 +147,8 @@ def _labelled(markers: MarkerSet, label: IndexArray, scores: FloatArray, turn: F
     return Labelled(markers, out, confidence, column, turn, factor, tracks, label, notes)
 
 
-def relabelled(labelled: Labelled, label: IndexArray) -> Labelled:
-    """The same with labels (T, S) that a person settled: those are certain."""
+def relabel(labelled: Labelled, label: IndexArray) -> Labelled:
+    """The same with labels (T, S) set by a person, which are certain."""
     sure = np.zeros((*label.shape, len(labelled.markers) + 1))
     changed = label != labelled.label
     t, s = np.nonzero((label >= 0) & ~changed)
@@ -160,7 +169,7 @@ def _elect(scores: FloatArray, tracks: Tracks, fps: float, options: LabelOptions
 
 def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, turn: FloatArray, fps: float, asked: IndexArray,
             network: LabelNetwork, options: LabelOptions) -> tuple[FloatArray, IndexArray]:  # fmt: skip
-    """Scores to which distances have contributed, and the labels that follow."""
+    """Scores that include distances between markers, and the resulting labels."""
     card, choice = network.card, np.ix_(asked, asked)
     how = options.rigidity
     prior = prior_rigidity(card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice], how.links)
@@ -187,8 +196,16 @@ def _named(label: IndexArray, points: FloatArray, count: int) -> tuple[FloatArra
 
 
 def metres_of(points: FloatArray, notes: list[str]) -> float:
-    """The factor to metres: 1 where the points are as near each other as a person's markers, else the power of ten that
-    makes them so."""
+    """The factor to metres: 1 where neighbouring points are as close as a person's markers, otherwise the power of ten
+    that makes them so.
+
+    Args:
+        points: (T, K, 3) in the unit that the file states.
+        notes: receives a sentence where the factor is not 1.
+
+    Raises:
+        FormatError: no factor fits a person.
+    """
     count = np.isfinite(points[..., 0]).sum(1)
     frames = np.nonzero(count >= 4)[0]
     frames = frames[np.linspace(0, len(frames) - 1, min(200, len(frames))).astype(int)] if len(frames) else frames
@@ -206,7 +223,7 @@ def metres_of(points: FloatArray, notes: list[str]) -> float:
 
 
 def upright(tracks: Tracks, fps: float, asked: IndexArray, network: LabelNetwork) -> FloatArray:
-    """The rotation, of the six that turn an axis of the file up, that the network recognises most with."""
+    """The rotation to Z up, of six candidates for the file's up axis, with which the network is most confident."""
     full = (tracks.track >= 0).sum(1)
     frames = np.linspace(0, len(full) - 1, min(24, len(full))).astype(int)
     frames = frames[full[frames] >= 0.6 * full.max()]
@@ -217,9 +234,9 @@ def upright(tracks: Tracks, fps: float, asked: IndexArray, network: LabelNetwork
         turn = _up(axis, sign)
         scores = network.scores(tracks, fps, asked, frames, turn)
         known = np.isfinite(scores[..., 0])
-        sure = float(scores[known][:, :-1].max(1).clip(-6).mean())
-        if sure > most:
-            best, most = turn, sure
+        confidence = float(scores[known][:, :-1].max(1).clip(-6).mean())
+        if confidence > most:
+            best, most = turn, confidence
     return best
 
 

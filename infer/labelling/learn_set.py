@@ -17,16 +17,16 @@ from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud
 
 _FRAMES = 200
-# From this many names on that well-known sets use, they tell what kind of set it is.
+# With this many labels of well-known sets, the set's other points are likely theirs or their mirror images.
 _FEW = 6
-# A trajectory that is less than this share of its votes a marker of the body is something else (a racket, a cluster).
+# A trajectory whose probability for every body point is lower belongs to something else (a racket, a cluster).
 _LEAST = 0.2
 
 
 def learn_marker_set(trial: Path, model: Path | None) -> tuple[MarkerPlan, list[str]]:
-    """The points of the body that a trial's markers stand on, and what the user should know.
+    """The body points on which a trial's markers sit, and notes for the user.
 
-    Names that well-known sets use keep their meaning; the others are found by the network, among the points left.
+    Labels of well-known sets keep their meaning; the network assigns the others to the remaining points.
 
     Raises:
         FormatError: the trial cannot be read, or its trajectories have no names of their own.
@@ -40,16 +40,18 @@ def learn_marker_set(trial: Path, model: Path | None) -> tuple[MarkerPlan, list[
     chosen: dict[str, str] = {label: known[label] for label in labels if label in known}
     view = _View(cloud.points, cloud.fps, LabelNetwork(model or shipped_model("labels")))
     notes = view.notes
-    # First among the points that this kind of set has, where the network knows its way best; then among all.
+    # First among the points of this kind of set, where the network is most accurate; then among all.
     for asked, least in ((_likely(chosen, view), 0.5), (list(SURFACE.names), _LEAST)):
         rest = [i for i, label in enumerate(labels) if label not in chosen]
         free = [i for i, name in enumerate(asked) if name not in chosen.values()]
         if rest and free:
-            said = view.says(asked)[np.ix_(rest, free)]
-            for row, col in zip(*linear_sum_assignment(said, maximize=True), strict=True):
-                if said[row, col] > least:
+            likelihood = view.probabilities(asked)[np.ix_(rest, free)]
+            for row, col in zip(*linear_sum_assignment(likelihood, maximize=True), strict=True):
+                if likelihood[row, col] > least:
                     chosen[labels[rest[row]]] = asked[free[col]]
-                    notes.append(f"{labels[rest[row]]} stands on {asked[free[col]]} ({said[row, col]:.0%} certain)")
+                    notes.append(
+                        f"{labels[rest[row]]} stands on {asked[free[col]]} ({likelihood[row, col]:.0%} certain)"
+                    )
     notes += [f"{label} is on no point of the body that is known: left out" for label in labels if label not in chosen]
     kept = [label for label in labels if label in chosen]
     if len(kept) < 6:
@@ -61,19 +63,19 @@ def learn_marker_set(trial: Path, model: Path | None) -> tuple[MarkerPlan, list[
 
 
 def _likely(chosen: dict[str, str], view: _View) -> list[str]:
-    """The points that a set like this has: those known and their twins, or those of the well-known set that the network
-    finds most of."""
+    """Points that a set like this has: the known ones and their mirror images, or those of the well-known set of which
+    the network finds most."""
     if len(chosen) >= _FEW:
         twins = {SURFACE.names[SURFACE.mirror[SURFACE.index(name)]] for name in chosen.values()}
         return list(dict.fromkeys([*chosen.values(), *sorted(twins)]))
-    return list(max(SETS.values(), key=lambda s: float(view.says(list(s.names)).max(1).sum())).names)
+    return list(max(SETS.values(), key=lambda s: float(view.probabilities(list(s.names)).max(1).sum())).names)
 
 
 class _View:
-    """A trial as the network sees it.
+    """A trial prepared for the network.
 
     Attributes:
-        notes: what the user should know.
+        notes: for the user.
     """
 
     def __init__(self, points: FloatArray, fps: float, network: LabelNetwork) -> None:
@@ -84,7 +86,7 @@ class _View:
         self.turn = upright(self.tracks, fps, np.arange(len(SURFACE)), network)
         self.frames = np.linspace(0, len(points) - 1, min(_FRAMES, len(points))).astype(int)
 
-    def says(self, names: list[str]) -> FloatArray:
+    def probabilities(self, names: list[str]) -> FloatArray:
         """(K, N) mean probability of the trajectories for some points of the body."""
         asked = np.array([SURFACE.index(name) for name in names])
         scores = self.network.scores(self.tracks, self.fps, asked, self.frames, self.turn)

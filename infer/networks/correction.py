@@ -1,4 +1,4 @@
-"""The solver's network at work: joints of a fitted body, corrected."""
+"""The solver network: corrections of a fitted body's joints."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from muybridge.geometry.skeleton.rigid_bones import body_through
 from muybridge.infer.networks.keypoints import OnnxOptions, open_session
 from muybridge.models.correction.features import apply_corrections, solver_input
 
-# So much of an answer is taken: the most with which no held-out take became worse than its fit. People differ from
-# those who were trained on, and half a right answer is most of the gain where a whole one is too much.
+# Share of a correction that is applied: the largest with which no held-out take became worse than its fit. People
+# differ from the training data, and most of the gain comes with half of a correction.
 SHARE = 0.6
 
 
@@ -28,20 +28,28 @@ class SolverNetwork:
     """A solver network.
 
     Attributes:
-        path: of the file; version: of the weights; spans: seconds, the windows in which it sees residuals.
+        path: of the file.
+        version: of the weights.
+        spans: seconds, the windows over which it takes residuals.
     """
 
     def __init__(self, path: Path, threads: int = 1, batch: int = 256) -> None:
-        """Opens the file; ModelError where it is missing, damaged or no solver network of ours."""
+        """Open the file.
+
+        Raises:
+            ModelError: the file is missing, damaged or no solver network of muybridge's.
+        """
         self.path, self._batch = path, batch
         self._session = open_session(path, OnnxOptions(threads, batch))
-        said = dict(self._session.get_modelmeta().custom_metadata_map)
-        if said.get("muybridge_kind") != "solver":
-            raise ModelError(f"{path}: is no solver network of muybridge; leave the option out to use the shipped one")
+        metadata = dict(self._session.get_modelmeta().custom_metadata_map)
+        if metadata.get("muybridge_kind") != "solver":
+            raise ModelError(
+                f"{path}: is no solver network of muybridge's; leave the option out to use the shipped one"
+            )
         try:
-            self.version = str(said["version"])
-            names, joints = json.loads(said["names"]), json.loads(said["joints"])
-            self.spans = tuple(float(s) for s in json.loads(said["spans"]))
+            self.version = str(metadata["version"])
+            names, joints = json.loads(metadata["names"]), json.loads(metadata["joints"])
+            self.spans = tuple(float(s) for s in json.loads(metadata["spans"]))
         except (KeyError, TypeError, ValueError) as error:
             raise ModelError(f"{path}: its metadata is damaged ({error}); get the file again") from error
         if tuple(names) != SURFACE.names or tuple(joints) != BODY.joint_names:
@@ -63,8 +71,14 @@ class SolverNetwork:
         return apply_corrections(given, SHARE * np.concatenate(answers))
 
 
-def corrected(fit: MarkerFit, points_world: FloatArray, network: SolverNetwork) -> MarkerFit:
-    """The fit with the network's corrections, its bones again of one length for the take."""
+def correct_joints(fit: MarkerFit, points_world: FloatArray, network: SolverNetwork) -> MarkerFit:
+    """The fit with the network's corrections; bones keep one length over the take.
+
+    Args:
+        fit: of the markers.
+        points_world: (T, L, 3) metres, those that were fitted.
+        network: computes the corrections.
+    """
     turns, places = network.joints(fit, points_world)
     bones, root, local = body_through(fit.motion.skeleton, turns, places)
     motion = Motion(bones, fit.motion.fps, root, continuous_quat(quat_from_matrix(local)))

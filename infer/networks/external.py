@@ -1,4 +1,4 @@
-"""Other people's top-down models in the place of our keypoint network, by way of a model card."""
+"""Third-party top-down pose models in place of muybridge's keypoint network, described by a model card."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from muybridge.models.keypoints.external import ModelCard, find_card, load_card
 from muybridge.models.keypoints.simcc import decode_simcc, decode_value_heatmaps
 from muybridge.models.keypoints.test_time import Series
 
-# How near a coordinate counts as there, for the score: a part of the crop's longer side.
+# Radius around a coordinate whose probability is its score, as a share of the crop's longer side.
 _SCORE_RADIUS = 0.04
 
-# Visibility is not told by these models: everything is as likely hidden as not.
+# These models do not predict visibility: every landmark is as likely hidden as not.
 _UNKNOWN_LOGIT = 0.0
 
 
 class ExternalModel:
-    """A model that is described by a card. Gives BODY23; what the model does not know is missing.
+    """A model described by a card. Its landmarks are BODY23; those that the model does not have are missing.
 
     Attributes:
         path: of the file.
-        card: what it takes in and gives out.
+        card: its inputs and outputs.
         metadata: for reports.
-        channels: of the crops that it sees.
+        channels: of its crops.
     """
 
     channels = 3
@@ -118,11 +118,13 @@ class ExternalModel:
         return np.concatenate([middle - half, middle + half], axis=1)
 
     def locate(self, crops: ByteArray, expected: Expectation | None = None, series: Series | None = None) -> Located:
-        """Landmarks in (N, S, S, 3) RGB crops, S the `crop_size`; the input is the crops' middle. What is `expected`,
-        and which of them follow each other, is not looked at: nobody knows how sure another model's maps are.
+        """Landmarks in (N, S, S, 3) RGB crops, S the `crop_size`; the input is the centre of the crops.
+
+        A prior (`expected`) and the order of crops (`series`) are ignored, because the confidence of a third-party
+        model's maps is not calibrated.
 
         Raises:
-            ModelError: the model fails, or its outputs have other shapes than its card tells.
+            ModelError: the model fails, or its outputs have other shapes than its card states.
         """
         card, size = self.card, self.crop_size
         if crops.shape[1:] != (size, size, 3):
@@ -178,13 +180,13 @@ class ExternalModel:
 def open_keypoints(
     path: Path, card: str | None, options: OnnxOptions, markers: bool = False
 ) -> KeypointNetwork | ExternalModel:
-    """Our keypoint network, or another model where there is a card for it.
+    """Muybridge's keypoint network, or a third-party model where there is a card for it.
 
     Args:
         path: of the ONNX file.
         card: a TOML file, the name of a shipped card, or None for `<model>.toml` beside the file, if any.
         options: how it runs.
-        markers: the virtual markers are wanted too, which networks of ours alone find.
+        markers: compute the virtual markers too, which only muybridge's own networks have.
 
     Raises:
         ModelError: a file is missing or unusable.

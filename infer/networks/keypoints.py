@@ -1,7 +1,7 @@
-"""The networks as functions: onnxruntime sessions whose files were checked before the first frame.
+"""The networks as functions: onnxruntime sessions whose files are checked before the first frame.
 
-One thread a session is the default: batches and threads within a network gain next to nothing on these small
-networks, whereas several cameras, each with its own sessions, run side by side.
+One thread per session is the default: larger batches and threads within a network gain almost nothing with these small
+networks, whereas several cameras, each with its own sessions, run in parallel.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from muybridge.models.onnx_files.prune_outputs import without_outputs
 from muybridge.models.people.metadata import PeopleModelCard, people_card
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
-# Least and most that `OnnxOptions.size` may be.
+# Limits of `OnnxOptions.size`.
 SIZES = 0.25, 2.0
 _ONLY_ERRORS = 4  # onnxruntime's "fatal": a damaged file is reported by us, in one line
 
@@ -43,12 +43,14 @@ class OnnxOptions:
 
     Attributes:
         threads: threads within one network.
-        batch: images in one call; it bounds memory, and speed hardly depends on it.
-        flip: run the keypoint network on the mirrored crop too and average: better, and twice the time. By default
-            with 8-bit networks of ours, which take half of it.
-        size: side of the keypoint network's crops over the one at which it is best; smaller ones are read faster.
-        turn: show the keypoint network people seen in part smaller, and what it is unsure of turned by quarters too:
-            people who lie or stand on their hands; and, where crops are mirrored, tilted to both sides.
+        batch: images per call; it bounds memory, and speed hardly depends on it.
+        flip: run the keypoint network on the mirrored crop too and average: more accurate, twice the time. By default
+            with muybridge's 8-bit networks, which take half the time.
+        size: side of the keypoint network's crops relative to the one at which it is most accurate; smaller crops are
+            faster.
+        turn: test-time augmentation of the keypoint network: people seen in part are also read smaller, crops of low
+            confidence also rotated by quarter turns (people who lie or stand on their hands) and, where crops are
+            mirrored, tilted to both sides.
     """
 
     threads: int = 1
@@ -82,12 +84,12 @@ class Located(NamedTuple):
 
 
 class Expectation(NamedTuple):
-    """Where landmarks are expected.
+    """A prior on where landmarks are.
 
     Attributes:
-        points_px: (N, J, 2) px of the crops; NaN where nothing is expected.
+        points_px: (N, J, 2) px of the crops; NaN where there is none.
         sd: standard deviation, in sides of a crop.
-        most: that it can say against a place, nats.
+        most: largest penalty of a position, nats.
     """
 
     points_px: FloatArray
@@ -100,10 +102,10 @@ class KeypointNetwork:
 
     Attributes:
         path: of the file.
-        card: what the file says about itself.
+        card: the file's metadata, parsed.
         metadata: the same as text, for reports.
         sets: landmark sets that it finds: the body's and, where they were asked for, the virtual markers.
-        channels: of the crops that it sees: 4 with the difference to the background plate, else 3.
+        channels: of its crops: 4 with the difference to the background, otherwise 3.
     """
 
     def __init__(self, path: Path, options: OnnxOptions = OnnxOptions(), markers: bool = False) -> None:
@@ -112,10 +114,10 @@ class KeypointNetwork:
         Args:
             path: of the file.
             options: how it runs.
-            markers: the virtual markers are wanted too.
+            markers: compute the virtual markers too.
 
         Raises:
-            ModelError: the file is missing, damaged, or not a keypoint network of ours, or finds no markers.
+            ModelError: the file is missing, damaged or no keypoint network of muybridge's, or has no markers.
         """
         self.path = path
         self._options = options
@@ -131,7 +133,7 @@ class KeypointNetwork:
             many = len(self.card.markers)
             outputs |= zip(MARKER_OUTPUTS, ((4, many), (2, many)), strict=True)
         _check_signature(self._session, path, channels=3, outputs=outputs)
-        plate = self.card.plate_input  # networks of earlier versions do not see it
+        plate = self.card.plate_input  # networks of earlier versions have none
         if plate is not None and plate not in [n.name for n in self._session.get_overridable_initializers()]:
             raise ModelError(f"{path}: not a usable muybridge model: its input {plate!r} cannot be left out; {_REMEDY}")
         self.channels = 3 if plate is None else 4
@@ -140,7 +142,7 @@ class KeypointNetwork:
 
     @property
     def landmarks(self) -> LandmarkSet:
-        """What comes out."""
+        """The body landmarks that it finds."""
         return self.card.landmarks
 
     @property
@@ -158,8 +160,13 @@ class KeypointNetwork:
         return boxes_px
 
     def locate(self, crops: ByteArray, expected: Expectation | None = None, series: Series | None = None) -> Located:
-        """Landmarks in (N, S, S, C) crops, see `__call__`, where they are expected if need be; of crops that show the
-        same at one moment after another not all are turned in vain."""
+        """Landmarks in crops.
+
+        Args:
+            crops: (N, S, S, C), see `__call__`.
+            expected: prior on where landmarks are.
+            series: which crops follow each other in a track, so that not all are augmented.
+        """
         card = self.card
         maps = self(crops)
         if self._options.turn:
@@ -177,19 +184,19 @@ class KeypointNetwork:
         sd_px = expected.sd * crops.shape[1]
         heatmaps = with_expectation(heatmaps, card.stride, expected.points_px, sd_px, expected.most)
         found = card.scale_variance(card.decode(heatmaps), visibility, self._flip, alone.score)
-        # A map that says nothing would otherwise say what was expected.
+        # An uninformative map would otherwise return the prior.
         return Located(_known(found, nothing), visibility, further, _known(alone, nothing))
 
     def __call__(self, crops: ByteArray) -> list[Float32Array]:
         """Run the network.
 
         Args:
-            crops: (N, S, S, 3) RGB, S the card's `input_size`, at which the network is best, or another multiple of 32;
-                or (N, S, S, 4) with the difference to the background plate as a fourth channel, if the network sees it.
+            crops: (N, S, S, 3) RGB, S the card's `input_size`, at which the network is best, or another multiple of
+                32; or (N, S, S, 4) with the difference to the background, if the network takes it.
 
         Returns:
-            heatmaps (N, J, S/stride, S/stride) and visibility (N, J), both logits, and where markers were asked for
-            the same of them, M for J.
+            heatmaps (N, J, S/stride, S/stride) and visibility (N, J), both logits, and the same of the M markers where
+            they are computed.
         """
         size = crops.shape[1]
         if size % SIDE_MULTIPLE or crops.shape[1:] not in {(size, size, channels) for channels in (3, self.channels)}:
@@ -210,11 +217,11 @@ class KeypointNetwork:
         return maps
 
     def _views(self, crops: ByteArray) -> list[ByteArray]:
-        """The crops, and mirrored if so wished."""
+        """The crops and, where that is wanted, the mirrored ones."""
         return [crops, crops[:, :, ::-1]] if self._flip else [crops]
 
     def _run(self, crops: ByteArray) -> Sequence[Float32Array]:
-        # Put in order as bytes, a quarter of what they are as numbers.
+        # Transposed as bytes, a quarter of the size of floats.
         planes = np.ascontiguousarray(crops.transpose(0, 3, 1, 2))
         inputs = {name: np.multiply(part, np.float32(1 / 255)) for name, part in self.card.inputs(planes).items()}
         outputs = [*BODY_OUTPUTS, *MARKER_OUTPUTS][: 2 * len(self.sets)]
@@ -234,7 +241,7 @@ class PeopleNetwork:
 
     Attributes:
         path: of the file.
-        card: what the file says about itself.
+        card: the file's metadata, parsed.
     """
 
     def __init__(self, path: Path, options: OnnxOptions = OnnxOptions()) -> None:
@@ -275,7 +282,11 @@ def batches(count: int, size: int) -> list[slice]:
 
 
 def open_session(path: Path, options: OnnxOptions, unwanted: Sequence[str] = ()) -> onnxruntime.InferenceSession:
-    """A CPU session that does not work out the `unwanted` outputs, or a ModelError in one line."""
+    """A CPU session that does not compute the `unwanted` outputs.
+
+    Raises:
+        ModelError: the file is missing, damaged or no ONNX model.
+    """
     if not path.is_file():
         raise ModelError(f"{path}: no such model file; {_REMEDY}")
     settings = onnxruntime.SessionOptions()
@@ -288,7 +299,7 @@ def open_session(path: Path, options: OnnxOptions, unwanted: Sequence[str] = ())
     except OSError as error:
         raise ModelError(f"{path}: the model file cannot be read ({error.strerror}); {_REMEDY}") from error
     try:
-        # By its path where it is taken as it is: weights may lie in a file beside it.
+        # By its path where it is used as it is: weights may be in a file beside it.
         wanted = without_outputs(data, unwanted) if unwanted else str(path)
         return onnxruntime.InferenceSession(wanted, settings, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's exceptions share no base but Exception
@@ -326,7 +337,11 @@ def _check_signature(
 def run_session(
     session: onnxruntime.InferenceSession, path: Path, outputs: list[str], inputs: dict[str, Float32Array]
 ) -> Sequence[Float32Array]:
-    """The named outputs for named inputs; a ModelError in one line where the network fails."""
+    """The named outputs for named inputs.
+
+    Raises:
+        ModelError: the network fails.
+    """
     try:
         result: Sequence[Float32Array] = session.run(outputs, inputs)
     except Exception as error:  # onnxruntime's exceptions share no base but Exception

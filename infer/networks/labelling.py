@@ -19,10 +19,11 @@ LEAST_POINTS = 16
 
 @dataclass(frozen=True)
 class Cloud:
-    """Windows of some frames, packed: the points that are there come first.
+    """Windows of some frames, packed: existing points come first.
 
     Attributes:
-        points: (B, 1 + W, N, 3) metres; seen: (B, 1 + W, N), 1 or 0.
+        points: (B, 1 + W, N, 3) metres.
+        seen: (B, 1 + W, N) 1 or 0.
         slot: (B, N) slot of the trajectories that a point comes from, -1 for padding.
     """
 
@@ -35,13 +36,17 @@ class LabelNetwork:
     """A labelling network.
 
     Attributes:
-        path: of the file; card: what it says about itself.
+        path: of the file.
+        card: its metadata, parsed.
     """
 
     def __init__(self, path: Path, threads: int = 2, batch: int = 32) -> None:
-        """Opens the file; ModelError where it is missing, damaged or no labelling network of ours.
+        """Open the file.
 
-        Batches run side by side: threads within so small a network would mostly wait for one another.
+        Batches run in parallel: threads within so small a network would mostly wait for one another.
+
+        Raises:
+            ModelError: the file is missing, damaged or no labelling network of muybridge's.
         """
         self.path, self._batch, self._threads = path, batch, threads
         self._session = open_session(path, OnnxOptions(1, batch))
@@ -54,11 +59,11 @@ class LabelNetwork:
 
         Args:
             tracks: trajectories.
-            fps: frames a second.
+            fps: frames per second.
             asked: (A,) positions in `SURFACE`.
             frames: which frames; all by default.
             turn: (3, 3) applied to the points first: rotation and scale.
-            windowed: whether the network sees the frames around.
+            windowed: whether the network also takes the frames around.
         """
         frames = np.arange(len(tracks.points)) if frames is None else frames
         wanted = np.zeros(len(SURFACE), np.float32)
@@ -71,9 +76,9 @@ class LabelNetwork:
             cloud = pack(tracks, part, fps, self.card.window if windowed else (), len(self.card.window))
             points = cloud.points if turn is None else (cloud.points @ turn.T.astype(np.float32))
             feed = {"points": points, "seen": cloud.seen, "asked": np.tile(wanted, (len(part), 1))}
-            said = self._session.run(None, feed)[0]
+            answer = self._session.run(None, feed)[0]
             b, n = np.nonzero(cloud.slot >= 0)
-            out[start + b, cloud.slot[b, n]] = said[b, n][:, columns]
+            out[start + b, cloud.slot[b, n]] = answer[b, n][:, columns]
 
         with ThreadPoolExecutor(self._threads) as pool:
             list(pool.map(score, range(0, len(frames), self._batch)))
@@ -81,7 +86,7 @@ class LabelNetwork:
 
 
 def pack(tracks: Tracks, frames: IndexArray, fps: float, window: tuple[float, ...], size: int) -> Cloud:
-    """The network's input of some frames; `size` is the width of the window, of which `window` (seconds) is known."""
+    """The network's input for some frames; `size` is the width of the window, of which `window` (seconds) is filled."""
     there = tracks.track[frames] >= 0
     fullest = max(LEAST_POINTS, int(there.sum(1).max(initial=0)))
     order = np.argsort(~there, 1, kind="stable")[:, :fullest]

@@ -1,4 +1,4 @@
-"""The demo: a short take that the project rendered itself, and how far a result is from its truth."""
+"""The demo: a short rendered take, processed and compared with its ground truth."""
 
 from dataclasses import dataclass
 from importlib.resources.abc import Traversable
@@ -18,11 +18,11 @@ from muybridge.infer.runtime.progress import Progress
 
 @dataclass(frozen=True)
 class Score:
-    """Distance of a result to the truth.
+    """Distance of a result to the ground truth.
 
     Attributes:
-        mpjpe_mm: mean over frames and landmarks that were found; NaN if none was.
-        coverage: share of the truth's frames and landmarks that were found.
+        mpjpe_mm: mean over the frames and landmarks of the result; NaN if there are none.
+        coverage: share of the ground truth's frames and landmarks that the result has.
     """
 
     mpjpe_mm: float
@@ -32,16 +32,16 @@ class Score:
 def run_demo(
     out: Path, options: RunOptions, progress: Progress, folder: Traversable | None = None
 ) -> tuple[RunResult, Score]:
-    """Copy the demo's take to `out/take`, run the pipeline on it into `out`, compare with the truth.
+    """Copy the demo's take to `out/take`, process it into `out` and compare with the ground truth.
 
     Args:
         out: folder for the take and the results.
         options: the pipeline's.
-        progress: whom to tell.
-        folder: a take like the demo's, to use in its place.
+        progress: receives progress messages.
+        folder: a take like the demo's, to use instead.
 
     Raises:
-        MuybridgeError: as `pipeline.run_session`.
+        MuybridgeError: as `videos.run_session`.
     """
     folder = folder or demo_folder()
     points_world, names = true_points(folder)
@@ -52,10 +52,15 @@ def run_demo(
 
 
 def _copy(folder: Traversable, take: Path, ours: bool) -> None:
-    """The take as a session folder; what is there already and the same stays, so that runs can resume.
+    """The take as a session folder; identical files stay, so that runs can resume.
 
-    `ours`: whether the folder is from an earlier demo, or may be overwritten; other files of these names stop
-    it.
+    Args:
+        folder: the take.
+        take: the session folder.
+        ours: whether the folder is from an earlier demo, or may be overwritten.
+
+    Raises:
+        OutputError: other files of these names are in the folder.
     """
     videos = sorted((v for v in folder.joinpath("videos").iterdir() if v.is_file()), key=lambda v: v.name)
     for source, target in [
@@ -72,15 +77,15 @@ def _copy(folder: Traversable, take: Path, ours: bool) -> None:
 
 
 def score(points: Points3D, truth_world: FloatArray, names: list[str]) -> Score:
-    """Mean distance to the truth, in the world as it is: nothing is aligned.
+    """Mean distance to the ground truth, without any alignment.
 
     Args:
         points: (T, J, 3) the result.
-        truth_world: (T, K, 3) metres; NaN where there is no truth.
-        names: (K,) the truth's landmarks, all of which the result must have.
+        truth_world: (T, K, 3) metres; NaN where there is no ground truth.
+        names: (K,) the ground truth's landmarks, all of which the result must have.
 
     Raises:
-        ValueError: another number of frames, or a landmark that the result has not.
+        ValueError: another number of frames, or a landmark that the result does not have.
     """
     if len(points.points_world) != len(truth_world):
         raise ValueError(f"{len(points.points_world)} frames against a truth of {len(truth_world)}")

@@ -1,4 +1,4 @@
-"""What `muybridge label` does: read, name, write."""
+"""From a file of unlabelled points to labelled markers, files and a report."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from muybridge.geometry.landmarks.marker_sets import MarkerPlan
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.markers.cleaning import Cleaned, CleanOptions, Sample, clean_markers
 from muybridge.infer.labelling.corrections import apply_corrections, read_corrections
-from muybridge.infer.labelling.label import Labelled, LabelOptions, label_points, relabelled
+from muybridge.infer.labelling.label import Labelled, LabelOptions, label_points, relabel
 from muybridge.infer.networks.labelling import LabelNetwork
 from muybridge.infer.report.labelling_facts import label_json
 from muybridge.infer.report.labelling_page import render_label_report
@@ -29,22 +29,40 @@ from muybridge.motion.formats.points.unlabelled import MarkerCloud, read_marker_
 
 FILES = ("labelled.c3d", "label.json", "report.html")
 CORRECTIONS = "corrections.txt"
-SURE = 0.9
+CERTAIN = 0.9
 # With fewer points than this share of the set, another set may have been worn.
 FEW = 0.8
 
 
 def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, model: Path | None, fps: float | None,
               overwrite: bool, options: LabelOptions, clean: CleanOptions) -> str:  # fmt: skip
-    """Labels `file` into the folder `out`; returns what to tell the user."""
+    """Label a file of points.
+
+    Args:
+        file: the points.
+        out: the results folder.
+        markerset: the set's name, or a file.
+        corrections: by a person; None for those in the results folder, if any.
+        model: labelling network; None for the shipped one.
+        fps: frames per second, where the file does not state it.
+        overwrite: replace files that muybridge did not write.
+        options: of the labelling.
+        clean: of spikes and gaps.
+
+    Returns:
+        A summary of some lines.
+
+    Raises:
+        MuybridgeError: of some kind, for everything that the user can fix.
+    """
     plan = find_marker_set(markerset)
     check_fps(fps)
     cloud = read_marker_cloud(file, fps)
     if not (math.isfinite(cloud.fps) and cloud.fps > 0):
-        raise FormatError(f"{file}: does not say how many frames it has a second; give --fps")
+        raise FormatError(f"{file}: does not state its frames per second; give --fps")
     rate = cloud.fps
-    settled = corrections or (out / CORRECTIONS if (out / CORRECTIONS).is_file() else None)
-    lines = read_corrections(settled) if settled else []
+    chosen = corrections or (out / CORRECTIONS if (out / CORRECTIONS).is_file() else None)
+    lines = read_corrections(chosen) if chosen else []
     network = LabelNetwork(model or shipped_model("labels"))
     folder = open_output(out, FILES, [file], overwrite)
     try:
@@ -53,14 +71,14 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
         raise FormatError(f"{file}: {error}") from None
     corrected: list[str] = []
     by_hand = np.zeros(labelled.column.shape, bool)
-    if settled:
+    if chosen:
         before = labelled.column
         label, corrected = apply_corrections(labelled.label, labelled.tracks.column, lines, plan.markers.labels,
-                                             cloud.names, settled)  # fmt: skip
-        labelled = relabelled(labelled, label)
+                                             cloud.names, chosen)  # fmt: skip
+        labelled = relabel(labelled, label)
         by_hand = labelled.column != before
-        if settled != out / CORRECTIONS:
-            folder.write(CORRECTIONS, lambda path: path.write_bytes(settled.read_bytes()))
+        if chosen != out / CORRECTIONS:
+            folder.write(CORRECTIONS, lambda path: path.write_bytes(chosen.read_bytes()))
     cleaned = clean_markers(labelled.points, rate, clean, by_hand)
     content = label_json(labelled, cleaned, cloud.names, rate, file.name, notes_of(cloud, labelled, plan), corrected,
                          _figures(labelled))  # fmt: skip
@@ -72,12 +90,12 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
 
 def _figures(labelled: Labelled) -> dict[str, Any]:
     found = np.isfinite(labelled.points[..., 0])
-    sure = labelled.confidence[found] >= SURE
+    sure = labelled.confidence[found] >= CERTAIN
     return {"markers_found": int(found.any(0).sum()), "sure": round(float(sure.mean()), 4) if sure.size else 0.0}
 
 
 def notes_of(cloud: MarkerCloud, labelled: Labelled, plan: MarkerPlan) -> list[str]:
-    """What the user should know, as sentences."""
+    """Notices for the user, as sentences."""
     notes = list(labelled.notes)
     found = np.isfinite(labelled.points[..., 0]).any(0)
     lost = [plan.markers.labels[i] for i in np.nonzero(~found & ~plan.optional)[0]]
@@ -88,9 +106,9 @@ def notes_of(cloud: MarkerCloud, labelled: Labelled, plan: MarkerPlan) -> list[s
         notes.append(f"frames have about {usual:.0f} points, the set {len(plan.markers)} markers: "
                      "if another set was worn, name it with --markerset")  # fmt: skip
     if (up := up_of(labelled)) not in ("+Y", "+Z"):
-        notes.append(f"{up} is up in the file; labelled.c3d is turned, so that +Z is")
+        notes.append(f"{up} is up in the file; labelled.c3d is rotated so that +Z is up")
     if cloud.left_out:
-        notes.append(f"left out, since they are no points: {', '.join(cloud.left_out[:8])}"
+        notes.append(f"left out because they are no points: {', '.join(cloud.left_out[:8])}"
                      + (f" and {len(cloud.left_out) - 8} more" if len(cloud.left_out) > 8 else ""))  # fmt: skip
     if cloud.empty:
         notes.append(f"{len(cloud.empty)} trajectories of the file are empty")
@@ -102,7 +120,7 @@ def summary(content: dict[str, Any], out: Path) -> str:
     doubtful = len(content["doubtful"])
     lines = [
         f"{content['markers_found']} of {len(content['markers'])} markers of {content['marker_set']} found; "
-        f"{content['sure']:.1%} of the names are at least {SURE:.0%} certain, {doubtful} spans are doubtful",
+        f"{content['sure']:.1%} of the names are at least {CERTAIN:.0%} certain, {doubtful} spans are doubtful",
         *content["notes"],
         *content["corrections"],
     ]
@@ -112,7 +130,7 @@ def summary(content: dict[str, Any], out: Path) -> str:
 
 
 def _write(path: Path, cloud: MarkerCloud, labelled: Labelled, cleaned: Cleaned, fps: float) -> None:
-    """The markers, and what else the file has, in the file's axes; with Z up where C3D has no word for those."""
+    """The markers and the rest of the file in the file's axes; with Z up where C3D cannot state those axes."""
     points = as_points(labelled, cleaned, fps)
     up = up_of(labelled)
     turn = np.eye(3) if up in ("+Y", "+Z") else labelled.turn
@@ -128,10 +146,10 @@ def up_of(labelled: Labelled) -> str:
 
 
 def as_points(labelled: Labelled, cleaned: Cleaned, fps: float) -> Points3D:
-    """The named markers as points of a file, in the axes of the file they come from.
+    """The labelled markers as points of a file, in the axes of the file they come from.
 
-    What was measured is given as good to a millimetre, what was filled as good to nobody knows: in a C3D file the first
-    has the residual 1, the second 0, which there means that a sample is interpolated.
+    Measured samples have a standard deviation of a millimetre, filled ones an unknown one: in a C3D file the former
+    have the residual 1, the latter 0, which marks interpolated samples.
     """
     count, size = cleaned.points.shape[:2]
     names = LandmarkSet(labelled.markers.name, labelled.markers.labels, ())

@@ -1,7 +1,8 @@
-"""What a followed person looks like in every view, with where their landmarks are according to all cameras together.
+"""Pseudo-labels: crops of the tracked people in every view, labelled with their landmarks from all cameras together.
 
 A 2D network errs in each view on its own; several calibrated views, the body and the take's other frames correct it.
-What they agree on, seen from each camera, is a label that nobody had to draw: `muybridge adapt` trains on it.
+The corrected landmarks, projected into each camera, are labels that need no annotation: `muybridge adapt` trains on
+them.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.crops import crops_for_boxes
 from muybridge.geometry.sync.clocks import own_frames
 from muybridge.infer.detection.crop_reader import Pictures, body_boxes, crop_pixels
-from muybridge.infer.detection.exposure import well_exposed
+from muybridge.infer.detection.exposure import stretch_frames
 from muybridge.infer.detection.orientation import orientation_for
 from muybridge.infer.detection.resample import on_time
 from muybridge.infer.pipelines.videos import Followed
@@ -29,21 +30,21 @@ from muybridge.infer.session.video import read_chunks
 from muybridge.models.keypoints.metadata import KeypointModelCard
 from muybridge.models.pseudo_labels import PseudoLabels
 
-# Blocks of frames that what is kept of a take is cut into, and every how manieth is kept from training.
+# The frames used are divided into so many blocks; every n-th block is held out from training.
 _BLOCKS, _HELD_OUT = 50, 10
-_STEP_M = 0.01  # how far a point is moved to see how many pixels a metre is there
+_STEP_M = 0.01  # step of the numerical derivative of the projection
 
 
 @dataclass(frozen=True)
 class PseudoLabelOptions:
-    """What of a take becomes crops.
+    """Which parts of a take become crops.
 
     Attributes:
-        most_crops: as many, evenly spread over the take; each takes 0.4 MB of memory.
-        larger: the crops over the network's, for what is turned and moved in training.
-        most_unsure: a landmark whose place the cameras do not know to this share of the crop has no label.
-        least_known: share of the body's landmarks that need a label for a crop to count.
-        fewest_crops: with fewer than this a network would learn them by heart.
+        most_crops: largest number, evenly spread over the take; each takes 0.4 MB of memory.
+        larger: side of the crops relative to the network's, as a margin for augmentation.
+        most_unsure: largest standard deviation of a labelled landmark, as a share of the crop.
+        least_known: share of the body's landmarks that must be labelled in a crop.
+        fewest_crops: with fewer crops, a network would memorise them.
     """
 
     most_crops: int = 2000
@@ -63,13 +64,13 @@ class _Shape(NamedTuple):
 def collect(
     followed: Followed, card: KeypointModelCard, progress: Progress, options: PseudoLabelOptions = PseudoLabelOptions()
 ) -> PseudoLabels:
-    """The crops of a session whose people were followed, their virtual markers too.
+    """The crops of a session whose people were tracked, with their virtual markers.
 
     Args:
         followed: the session and its people.
-        card: of the network that is going to learn from them.
-        progress: is told.
-        options: what becomes a crop.
+        card: of the network to be trained.
+        progress: receives progress messages.
+        options: which crops.
 
     Raises:
         SessionError: too few frames in which enough of the person is known in 3D.
@@ -82,9 +83,9 @@ def collect(
     if total < options.fewest_crops:
         raise SessionError(
             f"{followed.session.path}: there is too little to adapt to: enough of the person is known in 3D in {total} "
-            f"frames of all cameras, {options.fewest_crops} are needed; look at what `muybridge run` finds first"
+            f"frames of all cameras, {options.fewest_crops} are needed; check the results of `muybridge run` first"
         )
-    # Whole frames rather than single views go, so that what is held out is held out of all cameras.
+    # Whole frames are chosen rather than single views, so that a held-out frame is held out in all cameras.
     known = np.unique(np.concatenate([v.frames for v in views]))
     most = max(1, options.most_crops * len(known) // total)
     kept = known[np.unique(np.linspace(0, len(known) - 1, most).astype(int))]
@@ -103,7 +104,7 @@ def collect(
 
 
 class _Person:
-    """One person's labels: body and markers, smoothed, where known well enough."""
+    """One person's labels: body and markers, smoothed."""
 
     def __init__(self, solution: Solution, options: PseudoLabelOptions) -> None:
         self.body = solution.points
@@ -134,16 +135,16 @@ class _View(NamedTuple):
 
 
 def _views(followed: Followed, c: int, person: _Person, shape: _Shape, options: PseudoLabelOptions) -> _View:
-    """Frames in which the camera should see the person whole enough, with labels where they are sure enough."""
+    """Frames in which enough of the person should be visible, with labels where the uncertainty is small enough."""
     camera = followed.session.cameras[c]
     px = camera.project_seen(person.points)
     body = len(person.body.landmarks)
     upright = orientation_for(followed.session.level_cameras[c], camera.width, camera.height)
     boxes = upright.centered_in_frame(body_boxes(upright.to_upright(px[:, :body]), person.body.landmarks))
     side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
-    unsure = _sigma_px(camera, person.points, person.covariance) / np.maximum(shape.padding * side, 1)[:, None]
+    uncertainty = _sigma_px(camera, person.points, person.covariance) / np.maximum(shape.padding * side, 1)[:, None]
     inside = ((px >= -0.5) & (px <= [camera.width - 0.5, camera.height - 0.5])).all(axis=-1)
-    labelled = np.isfinite(px).all(axis=-1) & (unsure <= options.most_unsure) & inside
+    labelled = np.isfinite(px).all(axis=-1) & (uncertainty <= options.most_unsure) & inside
     px = np.where(labelled[..., None], px, np.nan)
     frames = np.flatnonzero(labelled[:, :body].mean(axis=1) >= options.least_known)
     shown = on_time(followed.session, c, followed.detected[c].repeats)
@@ -160,7 +161,7 @@ def _sigma_px(camera: Camera, points: FloatArray, covariance: FloatArray) -> Flo
 
 
 def _held_out(count: int) -> BoolArray:
-    """(count,) which of so many frames are kept from training; some of every take."""
+    """(count,) which frames are held out from training; some of every take."""
     block = np.arange(count) // max(1, count // _BLOCKS)
     return np.asarray(block % _HELD_OUT == min(_HELD_OUT // 2, block[-1]))
 
@@ -172,10 +173,10 @@ def _cut(followed: Followed, view: _View, apart: IndexArray, shape: _Shape) -> I
     own = own_frames(session.clocks, c, view.frames, session.fps, count)
     crops = crops_for_boxes(view.boxes_px, shape.size_px, camera, shape.padding)
     frames, order = np.unique(own, return_inverse=True)
-    backdrop = followed.detected[c].backdrop()
+    backdrop = followed.detected[c].background_model()
     begin = 0
     chunks = read_chunks(session.videos[c], session.frame_indices[c][frames]) if len(frames) else ()
-    for chunk in well_exposed(chunks):
+    for chunk in stretch_frames(chunks):
         here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))
         pictures = Pictures(chunk, backdrop(chunk))
         pixels = crop_pixels(pictures, backdrop, order[here] - begin, crops.select(here), 4)

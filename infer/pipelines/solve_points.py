@@ -52,16 +52,19 @@ class SolvePointsOptions:
     """How labelled points become a moving skeleton.
 
     Attributes:
-        units: unit of the file's numbers; None for what the file says.
-        up: the axis that is up; None for what the file says.
-        fps: frames per second; None for what the file says.
-        method: fit a body to the `markers` on its skin, or to `landmarks`; `auto` takes markers where there are a
-            dozen or more.
-        centres: methods for joint centres that count besides the markers, the preferred one first.
-        network: file of a network that corrects the joints; None for the shipped one.
-        correct: whether joints are corrected.
-        fit: skeleton and joint angles, from landmarks.
-        markers: the same from markers.
+        units: unit of lengths, where the file does not say or says it wrongly.
+        up: the axis that is up, where the file does not say or says it wrongly.
+        fps: frames per second, where the file does not say or says it wrongly.
+        method: `markers` fits the body to the markers on its skin, `landmarks` to joint centres that are first computed
+            from the markers; `auto` takes the first where there are a dozen markers or more.
+        centres: joint centres that count besides the markers: `midpoint` of the markers on either side, `plane` of
+            three markers of a limb, the hip by `harrington`, `bell` or `davis`, or by its motion (`functional`, the
+            shoulder too); where two give the same joint, the one named first counts.
+        network: file of a network that corrects the joints of a body fitted to markers (`muybridge train solver`);
+            if not given, the shipped one, unless `centres` are given.
+        correct: correct the joints with the network.
+        fit: skeleton and joint angles, fitted to landmarks.
+        markers: skeleton and joint angles, fitted to markers.
     """
 
     units: Units | None = None

@@ -14,9 +14,10 @@ from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.sync.clocks import resample_keypoints
-from muybridge.infer.detection.detect import CameraResult, DetectOptions, detect, file_names, first_look
+from muybridge.infer.detection.detect import CameraResult, DetectOptions, detect, file_names, first_pass
+from muybridge.infer.detection.frozen_frames import repeats_notice
 from muybridge.infer.detection.refine import RefinementOptions, TopDownRefinement
-from muybridge.infer.detection.resample import in_time, repeats_notice
+from muybridge.infer.detection.resample import resample_tracks
 from muybridge.infer.detection.tracks import first_frames, merge_tracks
 from muybridge.infer.networks.models import Models, open_models
 from muybridge.infer.pipelines.warm_up import CompiledAhead
@@ -212,7 +213,7 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
     """
     files = file_names(session.cameras.names)
     again = options.refinement
-    first = first_look(options.detect) if again.enabled and again.everywhere else options.detect
+    first = first_pass(options.detect) if again.enabled and again.everywhere else options.detect
     with CompiledAhead() as ahead:
         session = estimate_gravity(session, files, models, store, first, progress, turn=options.world == "upright")
         detected = detect(session, files, models, store, first, progress)
@@ -242,7 +243,7 @@ def _judge_cameras(
     """The session with its cameras refined if that was asked, how good they are, and the stages by name."""
     stages: dict[str, StageResult | None] = {}
     if options.refine_cameras:
-        session, stages[refine_cameras.STAGE] = refine_cameras.refined(session, keypoints, key, store, progress)
+        session, stages[refine_cameras.STAGE] = refine_cameras.refine(session, keypoints, key, store, progress)
         key = digest(key, session.cameras.cameras)
     judged, stages[judge_calibration.STAGE] = judge_calibration.judge(
         session.cameras, keypoints, session.fps, key, store, progress
@@ -270,7 +271,7 @@ def _merge(
             name = session.videos[c].path.name
             notice = f"{name} is frozen from frame {found.frozen_from} to its end, while other cameras see people move"
             session = with_notice(session, f"{notice}: its landmarks are left out there", progress)
-    tracks = [in_time(session, c, first_frames(d.tracks, frames), d.repeats) for c, d in enumerate(detected)]
+    tracks = [resample_tracks(session, c, first_frames(d.tracks, frames), d.repeats) for c, d in enumerate(detected)]
     return session, {n: resample_keypoints(k, session.clocks, session.fps) for n, k in merge_tracks(tracks).items()}
 
 

@@ -17,7 +17,7 @@ from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.skeleton.joint_centres import JointCentres
 from muybridge.geometry.skeleton.motion import Motion
-from muybridge.infer.networks.correction import SolverNetwork, corrected
+from muybridge.infer.networks.correction import SolverNetwork, correct_joints
 from muybridge.infer.reconstruction.motion_arrays import pack_motion, unpack_motion
 from muybridge.infer.runtime.stages import Arrays, Facts
 from muybridge.models.shipped import shipped_model
@@ -71,7 +71,7 @@ def fit_labelled_markers(
     fit = fit_markers(points_world, surface, fps, options, centres)
     if corrector is None:
         return _pack(fit, names)
-    return _pack(corrected(fit, points_world, corrector), names, corrector.version)
+    return _pack(correct_joints(fit, points_world, corrector), names, corrector.version)
 
 
 def open_corrector(network: Path | None, correct: bool, centres: Sequence[str] = ()) -> SolverNetwork | None:

@@ -1,7 +1,7 @@
-"""Which way is up where the calibration does not say so: a few moments of the take, looked at beforehand.
+"""The up direction where the calibration does not state it, estimated from parts of the take in advance.
 
-How cameras hang tells about up; people who stand tell more. They are found with what the cameras say, which is near
-enough for those who stand, and then all of the take is read upright.
+The cameras' orientations give a first guess; standing people give a better one. They are detected with the first
+guess, which is good enough for standing people, and then the whole take is read with upright cameras.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore
 from muybridge.infer.session.session import UPRIGHT_ADVICE, Session, with_notice
 
-STAGE = "up"
-# Three windows of two seconds, at this many frames a second, in the first half minute: films are decoded from their
+STAGE = "gravity"
+# Three windows of two seconds, at this many frames per second, in the first half minute: videos are decoded from their
 # beginning, and people mostly stand there.
 _WINDOWS, _SECONDS, _FPS, _WITHIN = 3, 2.0, 12.0, 30.0
 
@@ -35,16 +35,16 @@ def estimate_gravity(
     session: Session, file_names: Sequence[str], models: Models, store: StageStore, options: DetectOptions,
     progress: Progress, turn: bool = False,
 ) -> Session:  # fmt: skip
-    """The session with `upright` cameras, where its calibration's Z axis is not believed to be up, or may point down.
+    """The session with `upright` cameras, where its calibration's Z axis does not seem to be up, or may point down.
 
     Args:
         session: C cameras and their videos.
         file_names: (C,) the cameras' names as file names.
         models: the networks.
         store: where finished stages are.
-        options: how 2D landmarks are found.
-        progress: whom to tell.
-        turn: into the upright world altogether, so that results stand in it.
+        options: how 2D landmarks are detected.
+        progress: receives progress messages.
+        turn: replace the session's cameras, so that results are in the upright world.
     """
     in_doubt = session.level_cameras is session.cameras
     if in_doubt and not all_upside_down(session.cameras):
@@ -57,11 +57,11 @@ def estimate_gravity(
     stage = store.load(STAGE, key)
     if stage is None:
         start = time.perf_counter()
-        frames, fps = _moments(session.frames, session.fps)
+        frames, fps = _windows(session.frames, session.fps)
         part = replace(session, frame_indices=session.frame_indices[:, frames], fps=fps)
         (store.folder / STAGE).mkdir(exist_ok=True)
         doubt = "may point down" if in_doubt else "is not up"
-        progress.say(f"the calibration's Z axis {doubt}: looking at a few moments for people who stand")
+        progress.say(f"the calibration's Z axis {doubt}: detecting standing people in parts of the take")
         found = detect(part, file_names, models, StageStore(store.folder / STAGE), options, progress)
         shared = min(result.tracks.frames for result in found)  # a video may end before its header says
         merged = merge_tracks([first_frames(result.tracks, shared) for result in found])
@@ -71,7 +71,7 @@ def estimate_gravity(
     notices: list[str] = []
     if upright is session.cameras:
         if not in_doubt:
-            notices = ["people who stand say otherwise: the calibration's Z axis is up, and cameras hang askew"]
+            notices = ["standing people show that the calibration's Z axis is up; the cameras are tilted"]
     elif turn:
         notices = ["the world was turned upright: results and the calibration beside them have Z up"]
     elif in_doubt:
@@ -81,8 +81,8 @@ def estimate_gravity(
     return replace(session, cameras=upright if turn else session.cameras, upright=upright)
 
 
-def _moments(frames: int, fps: float) -> tuple[IndexArray, float]:
-    """Which frames are looked at, and how many a second."""
+def _windows(frames: int, fps: float) -> tuple[IndexArray, float]:
+    """The frames to read, and how many per second."""
     step = max(1, round(fps / _FPS))
     every = np.arange(0, min(frames, max(1, round(_WITHIN * fps))), step)
     length = round(_SECONDS * fps / step)
@@ -93,7 +93,7 @@ def _moments(frames: int, fps: float) -> tuple[IndexArray, float]:
 
 
 def _axes(session: Session, keypoints: Keypoints2D) -> FloatArray:
-    """(N, 3) from feet to shoulders of everybody whom two cameras see, where they are stretched out."""
+    """(N, 3) directions from feet to shoulders of everybody seen by two cameras, where they are stretched out."""
     axes = [np.empty((0, 3))]
     frames = keypoints.points_px.shape[1]
     for person in find_people(session.cameras, keypoints, fps=session.fps) if frames else ():

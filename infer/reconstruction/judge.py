@@ -1,4 +1,4 @@
-"""Judge a calibration by the 2D landmarks of a session's person."""
+"""The quality of a calibration by the 2D landmarks of a session's person."""
 
 import numpy as np
 
@@ -9,13 +9,13 @@ from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality,
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 
-_HARDLY = 0.2  # share of frames below which the association has given a camera up
+_HARDLY = 0.2  # share of frames below which the association has failed for a camera
 
 
 def check_keypoints(
     cameras: CameraGroup, keypoints: Keypoints2D, options: DiagnosisOptions, fps: float
 ) -> CalibrationQuality:
-    """Judge cameras by everyone's landmarks, of whom one person is followed.
+    """The quality of a calibration by the landmarks of one tracked person.
 
     Raises:
         SessionError: nobody was found.
@@ -26,10 +26,10 @@ def check_keypoints(
 
 
 def person_to_check(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> tuple[FloatArray, FloatArray]:
-    """One person's landmarks, with those of cameras that the calibration keeps apart from the others.
+    """One person's landmarks, including those of cameras that do not fit the calibration.
 
-    Who is who between cameras is found by the calibration that is in question. So a camera that hardly has the
-    person by it, but sees one person alone for most of the take, is taken at its word.
+    The association between cameras depends on the calibration in question. So a camera that is hardly associated with
+    the person, but sees a single person for most of the take, is assumed to see that person.
 
     Returns:
         (C, T, J, 2) px and (C, T, J) variances.

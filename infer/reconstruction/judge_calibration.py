@@ -1,5 +1,6 @@
-"""The judgement of a calibration as a stage of `muybridge run`: computed once, kept in the results folder."""
+"""The quality of a calibration as a stage: computed once and kept in the results folder."""
 
+import logging
 import time
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -19,6 +20,8 @@ from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore
 
+_log = logging.getLogger(__name__)
+
 STAGE = "calibration"
 _FIGURES = ("count", "residual_px", "p95_px", "leave_one_out_px", "focal_sd", "position_sd")
 
@@ -26,33 +29,34 @@ _FIGURES = ("count", "residual_px", "p95_px", "leave_one_out_px", "focal_sd", "p
 def judge(
     cameras: CameraGroup, keypoints: Keypoints2D, fps: float, inputs: str, store: StageStore, progress: Progress
 ) -> tuple[CalibrationQuality | None, StageResult | None]:
-    """How good the calibration is by a take's landmarks; None where there is nobody to judge it by.
+    """The quality of the calibration by a take's landmarks; None where there is nobody to judge it by.
 
     Args:
-        cameras: C cameras, as the videos are.
+        cameras: C cameras, at the size of the videos.
         keypoints: everyone who was found.
-        fps: frames a second.
+        fps: frames per second.
         inputs: digest of what the keypoints were made from.
         store: where finished stages are.
-        progress: whom to tell.
+        progress: receives progress messages.
     """
     key = digest(STAGE, inputs, fps, code_digest("muybridge.geometry", "muybridge.infer.reconstruction"))
     stored = store.load(STAGE, key)
     if stored is not None:
-        return unpacked(cameras, stored.arrays, stored.facts), stored
+        return unpack_quality(cameras, stored.arrays, stored.facts), stored
     start = time.perf_counter()
     try:
         quality = check_keypoints(cameras, keypoints, DiagnosisOptions(), fps)
-    except MuybridgeError:
+    except MuybridgeError as error:
+        _log.info("the calibration was not judged: %s", error)
         return None, None
-    arrays, facts = packed(quality)
+    arrays, facts = pack_quality(quality)
     result = store.save(STAGE, key, arrays, facts, time.perf_counter() - start)
     progress.say(f"{STAGE}: {result.seconds:.1f} s")
     return quality, result
 
 
-def packed(quality: CalibrationQuality) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """A judgement as arrays and facts; its cameras are not kept, corrected ones are."""
+def pack_quality(quality: CalibrationQuality) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """A calibration's quality as arrays and facts; of the cameras, only the corrected ones are kept."""
     arrays: dict[str, NDArray[Any]] = {name: np.asarray(getattr(quality, name)) for name in _FIGURES}
     for c, picture in enumerate(quality.pictures):
         arrays |= {f"picture{c}_{n}": getattr(picture, n) for n in ("count", "median_px", "mean_px")}
@@ -80,8 +84,8 @@ def packed(quality: CalibrationQuality) -> tuple[dict[str, NDArray[Any]], dict[s
     return arrays, facts
 
 
-def unpacked(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str, Any]) -> CalibrationQuality:
-    """The judgement of `cameras` that `packed` made arrays and facts of."""
+def unpack_quality(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str, Any]) -> CalibrationQuality:
+    """The quality of `cameras` that `pack_quality` made arrays and facts of."""
     pictures = tuple(
         ImagePicture(arrays[f"{k}_count"], arrays[f"{k}_median_px"], arrays[f"{k}_mean_px"], covered)
         for k, covered in ((f"picture{c}", share) for c, share in enumerate(facts["covered"]))
@@ -89,7 +93,7 @@ def unpacked(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str
     plan = facts["plan"]
     report = None
     if facts["diagnosis"] is not None:
-        report = _report(cameras, arrays, facts["diagnosis"])
+        report = _diagnosis(cameras, arrays, facts["diagnosis"])
     return CalibrationQuality(
         cameras=cameras,
         source=facts["source"],
@@ -104,7 +108,7 @@ def unpacked(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str
     )  # fmt: skip
 
 
-def _report(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str, Any]) -> CalibrationDiagnosis:
+def _diagnosis(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[str, Any]) -> CalibrationDiagnosis:
     corrected = tuple(
         Camera(c.name, model, c.width, c.height, tuple(params), np.array(pose))
         for c, (model, params, pose) in zip(cameras, facts["cameras"], strict=True)

@@ -1,7 +1,8 @@
-"""Sessions of marker videos: bright dots in every camera to named markers in 3D and a moving skeleton.
+"""Markers of videos in 3D: blobs in every camera, matched and tracked, then triangulated by label.
 
-Blobs to sub-pixel; matched without names by epipolar geometry; trajectories, without ghosts and lamps; names from the
-labelling network; every named marker triangulated again from all cameras that see it; cleaned; solved.
+Blobs are located with sub-pixel accuracy and matched between cameras by epipolar geometry, without labels. Trajectories
+of ghosts and lamps are dropped. Once the labelling network has labelled the trajectories, every marker is triangulated
+again from all cameras that see it.
 """
 
 from dataclasses import dataclass, field
@@ -24,18 +25,18 @@ from muybridge.infer.session.video import read_chunks
 
 @dataclass(frozen=True)
 class MarkerVideoOptions:
-    """How markers are found in videos.
+    """How markers are detected in videos.
 
     Attributes:
-        markerset: what the person wears: `pig39`, `cmu41`, ... or a text file of your own.
-        shortest_s: seconds that a trajectory must last to be a marker's.
+        markerset: the marker set: `pig39`, `cmu41`, ... or a text file of your own.
+        shortest_s: least duration of a marker's trajectory, seconds.
         blobs: markers in an image.
         match: 2D points to 3D points.
         track: trajectories.
-        label: names.
+        label: labels.
         clean: spikes and gaps.
         fit: the skeleton.
-        correct: the shipped solver network corrects the fitted joints, as in `muybridge solve`.
+        correct: correct the fitted joints with the shipped solver network.
     """
 
     markerset: str = "pig39"
@@ -51,12 +52,12 @@ class MarkerVideoOptions:
 
 @dataclass(frozen=True, eq=False)
 class FoundMarkers:
-    """Markers of a take before they have names.
+    """Unlabelled markers of a take.
 
     Attributes:
-        points: (T, S, 3) metres in slots, NaN where nothing is: trajectories without ghosts.
+        points: (T, S, 3) metres in slots, NaN where empty: trajectories without ghosts.
         seen: for each frame and camera (K, 3): x, y in pixels and area.
-        dropped: trajectories that were ghosts or lamps.
+        dropped: number of trajectories that were ghosts or lamps.
     """
 
     points: FloatArray
@@ -69,7 +70,7 @@ def blobs_of(video: VideoInfo, indices: IntArray, options: BlobOptions) -> tuple
     threshold = options.threshold
     found: list[FloatArray] = []
     for chunk in read_chunks(video, indices):
-        # Markers are lit in one colour, which need not be the camera's green.
+        # Markers are lit in one colour, which may be any channel.
         grey = chunk.max(axis=-1)
         if threshold is None:
             threshold = find_threshold([grey[k] for k in np.linspace(0, len(grey) - 1, min(9, len(grey))).astype(int)])
@@ -91,10 +92,13 @@ def unpack_blobs(arrays: Arrays) -> list[FloatArray]:
 def find_markers(
     cameras: CameraGroup, seen: list[list[FloatArray]], fps: float, options: MarkerVideoOptions
 ) -> FoundMarkers:
-    """Unnamed trajectories from blobs.
+    """Unlabelled trajectories from blobs.
 
     Args:
-        cameras: C cameras. seen: for each of T frames C arrays (K, 3). fps: frames a second.
+        cameras: C cameras.
+        seen: for each of T frames C arrays (K, 3).
+        fps: frames per second.
+        options: of every step.
     """
     points, _ = follow_points(cameras, seen, fps, options.match)
     tracks = track_points(points, fps, options.track)
@@ -107,18 +111,20 @@ def find_markers(
 
 def triangulate_again(cameras: CameraGroup, seen: list[list[FloatArray]], points: FloatArray, reach_px: float = 2.0,
                       longest: int = 12) -> tuple[FloatArray, IndexArray]:  # fmt: skip
-    """Named markers from all cameras that see them; short gaps are looked at as well, where two cameras see the marker
-    within reach of where its path has it.
+    """Labelled markers triangulated from all cameras that see them, and in short gaps where two cameras have a blob
+    close to the interpolated path.
 
     Args:
-        cameras: C cameras. seen: blobs (K, 3) of every frame and camera.
-        points: (T, M, 3) metres. reach_px: how far a blob may be from the projection.
-        longest: frames of a gap that is looked at.
+        cameras: C cameras.
+        seen: blobs (K, 3) of every frame and camera.
+        points: (T, M, 3) metres.
+        reach_px: how far a blob may be from the projection.
+        longest: frames of the longest gap.
 
     Returns:
-        (T, M, 3) metres and (T, M) how many cameras each is from.
+        (T, M, 3) metres and (T, M) number of cameras.
     """
-    expected, gap = _bridged(points, longest)
+    expected, gap = _interpolate(points, longest)
     out, views = np.full_like(points, np.nan), np.zeros(points.shape[:2], np.intp)
     centres, count = cameras.centers_world, len(cameras)
     for t, frame in enumerate(seen):
@@ -136,7 +142,7 @@ def triangulate_again(cameras: CameraGroup, seen: list[list[FloatArray]], points
         far = np.where(np.isfinite(far), far, np.inf)
         best = far.argmin(2)
         near = np.take_along_axis(far, best[..., None], 2)[..., 0] < np.where(gap[t, known], 3 * reach_px, reach_px)
-        # One blob is one marker's: whose projection is nearest.
+        # A blob belongs to the marker whose projection is nearest.
         nearest = far.argmin(1)
         owner = np.take_along_axis(nearest, best, 1) == np.arange(len(known))
         near &= owner
@@ -146,10 +152,10 @@ def triangulate_again(cameras: CameraGroup, seen: list[list[FloatArray]], points
         good = near & (error < reach_px)
         enough = (good.sum(0) >= 2) & (good.sum(0) == near.sum(0))
         again = intersect_rays(centres, np.nan_to_num(np.moveaxis(rays, 0, 1)), good.T)
-        sure = (good.sum(0) >= 2) & (np.linalg.norm(again - expected[t, known], axis=-1) < 0.015)
-        sure &= enough | (good.sum(0) >= 3)
-        out[t, known[sure]], views[t, known[sure]] = again[sure], good.sum(0)[sure]
-    # What was measured stays where two cameras no longer agree.
+        kept = (good.sum(0) >= 2) & (np.linalg.norm(again - expected[t, known], axis=-1) < 0.015)
+        kept &= enough | (good.sum(0) >= 3)
+        out[t, known[kept]], views[t, known[kept]] = again[kept], good.sum(0)[kept]
+    # The earlier point stays where two cameras no longer agree.
     lost = np.isnan(out[..., 0]) & np.isfinite(points[..., 0])
     out[lost] = points[lost]
     return out, views
@@ -184,8 +190,8 @@ def nearest_blobs(
     return px, away
 
 
-def _bridged(points: FloatArray, longest: int) -> tuple[FloatArray, BoolArray]:
-    """Points with straight lines over short gaps, and (T, M) where those are."""
+def _interpolate(points: FloatArray, longest: int) -> tuple[FloatArray, BoolArray]:
+    """Points interpolated linearly over short gaps, and (T, M) where."""
     out, gap = points.copy(), np.zeros(points.shape[:2], bool)
     time = np.arange(len(points))
     for m in range(points.shape[1]):

@@ -1,4 +1,4 @@
-"""The figures that say how far a result can be trusted, without knowing the truth."""
+"""Quality figures of a result that need no ground truth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,9 +10,9 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import usable_points
 from muybridge.geometry.triangulation.validation import leave_one_out_summary
 from muybridge.infer.reconstruction.landmarks import Solution
-from muybridge.infer.runtime.wording import listed, readable
+from muybridge.infer.runtime.wording import join_words, readable
 
-# Landmarks that no camera is sure of in this share of the frames are worth a word.
+# Landmarks of low confidence in every camera are reported from this share of the frames on.
 _OFTEN_UNSURE = 0.25
 
 
@@ -24,11 +24,11 @@ class Quality:
         coverage: share of frames x landmarks with a 3D point in the results.
         measured_coverage: the same before gaps were filled.
         reprojection_px: median distance of a 2D point to the 3D point's reprojection.
-        leave_one_out_px: median distance of a 2D point to what the other cameras say.
+        leave_one_out_px: median distance of a 2D point to the reprojection of the point from the other cameras.
         no_point_share: share of 2D points for which the other cameras gave no point.
-        flipped_share: share of 2D points whose left and right were exchanged in one camera and put back.
-        noise_px: noise of the 2D points beyond what the network expects, estimated from the take.
-        cameras: the same for each camera, by name, with the share of landmarks that it saw.
+        flipped_share: share of 2D points in left-right flips that were repaired.
+        noise_px: noise of the 2D points beyond the network's own estimate, from the take.
+        cameras: the same for each camera, by name, with the share of landmarks that it sees.
         landmarks: coverage and median reprojection error of each landmark, by name.
     """
 
@@ -44,7 +44,7 @@ class Quality:
 
 
 def median(values: FloatArray) -> float:
-    """Median of what is not NaN; NaN if nothing is."""
+    """Median of the finite values; NaN if there is none."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else float("nan")
 
@@ -84,15 +84,15 @@ def assess(cameras: CameraGroup, solution: Solution) -> Quality:
 
 
 def unsure_landmarks(solution: Solution) -> list[str]:
-    """What to say of landmarks that no camera is sure of in a large part of the take, a sentence for each person."""
-    said = []
+    """Notices about landmarks of low confidence in every camera in a large part of the take, one per person."""
+    notices = []
     for number, person in enumerate((solution, *solution.others), start=1):
         often = np.flatnonzero(person.unsure.mean(axis=0) > _OFTEN_UNSURE)
         if len(often):
-            names = listed([readable(person.points.landmarks.names[j]) for j in often])
-            said.append(
-                f"{f'person {number}: ' if solution.others else ''}no camera is sure of {names}, in "
-                f"{person.unsure[:, often].mean():.0%} of the frames: outside of all pictures or always hidden, they "
-                "are left out there (--min-confidence 0 keeps what is guessed)"
+            names = join_words([readable(person.points.landmarks.names[j]) for j in often])
+            notices.append(
+                f"{f'person {number}: ' if solution.others else ''}no camera is confident of {names} in "
+                f"{person.unsure[:, often].mean():.0%} of the frames (outside all images or always hidden): they are "
+                "left out there (--min-confidence 0 keeps the guesses)"
             )
-    return said
+    return notices

@@ -1,4 +1,4 @@
-"""`muybridge run --refine-cameras`: the cameras' poses made better by the person before anything is triangulated."""
+"""Refinement of the cameras' poses from the person, before anything is triangulated."""
 
 import time
 from dataclasses import replace
@@ -19,29 +19,29 @@ from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.session.session import Session, with_notice
 
 STAGE = "refine"
-# A view's landmarks are off in the same way in both halves of a take, so that poses which make up for that seem better
-# in the second half too: of cameras that are right by a few per cent, and the points are worse for it.
+# 2D landmarks have the same view-dependent bias in both halves of a take. Poses that compensate for it seem better by a
+# few per cent in the second half too, even for correct cameras, and make the points worse.
 _LEAST_GAIN = 0.1
 # A camera that was turned by two degrees sees everybody elsewhere: if it has the person in less than this share of the
-# frames in which another has them, views count as theirs that lie farther off.
+# frames of another camera, the association accepts views that are farther off.
 _HARDLY_SEEN = 0.5
 _FARTHER_OFF = TrackingOptions(gate=0.3, start=0.15, odd_view=0.3)
 
 
-def refined(
+def refine(
     session: Session, keypoints: Keypoints2D, inputs: str, store: StageStore, progress: Progress
 ) -> tuple[Session, StageResult | None]:
-    """A session with cameras refined from its people, and a notice that says what it gained.
+    """A session with cameras refined from its person, and a notice about the improvement.
 
-    Poses found in the take's first half are tried on its second half, and kept out of the result: the figures
-    before and after are from frames that had no part in them. Where they do not get clearly better, the cameras stay.
+    Poses from the take's first half are evaluated on its second half only: the figures before and after are from frames
+    that were not used. Where they do not improve clearly, the cameras stay as they are.
 
     Args:
         session: C cameras as calibrated.
         keypoints: everyone who was found.
         inputs: digest of what the keypoints were made from.
         store: where finished stages are.
-        progress: whom to tell.
+        progress: receives progress messages.
     """
     key = digest(STAGE, inputs, code_digest("muybridge.geometry", "muybridge.infer.reconstruction"))
     stage = store.load(STAGE, key)
@@ -87,21 +87,21 @@ def _poses(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> tuple[np
 
 
 def _better(before_px: float, after_px: float) -> bool:
-    """Whether the left-out error fell by enough to be the cameras' doing."""
+    """Whether the left-out error fell by more than compensated bias explains."""
     return after_px < (1 - _LEAST_GAIN) * before_px
 
 
 def _notice(before: CameraGroup, after: CameraGroup, before_px: float, after_px: float) -> str:
-    gained = (
-        f"median leave-one-camera-out error {before_px:.1f} px before, {after_px:.1f} px after, in frames that had "
-        "no part in it"
+    improvement = (
+        f"median leave-one-camera-out error {before_px:.1f} px before, {after_px:.1f} px after, in frames that "
+        "were not used"
     )
     if not _better(before_px, after_px):
-        return f"the cameras were not refined from the person, as they would hardly be better: {gained}"
+        return f"the cameras were not refined from the person, because that would hardly improve them: {improvement}"
     changes = []
     for a, b in zip(before, after, strict=True):
         cosine = (np.trace(a.rotation @ b.rotation.T) - 1) / 2
         turned = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
         moved = 1000 * np.linalg.norm(a.center_world - b.center_world)
         changes.append(f"{a.name} by {turned:.1f} degrees and {moved:.0f} mm")
-    return f"the cameras' poses were refined from the person ({', '.join(changes)}): {gained}"
+    return f"the cameras' poses were refined from the person ({', '.join(changes)}): {improvement}"

@@ -1,4 +1,4 @@
-"""Virtual markers of the person who is followed: from every camera's view of the skin to a laboratory's C3D."""
+"""Virtual markers of the tracked person: from their 2D positions in every camera to a laboratory's marker set."""
 
 from dataclasses import replace
 from typing import Any
@@ -15,7 +15,7 @@ from muybridge.geometry.triangulation.left_right import FlipOptions, repair_flip
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
 
 _SETS: dict[MarkerChoice, MarkerSet] = {"plug-in-gait": PLUG_IN_GAIT, "cmu": CMU}
-# Which markers change sides together, beside the body's own parts.
+# Markers that flip sides together with the body's own parts.
 _ARM = ("acromion", "upper_arm", "elbow", "forearm", "radial", "ulnar", "metacarpal")
 _LEG = ("trochanter", "thigh", "knee", "patella", "tibial", "shank", "malleolus", "heel", "metatarsal", "toe", "hallux")
 
@@ -27,21 +27,21 @@ def triangulate_markers(
     flips: FlipOptions,
     options: TriangulateOptions,
 ) -> dict[str, NDArray[Any]]:
-    """Markers in 3D, left and right put back with the evidence of markers and body landmarks together.
+    """Markers in 3D, with left-right flips repaired from markers and body landmarks together.
 
     Args:
         cameras: C cameras.
-        body: the same person's landmarks as they came: (C, T, J, 2) px, (C, T, J) px squared, and what they are.
+        body: the person's detected landmarks: (C, T, J, 2) px, (C, T, J) px squared, and their set.
         markers: (C, T, M, 2) px and (C, T, M) px squared of `SURFACE`.
-        flips: when sides are exchanged.
+        flips: repair of left-right flips.
         options: of the triangulation.
 
     Returns:
         `points_world`, `covariance_world`, `residual_px` and `inlier` as in `Points3D`, and `flipped` (C, T, M), where
-        left and right were put back.
+        a flip was repaired.
     """
     known = len(body[2])
-    # Heels are of both sets: the skin's get a name of their own.
+    # Both sets have heels: those of the skin get a name of their own.
     names = tuple(f"{name}_skin" for name in SURFACE.names)
     both = LandmarkSet("body and skin", (*body[2].names, *names), ())
     px, variance = (np.concatenate(pair, axis=2) for pair in zip(body[:2], markers, strict=True))
@@ -57,7 +57,7 @@ def triangulate_markers(
 
 
 def _with_markers(flips: FlipOptions, names: tuple[str, ...]) -> FlipOptions:
-    """Arms and legs are exchanged with what sticks to them."""
+    """The options with markers added to the arms and legs that they flip with."""
     plain = sorted({name.removeprefix("left_") for name in names if name.startswith("left_")})
     parts = []
     for part in flips.parts:
@@ -67,5 +67,5 @@ def _with_markers(flips: FlipOptions, names: tuple[str, ...]) -> FlipOptions:
 
 
 def marker_set(points: Points3D, choice: MarkerChoice) -> Points3D:
-    """The markers of a laboratory's set under its labels; all of them under ours where no set was named."""
+    """The markers of a laboratory's set under its labels; all of them under their own names where no set is chosen."""
     return select_markers(points, _SETS[choice]) if choice in _SETS else points

@@ -1,7 +1,7 @@
-"""The figures behind a report: agreement of the cameras, gaps, bone lengths, and signs of what is amiss.
+"""The figures of a report: agreement of the cameras, gaps, bone lengths, and signs of errors.
 
-Everything here is a pure function of the cameras, the 3D points and, where they are given, the 2D points they
-came from. Shapes: `C` cameras, `T` frames, `J` landmarks.
+All are pure functions of the cameras, the 3D points and, where given, the 2D points they were triangulated from.
+Shapes: `C` cameras, `T` frames, `J` landmarks.
 """
 
 import warnings
@@ -25,7 +25,7 @@ class Headline:
         coverage: share of frames and landmarks with a 3D position in the results.
         measured_coverage: the same before gaps were filled.
         residual_px: median distance of a 2D point to its reprojection, over all cameras.
-        leave_one_out_px: median distance of a 2D point to what the other cameras say; NaN if unknown.
+        leave_one_out_px: median leave-one-camera-out error; NaN if unknown.
         agreement_mm: the latter at the person, mm; the former where it is unknown.
     """
 
@@ -38,22 +38,22 @@ class Headline:
 
 @dataclass(frozen=True)
 class CameraFigures:
-    """What one camera contributed and how well it agrees.
+    """One camera's contribution, and how well it agrees.
 
     Attributes:
         name: the camera's name.
         seen: share of frames and landmarks with a 2D point in this camera.
-        rejected: share of those 2D points that took no part.
+        rejected: share of those 2D points that were rejected.
         residual_px: median distance of the reprojection to the 2D point; NaN if there is none.
         residual_p95_px: its 95th percentile.
-        leave_one_out_px: median distance to what the other cameras alone say; NaN if unknown.
+        leave_one_out_px: median leave-one-camera-out error; NaN if unknown.
         unanswered: share of the 2D points for which the other cameras gave no 3D point; NaN if unknown.
-        mm_per_px: what a pixel is worth at the person's median distance, mm.
+        mm_per_px: size of a pixel at the person's median distance, mm.
         bias_px: (2,) median of 2D point minus reprojection, x and y; NaN if unknown.
-        lag_frames: how far this camera's video is ahead: its frame t shows what the others show at
-            t + lag_frames; NaN if it cannot be told (too little motion).
-        flipped: share of left-right pairs whose 2D points fit better with their names exchanged.
-        flipped_frame: a frame in the middle of the longest run of exchanged pairs; -1 if there is none.
+        lag_frames: by how much this camera's video is ahead: its frame t shows what the others show at
+            t + lag_frames; NaN if it cannot be determined (too little motion).
+        flipped: share of left-right pairs whose 2D points fit better when flipped.
+        flipped_frame: a frame in the middle of the longest run of flipped pairs; -1 if there is none.
     """
 
     name: str
@@ -81,7 +81,7 @@ class BoneFigures:
 
     Attributes:
         name: the bone's two ends, readable.
-        median_m: median length, metres; NaN if it was never seen.
+        median_m: median length, metres; NaN if it is never known.
         spread_m: half of the range that holds the middle 68 % of the frames (a robust standard deviation).
         worst_frame: frame that is farthest from the median, -1 if none.
         twin: index of the bone on the other side, -1 if there is none.
@@ -115,7 +115,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class Timeline:
-    """The take in at most so many columns, for drawing.
+    """The take in a limited number of columns, for drawing.
 
     Attributes:
         first_frame: (B,) first frame of each column.
@@ -131,7 +131,7 @@ class Timeline:
 
 
 def nanmedian(values: NDArray[np.floating], axis: int | tuple[int, ...] | None = None) -> FloatArray:
-    """`np.nanmedian` without its warning: NaN where there is nothing."""
+    """`np.nanmedian` without its warning: NaN where there are no values."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         median: FloatArray = np.nanmedian(values, axis=axis)
@@ -160,23 +160,23 @@ def headline(
     Args:
         cameras: C cameras.
         measured: the triangulated points.
-        delivered: the points as they were written.
+        delivered: the points as written to files.
         leave_one_out_px: (C, T, J), NaN where unknown.
     """
     residual = measured.residual_px
     loo = np.full(residual.shape, np.nan) if leave_one_out_px is None else leave_one_out_px
-    told = loo if np.isfinite(loo).any() else residual
+    best = loo if np.isfinite(loo).any() else residual
     return Headline(
         coverage=coverage(delivered),
         measured_coverage=coverage(measured),
         residual_px=float(nanmedian(residual)),
         leave_one_out_px=float(nanmedian(loo)),
-        agreement_mm=float(nanmedian(told * mm_per_px(cameras, measured)[:, None, None])),
+        agreement_mm=float(nanmedian(best * mm_per_px(cameras, measured)[:, None, None])),
     )
 
 
 def mm_per_px(cameras: CameraGroup, points: Points3D) -> FloatArray:
-    """(C,) millimetres that one pixel spans at the person's median distance; NaN if nobody was found."""
+    """(C,) size of a pixel at the person's median distance, mm; NaN if nobody was found."""
     values = []
     for camera in cameras:
         depth = (points.points_world - camera.center_world) @ camera.rotation[2]
@@ -193,9 +193,9 @@ def camera_figures(
     Args:
         cameras: C cameras.
         points: 3D points of T frames.
-        keypoints_px: (C, T, J, 2) the 2D points they came from; without them bias, lag and swaps are unknown.
-        leave_one_out_px: (C, T, J) distance of the 2D point to the projection of what the others say, NaN
-            where there is no 2D point or the others gave none.
+        keypoints_px: (C, T, J, 2) the 2D points they came from; without them bias, lag and flips are unknown.
+        leave_one_out_px: (C, T, J) leave-one-camera-out error; NaN where there is no 2D point, or no 3D point from the
+            other cameras.
     """
     offset = projected = None
     if keypoints_px is not None:
@@ -232,11 +232,11 @@ def camera_figures(
 
 
 def lag_frames(offset_px: FloatArray, projected_px: FloatArray | None) -> FloatArray:
-    """How far every camera is out of step with the others, from what the 2D points do while things move.
+    """Time offset of every camera from the others, from its 2D points during motion.
 
-    A 2D point that is `d` frames ahead lies `d` times the image velocity before its reprojection. The 3D
-    point is a mean over the cameras and so takes up a part of the lag; the difference to the other cameras'
-    median gives it back.
+    A 2D point that is `d` frames ahead is displaced from its reprojection by `d` times the image velocity. The 3D point
+    is a mean over the cameras and so contains a part of the lag; the difference to the other cameras' median corrects
+    for it.
 
     Args:
         offset_px: (C, T, J, 2) 2D point minus reprojection.
@@ -255,7 +255,7 @@ def lag_frames(offset_px: FloatArray, projected_px: FloatArray | None) -> FloatA
         r = offset_px[c] - nanmedian(offset_px[c], axis=(0, 1))
         size = np.linalg.norm(r, axis=-1)
         speed = np.linalg.norm(velocity[c], axis=-1)
-        # Wrong 2D points are no measure of time; still landmarks say nothing about it.
+        # Wrong 2D points and still landmarks carry no information about time.
         use = (size < 4.0 * np.nan_to_num(nanmedian(size))) & (speed > 0.5)
         if use.sum() < 50:
             continue
@@ -270,7 +270,7 @@ def lag_frames(offset_px: FloatArray, projected_px: FloatArray | None) -> FloatA
 
 
 def flipped_pairs(keypoints_px: FloatArray, projected_px: FloatArray, landmarks: LandmarkSet) -> BoolArray:
-    """(T, pairs) where the 2D points of a left-right pair fit much better with their names exchanged.
+    """(T, pairs) where the 2D points of a left-right pair fit much better when flipped.
 
     Args:
         keypoints_px: (T, J, 2) 2D points of one camera.
@@ -312,7 +312,7 @@ def gaps(points: Points3D) -> tuple[Gap, ...]:
 
 
 def bone_figures(points: Points3D) -> tuple[BoneFigures, ...]:
-    """Length of every bone of the landmark set over the take, face left out (it is no long bone)."""
+    """Length of every bone of the landmark set over the take, without the face, which has no long bones."""
     landmarks = points.landmarks
     face = {"nose", "left_eye", "right_eye", "left_ear", "right_ear"}
     edges = [e for e in landmarks.edges if not face & set(e)]
@@ -341,14 +341,14 @@ def _bone_name(a: str, b: str) -> str:
 
 
 def jumps(points: Points3D, limit: float = 15.0) -> list[tuple[float, int, int]]:
-    """Steps from one frame to the next that no body takes: (metres, landmark, frame), the largest first.
+    """Impossible steps from one frame to the next: (metres, landmark, frame), the largest first.
 
     Args:
         points: the take.
-        limit: metres a second; a thrown ball leaves the hand at 15 to 40.
+        limit: metres per second; a thrown ball leaves the hand at 15 to 40.
     """
     step = np.linalg.norm(np.diff(points.points_world, axis=0), axis=-1)
-    # At low frame rates a quick hand covers much ground in a frame: never call less than 0.15 m a jump.
+    # At low frame rates a quick hand moves far in a frame: steps below 0.15 m are no jumps.
     at = np.argwhere(np.nan_to_num(step) > max(limit / points.fps, 0.15))
     return sorted(((float(step[t, j]), int(j), int(t) + 1) for t, j in at), reverse=True)
 

@@ -1,4 +1,4 @@
-"""What went wrong and where, in plain sentences: each names the place, the size and what to do about it."""
+"""What went wrong and where, in sentences: each names the place, the size and what to do about it."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -7,17 +7,17 @@ import numpy as np
 
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.infer.report.figures import BoneFigures, CameraFigures, Headline, coverage, gaps, jumps, nanmedian
-from muybridge.infer.runtime.wording import listed, readable
+from muybridge.infer.runtime.wording import join_words, readable
 
-# Agreement of the cameras at the person (what the others say, in this camera's image), millimetres.
+# Leave-one-camera-out error at the person, millimetres.
 GOOD_MM, FAIR_MM = 20.0, 45.0
 GOOD_COVERAGE, FAIR_COVERAGE = 0.98, 0.9
-# A bone, longer than those of the feet, whose length varies by such shares: of takes that agree with their truth it is
-# less than 0.12. Two cameras agree on any depth; bones do not.
+# Variation of the length of a bone that is longer than those of the feet; takes that agree with their ground truth have
+# less than 0.12. Two cameras agree on any depth, but bone lengths reveal a wrong one.
 _LOOSE, _WILD, _LONG_M = 0.2, 0.35, 0.12
 # Shares of the stature: Winter, "Biomechanics and Motor Control of Human Movement", 2009, fig. 4.1.
 _OF_STATURE = {"hip to knee": 0.245, "knee to ankle": 0.246, "shoulder to elbow": 0.186, "elbow to wrist": 0.146}
-# From toddlers to the tallest, as far as bones tell.
+# From toddlers to the tallest, judged by bone lengths.
 _STATURE_M = (0.55, 2.6)
 
 
@@ -43,15 +43,15 @@ def findings(
     warnings: Sequence[str] = (),
     diagnosis_known: bool = False,
 ) -> tuple[Finding, ...]:
-    """Everything worth saying about a take, the worst first.
+    """Findings about a take, the worst first.
 
     Args:
         points: the take.
-        cameras: `report_figures.camera_figures` of it.
-        bones: `report_figures.bone_figures` of it.
-        warnings: what the run itself warned of; they stand first among their equals.
-        diagnosis_known: `geometry.calibration.culprits` has said which cameras are turned or out of step, surer than
-            the signs that are looked for here.
+        cameras: `figures.camera_figures` of it.
+        bones: `figures.bone_figures` of it.
+        warnings: notices of the run; they come first among equals.
+        diagnosis_known: the calibration's diagnosis has already determined which cameras are turned or out of step,
+            which is more reliable than the signs used here.
     """
     if coverage(points) == 0.0:
         return (
@@ -102,7 +102,7 @@ def verdict(figures: Headline, bones: Sequence[BoneFigures]) -> tuple[str, str]:
 
 
 def _size_findings(bones: Sequence[BoneFigures]) -> list[Finding]:
-    """A person of a size that nobody has: the calibration's lengths are no metres."""
+    """A person of impossible size: the calibration's lengths are not in metres."""
     sides = ("left ", "right ")
     shares = {side + name: share for name, share in _OF_STATURE.items() for side in sides}
     stature = float(nanmedian(np.array([b.median_m / shares[b.name] for b in bones if b.name in shares] or [np.nan])))
@@ -112,7 +112,7 @@ def _size_findings(bones: Sequence[BoneFigures]) -> list[Finding]:
         Finding(
             "bad",
             f"By the lengths of arms and legs the person is {stature:.2g} m tall: the calibration's lengths are not "
-            f"what they were taken for. State their unit (docs/reference/calibration-files.md), or calibrate with the "
+            f"in the assumed unit. State their unit (docs/reference/calibration-files.md), or calibrate with the "
             f"true size of the board's squares.",
         )
     ]
@@ -124,7 +124,7 @@ def _error_mm(camera: CameraFigures) -> float:
 
 
 def _camera_findings(cameras: Sequence[CameraFigures]) -> list[Finding]:
-    """Cameras that disagree with the rest, saw little, or were often overruled."""
+    """Cameras that disagree with the rest, see little, or were often rejected."""
     found = []
     errors = np.array([_error_mm(c) for c in cameras])
     for c, camera in enumerate(cameras):
@@ -156,16 +156,16 @@ def _camera_findings(cameras: Sequence[CameraFigures]) -> list[Finding]:
 
 
 def _sign_findings(cameras: Sequence[CameraFigures], diagnosis_known: bool) -> list[Finding]:
-    """What the residuals of a camera give away about their cause: a constant shift, a lag, swapped sides."""
+    """Causes that the residuals of a camera suggest: a constant shift, a lag, left-right flips."""
     found = []
     shifted = [c for c in cameras if _is_shifted(c) and not diagnosis_known]
     if shifted:
-        each = listed([f"{c.name} by {np.linalg.norm(c.bias_px):.0f} px ({_direction(c)})" for c in shifted])
+        each = join_words([f"{c.name} by {np.linalg.norm(c.bias_px):.0f} px ({_direction(c)})" for c in shifted])
         most_mm = max(float(np.linalg.norm(c.bias_px)) * c.mm_per_px for c in shifted)
         found.append(
             Finding(
                 "bad" if most_mm > 25.0 else "look",
-                f"The calibration looks off. The 2D points are shifted the whole take through, in {each}. "
+                f"The calibration looks off. The 2D points are shifted throughout the take, in {each}. "
                 f"Wrong 2D points would scatter; a constant shift comes from the calibration, or from a "
                 f"video that was cropped or scaled after it.",
             )
@@ -226,7 +226,7 @@ def _gap_findings(points: Points3D, most: int = 5) -> list[Finding]:
                 int(empty[0]),
             )
         )
-    # A gap that only spans frames without anybody has been said.
+    # Gaps that only span frames without anybody are reported above.
     single = [g for g in all_gaps if (covers[g.first : g.last + 1] < len(names)).any()]
     long = [g for g in single if g.frames > max(2, 0.05 * points.fps)]
     for gap in long[:most]:
@@ -263,7 +263,7 @@ def _landmark_findings(points: Points3D, cameras: Sequence[CameraFigures], most:
             Finding(
                 "look",
                 f"{readable(points.landmarks.names[j]).capitalize()} is placed worst: the cameras miss each "
-                f"other by {median[j]:.0f} mm in the median (all landmarks: {typical:.0f} mm), most of all "
+                f"other by {median[j]:.0f} mm in the median (all landmarks: {typical:.0f} mm), most "
                 f"in frame {frame}.",
                 frame,
             )
@@ -272,24 +272,24 @@ def _landmark_findings(points: Points3D, cameras: Sequence[CameraFigures], most:
 
 
 def _jump_findings(points: Points3D, most: int = 3) -> list[Finding]:
-    """Landmarks that leap from one frame to the next."""
-    leaps = jumps(points)
+    """Landmarks that jump from one frame to the next."""
+    found_jumps = jumps(points)
     found = [
         Finding(
             "look",
-            f"{readable(points.landmarks.names[j]).capitalize()} leaps {100 * size:.0f} cm between frames "
+            f"{readable(points.landmarks.names[j]).capitalize()} jumps {100 * size:.0f} cm between frames "
             f"{t - 1} and {t}, which no body does.",
             t,
         )
-        for size, j, t in leaps[:most]
+        for size, j, t in found_jumps[:most]
     ]
-    if len(leaps) > most:
-        found.append(Finding("note", f"There are {len(leaps) - most} more leaps of this kind."))
+    if len(found_jumps) > most:
+        found.append(Finding("note", f"There are {len(found_jumps) - most} more jumps of this kind."))
     return found
 
 
 def _bone_findings(bones: Sequence[BoneFigures], most: int = 3) -> list[Finding]:
-    """Bones that breathe, or differ between the sides."""
+    """Bones whose length varies, or differs between the sides."""
     found = []
     loose = sorted((b for b in bones if b.spread > 0.1 and b.spread_m > 0.015), key=lambda b: -b.spread)
     for bone in loose[:most]:

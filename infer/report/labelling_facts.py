@@ -1,4 +1,4 @@
-"""`label.json`: how sure each name is in each frame, and everything that was changed."""
+"""`label.json`: confidence of each label in each frame, and all changes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from muybridge import __version__
 from muybridge.geometry.markers.cleaning import Cleaned, Sample
 from muybridge.infer.labelling.label import Labelled
 
-# A name this unsure for this long is worth a person's look.
+# A label with confidence below this for so many frames should be checked by a person.
 DOUBTFUL = 0.6
 DOUBTFUL_FRAMES = 5
 
@@ -26,7 +26,7 @@ def spans(values: NDArray[Any]) -> list[tuple[int, int, Any]]:
 
 
 def doubtful(labelled: Labelled) -> list[dict[str, Any]]:
-    """Spans in which a name is unsure, the longest first."""
+    """Spans in which a label has low confidence, the longest first."""
     out = []
     for m, label in enumerate(labelled.markers.labels):
         unsure = np.isfinite(labelled.points[:, m, 0]) & (labelled.confidence[:, m] < DOUBTFUL)
@@ -38,7 +38,7 @@ def doubtful(labelled: Labelled) -> list[dict[str, Any]]:
 
 
 def changes(labelled: Labelled, cleaned: Cleaned, names: tuple[str, ...]) -> list[dict[str, Any]]:
-    """Everything that differs from the file, in the order of frames."""
+    """All differences from the file, in the order of frames."""
     out: list[dict[str, Any]] = []
     for m, label in enumerate(labelled.markers.labels):
         for a, b, column in spans(labelled.column[:, m]):
@@ -70,13 +70,13 @@ def label_json(
     """The content of `label.json`; frames count from 0, spans include both ends."""
     found = np.isfinite(labelled.points[..., 0])
     markers: dict[str, Any] = {}
-    sure = [float(labelled.confidence[f, m].mean()) if f.any() else 0.0 for m, f in enumerate(found.T)]
+    mean = [float(labelled.confidence[f, m].mean()) if f.any() else 0.0 for m, f in enumerate(found.T)]
     for m, label in enumerate(labelled.markers.labels):
         sample = [[a, b, Sample(v).name.lower()] for a, b, v in spans(cleaned.sample[:, m])]
         origin = [[a, b, names[c]] for a, b, c in spans(labelled.column[:, m]) if c >= 0]
         markers[label] = {
             "body_point": labelled.markers.names[m], "found": round(float(found[:, m].mean()), 4),
-            "mean_confidence": round(sure[m], 4),
+            "mean_confidence": round(mean[m], 4),
             "samples": sample, "from": origin,
             "confidence": np.round(labelled.confidence[:, m], 2).tolist(),
         }  # fmt: skip

@@ -19,7 +19,7 @@ from muybridge.infer.session.discover import VIDEO_FOLDERS
 _log = logging.getLogger(__name__)
 WORK = "work"
 MANIFEST = "manifest.json"
-_REMEMBERED = 2  # digests a file: a run killed between manifest and rename leaves the earlier one in place
+_REMEMBERED = 2  # digests per file: a run killed between manifest and rename leaves the earlier file in place
 
 
 class OutputFolder:
@@ -34,16 +34,16 @@ class OutputFolder:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Everything that was ever written here."""
+        """Names of all files that were ever written here."""
         return tuple(self._written)
 
     def owns(self, name: str) -> bool:
-        """Whether the file of this name is as muybridge left it."""
+        """Whether the file of this name is unchanged since muybridge wrote it."""
         known = self._written.get(name, [])
         return bool(known) and (self.path / name).is_file() and file_digest(self.path / name) in known
 
     def write(self, name: str, write: Callable[[Path], object]) -> Path:
-        """Let `write` make the file `name` in a temporary folder, then put it in place.
+        """Let `write` make the file `name` in a temporary folder, then move it into place.
 
         Raises:
             OutputError: the folder cannot be written or is full.
@@ -59,7 +59,7 @@ class OutputFolder:
         return path
 
     def retire(self, names: Iterable[str]) -> None:
-        """Remove results of earlier runs that this one does not have; what is not as muybridge left it stays."""
+        """Remove results of earlier runs that this one does not have; files changed by others stay."""
         for name in names:
             if self.owns(name):
                 (self.path / name).unlink()
@@ -86,9 +86,9 @@ def open_output(
     Args:
         path: the results folder; made if missing.
         names: files that will be written there.
-        inputs: files that the run reads; none of their folders may receive results.
+        inputs: files that the run reads; results cannot go into their folders.
         overwrite: replace files of these names that muybridge did not write, or wrote of another session.
-        session: whose results they are; those of another are not replaced. None where that does not matter.
+        session: that the results belong to; results of another session are not replaced. None where that is irrelevant.
 
     Raises:
         OutputError: the folder belongs to the input, cannot be written, or holds such files.
@@ -99,9 +99,9 @@ def open_output(
     if session is not None:
         default = "leave out --out to get the folder `muybridge` inside the session"
     if any((path / name).is_dir() for name in VIDEO_FOLDERS):
-        raise OutputError(f"{path} is a session's own folder: results never go over the input; {default}")
+        raise OutputError(f"{path} is a session's own folder, which takes no results; {default}")
     if any(_inside(place, folder) for folder in {i.resolve().parent for i in inputs}):
-        raise OutputError(f"{path} is where the input lies: results never go over the input; {default}")
+        raise OutputError(f"{path} is the folder of the input, which takes no results; {default}")
     if place.exists() and not place.is_dir():
         raise OutputError(f"{path} is a file; --out must name a folder")
     if _foreign_work(path / WORK):
@@ -149,7 +149,7 @@ def _write_manifest(work: Path, of: str, files: Mapping[str, Sequence[str]]) -> 
 
 
 def _read_manifest(path: Path) -> tuple[dict[str, list[str]], str]:
-    """The digests of every file, and whose results they are."""
+    """The digests of every file, and the session that the results belong to."""
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
         files = {str(name): [str(d) for d in digests] for name, digests in manifest["files"].items()}

@@ -24,7 +24,7 @@ class OverlayOptions:
     Attributes:
         crf: constant rate factor of x264, 0..51; lower is better and larger.
         preset: speed preset of x264.
-        legend: whether the meaning of the marks stands at the bottom of every frame.
+        legend: whether the marks are explained at the bottom of every frame.
         thumbnail_side_px: longer side of the thumbnails.
         thumbnail_quality: JPEG quality of the thumbnails, 1..100.
     """
@@ -42,12 +42,12 @@ class OverlayOptions:
 
 @dataclass(frozen=True)
 class Overlay:
-    """What was written.
+    """An overlay that was written.
 
     Attributes:
         path: the video.
         frames: number of frames in it.
-        thumbnails: JPEG bytes by frame number, of the frames that were asked for.
+        thumbnails: JPEG bytes by frame number.
     """
 
     path: Path
@@ -95,7 +95,7 @@ def write_overlay(
 def _encode(
     path: Path, images: Iterable[ByteArray], fps: float, wanted: set[int], options: OverlayOptions
 ) -> tuple[int, dict[int, bytes]]:
-    """Write images as a video; how many there were, and those that were `wanted` as JPEG."""
+    """Write images as a video; the number of images, and the `wanted` ones as JPEG."""
     thumbnails: dict[int, bytes] = {}
     count = 0
     with av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as container:

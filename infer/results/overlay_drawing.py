@@ -18,7 +18,7 @@ from muybridge.geometry.landmarks.sets import LandmarkSet, side_of
 
 Colour = tuple[int, int, int]
 
-# RGB. Orange and sky blue of Okabe and Ito's palette stay apart for every kind of colour vision.
+# RGB. Orange and sky blue of Okabe and Ito's palette are distinct for all types of colour vision.
 LEFT: Colour = (255, 159, 28)
 RIGHT: Colour = (86, 190, 255)
 MIDDLE: Colour = (250, 250, 250)
@@ -122,7 +122,7 @@ def _scaled(points_px: FloatArray, scale: float | tuple[float, float]) -> FloatA
 
 
 def _fixed(point: FloatArray) -> tuple[int, int] | None:
-    """A point in cv2's fixed-point coordinates; None if missing or so far off that cv2 would overflow."""
+    """A point in cv2's fixed-point coordinates; None if missing or too far outside for cv2."""
     if not np.all(np.isfinite(point)) or np.abs(point).max() > 1e5:
         return None
     return round(float(point[0]) * (1 << _SHIFT)), round(float(point[1]) * (1 << _SHIFT))
@@ -159,7 +159,7 @@ def _draw_figure(
 ) -> None:
     bones = [(points[a], points[b], (landmarks.names[a], landmarks.names[b])) for a, b in landmarks.edge_indices]
     width = unit * thickness
-    # Dark edges first, for all bones: they keep the figure legible on any background.
+    # Dark outlines first, for all bones: they keep the figure visible on any background.
     for a, b, _ in bones:
         _line(image, a, b, DARK, 5.0 * width)
     for a, b, names in bones:
@@ -170,7 +170,7 @@ def _draw_figure(
 
 
 def _draw_number(image: ByteArray, number: int, points: FloatArray, unit: float) -> None:
-    """A person's number above the highest of their points in the image."""
+    """A person's number above their highest point in the image."""
     seen = points[np.isfinite(points).all(-1)]
     if not len(seen):
         return
@@ -193,7 +193,7 @@ def _text(image: ByteArray, text: str, at: tuple[int, int], size: float, colour:
 
 
 def _shade(image: ByteArray, top: int, bottom: int) -> None:
-    """Darken a band of rows, so that text on it is legible on any picture."""
+    """Darken a band of rows, so that text on it is legible on any image."""
     band = image[max(top, 0) : bottom]
     band[:] = (band * 0.3).astype(np.uint8)
 

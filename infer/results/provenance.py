@@ -28,7 +28,7 @@ _PACKAGES = (
 
 
 def session_facts(session: Session) -> dict[str, Any]:
-    """What went in, for `run.json`."""
+    """The session, for `run.json`."""
     return {
         "name": session.name,
         "path": session.path.resolve(),
@@ -53,7 +53,7 @@ def session_facts(session: Session) -> dict[str, Any]:
 
 
 def calibration_facts(calibration: CalibrationQuality | None) -> dict[str, Any] | None:
-    """What `run.json` says of the calibration: which camera is wrong, and how."""
+    """The diagnosis of the calibration, for `run.json`; None where it was not judged."""
     if calibration is None or calibration.diagnosis is None:
         return None
     report = calibration.diagnosis
@@ -65,12 +65,12 @@ def calibration_facts(calibration: CalibrationQuality | None) -> dict[str, Any] 
 
 
 def stage_facts(stages: Mapping[str, StageResult]) -> dict[str, dict[str, Any]]:
-    """Seconds by stage, and whether this run found it finished."""
+    """Seconds by stage, and whether an earlier run had finished it."""
     return {name: {"seconds": s.seconds, "resumed": s.resumed} for name, s in stages.items()}
 
 
 def versions() -> dict[str, str]:
-    """Of everything that computes."""
+    """Versions of muybridge, Python and the libraries that compute."""
     found = {"muybridge": __version__, "python": platform.python_version()}
     for package in _PACKAGES:
         try:
@@ -81,15 +81,15 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, Any]:
-    """Where it ran: system, processors, and the most memory that the process has used so far."""
+    """The machine: system, processors, and the peak memory of the process so far."""
     facts: dict[str, Any] = {"system": platform.platform(), "processors": os.cpu_count()}
     peak = _peak_memory_mb()
     return facts if peak is None else facts | {"peak_memory_mb": peak}
 
 
 def _peak_memory_mb() -> int | None:
-    """The most memory that this process has held; None where the system does not say."""
-    # On Linux `getrusage` counts what the parent held when it started this process.
+    """Peak memory of this process; None where the system does not report it."""
+    # On Linux `getrusage` includes the parent's memory at the time it started this process.
     status = Path("/proc/self/status")
     if status.exists():
         found = re.search(r"VmHWM:\s*(\d+) kB", status.read_text())

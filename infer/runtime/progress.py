@@ -1,4 +1,4 @@
-"""What a run says while it works: bars with the time left on a terminal, plain lines elsewhere."""
+"""Progress messages of a run: bars with the remaining time on a terminal, plain lines elsewhere."""
 
 import sys
 import threading
@@ -12,14 +12,14 @@ from muybridge.infer.runtime.logs import error_console, is_quiet
 
 
 class Task(Protocol):
-    """One piece of work under way."""
+    """Work in progress, of a known number of units."""
 
     def advance(self, count: int = 1) -> None:
-        """Note that `count` more units are done; may be called from any thread."""
+        """Count `count` more units as done; may be called from any thread."""
 
 
 class Progress:
-    """Tells the user about a run on `stream` (default stderr); used as a context manager."""
+    """Prints progress messages to `stream` (default stderr); used as a context manager."""
 
     def __init__(self, stream: TextIO | None = None, quiet: bool | None = None):
         """`quiet` prints notices only; by default as the command line asks for."""
@@ -41,16 +41,16 @@ class Progress:
             self._bars = None
 
     def say(self, text: str) -> None:
-        """A line about what goes on."""
+        """Print a line about the progress."""
         if not self._quiet:
             self._print(text)
 
     def notice(self, text: str) -> None:
-        """A line about something that the user should know."""
+        """Print a notice, also in quiet runs."""
         self._print(f"note: {text}")
 
     def stage(self, name: str) -> None:
-        """A stage that counts no units begins: nothing to show here, where its end is told."""
+        """Called when a stage without units begins; nothing is printed here, because its end is."""
 
     def _print(self, text: str) -> None:
         with self._lock:
@@ -61,7 +61,7 @@ class Progress:
 
     @contextmanager
     def task(self, label: str, total: int) -> Iterator[Task]:
-        """A piece of work of `total` units; says how long it took when it is done."""
+        """Work of `total` units; prints its duration when it is done."""
         start = time.perf_counter()
         bar: Task = self._bars.add(label, total) if self._bars is not None else _Silent()
         try:
@@ -78,7 +78,7 @@ class _Silent:
 
 
 class _Bars:
-    """Rich's progress bars, imported only where there is a terminal to show them."""
+    """Rich's progress bars, imported only where there is a terminal."""
 
     def __init__(self, stream: TextIO):
         from rich.console import Console

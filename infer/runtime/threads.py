@@ -9,8 +9,21 @@ _T = TypeVar("_T")
 
 
 def in_threads(jobs: Sequence[Callable[[], _T]], workers: int, stop: threading.Event) -> list[_T]:
-    """The jobs' results; the first failure, or Ctrl-C, stops the others at their next chunk, where they raise
-    `Stopped` if they see `stop` set."""
+    """Run jobs in threads.
+
+    The first failure, or Ctrl-C, sets `stop`, at which the other jobs have to raise `Stopped`.
+
+    Args:
+        jobs: to run.
+        workers: number of threads.
+        stop: is set when the jobs have ended or should end.
+
+    Returns:
+        The jobs' results.
+
+    Raises:
+        Exception: that of the first job that failed.
+    """
     with ThreadPoolExecutor(max_workers=workers) as pool:
         futures: list[Future[_T]] = [pool.submit(job) for job in jobs]
         try:

@@ -1,4 +1,4 @@
-"""Words for people: lists, names and one-line messages."""
+"""Names and lists in messages."""
 
 from collections.abc import Sequence
 
@@ -8,6 +8,6 @@ def readable(name: str) -> str:
     return name.replace("_", " ")
 
 
-def listed(items: Sequence[str]) -> str:
+def join_words(items: Sequence[str]) -> str:
     """``a``, ``a and b``, ``a, b and c``."""
     return items[0] if len(items) == 1 else ", ".join(items[:-1]) + " and " + items[-1]

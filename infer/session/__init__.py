@@ -1,1 +1,5 @@
-"""."""
+"""Sessions on disk: videos, their properties and times, pairing with cameras."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -15,37 +15,37 @@ VIDEO_SUFFIXES = frozenset(
 )
 
 
-# Small copies that action cameras and drones write beside their films.
+# Small copies that action cameras and drones write beside their videos.
 PROXY_SUFFIXES = frozenset((".lrv", ".lrf", ".thm"))
 
 
-# Where a session's videos are: in the first of these folders that is there (other programs have their own names for
-# it), else in the session itself.
+# Folders for a session's videos (other programs use other names); the first that exists is used, otherwise the session
+# folder itself.
 VIDEO_FOLDERS = ("videos", "synchronized_videos", "videos-raw")
 
 
-# Where other programs keep a folder of pictures a camera, which are no films.
-PICTURE_FOLDERS = ("images", "imgs", "frames")
+# Folders in which other programs keep one folder of images per camera.
+IMAGE_FOLDERS = ("images", "imgs", "frames")
 
 
-PICTURE_SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"))
+IMAGE_SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"))
 
 
 def find_videos(path: Path) -> tuple[list[Path], list[str]]:
-    """The video files of a session in natural order, and what else was found among them.
+    """The video files of a session in natural order, and notices about other files among them.
 
     Raises:
         SessionError: no such folder, no `videos/` in it, no video there, or two files of one name.
     """
-    layout = "a session is a folder with `videos/` (one file a camera) and a calibration"
+    layout = "a session is a folder with `videos/` (one file per camera) and a calibration"
     if not path.is_dir():
         what = "is a file" if path.exists() else "does not exist"
         raise SessionError(f"{path} {what}; {layout}")
     folder = video_folder(path)
     if folder == path and not any(p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES for p in path.iterdir()):
-        hint = _pictures_hint(next((f for f in (path / name for name in PICTURE_FOLDERS) if f.is_dir()), path))
+        hint = _images_hint(next((f for f in (path / name for name in IMAGE_FOLDERS) if f.is_dir()), path))
         raise SessionError(
-            f"{path} has no folder `videos`: put the videos into {path / 'videos'}, one file a camera{hint}"
+            f"{path} has no folder `videos`: put the videos into {path / 'videos'}, one file per camera{hint}"
         )
     found: list[Path] = []
     ignored: list[str] = []
@@ -58,35 +58,36 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
         elif entry.name not in TIMESTAMPS:
             ignored.append(entry.name)
     if not found:
-        beside = f" (it has {', '.join(ignored[:5])}, which are no videos or small copies)" if ignored else ""
-        raise SessionError(f"{folder} holds no videos{beside}: put one film a camera there{_pictures_hint(folder)}")
+        beside = f" (it has {', '.join(ignored[:5])}, which are not videos, or are small copies)" if ignored else ""
+        raise SessionError(f"{folder} holds no videos{beside}: put one video per camera there{_images_hint(folder)}")
     twice = [stem for stem, n in Counter(f.stem.lower() for f in found).items() if n > 1]
     if twice:
         names = ", ".join(f.name for f in found if f.stem.lower() == twice[0])
-        raise SessionError(f"{folder} has more than one video named {twice[0]} ({names}): keep one file a camera")
+        raise SessionError(f"{folder} has more than one video named {twice[0]} ({names}): keep one file per camera")
     if folder == path:  # beside the calibration and whatever else a session has
-        return found, [f"{path} has no folder `videos`: the videos in it itself are used"]
+        return found, [f"{path} has no folder `videos`: the videos in the folder itself are used"]
     return found, [f"{folder} also holds {', '.join(ignored)}: not videos, or small copies; ignored"] if ignored else []
 
 
-def _pictures_hint(folder: Path) -> str:
-    """How films are made of what a folder has, where that is folders of pictures, one a camera."""
+def _images_hint(folder: Path) -> str:
+    """How to make videos of a folder's images, where it holds one folder of images per camera; otherwise empty."""
     for camera in sorted((f for f in folder.iterdir() if f.is_dir()), key=lambda f: natural_key(f.name)):
-        kinds = Counter(f.suffix for f in camera.iterdir() if f.suffix.lower() in PICTURE_SUFFIXES)
-        kind, pictures = kinds.most_common(1)[0] if kinds else ("", 0)
-        if pictures > 1:
+        kinds = Counter(f.suffix for f in camera.iterdir() if f.suffix.lower() in IMAGE_SUFFIXES)
+        kind, count = kinds.most_common(1)[0] if kinds else ("", 0)
+        if count > 1:
             return (
-                f"; {folder} has folders of pictures: make a film of each at the cameras' rate, such as `ffmpeg "
+                f"; {folder} has folders of images: make a video of each at the cameras' frame rate, such as `ffmpeg "
                 f"-framerate 30 -pattern_type glob -i '{camera}/*{kind}' -c:v mjpeg -q:v 2 videos/{camera.name}.mkv`"
             )
     return ""
 
 
 def video_folder(path: Path) -> Path:
+    """The folder of a session's videos."""
     return next((path / name for name in VIDEO_FOLDERS if (path / name).is_dir()), path)
 
 
-def chosen(
+def select_cameras(
     group: CameraGroup, files: list[Path], names: tuple[str, ...], calibration: Path
 ) -> tuple[CameraGroup, list[Path]]:
     """Only the named cameras and, where videos pair with cameras by name, only their videos."""

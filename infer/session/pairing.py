@@ -15,7 +15,7 @@ def _tokens(name: str) -> tuple[str, ...]:
 
 
 def _distinctive(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Each name's tokens without those that all names begin and end with."""
+    """Each name's tokens without the ones that all names begin or end with."""
     tokens = [_tokens(n) for n in names]
     if len(tokens) < 2:
         return tokens
@@ -27,11 +27,11 @@ def _distinctive(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def pair_by_name(stems: Sequence[str], names: Sequence[str]) -> dict[str, int]:
-    """Camera name -> index of its video, by the strictest of four readings of the names that pairs any.
+    """Camera name -> index of its video, by the strictest of four ways to compare names that pairs any.
 
-    Names are the same; the same but for case, separators and leading zeros (`Cam 1`, `cam_01`); the
-    camera's name is a part of the file's (`take2_cam01`) or the reverse; what tells the cameras apart is the
-    same (`Miqus_1` and `video1`). A reading under which anything pairs twice counts for nothing.
+    Names are the same; the same except for case, separators and leading zeros (`Cam 1`, `cam_01`); the camera's name
+    is a part of the file's (`take2_cam01`) or the reverse; the distinguishing parts are the same (`Miqus_1` and
+    `video1`). A way that pairs anything twice is not used.
     """
 
     def pairs(test: list[list[bool]]) -> dict[str, int]:
@@ -64,28 +64,28 @@ def _within(part: tuple[str, ...], whole: tuple[str, ...]) -> bool:
 def match_cameras(
     stems: Sequence[str], names: Sequence[str], session: Path, calibration: Path, no_pose: Sequence[str] = ()
 ) -> tuple[list[int], list[str]]:
-    """Which video belongs to which camera.
+    """The video of each camera.
 
     Args:
-        stems: the videos' names without their endings, in natural order.
+        stems: the videos' names without suffix, in natural order.
         names: the calibration's camera names.
         session: for messages.
         calibration: for messages.
         no_pose: names of cameras that the calibration has without a pose, for messages.
 
     Returns:
-        For each camera the index of its video, and a notice unless the names are plainly the same.
+        For each camera the index of its video, and a notice unless the names are the same.
 
     Raises:
-        SessionError: a camera has no video or a video no camera; both are named.
+        SessionError: a camera has no video or a video no camera; the message names them.
     """
     paired = pair_by_name(stems, names)
     lonely_cameras = [n for n in names if n not in paired]
     lonely_videos = [s for k, s in enumerate(stems) if k not in paired.values()]
     if paired and not lonely_cameras and not lonely_videos:
         unlike = [(n, stems[k]) for n, k in paired.items() if n.lower() != stems[k].lower()]
-        said = [f"cameras and videos were paired by name: {_pairing(unlike)}"] if unlike else []
-        return [paired[n] for n in names], said
+        notices = [f"cameras and videos were paired by name: {_pairing(unlike)}"] if unlike else []
+        return [paired[n] for n in names], notices
     if not paired and len(stems) == len(names):
         order = sorted(range(len(names)), key=lambda c: natural_key(names[c]))
         indices = [order.index(c) for c in range(len(names))]

@@ -1,4 +1,4 @@
-"""What a video is: size, rate, frame times, without decoding it."""
+"""Properties of a video: size, frame rate and frame times, without decoding it."""
 
 import contextlib
 import functools
@@ -15,30 +15,30 @@ from muybridge.arrays import FloatArray
 from muybridge.errors import VideoError
 from muybridge.infer.runtime.digests import sampled_digest
 
-# Containers whose frame count is an index that lists every frame, so that a shortfall means lost frames.
+# Containers that list every frame in an index, so that a shortfall means lost frames.
 _COUNTED = {"mov", "mp4", "m4a", "3gp", "3g2", "mj2"}
 
 
-# Demuxers that take a picture or a text for a film of one frame.
+# Demuxers that open an image or a text as a video of one frame.
 _STILLS = ("image2", "_pipe", "tty", "gif")
 
 
 @dataclass(frozen=True)
 class VideoInfo:
-    """What a video file holds, as seen without decoding more than its first frame.
+    """Properties of a video file, without decoding more than its first frame.
 
     Attributes:
         path: the file.
         container, codec: FFmpeg's names.
-        width, height: size of a frame as it is delivered, in pixels (after rotation).
-        rotation_deg: counterclockwise turn applied to the coded frames: 0, 90, 180 or 270.
-        tagged_rotation_deg: the turn that the file's rotation flag asks for.
-        fps: frames a second, measured from the time stamps; the usual rate where it varies.
-        frames: how many frames are to be expected.
-        declares_count: whether the container lists its frames, so that fewer would mean damage.
-        times: (frames,) seconds since the file's first picture; not the same as index / fps where `variable_rate`. A
-            recorder that joined a stream has pictures at its beginning that cannot be decoded: then the first is later.
-        variable_rate: whether the frames' spacing wanders by more than a quarter of a frame.
+        width, height: size of a delivered frame, px (after rotation).
+        rotation_deg: counterclockwise rotation applied to the coded frames: 0, 90, 180 or 270.
+        tagged_rotation_deg: the rotation that the file's rotation flag asks for.
+        fps: frames per second, measured from the time stamps; the usual rate where it varies.
+        frames: expected number of frames.
+        declares_count: whether the container lists its frames, so that fewer mean damage.
+        times: (frames,) seconds since the file's first image; not the same as index / fps where `variable_rate`. A
+            recorder that joined a stream has frames at its beginning that cannot be decoded: the first is then later.
+        variable_rate: whether the spacing of frames varies by more than a quarter of a frame.
         pixel_aspect: width of a pixel divided by its height.
         size_bytes: size of the file.
     """
@@ -64,7 +64,7 @@ class VideoInfo:
         return sampled_digest(self.path)
 
     def unrotated(self) -> "VideoInfo":
-        """The same video delivered as coded, its rotation flag ignored."""
+        """The same video with its rotation flag ignored."""
         turned = self.rotation_deg % 180 != 0
         width, height = (self.height, self.width) if turned else (self.width, self.height)
         return replace(self, width=width, height=height, rotation_deg=0)
@@ -72,7 +72,7 @@ class VideoInfo:
 
 @dataclass(frozen=True)
 class _Packets:
-    """Time stamps (s, sorted) of the packets that become frames, and what looked wrong on the way."""
+    """Time stamps (s, sorted) of the packets that become frames, and signs of damage."""
 
     times: FloatArray
     total: int
@@ -81,7 +81,7 @@ class _Packets:
 
 
 def is_video(path: Path) -> bool:
-    """Whether FFmpeg finds a film (not a picture, a text or sound alone) in this file."""
+    """Whether FFmpeg finds a video (not an image, a text or sound alone) in this file."""
     try:
         with av.open(str(path)) as container:
             if any(container.format.name == s or container.format.name.endswith(s) for s in _STILLS):
@@ -92,7 +92,7 @@ def is_video(path: Path) -> bool:
 
 
 def probe_video(path: Path) -> VideoInfo:
-    """Look through a video without decoding it.
+    """Read a video's properties without decoding it.
 
     Raises:
         VideoError: not a video, undecodable, or with fewer frames than its container declares.
@@ -103,7 +103,7 @@ def probe_video(path: Path) -> VideoInfo:
     with open(path) as container:
         stream = container.streams.best("video")
         if stream is None:
-            raise VideoError(f"{path} has no video stream; put one film a camera into the videos folder")
+            raise VideoError(f"{path} has no video stream; put one video per camera into the videos folder")
         formats = set(container.format.name.split(","))
         packets = _walk(path, container, stream)
         declared, rate = int(stream.frames), stream.average_rate
@@ -114,12 +114,12 @@ def probe_video(path: Path) -> VideoInfo:
     counted = bool(formats & _COUNTED) and declared > 0
     _refuse_truncated(path, packets, declared if counted else 0, declared_end, guessed)
     width, height, rotation, aspect, shown_from = _first_frame(path)
-    # AVI counts frames, those that were dropped too if the program leaves them empty, and keeps no time stamps: what a
-    # demuxer reports of pictures that are not stored in their order is a guess.
-    told = name != "avi" or (in_order and bool((np.diff(packets.times) > 0).all()))
-    times = packets.times if told or not guessed else np.arange(len(packets.times)) / float(guessed)
+    # AVI counts frames, also dropped ones that the program left empty, and keeps no time stamps: the times that a
+    # demuxer reports for frames that are not stored in order are guesses.
+    reliable = name != "avi" or (in_order and bool((np.diff(packets.times) > 0).all()))
+    times = packets.times if reliable or not guessed else np.arange(len(packets.times)) / float(guessed)
     begin = times[0]
-    if told and shown_from is not None and not counted:
+    if reliable and shown_from is not None and not counted:
         usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
         times = times[times >= shown_from - 0.5 * usual]
     times = times - begin
@@ -145,6 +145,11 @@ def probe_video(path: Path) -> VideoInfo:
 
 
 def open(path: Path, **options: str) -> Any:
+    """A video container.
+
+    Raises:
+        VideoError: it does not exist, cannot be read, or is no video.
+    """
     try:
         return av.open(str(path), options=options)
     except FileNotFoundError:
@@ -159,6 +164,7 @@ def open(path: Path, **options: str) -> Any:
 
 
 def reason(error: BaseException) -> str:
+    """What an error of FFmpeg or the system says, in one line of lower case."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return str(text).splitlines()[0].lower()
 
@@ -190,7 +196,7 @@ def _walk(path: Path, container: Any, stream: Any) -> _Packets:
 
 
 def _declared_end(container: Any, stream: Any) -> float | None:
-    """When (s) the last frame ends according to the file's header; None where it does not say."""
+    """When (s) the last frame ends according to the file's header; None where it is not stated."""
     if stream.frames and stream.average_rate:
         return float(stream.frames / stream.average_rate)
     tags = {key.upper(): value for key, value in stream.metadata.items()}
@@ -204,8 +210,8 @@ def _declared_end(container: Any, stream: Any) -> float | None:
 def _refuse_truncated(
     path: Path, packets: _Packets, declared: int, declared_end: float | None, rate: Fraction | None
 ) -> None:
-    """Raise if the file holds fewer frames than it says, or none."""
-    remedy = "copy the file again, or re-encode what is left of it (ffmpeg -i IN -c:v libx264 OUT.mp4)"
+    """Raise if the file holds fewer frames than it declares, or none."""
+    remedy = "copy the file again, or re-encode the rest of it (ffmpeg -i IN -c:v libx264 OUT.mp4)"
     held = len(packets.times)
     if held == 0:
         raise VideoError(f"{path} holds no frames; {remedy}")
@@ -245,12 +251,12 @@ def _first_frame(path: Path) -> tuple[int, int, int, float, float | None]:
 
 
 def _rate(times: FloatArray, nominal: Fraction | None) -> tuple[float, bool]:
-    """Frames a second from time stamps, and whether their spacing varies."""
+    """Frames per second from time stamps, and whether their spacing varies."""
     if len(times) < 3 or times[-1] <= times[0]:
         return float(nominal or 25), False
     steps = np.diff(times)
     fps = (len(times) - 1) / (times[-1] - times[0])
-    # Containers round their stamps (Matroska to milliseconds): the nominal rate is the cleaner figure.
+    # Containers round their stamps (Matroska to milliseconds): the nominal rate is more accurate.
     if nominal and abs(float(nominal) / fps - 1) < 2e-3:
         fps = float(nominal)
     if np.all(np.abs(steps * fps - 1) <= 0.25 + 1e-3 * fps):

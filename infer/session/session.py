@@ -1,10 +1,11 @@
-"""A session on disk: a folder with `videos/`, one file a camera, and a calibration.
+"""A session on disk: a folder with `videos/`, one file per camera, and a calibration.
 
-Opening a session looks at everything that can go wrong before any frame is worked on: which file is which
-camera, truncated recordings, frame rates, sizes, rotation flags and lengths that differ. What can be mended
-is mended and said in `Session.notices`; what cannot is an error with its remedy.
+Opening a session checks everything that can go wrong before any frame is processed: which file belongs to which
+camera, truncated recordings, and differing frame rates, sizes, rotation flags and lengths. Problems are corrected where
+possible and reported in `Session.notices`; otherwise an error says what to do.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,13 +23,15 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.video_size import VideoFit, fit_to_video, guess_calibrated_size
 from muybridge.geometry.sync.clocks import Clock
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.session.discover import chosen, find_videos, video_folder
+from muybridge.infer.session.discover import find_videos, select_cameras, video_folder
 from muybridge.infer.session.pairing import match_cameras
 from muybridge.infer.session.probe import VideoInfo, probe_video
 from muybridge.infer.session.sync_file import clocks_in
 from muybridge.infer.session.timeline import common_time
 from muybridge.infer.session.timestamps import paired_by_time, time_table_in
 from muybridge.infer.session.video import read_chunks
+
+_log = logging.getLogger(__name__)
 
 UPRIGHT_ADVICE = (
     "`muybridge run --world upright` turns the results upright, `muybridge calibrate world` the calibration"
@@ -41,11 +44,10 @@ class SessionOptions:
 
     Attributes:
         calibration: file to use in place of the session's own.
-        cameras: only these cameras of the calibration take part; empty for all.
-        video_size: what was done to the calibrated picture where a video has another size; `auto` decides
-            and says so.
-        video_rotation: whether a file's rotation flag turns its frames; `auto` applies it unless only the
-            frames as coded have the calibration's size.
+        cameras: use only these cameras of the calibration; empty for all.
+        video_size: how the calibrated image was changed where a video has another size; `auto` decides and reports it.
+        video_rotation: whether a file's rotation flag turns its frames; `auto` applies it unless only the coded frames
+            have the calibration's size.
     """
 
     calibration: Path | None = None
@@ -56,7 +58,7 @@ class SessionOptions:
 
 @dataclass(frozen=True)
 class Session:
-    """A take that is ready to be worked on.
+    """A take that is ready to be processed.
 
     Attributes:
         path: the session's folder.
@@ -64,13 +66,13 @@ class Session:
         cameras: C cameras, fitted to their videos' sizes.
         videos: C videos, in the cameras' order.
         frame_indices: (C, T) which frame of each video is frame t of the take.
-        fps: frames a second of the take.
-        notices: plain sentences about what was assumed or mended.
-        late: (C, T) seconds from a moment of the take to the time of the camera's frame; None where frames are paired
-            by number.
-        clocks: (C,) of the cameras, counted from their first frames of the take, where a `sync.toml` says that they run
-            apart: what is left are fractions of a frame, and drifts.
-        upright: the cameras in a world with Z up, where the calibration's has not and people have told.
+        fps: frames per second of the take.
+        notices: sentences about what was assumed or corrected.
+        late: (C, T) seconds from a time of the take to the time of the camera's frame; None where frames are paired by
+            number.
+        clocks: (C,) of the cameras, counted from their first frames of the take, where a `sync.toml` gives them: the
+            remaining fractions of a frame, and drifts.
+        upright: the cameras in a world with Z up, where the calibration's Z axis is not up and people show it.
     """
 
     path: Path
@@ -91,22 +93,22 @@ class Session:
 
     @property
     def frames(self) -> int:
-        """How many frames (T) every camera has part in."""
+        """Number of frames (T) of the take."""
         return int(self.frame_indices.shape[1])
 
     @cached_property
     def level_cameras(self) -> CameraGroup:
-        """The cameras in a world that is turned upright where the calibration's is not: people are read in these."""
+        """The cameras in a world turned upright where the calibration's is not; landmarks are detected with these."""
         return self.upright or level_cameras(self.cameras)
 
 
 def open_session(path: Path, options: SessionOptions = SessionOptions(), in_step: bool = True) -> Session:
-    """Read a session folder, its calibration and what its videos hold; no frame is worked on yet.
+    """Read a session folder, its calibration and the properties of its videos; no frame is processed.
 
     Args:
         path: the folder.
         options: how it is read.
-        in_step: whether its `sync.toml` counts, if it has one.
+        in_step: whether its `sync.toml` is applied, if it has one.
 
     Raises:
         SessionError: no folder, no videos, fewer than two cameras, or cameras and videos that do not pair up.
@@ -122,16 +124,16 @@ def open_session(path: Path, options: SessionOptions = SessionOptions(), in_step
         f"{calibration.name}: {note}" + (f"; {UPRIGHT_ADVICE}" if note in leaning else "") for note in read.notes
     ]
     if options.cameras:
-        group, files = chosen(group, files, options.cameras, calibration)
+        group, files = select_cameras(group, files, options.cameras, calibration)
     if len(files) < 2 or len(group) < 2:
         raise SessionError(_too_few(path, files, calibration, group))
-    order, said = match_cameras([f.stem for f in files], group.names, path, calibration, read.no_pose)
-    notices += said
+    order, notes = match_cameras([f.stem for f in files], group.names, path, calibration, read.no_pose)
+    notices += notes
     videos = [probe_video(files[k]) for k in order]
     cameras: list[Camera] = []
     for k, camera in enumerate(group):
-        videos[k], said = _turn(videos[k], camera, options.video_rotation)
-        notices += said
+        videos[k], notes = _turn(videos[k], camera, options.video_rotation)
+        notices += notes
         if camera.name in read.guessed_sizes:
             camera = guess_calibrated_size(camera, videos[k].width, videos[k].height)
         fitted, assumed = _fitted(camera, videos[k], options.video_size)
@@ -141,10 +143,12 @@ def open_session(path: Path, options: SessionOptions = SessionOptions(), in_step
     table = time_table_in(path) or time_table_in(video_folder(path))
     clocks = clocks_in(path, group.names) if in_step else None
     if table is None:
-        fps, indices, late, clocks, said = common_time(videos, clocks)
+        fps, indices, late, clocks, notes = common_time(videos, clocks)
     else:
-        fps, indices, late, said = paired_by_time(table, videos)
-    notices += said + _oddities(videos, group)
+        fps, indices, late, notes = paired_by_time(table, videos)
+    notices += notes + _oddities(videos, group)
+    for notice in notices:
+        _log.info("%s: %s", path, notice)
     return Session(
         path=path,
         calibration=calibration,
@@ -166,7 +170,7 @@ def _too_few(path: Path, files: Sequence[Path], calibration: Path, group: Camera
 
 
 def _turn(video: VideoInfo, camera: Camera, how: str) -> tuple[VideoInfo, list[str]]:
-    """Decide about the file's rotation flag."""
+    """Apply or ignore the file's rotation flag."""
     flag = video.tagged_rotation_deg
     if not flag:
         return video, []
@@ -185,7 +189,7 @@ def _fitted(camera: Camera, video: VideoInfo, how: VideoFit) -> tuple[Camera, st
     if how == "auto" and _squeezed(camera, video):
         return fit_to_video(camera, *size, "scale")[0], (
             f"camera {camera.name}: calibrated at {camera.width}x{camera.height}, video is {size[0]}x{size[1]} with "
-            f"pixels {video.pixel_aspect:.3f} times as wide as high: taken as the same picture (scale)"
+            f"pixels {video.pixel_aspect:.3f} times as wide as high: assumed to show the same image (scale)"
         )
     image = None
     if how == "auto" and size != (camera.width, camera.height):
@@ -198,7 +202,7 @@ def _fitted(camera: Camera, video: VideoInfo, how: VideoFit) -> tuple[Camera, st
 
 
 def _squeezed(camera: Camera, video: VideoInfo) -> bool:
-    """Whether a video's pixels are not square, and the picture that players show has the calibrated shape."""
+    """Whether a video's pixels are not square, and the image that players show has the calibrated shape."""
     shown = video.width * video.pixel_aspect / video.height / (camera.width / camera.height)
     return _odd_pixels(video) and (video.width, video.height) != (camera.width, camera.height) and abs(shown - 1) < 0.02
 
@@ -214,13 +218,14 @@ def with_frames(session: Session, frames: int) -> Session:
 
 
 def with_notice(session: Session, notice: str, progress: Progress) -> Session:
-    """The session with one more notice, which is said at once, too."""
+    """The session with one more notice, which is also reported at once."""
     progress.notice(notice)
+    _log.info("%s: %s", session.name, notice)
     return replace(session, notices=(*session.notices, notice))
 
 
 def _oddities(videos: Sequence[VideoInfo], calibrated: CameraGroup) -> list[str]:
-    """Differences that are harmless but worth knowing."""
+    """Harmless differences between videos that are worth a notice."""
     notices = []
     if len({(v.width, v.height) for v in videos}) > 1:
         sizes = ", ".join(f"{v.path.name} {v.width}x{v.height}" for v in videos)
@@ -228,7 +233,7 @@ def _oddities(videos: Sequence[VideoInfo], calibrated: CameraGroup) -> list[str]
     for camera, video in zip(calibrated, videos, strict=True):
         if _odd_pixels(video) and not _squeezed(camera, video):
             notices.append(
-                f"{video.path.name} says that its pixels are not square (aspect {video.pixel_aspect:.3f}): "
-                "taken as square, as calibrations are made on stored pixels"
+                f"{video.path.name} declares pixels that are not square (aspect {video.pixel_aspect:.3f}): "
+                "assumed to be square, because calibrations refer to stored pixels"
             )
     return notices

@@ -1,5 +1,5 @@
-"""`sync.toml`: the clocks of a session's cameras, as `muybridge sync` or somebody by hand wrote them, and the frames
-that their films have in common."""
+"""`sync.toml`: the clocks of a session's cameras, written by `muybridge sync` or by hand, and the frames that their
+videos have in common."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def clocks_in(folder: Path, names: Sequence[str]) -> tuple[Clock, ...] | None:
 
 
 def read_sync(path: Path, names: Sequence[str]) -> tuple[Clock, ...]:
-    """The clocks of the named cameras from a `sync.toml`; a camera that it does not name has the reference's.
+    """The clocks of the named cameras from a `sync.toml`; a camera that it does not name has the reference's clock.
 
     Raises:
-        SessionError: not such a file, or a value that is no number.
+        SessionError: it is no such file, or a value is not a number.
     """
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -59,28 +59,28 @@ def _clock(path: Path, name: str, table: object) -> Clock:
 def first_frames_in_common(
     clocks: Sequence[Clock], names: Sequence[str], counts: Sequence[int], fps: float
 ) -> tuple[IntArray, tuple[Clock, ...]]:
-    """Where films that did not begin together do so.
+    """The first common frames of videos that did not begin together.
 
     Args:
         clocks: (C,) of the cameras.
-        names: (C,) of their films.
-        counts: (C,) frames of their films, at the take's rate.
+        names: (C,) of their videos.
+        counts: (C,) frames of their videos, at the take's rate.
         fps: of the take.
 
     Returns:
-        (C,) the frame of each film that is nearest to the first moment that all of them show, and the clocks counted
-        from these frames on, against the first film: what is left are fractions of a frame, and drifts.
+        (C,) the frame of each video nearest to the first time that all of them cover, and the clocks counted from these
+        frames, relative to the first video: the remaining fractions of a frame, and drifts.
 
     Raises:
-        SessionError: a film that has ended before another begins.
+        SessionError: a video ends before another begins.
     """
 
-    def taken(c: int, own: float) -> float:
+    def reference_time(c: int, own: float) -> float:
         """The reference's time at a camera's own, seconds."""
         return float((own - clocks[c].offset) / (1 + clocks[c].drift))
 
-    begins = [taken(c, 0.0) for c in range(len(clocks))]
-    ends = [taken(c, (count - 1) / fps) for c, count in enumerate(counts)]
+    begins = [reference_time(c, 0.0) for c in range(len(clocks))]
+    ends = [reference_time(c, (count - 1) / fps) for c, count in enumerate(counts)]
     last, soonest = int(np.argmax(begins)), int(np.argmin(ends))
     if ends[soonest] < begins[last]:
         raise SessionError(
@@ -88,7 +88,7 @@ def first_frames_in_common(
             "correct the offsets, or leave one of them out with --cameras"
         )
     first = np.array([max(0, round((begins[last] * (1 + k.drift) + k.offset) * fps)) for k in clocks])
-    zero = taken(0, first[0] / fps)
+    zero = reference_time(0, first[0] / fps)
     left = (float(zero * (1 + k.drift) + k.offset - n / fps) for k, n in zip(clocks, first, strict=True))
-    # Films that are whole frames apart are in step then, whatever the last digits are.
+    # Videos that are whole frames apart are synchronised exactly, whatever the last digits.
     return first, tuple(replace(k, offset=round(offset, 9)) for k, offset in zip(clocks, left, strict=True))

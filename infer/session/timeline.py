@@ -1,4 +1,4 @@
-"""The moments that all videos of a session share."""
+"""The time that all videos of a session share."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -11,49 +11,59 @@ from muybridge.infer.session.probe import VideoInfo
 from muybridge.infer.session.sync_file import SYNC_FILE, first_frames_in_common
 from muybridge.infer.session.timestamps import nearest
 
-# Rates this close are one rate written down differently (29.97 and 30).
+# Rates this close are one rate stated differently (29.97 and 30).
 _SAME_RATE = 0.005
 
 
 def common_time(
     videos: Sequence[VideoInfo], clocks: tuple[Clock, ...] | None
 ) -> tuple[float, IntArray, FloatArray | None, tuple[Clock, ...] | None, list[str]]:
-    """The take's frame rate, which frames of each video make it up, how late they were taken, how the clocks stand from
-    there on, and what had to be assumed."""
+    """The time line of a take.
+
+    Args:
+        videos: C videos.
+        clocks: (C,) of the cameras, from a `sync.toml`; None without one.
+
+    Returns:
+        frame rate; (C, T) frames of each video; (C, T) how late they were taken, seconds (None where frames are paired
+        by number); the clocks counted from the first frames; and notices about what was assumed.
+    """
     rates = np.array([v.fps for v in videos])
     near = rates.max() / rates.min() - 1 < _SAME_RATE
     listed = ", ".join(f"{v.path.name} {v.fps:.4g}" for v in videos)
     notices: list[str] = []
     by_number, apart = _by_number(videos)
     if near:
-        fps = _commonest(rates)
+        fps = _most_common(rates)
         if len(set(np.round(rates, 2))) > 1:
-            how = "frames are paired by number" if by_number else "the films end together, so frames are paired by time"
+            how = (
+                "frames are paired by number" if by_number else "the videos end together, so frames are paired by time"
+            )
             much = f"; by these rates the last ones are {apart:.2g} s apart" if by_number and apart * fps > 0.5 else ""
             notices.append(f"frame rates differ slightly ({listed} fps): {how} at {fps:.4g} fps{much}")
     else:
         fps = float(rates.min())
         notices.append(
             f"frame rates differ ({listed} fps): the take runs at the lowest, {fps:.4g} fps, with each "
-            "camera's landmarks put between its frames, all videos taken to start together"
+            "camera's landmarks interpolated between its frames, all videos assumed to start together"
         )
-    wander = [v.path.name for v in videos if v.variable_rate]
-    if wander:
+    varying = [v.path.name for v in videos if v.variable_rate]
+    if varying:
         notices.append(
-            f"the frame rate of {', '.join(wander)} varies (frames were dropped or the camera adapts it): "
-            f"the take runs in even steps of {fps:.4g} fps, and landmarks are put between frames"
+            f"the frame rate of {', '.join(varying)} varies (frames were dropped or the camera adapts it): "
+            f"the take runs at an even {fps:.4g} fps, and landmarks are interpolated between frames"
         )
     late_to_show = [f"{v.times[0]:.2g} s of {v.path.name}" for v in videos if v.times[0] * fps > 0.5]
     if late_to_show:
-        notices.append(f"the first {', '.join(late_to_show)} cannot be decoded, as where a recorder joined a stream")
-    by_time = not near or not by_number or bool(wander) or bool(late_to_show)
+        notices.append(f"the first {', '.join(late_to_show)} cannot be decoded, as when a recorder joins a stream")
+    by_time = not near or not by_number or bool(varying) or bool(late_to_show)
     if by_time:
         counts = [int(np.floor(v.times[-1] * fps + 0.5)) + 1 for v in videos]
     else:
         counts = [v.frames for v in videos]
-    first, clocks, said = _beginnings(videos, counts, clocks, fps)
+    first, clocks, omitted = _first_frames(videos, counts, clocks, fps)
     own = first[:, None] + np.arange(int((np.array(counts) - first).min()))
-    notices += said
+    notices += omitted
     if not by_time:
         return fps, own, None, clocks, notices
     indices = np.stack([nearest(v.times, grid) for v, grid in zip(videos, own / fps, strict=True)])
@@ -61,10 +71,10 @@ def common_time(
     return fps, indices, late, clocks, notices
 
 
-def _beginnings(
+def _first_frames(
     videos: Sequence[VideoInfo], counts: Sequence[int], clocks: tuple[Clock, ...] | None, fps: float
 ) -> tuple[IntArray, tuple[Clock, ...] | None, list[str]]:
-    """(C,) the frame of each video with which the take begins, the clocks from there on, and what is left out."""
+    """(C,) the first frame of the take in each video, the clocks counted from there, and notices."""
     names = [v.path.name for v in videos]
     first = np.zeros(len(videos), dtype=np.int64)
     if clocks is not None:
@@ -73,23 +83,23 @@ def _beginnings(
     lengths = ", ".join(f"{name} {n}" for name, n in zip(names, counts, strict=True))
     if first.any():
         begins = ", ".join(f"{name} {n}" for name, n in zip(names, first, strict=True))
-        said = f"by {SYNC_FILE} the take begins with frames {begins}: {frames} frames of all videos ({lengths})"
-        return first, clocks, [said]
+        notice = f"by {SYNC_FILE} the take begins with frames {begins}: {frames} frames of all videos ({lengths})"
+        return first, clocks, [notice]
     if len(set(counts)) > 1:
-        said = f"the videos differ in length ({lengths} frames): the first {frames} frames are used"
-        return first, clocks, [said]
+        notice = f"the videos differ in length ({lengths} frames): the first {frames} frames are used"
+        return first, clocks, [notice]
     return first, clocks, []
 
 
 def _by_number(videos: Sequence[VideoInfo]) -> tuple[bool, float]:
-    """Whether frames of one number belong together, of films of nearly one rate, and how far the last common ones are
-    apart by their times, seconds. Cameras that are triggered together write as many frames, whatever rate their files
-    say; cameras with clocks of their own that are stopped together last equally long."""
+    """Whether frames of the same number belong together in videos of nearly one rate, and how far apart the last common
+    frames are by their times, seconds. Cameras that are triggered together write equally many frames, whatever rate
+    their files state; cameras with their own clocks that are stopped together last equally long."""
     frames = np.array([v.frames for v in videos])
     last = np.array([v.times[-1] for v in videos])
     apart = float(np.ptp([v.times[frames.min() - 1] for v in videos]))
     return bool(np.ptp(frames) <= 1 + np.ptp(last) * max(v.fps for v in videos)), apart
 
 
-def _commonest(rates: FloatArray) -> float:
+def _most_common(rates: FloatArray) -> float:
     return float(Counter(float(r) for r in rates).most_common(1)[0][0])

@@ -1,8 +1,8 @@
-"""`timestamps.csv`: when each frame of each film was taken, as recorders of several webcams write it.
+"""`timestamps.csv`: when each frame of each video was taken, as written by recorders of several webcams.
 
-Such cameras drop frames and do not start together, so that the number of a frame says little. The columns are
-`sync_index` (the moment that a frame belongs to), `cam_id` (the camera: a film's name, or the number at its end) and
-`frame_time` (seconds, of one clock for all); a row a frame.
+Such cameras drop frames and do not start together, so that frame numbers do not tell the time. The columns are
+`sync_index` (the moment that a frame belongs to), `cam_id` (the camera: a video's name, or the number at its end) and
+`frame_time` (seconds of one common clock), with one row per frame.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import MuybridgeError, SessionError
 from muybridge.infer.session.probe import VideoInfo
 
-# What the file is called; the second name is that of older recordings.
+# Names of the file; the second is that of older recordings.
 TIMESTAMPS = ("timestamps.csv", "frame_time_history.csv")
 
 
 def read_time_table(
-    path: Path, films: Sequence[VideoInfo], error: type[MuybridgeError]
+    path: Path, videos: Sequence[VideoInfo], error: type[MuybridgeError]
 ) -> list[tuple[FloatArray, IntArray]]:
-    """Time (seconds) and moment of every frame of the films, in the films' order.
+    """Time (seconds) and moment of every frame of the videos, in the videos' order.
 
     Args:
         path: of the table.
-        films: what the rows are of.
-        error: what is raised where it cannot be read or does not fit the films.
+        videos: that the rows are of.
+        error: raised where the table cannot be read or does not fit the videos.
     """
     rows: dict[str, list[tuple[float, int]]] = {}
     try:
@@ -45,17 +45,17 @@ def read_time_table(
                 rows.setdefault(camera.strip(), []).append((time, int(row["sync_index"])))
     except (OSError, ValueError, KeyError, TypeError) as problem:
         raise error(
-            f"{path}: cannot be read ({problem}); it needs the columns sync_index, cam_id, frame_time, a row a frame"
+            f"{path}: cannot be read ({problem}); it needs the columns sync_index, cam_id, frame_time, a row per frame"
         ) from None
     out = []
-    for film in films:
-        stem = film.path.stem
+    for video in videos:
+        stem = video.path.stem
         key = stem if stem in rows else "".join(re.findall(r"\d+$", stem)).lstrip("0") or "0"
         if key not in rows:
             raise error(f"{path}: no rows for {stem}; it has cam_id {', '.join(sorted(rows))}")
-        if len(rows[key]) != film.frames:
+        if len(rows[key]) != video.frames:
             raise error(
-                f"{path}: {len(rows[key])} rows for {stem}, whose film has {film.frames} frames; they must match"
+                f"{path}: {len(rows[key])} rows for {stem}, whose video has {video.frames} frames; they must match"
             )
         times, moments = zip(*sorted(rows[key]), strict=True)
         out.append((np.array(times), np.array(moments)))
@@ -67,30 +67,33 @@ def time_table_in(folder: Path) -> Path | None:
     return next((folder / name for name in TIMESTAMPS if (folder / name).is_file()), None)
 
 
-def paired_by_time(path: Path, films: Sequence[VideoInfo]) -> tuple[float, IntArray, FloatArray, list[str]]:
-    """Frames a second of the take, the frame (C, T) of every film at each of its moments, how many seconds (C, T) after
-    the moment it was taken, and what was done.
+def paired_by_time(path: Path, videos: Sequence[VideoInfo]) -> tuple[float, IntArray, FloatArray, list[str]]:
+    """The time line of a take by its table of time stamps.
 
-    The take runs from the first to the last moment that all films know, in even steps of the slowest film's usual one.
+    The take runs from the first to the last time that all videos cover, in even steps of the slowest video's usual one.
+
+    Returns:
+        frames per second; (C, T) the frame of every video at each time; (C, T) seconds by which it was taken later; and
+        notices.
 
     Raises:
-        SessionError: a table that does not fit the films, or films that were not taken at the same time.
+        SessionError: a table that does not fit the videos, or videos that were not taken at the same time.
     """
-    times = [time for time, _ in read_time_table(path, films, SessionError)]
+    times = [time for time, _ in read_time_table(path, videos, SessionError)]
     if min(len(t) for t in times) < 2:
-        raise SessionError(f"{path}: a film has one frame: how fast the take runs cannot be told")
+        raise SessionError(f"{path}: a video has one frame: the frame rate of the take cannot be determined")
     step = max(float(np.median(np.diff(t))) for t in times)
     begin, end = max(t[0] for t in times), min(t[-1] for t in times)
     if end < begin or step <= 0:
-        raise SessionError(f"{path}: the films were not taken at the same time; is it another take's table?")
+        raise SessionError(f"{path}: the videos were not taken at the same time; is it another take's table?")
     grid = begin + step * np.arange(int((end - begin) / step + 0.5) + 1)
     at = [nearest(t, grid) for t in times]
     late = np.stack([t[k] - grid for t, k in zip(times, at, strict=True)])
-    said = (
+    notice = (
         f"frames are paired by {path.name}: {len(grid)} moments at {1 / step:.4g} fps, a frame is off its moment by "
-        f"{1000 * np.abs(late).max():.0f} ms at most, and its landmarks are put there"
+        f"{1000 * np.abs(late).max():.0f} ms at most, and its landmarks are interpolated"
     )
-    return 1 / step, np.stack(at), late, [said]
+    return 1 / step, np.stack(at), late, [notice]
 
 
 def nearest(times: FloatArray, grid: FloatArray) -> IntArray:

@@ -1,8 +1,8 @@
-"""Videos: what a file holds, its frames in order with bounded memory, and small H.264 files to write.
+"""The frames of a video, decoded in order in bounded memory.
 
-A probe walks through the packets of a file without decoding them (a disk read, no more), which is enough to
-tell a truncated recording, a frame rate that wanders and how many frames there will be. Frames are then
-decoded once, in order; the reader checks on the way what the probe could only expect.
+`probe_video` walks through the packets of a file without decoding them, which is enough to recognise a truncated
+recording and a varying frame rate and to count the frames. Frames are then decoded once, in order; the reader checks
+what the probe could only expect.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ MAX_CHUNK = 16
 
 
 def chunk_frames(info: VideoInfo) -> int:
-    """How many frames a chunk holds so that it stays within `CHUNK_BYTES`."""
+    """Number of frames per chunk that keeps it within `CHUNK_BYTES`."""
     return int(np.clip(CHUNK_BYTES // (info.width * info.height * 3), 1, MAX_CHUNK))
 
 
@@ -30,15 +30,15 @@ def read_chunks(info: VideoInfo, indices: IntArray | None = None, threads: int =
 
     Args:
         info: from `probe_video`.
-        indices: (T,) which frames to deliver, never decreasing (repeats allowed); default all.
+        indices: (T,) frames to deliver, never decreasing (repeats allowed); default all.
         threads: decoder threads.
 
     Yields:
-        (n, H, W, 3) RGB; each chunk is the caller's to keep.
+        (n, H, W, 3) RGB; the caller may keep the chunks.
 
     Raises:
-        VideoError: a frame cannot be decoded, or a container that lists its frames ends early. Where the
-            container lists nothing, a file may end a little before `info.frames`: the chunks then end there.
+        VideoError: a frame cannot be decoded, or a container that lists its frames ends early. Where the container
+            lists none, a file may end a little before `info.frames`: the chunks then end there.
     """
     wanted = np.arange(info.frames) if indices is None else np.asarray(indices)
     size = chunk_frames(info)
@@ -63,7 +63,7 @@ def read_chunks(info: VideoInfo, indices: IntArray | None = None, threads: int =
     if info.declares_count:
         raise VideoError(
             f"{info.path} is damaged: it declares {info.frames} frames and {decoded} can be decoded; "
-            "copy the file again, or re-encode what is left of it (ffmpeg -i IN -c:v libx264 OUT.mp4)"
+            "copy the file again, or re-encode the rest of it (ffmpeg -i IN -c:v libx264 OUT.mp4)"
         )
 
 
@@ -80,7 +80,7 @@ def _decode(info: VideoInfo, threads: int) -> Iterator[Any]:
         except (av.error.FFmpegError, OSError) as error:
             raise VideoError(
                 f"{info.path} cannot be decoded after frame {count} of {info.frames} ({reason(error)}); "
-                "copy the file again, or re-encode what is left of it (ffmpeg -i IN -c:v libx264 OUT.mp4)"
+                "copy the file again, or re-encode the rest of it (ffmpeg -i IN -c:v libx264 OUT.mp4)"
             ) from None
 
 
@@ -91,6 +91,6 @@ def _to_rgb(frame: Any, info: VideoInfo) -> ByteArray:
     if image.shape[:2] != (info.height, info.width):
         raise VideoError(
             f"{info.path} changes its frame size from {info.width}x{info.height} to "
-            f"{image.shape[1]}x{image.shape[0]} on the way; export it at one size"
+            f"{image.shape[1]}x{image.shape[0]} between frames; export it at one size"
         )
     return image

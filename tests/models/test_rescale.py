@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from muybridge.arrays import ByteArray, Float32Array, FloatArray
-from muybridge.infer.detection.detect import DetectOptions, first_look
+from muybridge.infer.detection.detect import DetectOptions, first_pass
 from muybridge.infer.detection.pose_estimator import KeypointOptions
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
 from muybridge.models.keypoints.test_time import at_side, augment_at_test_time, reading_sides
@@ -72,11 +72,11 @@ def test_a_part_is_read_at_its_size(here: int, looks: list[int]) -> None:
 
 
 def test_a_first_look_is_a_smaller_one() -> None:
-    options = first_look(DetectOptions()).keypoints.onnx
+    options = first_pass(DetectOptions()).keypoints.onnx
     network, whole = KeypointNetwork(shipped_model("keypoints"), options), KeypointNetwork(shipped_model("keypoints"))
     assert (network.crop_size, whole.crop_size) == (192, 256)
     smallest = DetectOptions(keypoints=KeypointOptions(onnx=OnnxOptions(size=0.25)))
-    assert first_look(smallest).keypoints.onnx.size == 0.25
+    assert first_pass(smallest).keypoints.onnx.size == 0.25
     crops = np.random.default_rng(0).integers(0, 256, (2, 192, 192, 3), dtype=np.uint8)
     found = network.locate(crops).found
     there = np.isfinite(found.points_crop_px)

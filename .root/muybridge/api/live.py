@@ -22,7 +22,7 @@ from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.triangulation.left_right import repair_flips
 from muybridge.geometry.triangulation.multiview import triangulate
-from muybridge.infer.detection.detect import DetectOptions, first_look
+from muybridge.infer.detection.detect import DetectOptions, first_pass
 from muybridge.infer.detection.pose_estimator import PoseEstimator
 from muybridge.infer.detection.tracks import CameraTracks
 from muybridge.infer.networks.models import open_models
@@ -107,7 +107,7 @@ class LiveCapture:
         if not (fps > 0 and window > 0):
             raise ValueError(f"fps and window must be above zero, not {fps} and {window}")
         self._cameras, self._fps = cameras, float(fps)
-        self._detect = detect or first_look(DetectOptions())
+        self._detect = detect or first_pass(DetectOptions())
         models = open_models(self._detect)
         self._solve = (solve or SolveOptions()).with_card(models.min_confidence)
         self._estimators = [

@@ -14,7 +14,7 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.infer.detection.background import BackgroundModel
 from muybridge.infer.detection.crop_reader import Pictures, PoseReader
-from muybridge.infer.detection.exposure import stretch
+from muybridge.infer.detection.exposure import stretch_contrast
 from muybridge.infer.detection.orientation import FrameOrientation, Letterbox, orientation_for
 from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
 from muybridge.infer.detection.pose_estimator import KeypointOptions
@@ -212,7 +212,7 @@ def checked_image(image: NDArray[np.uint8], camera: Camera | None, what: str = "
             f"{camera.width}x{camera.height}: resize it, or pass a calibration of its size"
         )
     frame = np.array(array, dtype=np.uint8, order="C")
-    stretch(frame)
+    stretch_contrast(frame)
     return frame
 
 

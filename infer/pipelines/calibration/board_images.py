@@ -19,7 +19,7 @@ from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.board.board import Board, BoardDetector
 from muybridge.geometry.calibration.board.intrinsics import View
 from muybridge.infer.runtime.progress import Progress, Task
-from muybridge.infer.session.discover import PICTURE_SUFFIXES
+from muybridge.infer.session.discover import IMAGE_SUFFIXES
 from muybridge.infer.session.pairing import natural_key
 from muybridge.infer.session.probe import VideoInfo, is_video, probe_video
 from muybridge.infer.session.timestamps import read_time_table, time_table_in
@@ -67,7 +67,7 @@ def find_images(
     if not folder.is_dir():
         raise CalibrationError(f"{folder}: no such folder; name one with a video or a folder of images per camera")
     entries = sorted((p for p in folder.iterdir() if not p.name.startswith(".")), key=lambda p: natural_key(p.name))
-    videos = [p for p in entries if p.is_file() and p.suffix.lower() not in PICTURE_SUFFIXES and is_video(p)]
+    videos = [p for p in entries if p.is_file() and p.suffix.lower() not in IMAGE_SUFFIXES and is_video(p)]
     folders = [(p, _images(p)) for p in entries if p.is_dir()]
     folders = [(p, images) for p, images in folders if images]
     if not videos and not folders and (folder / "videos").is_dir():
@@ -90,7 +90,7 @@ def find_images(
 
 
 def _images(folder: Path) -> list[Path]:
-    found = [p for p in folder.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES and not p.name.startswith(".")]
+    found = [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith(".")]
     return sorted(found, key=lambda p: natural_key(p.name))
 
 

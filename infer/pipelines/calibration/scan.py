@@ -18,7 +18,7 @@ from muybridge.geometry.calibration.structure_from_motion import (
     calibrate_scan,
 )
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.session.discover import PICTURE_SUFFIXES
+from muybridge.infer.session.discover import IMAGE_SUFFIXES
 from muybridge.infer.session.pairing import natural_key
 from muybridge.infer.session.probe import is_video, probe_video
 from muybridge.infer.session.video import read_chunks
@@ -86,12 +86,12 @@ def _copy_photos(source: Path, folder: Path, most: int) -> int:
     """Put the scan's photographs into a folder; returns how many."""
     folder.mkdir(parents=True)
     if source.is_dir():
-        images = (p for p in source.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
+        images = (p for p in source.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
         files = sorted(images, key=lambda p: natural_key(p.name))
         for k, file in enumerate(files):
             shutil.copy(file, folder / f"{k:05d}{file.suffix.lower()}")
         if not files:
-            raise CalibrationError(f"{source} holds no photographs ({', '.join(sorted(PICTURE_SUFFIXES))})")
+            raise CalibrationError(f"{source} holds no photographs ({', '.join(sorted(IMAGE_SUFFIXES))})")
         return len(files)
     if not source.is_file() or not is_video(source):
         raise CalibrationError(f"{source} is neither a folder of photographs nor a video")
@@ -115,7 +115,7 @@ def _copy_stills(source: Path, folder: Path) -> list[str]:
     for file in sorted(source.iterdir(), key=lambda p: natural_key(p.name)):
         if file.name.startswith(".") or not file.is_file():
             continue
-        if file.suffix.lower() in PICTURE_SUFFIXES:
+        if file.suffix.lower() in IMAGE_SUFFIXES:
             shutil.copy(file, folder / f"{file.stem}{file.suffix.lower()}")
         elif is_video(file):
             video = probe_video(file)

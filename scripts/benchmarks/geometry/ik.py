@@ -99,11 +99,11 @@ def compare(method: str, cases: dict[str, list[Case]]) -> None:
 def real_poses() -> tuple[KinematicTree, np.ndarray, np.ndarray] | None:
     """The CMU take as angles of BODY's hinges; hinges of the joints that are given, and of all."""
     from muybridge.geometry.fitting.body_fit import fit_body
-    from scripts.benchmarks.geometry.skeleton import DATA, as_points, cmu_truth
+    from scripts.benchmarks.common import DATA, as_points, cmu_landmarks
 
     if not (DATA / "motion").is_dir():
         return None
-    truth, fps = cmu_truth()
+    truth, fps = cmu_landmarks()
     fit = fit_body(as_points(truth, fps, 0.01))
     tree, last = tree_of_skeleton(fit.motion.skeleton, BODY.rest)
     theta = theta_of_rotations(tree, fit.motion.skeleton, matrix_from_quat(fit.motion.quat_wxyz[::10]))

@@ -15,14 +15,14 @@ from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.skeleton.joint_centres import METHODS, centres_from_markers
 from muybridge.train.correction.takes import recorded_take
 from muybridge.train.synthesis.markers.trajectories import MarkerBodies
-from scripts.benchmarks.markers.solver import DATA, read_motion
+from scripts.benchmarks.markers.solver import RECORDING, read_motion
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--bodies", type=int, default=6)
     options = parser.parse_args()
-    motion, bodies = read_motion(DATA, 12, 200), MarkerBodies(2002)
+    motion, bodies = read_motion(RECORDING, 12, 200), MarkerBodies(2002)
     rng, index = np.random.default_rng(1), {n: i for i, n in enumerate(SURFACE.names)}
     found: dict[tuple[str, str], list[np.ndarray]] = {}
     for phenotype in bodies.model.sample_phenotypes(options.bodies):

@@ -36,13 +36,14 @@ from muybridge.geometry.numerics.rotations import matrix_from_quat
 from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.statistical_body import without_rolls
-from muybridge.infer.networks.correction import SolverNetwork, corrected
+from muybridge.infer.networks.correction import SolverNetwork, correct_joints
 from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.train.correction.takes import MarkerFaults, SolverTake, add_faults, marker_columns, recorded_take
 from muybridge.train.synthesis.markers.trajectories import MarkerBodies
+from scripts.benchmarks.common import CMU_METRES_PER_UNIT, DATA
 
-DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "motion" / "01_01.bvh"
+RECORDING = DATA / "motion" / "01_01.bvh"
 CASES = {
     "10 % hidden, 10 % shifted": MarkerFaults(),
     "20 % hidden, 10 % shifted": MarkerFaults(hidden=0.2),
@@ -54,7 +55,7 @@ CASES = {
 
 def read_motion(path: Path, every: int, frames: int) -> Motion:
     """CMU's motion without its first frame, a T-pose; `frames` of it, spread in two stretches."""
-    motion = read_bvh(path, metres_per_unit=0.0254 / 0.45)
+    motion = read_bvh(path, metres_per_unit=CMU_METRES_PER_UNIT)
     chosen = np.arange(1, len(motion), every)[:frames]
     return Motion(motion.skeleton, motion.fps / every, motion.root_positions_world[chosen], motion.quat_wxyz[chosen])
 
@@ -111,7 +112,7 @@ def solve_all(
     out["joint centres, then body"] = _world(fit_body(centres).motion)
     fit = fit_markers(points, columns, fps, options, person=person)
     out["whole take"] = _world(fit.motion)
-    out["whole take and network"] = _world(corrected(fit, points, SolverNetwork(network)).motion)
+    out["whole take and network"] = _world(correct_joints(fit, points, SolverNetwork(network)).motion)
     return out
 
 
@@ -121,7 +122,7 @@ def _world(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--motion", type=Path, default=DATA)
+    parser.add_argument("--motion", type=Path, default=RECORDING)
     parser.add_argument("--bodies", type=int, default=3)
     parser.add_argument("--every", type=int, default=4)
     parser.add_argument("--frames", type=int, default=400)

@@ -1,11 +1,11 @@
-#!/usr/bin/env python3
-"""A keypoint network on single pictures of `balancing`, with no plate, no calibration and given boxes.
+"""A keypoint network on single images of the balancing take, without background model and calibration, and with given
+boxes.
 
-    python -m scripts.benchmarks.networks.pictures DATA [--network NETWORK.onnx ...] [--every 4] [--high 0 88]
+Usage: python -m scripts.benchmarks.networks.pictures DATA [--network NETWORK.onnx ...] [--every 4] [--high 0 88]
 
-Every so many frames of each camera, as large as they are (`--high 0`) or made so small that the person is so many
-pixels high; boxes are those of the reference's own 2D, with a margin of 6 %. Prints for the shipped networks, unless
-told which, what scripts/benchmarks/takes/photographs.py does for an ordinary video, against the reference's points.
+Uses every n-th frame of each camera, at its size (`--high 0`) or scaled so that the person has the given height in
+pixels. Boxes are those of the 2D reference with a margin of 6 %. Prints the same figures as
+scripts.benchmarks.takes.mediapipe does for a video, relative to the reference, by default for the shipped networks.
 """
 
 import argparse
@@ -18,15 +18,21 @@ import numpy as np
 from muybridge.arrays import ByteArray, FloatArray
 from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions
 from muybridge.models.shipped import shipped_model
+from scripts.benchmarks.common import JOINTS
 from scripts.benchmarks.geometry.diagnosis import balancing
-from scripts.benchmarks.takes.mediapipe import JOINTS
-from scripts.benchmarks.takes.photographs import WAYS, agreement
+from scripts.benchmarks.takes.mediapipe import WAYS, agreement
 
 MARGIN = 0.06
 
 
 class Picture(NamedTuple):
-    """RGB pixels, the left top and right bottom (2, 2) of the reference's points, and its joints (12, 2), px."""
+    """An image of one person.
+
+    Attributes:
+        pixels: RGB.
+        extent: (2, 2) top left and bottom right of the reference's points, px.
+        joints: (12, 2) their joints, px.
+    """
 
     pixels: ByteArray
     extent: FloatArray
@@ -46,7 +52,7 @@ class Picture(NamedTuple):
 
 
 def pictures(data: Path, every: int) -> list[Picture]:
-    """Of all cameras, one in `every` frames."""
+    """One in `every` frames of all cameras."""
     (_, reference, _), names = balancing(data)
     joints, found = [names.index(name) for name in JOINTS], []
     for c, path in enumerate(sorted((data / "balancing/videos").glob("*.mp4"))):
@@ -62,7 +68,7 @@ def pictures(data: Path, every: int) -> list[Picture]:
 
 
 def smaller(picture: Picture, high: int) -> Picture:
-    """A picture in which the person is `high` pixels high."""
+    """An image scaled so that the person is `high` pixels high."""
     scale = high / picture.high
     pixels = cv2.resize(picture.pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return Picture(pixels.astype(np.uint8), picture.extent * scale, picture.joints * scale)

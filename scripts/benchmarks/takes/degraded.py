@@ -1,17 +1,15 @@
-#!/usr/bin/env python3
-"""The real take made worse: how far `muybridge run` is from its reference where a camera is poor.
+"""The balancing take degraded: distance of `muybridge run` from the reference with poor cameras.
 
-usage: python -m scripts.benchmarks.takes.degraded DATA OUT [--only NAME ...] [options of `muybridge run`]
+Usage: python -m scripts.benchmarks.takes.degraded DATA OUT [--only NAME ...] [options of `muybridge run`]
 
-DATA holds `balancing`; OUT gets a session a row, with its results. Distances are those of the take's reference: mean of
-12 joints, after one similarity transform, and without each joint's mean offset. Fewer cameras: `--cameras cam01 cam02`.
+DATA contains `balancing`; OUT gets a session per row, with its results. Distances are mean distances of 12 joints from
+the take's reference: as they are, after one similarity transform, and without each joint's mean offset. Fewer cameras:
+`--cameras cam01 cam02`.
 """
 
 import argparse
 import pathlib
 import shutil
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 
@@ -23,11 +21,11 @@ from muybridge.infer.session.probe import probe_video
 from muybridge.infer.session.video import read_chunks
 from muybridge.infer.session.write_video import VideoWriter
 from muybridge.motion.formats.points.trc import read_trc
-from scripts.benchmarks.takes.mediapipe import JOINTS, figures, reference
+from scripts.benchmarks.common import JOINTS, balancing_joints, print_header, reference_distances, run_muybridge
 
 
-def times(gain: Callable[[int], float | list[float]]) -> Callable[[ByteArray, int], ByteArray]:
-    """As bright, of all channels or of each, in each frame."""
+def scale(gain: Callable[[int], float | list[float]]) -> Callable[[ByteArray, int], ByteArray]:
+    """Scale the brightness of all channels, or of each, per frame."""
     return lambda frame, index: (frame * gain(index)).clip(0, 255).astype(np.uint8)
 
 
@@ -42,7 +40,7 @@ def dark(frame: ByteArray, _: int) -> ByteArray:
 
 
 def dark_but_for_a_window(frame: ByteArray, index: int) -> ByteArray:
-    """As a camera exposes that has something glaring in its picture, which lies before nobody: the lowest eighth."""
+    """Like a camera whose exposure is set by something bright that is in front of nobody: the lowest eighth."""
     low = dark(frame, index)
     low[-len(low) // 8 :] = 255
     return low
@@ -56,7 +54,7 @@ def blurred(frame: ByteArray, _: int) -> ByteArray:
     return np.asarray(cv2.GaussianBlur(frame, (0, 0), 6), np.uint8)
 
 
-def drawn(frame: ByteArray, _: int) -> ByteArray:
+def motion_blur(frame: ByteArray, _: int) -> ByteArray:
     return np.asarray(cv2.filter2D(frame, -1, np.full((1, 15), 1 / 15)), np.uint8)
 
 
@@ -68,17 +66,18 @@ def small(frame: ByteArray, _: int) -> ByteArray:
 def only(first: float, last: float) -> Callable[[ByteArray, int], ByteArray]:
     """The rows between two shares of the height."""
 
-    def kept(frame: ByteArray, _: int) -> ByteArray:
+    def crop(frame: ByteArray, _: int) -> ByteArray:
         part = np.zeros_like(frame)
         rows = slice(round(first * len(frame)), round(last * len(frame)))
         part[rows] = frame[rows]
         return part
 
-    return kept
+    return crop
 
 
 class Repeating:
-    """Of all pictures this share is the one before once more, of every camera other ones; or each of them `times`."""
+    """Replaces a share of the frames by the previous one, independently per camera; or shows each frame `times`
+    times."""
 
     def __init__(self, share: float = 0.0, times: int = 1) -> None:
         self.share, self.times, self.random = share, times, np.random.default_rng(0)
@@ -91,35 +90,35 @@ class Repeating:
         return self.last
 
 
-WORSE: dict[str, tuple[str, Callable[[ByteArray, int], ByteArray]]] = {
-    "as-it-is": ("as it is, encoded once more", lambda frame, _: frame),
+VARIANTS: dict[str, tuple[str, Callable[[ByteArray, int], ByteArray]]] = {
+    "as-it-is": ("unchanged, encoded again", lambda frame, _: frame),
     "grey": ("grey", grey),
     "blocks": ("JPEG at a quality of 8", blocks),
-    "dark": ("a fifth as bright, noise of 4 in 255", dark),
-    "window": ("the same, but the lowest eighth glares", dark_but_for_a_window),
-    "bright": ("2.2 times as bright", times(lambda _: 2.2)),
+    "dark": ("a fifth of the brightness, noise of 4 in 255", dark),
+    "window": ("the same, but the lowest eighth is white", dark_but_for_a_window),
+    "bright": ("2.2 times the brightness", scale(lambda _: 2.2)),
     "flat": ("a fifth of the contrast", lambda frame, _: (115 + 0.2 * frame).astype(np.uint8)),
-    "blue": ("blue times 1.5, red times 0.55", times(lambda _: [0.55, 0.9, 1.5])),
+    "blue": ("blue times 1.5, red times 0.55", scale(lambda _: [0.55, 0.9, 1.5])),
     "blurred": ("blurred, 6 px", blurred),
-    "drawn": ("drawn over 15 px by motion", drawn),
+    "drawn": ("motion blur of 15 px", motion_blur),
     "small": ("an eighth of the resolution", small),
-    "flicker": ("flickering by a third", times(lambda i: 1 + 0.35 * np.sin(1.3 * i))),
-    "repeating": ("a third of the pictures repeat the one before", Repeating(1 / 3)),
-    "thrice": ("each picture thrice", Repeating(times=3)),
-    "no-legs": ("the upper 55 % of the picture", only(0, 0.55)),
-    "legs": ("the lower half of the picture", only(0.5, 1)),
+    "flicker": ("flickering by a third", scale(lambda i: 1 + 0.35 * np.sin(1.3 * i))),
+    "repeating": ("a third of the frames repeat the previous one", Repeating(1 / 3)),
+    "thrice": ("each frame three times", Repeating(times=3)),
+    "no-legs": ("the upper 55 % of the image", only(0, 0.55)),
+    "legs": ("the lower half of the image", only(0.5, 1)),
 }  # fmt: skip
 
 
-def make(source: pathlib.Path, session: pathlib.Path, worse: Callable[[ByteArray, int], ByteArray]) -> None:
-    """Writes a session with worse videos; its calibration last, which tells that it is whole."""
+def make(source: pathlib.Path, session: pathlib.Path, degrade: Callable[[ByteArray, int], ByteArray]) -> None:
+    """Write a session with degraded videos; its calibration is written last and marks it complete."""
     (session / "videos").mkdir(parents=True, exist_ok=True)
     for video in sorted((source / "videos").iterdir()):
         info = probe_video(video)
         frames = (frame for chunk in read_chunks(info) for frame in chunk)
         with VideoWriter(session / "videos" / f"{video.stem}.mp4", info.width, info.height, info.fps) as writer:
             for index, frame in enumerate(frames):
-                writer.write(worse(frame, index))
+                writer.write(degrade(frame, index))
     shutil.copytree(source / "calibration", session / "calibration")
 
 
@@ -127,26 +126,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=pathlib.Path)
     parser.add_argument("out", type=pathlib.Path)
-    parser.add_argument("--only", nargs="*", default=[], choices=WORSE)
+    parser.add_argument("--only", nargs="*", default=[], choices=VARIANTS)
     options, rest = parser.parse_known_args()
-    source, truth = options.data / "balancing", reference(options.data)
-    print("| the take | MPJPE, aligned, offset-free mm | found | s |\n| --- | --- | --- | --- |")
-    for name, (words, worse) in WORSE.items():
+    source, truth = options.data / "balancing", balancing_joints(options.data)
+    print_header(["the take", "MPJPE, aligned, offset-free mm", "found", "s"])
+    for name, (words, degrade) in VARIANTS.items():
         if options.only and name not in options.only:
             continue
         session = options.out / name
         if not (session / "calibration").exists():
-            make(source, session, worse)
-        began = time.monotonic()
-        command = ["run", str(session), "--overwrite", "--quiet", *rest]
-        done = subprocess.run([sys.executable, "-m", "muybridge", *command], capture_output=True, text=True)
-        if done.returncode:
-            print(f"| {words} | failed: {(done.stderr or done.stdout).strip().splitlines()[-1]} | | |", flush=True)
+            make(source, session, degrade)
+        start = time.monotonic()
+        if failure := run_muybridge("run", str(session), "--overwrite", "--quiet", *rest):
+            print(f"| {words} | failed: {failure} | | |", flush=True)
             continue
         points = read_trc(session / "muybridge" / "points.trc")
         mine = points.points_world[: len(truth), [points.landmarks.names.index(joint) for joint in JOINTS]]
         found = np.isfinite(mine).all(-1).mean()
-        print(f"| {words} | {figures(mine, truth)} | {found:.3f} | {time.monotonic() - began:.0f} |", flush=True)
+        print(
+            f"| {words} | {reference_distances(mine, truth)} | {found:.3f} | {time.monotonic() - start:.0f} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

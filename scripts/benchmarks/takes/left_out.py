@@ -1,13 +1,12 @@
-#!/usr/bin/env python3
-"""How far a camera that was left out is missed by what the others say, on frames that nothing was learned from.
+"""Leave-one-camera-out error on frames that were not used for learning.
 
-usage: python -m scripts.benchmarks.takes.left_out --data DATA
+Usage: python -m scripts.benchmarks.takes.left_out --data DATA
 
 The balancing take's 2D by OpenPose. Cameras are refined from the person (as by `muybridge calibrate people`) on one
-half of the frames, and where that network puts each landmark from each side (`geometry.view_bias`) is learned on the
-same half and with those cameras. In every frame of the other half each camera is left out in turn, the other three are
-triangulated, and the points are projected into it. Medians of all landmarks, cameras and frames, px, for the two halves
-in turn.
+half of the frames; the network's view-dependent bias (`geometry.triangulation.view_bias`) is learned on the same half
+with those cameras. In every frame of the other half each camera is left out in turn, the other three are triangulated,
+and the points are projected into it. Medians over all landmarks, cameras and frames, px, with the roles of the halves
+exchanged.
 """
 
 import argparse
@@ -36,7 +35,7 @@ FPS = 60.0
 
 
 def bones_of(names: list[str]) -> list[tuple[int, int]]:
-    """Pairs of landmarks whose distance changes little: limbs, and all that is rigid within head, trunk and feet."""
+    """Pairs of landmarks of nearly constant distance: limbs, and everything rigid within head, trunk and feet."""
     sided = [f"{side}_{{}}".format for side in ("left", "right")]
     joints = ("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle")
     limbs = [(s(a), s(b)) for s in sided for limb in joints for a, b in pairwise(limb)]
@@ -50,7 +49,7 @@ def bones_of(names: list[str]) -> list[tuple[int, int]]:
 def left_out(
     cameras: CameraGroup, px: FloatArray, variance: FloatArray, solve: Solve, offsets: ViewBias | None
 ) -> float:
-    """Median distance in px of a camera's points to what `solve` makes of the other cameras'."""
+    """Median distance in px of a camera's points from those that `solve` computes from the other cameras."""
     error = []
     for c, camera in enumerate(cameras):
         others = [k for k in range(len(cameras)) if k != c]
@@ -68,7 +67,7 @@ def left_out(
 
 
 def medians(data: Path, kinds: Collection[str] = ("delivered", "refined")) -> dict[tuple[str, str, str], list[float]]:
-    """Medians in px of the second and of the first half by cameras, solver, and whether habits are known."""
+    """Medians in px on the second and the first half, by cameras, solver, and whether the bias is known."""
     (delivered, px, variance), names = balancing(data)
     landmarks, bones = LandmarkSet("reference", tuple(names), ()), bones_of(names)
     solvers: dict[str, Solve] = {
@@ -87,9 +86,9 @@ def medians(data: Path, kinds: Collection[str] = ("delivered", "refined")) -> di
             found = triangulate(cameras, known, doubt)
             learned = learn_view_bias(cameras, known, doubt, landmarks, FPS, found)
             for name, solve in solvers.items():
-                for habits, offsets in (("", None), ("known", learned)):
+                for bias, offsets in (("", None), ("known", learned)):
                     median = left_out(cameras, px[:, test], variance[:, test], solve, offsets)
-                    rows.setdefault((kind, name, habits), []).append(median)
+                    rows.setdefault((kind, name, bias), []).append(median)
     return rows
 
 

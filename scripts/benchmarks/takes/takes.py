@@ -1,19 +1,16 @@
-#!/usr/bin/env python3
-"""From video to motion against the truth: `muybridge run --everyone` on rendered takes of one to four people.
+"""From video to motion compared with the truth: `muybridge run --everyone` on rendered takes of one to four people.
 
-usage: python -m scripts.benchmarks.takes.takes TAKES [--out RESULTS] [--only NAME ...] [options of `muybridge run`]
+Usage: python -m scripts.benchmarks.takes.takes TAKES [--out RESULTS] [--only NAME ...] [options of `muybridge run`]
 
-TAKES comes from scripts/assets/takes.py. "found" is the share of a true person's frames, of those in which two cameras
-have four fifths of them in the picture, in which somebody was found within 0.4 m; "switches" are changes of identity;
-"false" is the share of frames, of all people found, in which nobody true was near. Errors are of the final landmarks,
-smoothed and with gaps filled: mean, median, and the share within 5 cm. "swaps" is the share of the limbs' landmarks
-that lie nearer to their twin's true place, of those whose twin is more than 5 cm away.
+TAKES is made by scripts.assets.takes. "found" is the share of a true person's frames (of those in which two cameras
+have four fifths of them in the image) in which somebody was found within 0.4 m; "switches" are changes of identity;
+"false" is the share of frames of found people in which no true person was near. Errors are of the final landmarks,
+smoothed and with gaps filled: mean, median, and the share within 5 cm. "flips" is the share of limb landmarks nearer to
+the true position of their left-right counterpart, of those whose counterpart is more than 5 cm away.
 """
 
 import argparse
 import pathlib
-import subprocess
-import sys
 import time
 
 import numpy as np
@@ -22,6 +19,7 @@ from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.calibration import load_calibration
 from muybridge.motion.formats.points.trc import read_trc
 from muybridge.train.keypoints.evaluate import LIMB, MIRROR
+from scripts.benchmarks.common import print_header, run_muybridge
 from scripts.benchmarks.takes.people import match, matched_points
 
 APART_M = 0.05
@@ -89,21 +87,18 @@ def main() -> None:
     parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("runs/bench-takes"))
     parser.add_argument("--only", nargs="+", default=[])
     options, rest = parser.parse_known_args()
-    muybridge = pathlib.Path(sys.executable).with_name("muybridge")
-    columns = "take | people | found | switches | false | mean mm | median mm | within 5 cm | swaps | s"
-    print(f"| {columns} |\n" + "|---" * len(columns.split("|")) + "|")
+    columns = "take | people | found | switches | false | mean mm | median mm | within 5 cm | flips | s"
+    print_header(columns.split(" | "))
     for take in sorted(p.parent for p in options.takes.glob("*/calibration.toml")):
         if options.only and take.name not in options.only:
             continue
-        out, began = options.out / take.name, time.monotonic()
-        command = [str(muybridge), "run", str(take), "--everyone", "--out", str(out), "--quiet", *rest]
-        done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode:
-            print(f"| {take.name} | failed: {(done.stderr or done.stdout).strip().splitlines()[-1]} |")
+        out, start = options.out / take.name, time.monotonic()
+        if failure := run_muybridge("run", str(take), "--everyone", "--out", str(out), "--quiet", *rest):
+            print(f"| {take.name} | failed: {failure} |")
             continue
         figures = score(take, out)
         cells = [f"{v:{DIGITS.get(k, '.3f')}}" for k, v in figures.items()]
-        print(f"| {take.name} | {' | '.join(cells)} | {time.monotonic() - began:.0f} |", flush=True)
+        print(f"| {take.name} | {' | '.join(cells)} | {time.monotonic() - start:.0f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -208,7 +208,7 @@ def test_films_are_paired_by_their_time_stamps(make_video, tmp_path, capfd):
     first, second = find_images(tmp_path)
     assert first.moments.tolist() == [10, 11, 12, 13] and second.moments.tolist() == [11, 12, 13, 14]
     (tmp_path / "timestamps.csv").write_text("\n".join(rows[:-1]))
-    with pytest.raises(CalibrationError, match="3 rows for cam_1, whose film has 4 frames"):
+    with pytest.raises(CalibrationError, match="3 rows for cam_1, whose video has 4 frames"):
         find_images(tmp_path)
     (tmp_path / "timestamps.csv").write_text("\n".join(rows[:5]))
     with pytest.raises(CalibrationError, match="no rows for cam_1; it has cam_id 0"):

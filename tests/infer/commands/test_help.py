@@ -95,7 +95,9 @@ def test_options_reach_the_command():
 def test_common_options_exist():
     for name, entry in app.find_commands().items():
         common = getattr(importlib.import_module(entry.module), "COMMON_OPTIONS", {}).get(entry.attr, ())
-        known = {a.dest.split(".")[-1].replace("-", "_") for a in parsing.parser_of(entry.load(), name)._actions}
+        parser = parsing.parser_of(entry.load(), name)
+        subs = [p for a in parser._actions if isinstance(a.choices, dict) for p in a.choices.values()]
+        known = {a.dest.split(".")[-1].replace("-", "_") for p in (parser, *subs) for a in p._actions}
         assert set(common) <= known, name
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from muybridge.infer.detection.exposure import light_up, stretch, well_exposed
+from muybridge.infer.detection.exposure import brighten_crops, stretch_contrast, stretch_frames
 
 
 @pytest.fixture
@@ -17,7 +17,7 @@ def picture():
 
 def stretched(frame):
     frame = frame.copy()
-    stretch(frame)
+    stretch_contrast(frame)
     return frame
 
 
@@ -39,7 +39,7 @@ def test_dark_and_flat_pictures_are_drawn_apart_and_nobody_is_cut_off(picture, g
 def test_light_that_fades_changes_little_from_frame_to_frame(picture):
     light = np.linspace(1.0, 0.3, 60)
     frames = np.stack([(picture * share).astype(np.uint8) for share in light])
-    level = next(well_exposed([frames])).mean((1, 2, 3))
+    level = next(stretch_frames([frames])).mean((1, 2, 3))
     assert np.abs(np.diff(level)).max() < 4 and level.min() > 0.5 * level.max()
 
 
@@ -57,7 +57,7 @@ def test_who_stands_in_the_dark_before_a_window_is_lit_up(picture):
     crops = np.stack([crop, crop])
     crops[1, ..., :3] = picture[:128, :128]
     bright = crops[1].copy()
-    light_up(crops)
+    brighten_crops(crops)
     assert (crops[1] == bright).all()
     gain = crops[0, 60, 60, 0] / max(dim[60, 60, 0], 1)
     assert 2 < gain <= 6 and crops[0, 0, 0, 3] == pytest.approx(7 * gain, abs=1)
@@ -70,12 +70,12 @@ def test_somebody_who_alone_is_lit_is_left_alone(picture):
     crops = (0.18 * picture[None, :128, :128]).astype(np.uint8)
     crops[0, 40:90, 60:70] = 170  # three in a hundred of the crop
     before = crops.copy()
-    light_up(crops)
+    brighten_crops(crops)
     assert (crops == before).all()
 
 
 def test_crops_without_anything_to_see_are_left_alone():
     for value in (0, 255):
         crops = np.full((1, 32, 32, 3), value, np.uint8)
-        light_up(crops)
+        brighten_crops(crops)
         assert (crops == value).all()

@@ -12,7 +12,7 @@ from muybridge.infer.detection.detect import (
     CameraResult,
     DetectOptions,
     file_names,
-    first_look,
+    first_pass,
     is_finished,
 )
 from muybridge.infer.detection.orientation import FrameOrientation, Letterbox
@@ -181,7 +181,7 @@ def test_what_a_run_has_read_is_found_again_by_others(make_session, staged, stag
     store = StageStore(take / "muybridge" / "work")
     names, models = file_names(session.cameras.names), staged_people.staged_models(options)
     # A run that reads every view again reads it once at first, whatever is asked.
-    assert is_finished(session, names, models, store, first_look(options))
+    assert is_finished(session, names, models, store, first_pass(options))
     assert not is_finished(session, names, models, store, options)
     (store.folder / "landmarks-cam2.npz").unlink()
-    assert not is_finished(session, names, models, store, first_look(options))
+    assert not is_finished(session, names, models, store, first_pass(options))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from muybridge.geometry.landmarks.sets import BODY23
-from muybridge.infer.detection.resample import Repeats, frozen, in_time, on_time, repeats_notice
+from muybridge.infer.detection.frozen_frames import RepeatedFrames, find_frozen, repeats_notice
+from muybridge.infer.detection.resample import on_time, resample_tracks
 from muybridge.infer.detection.tracks import CameraTracks, LandmarkArrays, by_name
 from muybridge.infer.session.probe import probe_video
 from muybridge.infer.session.video import read_chunks
@@ -46,14 +47,14 @@ NONE = np.zeros(40, bool)
 
 def test_frames_that_are_on_time_stay_as_they_are():
     there = tracks(np.arange(40) * 5)
-    assert in_time(session(40), 0, there, NONE) is there
+    assert resample_tracks(session(40), 0, there, NONE) is there
 
 
 def test_landmarks_are_put_at_the_moments():
     """Frames up to 12 ms late or early, of somebody who moves evenly."""
     late = np.random.default_rng(3).uniform(-0.012, 0.012, 40)
     times = np.arange(40) / FPS + late
-    found = in_time(session(40, late), 0, tracks(150 * times), NONE)
+    found = resample_tracks(session(40, late), 0, tracks(150 * times), NONE)
     inside = slice(1, -1)
     assert np.abs(150 * times - 150 * np.arange(40) / FPS).max() > 1
     assert at(found)[inside] == pytest.approx(150 * np.arange(40)[inside] / FPS, abs=0.1)
@@ -66,28 +67,28 @@ def test_repeated_pictures_say_where_somebody_was(how):
     source = np.arange(40) // 3 * 3
     shown = tracks(5.0 * source)
     if how == "repeated":
-        found = in_time(session(40), 0, shown, np.arange(40) % 3 > 0)
+        found = resample_tracks(session(40), 0, shown, np.arange(40) % 3 > 0)
     else:
-        found = in_time(session(40, index=source), 0, shown, NONE)
+        found = resample_tracks(session(40, index=source), 0, shown, NONE)
     assert at(found) == pytest.approx(5.0 * np.minimum(np.arange(40), 39))
 
 
-def test_of_a_camera_that_hung_nothing_is_made_up_unless_they_stood_still():
+def test_frozen_frames_are_missing_unless_the_person_stood_still():
     source = np.where(np.arange(40) < 10, np.arange(40), np.where(np.arange(40) < 30, 10, np.arange(40)))
     repeats = np.append(False, np.diff(source) == 0)
-    moved = in_time(session(40), 0, tracks(5.0 * source), repeats)
+    moved = resample_tracks(session(40), 0, tracks(5.0 * source), repeats)
     assert np.isnan(at(moved)[11:30]).all() and np.isfinite(at(moved)[[*range(11), *range(30, 40)]]).all()
     assert (moved.ids[11:30] == -1).all() and not moved.body.score[11:30].any()
-    still = in_time(session(40), 0, tracks(0.01 * source), repeats)
+    still = resample_tracks(session(40), 0, tracks(0.01 * source), repeats)
     assert np.isfinite(at(still)).all() and at(still) == pytest.approx(0.01 * np.arange(40), abs=0.01)
-    ended = in_time(session(40), 0, tracks(5.0 * np.minimum(np.arange(40), 30)), np.arange(40) > 30)
-    assert np.isnan(at(ended)[31:]).all(), "a film that hangs to its end, which `frozen` tells, shows nothing there"
+    ended = resample_tracks(session(40), 0, tracks(5.0 * np.minimum(np.arange(40), 30)), np.arange(40) > 30)
+    assert np.isnan(at(ended)[31:]).all(), "a video that is frozen to its end shows nothing there"
 
 
 def test_nobody_is_put_between_two_people():
     ids = np.where(np.arange(40) < 20, 0, 1)
     repeats = np.isin(np.arange(40), [19, 18, 17])
-    found = in_time(session(40), 0, tracks(5.0 * np.arange(40), ids), repeats)
+    found = resample_tracks(session(40), 0, tracks(5.0 * np.arange(40), ids), repeats)
     assert (found.ids[[17, 18], 0] == -1).all() and at(found)[16] == 80 and at(found)[20] == 100
 
 
@@ -105,10 +106,10 @@ def film(path, positions, step=40, depth=180):
 
 def test_repeated_pictures_are_seen_in_an_encoded_film(tmp_path):
     source = np.arange(40) // 2 * 2
-    repeats = Repeats()
+    repeats = RepeatedFrames()
     for chunk in read_chunks(film(tmp_path / "film.mp4", 20 + 4 * source)):
         for frame in chunk:
-            repeats.see(frame)
+            repeats.add(frame)
     assert np.flatnonzero(repeats.confirmed(tracks(4.0 * source))).tolist() == list(range(1, 39, 2))
     assert not repeats.confirmed(tracks(0.01 * source)).any(), "of somebody who stands still it does not matter"
 
@@ -116,33 +117,33 @@ def test_repeated_pictures_are_seen_in_an_encoded_film(tmp_path):
 def test_pictures_that_are_only_alike_are_no_repeats(tmp_path):
     """Somebody who hardly differs from the ground: the pictures do not tell that they move, their landmarks do."""
     x = 4.0 * np.arange(40)
-    repeats = Repeats()
+    repeats = RepeatedFrames()
     for chunk in read_chunks(film(tmp_path / "film.mp4", 20 + x, depth=-6)):
         for frame in chunk:
-            repeats.see(frame)
+            repeats.add(frame)
     assert np.mean(repeats._told) > 0.3
     assert not repeats.confirmed(tracks(x)).any()
 
 
-def test_a_film_that_hangs_to_its_end_is_told_by_the_others():
+def test_a_video_frozen_to_its_end_is_found_by_the_other_cameras():
     walks, stays = tracks(np.arange(40) * 5), tracks(np.zeros(40))
     froze = tracks(np.minimum(np.arange(40), 19) * 5)
-    assert frozen([froze, walks], [20, 40], FPS) == [20, None]
-    # Not where the others see somebody stand still as well, for a moment alone, or where all films do.
-    assert frozen([froze, stays], [20, 40], FPS) == [None, None]
-    assert frozen([froze, walks], [36, 40], FPS) == [None, None]
-    assert frozen([froze, froze], [20, 20], FPS) == [None, None]
-    left = in_time(session(40), 0, froze, np.arange(40) >= 20)
+    assert find_frozen([froze, walks], [20, 40], FPS) == [20, None]
+    # Not where the others see somebody stand still as well, for a moment alone, or where all videos do.
+    assert find_frozen([froze, stays], [20, 40], FPS) == [None, None]
+    assert find_frozen([froze, walks], [36, 40], FPS) == [None, None]
+    assert find_frozen([froze, froze], [20, 20], FPS) == [None, None]
+    left = resample_tracks(session(40), 0, froze, np.arange(40) >= 20)
     assert (left.ids[:20] == 0).all() and (left.ids[20:] == -1).all() and np.isnan(left.body.points_px[20:]).all()
 
 
 def test_pictures_that_are_alike_to_the_end_are_counted():
     pictures = np.random.default_rng(0).integers(0, 255, (6, 40, 40, 3)).astype(np.uint8)
     for shown, expected in (([0, 1, 2, 2, 2], 3), ([0, 1, 1, 2], 4), ([0, 0, 0], 1)):
-        repeats = Repeats()
+        repeats = RepeatedFrames()
         for k in shown:
-            repeats.see(pictures[k])
-        assert repeats.alike_from == expected
+            repeats.add(pictures[k])
+        assert repeats.still_from == expected
 
 
 def test_a_camera_may_have_more_frames_than_the_take():
@@ -153,7 +154,7 @@ def test_a_camera_may_have_more_frames_than_the_take():
 
 def test_a_film_that_repeats_pictures_is_named():
     said = repeats_notice(session(40), 0, np.arange(40) % 2 == 1)
-    assert said is not None and said.startswith("cam1.mp4 shows the picture before once more in 20 of 40 frames")
+    assert said is not None and said.startswith("cam1.mp4 repeats the frame before in 20 of 40 frames")
     assert repeats_notice(session(40), 0, np.arange(40) < 2) is None
 
 

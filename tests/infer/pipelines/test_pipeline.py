@@ -259,7 +259,7 @@ def _cut(path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda f, _: [v.unlink() for v in (f / "videos").iterdir()], ["videos", "put one film a camera"]),
+        (lambda f, _: [v.unlink() for v in (f / "videos").iterdir()], ["videos", "put one video per camera"]),
         (lambda f, _: _cut(f / "videos/cam2.mp4"), ["cam2.mp4", "copy or export it again"]),
         (
             lambda f, video: (
@@ -310,7 +310,7 @@ def test_a_results_folder_that_cannot_be_written_is_refused(take, staged, tmp_pa
 @pytest.mark.parametrize("place", [".", "videos", "videos/results", "muybridge/.."])
 def test_results_never_go_over_the_input(take, staged, place):
     before = snapshot(take)
-    refused(staged("run", take, "--out", take / place), "never go over the input", "--out")
+    refused(staged("run", take, "--out", take / place), "takes no results", "--out")
     assert [n for n in snapshot(take) if n not in before] == []
 
 

@@ -39,7 +39,7 @@ def turned(cameras: CameraGroup, degrees: float) -> CameraGroup:
 
 def test_right_cameras_stay(filmed: tuple[Session, Keypoints2D], tmp_path: Path) -> None:
     session, keypoints = filmed
-    found, _ = refine_cameras.refined(session, keypoints, "", StageStore(tmp_path), Progress(quiet=True))
+    found, _ = refine_cameras.refine(session, keypoints, "", StageStore(tmp_path), Progress(quiet=True))
     assert found.cameras == session.cameras
     assert "were not refined" in found.notices[-1]
 
@@ -48,7 +48,7 @@ def test_right_cameras_stay(filmed: tuple[Session, Keypoints2D], tmp_path: Path)
 def test_a_turned_camera_is_turned_back(filmed: tuple[Session, Keypoints2D], tmp_path: Path, degrees: float) -> None:
     session, keypoints = filmed
     wrong = replace(session, cameras=turned(session.cameras, degrees))
-    found, _ = refine_cameras.refined(wrong, keypoints, "", StageStore(tmp_path), Progress(quiet=True))
+    found, _ = refine_cameras.refine(wrong, keypoints, "", StageStore(tmp_path), Progress(quiet=True))
     assert "cam1 by " in found.notices[-1] and "were refined" in found.notices[-1]
     off = [np.degrees(Rotation.from_matrix(rig.cameras[0].rotation @ session.cameras[0].rotation.T).magnitude())
            for rig in (wrong, found)]  # fmt: skip
@@ -62,6 +62,6 @@ def test_a_few_per_cent_are_no_gain(
     session, keypoints = filmed
     other = turned(session.cameras, 1.0)
     monkeypatch.setattr(refine_cameras, "_poses", lambda *_: (other.cam_from_world, 10.0, after))
-    found, stage = refine_cameras.refined(session, keypoints, "", StageStore(tmp_path), Progress(quiet=True))
+    found, stage = refine_cameras.refine(session, keypoints, "", StageStore(tmp_path), Progress(quiet=True))
     assert found.cameras == (other if better else session.cameras) and stage is not None
-    assert ("hardly be better" in found.notices[-1]) != better
+    assert ("hardly improve them" in found.notices[-1]) != better

@@ -22,7 +22,7 @@ from muybridge.geometry.calibration.diagnosis.quality import (
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.pipelines.calibration.check import format_summary
 from muybridge.infer.reconstruction.judge import person_to_check
-from muybridge.infer.reconstruction.judge_calibration import packed, unpacked
+from muybridge.infer.reconstruction.judge_calibration import pack_quality, unpack_quality
 from muybridge.infer.report.calibration_findings import calibration_findings
 from muybridge.infer.report.calibration_page import CalibrationPage, render_calibration
 from tests.rigs import ring_of_cameras
@@ -83,8 +83,8 @@ def test_of_two_cameras_none_can_be_left_out(staged_people: ModuleType) -> None:
 
 
 def test_a_judgement_survives_the_results_folder(turned: CalibrationQuality) -> None:
-    arrays, facts = packed(turned)
-    back = unpacked(turned.cameras, arrays, facts)
+    arrays, facts = pack_quality(turned)
+    back = unpack_quality(turned.cameras, arrays, facts)
     page = CalibrationPage("same", turned)
     assert render_calibration(page) == render_calibration(CalibrationPage("same", back))
     assert back.diagnosis is not None and turned.diagnosis is not None

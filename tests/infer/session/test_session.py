@@ -136,7 +136,7 @@ def test_rates_that_nearly_agree_are_paired_by_time_where_films_end_together(mak
     session = open_session(folder)
     assert session.fps == 30 and session.frames >= 999
     assert session.frame_indices[2, 990] == round(990 * 29.88 / 30) and abs(session.late).max() < 0.02
-    assert any("the films end together" in text for text in session.notices)
+    assert any("the videos end together" in text for text in session.notices)
     make_video(folder / "videos" / "cam3.mp4", frames=1000, fps=29.88)
     session = open_session(folder)
     assert session.late is None and any("0.13 s apart" in text for text in session.notices)
@@ -359,7 +359,7 @@ def test_tables_of_times_that_do_not_fit_are_refused(make_session):
     times = [k / 30 for k in range(5)]
     for table, what in (
         ({"1": times, "2": times}, "no rows for cam3"),
-        ({"1": times, "2": times, "3": times[:4]}, "4 rows for cam3, whose film has 5 frames"),
+        ({"1": times, "2": times, "3": times[:4]}, "4 rows for cam3, whose video has 5 frames"),
         ({"1": times, "2": times, "3": [9 + t for t in times]}, "not taken at the same time"),
     ):
         write_times(path, table)

@@ -161,7 +161,7 @@ def test_an_unknown_set_suggests_one():
 LABELS, NAMES = ("LWRA", "LWRB", "LTOE"), ("*1", "*2", "*3", "*4")
 
 
-def corrected(tmp_path, text, label, column=None):
+def correct_joints(tmp_path, text, label, column=None):
     (tmp_path / "c.txt").write_text(text)
     column = np.tile(np.arange(label.shape[1]), (len(label), 1)) if column is None else column
     return apply_corrections(label, column, read_corrections(tmp_path / "c.txt"), LABELS, NAMES, tmp_path / "c.txt")
@@ -170,7 +170,7 @@ def corrected(tmp_path, text, label, column=None):
 def test_corrections_exchange_delete_and_name(tmp_path):
     label = np.tile([0, 1, 2, -1], (10, 1))
     text = "# settled\n2-4 LWRA LWRB\n2-4 LWRB LWRA\n5 LTOE delete\n7-9 *4 LTOE\n"
-    out, said = corrected(tmp_path, text, label)
+    out, said = correct_joints(tmp_path, text, label)
     assert out[3].tolist() == [1, 0, 2, -1] and out[5].tolist() == [0, 1, -1, -1]
     assert out[8].tolist() == [0, 1, -1, 2] and out[0].tolist() == [0, 1, 2, -1]  # who bore the name loses it
     assert said[0] == "LWRA called LWRB in 3 frames" and len(said) == 4
@@ -183,4 +183,4 @@ def test_corrections_exchange_delete_and_name(tmp_path):
 ])  # fmt: skip
 def test_faulty_corrections_are_named_with_their_line(tmp_path, text, what):
     with pytest.raises(FormatError, match=what):
-        corrected(tmp_path, text, np.tile([0, 1, 2, -1], (10, 1)))
+        correct_joints(tmp_path, text, np.tile([0, 1, 2, -1], (10, 1)))

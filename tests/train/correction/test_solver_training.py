@@ -17,7 +17,7 @@ from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.rigid_bones import body_through
 from muybridge.geometry.skeleton.statistical_body import marker_body, without_rolls
-from muybridge.infer.networks.correction import SolverNetwork, corrected
+from muybridge.infer.networks.correction import SolverNetwork, correct_joints
 from muybridge.models.correction.features import apply_corrections, carriers, mirrored, solver_input, target_of
 from muybridge.models.correction.network import JOINT_FEATURES, MARKER_FEATURES, SPANS, SolverNet
 from muybridge.motion.formats.skeletal.bvh import read_bvh
@@ -129,7 +129,7 @@ def test_the_file_says_what_torch_says_and_corrects_nothing_untrained(
     assert parity(net, tmp_path / "other.onnx") < 1e-4
     points, columns = still
     fit = fit_markers(points, columns, 60.0, MarkerFitOptions(calibration_frames=20))
-    same = corrected(fit, points, SolverNetwork(path))
+    same = correct_joints(fit, points, SolverNetwork(path))
     assert np.abs(same.motion.joint_positions_world() - fit.motion.joint_positions_world()).max() < 1e-4
 
 

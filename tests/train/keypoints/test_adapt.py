@@ -116,7 +116,7 @@ def test_footage_survives_its_file(tmp_path):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(FormatError, match=name):
             load_pseudo_labels(tmp_path / name)
-    with pytest.raises(FormatError, match="muybridge adapt"):
+    with pytest.raises(FormatError, match="save_pseudo_labels"):
         load_pseudo_labels(tmp_path / "absent")
     save_pseudo_labels(path, before._replace(agreed=before.agreed[:5]))
     with pytest.raises(FormatError, match="belong together"):

@@ -70,7 +70,7 @@ def test_a_share_that_is_none_is_refused(tmp_path: pathlib.Path) -> None:
 def test_training_notes_which_renders_are_hard(
     store: pathlib.Path, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(keypoints, "_LOOKED_UP", 2)
+    monkeypatch.setattr(keypoints, "_REFRESH_BATCHES", 2)
     noted: list[float] = []
     draw = keypoints.drawing_probability
 
