@@ -21,8 +21,9 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.clothing.sample import sample_outfit
 from muybridge.train.synthesis.rendering.multi_person_takes import view_of
-from muybridge.train.synthesis.rendering.renderer import Renderer, look_at
+from muybridge.train.synthesis.rendering.renderer import Renderer
 from muybridge.train.synthesis.rendering.takes import Room, choreograph, draw_frame, perform
+from muybridge.train.synthesis.rendering.view import look_at
 
 SEED, SECONDS, FPS = 20261, 4.0, 25
 WIDTH, HEIGHT, FOCAL_PX = 640, 480, 560.0

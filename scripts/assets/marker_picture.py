@@ -17,7 +17,8 @@ from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.bodies.surface_markers import TABLE
 from muybridge.train.synthesis.clothing.sample import Outfit, bare_outfit
-from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
+from muybridge.train.synthesis.rendering.renderer import Renderer
+from muybridge.train.synthesis.rendering.view import View, look_at
 
 DOCS = pathlib.Path(__file__).parents[2] / "docs"
 # Centre (metres), width (metres), direction to the camera, height and width (pixels), and which markers: all, or

@@ -27,11 +27,12 @@ from muybridge.models.keypoints.decode import in_part
 from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS, KeypointModelCard, keypoint_card
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
 from muybridge.models.onnx_files.quantization import int8_path, quantize
+from muybridge.train.engine.export import dated_version
 from muybridge.train.images.backgrounds import make_backgrounds
 from muybridge.train.images.compositor import WHOLE, Batch, Compositor
 from muybridge.train.images.dataset import HELD_OUT
 from muybridge.train.keypoints.evaluate import load_model, read_batch
-from muybridge.train.keypoints.export import CALIBRATION_IMAGES, calibration, version
+from muybridge.train.keypoints.export import CALIBRATION_IMAGES, calibration
 from muybridge.train.keypoints.train import evaluate
 from muybridge.train.keypoints.variance_calibration import (
     LEAST_LANDMARKS,
@@ -111,7 +112,7 @@ def main() -> None:
     close_ups = [near.batch(64) for _ in batches]
     scores = evaluate(keypoint_net_from_onnx(path), batches[:8])
     measured = calibration(*read_held_out(reader_of(session, card), batches))
-    new = {"input_size": str(size), "version": version(), **measured}
+    new = {"input_size": str(size), "version": dated_version(), **measured}
     new["scores"] = {key: round(value, 4) for key, value in scores.items()}
     model = onnx.load(str(path))
     metadata = {entry.key: entry.value for entry in model.metadata_props} | text(new)

@@ -135,7 +135,8 @@ def test_labels_project_where_the_renderer_draws_them(body):
     """From each side of a nearly naked body a marker counts as seen just where its skin is the drawn surface."""
     from muybridge.errors import MissingExtraError
     from muybridge.train.synthesis.clothing.sample import sample_outfit
-    from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
+    from muybridge.train.synthesis.rendering.renderer import Renderer
+    from muybridge.train.synthesis.rendering.view import View, look_at
 
     try:
         renderer = Renderer(body)

@@ -19,9 +19,10 @@ from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
 from muybridge.train.synthesis.clothing.sample import bare_outfit, sample_outfit  # noqa: E402
 from muybridge.train.synthesis.rendering import renderer as render  # noqa: E402
 from muybridge.train.synthesis.rendering.close_ups import cut_boxes, map_cuts, sample_close_up  # noqa: E402
-from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at  # noqa: E402
+from muybridge.train.synthesis.rendering.renderer import Renderer  # noqa: E402
 from muybridge.train.synthesis.rendering.store import SIZE, RenderSet, sample_view  # noqa: E402
 from muybridge.train.synthesis.rendering.takes import choreograph, perform  # noqa: E402
+from muybridge.train.synthesis.rendering.view import View, look_at  # noqa: E402
 
 
 @pytest.fixture(scope="module")
