@@ -31,9 +31,9 @@ def convert(
 ) -> int:
     """Convert points or motion between file formats, which the suffixes name.
 
-    Points: .trc, .c3d, .csv, .parquet, .npz, and .tsv to read. Motion: .bvh, .amc, .glb, .fbx, and .gltf, .vrm, .vrma
-    to read, .usda, .mot to write. A motion is written to a format of points as the positions of its joints. Points have
-    no joint rotations: `muybridge solve` fits a body to them.
+    Points: .trc, .c3d, .csv, .parquet, .npz, and .tsv to read. Motion: .bvh, .amc, .glb, .fbx, and .gltf, .vrm and
+    .vrma to read, .usda, .mot to write. A motion is written to a format of points as the positions of its joints.
+    Points have no joint rotations: `muybridge solve` fits a body to them.
 
     Example:
         muybridge convert results/motion.bvh results/motion.fbx

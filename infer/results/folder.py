@@ -95,17 +95,15 @@ def open_output(
     """
     refuse_root(path)
     place = path.resolve()
-    default = "name another folder with --out"
-    if session is not None:
-        default = "leave out --out to get the folder `muybridge` inside the session"
+    elsewhere = "other_folder" if session is None else "session_results"
     if any((path / name).is_dir() for name in VIDEO_FOLDERS):
-        raise OutputError(f"{path} is a session's own folder, which takes no results; {default}")
+        raise OutputError(f"{path} is a session's own folder, which takes no results", remedy=elsewhere)
     if any(_inside(place, folder) for folder in {i.resolve().parent for i in inputs}):
-        raise OutputError(f"{path} is the folder of the input, which takes no results; {default}")
+        raise OutputError(f"{path} is the folder of the input, which takes no results", remedy=elsewhere)
     if place.exists() and not place.is_dir():
-        raise OutputError(f"{path} is a file; --out must name a folder")
+        raise OutputError(f"{path} is a file, and results need a folder", remedy="other_folder")
     if _foreign_work(path / WORK):
-        raise OutputError(f"{path / WORK} was not made by muybridge: choose another --out or move it")
+        raise OutputError(f"{path / WORK} was not made by muybridge", remedy="move_folder")
     make_writable(path / WORK)
     if not is_ours(path):
         _write_manifest(path / WORK, "", {})
@@ -114,13 +112,13 @@ def open_output(
     directories = [n for n in foreign if (path / n).is_dir()]
     if directories or (foreign and not overwrite):
         raise OutputError(
-            f"{path} already has {', '.join(directories or foreign)}, changed or made by something else: "
-            f"move it, choose another --out{'' if directories else ', or give --overwrite'}"
+            f"{path} already has {', '.join(directories or foreign)}, changed or made by something else",
+            remedy="move_folder" if directories else "foreign_files",
         )
     if session is not None and session.resolve() not in place.parents:  # a session may be moved with its results
         of = str(session.resolve())
         if output.of not in ("", of) and not overwrite and any(output.owns(name) for name in output.names):
-            raise OutputError(f"{path} has the results of {output.of}: choose another --out, or give --overwrite")
+            raise OutputError(f"{path} has the results of {output.of}", remedy="other_session")
         output.of = of
     remove_abandoned(path / WORK)
     return output

@@ -23,7 +23,7 @@ ROLLED = Camera(
 )  # fmt: skip
 
 
-def test_background_plate_forgets_who_moves() -> None:
+def test_background_plate_omits_moving_people() -> None:
     rng = np.random.default_rng(0)
     scene = rng.integers(0, 200, (64, 96, 3), dtype=np.uint8)
     letterbox = Letterbox(FrameOrientation(96, 64), 96)
@@ -46,7 +46,7 @@ def test_background_plate_forgets_who_moves() -> None:
     assert moving(np.stack([scene, frame] * 5)).difference.max() == 0 and moving.plate is None
 
 
-def test_a_camera_that_exposes_anew_shows_nobody_where_nobody_is() -> None:
+def test_exposure_changes_are_no_difference_to_the_background() -> None:
     rng = np.random.default_rng(0)
     scene = rng.integers(30, 180, (96, 128, 3)).astype(np.uint8)
     backdrop = BackgroundModel(Letterbox(FrameOrientation(128, 96), 128), known=scene)
@@ -63,7 +63,7 @@ def test_a_camera_that_exposes_anew_shows_nobody_where_nobody_is() -> None:
     assert backdrop(other[None]).difference.mean() == pytest.approx(np.abs(other - scene.astype(float)).mean() / 255)
 
 
-def test_who_sways_in_one_place_is_not_in_the_background() -> None:
+def test_a_swaying_person_is_removed_from_the_background() -> None:
     """In most frames' way and not in all: the median shows the person, what is free of their silhouette the scene."""
     rng = np.random.default_rng(0)
     scene = rng.integers(0, 200, (128, 96, 3), dtype=np.uint8)
@@ -110,7 +110,7 @@ def test_crops_of_the_difference_lie_on_those_of_the_frame(camera: Camera | None
     assert backdrop.difference_in(crops_for_boxes(box + [-900, 0, -900, 0], CROP), backdrop(frame[None]), 0).max() == 0
 
 
-def test_the_shipped_network_sees_the_plate_and_does_without() -> None:
+def test_the_shipped_network_works_with_and_without_the_background() -> None:
     network = KeypointNetwork(shipped_model("keypoints"))
     assert network.channels == 4
     side = network.crop_size

@@ -21,12 +21,12 @@ def stretched(frame):
     return frame
 
 
-def test_a_picture_that_uses_its_range_is_left_alone(picture):
+def test_an_image_that_uses_its_range_is_unchanged(picture):
     assert np.array_equal(stretched(picture), picture)
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(0.2, 0.0), (0.1, 0.0), (0.2, 115.0), (0.2, 205.0)])
-def test_dark_and_flat_pictures_are_drawn_apart_and_nobody_is_cut_off(picture, gain, offset):
+def test_dark_and_flat_images_are_stretched_without_clipping_people(picture, gain, offset):
     poor = (picture * gain + offset).astype(np.uint8)
     after = stretched(poor)
     assert np.ptp(after.astype(int)) > min(130, 4 * np.ptp(poor.astype(int)))
@@ -36,7 +36,7 @@ def test_dark_and_flat_pictures_are_drawn_apart_and_nobody_is_cut_off(picture, g
     assert np.corrcoef(after[person].ravel(), poor[person].ravel())[0, 1] > 0.98
 
 
-def test_light_that_fades_changes_little_from_frame_to_frame(picture):
+def test_fading_light_changes_the_stretch_gradually(picture):
     light = np.linspace(1.0, 0.3, 60)
     frames = np.stack([(picture * share).astype(np.uint8) for share in light])
     level = next(stretch_frames([frames])).mean((1, 2, 3))
@@ -44,12 +44,12 @@ def test_light_that_fades_changes_little_from_frame_to_frame(picture):
 
 
 @pytest.mark.parametrize("value", [0, 7, 128, 255])
-def test_a_picture_of_one_colour_stays_as_it_is(value):
+def test_an_image_of_one_colour_is_unchanged(value):
     frame = np.full((40, 60, 3), value, np.uint8)
     assert np.array_equal(stretched(frame), frame)
 
 
-def test_who_stands_in_the_dark_before_a_window_is_lit_up(picture):
+def test_a_dark_person_in_front_of_a_window_is_brightened(picture):
     dim = (0.18 * picture[:128, :128]).astype(np.uint8)
     dim[:40, :60] = 255  # the window
     dim[-10:] = 0  # beyond the picture
@@ -66,7 +66,7 @@ def test_who_stands_in_the_dark_before_a_window_is_lit_up(picture):
     assert 140 < np.quantile(shown, 0.99) < 160
 
 
-def test_somebody_who_alone_is_lit_is_left_alone(picture):
+def test_a_lit_person_in_the_dark_is_unchanged(picture):
     crops = (0.18 * picture[None, :128, :128]).astype(np.uint8)
     crops[0, 40:90, 60:70] = 170  # three in a hundred of the crop
     before = crops.copy()
@@ -74,7 +74,7 @@ def test_somebody_who_alone_is_lit_is_left_alone(picture):
     assert (crops == before).all()
 
 
-def test_crops_without_anything_to_see_are_left_alone():
+def test_empty_crops_are_unchanged():
     for value in (0, 255):
         crops = np.full((1, 32, 32, 3), value, np.uint8)
         brighten_crops(crops)

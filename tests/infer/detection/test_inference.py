@@ -144,7 +144,7 @@ def _rolled_camera() -> Camera:
 
 @pytest.mark.parametrize("camera", [None, _rolled_camera()], ids=["uncalibrated", "calibrated"])
 @pytest.mark.parametrize("chunk", [7, 40])
-def test_two_people_are_followed(models: tuple[Path, Path], camera: Camera | None, chunk: int) -> None:
+def test_two_people_are_tracked(models: tuple[Path, Path], camera: Camera | None, chunk: int) -> None:
     truth = _two_people(40)
     rng = np.random.default_rng(0)
     estimator = PoseEstimator(*models, camera=camera)
@@ -217,9 +217,7 @@ def test_a_second_track_on_one_person_is_dropped(models: tuple[Path, Path], monk
     assert np.abs(tracks.body.points_px[:, 0] - center - OFFSETS_PX).max() < 2.5
 
 
-def test_a_track_in_which_nobody_is_to_be_seen_is_dropped(
-    models: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_track_without_a_person_is_dropped(models: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     """A detector that sees somebody in an empty corner, in every frame and without a doubt."""
 
     def also_there(frame: int, found: DetectedPeople) -> DetectedPeople:
@@ -231,15 +229,15 @@ def test_a_track_in_which_nobody_is_to_be_seen_is_dropped(
     for least in (0.0, KeypointOptions().min_confidence):
         estimator = PoseEstimator(*models, options=KeypointOptions(min_confidence=least))
         estimator.process(np.stack([_frame([np.array([300.0, 200.0])])] * 20))
-        people.append(estimator.finish().points_px.shape[1])
+        people.append(estimator.finish().body.points_px.shape[1])
     assert people == [2, 1]
     # Where nobody is surer, even the unsure count.
     estimator = PoseEstimator(*models, options=KeypointOptions(min_confidence=1.0))
     estimator.process(np.stack([_frame([np.array([300.0, 200.0])])] * 20))
-    assert estimator.finish().points_px.shape[1] == 1
+    assert estimator.finish().body.points_px.shape[1] == 1
 
 
-def test_what_nothing_is_known_of_is_missing(models: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unknown_landmarks_are_missing(models: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     """A landmark that nobody can see; a second track on the same person is found out all the same."""
 
     def twice(frame: int, found: DetectedPeople) -> DetectedPeople:
@@ -262,14 +260,14 @@ def test_what_nothing_is_known_of_is_missing(models: tuple[Path, Path], monkeypa
 
 def test_nobody_at_all(models: tuple[Path, Path]) -> None:
     estimator = PoseEstimator(*models)
-    assert estimator.finish().points_px.shape == (0, 1, 3, 2)
+    assert estimator.finish().body.points_px.shape == (0, 1, 3, 2)
     estimator.process(np.stack([_frame([])] * 3))
     tracks = estimator.finish()
     assert tracks.body.points_px.shape == (3, 1, 3, 2) and np.isnan(tracks.body.points_px).all()
 
 
 @pytest.mark.parametrize("every", [1, 4])
-def test_looking_less_often_follows_as_well(models: tuple[Path, Path], every: int) -> None:
+def test_detecting_in_every_nth_frame_tracks_as_well(models: tuple[Path, Path], every: int) -> None:
     options = KeypointOptions(people=PeopleOptions(every=every, background=False))
     estimator = PoseEstimator(*models, options=options)
     positions = np.stack([[150.0 + 3 * t, 200.0] for t in range(40)])
@@ -298,7 +296,7 @@ def test_a_poor_box_is_cropped_again(models: tuple[Path, Path], monkeypatch: pyt
     assert errors[1] <= errors[0] + 0.2
 
 
-def test_frames_that_do_not_fit_are_refused(models: tuple[Path, Path]) -> None:
+def test_frames_of_another_size_are_refused(models: tuple[Path, Path]) -> None:
     estimator = PoseEstimator(*models, camera=_rolled_camera())
     with pytest.raises(ValueError, match="fit the calibration to the video first"):
         estimator.process(np.zeros((1, 100, 100, 3), dtype=np.uint8))
@@ -405,7 +403,7 @@ def test_frames_are_turned_so_that_world_up_is_up(turns: int, tilt: float, roll:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"muybridge_kind": ""}, "not one of muybridge's"),
+        ({"muybridge_kind": ""}, "not a muybridge model"),
         ({"muybridge_kind": "people"}, "of kind 'people' where 'keypoints' is needed"),
         ({"landmark_set": "body23"}, "landmark names are not those of body23"),
         ({"names": '["nose", "left_wrist", "navel"]'}, "twin"),
@@ -419,7 +417,7 @@ def test_frames_are_turned_so_that_world_up_is_up(turns: int, tilt: float, roll:
         ({"box_padding": ""}, "no box_padding"),
     ],
 )
-def test_keypoint_files_that_are_not_ours(tmp_path: Path, changes: dict[str, str], message: str) -> None:
+def test_other_keypoint_files_are_refused(tmp_path: Path, changes: dict[str, str], message: str) -> None:
     path = _tiny_keypoints(tmp_path / "other.onnx", **changes)
     with pytest.raises(ModelError, match=re.escape(message)) as caught:
         KeypointNetwork(path)
@@ -446,7 +444,7 @@ def test_files_that_are_no_networks(
         network(other)
 
 
-def test_card_says_what_the_file_says(models: tuple[Path, Path]) -> None:
+def test_the_card_has_the_files_metadata(models: tuple[Path, Path]) -> None:
     card = KeypointNetwork(models[0]).card
     assert card.landmarks.names == NAMES and card.input_size == CROP and card.version == "0.0.1"
     assert card.spread == SpreadCalibration(1.5, 0.25) and card.box_padding == 1.25
@@ -464,28 +462,20 @@ def test_shipped_models_open(kind: Any) -> None:
         assert network.card.landmarks == BODY23
 
 
-def _python_blocks(path: Path) -> list[str]:
-    return re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), flags=re.DOTALL)
-
-
-def test_the_guides_code_agrees_with_ours(models: tuple[Path, Path], repository: Path) -> None:
-    code, crop_code = _python_blocks(repository / "docs" / "embedding.md")
+def test_the_code_in_the_guide_agrees(models: tuple[Path, Path], repository: Path) -> None:
+    code = (repository / "docs" / "examples" / "02_landmarks_with_uncertainty.py").read_text(encoding="utf-8")
     session = pytest.importorskip("onnxruntime").InferenceSession(str(models[0]), providers=["CPUExecutionProvider"])
-    scope: dict[str, Any] = {
-        "frame": _frame([np.array([300.0, 200.0])]), "boxes_px": np.array([[270.0, 150.0, 330.0, 250.0]]),
-        "input_size": CROP, "camera": None, "points_crop_px": np.zeros((1, 3, 2)),
-    }  # fmt: skip
-    exec(crop_code, scope)
+    crops = crops_for_boxes(np.array([[270.0, 150.0, 330.0, 250.0]]), CROP)
+    pixels = extract_crops(_frame([np.array([300.0, 200.0])]), crops)
+    scope: dict[str, Any] = {"__name__": "example"}
     exec(code, scope)
-    found = scope["find_landmarks"](session, scope["pixels"][0])
+    found = scope["find_landmarks"](session, pixels[0])
     network = KeypointNetwork(models[0])
-    heatmaps, _ = network(scope["pixels"])
+    heatmaps, _ = network(pixels)
     ours = decode_heatmaps(heatmaps, 4, network.card.spread)
     assert tuple(found) == NAMES
     values = np.array(list(found.values()))
     np.testing.assert_allclose(values[:, :2], ours.points_crop_px[0], atol=0.7)
     np.testing.assert_allclose(values[:, 2], np.sqrt(ours.variance_crop_px2[0]), rtol=0.05)
     truth = np.array([300.0, 200.0]) + OFFSETS_PX
-    crops = crops_for_boxes(scope["boxes_px"], CROP)
     np.testing.assert_allclose(crops.to_image(values[None, :, :2])[0], truth, atol=2.0)
-    np.testing.assert_array_equal(scope["pixels"], extract_crops(scope["frame"], crops))

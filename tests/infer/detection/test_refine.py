@@ -94,14 +94,14 @@ def test_a_lost_person_is_found_again(demo, tmp_path):
     # By the picture, not by the prediction: near, and yet never the same.
     away = np.linalg.norm(seen - pixels[1, LOST], axis=-1)
     assert 0 < np.median(away) < 0.03 * side
-    assert again.keypoints.score[1, :10, 1].max() == 0
+    assert again.keypoints["body23"].score[1, :10, 1].max() == 0
     # What was found is kept for a run that resumes.
     twice = look(demo, tmp_path / "work")(slots, points)
     assert all(stage.resumed for stage in twice.stages.values())
     np.testing.assert_array_equal(twice.keypoints["body23"].points_px, again.keypoints["body23"].points_px)
 
 
-def test_nobody_is_invented_where_the_prediction_is_wrong(demo, tmp_path):
+def test_no_person_is_added_where_the_prediction_is_wrong(demo, tmp_path):
     session, points, slots, _ = demo
     world = points.points_world.copy()
     world[LOST] += 1.5 * session.cameras[1].rotation[0]  # a metre and a half beside the person
@@ -110,7 +110,7 @@ def test_nobody_is_invented_where_the_prediction_is_wrong(demo, tmp_path):
     assert again is None or (again.slots[1, LOST] == -1).all()
 
 
-def test_only_views_that_should_see_the_person_are_looked_at(demo, tmp_path):
+def test_only_views_that_should_see_the_person_are_read(demo, tmp_path):
     session, points, slots, _ = demo
     expected = np.zeros(slots.shape, bool)
     expected[1, LOST] = True
@@ -143,7 +143,7 @@ def test_every_view_is_read_again_where_the_person_is(demo, tmp_path):
     np.testing.assert_array_equal(untold.keypoints["body23"].points_px, untold.alone.points_px)
 
 
-def test_what_a_view_says_nothing_of_is_not_made_up_from_what_is_expected():
+def test_an_uninformative_view_does_not_return_the_prior():
     logits = np.zeros((1, 2, 48, 48), np.float32)
     logits[0, 1, 10, 10], logits[0, 1, 30, 30] = 6.0, 7.0
     expected = np.array([[[41.5, 41.5], [41.5, 41.5]]])
@@ -169,12 +169,12 @@ def test_an_even_map_stays_unknown(demo, tmp_path):
     assert np.isnan(alone.found.points_crop_px).any()
 
 
-def test_it_can_be_switched_off(demo, tmp_path):
+def test_refinement_can_be_disabled(demo, tmp_path):
     _, points, slots, _ = demo
     assert look(demo, tmp_path / "work", enabled=False)(slots, points) is None
 
 
-def test_what_a_run_has_read_is_found_again_by_others(make_session, staged, staged_people) -> None:
+def test_other_commands_reuse_the_landmarks_of_a_run(make_session, staged, staged_people) -> None:
     take = make_session(frames=12, width=160, height=120)
     assert staged("run", take, "--quiet").returncode == 0
     session, options = open_session(take), DetectOptions()

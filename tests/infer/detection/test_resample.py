@@ -45,12 +45,12 @@ def at(found):
 NONE = np.zeros(40, bool)
 
 
-def test_frames_that_are_on_time_stay_as_they_are():
+def test_frames_on_time_are_unchanged():
     there = tracks(np.arange(40) * 5)
     assert resample_tracks(session(40), 0, there, NONE) is there
 
 
-def test_landmarks_are_put_at_the_moments():
+def test_landmarks_are_interpolated_to_the_times_of_the_take():
     """Frames up to 12 ms late or early, of somebody who moves evenly."""
     late = np.random.default_rng(3).uniform(-0.012, 0.012, 40)
     times = np.arange(40) / FPS + late
@@ -63,7 +63,7 @@ def test_landmarks_are_put_at_the_moments():
 
 
 @pytest.mark.parametrize("how", ["repeated", "taken twice"])
-def test_repeated_pictures_say_where_somebody_was(how):
+def test_repeated_frames_are_not_used(how):
     source = np.arange(40) // 3 * 3
     shown = tracks(5.0 * source)
     if how == "repeated":
@@ -85,7 +85,7 @@ def test_frozen_frames_are_missing_unless_the_person_stood_still():
     assert np.isnan(at(ended)[31:]).all(), "a video that is frozen to its end shows nothing there"
 
 
-def test_nobody_is_put_between_two_people():
+def test_no_interpolation_between_two_people():
     ids = np.where(np.arange(40) < 20, 0, 1)
     repeats = np.isin(np.arange(40), [19, 18, 17])
     found = resample_tracks(session(40), 0, tracks(5.0 * np.arange(40), ids), repeats)
@@ -104,7 +104,7 @@ def film(path, positions, step=40, depth=180):
     return probe_video(path)
 
 
-def test_repeated_pictures_are_seen_in_an_encoded_film(tmp_path):
+def test_repeated_frames_are_found_in_an_encoded_video(tmp_path):
     source = np.arange(40) // 2 * 2
     repeats = RepeatedFrames()
     for chunk in read_chunks(film(tmp_path / "film.mp4", 20 + 4 * source)):
@@ -114,7 +114,7 @@ def test_repeated_pictures_are_seen_in_an_encoded_film(tmp_path):
     assert not repeats.confirmed(tracks(0.01 * source)).any(), "of somebody who stands still it does not matter"
 
 
-def test_pictures_that_are_only_alike_are_no_repeats(tmp_path):
+def test_similar_frames_are_no_repeats(tmp_path):
     """Somebody who hardly differs from the ground: the pictures do not tell that they move, their landmarks do."""
     x = 4.0 * np.arange(40)
     repeats = RepeatedFrames()
@@ -137,7 +137,7 @@ def test_a_video_frozen_to_its_end_is_found_by_the_other_cameras():
     assert (left.ids[:20] == 0).all() and (left.ids[20:] == -1).all() and np.isnan(left.body.points_px[20:]).all()
 
 
-def test_pictures_that_are_alike_to_the_end_are_counted():
+def test_still_frames_at_the_end_are_counted():
     pictures = np.random.default_rng(0).integers(0, 255, (6, 40, 40, 3)).astype(np.uint8)
     for shown, expected in (([0, 1, 2, 2, 2], 3), ([0, 1, 1, 2], 4), ([0, 0, 0], 1)):
         repeats = RepeatedFrames()
@@ -152,13 +152,13 @@ def test_a_camera_may_have_more_frames_than_the_take():
     assert on_time(session(40, np.zeros(40)), 0, repeats).shape == (40,)
 
 
-def test_a_film_that_repeats_pictures_is_named():
+def test_a_video_with_repeated_frames_is_reported():
     said = repeats_notice(session(40), 0, np.arange(40) % 2 == 1)
     assert said is not None and said.startswith("cam1.mp4 repeats the frame before in 20 of 40 frames")
     assert repeats_notice(session(40), 0, np.arange(40) < 2) is None
 
 
-def test_pictures_of_another_moment_are_not_learned_from():
+def test_frames_of_another_time_are_no_training_data():
     repeats = np.isin(np.arange(6), [2])
     assert on_time(session(6), 0, repeats).tolist() == [True, True, False, True, True, True]
     late = [0, 0.002, 0, -0.02, 0.01, 0]

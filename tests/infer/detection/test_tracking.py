@@ -58,21 +58,21 @@ def test_a_track_goes_on_while_the_detector_misses_it() -> None:
     assert tracker.step(_detected()).ids.max() == -1
 
 
-def test_nobody_looked_is_no_miss() -> None:
+def test_skipped_frames_are_no_misses() -> None:
     tracker = _tracker(coast=2 / 30)
     for t in range(30):
         frame = tracker.step(_detected(_box(200.0 + 6 * t)) if t % 10 == 0 else None)
         assert frame.ids.max() == 0 and not frame.missed.any()
 
 
-def test_accidents_are_forgotten_at_once() -> None:
+def test_single_false_detections_end_at_once() -> None:
     tracker = _tracker()
     tracker.step(_detected(_box(200)))
     assert tracker.step(_detected()).ids.max() == 0
     assert tracker.step(_detected()).ids.max() == -1
 
 
-def test_weak_detections_prolong_but_do_not_begin() -> None:
+def test_weak_detections_prolong_but_do_not_start_tracks() -> None:
     tracker = _tracker(start_score=0.5)
     assert tracker.step(_detected(_box(200), scores=[0.4])).ids.max() == -1
     assert tracker.step(_detected(_box(200), scores=[0.6])).ids.max() == 0
@@ -110,7 +110,7 @@ def test_a_weak_track_makes_room_for_a_strong_newcomer() -> None:
     assert _middle_x(frame, 2) == 1000
 
 
-def test_a_second_box_on_a_tracked_person_begins_nothing() -> None:
+def test_a_second_box_on_a_tracked_person_starts_no_track() -> None:
     tracker = _tracker()
     tracker.step(_detected(_box(200)))
     assert (tracker.step(_detected(_box(200), _box(215))).ids >= 0).sum() == 1
@@ -166,7 +166,7 @@ def test_smoothing_does_not_reach_across_tracks() -> None:
     np.testing.assert_allclose(smooth, [200.0] * 6 + [900.0] * 6)
 
 
-def test_boxes_of_few_frames_a_second_do_not_lag() -> None:
+def test_boxes_at_low_frame_rates_do_not_lag() -> None:
     """Who strides through the picture at 6 frames a second is where the box is, not where it was on average."""
     left = np.array([0, 0, 100, 200, 300, 300, 300.0]) + np.arange(7) ** 2
     frames = [
@@ -176,7 +176,7 @@ def test_boxes_of_few_frames_a_second_do_not_lag() -> None:
     assert np.abs(quick - left).max() < 3 < 20 < np.abs(slow - left).max()
 
 
-def test_landmarks_that_both_are_sure_of_tell_that_two_tracks_are_one_person() -> None:
+def test_confident_landmarks_show_that_two_tracks_are_one_person() -> None:
     rng = np.random.default_rng(0)
     body = rng.uniform([0, 0], [100, 200], (23, 2))
     upper = np.arange(13)

@@ -72,7 +72,7 @@ def test_a_file_with_nothing_to_label_is_refused_in_one_line(files, tmp_path, ca
     assert not (tmp_path / "out" / "labelled.c3d").exists()
 
 
-def test_a_recording_that_is_cut_off_in_its_frames_is_refused(files, tmp_path, capsys):
+def test_a_truncated_recording_is_refused(files, tmp_path, capsys):
     cut = [path for path in files.glob("cut*.c3d") if path.stat().st_size > 1000]
     assert len(cut) == 2
     for path in cut:
@@ -81,7 +81,7 @@ def test_a_recording_that_is_cut_off_in_its_frames_is_refused(files, tmp_path, c
         assert code == 2 and path.name in said.err and len(said.err.splitlines()) == 1, said.err
 
 
-def test_random_points_are_no_hindrance(files, tmp_path, capsys):
+def test_random_points_do_no_harm(files, tmp_path, capsys):
     assert run_command(["label", str(files / "good.c3d"), "--out", str(tmp_path / "out")]) == 0
     assert "of 39 markers" in capsys.readouterr().out
 
@@ -100,7 +100,7 @@ def take():
 
 
 @pytest.mark.parametrize("axis", ["+Z", "+Y", "+X", "-Z"])
-def test_events_channels_and_plates_stay_and_the_axis_is_right(take, tmp_path, monkeypatch, axis):
+def test_events_channels_and_plates_are_kept_and_the_axis_is_right(take, tmp_path, monkeypatch, axis):
     turn = _up("XYZ".index(axis[1]), 1.0 if axis[0] == "+" else -1.0)
     monkeypatch.setattr("muybridge.infer.labelling.label.upright", lambda *a: turn)
     write_c3d(tmp_path / "a.c3d", take)

@@ -68,7 +68,7 @@ def share(found, truth, tolerance=1e-3):
 
 
 @pytest.mark.parametrize("markers", [PLUG_IN_GAIT, CMU, SETS["pig35"]], ids=["pig39", "cmu41", "pig35"])
-def test_bodies_never_seen_are_labelled(clips, network, markers):
+def test_unseen_bodies_are_labelled(clips, network, markers):
     right = [share(label_points(*(taken(c, markers)[:1]), FPS, markers, network).points, taken(c, markers)[1])
              for c in clips[::2]]  # fmt: skip
     assert np.mean(right) > 0.97
@@ -92,7 +92,7 @@ AXES = {"y up": (Y_UP, 1.0), "x down": (X_DOWN, 1.0), "millimetres": (UPRIGHT, 1
 
 
 @pytest.mark.parametrize("name", AXES)
-def test_any_axis_may_point_up_and_any_unit_be_used(clips, network, name):
+def test_any_up_axis_and_any_unit_are_labelled(clips, network, name):
     turn, unit = AXES[name]
     assert np.linalg.det(turn) == pytest.approx(1)
     cloud, truth = taken(clips[2], PLUG_IN_GAIT)
@@ -194,7 +194,7 @@ def test_bad_input_is_one_line_and_exit_code_two(clips, tmp_path, capsys):
     assert run_command(["label", str(tmp_path / "norate.csv"), "--fps", "30", "--out", str(tmp_path / "csv")]) == 0
 
 
-def test_equal_names_and_empty_trajectories_are_no_hindrance(clips, network, tmp_path):
+def test_equal_names_and_empty_trajectories_do_no_harm(clips, network, tmp_path):
     cloud, truth = taken(clips[2], PLUG_IN_GAIT)
     cloud = np.concatenate([cloud, np.full((FRAMES, 3, 3), np.nan)], 1)
     save_c3d(tmp_path / "same.c3d", ["M"] * 42, cloud * 1000, rate=FPS)
@@ -203,7 +203,7 @@ def test_equal_names_and_empty_trajectories_are_no_hindrance(clips, network, tmp
     assert "3 trajectories of the file are empty" in json.loads((tmp_path / "o" / "label.json").read_text())["notes"]
 
 
-def test_of_two_people_the_one_with_more_points_is_labelled_and_it_is_said(clips, network):
+def test_of_two_people_the_one_with_more_points_is_labelled_and_reported(clips, network):
     one, truth = taken(clips[0], PLUG_IN_GAIT)
     other = taken(clips[2], PLUG_IN_GAIT)[0][:, :33]
     other = other - other.mean((0, 1)) + truth.mean((0, 1)) + [2.2, 0, 0]
@@ -215,7 +215,7 @@ def test_of_two_people_the_one_with_more_points_is_labelled_and_it_is_said(clips
 
 
 @pytest.mark.skipif(not SERVE.is_file(), reason="no recordings beside this checkout")
-def test_the_serve_is_labelled_as_the_bars_demand(network):
+def test_the_serve_is_labelled_accurately(network):
     cloud = read_marker_cloud(SERVE)
     names = [n.split(":")[-1] for n in cloud.names]
     truth = cloud.points[:, [names.index(n) for n in PLUG_IN_GAIT.labels]]

@@ -59,12 +59,12 @@ def test_touching_markers_are_split() -> None:
     assert np.linalg.norm(at[:, None] - found[None, :, :2], axis=-1).min(1).max() < 1.0
 
 
-def test_an_empty_picture_has_no_blobs() -> None:
+def test_an_empty_image_has_no_blobs() -> None:
     image = np.random.default_rng(2).normal(14, 4, (200, 300)).clip(0, 255).astype(np.uint8)
     assert len(find_blobs(image, find_threshold([image]))) == 0
 
 
-def test_matching_finds_markers_and_rejects_accidents() -> None:
+def test_matching_finds_markers_and_rejects_ghosts() -> None:
     rng = np.random.default_rng(3)
     cameras = ring_of_cameras(6)
     truth = cloud(40, 45, rng)
@@ -97,14 +97,14 @@ def test_matching_finds_markers_and_rejects_accidents() -> None:
     assert (np.nan_to_num(gap, nan=9.0).min(2)[good] > 0.01).sum() == 0
 
 
-def test_nothing_seen_is_nothing_found() -> None:
+def test_no_blobs_give_no_points() -> None:
     cameras = ring_of_cameras(3)
     assert len(match_points(cameras, [np.zeros((0, 2))] * 3).points) == 0
     one = [np.array([[500.0, 500.0]]), np.zeros((0, 2)), np.zeros((0, 2))]
     assert len(match_points(cameras, one, None, MatchOptions()).points) == 0
 
 
-def test_a_session_of_marker_videos_goes_the_whole_way(tmp_path: Path) -> None:
+def test_a_session_of_marker_videos_is_processed(tmp_path: Path) -> None:
     """Videos in; named markers and a skeleton out."""
     from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
     from muybridge.geometry.skeleton.statistical_body import marker_body

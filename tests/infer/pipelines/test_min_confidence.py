@@ -38,7 +38,7 @@ def solved(walk, score, folder, **options):
         return solve(cameras, {"body23": keypoints}, 25.0, "", StageStore(folder), SolveOptions(**options), progress)
 
 
-def test_what_no_camera_is_sure_of_is_left_out_and_said(walk, tmp_path):
+def test_landmarks_of_low_confidence_are_left_out_and_reported(walk, tmp_path):
     cameras, world, px = walk
     score = np.ones(px.shape[:2] + px.shape[3:4])
     score[:, :20, WRIST] = 0.3
@@ -56,7 +56,7 @@ def test_what_no_camera_is_sure_of_is_left_out_and_said(walk, tmp_path):
     assert assess(cameras, solution).landmarks["left_wrist"]["coverage"] == pytest.approx(1 / 3)
 
 
-def test_guesses_are_kept_where_they_are_asked_for_or_one_camera_is_sure(walk, tmp_path):
+def test_guesses_are_kept_on_request_or_with_one_confident_camera(walk, tmp_path):
     _, world, px = walk
     score = np.full(px.shape[:2] + px.shape[3:4], 0.3)
     everything = solved(walk, score, tmp_path / "all", min_confidence=0.0)
@@ -65,12 +65,12 @@ def test_guesses_are_kept_where_they_are_asked_for_or_one_camera_is_sure(walk, t
     assert np.isfinite(solved(walk, score, tmp_path / "one").points.points_world).all()
 
 
-def test_a_score_is_a_share():
+def test_a_minimum_confidence_is_between_0_and_1():
     with pytest.raises(ValueError, match="min_confidence is 5"):
         SolveOptions(min_confidence=5)
 
 
-def test_a_short_doubt_is_bridged_by_the_body(walk, tmp_path):
+def test_short_gaps_of_confidence_are_filled_from_the_body(walk, tmp_path):
     _, world, px = walk
     score = np.ones(px.shape[:2] + px.shape[3:4])
     score[:, 10:16, WRIST] = 0.3
@@ -80,7 +80,7 @@ def test_a_short_doubt_is_bridged_by_the_body(walk, tmp_path):
     assert away.max() < 0.1 and unsure_landmarks(solution) == []
 
 
-def test_sides_that_were_put_back_keep_their_own_doubts():
+def test_flipped_landmarks_keep_their_own_confidence():
     score = np.ones((2, 1, len(BODY23)))
     score[:, 0, WRIST] = 0.2
     flipped = np.zeros(score.shape, bool)
@@ -116,7 +116,7 @@ def test_gaps_are_filled_from_the_body_only_where_it_is_known():
     assert np.isnan(fill_from_body(points, points, sure, body, 0.5).points_world[1, 9]).all()
 
 
-def test_frames_without_anybody_say_nothing_of_who_is_sure():
+def test_frames_without_people_do_not_count_for_confidence():
     truth = np.random.default_rng(0).normal(size=(30, 23, 3))
     sure = np.zeros((30, 23), bool)
     sure[:10] = True  # then the person leaves
@@ -130,7 +130,7 @@ def test_frames_without_anybody_say_nothing_of_who_is_sure():
     assert np.isnan(filled[10:]).all()
 
 
-def test_markers_that_no_camera_is_sure_of_are_left_out(walk, tmp_path):
+def test_markers_of_low_confidence_are_left_out(walk, tmp_path):
     cameras, world, px = walk
     marks = np.repeat(px[..., :1, :], len(SURFACE), axis=-2) + 0.1 * np.arange(len(SURFACE))[:, None]
     score = np.ones(marks.shape[:-1])

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -22,7 +21,7 @@ from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.commands.app import run_command
-from muybridge.infer.detection.tracks import CameraTracks, LandmarkArrays, by_name
+from muybridge.infer.detection.tracks import CameraTracks, LandmarkArrays, by_name, tracks_from
 from muybridge.infer.pipelines.demo import score
 from muybridge.motion.formats.points.c3d import read_c3d
 from muybridge.motion.formats.points.trc import read_trc
@@ -58,7 +57,7 @@ def take(make_session) -> Path:
     return make_session(frames=30, width=160, height=120)
 
 
-def test_a_run_gives_every_file_and_its_figures(take, staged, tmp_path):
+def test_a_run_writes_every_file_and_its_figures(take, staged, tmp_path):
     before = snapshot(take)
     out = tmp_path / "results"
     done = staged("run", take, "--out", out)
@@ -95,7 +94,7 @@ def test_the_result_is_where_the_person_is(take, staged, staged_people):
     assert np.nanmean(error) < 0.015
 
 
-def test_a_world_that_is_a_cameras_own_is_no_hindrance(take, staged, staged_people):
+def test_the_world_may_be_a_cameras_own(take, staged, staged_people):
     file = take / "calibration.toml"
     cameras = load_calibration(file)
     own = np.column_stack([cameras[0].rotation, cameras[0].translation])
@@ -115,7 +114,7 @@ def test_a_world_that_is_a_cameras_own_is_no_hindrance(take, staged, staged_peop
     assert np.nanmedian(np.linalg.norm(lying @ rotation.T - points, axis=-1)) < 0.005
 
 
-def test_virtual_markers_leave_under_a_laboratorys_names(take, staged, staged_people):
+def test_virtual_markers_are_written_under_a_laboratorys_names(take, staged, staged_people):
     assert staged("run", take, "--quiet", "--markers", "plug-in-gait").returncode == 0
     markers = read_c3d(take / "muybridge" / "markers.c3d")
     assert markers.landmarks.names == PLUG_IN_GAIT.labels
@@ -130,7 +129,7 @@ def test_virtual_markers_leave_under_a_laboratorys_names(take, staged, staged_pe
     assert not (take / "muybridge" / "markers.c3d").exists()
 
 
-def test_everyone_leaves_in_files_of_their_own(take, staged, staged_people, monkeypatch):
+def test_everyone_gets_files_of_their_own(take, staged, staged_people, monkeypatch):
     """Two people who walk past each other; the second stands two metres beside the first."""
     estimator = staged_people.StagedEstimator
     alone = estimator.finish
@@ -139,11 +138,10 @@ def test_everyone_leaves_in_files_of_their_own(take, staged, staged_people, monk
         one = alone(self)
         t, j = self._frames, len(BODY23)
         far = self._camera.project(staged_people.person(t) + [0.8, 1.0, 0.0])[:, None]
-        two = {
-            "points_px": far, "variance_px2": np.full((t, 1, j), 0.25), "score": np.full((t, 1, j), 0.9),
-            "visibility": np.full((t, 1, j), 0.9), "boxes_px": one.boxes_px, "ids": np.ones((t, 1), np.int64),
-        }  # fmt: skip
-        return replace(one, **{k: np.concatenate([getattr(one, k), v], 1) for k, v in two.items()})
+        score = np.full((t, 1, j), 0.9)
+        body = LandmarkArrays(BODY23, far, np.full((t, 1, j), 0.25), score, score)
+        two = CameraTracks(by_name([body]), one.boxes_px, np.ones((t, 1), np.int64)).arrays()
+        return tracks_from({k: np.concatenate([a, two[k]], 1) for k, a in one.arrays().items()}, [BODY23])
 
     monkeypatch.setattr(estimator, "finish", both)
     assert staged("run", take, "--quiet", "--everyone").returncode == 0
@@ -163,7 +161,7 @@ def test_everyone_leaves_in_files_of_their_own(take, staged, staged_people, monk
     assert not (out / "report_2.html").exists() and "report_2" not in (out / "report.html").read_text()
 
 
-def test_a_second_run_resumes_everything_and_says_so(take, staged):
+def test_a_second_run_resumes_everything_and_reports_it(take, staged):
     assert staged("run", take).returncode == 0
     out = take / "muybridge"
     facts = json.loads((out / "run.json").read_text())
@@ -287,7 +285,7 @@ def test_bad_input_is_one_line_and_changes_nothing(take, staged, make_video, spo
     assert snapshot(tmp_path) == before
 
 
-def test_a_model_that_is_not_ours_is_refused(take, tmp_path, capfd):
+def test_an_unknown_model_is_refused(take, tmp_path, capfd):
     (tmp_path / "model.onnx").write_bytes(b"no network at all")
     before = snapshot(tmp_path)
     for flag in ("--keypoint-model",):
@@ -347,7 +345,7 @@ def test_one_bad_session_does_not_stop_the_others(make_session, staged, tmp_path
     assert "cam1.mp4" in done.stderr and "Traceback" not in done.stderr
 
 
-def test_a_take_with_nobody_in_it_says_so(take, staged):
+def test_a_take_without_people_is_reported(take, staged):
     done = staged("run", take, STAGED_NOBODY="1")
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
@@ -376,8 +374,8 @@ def little_demo(take, staged_people) -> Path:
     return take
 
 
-def test_the_demo_tells_its_error(little_demo, staged, monkeypatch, tmp_path):
-    monkeypatch.setattr("muybridge.infer.demo_take.take.demo_folder", lambda: little_demo)
+def test_the_demo_reports_its_error(little_demo, staged, monkeypatch, tmp_path):
+    monkeypatch.setattr("muybridge.infer.pipelines.demo.demo_folder", lambda: little_demo)
     out = tmp_path / "shown"
     done = staged("demo", "--out", out)
     assert done.returncode == 0, done.stderr
@@ -391,7 +389,7 @@ def test_the_demo_tells_its_error(little_demo, staged, monkeypatch, tmp_path):
 
 
 def test_the_demo_refuses_a_folder_of_someone_else(little_demo, staged, monkeypatch, tmp_path):
-    monkeypatch.setattr("muybridge.infer.demo_take.take.demo_folder", lambda: little_demo)
+    monkeypatch.setattr("muybridge.infer.pipelines.demo.demo_folder", lambda: little_demo)
     out = tmp_path / "shown"
     (out / "take").mkdir(parents=True)
     (out / "take" / "calibration.toml").write_text("mine")
@@ -421,7 +419,7 @@ def test_the_real_demo_is_near_its_truth(tmp_path, capfd):
     assert json.loads((tmp_path / "demo" / "run.json").read_text())["calibration"]["faults"] == []
 
 
-def test_the_real_take_meets_its_bars(real_data, tmp_path):
+def test_the_real_take_is_accurate(real_data, tmp_path):
     out = tmp_path / "balancing"
     # In a process of its own, whose memory is its alone.
     run = [sys.executable, "-m", "muybridge", "run", real_data / "balancing", "--out", out]

@@ -37,7 +37,7 @@ def turned(cameras: CameraGroup, degrees: float) -> CameraGroup:
     return CameraGroup((first.posed(pose), *list(cameras)[1:]))
 
 
-def test_right_cameras_stay(filmed: tuple[Session, Keypoints2D], tmp_path: Path) -> None:
+def test_correct_cameras_stay(filmed: tuple[Session, Keypoints2D], tmp_path: Path) -> None:
     session, keypoints = filmed
     found, _ = refine_cameras.refine(session, keypoints, "", StageStore(tmp_path), Progress(quiet=True))
     assert found.cameras == session.cameras
@@ -56,7 +56,7 @@ def test_a_turned_camera_is_turned_back(filmed: tuple[Session, Keypoints2D], tmp
 
 
 @pytest.mark.parametrize(("after", "better"), [(8.9, True), (9.1, False), (10.5, False)])
-def test_a_few_per_cent_are_no_gain(
+def test_a_few_per_cent_are_no_improvement(
     filmed: tuple[Session, Keypoints2D], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: float, better: bool
 ) -> None:
     session, keypoints = filmed

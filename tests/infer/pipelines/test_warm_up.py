@@ -26,7 +26,7 @@ def slow_process(monkeypatch):
     return started
 
 
-def test_what_lies_in_the_cache_is_compiled(tmp_path):
+def test_cached_kernels_are_compiled(tmp_path):
     assert not is_compiled(loop(str(tmp_path)))
     (tmp_path / "kernel.solve_one-12.py311.nbi").touch()
     (tmp_path / "other.solve-12.py311.nbi").touch()
@@ -56,7 +56,7 @@ def test_nothing_is_started_where_no_interpreter_is(monkeypatch, slow_process):
         assert ahead.process is None and not slow_process
 
 
-def test_it_ends_with_what_it_is_for(monkeypatch, slow_process):
+def test_the_process_ends_with_its_context(monkeypatch, slow_process):
     monkeypatch.setattr(compile_ahead, "is_compiled", lambda loop: False)
     with pytest.raises(ZeroDivisionError), CompiledAhead() as ahead:
         assert ahead.process.poll() is None

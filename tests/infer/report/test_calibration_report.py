@@ -44,7 +44,7 @@ def turned(staged_people: ModuleType) -> CalibrationQuality:
     return check_take(cameras, px, np.full(px.shape[:-1], 4.0), source="a staged person")
 
 
-def test_the_page_names_the_culprit_first(turned: CalibrationQuality) -> None:
+def test_the_page_names_the_faulty_camera_first(turned: CalibrationQuality) -> None:
     page = render_calibration(CalibrationPage("two <degrees>", turned, ("a note & more",)))
     assert "Look at cam&lt;2&gt;" in page and re.search("cam&lt;2&gt; was turned by (about )?1.0 degrees", page)
     assert "two &lt;degrees&gt;" in page and "a note &amp; more" in page and "<degrees>" not in page
@@ -82,7 +82,7 @@ def test_of_two_cameras_none_can_be_left_out(staged_people: ModuleType) -> None:
     assert "nan" not in "".join(lines) + render_calibration(CalibrationPage("two", quality)).lower()
 
 
-def test_a_judgement_survives_the_results_folder(turned: CalibrationQuality) -> None:
+def test_calibration_quality_survives_packing(turned: CalibrationQuality) -> None:
     arrays, facts = pack_quality(turned)
     back = unpack_quality(turned.cameras, arrays, facts)
     page = CalibrationPage("same", turned)
@@ -92,7 +92,7 @@ def test_a_judgement_survives_the_results_folder(turned: CalibrationQuality) -> 
     assert back.diagnosis.cameras.cameras == turned.diagnosis.cameras.cameras
 
 
-def test_a_low_residual_with_a_hopeless_focal_length_is_said() -> None:
+def test_a_low_residual_with_an_uncertain_focal_length_is_reported() -> None:
     """A small plane seen straight on by one camera: any focal length fits, with the distance to match."""
     rng = np.random.default_rng(4)
     camera = _rig()[0]
@@ -115,7 +115,7 @@ def test_a_low_residual_with_a_hopeless_focal_length_is_said() -> None:
     assert "Not to be trusted" in page and f"±{100 * quality.focal_sd[0]:.1f} %" in page
 
 
-def test_a_picture_of_residuals_counts_and_points() -> None:
+def test_residuals_over_an_image_are_counted() -> None:
     camera = _rig()[0]
     px = np.array([[10.0, 10.0], [20.0, 30.0], [1270.0, 950.0], [np.nan, 5.0], [5000.0, 5.0]])
     picture = residual_picture(camera, px, np.tile([3.0, -4.0], (5, 1)))
@@ -136,7 +136,7 @@ def test_the_plan_counts_images() -> None:
     assert plan.seen_by_three == 0.5 and plan.height == pytest.approx(0.9) and len(plan.points) == 2
 
 
-def test_a_camera_that_the_calibration_keeps_apart_is_taken_at_its_word(staged_people: ModuleType) -> None:
+def test_a_camera_that_contradicts_the_calibration_keeps_its_person(staged_people: ModuleType) -> None:
     from muybridge.geometry.landmarks.arrays import Keypoints2D
     from muybridge.geometry.landmarks.sets import BODY23
 

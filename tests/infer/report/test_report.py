@@ -98,7 +98,7 @@ def _texts(rig: CameraGroup, px: np.ndarray | None, points: Points3D) -> str:
 # ---- figures
 
 
-def test_good_take_has_nothing_to_say() -> None:
+def test_a_good_take_has_no_findings() -> None:
     rig, px, points = _take()
     loo = points.residual_px * 1.3
     figures = headline(rig, points, points, loo)
@@ -116,7 +116,7 @@ def test_good_take_has_nothing_to_say() -> None:
 
 
 @pytest.mark.parametrize(("scale", "said"), [(0.1, "0.1"), (39.37, "m tall"), (0.6, ""), (1.2, "")])
-def test_a_person_of_a_size_that_nobody_has(scale: float, said: str) -> None:
+def test_a_person_of_impossible_size(scale: float, said: str) -> None:
     rig, px, points = _take()
     points = replace(points, points_world=scale * points.points_world)
     data = ReportData(title="walk", cameras=rig, points=points, keypoints_px=px)
@@ -129,7 +129,7 @@ def test_millimetres_at_the_person() -> None:
         assert camera.mm_per_px == pytest.approx(1000 * 4.0 / 1200, rel=0.08)
 
 
-def test_constant_shift_of_a_camera_is_laid_to_its_calibration() -> None:
+def test_a_constant_shift_is_attributed_to_the_calibration() -> None:
     rig, px, points = _take()
     px[2] += [9.0, 0.5]
     points = _points(rig, px, points.points_world)
@@ -141,7 +141,7 @@ def test_constant_shift_of_a_camera_is_laid_to_its_calibration() -> None:
 
 
 @pytest.mark.parametrize("lag", [-2, 1, 3])
-def test_camera_out_of_step_is_named_with_its_lag(lag: int) -> None:
+def test_an_unsynchronised_camera_is_named_with_its_lag(lag: int) -> None:
     rig, world = _rig(), _walk(140)
     px = rig.project(world)[:, 10:130]
     px[1] = rig["cam02"].project(world[10 + lag : 130 + lag])
@@ -156,7 +156,7 @@ def test_camera_out_of_step_is_named_with_its_lag(lag: int) -> None:
     assert "cam01 seems" not in text and "cam03 seems" not in text
 
 
-def test_swapped_sides_are_found_in_their_camera_and_frames() -> None:
+def test_left_right_flips_are_found_in_their_camera_and_frames() -> None:
     rig, px, points = _take()
     mirror = list(BODY23.mirror)
     px[0, 40:60] = px[0, 40:60][:, mirror]
@@ -184,7 +184,7 @@ def test_gaps_are_listed_longest_first() -> None:
     assert "2 more, shorter gaps" in text
 
 
-def test_frames_without_anybody_are_said_once() -> None:
+def test_frames_without_people_are_reported_once() -> None:
     rig, px, points = _take()
     world = points.points_world.copy()
     world[10:40] = np.nan
@@ -193,7 +193,7 @@ def test_frames_without_anybody_are_said_once() -> None:
     assert "Nose is missing" not in text
 
 
-def test_breathing_bone_and_unequal_sides_are_named() -> None:
+def test_varying_bones_and_unequal_sides_are_named() -> None:
     rig, px, points = _take()
     world = points.points_world.copy()
     world[::2, BODY23.index("left_wrist")] += [0.0, 0.0, 0.1]
@@ -207,7 +207,7 @@ def test_breathing_bone_and_unequal_sides_are_named() -> None:
     assert bones["left knee to ankle"].spread_m == pytest.approx(0, abs=1e-9)
 
 
-def test_leap_is_found_in_its_frame() -> None:
+def test_a_jump_is_found_in_its_frame() -> None:
     _, _, points = _take()
     world = points.points_world.copy()
     world[70, BODY23.index("right_heel")] += [0.0, 0.5, 0.0]
@@ -215,7 +215,7 @@ def test_leap_is_found_in_its_frame() -> None:
     assert {(BODY23.names[j], t) for _, j, t in found} == {("right_heel", 70), ("right_heel", 71)}
 
 
-def test_blind_and_overruled_cameras_are_named() -> None:
+def test_blind_and_rejected_cameras_are_named() -> None:
     rig, px, points = _take()
     px[3] = np.nan
     inlier = points.inlier.copy()
@@ -239,7 +239,7 @@ def test_timeline_keeps_totals(columns: int) -> None:
     assert np.nanmax(line.cameras) == 4 and line.residual_px.shape == (len(widths), 4)
 
 
-def test_nothing_found_gives_a_report_that_says_so() -> None:
+def test_an_empty_take_is_reported() -> None:
     rig, px, points = _take(5)
     empty = _points(rig, np.full_like(px, np.nan), np.full_like(points.points_world, np.nan))
     page = render_report(ReportData(title="empty", cameras=rig, points=empty, keypoints_px=np.full_like(px, np.nan)))
@@ -317,7 +317,7 @@ def test_ten_minutes_stay_below_20_mb() -> None:
     assert scene["stride"] == 1 and len(scene["timeline"]["first"]) <= 1000
 
 
-def test_everybody_is_numbered_alike_and_linked() -> None:
+def test_people_are_numbered_and_linked() -> None:
     pages = (PersonPage("report.html", 1.0, 4.0), PersonPage("report_2.html", 0.75, 12.34))
     page = render_report(_data(number=2, others=(_walk(120) + 1.0,), pages=pages))
     assert _scene(page)["number"] == 2
@@ -334,7 +334,7 @@ def test_mismatched_arrays_are_refused() -> None:
         render_report(replace(data, joint_names=("a",)))
 
 
-def test_report_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_the_report_is_written_atomically(tmp_path: Path) -> None:
     path = write_report(tmp_path / "report.html", _data())
     assert path.read_text(encoding="utf-8").rstrip().endswith("</html>")
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]

@@ -19,7 +19,9 @@ def test_results_of_another_session_are_not_replaced(tmp_path: Path) -> None:
     out, first, second = tmp_path / "out", tmp_path / "first", tmp_path / "second"
     open_output(out, ("points.trc",), [], session=first).write_text("points.trc", "first's")
     assert open_output(out, ("points.trc",), [], session=first).of == str(first)
-    with pytest.raises(OutputError, match=r"out has the results of .*first: choose another --out, or give --overwrite"):
+    with pytest.raises(
+        OutputError, match=r"out has the results of .*first; choose another folder, or pass overwrite=True"
+    ):
         open_output(out, ("points.trc",), [], session=second)
     # Nor is what no session was named for, as a calibration's check.
     assert open_output(out, (), []).of == str(first)

@@ -57,7 +57,7 @@ def test_names_pair_in_the_calibrations_order():
     assert paired(["cam1", "cam2", "cam3"], ["cam3", "cam1", "cam2"])[0] == ["cam3", "cam1", "cam2"]
 
 
-def test_without_common_names_the_order_decides_and_is_said():
+def test_without_common_names_the_order_decides_and_is_reported():
     videos, said = paired(["GX010019", "GX010020", "GX010101"], ["c10", "c9", "b"])
     assert videos == ["GX010101", "GX010020", "GX010019"]
     assert len(said) == 1 and "c10 = GX010101, c9 = GX010020, b = GX010019" in said[0]
@@ -73,7 +73,7 @@ def test_without_common_names_the_order_decides_and_is_said():
         (["x", "y", "z"], ["cam1", "cam2"], "camera cam1, cam2 and .* video x, y, z"),
     ],
 )
-def test_what_has_no_partner_is_named(stems, names, said):
+def test_unpaired_cameras_and_videos_are_named(stems, names, said):
     with pytest.raises(SessionError, match=f"{said}.*name each video after its camera"):
         match_cameras(stems, names, HERE, FILE)
 
@@ -92,7 +92,7 @@ def test_numbers_sort_as_numbers():
     assert sorted(["cam10", "cam2", "Cam1", "a3b"], key=natural_key) == ["a3b", "Cam1", "cam2", "cam10"]
 
 
-def test_other_files_among_the_videos_are_said_and_left(make_session):
+def test_other_files_among_the_videos_are_reported_and_ignored(make_session):
     folder = make_session()
     (folder / "videos" / ".DS_Store").write_bytes(b"\0\1")
     (folder / "videos" / "notes.txt").write_text("take 2 was better")
@@ -103,7 +103,7 @@ def test_other_files_among_the_videos_are_said_and_left(make_session):
     assert len(said) == 1 and "cam1.LRV, notes.txt, raw" in said[0] and "DS_Store" not in said[0]
 
 
-def test_lengths_that_differ_leave_the_common_part(make_session, make_video):
+def test_different_lengths_leave_the_common_part(make_session, make_video):
     folder = make_session(frames=20)
     make_video(folder / "videos" / "cam2.mp4", frames=14)
     session = open_session(folder)
@@ -111,7 +111,7 @@ def test_lengths_that_differ_leave_the_common_part(make_session, make_video):
     assert any("cam2.mp4 14" in text and "first 14 frames" in text for text in session.notices)
 
 
-def test_rates_that_differ_are_paired_by_time(make_session, make_video):
+def test_different_frame_rates_are_paired_by_time(make_session, make_video):
     folder = make_session(frames=20, fps=30)
     make_video(folder / "videos" / "cam3.mp4", frames=60, fps=60)
     session = open_session(folder)
@@ -121,7 +121,7 @@ def test_rates_that_differ_are_paired_by_time(make_session, make_video):
     assert any("frame rates differ" in text and "cam3.mp4 60" in text for text in session.notices)
 
 
-def test_rates_that_nearly_agree_are_paired_by_number(make_session, make_video):
+def test_nearly_equal_rates_are_paired_by_number(make_session, make_video):
     folder = make_session(frames=20, fps=30)
     make_video(folder / "videos" / "cam3.mp4", frames=20, fps=29.97)
     session = open_session(folder)
@@ -130,7 +130,7 @@ def test_rates_that_nearly_agree_are_paired_by_number(make_session, make_video):
     assert any("differ slightly" in text for text in session.notices)
 
 
-def test_rates_that_nearly_agree_are_paired_by_time_where_films_end_together(make_session, make_video):
+def test_nearly_equal_rates_are_paired_by_time_where_videos_end_together(make_session, make_video):
     folder = make_session(frames=1000, fps=30)
     make_video(folder / "videos" / "cam3.mp4", frames=996, fps=29.88)
     session = open_session(folder)
@@ -142,7 +142,7 @@ def test_rates_that_nearly_agree_are_paired_by_time_where_films_end_together(mak
     assert session.late is None and any("0.13 s apart" in text for text in session.notices)
 
 
-def test_dropped_frames_are_made_up_by_time(make_session, make_video):
+def test_dropped_frames_are_replaced_by_time(make_session, make_video):
     folder = make_session(frames=20, fps=25)
     kept = [0, 1, 2, 3, 4, 5, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19]
     make_video(folder / "videos" / "cam2.mp4", frames=16, pts=[40 * k for k in kept])
@@ -154,7 +154,7 @@ def test_dropped_frames_are_made_up_by_time(make_session, make_video):
     assert session.late == pytest.approx(0.04 * np.array([[0] * 20, [*[0] * 6, -1, -2, 2, 1, *[0] * 10], [0] * 20]))
 
 
-def test_sizes_that_differ_are_said(make_session, make_video):
+def test_different_sizes_are_reported(make_session, make_video):
     folder = make_session()
     make_video(folder / "videos" / "cam2.mp4", width=128, height=96)
     session = open_session(folder)
@@ -164,7 +164,7 @@ def test_sizes_that_differ_are_said(make_session, make_video):
     assert any("frame sizes differ" in text for text in session.notices)
 
 
-def test_pixels_that_are_not_square_are_those_of_the_calibrated_picture(make_session):
+def test_non_square_pixels_are_those_of_the_calibrated_image(make_session):
     folder = make_session(width=64, height=48)
     _resize(folder, 48, 48, Fraction(4, 3))
     was = load_calibration(folder / "calibration.toml")
@@ -175,7 +175,7 @@ def test_pixels_that_are_not_square_are_those_of_the_calibrated_picture(make_ses
     np.testing.assert_allclose(found, np.stack([(x + 0.5) * 0.75 - 0.5, y], -1), atol=1e-6)
 
 
-def test_a_size_that_was_guessed_is_the_videos(make_session):
+def test_a_guessed_size_is_replaced_by_the_videos(make_session):
     folder = make_session(width=64, height=48)
     was = load_calibration(folder / "calibration.toml")
     moved = [replace(c, params=(*c.params[:2], c.params[2] + 3, c.params[3] - 2, *c.params[4:])) for c in was]
@@ -239,7 +239,7 @@ def test_a_rotation_flag_is_applied_unless_the_calibration_was_made_without(make
     assert any("ignored as the calibration" in text for text in session.notices)
 
 
-def test_films_that_were_begun_at_other_times_are_cut_to_what_all_show(make_session):
+def test_videos_started_at_other_times_are_cut_to_the_common_part(make_session):
     folder = make_session(frames=30, fps=25)
     clocks = "[cameras.cam2]\noffset = -0.4\n[cameras.cam3]\noffset = 0.13\n"
     (folder / "sync.toml").write_text("muybridge_sync = 1\n" + clocks)
@@ -293,7 +293,7 @@ def _as_pictures(session, folder):
         (lambda f: (f / "calibration.toml").write_text("[cameras"), CalibrationError, "calibration.toml"),
     ],
 )
-def test_a_spoilt_session_is_refused_in_one_line(make_session, spoil, kind, said):
+def test_a_broken_session_is_refused_in_one_line(make_session, spoil, kind, said):
     folder = make_session()
     spoil(folder)
     with pytest.raises(kind, match=said) as caught:
@@ -322,7 +322,7 @@ def test_a_calibration_from_elsewhere(make_session, tmp_path):
     assert session.cameras.names == load_calibration(moved).names
 
 
-def test_the_real_take_opens_with_its_letterboxes_said(real_data):
+def test_the_real_take_opens_and_its_letterboxes_are_reported(real_data):
     session = open_session(real_data / "balancing")
     assert session.cameras.names == ("cam01", "cam02", "cam03", "cam04")
     assert (session.frames, session.fps) == (100, 60.0)
@@ -354,7 +354,7 @@ def test_frames_are_paired_by_a_table_of_times(make_session, where):
     assert f"paired by {Path(where).name}" in said and "33 ms" in said
 
 
-def test_tables_of_times_that_do_not_fit_are_refused(make_session):
+def test_tables_of_times_that_do_not_match_are_refused(make_session):
     path = make_session(frames=5)
     times = [k / 30 for k in range(5)]
     for table, what in (

@@ -50,7 +50,7 @@ def test_all_frames_come_in_order_from_any_container(tmp_path, make_video, name,
     assert numbers(path) == list(range(40))
 
 
-def test_frames_that_an_avi_leaves_empty_were_dropped(tmp_path):
+def test_empty_frames_of_an_avi_were_dropped(tmp_path):
     kept = [0, 1, 2, 5, 6, 7, 11, 12, 13, 14]
     with av.open(str(tmp_path / "a.avi"), "w") as out:
         stream = out.add_stream("mjpeg", rate=30)
@@ -65,7 +65,7 @@ def test_frames_that_an_avi_leaves_empty_were_dropped(tmp_path):
     assert [round(i.mean() / 10) for chunk in read_chunks(info) for i in chunk] == kept
 
 
-def test_chunks_are_bounded_and_the_callers_to_keep(tmp_path, make_video, frame_number):
+def test_chunks_are_bounded_and_may_be_kept(tmp_path, make_video, frame_number):
     info = probe_video(make_video(tmp_path / "a.mp4", frames=37))
     chunks = list(read_chunks(info))
     assert max(len(c) for c in chunks) <= chunk_frames(info)
@@ -73,7 +73,7 @@ def test_chunks_are_bounded_and_the_callers_to_keep(tmp_path, make_video, frame_
     assert chunk_frames(replace(info, width=3840, height=2160)) * 3840 * 2160 * 3 <= 100 * 2**20
 
 
-def test_memory_does_not_grow_with_the_film(tmp_path, make_video):
+def test_memory_does_not_grow_with_the_video(tmp_path, make_video):
     peaks = []
     for frames in (48, 240):
         info = probe_video(make_video(tmp_path / f"{frames}.mp4", frames=frames, width=320, height=240))
@@ -110,13 +110,13 @@ def test_a_video_without_its_index_is_refused(tmp_path, make_video):
 
 
 @pytest.mark.parametrize("content", [b"", b"not a film at all" * 50])
-def test_what_is_no_video_is_refused(tmp_path, content):
+def test_other_files_are_refused(tmp_path, content):
     (tmp_path / "a.mp4").write_bytes(content)
     with pytest.raises(VideoError, match=r"a\.mp4"):
         probe_video(tmp_path / "a.mp4")
 
 
-def test_zeros_in_the_middle_are_found_when_read(tmp_path, make_video, numbers):
+def test_zeros_in_the_middle_are_found_while_decoding(tmp_path, make_video, numbers):
     path = make_video(tmp_path / "a.mp4", frames=60, muxer=FASTSTART, options={"g": "1"})
     data = bytearray(path.read_bytes())
     half = len(data) // 2
@@ -165,7 +165,7 @@ def test_a_rotation_flag_turns_the_frames(tmp_path, make_video, frame_number):
     assert frame_number(next(read_chunks(coded))[3]) == 3
 
 
-def test_a_wandering_frame_rate_is_noticed(tmp_path, make_video):
+def test_a_varying_frame_rate_is_noticed(tmp_path, make_video):
     steps = np.array([33, 33, 100, 33, 33, 33, 67, 33] * 4)
     pts = np.concatenate([[0], np.cumsum(steps)])[:30]
     path = make_video(tmp_path / "a.mp4", frames=30, pts=[int(p) for p in pts])
@@ -174,7 +174,7 @@ def test_a_wandering_frame_rate_is_noticed(tmp_path, make_video):
     assert info.times == pytest.approx(pts / 1000, abs=2e-3)
 
 
-def test_what_cannot_be_decoded_at_the_beginning_is_time_and_no_frame(tmp_path):
+def test_an_undecodable_beginning_counts_as_time(tmp_path):
     """A recorder that joins a stream between two whole pictures."""
     path = tmp_path / "joined.ts"
     noise = np.random.default_rng(0).integers(0, 255, (24, 48, 64, 3)).astype(np.uint8)
@@ -195,7 +195,7 @@ def test_what_cannot_be_decoded_at_the_beginning_is_time_and_no_frame(tmp_path):
     assert np.abs(shown[0].astype(int) - noise[12]).mean() < 50
 
 
-def test_pictures_and_texts_are_no_videos(tmp_path, make_video):
+def test_images_and_texts_are_no_videos(tmp_path, make_video):
     (tmp_path / "notes.txt").write_text("first take\n" * 40)
     (tmp_path / "empty").write_bytes(b"")
     cv2.imwrite(str(tmp_path / "still.png"), np.zeros((8, 8, 3), np.uint8))
@@ -205,7 +205,7 @@ def test_pictures_and_texts_are_no_videos(tmp_path, make_video):
     assert is_video(make_video(tmp_path / "odd.name.mp4"))
 
 
-def test_a_writer_makes_a_film_for_browsers(tmp_path):
+def test_a_writer_makes_a_video_for_browsers(tmp_path):
     size = fit_inside(1080, 1921, 96)
     assert size == (54, 96)
     path = tmp_path / "small.mp4"
@@ -230,7 +230,7 @@ def test_a_writer_that_fails_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_is_said_in_one_line(tmp_path):
+def test_a_full_disk_is_reported_in_one_line(tmp_path):
     class Full:
         def mux(self, packet):
             raise OSError(28, "No space left on device")

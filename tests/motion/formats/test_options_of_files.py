@@ -97,4 +97,4 @@ def test_results_beside_the_input_want_another_folder(tmp_path, capfd, command):
     labels, twice = LandmarkSet("m", PLUG_IN_GAIT.labels[:6], ()), np.tile(points.points_world, (1, 2, 1))
     write_trc(tmp_path / "a.trc", replace(points, landmarks=labels, points_world=twice))
     said = refused(capfd, command, tmp_path / "a.trc", "--out", tmp_path)
-    assert "is the folder of the input" in said and "name another folder with --out" in said
+    assert "is the folder of the input" in said and "choose another folder with --out" in said
