@@ -104,9 +104,9 @@ def _likeliest(
 
 @compiled
 def likeliest_points(
-    rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, path: FloatArray,
-    path_info: FloatArray,
-    other: FloatArray, other_info: FloatArray, student_dof: float, points: FloatArray, covariances: FloatArray, begin: int, end: int,
+    rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, path: FloatArray, path_info: FloatArray,
+    other: FloatArray, other_info: FloatArray, student_dof: float, points: FloatArray, covariances: FloatArray,
+    begin: int, end: int,
 ) -> None:  # fmt: skip
     """Points `begin` to `end`, in place: the better of what is reached from the point and from its path.
 
