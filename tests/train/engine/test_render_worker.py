@@ -102,7 +102,7 @@ def test_output_of_a_failed_renderer_is_quoted(tmp_path: pathlib.Path, monkeypat
 
 def test_unreadable_plan_is_named(tmp_path: pathlib.Path) -> None:
     (tmp_path / PLAN).write_text("{}")
-    with pytest.raises(SessionError, match=r"unfinished\.json: does not say which"):
+    with pytest.raises(SessionError, match=r"unfinished\.json: does not tell which renders are missing"):
         RenderWorker(tmp_path, 60, seed=0)
 
 

@@ -97,7 +97,7 @@ def test_surface_depth_is_the_median_around_a_point():
     metres = np.full((16, 16), 5.0)
     metres[4:9, 4:9] = 2.0  # something near, in front of a wall
     px = np.array([[6.0, 6.0], [8.2, 7.0], [9.0, 7.0], [8.0, 8.0], [0.0, 3.0]])
-    inside, front = render._front(px, metres)
+    inside, front = render._surface_depth(px, metres)
     # Behind it; a cell from its edge; beside it; at its corner, of which five of nine pixels show the wall.
     np.testing.assert_array_equal(front[:4], [2.0, 2.0, 5.0, 5.0])
     np.testing.assert_array_equal(inside, [True, True, True, True, False])
