@@ -2,7 +2,8 @@
 """Writes a keypoint network with fewer multiplications than a trained one, to train on from (`muybridge train keypoints
 --model OUT`).
 
-usage: python -m scripts.networks.narrow_keypoints NETWORK.onnx OUT.onnx RENDERS [--depths 0 2 2 2] [--hidden 32 64 96 160]
+usage: python -m scripts.networks.narrow_keypoints NETWORK.onnx OUT.onnx RENDERS [--depths 0 2 2 2]
+    [--hidden 32 64 96 160]
 
 The channels that stay take over what those that go said, on held-out crops of RENDERS (`train/narrowing.py`). Prints
 what the network was and is worth there, before any training.

@@ -1,6 +1,7 @@
 """All frames of a take at once: 2D points of several cameras, how landmarks move, and how long bones are.
 
-Minimises, over every landmark in every frame, the robust reprojection error of `muybridge.geometry.triangulation.multiview`
+Minimises, over every landmark in every frame, the robust reprojection error of
+`muybridge.geometry.triangulation.multiview`
 (so a wrong camera does not pull here either) plus
 
 - the way off a smooth path, under Student's t: a landmark keeps near a path of little acceleration, and what it does

@@ -1,4 +1,4 @@
-"""The compiled part of `scripts.benchmarks.geometry.whole_take`: one point from its views and from what else is known about it."""
+"""The compiled part of `whole_take`: one point from its views and from what else is known about it."""
 
 import math
 
@@ -45,7 +45,8 @@ def _off_path(far: float, student_dof: float) -> tuple[float, float]:
 
 @compiled
 def _total(
-    views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray, other: FloatArray, other_info: FloatArray,
+    views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray,
+    other: FloatArray, other_info: FloatArray,
     student_dof: float,
 ) -> float:  # fmt: skip
     """Twice the negative log posterior, but for a constant."""
@@ -56,7 +57,8 @@ def _total(
 
 @compiled
 def _likeliest(
-    views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray, other: FloatArray, other_info: FloatArray,
+    views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray,
+    other: FloatArray, other_info: FloatArray,
     student_dof: float, normal: FloatArray, covariance: FloatArray,
 ) -> float:  # fmt: skip
     """Damped Gauss-Newton in place; returns the cost, fills the covariance."""
@@ -102,7 +104,8 @@ def _likeliest(
 
 @compiled
 def likeliest_points(
-    rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, path: FloatArray, path_info: FloatArray, other: FloatArray,
+    rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, path: FloatArray, path_info: FloatArray,
+    other: FloatArray,
     other_info: FloatArray, student_dof: float, points: FloatArray, covariances: FloatArray, begin: int, end: int,
 ) -> None:  # fmt: skip
     """Points `begin` to `end`, in place: the better of what is reached from the point and from its path.

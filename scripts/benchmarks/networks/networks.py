@@ -1,6 +1,7 @@
 """Crops a second of the keypoint networks, and their ratio to the matrix-multiply peak measured in the same minute.
 
-    python -m scripts.benchmarks.networks.networks [--sizes 192 224 256] [--sessions 1x1 1x2 2x1] [--rounds 15] [--markers]
+    python -m scripts.benchmarks.networks.networks [--sizes 192 224 256] [--sessions 1x1 1x2 2x1] [--rounds 15]
+        [--markers]
 
 Prints a Markdown table. The networks find the body's landmarks, as `muybridge run` has them do, or the virtual markers
 too. 2x1 is two sessions of one thread each side by side, as `muybridge run` has them on two processors. Networks, sizes

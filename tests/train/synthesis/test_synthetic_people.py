@@ -13,8 +13,7 @@ from muybridge.geometry.landmarks.sets import BODY23  # noqa: E402
 from muybridge.train.images import scenes  # noqa: E402
 from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.images.compositor import WHOLE, AugmentOptions, Compositor  # noqa: E402
-from muybridge.train.images.scenes import SceneBatch, SceneCompositor  # noqa: E402
-from muybridge.train.people.train import as_tensors, generalised_iou, make_targets  # noqa: E402
+from muybridge.train.images.scenes import SceneCompositor  # noqa: E402
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel  # noqa: E402
 from muybridge.train.synthesis.clothing.sample import bare_outfit, sample_outfit  # noqa: E402
 from muybridge.train.synthesis.rendering import renderer as render  # noqa: E402
@@ -387,30 +386,6 @@ def test_who_is_near_ends_at_the_border_of_the_picture(renders, close_ups, monke
         assert rows.min() >= box[1] - 1 and rows.max() <= box[3] + 1
     assert at_border >= 14  # of some the picture has another side
     assert sum(len(b) for b in compositor.batch(6, (192, 320)).boxes) >= 6
-
-
-def test_detector_targets_say_where_the_box_is():
-    import torch
-
-    box = np.array([[40.0, 30.0, 99.0, 150.0]], np.float32)
-    batch = SceneBatch(torch.zeros(1, 4, 192, 320, dtype=torch.uint8), [box], [np.zeros((0, 4), np.float32)])
-    targets = make_targets(batch)
-    row, column = np.unravel_index(targets.heat[0].argmax(), targets.heat[0].shape)
-    center = np.array([column, row]) * 8 + 3.5
-    left, top, right, bottom = targets.box[0][:, row, column]
-    found = [center[0] - left, center[1] - top, center[0] + right, center[1] + bottom]
-    np.testing.assert_allclose(found, box[0], atol=1e-4)
-    assert targets.has_box[0].sum() > 1 and targets.weight.min() == 1
-    assert as_tensors(batch)[1].shape == (1, 24, 40)
-
-
-def test_generalised_iou():
-    import torch
-
-    a = torch.tensor([1.0, 1.0, 1.0, 1.0])
-    assert float(generalised_iou(a, a)) == pytest.approx(1, abs=1e-5)
-    half = torch.tensor([1.0, 1.0, 0.0, 1.0])
-    assert float(generalised_iou(a, half)) == pytest.approx(0.5, abs=1e-5)
 
 
 def test_a_take_keeps_the_stance_foot(body):
