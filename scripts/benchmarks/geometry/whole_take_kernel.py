@@ -1,4 +1,8 @@
+<<<<<<< HEAD
 """The compiled part of `whole_take`: one point from its views and from what else is known about it."""
+=======
+"""The compiled part of `whole_take`: one point from its views and from priors."""
+>>>>>>> refs/heads/train
 
 import math
 
@@ -16,8 +20,8 @@ from muybridge.geometry.triangulation._kernel import (
 )
 
 _STEPS = 12
-# What it costs at most to be off the path: more than one wrong view, so that the path decides where views are split,
-# and less than two, so that it does not overrule views that agree when somebody jumps.
+# Largest cost of leaving the path: more than one wrong view, so that the path decides between conflicting views, and
+# less than two, so that it does not overrule agreeing views when somebody jumps.
 _BREAK = 24.0
 
 
@@ -33,9 +37,9 @@ def _far(point: FloatArray, mean: FloatArray, info: FloatArray) -> float:
 
 @compiled
 def _off_path(far: float, student_dof: float) -> tuple[float, float]:
-    """Cost of being off the path by a squared Mahalanobis distance, and its derivative: Student's t, bounded.
+    """Cost of a squared Mahalanobis distance from the path, and its derivative: Student's t, bounded.
 
-    On the path the derivative is one: there, the covariance is what it says.
+    On the path the derivative is one: there the covariance holds.
     """
     heavy = student_dof + 3.0
     cost = heavy * math.log(1.0 + far / heavy)
@@ -49,7 +53,7 @@ def _total(
     other: FloatArray, other_info: FloatArray,
     student_dof: float,
 ) -> float:  # fmt: skip
-    """Twice the negative log posterior, but for a constant."""
+    """Twice the negative log posterior, up to a constant."""
     loss, _ = score_of_point(views, point, limits)
     off_path, _ = _off_path(_far(point, path, path_info), student_dof)
     return loss + off_path + _far(point, other, other_info)
@@ -105,8 +109,13 @@ def _likeliest(
 @compiled
 def likeliest_points(
     rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, path: FloatArray, path_info: FloatArray,
+<<<<<<< HEAD
     other: FloatArray,
     other_info: FloatArray, student_dof: float, points: FloatArray, covariances: FloatArray, begin: int, end: int,
+=======
+    other: FloatArray, other_info: FloatArray, student_dof: float, points: FloatArray, covariances: FloatArray,
+    begin: int, end: int,
+>>>>>>> refs/heads/train
 ) -> None:  # fmt: skip
     """Points `begin` to `end`, in place: the better of what is reached from the point and from its path.
 

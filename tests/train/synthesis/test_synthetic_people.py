@@ -10,10 +10,12 @@ pytest.importorskip("anny")
 
 from muybridge.errors import MissingExtraError  # noqa: E402
 from muybridge.geometry.landmarks.sets import BODY23  # noqa: E402
-from muybridge.train.images import scenes  # noqa: E402
 from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.images.compositor import WHOLE, AugmentOptions, Compositor  # noqa: E402
+<<<<<<< HEAD
 from muybridge.train.images.scenes import SceneCompositor  # noqa: E402
+=======
+>>>>>>> refs/heads/train
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel  # noqa: E402
 from muybridge.train.synthesis.clothing.sample import bare_outfit, sample_outfit  # noqa: E402
 from muybridge.train.synthesis.rendering import renderer as render  # noqa: E402
@@ -95,7 +97,7 @@ def test_view_projects_where_opengl_draws(body, renderer):
         assert shot.visible.any()
 
 
-def test_a_point_is_hidden_by_what_most_pixels_round_it_show():
+def test_surface_depth_is_the_median_around_a_point():
     metres = np.full((16, 16), 5.0)
     metres[4:9, 4:9] = 2.0  # something near, in front of a wall
     px = np.array([[6.0, 6.0], [8.2, 7.0], [9.0, 7.0], [8.0, 8.0], [0.0, 3.0]])
@@ -120,7 +122,7 @@ PLAIN = replace(
 )
 
 
-def test_crops_have_the_padding_they_promise(renders):
+def test_crops_have_the_requested_padding(renders):
     compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 0, PLAIN)
     index = np.arange(16)
     matrix, flip = compositor._placement(renders.box_px[index])
@@ -155,7 +157,7 @@ def test_labels_follow_pixels_through_the_augmentation(renders):
     assert np.mean(hits > 0.3) > 0.95
 
 
-def test_in_a_hold_the_other_stands_right_behind_or_before(renders):
+def test_embracing_person_is_behind_or_in_front(renders):
     """Behind, nothing of the subject is lost; before, a part of it is."""
 
     def seen(**others: float) -> tuple[np.ndarray, np.ndarray]:
@@ -169,7 +171,7 @@ def test_in_a_hold_the_other_stands_right_behind_or_before(renders):
     assert held[0].mean() > 0.5 * alone[0].mean()
 
 
-def test_close_ups_frame_what_is_left_of_a_person(renders):
+def test_close_ups_frame_the_visible_part(renders):
     rng = np.random.default_rng(0)
     whole = renders.box_px[np.arange(200) % len(renders)]
     boxes, lines = cut_boxes(rng, whole, 1.0)
@@ -204,7 +206,7 @@ def close_ups(body, renderer):
     return stored(shots, ("landmarks_px", "visible", "box_px", "cut_px"))
 
 
-def test_a_near_camera_sees_a_part_of_a_person_sharply(close_ups):
+def test_rendered_close_ups_fill_the_image(close_ups):
     off, beyond = [], []
     for i in range(len(close_ups)):
         # What is left of them fills the picture, in its middle, on this side of the cut.
@@ -223,7 +225,7 @@ def test_a_near_camera_sees_a_part_of_a_person_sharply(close_ups):
     assert 0.2 < batch.visible.float().mean() < 0.75
 
 
-def test_what_a_border_cuts_off_is_black_and_hidden(renders):
+def test_parts_beyond_the_border_are_black_and_hidden(renders):
     batch, whole = (
         Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 3, options).batch(64)
         for options in (replace(PLAIN, close_up=1.0), PLAIN)
@@ -235,7 +237,7 @@ def test_what_a_border_cuts_off_is_black_and_hidden(renders):
     assert 0.1 < np.mean(dark) < 0.95
 
 
-def test_backdrops_are_bare_lights_are_coloured_and_some_cameras_see_no_colours(renders):
+def test_backdrops_tinted_light_and_monochrome_cameras(renders):
     pool = np.random.default_rng(0).integers(0, 255, (4, 3, SIZE, SIZE), np.uint8)
     index = np.flatnonzero(np.isnan(renders.cut_px[:, 0]))[:16]
 
@@ -265,7 +267,7 @@ def test_batches_are_seeded(renders):
     assert (Compositor(renders, pool, 96, 8).batch(8).image != a.image).any()
 
 
-def test_the_plate_shows_who_moves_and_is_blind_to_who_stood_still(renders, monkeypatch):
+def test_background_difference_shows_moving_but_not_static_people(renders, monkeypatch):
     pool = make_backgrounds(4, SIZE, 0)
     whole = np.flatnonzero(np.isnan(renders.cut_px[:, 0]))[:16]
     plain = replace(PLAIN, clutter=0, faults=False)
@@ -287,6 +289,7 @@ def test_the_plate_shows_who_moves_and_is_blind_to_who_stood_still(renders, monk
     assert without == 0 and (other.image == batch.image).all()  # the pictures are the same
 
 
+<<<<<<< HEAD
 def test_who_stands_still_is_in_the_plate_of_a_scene(renders, monkeypatch):
     def strongest(still=0.0, partly=0.0, ghost=0.0):
         """Of pixels that differ much from the plate, how many lie in boxes of people, as a share of these, and how many
@@ -388,6 +391,8 @@ def test_who_is_near_ends_at_the_border_of_the_picture(renders, close_ups, monke
     assert sum(len(b) for b in compositor.batch(6, (192, 320)).boxes) >= 6
 
 
+=======
+>>>>>>> refs/heads/train
 def test_a_take_keeps_the_stance_foot(body):
     body.rng = body.poses.rng = np.random.default_rng(4)
     motion = choreograph(body, 1.5, 12.0)
