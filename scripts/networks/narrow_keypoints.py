@@ -1,13 +1,8 @@
 """Write a pruned version of a trained keypoint network, to continue training from (`muybridge train keypoints --model
 OUT`).
 
-<<<<<<< HEAD
-usage: python -m scripts.networks.narrow_keypoints NETWORK.onnx OUT.onnx RENDERS [--depths 0 2 2 2]
-    [--hidden 32 64 96 160]
-=======
 Usage: python -m scripts.networks.narrow_keypoints NETWORK.onnx OUT.onnx RENDERS
            [--depths 0 2 2 2] [--hidden 32 64 96 160]
->>>>>>> refs/heads/train
 
 The remaining channels take over the contribution of the removed ones, on held-out crops of RENDERS (see `prune`).
 Prints scores before and after, without any training.

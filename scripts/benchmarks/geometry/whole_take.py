@@ -1,14 +1,8 @@
 """Triangulation of all frames of a take at once: 2D points of several cameras, the motion of landmarks, and bone
 lengths.
 
-<<<<<<< HEAD
-Minimises, over every landmark in every frame, the robust reprojection error of
-`muybridge.geometry.triangulation.multiview`
-(so a wrong camera does not pull here either) plus
-=======
 Minimises, over every landmark in every frame, the robust reprojection error of `geometry.triangulation.multiview` (so
 that a wrong camera has no influence here either) plus
->>>>>>> refs/heads/train
 
 - the deviation from a smooth path, under Student's t: a landmark stays near a path of little acceleration, with
 deviations as large as the take shows, in rare frames much larger;

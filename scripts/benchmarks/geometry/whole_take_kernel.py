@@ -1,8 +1,4 @@
-<<<<<<< HEAD
-"""The compiled part of `whole_take`: one point from its views and from what else is known about it."""
-=======
 """The compiled part of `whole_take`: one point from its views and from priors."""
->>>>>>> refs/heads/train
 
 import math
 
@@ -109,13 +105,8 @@ def _likeliest(
 @compiled
 def likeliest_points(
     rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, path: FloatArray, path_info: FloatArray,
-<<<<<<< HEAD
-    other: FloatArray,
-    other_info: FloatArray, student_dof: float, points: FloatArray, covariances: FloatArray, begin: int, end: int,
-=======
     other: FloatArray, other_info: FloatArray, student_dof: float, points: FloatArray, covariances: FloatArray,
     begin: int, end: int,
->>>>>>> refs/heads/train
 ) -> None:  # fmt: skip
     """Points `begin` to `end`, in place: the better of what is reached from the point and from its path.
 

@@ -1,12 +1,7 @@
 """Crops per second of the keypoint networks, and their ratio to the matrix product's peak measured in the same minute.
 
-<<<<<<< HEAD
-    python -m scripts.benchmarks.networks.networks [--sizes 192 224 256] [--sessions 1x1 1x2 2x1] [--rounds 15]
-        [--markers]
-=======
 Usage: python -m scripts.benchmarks.networks.networks [--sizes 192 224 256] [--sessions 1x1 1x2 2x1] [--rounds 15]
            [--markers]
->>>>>>> refs/heads/train
 
 Prints a Markdown table. The networks detect the body's landmarks, as in `muybridge run`, or the virtual markers too.
 2x1 are two sessions of one thread each, as `muybridge run` uses them on two processors. Networks, sizes and the matrix

@@ -13,32 +13,29 @@ pytest.importorskip("kornia")
 
 from muybridge.errors import ModelError, SessionError  # noqa: E402
 from muybridge.geometry.landmarks.sets import BODY23  # noqa: E402
+from muybridge.models.keypoints.decode import decode_heatmaps  # noqa: E402
 from muybridge.models.keypoints.metadata import keypoint_card  # noqa: E402
 from muybridge.models.keypoints.network import PLATE, KeypointNet, PlateApart, SeparateHeads  # noqa: E402
 from muybridge.models.onnx_files.export import export_onnx, parity  # noqa: E402
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, measure_normalisation  # noqa: E402
 from muybridge.models.people.network import PeopleNet  # noqa: E402
 from muybridge.models.shipped import shipped_model  # noqa: E402
+from muybridge.models.uncertainty import SpreadCalibration  # noqa: E402
+from muybridge.train.correction.options import SolverTraining  # noqa: E402
+from muybridge.train.engine import loop  # noqa: E402
 from muybridge.train.engine.checkpoint import CHECKPOINT, save_checkpoint  # noqa: E402
 from muybridge.train.images import dataset  # noqa: E402
 from muybridge.train.images.scenes import SceneBatch  # noqa: E402
 from muybridge.train.keypoints import train as keypoints  # noqa: E402
 from muybridge.train.keypoints.export import load_keypoint_checkpoint, publish_keypoints  # noqa: E402
-<<<<<<< HEAD
-from muybridge.train.keypoints.options import Evaluation, KeypointTraining  # noqa: E402
-from muybridge.train.keypoints.variance_calibration import fit_spread, within  # noqa: E402
-=======
 from muybridge.train.keypoints.loss import OUTSIDE, heatmap_loss  # noqa: E402
 from muybridge.train.keypoints.options import KeypointTraining  # noqa: E402
 from muybridge.train.labelling.options import LabelTraining  # noqa: E402
->>>>>>> refs/heads/train
 from muybridge.train.people import train as people  # noqa: E402
 from muybridge.train.people.options import PeopleTraining  # noqa: E402
 from muybridge.train.synthesis.rendering.store import load_renders  # noqa: E402
 
 
-<<<<<<< HEAD
-=======
 def test_heatmap_loss_is_least_at_the_truth():
     truth = torch.tensor([[[13.5, 21.5]]])
     scores = []
@@ -115,7 +112,6 @@ def test_invalid_share_of_steps_is_refused(store, tmp_path):
             other(average=-1.0)
 
 
->>>>>>> refs/heads/train
 def test_networks_are_small():
     assert sum(p.numel() for p in KeypointNet().parameters()) < 3e6
     assert sum(p.numel() for p in PeopleNet().parameters()) < 3e6
