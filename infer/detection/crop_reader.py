@@ -86,13 +86,12 @@ class Poses:
 
 def join_poses(parts: Sequence[Poses]) -> Poses:
     """The poses of several parts, one after another."""
-    joined = by_name(
-        replace(arrays, **{
-            field: np.concatenate([part.landmarks[name].arrays()[field] for part in parts]) for field in arrays.arrays()
-        })
-        for name, arrays in parts[0].landmarks.items()
-    )  # fmt: skip
+    joined = by_name(_join([part.landmarks[name] for part in parts]) for name in parts[0].landmarks)
     return Poses(joined, np.concatenate([part.boxes_px for part in parts]))
+
+
+def _join(parts: Sequence[LandmarkArrays]) -> LandmarkArrays:
+    return parts[0].map(lambda field, _: np.concatenate([part.arrays()[field] for part in parts]))
 
 
 class Pictures(NamedTuple):

@@ -1,6 +1,5 @@
 """From videos of bright markers to labelled markers, a moving skeleton, files and a report."""
 
-import logging
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -55,8 +54,6 @@ from muybridge.infer.session.probe import VideoInfo
 from muybridge.infer.session.session import Session, SessionOptions, open_session
 from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.points.marker_protocol import find_marker_set
-
-_log = logging.getLogger(__name__)
 
 UNNAMED = "unnamed.c3d"
 MOTIONS = MOTION_BVH, MOTION_GLB, MOTION_MOT
@@ -219,7 +216,9 @@ def _marker_stages(
     def clean() -> tuple[Arrays, Facts]:
         again, views = triangulate_again(cameras, seen, named.arrays["points_world"], options.match.error_px)
         cleaned = clean_markers(again, fps, options.clean)
-        arrays = {"points_world": cleaned.points, "sample": cleaned.sample, "triangulated_world": again, "views": views}
+        arrays: Arrays = {
+            "points_world": cleaned.points, "sample": cleaned.sample, "triangulated_world": again, "views": views,
+        }  # fmt: skip
         return arrays, {}
 
     return _Markers(trajectories, named, stage("cleaned markers", [named.key, options.match, options.clean], clean))
@@ -230,7 +229,7 @@ def _body_stage(
     corrector: SolverNetwork | None,
 ) -> StageResult:  # fmt: skip
     points = cleaned.arrays["points_world"]
-    worn = np.isfinite(points[..., 0]).any(0)
+    worn = np.asarray(np.isfinite(points[..., 0]).any(0))
     surface = np.array(plan.markers.surface_indices)
     labels = [label for label, known in zip(plan.markers.labels, worn, strict=True) if known]
     return stage(

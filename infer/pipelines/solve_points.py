@@ -134,6 +134,7 @@ def solve_points(
     )
     corrector = _check_method(path, recognised, options, by_markers)
     run = Run("points", out, RESULTS, [path.resolve()], overwrite, progress)
+    _log.info("%s: %s; fitted to %s", path, recognised.how, "markers" if by_markers else "landmarks")
     for notice in notices:
         progress.notice(notice)
     network = None if corrector is None else file_digest(corrector.path)

@@ -213,6 +213,7 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
     """
     files = file_names(session.cameras.names)
     again = options.refinement
+    _log.info("%s: keypoint network %s, person detector %s", session.name, models.keypoints.name, models.people.name)
     first = first_pass(options.detect) if again.enabled and again.everywhere else options.detect
     with CompiledAhead() as ahead:
         session = estimate_gravity(session, files, models, store, first, progress, turn=options.world == "upright")

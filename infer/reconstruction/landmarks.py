@@ -239,7 +239,9 @@ def _solve_person(take: _Take, number: str, person: StageResult, refinement: Top
     left_out = _leave_one_out(read, number)
     given = [cloud.key, options.confident_from]
     smooth = stage(f"smooth{number}", [*given, options.smooth], lambda: compute.smoothed(measured, options.smooth))
-    points = replace(measured, **smooth.arrays)
+    points = replace(
+        measured, points_world=smooth.arrays["points_world"], covariance_world=smooth.arrays["covariance_world"]
+    )
     motion, no_motion = None, ""
     try:
         fitted = stage(f"motion{number}", [*given, options.fit], lambda: fitted_motion(measured, options.fit))

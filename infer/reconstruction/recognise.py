@@ -122,7 +122,7 @@ def check_size(path: Path, recognised: RecognisedPoints, options: ReadOptions) -
         return stature
     message = f"{path}: the person would be {stature:,.4g} m tall"
     for unit in _UNITS if can_use(path, "units") else ():
-        other = read_file(path, replace(options, units=unit)).positions  # type: ignore[arg-type]
+        other = read_file(path, replace(options, units=unit)).positions
         if _STATURES[0] <= stature_of(recognise(path, other).points.points_world) <= _STATURES[1]:
             message += f"; the file's numbers are likely {_UNITS[unit]}"
             raise FormatError(message, remedy="unit_of_points", unit=unit)

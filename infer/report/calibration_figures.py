@@ -64,7 +64,7 @@ class ResidualCell(NamedTuple):
     x: int
     y: int
     tint: float
-    count: int
+    points: int
     median_px: float
 
 
@@ -116,7 +116,7 @@ class PlanCell(NamedTuple):
     x: int
     y: int
     tint: float
-    count: int
+    images: int
 
 
 class CameraMark(NamedTuple):

@@ -13,7 +13,8 @@ from muybridge.infer.detection.detect import CameraResult
 from muybridge.infer.reconstruction.landmarks import Solution
 from muybridge.infer.report.data import Thumbnail
 from muybridge.infer.report.page import pick_thumbnail_frames
-from muybridge.infer.results.overlay import OverlayData, OverlayOptions, write_overlay
+from muybridge.infer.results.overlay import OverlayOptions, write_overlay
+from muybridge.infer.results.overlay_drawing import OverlayData
 from muybridge.infer.results.people import written_people
 from muybridge.infer.results.run import Run
 from muybridge.infer.runtime.digests import code_digest, digest

@@ -87,10 +87,7 @@ def read_motion(
     """
     take = _read(path, units=units, fps=fps, asf=asf, clip=clip)
     if take.motion is None:
-        raise FormatError(
-            f"{path}: holds points and no motion; fit a body to them: "
-            "muybridge.fit_body(muybridge.read_points(path)).motion"
-        )
+        raise FormatError(f"{path}: holds points and no motion", remedy="fit_points")
     return take.motion
 
 

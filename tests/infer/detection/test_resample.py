@@ -121,7 +121,7 @@ def test_similar_frames_are_no_repeats(tmp_path):
     for chunk in read_chunks(film(tmp_path / "film.mp4", 20 + x, depth=-6)):
         for frame in chunk:
             repeats.add(frame)
-    assert np.mean(repeats._told) > 0.3
+    assert np.mean(repeats._repeats) > 0.3
     assert not repeats.confirmed(tracks(x)).any()
 
 

@@ -382,7 +382,7 @@ def test_folders_of_other_programs_are_sessions(make_session, where):
     (path / "notes.txt").write_text("slept badly")
     session = open_session(path)
     assert session.frames == 4 and session.calibration.name == "recording_3_camera_calibration.toml"
-    assert any("videos in it itself" in notice for notice in session.notices) == (where == ".")
+    assert any("videos in the folder itself" in notice for notice in session.notices) == (where == ".")
     # Two of them: nobody can say which counts.
     shutil.copy(session.calibration, path / "better.toml")
     with pytest.raises(CalibrationError, match=r"several calibrations \(better.toml, recording_3"):
