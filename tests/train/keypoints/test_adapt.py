@@ -208,6 +208,7 @@ def test_labels_far_from_the_network_are_refused(followed, network_card, footage
         adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out"), "")
 
 
+@pytest.mark.slow  # the tests above adapt in this process
 def test_the_command_from_a_session_to_a_network(short_demo, worse_network, tmp_path):
     out = tmp_path / "adapted"
     run = [sys.executable, "-m", "muybridge", "adapt", str(short_demo), "--out", str(out), "--minutes", "0.3"]
