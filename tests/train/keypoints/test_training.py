@@ -311,7 +311,7 @@ def test_training_without_renders_suggests_a_remedy(tmp_path):
 def test_missing_held_out_renders_are_named(store, tmp_path):
     for file in store.glob("renders-00004.*"):
         (tmp_path / file.name).symlink_to(file)
-    with pytest.raises(SessionError, match=r"none of renders-00000\.npz to renders-00003\.npz, to score with"):
+    with pytest.raises(SessionError, match=r"none of renders-00000\.npz to renders-00003\.npz, to validate with"):
         keypoints.train(KeypointTraining(renders=tmp_path, out=tmp_path / "run"))
 
 
