@@ -31,8 +31,8 @@ def convert(
 ) -> int:
     """Convert points or motion between file formats, which the suffixes name.
 
-    Points: .trc, .c3d, .csv, .parquet, .npz, and .tsv to read. Motion: .bvh, .amc, .glb, .fbx, and .gltf, .vrm, .vrma
-    to read, .usda, .mot to write. A motion is written to a format of points as the positions of its joints. Points have
+    Points: .trc, .c3d, .csv, .parquet, .npz, and .tsv to read. Motion: .bvh, .amc, .glb, .fbx, and to read .gltf, .vrm,
+    .vrma, to write .usda, .mot. A motion is written to a format of points as the positions of its joints. Points have
     no joint rotations: `muybridge solve` fits a body to them.
 
     Example:
@@ -48,7 +48,7 @@ def convert(
         asf: skeleton of an .amc file (default: the .asf beside it with the same name).
         clip: name or number (from 0) of the animation, of a file that holds several (default: the first).
         to_units: unit of lengths in a BVH file that is written; every other format has its own.
-        fill_gaps: fill gaps of points of at most so many seconds.
+        fill_gaps: fill gaps of points of at most this many seconds.
         smooth: filter over time, of points, or of a motion's rotations; without it, nothing is filtered.
         cutoff: Hz, of `--smooth butterworth` (default: found by residual analysis).
         overwrite: replace TO if it exists, and the .asf that goes with an .amc.

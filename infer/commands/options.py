@@ -39,9 +39,6 @@ COMMAND_LINE: dict[str, tuple[str, ...]] = {
     "DiagnosisOptions": ("max_shift", "max_faults"),
     "OverlayOptions": ("crf", "preset", "legend"),
     "PeopleCalibrationOptions": ("height", "bones", "max_frames", "focal_sigma"),
-    "ScanOptions": (
-        "marker_size", "marker_dictionary", "marker_id", "marker_on_floor", "distance", "max_image_side", "seed",
-    ),
 }  # fmt: skip
 
 # What a value is called in help, by class and field, where its type says little.

@@ -54,10 +54,10 @@ class SolveOptions:
         fit: the skeleton and its joint angles.
         min_confidence: minimum confidence, in 0..1; landmarks below it in every camera are treated as missing, so that
             people of whom the cameras see only a part are not made whole. 0 keeps every guess; None for the value on
-            the network's card, which is `MIN_CONFIDENCE` for muybridge's own networks.
+            the network's card, which is 0.5 for muybridge's own networks.
         fill_share: a missing landmark is taken from the fitted body in frames where at least this share of the
             landmarks was measured; above 1, never.
-        everyone: track the other people too.
+        everyone: track and write the other people too: `points_2.trc`, `motion_2.bvh` and so on.
     """
 
     tracking: TrackingOptions = field(default_factory=TrackingOptions)

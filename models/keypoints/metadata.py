@@ -1,4 +1,4 @@
-"""What a keypoint network's file says about itself.
+"""Metadata of a keypoint network.
 
 A muybridge network is an ONNX file whose metadata give its kind, version, input and meaning. Whoever opens the file
 (`muybridge.infer.networks.keypoints`, or the exporter's own check) parses them here into a frozen card. The formats are

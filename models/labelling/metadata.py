@@ -1,4 +1,4 @@
-"""What a labelling network's file says about itself."""
+"""Metadata of a labelling network."""
 
 from __future__ import annotations
 

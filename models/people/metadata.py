@@ -1,4 +1,4 @@
-"""What a person detector's file says about itself."""
+"""Metadata of a person detector."""
 
 from __future__ import annotations
 

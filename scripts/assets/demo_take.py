@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
-"""Renders the demo take: one synthetic person, four cameras, a few seconds, with its truth.
+"""Render the demo take: one synthetic person, four cameras, a few seconds, with its truth.
 
-usage: python -m scripts.assets.demo_take [OUT]      (default: infer/demo_take)
+Usage: python -m scripts.assets.demo_take [OUT]      (default: infer/demo_take)
 
 Writes videos/cam1.mp4 ... cam4.mp4, calibration.toml and truth.npz. Needs the `train` extra.
 """
@@ -21,15 +20,16 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.clothing.sample import sample_outfit
 from muybridge.train.synthesis.rendering.multi_person_takes import view_of
-from muybridge.train.synthesis.rendering.renderer import Renderer, look_at
+from muybridge.train.synthesis.rendering.renderer import Renderer
 from muybridge.train.synthesis.rendering.takes import Room, choreograph, draw_frame, perform
+from muybridge.train.synthesis.rendering.view import look_at
 
 SEED, SECONDS, FPS = 20261, 4.0, 25
 WIDTH, HEIGHT, FOCAL_PX = 640, 480, 560.0
 
 
 def cameras(target: np.ndarray) -> CameraGroup:
-    """Four cameras round the person, on tripods of different heights, none quite level."""
+    """Four cameras around the person, on tripods of different heights, none exactly level."""
     placed = []
     tripods = [(35, 3.6, 1.3), (130, 3.9, 2.1), (215, 3.5, 1.6), (310, 4.0, 2.3)]
     for k, (azimuth, distance, height) in enumerate(tripods):
@@ -44,7 +44,7 @@ def cameras(target: np.ndarray) -> CameraGroup:
 def write_video(
     path: pathlib.Path, frames: Iterable[np.ndarray], size: tuple[int, int], fps: int, quality: int, preset: str
 ) -> None:
-    """H.264 that every browser plays, of frames of this size (width, height)."""
+    """Write H.264 that every browser plays, from frames of this size (width, height)."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=fps, options={"crf": str(quality), "preset": preset})
         stream.width, stream.height = size

@@ -1,10 +1,10 @@
-"""The body that markers are fitted to, as numbers: `geometry/marker_body.npz`.
+"""Write `geometry/skeleton/marker_body.npz`, the body that is fitted to markers.
 
 Usage: python -m scripts.assets.marker_body [--bodies 600] [--components 16]
 
 From anny's statistical body (Apache-2.0; body data CC0): mean and principal components, over people of all ages and
-builds, of bone lengths, of markers' places on their bones, and of the landmarks of BODY23; which bone carries each
-marker best over wide poses; and how far skin takes it from there.
+builds, of bone lengths, of marker positions on their bones, and of the landmarks of BODY23; the bone that carries each
+marker best over a wide range of poses; and the soft-tissue motion of each marker relative to it.
 """
 
 import argparse
@@ -20,8 +20,9 @@ from muybridge.train.synthesis.markers.rig import NAMES, PARENTS, joints_of, rig
 from muybridge.train.synthesis.markers.trajectories import STANDOFF, MarkerBodies
 
 OUT = Path(__file__).resolve().parents[2] / "geometry" / "skeleton" / "marker_body.npz"
-# Ranges in degrees, left side, of what BODY locks or knows too narrowly when markers tell it; and the prior's spread.
-ROOM = {
+# Ranges in degrees, left side, where BODY locks or restricts joints too much for markers; and standard deviations of
+# the prior.
+LIMITS_DEG = {
     "spine": ((-35, 60), (-35, 35), (-40, 40)), "chest": ((-35, 60), (-35, 35), (-40, 40)),
     "clavicle": ((-15, 15), (-45, 25), (-35, 35)), "forearm": ((0, 0), (-20, 20), (-160, 12)),
     "forearm_roll": ((-120, 120), (0, 0), (0, 0)), "hand": ((0, 0), (-90, 90), (-60, 60)),
@@ -29,20 +30,20 @@ ROOM = {
     "foot": ((-50, 75), (-45, 45), (-45, 45)), "upper_arm": ((-160, 140), (-110, 125), (-150, 75)),
     "neck": ((-60, 60), (-45, 45), (-60, 60)), "head": ((-60, 60), (-45, 45), (-60, 60)),
 }  # fmt: skip
-SPREAD = {"spine": (25, 15, 15), "chest": (25, 15, 15), "clavicle": (4, 12, 12), "forearm": (1, 5, 70),
+SPREAD_DEG = {"spine": (25, 15, 15), "chest": (25, 15, 15), "clavicle": (4, 12, 12), "forearm": (1, 5, 70),
           "forearm_roll": (45, 1, 1), "hand": (1, 30, 20), "shin": (60, 3, 8), "foot": (30, 20, 20),
           "thigh": (60, 30, 30), "upper_arm": (60, 70, 70), "neck": (25, 15, 25), "head": (20, 15, 25)}  # fmt: skip
 
-# Where laboratories say that a marker belongs: taken unless skin moves it clearly with another bone.
+# The bone to which laboratories assign a marker: used unless the skin clearly moves with another bone.
 ANATOMY = {"psis": "hips", "sacrum": "hips", "iliac_crest": "hips", "asis": "hips", "sternal_notch": "chest",
            "xiphoid": "chest", "scapula": "chest", "c7": "chest", "t10": "chest", "acromion": "clavicle",
            "styloid": "forearm_roll", "knee_lateral": "thigh", "knee_medial": "thigh", "patella": "thigh",
            "tibial_tuberosity": "shin", "malleolus_lateral": "shin", "malleolus_medial": "shin"}  # fmt: skip
-CLEARLY = 0.0025
+CLEAR_MARGIN_M = 0.0025
 
 
 def rest_of(bodies: MarkerBodies, phenotypes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Bones (N, bones, 3), markers with their stand-off (N, M, 3) and BODY23's landmarks (N, 23, 3) at rest."""
+    """Bones (N, bones, 3), markers including their stand-off (N, M, 3) and BODY23's landmarks (N, 23, 3) at rest."""
     import torch
 
     model, table = bodies.model, marker_table()
@@ -63,7 +64,8 @@ def rest_of(bodies: MarkerBodies, phenotypes: np.ndarray) -> tuple[np.ndarray, n
 
 
 def carriers(bodies: MarkerBodies, people: int, poses: int) -> tuple[np.ndarray, np.ndarray]:
-    """The joint (M,) that carries each marker best, and how far it strays: metres a coordinate, (M,)."""
+    """The joint (M,) that carries each marker best, and how far the marker moves relative to it: metres per coordinate,
+    (M,)."""
     size = len(SURFACE)
     strays = np.zeros((size, len(NAMES)))
     for phenotype in bodies.model.sample_phenotypes(people):
@@ -74,10 +76,10 @@ def carriers(bodies: MarkerBodies, people: int, poses: int) -> tuple[np.ndarray,
         points, _ = bodies.markers(body, rotvec, root)
         turns, places = joints_of(rig, body, rotvec, root)
         local = np.einsum("tjki,tmjk->tmji", turns, points[:, :, None] - places[:, None])
-        # The middle half of the poses counts: extremes are outliers to the fit as well.
+        # The worst tenth of the poses is dropped: extremes are outliers to the fit as well.
         off = (local - np.median(local, 0)) ** 2
         strays += np.sort(off.sum(-1), 0)[: int(0.9 * len(off))].mean(0) / 3 / people
-    # What does not move by itself carries nothing.
+    # Joints that do not move by themselves carry nothing.
     strays[:, [j for j, n in enumerate(NAMES) if n.endswith("toe")]] = np.inf
     best = strays.argmin(1)
     for m, name in enumerate(SURFACE.names):
@@ -85,12 +87,12 @@ def carriers(bodies: MarkerBodies, people: int, poses: int) -> tuple[np.ndarray,
         if part is not None:
             side = name.split("_")[0] + "_" if part not in ("hips", "chest") else ""
             joint = NAMES.index(side + part)
-            best[m] = joint if strays[m, joint] < (np.sqrt(strays[m, best[m]]) + CLEARLY) ** 2 else best[m]
+            best[m] = joint if strays[m, joint] < (np.sqrt(strays[m, best[m]]) + CLEAR_MARGIN_M) ** 2 else best[m]
     return best, np.sqrt(strays[np.arange(size), best])
 
 
 def limits() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Lower, upper, rest and spread, each (J, 3) radians."""
+    """Lower and upper limits, rest angles and standard deviations, each (J, 3) radians."""
     lower, upper, rest, spread = (np.zeros((len(NAMES), 3)) for _ in range(4))
     for j, name in enumerate(NAMES):
         part = name.removeprefix("left_").removeprefix("right_")
@@ -98,11 +100,11 @@ def limits() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         if name in BODY.joint_names:
             k = BODY.joint_names.index(name)
             lower[j], upper[j], rest[j], spread[j] = BODY.lower[k], BODY.upper[k], BODY.rest[k], BODY.spread[k]
-        if part in ROOM:
-            both = np.radians(ROOM[part]) * sign[:, None]
+        if part in LIMITS_DEG:
+            both = np.radians(LIMITS_DEG[part]) * sign[:, None]
             lower[j], upper[j] = both.min(1), both.max(1)
-        if part in SPREAD:
-            spread[j] = np.radians(SPREAD[part])
+        if part in SPREAD_DEG:
+            spread[j] = np.radians(SPREAD_DEG[part])
     return lower, upper, np.clip(rest, lower, upper), np.maximum(spread, np.radians(1))
 
 

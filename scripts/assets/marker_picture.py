@@ -1,8 +1,7 @@
-#!/usr/bin/env python3
-"""Draws docs/assets/markers.webp: the average adult from the front, the left and the back with every virtual
-marker, and the table of docs/reference/landmarks.md below its last heading.
+"""Draw docs/assets/markers.webp: the average adult from the front, the left and the back with every virtual marker; and
+update the table of docs/reference/landmarks.md below its last heading.
 
-usage: python -m scripts.assets.marker_picture
+Usage: python -m scripts.assets.marker_picture
 """
 
 import csv
@@ -17,7 +16,8 @@ from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.bodies.surface_markers import TABLE
 from muybridge.train.synthesis.clothing.sample import Outfit, bare_outfit
-from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
+from muybridge.train.synthesis.rendering.renderer import Renderer
+from muybridge.train.synthesis.rendering.view import View, look_at
 
 DOCS = pathlib.Path(__file__).parents[2] / "docs"
 # Centre (metres), width (metres), direction to the camera, height and width (pixels), and which markers: all, or
@@ -48,12 +48,12 @@ def plain_outfit() -> Outfit:
 
 
 def names_of(row: dict[str, str]) -> str:
-    """What a label in the picture says: the short name where a set has one."""
+    """Text of a label in the picture: the short name if a set has one."""
     return row["pig39"] or row["cmu41"] or row["name"].removeprefix(row["side"] + "_").replace("_", " ")
 
 
 def place(px: FloatArray, texts: list[str], width: int, height: int) -> FloatArray:
-    """Where texts go (N, 2): to the left and right of the picture's middle, pushed apart vertically."""
+    """Positions of texts (N, 2): left and right of the centre of the picture, moved apart vertically."""
     out = np.zeros_like(px)
     middle = (px[:, 0].min() + px[:, 0].max()) / 2
     for right in (False, True):

@@ -1,7 +1,9 @@
-"""Writes train/synthesis/bodies/surface_markers.csv: surface landmarks found by anatomy on anny's average adult.
+"""Write train/synthesis/bodies/surface_markers.csv: anatomical surface landmarks on anny's average adult.
 
-Left landmarks are found by geometry (extreme points of sections at a joint, rays from a joint, heights as shares
-of stature); right ones are their mirror images by the mesh's own symmetry.
+Usage: python -m scripts.assets.marker_table
+
+Left landmarks are found by geometry (extreme points of sections at a joint, rays from a joint, heights as shares of
+stature); right ones are their mirror images by the mesh's symmetry.
 """
 
 import csv
@@ -22,13 +24,17 @@ def unit(v: FloatArray) -> FloatArray:
 
 
 def across(v: FloatArray, axis: FloatArray) -> FloatArray:
-    """Unit `v` without its part along `axis`."""
+    """Unit `v` without its component along `axis`."""
     axis = unit(axis)
     return unit(v - (v @ axis) * axis)
 
 
 class Surface:
-    """The average adult's skin in the A-pose, and where its joints are; the floor is z = 0."""
+    """The average adult's skin in the A-pose, and the joints; the floor is z = 0.
+
+    Args:
+        body: the body model.
+    """
 
     def __init__(self, body: BodyModel) -> None:
         phenotypes = np.full((1, len(body.model.phenotype_labels)), 0.5, np.float32)
@@ -65,7 +71,7 @@ class Surface:
     def extreme(
         self, direction: FloatArray, center: FloatArray, normal: FloatArray, half: float, reach: float
     ) -> tuple[FloatArray, FloatArray]:
-        """The farthest point along `direction` of the section through `center`, `half` metres thick each way."""
+        """The farthest point along `direction` of the section through `center`, `half` metres thick to each side."""
         offset = self.samples - center
         near = (np.abs(offset @ unit(normal)) < half) & (np.linalg.norm(offset, axis=-1) < reach)
         score = np.where(near, offset @ unit(direction), -np.inf)
@@ -111,7 +117,7 @@ def _arm(s: Surface) -> dict[str, tuple[FloatArray, FloatArray]]:
     shoulder, elbow, wrist = j["upperarm01.L"], j["lowerarm01.L"], j["wrist.L"]
     upper, fore = unit(elbow - shoulder), unit(wrist - elbow)
     lateral = -unit(np.cross(upper, fore))
-    hinge = elbow + 0.005 * unit(upper - fore)  # in line with the humerus; the bone's end lies in front of it
+    hinge = elbow + 0.005 * unit(upper - fore)  # in line with the humerus; the end of the bone lies in front of it
     radial = across(j["finger2-1.L"] - j["finger5-1.L"], fore)
     middle = (j["finger2-1.L"] + j["finger5-1.L"]) / 2
     dorsal_hand = -unit(np.cross(middle - wrist, j["finger2-1.L"] - j["finger5-1.L"]))
@@ -163,14 +169,14 @@ def _leg(s: Surface) -> dict[str, tuple[FloatArray, FloatArray]]:
 
 
 def mirrored_vertices(rest: FloatArray) -> IndexArray:
-    """For every body vertex its mirror image's."""
+    """For every body vertex the index of its mirror image."""
     distance, twin = cKDTree(rest).query(rest * [-1, 1, 1])
     if distance.max() > 1e-3:
         raise ValueError(f"the mesh is not symmetric: {distance.max():.4f} m")
     return twin
 
 
-# Tolerance: what trained examiners differ by when they palpate it or set the marker, 1 sigma, mm.
+# Tolerance: standard deviation between trained examiners who palpate the landmark or place the marker, mm.
 TOLERANCE_MM = {
     "crown": 10, "front_head": 15, "back_head": 15, "c7": 10, "t10": 14, "sternal_notch": 6, "xiphoid": 12,
     "scapula": 25, "asis": 12, "psis": 10, "sacrum": 10, "iliac_crest": 15, "trochanter": 14, "acromion": 10,
@@ -187,7 +193,7 @@ _PAIRS = {
     "metacarpal_2": ("FIN", "FIN"), "asis": ("ASI", "FWT"), "psis": ("PSI", "BWT"), "knee_lateral": ("KNE", "KNE"),
     "malleolus_lateral": ("ANK", "ANK"), "heel": ("HEE", "HEE"), "toe": ("TOE", "TOE"), "metatarsal_5": ("", "MT5"),
 }  # fmt: skip
-# The names of the sets (Plug-in Gait, CMU); limb markers stand at unequal heights left and right.
+# Names in the sets (Plug-in Gait, CMU); limb markers are at different heights left and right.
 SET_NAMES = {
     "c7": ("C7", "C7"), "t10": ("T10", "T10"), "sternal_notch": ("CLAV", "CLAV"), "xiphoid": ("STRN", "STRN"),
     "right_scapula": ("RBAK", "RBAC"),

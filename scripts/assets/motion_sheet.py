@@ -1,6 +1,6 @@
 """A page of generated motion: every kind as stick figures over time, from the side and from the front.
 
-python -m scripts.assets.motion_sheet motions.webp
+Usage: python -m scripts.assets.motion_sheet motions.webp
 """
 
 import argparse
@@ -23,7 +23,8 @@ COLOURS = {"M": (90, 90, 90), "L": (230, 110, 0), "R": (0, 110, 230)}
 
 def draw(tile: ByteArray, skeleton: SkinnedBody, at: FloatArray, view: FloatArray,
          touching: BoolArray) -> None:  # fmt: skip
-    """One figure in a tile; `view` (3,) is the horizontal axis of the picture. The floor is grey, contacts green."""
+    """Draw one figure into a tile; `view` (3,) is the horizontal axis of the picture. The floor is grey, contacts are
+    green."""
     ground = TILE - 12
     cv2.line(tile, (0, ground), (TILE, ground), (200, 200, 200), 1)
     centre = at[skeleton.index("root")] @ view
@@ -63,7 +64,7 @@ def strip(skeleton: SkinnedBody, clip: MotionClip) -> ByteArray:
 
 
 def sheet(skeleton: SkinnedBody, seed: int, seconds: dict[str, float], kinds: list[str]) -> ByteArray:
-    """All kinds under one another in two columns."""
+    """All kinds in two columns."""
     sampler = MotionSampler(skeleton, np.random.default_rng(seed))
     strips = [strip(skeleton, sampler.sample(seconds.get(k, 5.0), 60.0, k)) for k in kinds]
     if len(strips) % 2:
@@ -73,7 +74,7 @@ def sheet(skeleton: SkinnedBody, seed: int, seconds: dict[str, float], kinds: li
 
 
 def main() -> None:
-    """Writes the page."""
+    """Write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=pathlib.Path)
     parser.add_argument("--seed", type=int, default=1)

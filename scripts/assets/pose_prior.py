@@ -2,9 +2,9 @@
 
 Usage: python -m scripts.assets.pose_prior [--clips 90] [--components 12] [--out geometry/ik/pose_prior.npz]
 
-Clips of the procedural motion generator, bodies of several builds; each clip's joints become the landmarks of BODY23,
-`fit_body` makes angles of them, and of these every sixth frame is an example. A tenth of the clips is kept out, and
-what the prior says of their poses is printed beside one Gaussian and beside poses drawn evenly within the limits.
+Uses clips of the procedural motion generator on bodies of several builds. Each clip's joints become the landmarks of
+BODY23, `fit_body` turns them into angles, and every sixth frame is an example. A tenth of the clips is held out; the
+log density of their poses is printed beside that of one Gaussian and that of poses drawn uniformly within the limits.
 """
 
 import argparse
@@ -29,7 +29,7 @@ JOINTS = {"shoulder": "upperarm01.", "elbow": "lowerarm01.", "wrist": "wrist.", 
 
 
 def landmarks(skeleton: SkinnedBody, clip: MotionClip) -> np.ndarray:
-    """(T, 23, 3) metres, landmarks of BODY23 at and beside the clip's joints."""
+    """(T, 23, 3) metres, landmarks of BODY23 at and near the clip's joints."""
     turns, at = forward(skeleton, turn(clip.rotvec), clip.root)
 
     def place(bone: str, offset: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
@@ -78,10 +78,10 @@ def main() -> None:
     prior = fit_prior(tree.names, seen, arguments.components)
     one = fit_prior(tree.names, seen, 1)
     even = np.random.default_rng(0).uniform(tree.lower, tree.upper, (1000, len(tree)))
-    print(f"{len(seen)} examples of {len(poses)} clips; mean log density of {len(held)} poses kept out:")
+    print(f"{len(seen)} examples of {len(poses)} clips; mean log density of {len(held)} held-out poses:")
     mixture, single = (p.log_density(held).mean() for p in (prior, one))
     print(f"  {arguments.components} components {mixture:.1f}, one {single:.1f}")
-    print(f"  of poses drawn evenly within the limits {prior.log_density(even).mean():.1f}")
+    print(f"  of poses drawn uniformly within the limits {prior.log_density(even).mean():.1f}")
     save_prior(arguments.out, prior)
     print(f"{arguments.out}: {arguments.out.stat().st_size / 1024:.0f} KiB")
 

@@ -1,10 +1,8 @@
-#!/usr/bin/env python3
-"""Makes the README's animation from the results of `muybridge demo`.
+"""Make the README's animation from the results of `muybridge demo`.
 
-usage: python -m scripts.assets.readme_picture [RESULTS] [OUT]      (default: muybridge-demo docs/assets/demo.webp)
+Usage: python -m scripts.assets.readme_picture [RESULTS] [OUT]      (default: muybridge-demo docs/assets/demo.webp)
 
-Left: what the cameras saw, with the projected landmarks (from the overlays). Right: the fitted motion
-(motion.bvh) in 3D.
+Left: the camera views with projected landmarks (from the overlays). Right: the fitted motion (motion.bvh) in 3D.
 """
 
 import sys
@@ -27,7 +25,7 @@ FINE = 2
 
 
 def read_video(path: Path, wanted_fps: float) -> list[ByteArray]:
-    """Every n-th frame of a video, so that `wanted_fps` is not passed by much."""
+    """Every n-th frame of a video, at about `wanted_fps`."""
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         every = max(1, round(float(stream.average_rate) / wanted_fps))
@@ -35,7 +33,7 @@ def read_video(path: Path, wanted_fps: float) -> list[ByteArray]:
 
 
 def camera_sheet(views: list[ByteArray], height: int) -> ByteArray:
-    """Up to four pictures in two rows, `height` px in all."""
+    """Up to four images in two rows, `height` px in total."""
     rows = [views[:2], views[2:4]] if len(views) > 2 else [views]
     each = height // len(rows)
     strips = []
@@ -49,7 +47,7 @@ def camera_sheet(views: list[ByteArray], height: int) -> ByteArray:
 
 
 def stage(joints: FloatArray, yaw: float, target: FloatArray) -> tuple[NDArray, NDArray]:
-    """Pixels (at `FINE` times the size) and depths of (N, 3) world points seen from `yaw`, a little above."""
+    """Pixels (at `FINE` times the size) and depths of (N, 3) world points seen from `yaw`, slightly from above."""
     pitch, distance, focal = 0.2, 4.6, 1.75 * HEIGHT * FINE
     away = np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
     right = np.cross(-away, [0.0, 0.0, 1.0])
@@ -62,7 +60,7 @@ def stage(joints: FloatArray, yaw: float, target: FloatArray) -> tuple[NDArray, 
 def draw_stage(
     joints: FloatArray, parents: tuple[int, ...], names: tuple[str, ...], yaw: float, target: NDArray
 ) -> ByteArray:
-    """The skeleton on its ground, square, `HEIGHT` px."""
+    """The skeleton on the ground, a square image of `HEIGHT` px."""
     image = np.full((HEIGHT * FINE, HEIGHT * FINE, 3), PAPER, np.uint8)
     around = np.round(target[:2])
     for i in range(-3, 4):

@@ -1,10 +1,9 @@
-#!/usr/bin/env python3
-"""Renders takes of several people for scripts/benchmarks/takes/takes.py: session folders with their truth.
+"""Render takes of several people for scripts.benchmarks.takes.takes: session folders with their truth.
 
-usage: python -m scripts.assets.takes OUT [NAME ...]      (default: all of them)
+Usage: python -m scripts.assets.takes OUT [NAME ...]      (default: all of them)
 
-Writes OUT/NAME/videos/cam1.mp4 ..., calibration.toml and truth.npz (`points_world` (P, T, 23, 3) metres). A take
-that is there already stays. Needs the `train` extra.
+Writes OUT/NAME/videos/cam1.mp4 ..., calibration.toml and truth.npz (`points_world` (P, T, 23, 3) metres). Existing
+takes are kept. Needs the `train` extra.
 """
 
 import pathlib
@@ -25,7 +24,8 @@ from scripts.assets.demo_take import write_video
 
 @dataclass(frozen=True)
 class Plan:
-    """What a take shows: `kinds` of motion, one a person; cameras and their size; how far they stand, metres."""
+    """Content of a take: `kinds` of motion, one per person; cameras and their image size; their distance from the
+    centre, metres."""
 
     kinds: tuple[str, ...]
     cameras: int = 4
@@ -59,7 +59,7 @@ PLANS = {
 
 
 def make(plan: Plan, out: pathlib.Path) -> None:
-    """Renders one take into the folder `out`."""
+    """Render one take into the folder `out`."""
     body = BodyModel(plan.seed)
     renderer = Renderer(body)
     actors = cast(body, plan.kinds, plan.seconds, plan.fps, plan.reach)
@@ -80,7 +80,7 @@ def make(plan: Plan, out: pathlib.Path) -> None:
         write_video(path, noisy, (camera.width, camera.height), plan.fps, 24, "fast")
     points = np.stack([a.landmarks for a in actors]).astype(np.float32)
     np.savez_compressed(out / "truth.npz", points_world=points, names=np.array(BODY23.names), fps=plan.fps)
-    save_calibration(group, out / "calibration.toml")  # last: a take without it is not finished
+    save_calibration(group, out / "calibration.toml")  # written last: it marks a take as complete
 
 
 def main() -> None:

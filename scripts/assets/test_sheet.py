@@ -1,12 +1,12 @@
-"""One page of 60 hard synthetic cases with what the shipped network finds, and on request one of a real take.
+"""A page of 60 difficult synthetic cases with the landmarks of the shipped network, or optionally of a real take.
 
-    python -m scripts.assets.test_sheet docs/assets/test-sheet.webp
-    python -m scripts.assets.test_sheet sheet.png --take RESULTS
+Usage: python -m scripts.assets.test_sheet docs/assets/test-sheet.webp
+       python -m scripts.assets.test_sheet sheet.png --take RESULTS
 
 The synthetic cases are held-out people under the hardest settings of the augmentation: any roll up to 60 degrees,
-occluders, second persons, the border of the video. Left limbs are orange, right ones blue, the truth is thin and
-white; landmarks that the network has no idea of, which count as missing in use, are not drawn. The second form shows
-the overlays of a finished `muybridge run`: every camera at ten instants.
+occluders, second persons, the border of the video. Left limbs are orange, right ones blue, the truth is thin and white;
+landmarks that the network cannot locate, which count as missing in use, are not drawn. The second form shows the
+overlays of a finished `muybridge run`: every camera at ten instants.
 """
 
 import argparse
@@ -36,14 +36,14 @@ SEED = 60
 
 
 def hard_cases(renders: pathlib.Path, size: int) -> Batch:
-    """The same cases for every network: seeded by the held-out shards alone."""
+    """The same cases for every network: they depend only on the held-out shards."""
     store = load_renders(renders, HELD_OUT)
     pool = make_backgrounds(200, SIZE, SEED)
     return Compositor(store, pool, size, SEED, HARD).batch(CASES)
 
 
 def draw(picture: ByteArray, points: NDArray[np.floating], scale: float, truth: bool = False) -> None:
-    """Bones into an RGB picture, in place; none to landmarks that are NaN."""
+    """Draw bones into an RGB picture, in place; landmarks that are NaN are skipped."""
     for a, b in BODY23.edge_indices:
         if not np.isfinite(points[[a, b]]).all():
             continue
@@ -77,7 +77,7 @@ def synthetic_sheet(renders: pathlib.Path, model: pathlib.Path) -> ByteArray:
 
 
 def take_sheet(results: pathlib.Path, instants: int = 10, height: int = 320) -> ByteArray:
-    """RGB page: a row a camera, a column an instant, from the overlay videos of `muybridge run`."""
+    """RGB page: one row per camera, one column per instant, from the overlay videos of `muybridge run`."""
     import av
 
     rows = []
@@ -92,7 +92,7 @@ def take_sheet(results: pathlib.Path, instants: int = 10, height: int = 320) -> 
 
 
 def main() -> None:
-    """See the module's text."""
+    """Write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=pathlib.Path)
     parser.add_argument("--renders", type=pathlib.Path, default=pathlib.Path("runs/renders"))

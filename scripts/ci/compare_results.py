@@ -59,5 +59,5 @@ def compare(before: Path, after: Path) -> bool:
 
 if __name__ == "__main__":
     if len(sys.argv) != 3:
-        sys.exit("usage: python -m scripts.ci.compare_results BEFORE AFTER")
+        sys.exit("Usage: python -m scripts.ci.compare_results BEFORE AFTER")
     sys.exit(0 if compare(Path(sys.argv[1]), Path(sys.argv[2])) else 1)

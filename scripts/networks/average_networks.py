@@ -1,11 +1,10 @@
-#!/usr/bin/env python3
-"""Averages fp32 networks of one training run, for keypoints or people, and writes the mean as `muybridge train` would.
+"""Average fp32 networks of one training run, for keypoints or people, and write the mean as `muybridge train` would.
 
-usage: python -m scripts.networks.average_networks OUT RENDERS POOL NETWORK.onnx NETWORK.onnx ...
+Usage: python -m scripts.networks.average_networks OUT RENDERS POOL NETWORK.onnx NETWORK.onnx ...
 
-OUT is the new file; RENDERS and POOL (`pool-*.npy`) give the held-out images that the score is taken from. For
-keypoints these are crops as large as the first network's, on which the variance is fitted too and the ranges of the
-8-bit version, which goes beside.
+OUT is the new file; RENDERS and POOL (`pool-*.npy`) provide the held-out images for the scores. For keypoints these are
+crops of the first network's size, on which the variance is calibrated too and the activation ranges of the 8-bit
+version, written beside OUT, are measured.
 """
 
 import pathlib
@@ -26,12 +25,12 @@ def main() -> None:
     if len(sys.argv) < 6:
         raise SystemExit(__doc__)
     out, renders, pool, *networks = map(pathlib.Path, sys.argv[1:])
-    told = {entry.key: entry.value for entry in onnx.load(str(networks[-1])).metadata_props}
-    trained, names = told.get("training_command", "a training"), ", ".join(n.name for n in networks)
+    metadata = {entry.key: entry.value for entry in onnx.load(str(networks[-1])).metadata_props}
+    trained, names = metadata.get("training_command", "a training"), ", ".join(n.name for n in networks)
     command = f"{trained}; python -m scripts.networks.average_networks of {names}"
     checkpoint = out.with_suffix(".pt")
     checkpoint.parent.mkdir(parents=True, exist_ok=True)
-    if told.get("muybridge_kind") == "people":
+    if metadata.get("muybridge_kind") == "people":
         saved = average_people(networks)
         saved["scores"] = people.evaluate(people_net(saved), people.held_out_scenes(renders, pool))
         save_checkpoint(checkpoint, saved)

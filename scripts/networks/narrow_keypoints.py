@@ -1,11 +1,11 @@
-#!/usr/bin/env python3
-"""Writes a keypoint network with fewer multiplications than a trained one, to train on from (`muybridge train keypoints
---model OUT`).
+"""Write a pruned version of a trained keypoint network, to continue training from (`muybridge train keypoints --model
+OUT`).
 
-usage: python -m scripts.networks.narrow_keypoints NETWORK.onnx OUT.onnx RENDERS [--depths 0 2 2 2] [--hidden 32 64 96 160]
+Usage: python -m scripts.networks.narrow_keypoints NETWORK.onnx OUT.onnx RENDERS
+           [--depths 0 2 2 2] [--hidden 32 64 96 160]
 
-The channels that stay take over what those that go said, on held-out crops of RENDERS (`train/narrowing.py`). Prints
-what the network was and is worth there, before any training.
+The remaining channels take over the contribution of the removed ones, on held-out crops of RENDERS (see `prune`).
+Prints scores before and after, without any training.
 """
 
 import argparse

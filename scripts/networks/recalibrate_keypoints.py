@@ -1,13 +1,12 @@
-#!/usr/bin/env python3
-"""Calibrates a published keypoint network anew, for crops of another size if need be; its weights stay as they are.
+"""Recalibrate an exported keypoint network, optionally for crops of another size; its weights do not change.
 
-usage: python -m scripts.networks.recalibrate_keypoints NETWORK.onnx RENDERS [--crops 2048] [--size PX]
+Usage: python -m scripts.networks.recalibrate_keypoints NETWORK.onnx RENDERS [--crops 2048] [--size PX]
 
-As `muybridge train keypoints` does at its end: variances are fitted on one half of the held-out crops of RENDERS, a
-part of them with the background plate, and their coverage is measured on the other, the 8-bit version beside
-NETWORK.onnx is made again, and scores are taken. Beyond that, what crops looked at mirrored are surer of is fitted with
-all that `muybridge run` does with those it is unsure of (smaller, turned and tilted), which needs a network's file, and
-then, of as many crops of parts of people, what such are surer of: on either half, and measured on the other.
+As at the end of `muybridge train keypoints`, variances are fitted on one half of the held-out crops of RENDERS, some of
+them with a background model, their coverage is measured on the other half, the 8-bit version beside NETWORK.onnx is
+made again, and scores are computed. In addition, the ratio for crops averaged with their mirror image is fitted with
+the complete test-time augmentation of `muybridge run` (smaller, rotated and tilted crops), which needs an exported
+file; and then, on as many crops of parts of people, the ratio for those: each on both halves, measured on the other.
 """
 
 import argparse
@@ -27,11 +26,12 @@ from muybridge.models.keypoints.decode import in_part
 from muybridge.models.keypoints.metadata import BODY_OUTPUTS, MARKER_OUTPUTS, KeypointModelCard, keypoint_card
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
 from muybridge.models.onnx_files.quantization import int8_path, quantize
+from muybridge.train.engine.export import dated_version
 from muybridge.train.images.backgrounds import make_backgrounds
 from muybridge.train.images.compositor import WHOLE, Batch, Compositor
 from muybridge.train.images.dataset import HELD_OUT
 from muybridge.train.keypoints.evaluate import load_model, read_batch
-from muybridge.train.keypoints.export import CALIBRATION_IMAGES, calibration, version
+from muybridge.train.keypoints.export import CALIBRATION_IMAGES, calibration
 from muybridge.train.keypoints.train import evaluate
 from muybridge.train.keypoints.variance_calibration import (
     LEAST_LANDMARKS,
@@ -42,7 +42,7 @@ from muybridge.train.keypoints.variance_calibration import (
 )
 from muybridge.train.synthesis.rendering.store import SIZE, load_renders
 
-# Of the crops and of their backgrounds: no training's and no evaluation's.
+# Seed of the crops and their backgrounds, different from any training's and evaluation's.
 SEED = 20_000
 
 
@@ -60,15 +60,17 @@ def reader_of(session: onnxruntime.InferenceSession, card: KeypointModelCard) ->
 def as_read(
     session: onnxruntime.InferenceSession, card: KeypointModelCard, batches: list[Batch], partly: bool, look: str
 ) -> tuple[float, dict[str, float]]:
-    """By what the variances of a network have to be multiplied where crops are read as `muybridge run` does, and the
-    shares then, as of `sigma_coverage`: fitted on either half of the crops and measured on the other, and the mean of
-    both, since few people who tumble weigh much in a half. One, and no shares, where there are too few to tell.
+    """Factor on a network's variances for crops read as in `muybridge run`, and the resulting coverage, as in
+    `sigma_coverage`.
+
+    It is fitted on either half of the crops and measured on the other, and the mean of both is used, since a few
+    tumbling people have much weight in one half. One, and no coverage, if there are too few crops.
 
     Args:
         session, card: the network.
         batches: of crops.
-        partly: of the crops those count that the network takes for parts of people; else all.
-        look: end of the shares' names.
+        partly: use only crops that the network takes for parts of people.
+        look: suffix of the names of the shares.
     """
     parts = []
     for batch in track(batches, "reading as `run` does", transient=True):
@@ -91,7 +93,7 @@ def as_read(
 
 
 def text(new: dict[str, Any]) -> dict[str, str]:
-    """As a file's metadata says it."""
+    """The form of metadata in a file."""
     return {key: value if isinstance(value, str) else json.dumps(value) for key, value in new.items()}
 
 
@@ -111,7 +113,7 @@ def main() -> None:
     close_ups = [near.batch(64) for _ in batches]
     scores = evaluate(keypoint_net_from_onnx(path), batches[:8])
     measured = calibration(*read_held_out(reader_of(session, card), batches))
-    new = {"input_size": str(size), "version": version(), **measured}
+    new = {"input_size": str(size), "version": dated_version(), **measured}
     new["scores"] = {key: round(value, 4) for key, value in scores.items()}
     model = onnx.load(str(path))
     metadata = {entry.key: entry.value for entry in model.metadata_props} | text(new)

@@ -1,7 +1,7 @@
-"""One network from several that one training run gave, each after its learning rate had fallen: their mean weights.
+"""Average the weights of several networks of one training run, each taken after its learning rate had fallen.
 
 Wortsman et al., "Model soups", ICML 2022; Izmailov et al., "Averaging weights leads to wider optima", UAI 2018.
-Networks between whose ends training went on at a constant rate lie in one valley, its middle lower than its sides.
+Networks between which training continued at a constant rate lie in one basin, whose centre is lower than its sides.
 """
 
 import pathlib
@@ -18,26 +18,26 @@ from muybridge.train.engine.loop import TrainingHistory
 
 
 def average_keypoints(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
-    """A checkpoint, as `publish.publish_keypoints` takes it, with the mean of fp32 keypoint networks of ours.
+    """A checkpoint, as `publish_keypoints` takes it, with the mean of fp32 muybridge keypoint networks.
 
     Args:
-        paths: ONNX files; normalisation is folded into their convolutions, so that no statistics have to be measured
-            anew. One that is named twice counts twice.
+        paths: ONNX files. Normalisation is folded into their convolutions, so that no statistics have to be measured
+            again. A file that is listed twice counts twice.
 
     Raises:
-        ModelError: fewer than two files, or one that is none of ours, or of another design than the first.
+        ModelError: fewer than two files, or one that is not a muybridge network or of another design than the first.
     """
     return _average(paths, keypoint_net_from_onnx)
 
 
 def average_people(paths: Sequence[pathlib.Path]) -> dict[str, Any]:
-    """The same of person detectors, for `publish.publish_people`."""
+    """The same for person detectors, for `publish_people`."""
     return _average(paths, people_net_from_onnx)
 
 
 def _average(paths: Sequence[pathlib.Path], read: Callable[[pathlib.Path], KeypointNet | PeopleNet]) -> dict[str, Any]:
     if len(paths) < 2:
-        raise ModelError("an average takes two networks or more")
+        raise ModelError("an average needs two networks or more")
     nets = [read(path) for path in paths]
     states = [net.state_dict() for net in nets]
     for path, state in zip(paths, states, strict=True):
@@ -45,14 +45,15 @@ def _average(paths: Sequence[pathlib.Path], read: Callable[[pathlib.Path], Keypo
             raise ModelError(f"{path}: of another design than {paths[0]}; average networks of one training run")
     mean = {k: torch.stack([s[k].float() for s in states]).mean(0).to(v.dtype) for k, v in states[0].items()}
     return {
-        "average": mean, "config": nets[0].config, "state": _seen(dict.fromkeys(paths))._asdict(), "scores": {},
+        "average": mean, "config": nets[0].config, "scores": {},
+        "state": _combined_history(dict.fromkeys(paths))._asdict(),
         "options": {"seed": training_record(paths[0])["seed"]},
     }  # fmt: skip
 
 
-def _seen(paths: Iterable[pathlib.Path]) -> TrainingHistory:
-    """What networks saw together: what the youngest saw, from which the others are taken to have gone on, and what each
-    of them saw since."""
+def _combined_history(paths: Iterable[pathlib.Path]) -> TrainingHistory:
+    """Combined history: that of the youngest network, from which the others are assumed to have continued, plus what
+    each of them saw since."""
     seen = [TrainingHistory.of_file(path) for path in paths]
     first = min(seen)
     return TrainingHistory(

@@ -103,7 +103,7 @@ def _detector_maps(
     return heatmap.astype(np.float32), box.astype(np.float32)
 
 
-def test_people_are_found_best_first() -> None:
+def test_people_are_sorted_by_score() -> None:
     people = [
         (40.0, 30.0, 100.0, 160.0, 2.0),
         (180.0, 20.0, 250.0, 180.0, 4.0),
@@ -138,7 +138,7 @@ def test_overlaps() -> None:
     assert suppress_overlaps(boxes, scores, 0.4).tolist() == [1, 0, 2]
 
 
-def test_of_twins_in_one_place_the_one_that_may_be_elsewhere_goes_there() -> None:
+def test_one_of_two_twins_in_one_place_moves_to_its_second_place() -> None:
     sure, torn = _peak(10, 16, 1.0), 0.55 * _peak(11, 16, 1.0) + 0.45 * _peak(22, 9, 1.0)
     alone = 0.55 * _peak(10, 16, 1.0) + 0.45 * _peak(20, 20, 1.0)  # without a twin
     logits, twins = _logits(sure, torn, alone), np.array([1, 0, 2])
@@ -161,7 +161,7 @@ def test_of_twins_in_one_place_the_one_that_may_be_elsewhere_goes_there() -> Non
 @pytest.mark.parametrize(
     ("second", "apart", "moves"), [(0.4, 11, True), (0.3, 11, False), (0.45, 2, False), (0.0, 11, False)]
 )
-def test_twins_stay_where_no_other_place_is_nearly_as_likely(second: float, apart: float, moves: bool) -> None:
+def test_twins_stay_without_a_likely_second_place(second: float, apart: float, moves: bool) -> None:
     one = (1 - second) * _peak(10, 16, 0.8) + second * _peak(10 + apart, 16, 0.8)
     logits = _logits(_peak(10, 15, 0.8), one)
     twins = np.array([1, 0])

@@ -1,4 +1,4 @@
-"""Other people's models by a card: small ONNX files with exactly RTMPose's interface, whose answers are known."""
+"""Third-party models with a card: small ONNX files with RTMPose's interface, whose outputs are known."""
 
 import json
 import tomllib
@@ -123,7 +123,7 @@ def test_each_layout_maps_by_name() -> None:
     assert LAYOUTS["halpe26"][24:26] == ("left_heel", "right_heel") and len(LAYOUTS["coco133"]) == 133
 
 
-def test_simcc_takes_the_mode_and_its_variance_knows_the_other() -> None:
+def test_simcc_returns_the_mode_with_a_variance_over_both_peaks() -> None:
     bins = np.arange(384)
     peak = lambda at, sd: np.exp(-((bins - at) ** 2) / (2 * sd**2))  # noqa: E731
     two = np.log(0.7 * peak(100.4, 3) + 0.3 * peak(300, 3) + 1e-9).astype(np.float32)[None, None]
@@ -151,7 +151,7 @@ def test_heatmaps_of_other_conventions(logits: bool, sd: float) -> None:
         assert found.score[0, 0] == pytest.approx(values.max())
 
 
-def test_normalisation_and_colour_order_are_the_cards(tmp_path: Path) -> None:
+def test_normalisation_and_colour_order_follow_the_card(tmp_path: Path) -> None:
     """A model that gives back its first channel's value at a pixel tells what it was fed."""
     path = _bright_spot_model(tmp_path / "model.onnx", 17, channel=2)
     card = load_card(_card(tmp_path, **{'"rgb"': '"bgr"'}))
@@ -195,7 +195,7 @@ def test_weights_may_lie_beside_the_model(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "shape"), [(10, (3, 256, 192)), (2, (3, 256, 192)), (1, (256, 192, 3)), (1, (3, 384, 288))]
 )
-def test_an_input_that_is_not_the_cards_is_refused_at_once(tmp_path: Path, kind: int, shape: tuple[int, ...]) -> None:
+def test_input_that_differs_from_the_card_is_refused(tmp_path: Path, kind: int, shape: tuple[int, ...]) -> None:
     model = onnx.load(str(_bright_spot_model(tmp_path / "model.onnx", 17)))
     model.graph.input[0].CopyFrom(onnx.helper.make_tensor_value_info("input", kind, ["n", *shape]))
     cast = onnx.helper.make_node("Cast", ["input"], ["as_float"], to=1)
@@ -214,7 +214,7 @@ def test_an_input_that_is_not_the_cards_is_refused_at_once(tmp_path: Path, kind:
 
 @pytest.mark.parametrize("logits", [True, False])
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
-def test_a_map_that_is_not_finite_is_a_missing_landmark(logits: bool, wrong: float) -> None:
+def test_non_finite_maps_are_missing_landmarks(logits: bool, wrong: float) -> None:
     maps = np.zeros((1, 2, 64, 48), np.float32)
     maps[0, :, 20, 30] = 5 if logits else 1
     maps[0, 1, 3, 3] = wrong
@@ -224,7 +224,7 @@ def test_a_map_that_is_not_finite_is_a_missing_landmark(logits: bool, wrong: flo
     assert found.score[0, 1] == 0
 
 
-def test_shipped_cards_are_whole() -> None:
+def test_shipped_cards_are_complete() -> None:
     cards = shipped_cards()
     assert {"rtmpose-coco17", "rtmpose-halpe26", "rtmpose-coco133", "heatmap-coco17"} <= set(cards)
     for name, path in cards.items():
@@ -274,14 +274,16 @@ def test_cards_with_faults(tmp_path: Path, changes: dict[str, str], message: str
         (None, {"split_ratio = 2.0": "split_ratio = 3.0"}, "384 bins for 192 px"),
     ],
 )
-def test_models_that_are_not_the_cards(tmp_path: Path, card: str | None, changes: dict[str, str], message: str) -> None:
+def test_models_that_differ_from_the_card_are_refused(
+    tmp_path: Path, card: str | None, changes: dict[str, str], message: str
+) -> None:
     path = _bright_spot_model(tmp_path / "model.onnx", 17)
     card = card or str(_card(tmp_path, **changes))
     with pytest.raises(ModelError, match=message):
         open_keypoints(path, card, OnnxOptions()).locate(np.zeros((1, HEIGHT, HEIGHT, 3), np.uint8))
 
 
-def test_a_card_says_from_which_score_on_a_landmark_is_seen(tmp_path: Path) -> None:
+def test_card_sets_the_minimum_confidence(tmp_path: Path) -> None:
     path = _bright_spot_model(tmp_path / "model.onnx", 17)
 
     def used(asked: float | None, detect: DetectOptions) -> float:
@@ -294,7 +296,7 @@ def test_a_card_says_from_which_score_on_a_landmark_is_seen(tmp_path: Path) -> N
     assert [used(0.4, how) for how in (DetectOptions(), silent, telling)] == [0.4, 0.4, 0.4]
 
 
-def test_a_card_in_words_is_toml() -> None:
+def test_documented_card_is_valid() -> None:
     for path in shipped_cards().values():
         assert tomllib.loads(path.read_text())["model"]["name"]
 

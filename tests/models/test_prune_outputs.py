@@ -1,4 +1,4 @@
-"""Files without outputs that nobody asked for say the same of the rest, and work less."""
+"""Files without unused outputs give the same results for the others."""
 
 import numpy as np
 import onnxruntime
@@ -14,7 +14,7 @@ MARKERS = ("marker_heatmaps", "marker_visibility")
 
 
 @pytest.mark.parametrize("precision", ["fp32", "int8"])
-def test_the_shipped_network_without_markers_says_the_same_of_the_body(precision):
+def test_body_outputs_are_unchanged_without_markers(precision):
     file = shipped_model("keypoints", precision).read_bytes()
     whole, trimmed = (onnx.load_from_string(data) for data in (file, without_outputs(file, MARKERS)))
     onnx.checker.check_model(trimmed)
@@ -45,7 +45,7 @@ def small_model() -> bytes:
                              model_version=-7).SerializeToString()  # fmt: skip
 
 
-def test_what_others_need_stays():
+def test_nodes_needed_by_other_outputs_stay():
     model = onnx.load_from_string(without_outputs(small_model(), ["a", "c", "of no such name"]))
     assert model.model_version == -7
     assert [node.output[0] for node in model.graph.node] == ["a", "b"]

@@ -1,4 +1,4 @@
-"""People of whom a part is seen are shown to the network smaller."""
+"""Partly visible people are read at a smaller size."""
 
 import numpy as np
 import pytest
@@ -18,14 +18,14 @@ def scores(here: int) -> FloatArray:
 @pytest.mark.parametrize(
     ("here", "side"), [(23, 256), (22, 224), (20, 224), (19, 192), (12, 192), (11, 160), (6, 160), (5, 256), (0, 256)]
 )
-def test_the_less_is_seen_of_somebody_the_smaller_they_are_shown(here: int, side: int) -> None:
+def test_less_visible_people_are_read_at_smaller_sizes(here: int, side: int) -> None:
     assert reading_sides(scores(here), 256, 256) == side
     assert reading_sides(scores(here), 192, 256) == min(side, 192)  # never larger than they are
 
 
 @pytest.mark.parametrize("rows", [1, 2])
 @pytest.mark.parametrize("channels", [1, 3, 4])
-def test_maps_of_smaller_crops_are_as_of_the_crops(rows: int, channels: int) -> None:
+def test_maps_of_smaller_crops_match_those_of_the_crops(rows: int, channels: int) -> None:
     """The network finds what is bright; a shift by half a pixel of either resolution would show."""
     size, stride = 256, 4
     v, u = np.indices((size, size))
@@ -51,7 +51,7 @@ def test_maps_of_smaller_crops_are_as_of_the_crops(rows: int, channels: int) -> 
 
 
 @pytest.mark.parametrize(("here", "looks"), [(23, []), (21, [224]), (15, [192]), (8, [160])])
-def test_a_part_is_read_at_its_size(here: int, looks: list[int]) -> None:
+def test_parts_of_people_are_read_at_their_size(here: int, looks: list[int]) -> None:
     card = KeypointNetwork(shipped_model("keypoints")).card
     shown: list[int] = []
 
@@ -71,7 +71,7 @@ def test_a_part_is_read_at_its_size(here: int, looks: list[int]) -> None:
     np.testing.assert_allclose(found.points_crop_px[0, 0], 4 * np.array(cell) + 1.5, atol=1.5)
 
 
-def test_a_first_look_is_a_smaller_one() -> None:
+def test_first_pass_uses_smaller_crops() -> None:
     options = first_pass(DetectOptions()).keypoints.onnx
     network, whole = KeypointNetwork(shipped_model("keypoints"), options), KeypointNetwork(shipped_model("keypoints"))
     assert (network.crop_size, whole.crop_size) == (192, 256)
@@ -83,7 +83,7 @@ def test_a_first_look_is_a_smaller_one() -> None:
     assert found.points_crop_px.shape == (2, 23, 2) and (found.points_crop_px[there] < 192).all()
 
 
-def test_sizes_that_no_network_takes_are_refused() -> None:
+def test_invalid_sizes_are_refused() -> None:
     with pytest.raises(ValueError, match="size must be between"):
         OnnxOptions(size=0.1)
     with pytest.raises(ValueError, match="multiple of 32"):

@@ -1,4 +1,4 @@
-"""Crops of which the network is unsure are shown to it turned by quarters, and tilted."""
+"""Uncertain crops are read in other orientations and tilted."""
 
 import cv2
 import numpy as np
@@ -54,7 +54,7 @@ def looked(network: KeypointNetwork, monkeypatch: pytest.MonkeyPatch) -> list[in
     return counts
 
 
-def test_a_person_who_is_upside_down_is_found_where_they_are(network: KeypointNetwork) -> None:
+def test_upside_down_people_are_located(network: KeypointNetwork) -> None:
     places = [(100, 20), (30, 160), (170, 100), (20, 90), (96, 96)]
     found = network.locate(spotted(network, places))
     middles = np.repeat(np.array(places[:4])[:, None] - 0.5, len(network.landmarks), axis=1)
@@ -63,7 +63,7 @@ def test_a_person_who_is_upside_down_is_found_where_they_are(network: KeypointNe
     assert np.isnan(found.found.points_crop_px[4]).all()  # nowhere near an edge, however it is turned
 
 
-def test_what_is_sure_is_not_turned(network: KeypointNetwork, looked: list[int]) -> None:
+def test_confident_crops_are_not_rotated(network: KeypointNetwork, looked: list[int]) -> None:
     network.locate(spotted(network, [(100, 20), (30, 20), (30, 160)]))
     assert looked == [3, 1, 1, 1]
     looked.clear()
@@ -71,7 +71,7 @@ def test_what_is_sure_is_not_turned(network: KeypointNetwork, looked: list[int])
     assert np.isnan(still.locate(spotted(network, [(30, 160)])).found.points_crop_px).all() and looked == [1]
 
 
-def test_of_a_series_only_samples_and_what_is_like_them_are_turned(network: KeypointNetwork, looked: list[int]) -> None:
+def test_only_samples_of_a_series_are_rotated(network: KeypointNetwork, looked: list[int]) -> None:
     # One hangs upside down in all frames, one is nobody; their frames take turns.
     places = [(60 + 5 * (k // 2), 170) if k % 2 == 0 else (96, 96) for k in range(18)]
     series = Series(np.arange(18) % 2, every=4)
@@ -82,7 +82,7 @@ def test_of_a_series_only_samples_and_what_is_like_them_are_turned(network: Keyp
     assert looked == [18, 6, 6, 6, 6]
 
 
-def test_who_turns_over_within_a_series_is_found_in_every_frame(network: KeypointNetwork) -> None:
+def test_people_who_turn_over_within_a_series_are_located(network: KeypointNetwork) -> None:
     places = [(96, 20), (60, 20), (20, 60), (20, 90), (20, 120), (60, 172), (96, 172), (120, 172)]
     series = Series(np.zeros(len(places), dtype=np.int64), every=4)
     found = network.locate(spotted(network, places), series=series).found.points_crop_px[:, 0]
@@ -90,7 +90,7 @@ def test_who_turns_over_within_a_series_is_found_in_every_frame(network: Keypoin
 
 
 @pytest.mark.parametrize(("here", "turned"), [(5, True), (6, False), (19, False), (20, True)])
-def test_parts_of_people_are_not_turned(here: int, turned: bool) -> None:
+def test_partly_visible_people_are_not_rotated(here: int, turned: bool) -> None:
     """Crops that show `here` landmarks, none of them surely, and turned all of them: of whom some are missing is not
     turned, unless there is hardly anything to lose."""
     card = KeypointNetwork(shipped_model("keypoints"), OnnxOptions()).card
@@ -111,7 +111,7 @@ def test_parts_of_people_are_not_turned(here: int, turned: bool) -> None:
     assert (np.isclose(found.points_crop_px[0, 0], 4 * np.array([11, 19]) + 1.5, atol=1).all()) != turned
 
 
-def test_what_is_tilted_comes_back_to_its_place() -> None:
+def test_tilted_maps_are_resampled_to_their_place() -> None:
     cells = 56
     spot = np.zeros((2, 3, cells, cells), np.float32)
     spot[0, :, 10:13, 40:43] = 9
@@ -133,7 +133,7 @@ def test_what_is_tilted_comes_back_to_its_place() -> None:
 
 
 @pytest.mark.parametrize("quarters", range(4))
-def test_what_is_unsure_is_the_mean_of_three_looks(quarters: int) -> None:
+def test_uncertain_crops_are_the_mean_of_three_readings(quarters: int) -> None:
     """Crops that only their own orientation makes known to the network, which is never sure of anything: it sees them
     turned and tilted, and its maps come back to where the spots are."""
     card = KeypointNetwork(shipped_model("keypoints"), OnnxOptions()).card

@@ -166,9 +166,9 @@ class Compositor(BaseCompositor):
         if front is not None:
             visible &= ~(self._alpha_at(front[:, 3].numpy(), landmarks) > 0.5)
             image.mul_(1 - front[:, 3:4]).add_(front[:, :3])
-        mask = draw_occluders(image, opt.occluder, self._background, rng)
-        visible = visible & ~(self._alpha_at(mask, landmarks) > 0.5)
-        before = torch.from_numpy(mask)[:, None]
+        occluders = draw_occluders(image, opt.occluder, self._background, rng)
+        visible = visible & ~(self._alpha_at(occluders, landmarks) > 0.5)
+        before = torch.from_numpy(occluders)[:, None]
         pixelate_faces(image, landmarks, opt.mosaic, rng)
         visible = visible & ~cuts.hidden(landmarks)
         for i in cuts.chosen(OCCLUDER):

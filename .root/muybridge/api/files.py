@@ -61,8 +61,9 @@ def read_motion(
     units: str | None = None,
     fps: float | None = None,
     asf: str | os.PathLike[str] | None = None,
+    clip: str | int | None = None,
 ) -> Motion:
-    """Read a motion from .bvh, .amc, .glb, .gltf or .fbx; the suffix decides the format.
+    """Read a motion from .bvh, .amc, .glb, .gltf, .vrm, .vrma or .fbx; the suffix decides the format.
 
     Args:
         path: the file.
@@ -70,6 +71,7 @@ def read_motion(
             inferred from the figure's height.
         fps: frames a second, where the file says nothing or says it wrongly.
         asf: the skeleton of an .amc; by default the .asf file beside it.
+        clip: name or number (from 0) of the animation, of a glTF or FBX file that holds several; by default the first.
 
     Returns:
         T frames of J joints: metres, Z up, quaternions (w, x, y, z) relative to the parent.
@@ -83,12 +85,9 @@ def read_motion(
         >>> len(muybridge.read_motion("walk.bvh"))
         48
     """
-    take = _read(path, units=units, fps=fps, asf=asf)
+    take = _read(path, units=units, fps=fps, asf=asf, clip=clip)
     if take.motion is None:
-        raise FormatError(
-            f"{path}: holds points and no motion; fit a body to them: "
-            "muybridge.fit_body(muybridge.read_points(path)).motion"
-        )
+        raise FormatError(f"{path}: holds points and no motion", remedy="fit_points")
     return take.motion
 
 
@@ -173,5 +172,6 @@ def _read(
     up: str | None = None,
     fps: float | None = None,
     asf: str | os.PathLike[str] | None = None,
+    clip: str | int | None = None,
 ) -> Take:
-    return read_file(Path(path), ReadOptions(units, up, fps, None if asf is None else Path(asf)))
+    return read_file(Path(path), ReadOptions(units, up, fps, None if asf is None else Path(asf), clip))

@@ -77,7 +77,7 @@ def read_npz(path: Path, fps: float | None = None, unit: str | None = None, up: 
     if fps is None:
         rate = _pick(arrays, _RATES)
         if rate is None or rate.size != 1 or rate.dtype.kind not in "fiu" or not 0 < float(rate.flat[0]) < 1e9:
-            raise FormatError(f"{path}: has no array `fps`, frames per second", remedy="fps_unstated")
+            raise FormatError(f"{path}: has no `fps`, frames per second", remedy="fps_unstated")
         fps = float(rate.flat[0])
     stated = arrays.get("unit")
     word = unit or (str(stated.flat[0]) if stated is not None and stated.size == 1 else "m")

@@ -2,12 +2,12 @@
 
 Usage: python -m scripts.benchmarks.geometry.ik [--poses 10000] [--methods damped fabrik ...]
 
-Shares of the poses: 40 % both hands of the body to places that some pose within the limits reaches, 20 % the same with
-every angle at one of its limits with a chance of a half, 10 % one hand with place and orientation; 15 % a straight
-chain of six ball joints whose target is on its own line, 15 % such a chain and a target out of reach (there success
-is to come within 1 % of the reach of the least distance). Tolerances: 0.1 mm and 1 mrad. Times are of this thread's
-processor time. Last, with `../shared/data`: hands, feet and head of every tenth frame of a real take are given, and
-how far off the other joints are is measured.
+Shares of the poses: 40 % have both hands at positions that some pose within the limits reaches; 20 % the same, with
+every angle at one of its limits with a probability of one half; 10 % one hand with position and orientation; 15 % a
+straight chain of six ball joints whose target is on its own line; 15 % such a chain with a target out of reach (success
+is to come within 1 % of the reach of the least distance). Tolerances: 0.1 mm and 1 mrad. Times are processor times of
+this thread. Finally, with `../shared/data`: hands, feet and head of every tenth frame of a real take are given, and the
+error of the other joints is measured.
 """
 
 import argparse
@@ -39,7 +39,7 @@ Case = tuple[KinematicTree, list[Goal], np.ndarray, float]
 
 
 def goal_at(tree: KinematicTree, theta: np.ndarray, joint: int, offset: np.ndarray, oriented: bool = False) -> Goal:
-    """What an effector does in a pose."""
+    """The goal that an effector meets in a pose."""
     turns, places = tree.forward(theta)
     position = places[joint] + turns[joint] @ offset
     return Goal(joint, offset, position, turns[joint] if oriented else None)
@@ -55,7 +55,7 @@ def hands() -> list[tuple[int, np.ndarray]]:
 
 
 def make_case(kind: str, rng: np.random.Generator) -> Case:
-    """A tree, goals, a start, and the least distance that is left (0 where the goals can be met)."""
+    """A tree, goals, a start, and the least possible distance (0 if the goals can be met)."""
     if kind in ("random", "at limits", "orientation"):
         theta = rng.uniform(TREE.lower, TREE.upper)
         if kind == "at limits":
@@ -75,7 +75,7 @@ def make_case(kind: str, rng: np.random.Generator) -> Case:
 
 
 def compare(method: str, cases: dict[str, list[Case]]) -> None:
-    """One row of the table."""
+    """Print one row of the table."""
     row, iterations, seconds, broken = f"| {method} ", [], [], 0
     prior = load_prior().for_tree(TREE) if method == "gmm_prior" else None
     for some in cases.values():
@@ -97,7 +97,7 @@ def compare(method: str, cases: dict[str, list[Case]]) -> None:
 
 
 def real_poses() -> tuple[KinematicTree, np.ndarray, np.ndarray] | None:
-    """The CMU take as angles of BODY's hinges; hinges of the joints that are given, and of all."""
+    """The CMU take as angles of BODY's hinges; hinges of all joints."""
     from muybridge.geometry.fitting.body_fit import fit_body
     from scripts.benchmarks.common import DATA, as_points, cmu_landmarks
 
@@ -111,7 +111,7 @@ def real_poses() -> tuple[KinematicTree, np.ndarray, np.ndarray] | None:
 
 
 def naturalness(methods: list[str]) -> None:
-    """How far the joints that are not given are off, for every method."""
+    """Print the error of the joints that are not given, for every method."""
     found = real_poses()
     if found is None:
         return

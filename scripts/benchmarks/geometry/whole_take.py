@@ -1,16 +1,17 @@
-"""All frames of a take at once: 2D points of several cameras, how landmarks move, and how long bones are.
+"""Triangulation of all frames of a take at once: 2D points of several cameras, the motion of landmarks, and bone
+lengths.
 
-Minimises, over every landmark in every frame, the robust reprojection error of `muybridge.geometry.triangulation.multiview`
-(so a wrong camera does not pull here either) plus
+Minimises, over every landmark in every frame, the robust reprojection error of `geometry.triangulation.multiview` (so
+that a wrong camera has no influence here either) plus
 
-- the way off a smooth path, under Student's t: a landmark keeps near a path of little acceleration, and what it does
-  beside that is as large as the take shows it to be, in rare frames much larger;
-- the change of bone lengths, as far as the take's bones keep theirs;
-- the way to other frames in which the whole body and its movement are the same as far as noise lets one tell.
+- the deviation from a smooth path, under Student's t: a landmark stays near a path of little acceleration, with
+deviations as large as the take shows, in rare frames much larger;
+- changes of bone lengths, as far as the take's bones keep theirs;
+- the deviation from other frames in which the whole body and its motion are the same within the noise.
 
-How much of each there is in the take is measured, not set: the noise of single frames is known from triangulation,
-and second differences over one to twelve frames tell movement from jitter, since the former grow and the latter does
-not. Sources: Rauch, Tung, Striebel 1965 (the path); A. Buades, B. Coll, J.-M. Morel, "A non-local algorithm for image
+The weight of each is measured from the take, not set: the noise of single frames is known from triangulation, and
+second differences over one to twelve frames separate motion, which makes them grow, from jitter, which does not.
+Sources: Rauch, Tung, Striebel 1965 (the path); A. Buades, B. Coll, J.-M. Morel, "A non-local algorithm for image
 denoising", CVPR 2005 (other frames).
 """
 
@@ -42,16 +43,16 @@ _LAGS = (1, 2, 3, 4, 6, 8, 12)
 
 @dataclass(frozen=True)
 class TakeOptions:
-    """How a whole take is triangulated.
+    """Options of the triangulation of a whole take.
 
     Attributes:
         triangulate: of the single frames.
-        student_dof: of Student's t: smaller lets single frames leave the path more readily.
-        rounds: how often the path is found anew.
+        student_dof: of Student's t: the smaller, the more readily single frames leave the path.
+        rounds: number of times the path is estimated.
         bone_sigma: metres, least standard deviation of a bone's length.
-        recurrences: most other frames that a frame is compared with; 0 switches this off.
-        patch: frames to each side that have to be alike, too.
-        alike: mean square difference of two frames beyond noise, in units of the noise, up to which they count.
+        recurrences: most other frames that a frame is compared with; 0 disables this.
+        patch: frames to each side that have to be similar, too.
+        alike: largest mean square difference of similar frames beyond noise, in units of the noise.
     """
 
     triangulate: TriangulateOptions = field(default_factory=TriangulateOptions)

@@ -1,4 +1,4 @@
-"""The compiled part of `scripts.benchmarks.geometry.whole_take`: one point from its views and from what else is known about it."""
+"""The compiled part of `whole_take`: one point from its views and from priors."""
 
 import math
 
@@ -16,8 +16,8 @@ from muybridge.geometry.triangulation._kernel import (
 )
 
 _STEPS = 12
-# What it costs at most to be off the path: more than one wrong view, so that the path decides where views are split,
-# and less than two, so that it does not overrule views that agree when somebody jumps.
+# Largest cost of leaving the path: more than one wrong view, so that the path decides between conflicting views, and
+# less than two, so that it does not overrule agreeing views when somebody jumps.
 _BREAK = 24.0
 
 
@@ -33,9 +33,9 @@ def _far(point: FloatArray, mean: FloatArray, info: FloatArray) -> float:
 
 @compiled
 def _off_path(far: float, student_dof: float) -> tuple[float, float]:
-    """Cost of being off the path by a squared Mahalanobis distance, and its derivative: Student's t, bounded.
+    """Cost of a squared Mahalanobis distance from the path, and its derivative: Student's t, bounded.
 
-    On the path the derivative is one: there, the covariance is what it says.
+    On the path the derivative is one: there the covariance holds.
     """
     heavy = student_dof + 3.0
     cost = heavy * math.log(1.0 + far / heavy)
@@ -45,10 +45,11 @@ def _off_path(far: float, student_dof: float) -> tuple[float, float]:
 
 @compiled
 def _total(
-    views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray, other: FloatArray, other_info: FloatArray,
+    views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray,
+    other: FloatArray, other_info: FloatArray,
     student_dof: float,
 ) -> float:  # fmt: skip
-    """Twice the negative log posterior, but for a constant."""
+    """Twice the negative log posterior, up to a constant."""
     loss, _ = score_of_point(views, point, limits)
     off_path, _ = _off_path(_far(point, path, path_info), student_dof)
     return loss + off_path + _far(point, other, other_info)
@@ -56,7 +57,8 @@ def _total(
 
 @compiled
 def _likeliest(
-    views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray, other: FloatArray, other_info: FloatArray,
+    views: Views, point: FloatArray, limits: Limits, path: FloatArray, path_info: FloatArray,
+    other: FloatArray, other_info: FloatArray,
     student_dof: float, normal: FloatArray, covariance: FloatArray,
 ) -> float:  # fmt: skip
     """Damped Gauss-Newton in place; returns the cost, fills the covariance."""
@@ -102,8 +104,9 @@ def _likeliest(
 
 @compiled
 def likeliest_points(
-    rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, path: FloatArray, path_info: FloatArray, other: FloatArray,
-    other_info: FloatArray, student_dof: float, points: FloatArray, covariances: FloatArray, begin: int, end: int,
+    rig: Rig, limits: Limits, seen: FloatArray, info: FloatArray, path: FloatArray, path_info: FloatArray,
+    other: FloatArray, other_info: FloatArray, student_dof: float, points: FloatArray, covariances: FloatArray,
+    begin: int, end: int,
 ) -> None:  # fmt: skip
     """Points `begin` to `end`, in place: the better of what is reached from the point and from its path.
 

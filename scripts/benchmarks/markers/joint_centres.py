@@ -1,9 +1,10 @@
-"""How far joint centres found from surface markers are from the body's own, on bodies that follow a recorded motion.
+"""Errors of joint centres computed from surface markers, on bodies that follow a recorded motion.
 
 Usage: python -m scripts.benchmarks.markers.joint_centres [--bodies 6]
 
-The truth is anny's joints, about which its skin turns. They are a rigger's and no anatomist's: a regression made on
-living people is off mostly by that difference, which is the same in every frame; the second figure is without it.
+The truth are anny's joints, about which its skin rotates. They were placed by a rigger, not by an anatomist:
+regressions made on living people differ from them mostly by that, which is constant over time; the second figure is
+without it.
 """
 
 import argparse

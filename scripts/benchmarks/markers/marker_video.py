@@ -1,11 +1,11 @@
-"""Markers in video, from pictures to names and a skeleton, on a synthetic take with known truth.
+"""Markers in video, from images to names and a skeleton, on a synthetic take with known truth.
 
 Usage: python -m scripts.benchmarks.markers.marker_video [--frames 240] [--kind dance] [--session FOLDER]
 
-Six cameras of 1024 x 1024 at 120 Hz around one of anny's bodies with the 39 Plug-in Gait markers: one is seen where it
-faces a camera and no limb (capsules) is in front. Bloom, noise, three lamps in the room, and about one flicker a
-camera and frame. A marker counts as visible where at least two (three) cameras see it. With --session the take is
-written as a session folder for `muybridge run-markers FOLDER`, and that is run and scored.
+Six cameras of 1024 x 1024 px at 120 Hz around one of anny's bodies with the 39 Plug-in Gait markers; a marker is seen
+where it faces a camera and no limb (capsule) is in front. Bloom, noise, three lamps in the room, and about one flicker
+per camera and frame. A marker counts as visible if at least two (three) cameras see it. With --session the take is also
+written as a session folder for `muybridge run-markers FOLDER`, which is run and scored.
 """
 
 import argparse
@@ -58,7 +58,7 @@ def make_take(frames: int, kind: str, seed: int) -> tuple[np.ndarray, np.ndarray
 
 
 def score(found: np.ndarray, truth: np.ndarray, views: np.ndarray) -> str:
-    """Unnamed or named points against the truth."""
+    """Score unnamed or named points against the truth."""
     errors, ghosts = [], 0
     hit, there = np.zeros(2), np.zeros(2)
     for t in range(len(truth)):

@@ -1,17 +1,18 @@
-"""Accuracy of the marker solver: markers on synthetic bodies that follow a recorded motion, spoiled.
+"""Accuracy of the marker solver: markers on synthetic bodies that follow a recorded motion, with faults.
 
 Usage: python -m scripts.benchmarks.markers.solver [--motion FILE.bvh] [--bodies 3] [--every 4] [--frames 400]
 
-The truth is anny's own joints under CMU's trial 01_01 (which nothing was trained or tuned on), on bodies drawn anew;
-`--placed 1` has markers placed as differently as examiners do. Every take is calibrated from its own spoiled markers.
-Errors are means over all 21 joints and frames: of positions, of rotations against the parent, and in the world.
+The truth are anny's joints under CMU's trial 01_01 (never used for training or tuning), on newly drawn bodies; with
+`--placed 1` the markers' placement varies as between examiners. Every take is calibrated from its own corrupted
+markers. Errors are means over all 21 joints and frames: of positions, of rotations relative to the parent, and of
+rotations in the world.
 
-frame-wise, generic body: the mean body, scaled to the markers, on every frame for itself. frame-wise, least squares:
-the calibrated body on every frame for itself (T. W. Lu, J. J. O'Connor, "Bone position
-estimation from skin marker co-ordinates using global optimisation with joint constraints", Journal of Biomechanics 32,
-1999). frame-wise, robust: the same with Student's t. joint centres, then body: `muybridge solve --method landmarks`,
-whose joints are partly defined otherwise (spine, collar bones, neck). whole take: `muybridge solve --no-correct`;
-whole take and network: `muybridge solve`.
+frame-wise, generic body: the mean body, scaled to the markers, on each frame independently. frame-wise, least squares:
+the calibrated body on each frame independently (T. W. Lu, J. J. O'Connor, "Bone position estimation from skin marker
+co-ordinates using global optimisation with joint constraints", Journal of Biomechanics 32, 1999). frame-wise, robust:
+the same with Student's t. joint centres, then body: `muybridge solve --method landmarks`, whose joints are partly
+defined differently (spine, collar bones, neck). whole take: `muybridge solve --no-correct`; whole take and network:
+`muybridge solve`.
 """
 
 import argparse
@@ -54,14 +55,14 @@ CASES = {
 
 
 def read_motion(path: Path, every: int, frames: int) -> Motion:
-    """CMU's motion without its first frame, a T-pose; `frames` of it, spread in two stretches."""
+    """CMU's motion without its first frame, a T-pose; at most `frames` of it."""
     motion = read_bvh(path, metres_per_unit=CMU_METRES_PER_UNIT)
     chosen = np.arange(1, len(motion), every)[:frames]
     return Motion(motion.skeleton, motion.fps / every, motion.root_positions_world[chosen], motion.quat_wxyz[chosen])
 
 
 def errors(turns: np.ndarray, places: np.ndarray, take: SolverTake) -> np.ndarray:
-    """Position in mm, rotation against the parent and in the world in degrees."""
+    """Position error in mm; rotation error relative to the parent and in the world, in degrees."""
     from muybridge.geometry.skeleton.body import BODY
 
     position = 1e3 * np.linalg.norm(places - take.places, axis=-1).mean()
@@ -78,7 +79,7 @@ def errors(turns: np.ndarray, places: np.ndarray, take: SolverTake) -> np.ndarra
 
 
 def by_joint(turns: np.ndarray, places: np.ndarray, take: SolverTake) -> None:
-    """Prints each joint's errors."""
+    """Print each joint's errors."""
     from muybridge.geometry.skeleton.body import BODY
 
     for j, name in enumerate(BODY.joint_names):
@@ -91,7 +92,7 @@ def by_joint(turns: np.ndarray, places: np.ndarray, take: SolverTake) -> None:
 def solve_all(
     points: np.ndarray, columns: np.ndarray, fps: float, network: Path
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """World rotations and places of every way to solve."""
+    """World rotations and positions from every method."""
     options = MarkerFitOptions()
     person = calibrate_person(points, columns, fps, options)
     start = follow_take(person, points, fps, options)

@@ -1,11 +1,11 @@
-"""Crops a second of the keypoint networks, and their ratio to the matrix-multiply peak measured in the same minute.
+"""Crops per second of the keypoint networks, and their ratio to the matrix product's peak measured in the same minute.
 
-    python -m scripts.benchmarks.networks.networks [--sizes 192 224 256] [--sessions 1x1 1x2 2x1] [--rounds 15] [--markers]
+Usage: python -m scripts.benchmarks.networks.networks [--sizes 192 224 256] [--sessions 1x1 1x2 2x1] [--rounds 15]
+           [--markers]
 
-Prints a Markdown table. The networks find the body's landmarks, as `muybridge run` has them do, or the virtual markers
-too. 2x1 is two sessions of one thread each side by side, as `muybridge run` has them on two processors. Networks, sizes
-and the matrix product take turns, and the best round of each counts: other work on the machine then costs all of them
-alike, as far as anything can.
+Prints a Markdown table. The networks detect the body's landmarks, as in `muybridge run`, or the virtual markers too.
+2x1 are two sessions of one thread each, as `muybridge run` uses them on two processors. Networks, sizes and the matrix
+product alternate, and the best round of each counts, so that other load affects all of them similarly.
 """
 
 import argparse
@@ -49,7 +49,7 @@ def _side_by_side(job: Callable[[], object], count: int, pool: ThreadPoolExecuto
 
 
 def _jobs(options: argparse.Namespace, threads: int) -> dict[str, Callable[[], object]]:
-    """What is measured, by name."""
+    """The measured jobs, by name."""
     import numpy as np
     import onnxruntime
 
@@ -120,7 +120,7 @@ def _multiplications(size: int, markers: bool) -> float:
 
 
 def _best_rates(jobs: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Calls a second of each job's best round."""
+    """Calls per second of each job's best round."""
     best = dict.fromkeys(jobs, float("inf"))
     for turn in range(rounds + 1):
         for name, job in jobs.items():

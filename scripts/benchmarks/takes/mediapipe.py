@@ -11,7 +11,7 @@ On people in an ordinary video:
     python -m scripts.benchmarks.takes.mediapipe video find VIDEO boxes.npz found.npz  (with mediapipe 0.10.14)
     python -m scripts.benchmarks.takes.mediapipe video score VIDEO found.npz           (with muybridge)
 
-MediaPipe may be installed in an environment of its own, without muybridge: `find` needs only numpy and OpenCV beside it.
+MediaPipe may have an environment of its own without muybridge: `find` needs only numpy and OpenCV beside it.
 
 take: RUN is the results folder of `muybridge run DATA/balancing`. MediaPipe gets the bounding boxes of the take's own
 2D reference and processes each frame independently (static mode, the full model); ours found the person itself. The 2D

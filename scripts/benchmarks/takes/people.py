@@ -1,21 +1,19 @@
-"""Several people crossing: how often identities are exchanged, and what company costs in accuracy.
+"""Several people crossing: identity switches, and the cost of company in accuracy.
 
-    python -m scripts.benchmarks.takes.people --takes 6
+Usage: python -m scripts.benchmarks.takes.people --takes 6
 
-The model. People of 1.55 to 1.95 m walk to and fro through the middle of a room of 6 x 6 m and past each other (35 cm
-from middle to middle is the least), at 0.7 to 1.5 m/s, their limbs swinging, and turn within 0.7 s; 4 to 6 cameras of
-1920 x 1080 px stand around at heights of 1.2 to 3 m; 30 frames a second.
-A camera's detections: landmarks with Gaussian noise of 4 px, 3 % of
-them with a further one of 60 px, 2 % of the poses with left and right exchanged, landmarks outside of the image and
-5 % of the others missing; a person is missed in 5 % of the frames, and whenever nearer people cover 60 % of their box;
-one false person every other frame, of a random pose, lasting for 1 to 12 frames. Detections become tracks by the boxes
-alone, with the tracker that `muybridge run` uses, its errors at crossings included.
+Model: people of 1.55 to 1.95 m walk to and fro through the middle of a room of 6 x 6 m and past each other (at least 35
+cm between their centres), at 0.7 to 1.5 m/s, with swinging limbs, and turn within 0.7 s; 4 to 6 cameras of 1920 x 1080
+px stand around at heights of 1.2 to 3 m; 30 frames per second. Detections of a camera: landmarks with Gaussian noise of
+4 px, 3 % of them with additional noise of 60 px, 2 % of the poses with left and right flipped, landmarks outside the
+image and 5 % of the others missing; a person is missed in 5 % of the frames, and whenever nearer people cover 60 % of
+the bounding box; one false person of random pose every other frame on average, lasting 1 to 12 frames. Detections
+become tracks by their boxes, with the tracker of `muybridge run` and its errors at crossings.
 
-Identity switches are those of CLEAR MOT (Bernardin and Stiefelhagen 2008): a true person keeps the found one while
-that is within 0.4 m, the rest are matched one to one by least distance, and a switch is a match with another than the
-last (per 1,000 frames of a person in the table). The error is
-that of smoothed landmarks, as they are delivered; "alone" is each person with the others taken out of the same take, so
-that nobody stands in the way, at the same frames.
+Identity switches are those of CLEAR MOT (Bernardin and Stiefelhagen 2008): a true person keeps the match while it is
+within 0.4 m, the others are matched one to one by least distance, and a switch is a match with another person than the
+last (per 1,000 frames of a person in the table). The error is that of the final smoothed landmarks; "alone" is each
+person with the others removed from the same take, so that nobody occludes them, at the same frames.
 """
 
 import argparse
@@ -57,7 +55,7 @@ SWING = np.array([0.0 if z > 1.3 or abs(x) < 0.01 else np.sign(x) * (1.4 - z) * 
 
 
 def room(count: int, rng: np.random.Generator) -> CameraGroup:
-    """Cameras around the room that look at its middle."""
+    """Cameras around the room, facing its middle."""
     cameras = []
     for c in range(count):
         angle = 2 * np.pi * (c + rng.uniform(-0.2, 0.2)) / count
@@ -86,15 +84,15 @@ def walkers(count: int, frames: int, rng: np.random.Generator, fps: float = 30.0
         body = np.repeat(BODY[None], frames, axis=0)
         body[..., 1] += 0.35 * SWING * np.sin(2 * np.pi * 0.9 * np.arange(frames) / fps + phase)[:, None]
         bodies.append(body * rng.uniform(1.55, 1.95) / 1.75)
-    path = _kept_apart(np.stack(paths), fps / 5)
+    path = _separate_paths(np.stack(paths), fps / 5)
     body, turn = np.stack(bodies), np.stack(turns)[..., None]
     x = body[..., 0] * np.cos(turn) - body[..., 1] * np.sin(turn) + path[..., :1]
     y = body[..., 0] * np.sin(turn) + body[..., 1] * np.cos(turn) + path[..., 1:]
     return np.stack([x, y, body[..., 2]], -1)
 
 
-def _kept_apart(path: FloatArray, smooth: float) -> FloatArray:
-    """(N, T, 2) paths that evade each other, smoothly: over so many frames."""
+def _separate_paths(path: FloatArray, smooth: float) -> FloatArray:
+    """(N, T, 2) paths that avoid each other, smoothed over `smooth` frames."""
     for _ in range(200):
         between = path[:, None] - path[None]
         away = np.linalg.norm(between, axis=-1, keepdims=True)
@@ -108,7 +106,7 @@ def _kept_apart(path: FloatArray, smooth: float) -> FloatArray:
 
 
 def boxes_of(px: FloatArray) -> FloatArray:
-    """(..., J, 2) to (..., 4), a little wider than the landmarks."""
+    """(..., J, 2) to (..., 4), slightly wider than the landmarks."""
     low, high = np.nanmin(px, -2), np.nanmax(px, -2)
     margin = 0.06 * (high - low).max(-1, keepdims=True)
     return np.concatenate([low - margin, high + margin], -1)
@@ -158,7 +156,7 @@ def camera_tracks(
 
 
 def keypoints_of(cameras: CameraGroup, people: FloatArray, seed: int, slots: int, fps: float = 30.0) -> Keypoints2D:
-    """What all cameras see."""
+    """Keypoints of all cameras."""
     rng = np.random.default_rng(seed)
     own = [np.random.default_rng(rng.integers(1 << 31)) for _ in cameras]
     parts = [camera_tracks(c, people, draws, slots, fps) for c, draws in zip(cameras, own, strict=True)]
@@ -169,7 +167,7 @@ def keypoints_of(cameras: CameraGroup, people: FloatArray, seed: int, slots: int
 
 
 def solved(cameras: CameraGroup, keypoints: Keypoints2D, fps: float = 30.0) -> list[FloatArray]:
-    """(T, J, 3) of everyone whom two cameras see."""
+    """(T, J, 3) of everyone seen by two cameras."""
     found = []
     for person in find_people(cameras, keypoints, fps=fps):
         if person.seen_share <= 0:
@@ -184,7 +182,7 @@ def solved(cameras: CameraGroup, keypoints: Keypoints2D, fps: float = 30.0) -> l
 
 
 def match(truth: FloatArray, found: list[FloatArray]) -> tuple[int, IntArray]:
-    """Identity switches, and (N, T) which of the found each true person is in each frame, -1 where none."""
+    """Identity switches, and (N, T) index of the found person of each true one in each frame, -1 if none."""
     result = np.full(truth.shape[:2], -1)
     if not found:
         return 0, result
@@ -198,7 +196,7 @@ def match(truth: FloatArray, found: list[FloatArray]) -> tuple[int, IntArray]:
         cost = away[:, :, t].copy()
         for n in np.flatnonzero(last >= 0):
             if cost[last[n], n] < NEAR_M:
-                cost[last[n], n] = -100.0  # stays
+                cost[last[n], n] = -100.0  # keeps its match
         for f, n in zip(*linear_sum_assignment(cost), strict=True):
             if away[f, n, t] < NEAR_M:
                 switches += int(last[n] >= 0 and last[n] != f)
@@ -207,7 +205,7 @@ def match(truth: FloatArray, found: list[FloatArray]) -> tuple[int, IntArray]:
 
 
 def matched_points(found: list[FloatArray], which: IntArray) -> FloatArray:
-    """(N, T, J, 3) of the found people, in the places of the true ones that they are, NaN where nobody was found."""
+    """(N, T, J, 3) of the found people in the order of the true ones, NaN where nobody was found."""
     if not found:
         return np.full((*which.shape, 1, 3), np.nan)
     points = np.stack(found)[which, np.arange(which.shape[1])]
@@ -221,7 +219,7 @@ def compare(truth: FloatArray, found: list[FloatArray]) -> tuple[int, FloatArray
 
 
 def main() -> None:
-    """See the module's text."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--takes", type=int, default=4, help="of each kind")
     parser.add_argument("--frames", type=int, default=300)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from muybridge.arrays import ByteArray, FloatArray
@@ -23,7 +20,6 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.infer.detection.background import SmallFrames
 from muybridge.infer.detection.crop_pixels import extract_crops
 from muybridge.infer.detection.crop_reader import body_boxes
-from muybridge.infer.detection.orientation import FrameOrientation, Letterbox, orientation_for
 from muybridge.infer.detection.person_detector import PeopleDetector, PeopleOptions
 from muybridge.infer.detection.pose_estimator import KeypointOptions, PoseEstimator
 from muybridge.infer.detection.tracker import TrackOptions
@@ -32,7 +28,6 @@ from muybridge.infer.networks.keypoints import KeypointNetwork, OnnxOptions, Peo
 from muybridge.models.keypoints.decode import decode_heatmaps
 from muybridge.models.keypoints.metadata import keypoint_card
 from muybridge.models.people.decode import DetectedPeople
-from muybridge.models.shipped import shipped_model
 from muybridge.models.uncertainty import SpreadCalibration
 
 onnx = pytest.importorskip("onnx", reason="onnx is in the train extra")
@@ -339,91 +334,6 @@ def test_flip_averages_the_mirrored_crop(models: tuple[Path, Path]) -> None:
     np.testing.assert_allclose(both_visibility, (visibility + mirrored_visibility[:, flip]) / 2, atol=1e-5)
 
 
-def test_a_plate_that_cannot_be_left_out_is_refused(tmp_path: Path) -> None:
-    path = _tiny_keypoints(tmp_path / "other.onnx", plate_input="difference")
-    with pytest.raises(ModelError, match="'difference' cannot be left out"):
-        KeypointNetwork(path)
-
-
-@pytest.mark.parametrize("angle", [0.0, np.pi / 2, np.pi, -np.pi / 2, 0.4, -2.0])
-def test_letterbox_boxes_come_back(angle: float) -> None:
-    for width, height in ((1920, 1080), (1080, 1920), (320, 200), (1088, 1920), (3840, 2160)):
-        upright = FrameOrientation(width, height, angle)
-        letterbox = Letterbox(upright, 320)
-        assert all(side % 32 == 0 for side in letterbox.canvas)
-        frame = np.zeros((height, width, 3), dtype=np.uint8)
-        left, top, right, bottom = width // 4, height // 8, width // 2, height // 3
-        frame[top:bottom, left:right] = 255
-        small = letterbox.apply(frame)[..., 0] > 127
-        assert small.shape == letterbox.canvas[::-1]
-        rows, columns = np.nonzero(small.any(axis=1))[0], np.nonzero(small.any(axis=0))[0]
-        found = np.array([[columns[0] - 0.5, rows[0] - 0.5, columns[-1] + 0.5, rows[-1] + 0.5]])
-        # Edges lie half a pixel outside the first and last pixel's centre; turned corners are cut off a little.
-        corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]]) - 0.5
-        turned = upright.to_upright(corners)
-        expected = np.concatenate([turned.min(axis=0), turned.max(axis=0)])
-        assert np.abs(letterbox.boxes_to_upright(found)[0] - expected).max() <= 1.5 * max(width, height) / 320
-
-
-@settings(max_examples=30, deadline=None)
-@given(angle=st.floats(-3.1, 3.1), width=st.integers(50, 4000), height=st.integers(50, 4000))
-def test_upright_round_trip(angle: float, width: int, height: int) -> None:
-    upright = FrameOrientation(width, height, angle)
-    points = np.random.default_rng(0).uniform(-100, 4000, (20, 2))
-    np.testing.assert_allclose(upright.to_frame(upright.to_upright(points)), points, atol=1e-8)
-    boxes = np.concatenate([points[:5], points[:5] + [30.0, 80.0]], axis=1)
-    middle = upright.to_frame((boxes[:, :2] + boxes[:, 2:]) / 2)
-    for inside, around in zip(upright.centered_in_frame(boxes), upright.around_in_frame(boxes), strict=True):
-        np.testing.assert_allclose(inside[2:] - inside[:2], [30, 80])
-        assert np.linalg.norm(around[2:] - around[:2]) >= np.hypot(30, 80) - 1e-6
-    np.testing.assert_allclose((around[:2] + around[2:]) / 2, middle[-1], atol=1e-6)
-
-
-@pytest.mark.parametrize("turns", [0, 1, 2, 3])
-@pytest.mark.parametrize(("tilt", "roll"), [(-0.2, 0.0), (0.0, 0.5), (0.2, -0.7), (0.1, 0.02)])
-def test_frames_are_turned_so_that_world_up_is_up(turns: int, tilt: float, roll: float) -> None:
-    rotation = np.array([[1.0, 0, 0], [0, -np.sin(tilt), -np.cos(tilt)], [0, np.cos(tilt), -np.sin(tilt)]])
-    roll_turn = [[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1.0]]
-    rotation = np.array(roll_turn) @ rotation
-    pose = np.column_stack([rotation, -rotation @ np.array([0.0, -4.0, 1.0])])
-    camera = Camera("c", "PINHOLE", WIDTH, HEIGHT, (500.0, 500.0, 320.0, 240.0), pose).turned(turns)
-    letterbox = Letterbox(orientation_for(camera, camera.width, camera.height), 320)
-    frame = np.zeros((camera.height, camera.width, 3), dtype=np.uint8)
-    foot, head = np.round(camera.project([[0.1, 0.0, 0.7], [0.1, 0.0, 1.3]])).astype(int)
-    frame[foot[1] - 4 : foot[1] + 5, foot[0] - 4 : foot[0] + 5, 0] = 255
-    frame[head[1] - 4 : head[1] + 5, head[0] - 4 : head[0] + 5, 1] = 255
-    small = letterbox.apply(frame).astype(float)
-    y, x = np.mgrid[: small.shape[0], : small.shape[1]]
-    at = [[(small[..., c] * v).sum() / small[..., c].sum() for v in (x, y)] for c in (0, 1)]
-    assert at[0][1] - at[1][1] > 20 and abs(at[0][0] - at[1][0]) < 5
-    straight_down = np.column_stack([np.diag([1.0, -1, -1]), [0, 0, 4.0]])
-    assert orientation_for(camera.posed(straight_down), camera.width, camera.height).angle == 0
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"muybridge_kind": ""}, "not a muybridge model"),
-        ({"muybridge_kind": "people"}, "of kind 'people' where 'keypoints' is needed"),
-        ({"landmark_set": "body23"}, "landmark names are not those of body23"),
-        ({"names": '["nose", "left_wrist", "navel"]'}, "twin"),
-        ({"names": '["a", "b"]'}, "heatmaps"),
-        ({"names": "nose"}, "names is not JSON"),
-        ({"names": '["a", "a", "b"]'}, "twice"),
-        ({"input_size": "100"}, "divisible by 32"),
-        ({"stride": "four"}, "stride is 'four'"),
-        ({"variance": "[1]"}, "not a JSON object"),
-        ({"variance": '{"scale": 0, "floor_px2": 1}'}, "variance.scale"),
-        ({"box_padding": ""}, "no box_padding"),
-    ],
-)
-def test_other_keypoint_files_are_refused(tmp_path: Path, changes: dict[str, str], message: str) -> None:
-    path = _tiny_keypoints(tmp_path / "other.onnx", **changes)
-    with pytest.raises(ModelError, match=re.escape(message)) as caught:
-        KeypointNetwork(path)
-    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
-
-
 @pytest.mark.parametrize("network", [KeypointNetwork, PeopleNetwork])
 def test_files_that_are_no_networks(
     network: Callable[[Path], object], tmp_path: Path, models: tuple[Path, Path]
@@ -451,15 +361,6 @@ def test_the_card_has_the_files_metadata(models: tuple[Path, Path]) -> None:
     body = keypoint_card(_keypoint_metadata(landmark_set="body23", names=json.dumps(BODY23.names)), Path("x"))
     assert body.landmarks == BODY23
     assert PeopleNetwork(models[1]).card.input_long_side == 320
-
-
-@pytest.mark.parametrize("kind", ["keypoints", "people"])
-def test_shipped_models_open(kind: Any) -> None:
-    path = shipped_model(kind)
-    network = KeypointNetwork(path) if kind == "keypoints" else PeopleNetwork(path)
-    assert network.card.metadata["training_command"] and network.card.metadata["licence"]
-    if isinstance(network, KeypointNetwork):
-        assert network.card.landmarks == BODY23
 
 
 def test_the_code_in_the_guide_agrees(models: tuple[Path, Path], repository: Path) -> None:

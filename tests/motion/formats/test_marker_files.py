@@ -147,8 +147,8 @@ def test_faults_of_a_set_are_named_with_their_line(tmp_path, text, what):
 
 
 def test_the_example_of_the_docs_is_a_set(repository, tmp_path):
-    text = (repository / "docs" / "labelling.md").read_text()
-    (tmp_path / "our.txt").write_text("# Our lab's" + text.split("# Our lab's")[1].split("```")[0])
+    text = (repository / "docs" / "guides" / "label-markers.md").read_text()
+    (tmp_path / "our.txt").write_text("# Leg set" + text.split("# Leg set")[1].split("```")[0])
     plan = find_marker_set(str(tmp_path / "our.txt"))
     assert len(plan.markers) == 8 and plan.jitter_m[2] == 0.06 and plan.optional.sum() == 2
 

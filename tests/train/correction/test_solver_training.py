@@ -31,7 +31,7 @@ from muybridge.train.engine.checkpoint import load_checkpoint
 from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 
 
-def test_spoiling_keeps_its_shares() -> None:
+def test_faults_have_the_requested_shares() -> None:
     points = np.zeros((2000, 40, 3))
     for run in (0.0, 0.25):
         seen, shifted = add_faults(points, 60.0, MarkerFaults(0.2, 0.1, run_s=run), np.random.default_rng(0))
@@ -48,7 +48,7 @@ def network() -> SolverNet:
     return SolverNet(carriers(), list(BODY.parents))
 
 
-def test_the_network_is_small_local_and_begins_at_the_classical_fit() -> None:
+def test_network_is_small_and_local_and_starts_at_the_classical_fit() -> None:
     net = network()
     assert sum(p.numel() for p in net.parameters()) < 500_000
     markers, known = torch.randn(2, 72, MARKER_FEATURES), torch.ones(2, 72)
@@ -80,7 +80,7 @@ def still() -> tuple[np.ndarray, np.ndarray]:
     return points[:, columns], columns
 
 
-def test_features_and_answers_are_inverse(still: tuple[np.ndarray, np.ndarray]) -> None:
+def test_targets_invert_corrections(still: tuple[np.ndarray, np.ndarray]) -> None:
     points, columns = still
     fit = fit_markers(points, columns, 60.0, MarkerFitOptions(calibration_frames=20))
     given = solver_input(fit, points, SPANS)
@@ -92,7 +92,7 @@ def test_features_and_answers_are_inverse(still: tuple[np.ndarray, np.ndarray]) 
     assert np.abs(again[0] - turns).max() < 1e-5 and np.abs(again[1] - places).max() < 1e-5
 
 
-def test_a_body_through_joints_keeps_its_bones_and_goes_where_they_are() -> None:
+def test_body_through_joints_keeps_bone_lengths() -> None:
     table, rng = marker_body(), np.random.default_rng(8)
     whole = table.skeleton(table.parts(table.mean)[0])
     angles = np.clip(table.rest + 0.2 * rng.normal(size=(30, *table.rest.shape)), table.lower, table.upper)
@@ -115,7 +115,7 @@ def test_a_body_through_joints_keeps_its_bones_and_goes_where_they_are() -> None
     assert np.linalg.norm(chain - places, axis=-1).mean() > 0.012
 
 
-def test_the_file_says_what_torch_says_and_corrects_nothing_untrained(
+def test_exported_file_matches_torch_and_untrained_network_corrects_nothing(
     tmp_path: Path, still: tuple[np.ndarray, np.ndarray]
 ) -> None:
     net = network().eval()
@@ -133,7 +133,7 @@ def test_the_file_says_what_torch_says_and_corrects_nothing_untrained(
     assert np.abs(same.motion.joint_positions_world() - fit.motion.joint_positions_world()).max() < 1e-4
 
 
-def test_a_person_in_a_mirror_has_mirrored_features() -> None:
+def test_mirrored_person_has_mirrored_features() -> None:
     every = np.arange(len(SURFACE))
     rng = np.random.default_rng(3)
     table = marker_body()
@@ -183,7 +183,7 @@ def clips_of(people: int, seed: int) -> SolverClips:
     return SolverClips(points, np.zeros(points.shape, np.int8), turns, at)
 
 
-def test_examples_have_every_frame_rate_and_what_the_fit_is_off() -> None:
+def test_examples_have_every_frame_rate_and_the_error_of_the_fit() -> None:
     made = list(examples(clips_of(1, 5), 0, np.random.default_rng(0)))
     assert [float(m["rate"][0]) for m in made] == [30.0, 120.0]
     for m in made:
@@ -195,7 +195,7 @@ def test_examples_have_every_frame_rate_and_what_the_fit_is_off() -> None:
 
 
 @pytest.mark.slow
-def test_training_learns_resumes_logs_and_is_published(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_training_learns_resumes_logs_and_exports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     store = tmp_path / "clips"
     store.mkdir()
     for shard in range(2):
@@ -220,7 +220,7 @@ def test_training_learns_resumes_logs_and_is_published(tmp_path: Path, capsys: p
 
 
 @pytest.mark.slow
-def test_the_bars_on_a_recorded_motion(real_data: Path) -> None:
+def test_accuracy_targets_on_a_recorded_motion(real_data: Path) -> None:
     """Bodies that follow CMU's 01_01, a tenth of the markers hidden, a tenth shifted: 13 mm and 4.3 degrees; with a
     fifth hidden, half the error of the frame-wise fit of a scaled body."""
     path = real_data / "motion" / "01_01.bvh"

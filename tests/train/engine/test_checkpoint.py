@@ -65,7 +65,7 @@ def test_a_run_does_not_resume_from_a_checkpoint_with_code_in_it(tmp_path: pathl
     assert not proof.exists()
 
 
-def test_what_is_no_checkpoint_is_refused(tmp_path: pathlib.Path) -> None:
+def test_other_files_are_refused(tmp_path: pathlib.Path) -> None:
     path = tmp_path / CHECKPOINT
     with pytest.raises(ModelError, match="no such checkpoint"):
         load_checkpoint(path)

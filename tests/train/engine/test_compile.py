@@ -1,4 +1,4 @@
-"""The loss compiled is the loss."""
+"""The compiled loss equals the uncompiled one."""
 
 import pytest
 
@@ -14,7 +14,7 @@ from muybridge.train.keypoints.train import losses_of  # noqa: E402
 
 # Compiling takes up to two minutes: `make test` does it in the precision that networks are trained in here.
 @pytest.mark.parametrize("native", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_gradients_are_no_further_from_the_precise_ones_than_those_of_the_loss_as_it_is(monkeypatch, native):
+def test_compiled_gradients_are_as_precise_as_uncompiled_ones(monkeypatch, native):
     bfloat16 = (precision.name(torch.device("cpu")) == "bfloat16") == native
     monkeypatch.setattr(precision, "_measure", lambda: bfloat16)
     torch.compiler.reset()
@@ -54,7 +54,7 @@ def test_gradients_are_no_further_from_the_precise_ones_than_those_of_the_loss_a
         assert off[name] < min(2.5 * usual[name] + 5e-3, 0.7), (name, off[name], usual[name])
 
 
-def test_batch_normalisation_compiled_is_torchs_own():
+def test_compiled_batch_normalisation_matches_torch():
     if compile_for_training(losses_of, PAYS_AFTER_MINUTES) is losses_of:
         pytest.skip("torch.compile does not work here")
     torch.manual_seed(0)
@@ -80,7 +80,7 @@ def test_batch_normalisation_compiled_is_torchs_own():
     torch.testing.assert_close(ours.running_var, usual.running_var, rtol=1e-4, atol=1e-4)
 
 
-def test_what_does_not_pay_or_does_not_work_is_left_as_it_is(monkeypatch, capsys):
+def test_functions_stay_uncompiled_where_it_does_not_help_or_work(monkeypatch, capsys):
     assert compile_for_training(losses_of, PAYS_AFTER_MINUTES / 2) is losses_of
 
     def without_compiler(function):
@@ -98,7 +98,7 @@ def test_what_does_not_pay_or_does_not_work_is_left_as_it_is(monkeypatch, capsys
     assert "NotImplementedError" in capsys.readouterr().out
 
 
-def test_upsampling_for_the_compiler_is_the_same(monkeypatch):
+def test_upsampling_for_the_compiler_matches_torch(monkeypatch):
     x, weight = torch.randn(2, 3, 5, 7, requires_grad=True), torch.randn(2, 3, 10, 14)
     usual = upsample(x)
     (gradient,) = torch.autograd.grad((usual * weight).sum(), x)

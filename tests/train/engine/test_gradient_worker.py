@@ -1,4 +1,4 @@
-"""A second process that works out gradients beside the training's own."""
+"""A second process computes part of the gradients."""
 
 import operator
 import os
@@ -100,7 +100,7 @@ def test_gradients_of_both_processes_add_up_to_those_of_one(monkeypatch):
     assert second.processors() == before
 
 
-def test_what_fails_there_is_told_here():
+def test_failure_of_the_second_process_is_reported():
     net = small_net()
     with GradientWorker(net, operator.matmul, 0.0) as other:
         other.gradients(net, some_batch(0), loss_of)
@@ -110,7 +110,7 @@ def test_what_fails_there_is_told_here():
 
 
 @pytest.mark.parametrize("answered", [False, True])
-def test_a_second_process_that_was_killed_is_missed(answered):
+def test_killed_second_process_is_reported(answered):
     net = small_net()
     with GradientWorker(net, losses_of, 0.0) as other:
         other.gradients(net, some_batch(0), loss_of)
@@ -125,7 +125,7 @@ def test_a_second_process_that_was_killed_is_missed(answered):
 
 @pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="not on this system")
 @pytest.mark.parametrize(("before", "idle"), [(0, False), (15, True)])
-def test_it_gives_way_in_a_training_that_gives_way_itself(monkeypatch, before, idle):
+def test_second_process_has_lower_priority_than_a_nice_training(monkeypatch, before, idle):
     nice, scheduled = [before], []
 
     def change(by):
@@ -142,7 +142,7 @@ def test_it_gives_way_in_a_training_that_gives_way_itself(monkeypatch, before, i
 @pytest.mark.parametrize(
     ("own", "theirs", "chunks"), [(0.16, 0.5, 1), (0.6, 0.65, 2), (0.6, 0.1, 3), (0.16, 3.0, 0), (0.16, 0.0, 1)]
 )
-def test_each_takes_what_it_manages(own, theirs, chunks):
+def test_chunks_are_balanced_by_speed(own, theirs, chunks):
     other = GradientWorker(small_net(), losses_of, 0.0)
     other._ready, other._own_seconds, other._second_seconds = True, own, theirs
     assert other._count() == chunks
@@ -150,7 +150,7 @@ def test_each_takes_what_it_manages(own, theirs, chunks):
         assert [other._count() for _ in range(120)].count(1) == 2
 
 
-def test_it_pays_where_a_processor_is_to_spare(monkeypatch):
+def test_second_process_is_used_only_with_a_spare_processor(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     monkeypatch.setattr(second, "processors", lambda: [0, 1])
     assert is_worthwhile(64, 1, 60.0)
@@ -160,7 +160,7 @@ def test_it_pays_where_a_processor_is_to_spare(monkeypatch):
 
 
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one processor")
-def test_training_with_a_second_process_goes_on_and_resumes(store, tmp_path, monkeypatch):
+def test_training_with_a_second_process_resumes(store, tmp_path, monkeypatch):
     monkeypatch.setattr(second, "PAYS_AFTER_MINUTES", 0.0)
     taken = []
     hand_over = GradientWorker._hand_over

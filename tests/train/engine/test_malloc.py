@@ -1,4 +1,4 @@
-"""Memory that a training step gives back stays with the process."""
+"""Memory freed by a training step stays with the process."""
 
 import subprocess
 import sys
@@ -33,7 +33,7 @@ def _pages(how: str) -> tuple[str, int]:
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="of glibc's allocator")
-def test_what_is_freed_is_used_again():
+def test_freed_memory_is_reused():
     told, kept = _pages("kept")
     if told == "False":
         pytest.skip("this C library cannot be told to keep memory")
@@ -43,7 +43,7 @@ def test_what_is_freed_is_used_again():
     assert anew > 4 * kept
 
 
-def test_other_systems_are_left_as_they_are(monkeypatch):
+def test_other_systems_are_not_changed(monkeypatch):
     monkeypatch.setattr(memory.sys, "platform", "darwin")
     assert memory.keep_memory() is False
     monkeypatch.setattr(memory.sys, "platform", "linux")

@@ -12,7 +12,7 @@ from muybridge.train.engine.muon import FASTER, Muon, Optimisers, orthogonalise 
 
 
 @pytest.mark.parametrize("shape", [(24, 200), (200, 24), (64, 64)])
-def test_every_direction_of_a_step_is_about_as_long(shape: tuple[int, int]) -> None:
+def test_orthogonalised_steps_have_equal_singular_values(shape: tuple[int, int]) -> None:
     generator = torch.Generator().manual_seed(0)
     u, _, v = torch.linalg.svd(torch.randn(shape, generator=generator), full_matrices=False)
     matrix = u @ torch.diag(torch.logspace(0, -1.5, len(v))) @ v
@@ -25,7 +25,7 @@ def test_every_direction_of_a_step_is_about_as_long(shape: tuple[int, int]) -> N
     assert (inner - torch.diag(inner.diag())).abs().max() < 0.15 and inner.diag().min() > 0.5
 
 
-def test_filters_between_layers_are_muons_and_all_else_is_adams() -> None:
+def test_muon_trains_filters_and_adamw_everything_else() -> None:
     net = KeypointNet(23)
     adam, muon = Optimisers(net, 1e-3).parts
     names = {id(p): name for name, p in net.named_parameters()}
@@ -39,7 +39,7 @@ def test_filters_between_layers_are_muons_and_all_else_is_adams() -> None:
     assert sum(len(group["params"]) for group in alone.param_groups) == len(names)
 
 
-def test_a_checkpoint_goes_on_as_if_nothing_had_been() -> None:
+def test_resumed_optimisers_take_the_same_steps() -> None:
     def step(net: torch.nn.Module, optimiser: Optimisers, seed: int) -> None:
         image = torch.rand((2, 16, 8, 8), generator=torch.Generator().manual_seed(seed))
         net.zero_grad(set_to_none=True)
@@ -67,7 +67,7 @@ def test_a_checkpoint_goes_on_as_if_nothing_had_been() -> None:
     assert not torch.equal(net.state_dict()["0.weight"], weights["0.weight"])
 
 
-def test_a_step_is_as_large_as_the_learning_rate_says() -> None:
+def test_step_size_follows_the_learning_rate() -> None:
     p = torch.nn.Parameter(torch.zeros(32, 16, 3, 3))
     muon = Muon([p], lr=1e-3, weight_decay=0.0)
     p.grad = torch.randn(p.shape, generator=torch.Generator().manual_seed(0))
@@ -79,7 +79,7 @@ def test_a_step_is_as_large_as_the_learning_rate_says() -> None:
 @pytest.mark.skipif(not hasattr(torch.optim, "Muon"), reason="torch has Muon from 2.9 on")
 @pytest.mark.parametrize("shape", [(32, 16, 3, 3), (64, 64, 3, 3), (96, 128, 3, 3), (160, 160, 3, 3), (160, 48, 3, 3)])
 @pytest.mark.parametrize(("bfloat16", "tolerance"), [(True, 0.0), (False, 0.02)])
-def test_steps_are_those_of_torchs_muon(monkeypatch, shape, bfloat16, tolerance):
+def test_steps_match_torch_muon(monkeypatch, shape, bfloat16, tolerance):
     """Torch iterates in bfloat16, in which both agree to the last bit."""
     monkeypatch.setattr(precision, "_measure", lambda: bfloat16)
     generator = torch.Generator().manual_seed(0)

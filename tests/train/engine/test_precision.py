@@ -1,4 +1,4 @@
-"""Networks are trained in what the machine is faster in."""
+"""Networks are trained in the faster precision."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def unmeasured():
 
 
 @pytest.mark.parametrize(("seconds", "wanted"), [(0.5, True), (0.9, False), (8.0, False)])
-def test_bfloat16_where_it_is_clearly_faster(unmeasured, monkeypatch, seconds, wanted):
+def test_bfloat16_is_used_where_it_is_clearly_faster(unmeasured, monkeypatch, seconds, wanted):
     monkeypatch.setattr(precision, "_seconds", lambda layer, image, rough: seconds if rough else 1.0)
     assert precision.bfloat16_is_faster("cpu") is wanted
     x = torch.rand(4, 4)
@@ -28,7 +28,7 @@ def test_bfloat16_where_it_is_clearly_faster(unmeasured, monkeypatch, seconds, w
     assert precision.name(CPU) == ("bfloat16" if wanted else "float32")
 
 
-def test_measuring_takes_one_convolution_in_both_and_leaves_the_seed_alone(unmeasured, monkeypatch):
+def test_precision_is_measured_once_without_changing_the_seed(unmeasured, monkeypatch):
     kinds = set()
     layer_of = torch.nn.Conv2d.forward
 
@@ -51,7 +51,7 @@ def test_measuring_takes_one_convolution_in_both_and_leaves_the_seed_alone(unmea
 
 
 @pytest.mark.parametrize("rough", [True, False])
-def test_steps_of_the_filters_are_about_orthogonal_in_either(monkeypatch, rough):
+def test_steps_are_orthogonal_in_both_precisions(monkeypatch, rough):
     monkeypatch.setattr(precision, "_measure", lambda: rough)
     torch.manual_seed(0)
     for shape in ((24, 60), (60, 24)):

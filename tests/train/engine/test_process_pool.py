@@ -85,7 +85,7 @@ def folder(tmp_path):
     return tmp_path / "store"
 
 
-def test_several_processes_make_every_shard_once(studios, folder):
+def test_several_processes_handle_every_item_once(studios, folder):
     assert list(map_in_processes(studios.Quick(folder).make, range(8), 2)) == ["nothing"] * 8
 
     makers = {path.read_text() for path in folder.iterdir()}
@@ -93,11 +93,11 @@ def test_several_processes_make_every_shard_once(studios, folder):
     assert len(makers) == 2 and str(os.getpid()) not in makers
 
 
-def test_one_at_a_time(studios, folder):
+def test_exclusive_blocks_do_not_overlap(studios, folder):
     assert list(map_in_processes(studios.Alone(folder).make, range(6), 2)) == [None] * 6
 
 
-def test_what_goes_wrong_in_a_process_is_told(studios, folder):
+def test_errors_in_a_process_are_reported(studios, folder):
     with pytest.raises(SessionError, match="shard 2 fails"):
         list(map_in_processes(studios.Failing(folder).make, range(4), 2))
     made = map_in_processes(studios.Dying(folder).make, range(6), 2)
@@ -111,7 +111,7 @@ def test_what_goes_wrong_in_a_process_is_told(studios, folder):
         make_renders(folder, range(4), 0, processes=0)
 
 
-def test_where_a_process_crashes_the_others_go_on(studios, folder, capsys):
+def test_other_processes_continue_after_a_crash(studios, folder, capsys):
     assert list(map_in_processes(studios.Crashing(folder).make, range(6), 2)) == ["nothing"] * 6
     assert "one of 2 processes was terminated (Segmentation fault); continuing with 1" in capsys.readouterr().err
     assert {path.name for path in folder.iterdir()} == {"crashed", *map(str, range(6))}
@@ -149,7 +149,7 @@ def test_processes_end_with_their_parent(tmp_path, studios, folder, gone, how, t
     assert len(makers) == 2  # no other shard was begun
 
 
-def test_processes_take_half_of_the_memory_at_most(monkeypatch):
+def test_processes_use_at_most_half_of_the_memory(monkeypatch):
     monkeypatch.setattr(processes, "processors", lambda: list(range(16)))
     monkeypatch.setattr(processes.os, "sysconf", lambda name: {"SC_PHYS_PAGES": 4_000_000, "SC_PAGE_SIZE": 4096}[name])
     assert (
@@ -159,7 +159,7 @@ def test_processes_take_half_of_the_memory_at_most(monkeypatch):
     )
 
 
-def test_a_gpu_has_all_processors_but_one_make_its_images(monkeypatch):
+def test_all_processors_but_one_make_images_for_a_gpu(monkeypatch):
     monkeypatch.setattr(loop, "processors", lambda: list(range(16)))
     assert loop.worker_count(KeypointTraining()) == 1 and loop.worker_count(PeopleTraining(), on_cpu=2) == 2
     monkeypatch.setattr(loop.torch.cuda, "is_available", lambda: True)

@@ -1,4 +1,4 @@
-"""Renders that are made beside a training."""
+"""Renders made during training."""
 
 import json
 import os
@@ -71,7 +71,7 @@ def test_a_training_without_renders_makes_them(tmp_path: pathlib.Path) -> None:
 
 
 @pytest.mark.usefixtures("copier")
-def test_new_shards_are_trained_on_as_they_come(tmp_path: pathlib.Path) -> None:
+def test_new_shards_are_used_as_they_appear(tmp_path: pathlib.Path) -> None:
     options = KeypointTraining(renders=tmp_path / "renders", out=tmp_path, workers=0, shards=30)
     counts: list[int] = []
 
@@ -87,28 +87,28 @@ def test_new_shards_are_trained_on_as_they_come(tmp_path: pathlib.Path) -> None:
     assert len(counts) >= 3 and sorted(set(counts)) == counts
 
 
-def test_nothing_is_made_beside_a_store_of_somebodys_own(store: pathlib.Path) -> None:
+def test_existing_stores_are_not_extended(store: pathlib.Path) -> None:
     with RenderWorker(store, 60, seed=0) as none:
         none.wait_for(60)  # does not wait either
         assert not none.making and not (store / PLAN).exists()
 
 
-def test_a_process_that_fails_is_quoted(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_output_of_a_failed_renderer_is_quoted(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(beside, "_command", lambda *_: [sys.executable, "-c", "raise OSError('no EGL anywhere')"])
     said = r"no EGL anywhere .*unfinished\.log"
     with RenderWorker(tmp_path, 60, seed=0) as others, pytest.raises(SessionError, match=said):
         others.wait_for(8)
 
 
-def test_a_plan_that_says_nothing_is_named(tmp_path: pathlib.Path) -> None:
+def test_unreadable_plan_is_named(tmp_path: pathlib.Path) -> None:
     (tmp_path / PLAN).write_text("{}")
-    with pytest.raises(SessionError, match=r"unfinished\.json: does not say which"):
+    with pytest.raises(SessionError, match=r"unfinished\.json: does not tell which renders are missing"):
         RenderWorker(tmp_path, 60, seed=0)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="kills a process group's leader")
 @pytest.mark.parametrize("background", [False, True])
-def test_rendering_ends_with_a_killed_training(
+def test_rendering_ends_when_training_is_killed(
     store: pathlib.Path, tmp_path: pathlib.Path, gone: Callable[[int], bool], background: bool
 ) -> None:
     program = (

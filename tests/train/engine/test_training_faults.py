@@ -1,4 +1,4 @@
-"""What goes wrong in training is said at once, and nothing that was learned is lost."""
+"""Faults in training are reported at once, and no progress is lost."""
 
 import pathlib
 from dataclasses import replace
@@ -27,14 +27,14 @@ def _short(store, out, **changes):
     )
 
 
-def test_a_training_that_diverges_leaves_the_last_checkpoint(store, tmp_path):
+def test_diverged_training_keeps_the_last_checkpoint(store, tmp_path):
     before = keypoints.train(_short(store, tmp_path / "run")).read_bytes()
     with pytest.raises(SessionError, match="diverged after .* less than --rate 1e"):
         keypoints.train(_short(store, tmp_path / "run", rate=1e30))
     assert (tmp_path / "run" / "checkpoint.pt").read_bytes() == before
 
 
-def test_who_interrupts_a_training_keeps_what_was_learned(store, tmp_path, monkeypatch):
+def test_interrupted_training_saves_a_checkpoint(store, tmp_path, monkeypatch):
     step, made = loop.TrainingRun._step, []
 
     def stopped(self, *args):
@@ -59,12 +59,12 @@ def test_who_interrupts_a_training_keeps_what_was_learned(store, tmp_path, monke
         ({"out": pathlib.Path(__file__) / "run"}, "is a file; name a folder"),
     ],
 )  # fmt: skip
-def test_options_that_cannot_be_are_refused_at_once(wrong, said):
+def test_invalid_options_are_refused(wrong, said):
     with pytest.raises(SessionError, match=said):
         KeypointTraining(**wrong)
 
 
-def test_stores_that_cannot_be_trained_on_are_refused(store, tmp_path):
+def test_unusable_stores_are_refused(store, tmp_path):
     with pytest.raises(SessionError, match="the first 4 are held out"):
         keypoints.train(replace(_short(tmp_path / "none", tmp_path / "run"), shards=3))
     parts = tmp_path / "parts"
@@ -88,7 +88,7 @@ def test_stores_that_cannot_be_trained_on_are_refused(store, tmp_path):
         load_renders(parts)
 
 
-def test_a_checkpoint_of_something_else_is_refused(store, tmp_path):
+def test_checkpoint_of_another_network_is_refused(store, tmp_path):
     out = tmp_path / "run"
     people.train(PeopleTraining(renders=store, out=out, minutes=0.02, batch=4, backgrounds=8, workers=0))
     with pytest.raises(ModelError, match="it has a run of another network"):
@@ -99,7 +99,7 @@ def test_a_checkpoint_of_something_else_is_refused(store, tmp_path):
 
 
 @pytest.mark.parametrize("content", [None, b"nothing"])
-def test_what_is_no_network_is_not_scored(store, tmp_path, content):
+def test_files_other_than_networks_are_not_scored(store, tmp_path, content):
     path = tmp_path / "model.onnx"
     if content is not None:
         path.write_bytes(content)

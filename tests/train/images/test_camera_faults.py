@@ -1,4 +1,4 @@
-"""What a camera does to an image."""
+"""Camera faults."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def test_faults_are_seeded_finite_and_leave_most_of_the_image(picture):
 
 
 @pytest.mark.parametrize("turn", [-0.25, 0.0, 0.1])
-def test_hues_turn_as_kornia_turns_them(picture, turn):
+def test_hue_rotation_matches_kornia(picture, turn):
     image = torch.from_numpy(picture).permute(2, 0, 1).float() / 255
     assert (other_hue(image, turn) - kornia.enhance.adjust_hue(image, turn)).abs().max() < 1e-3
     assert turn or (other_hue(image, turn) - image).abs().max() < 1e-3

@@ -1,4 +1,4 @@
-"""Things that move and are nobody lie where they are said to be, and take nothing of the people's boxes."""
+"""Moving objects stay within their masks and do not change people's boxes."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def white() -> np.ndarray:
     return np.full((120, 160, 3), 250, np.uint8)
 
 
-def test_things_came_or_went() -> None:
+def test_objects_appear_or_disappear() -> None:
     came = went = 0
     for seed in range(40):
         frame, plate = room(), room()
@@ -32,7 +32,7 @@ def test_things_came_or_went() -> None:
     assert came > 15 and went > 8
 
 
-def test_light_changes_a_part_of_the_picture_one_way() -> None:
+def test_light_changes_part_of_the_image_in_one_direction() -> None:
     ways = []
     for seed in range(20):
         frame = room()
@@ -43,7 +43,7 @@ def test_light_changes_a_part_of_the_picture_one_way() -> None:
     assert {-1, 1} <= set(ways)
 
 
-def test_what_is_held_covers_what_it_says_and_leaves_fingers_before_it() -> None:
+def test_held_objects_cover_their_mask_and_leave_fingers_in_front() -> None:
     mine = np.zeros((120, 160), bool)
     mine[20:110, 60:100] = True
     sizes, kept = [], 0
@@ -77,7 +77,7 @@ def renders() -> RenderSet:
     )  # fmt: skip
 
 
-def test_held_things_are_in_the_frame_alone_and_boxes_stay(renders: RenderSet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_held_objects_are_only_in_the_frame_and_keep_boxes(renders: RenderSet, monkeypatch: pytest.MonkeyPatch) -> None:
     made = {}
     for name in ("MOVED_SHARE", "LIT_SHARE", "STILL", "PARTLY", "GHOST", "CAST_SHARE"):
         monkeypatch.setattr(scenes, name, 0)

@@ -1,4 +1,4 @@
-"""Adaptation: the shipped network used to a take's own footage, without a label."""
+"""Adaptation of the shipped network to a take's unlabelled footage."""
 
 import json
 import shutil
@@ -72,7 +72,7 @@ def random_pseudo_labels(count=12, seed=0):
     )
 
 
-def test_the_shipped_network_comes_back_from_its_file():
+def test_shipped_network_is_restored_from_its_file():
     path = shipped_model("keypoints")
     net = keypoint_net_from_onnx(path)
     image = np.random.default_rng(0).random((2, 4, 96, 128), np.float32)
@@ -85,7 +85,7 @@ def test_the_shipped_network_comes_back_from_its_file():
     assert np.abs(visibility - np.concatenate(there[2:], 1)).max() < 1e-3
 
 
-def test_the_shipped_detector_comes_back_from_its_file():
+def test_shipped_detector_is_restored_from_its_file():
     path = shipped_model("people")
     image = np.random.default_rng(1).random((1, 4, 96, 160), np.float32)
     there = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"]).run(None, {"image": image})
@@ -105,7 +105,7 @@ def test_other_files_are_refused_by_name(tmp_path):
             keypoint_net_from_onnx(path)
 
 
-def test_footage_survives_its_file(tmp_path):
+def test_pseudo_labels_round_trip(tmp_path):
     before, path = random_pseudo_labels(), tmp_path / "footage.npz"
     save_pseudo_labels(path, before)
     after = load_pseudo_labels(path)
@@ -176,7 +176,7 @@ def worse_network(change_weights, tmp_path):
     return change_weights(shipped_model("keypoints"), to, lambda i: i.name == "net.body_head.fine.weight", noisy)
 
 
-def test_a_network_gets_used_to_footage(footage, worse_network, tmp_path):
+def test_network_adapts_to_footage(footage, worse_network, tmp_path):
     view = View(footage, 224, 1.25)
     net = keypoint_net_from_onnx(worse_network)
     before = {k: v.clone() for k, v in net.state_dict().items()}
@@ -188,7 +188,7 @@ def test_a_network_gets_used_to_footage(footage, worse_network, tmp_path):
     assert measure_agreement(student, view).mean_px < 0.95 * measure_agreement(net, view).mean_px
 
 
-def test_what_is_no_better_is_not_written(footage, tmp_path):
+def test_network_without_gain_is_not_written(footage, tmp_path):
     save_pseudo_labels(tmp_path / "footage.npz", footage)
     with pytest.raises(SessionError, match="no nearer"):
         adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out", minutes=0.03, rate=1e-12, threads=1), "")
@@ -199,7 +199,7 @@ def test_what_is_no_better_is_not_written(footage, tmp_path):
         adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out"), "")
 
 
-def test_what_teaches_nothing_is_refused(followed, network_card, footage, tmp_path):
+def test_labels_far_from_the_network_are_refused(followed, network_card, footage, tmp_path):
     with pytest.raises(SessionError, match="too little"), Progress(quiet=True) as progress:
         collect(followed, network_card, progress, PseudoLabelOptions(fewest_crops=100_000))
     # Labels beside the person.
@@ -230,14 +230,14 @@ def test_the_command_from_a_session_to_a_network(short_demo, worse_network, tmp_
     assert again.returncode == 2 and "--overwrite" in again.stderr and (out / "keypoints.onnx").read_text() == "mine"
 
 
-def test_a_network_of_8_bits_is_refused_before_anybody_is_looked_for(short_demo, tmp_path, capsys):
+def test_8_bit_network_is_refused_before_detection(short_demo, tmp_path, capsys):
     model = str(shipped_model("keypoints", "int8"))
     assert run_command(["adapt", str(short_demo), "--out", str(tmp_path / "out"), "--keypoint-model", model]) == 2
     assert "of 8 bits, which cannot be trained on" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
-def test_run_says_that_an_adapted_network_lies_unused(short_demo, tmp_path, monkeypatch, capsys):
+def test_run_reports_an_unused_adapted_network(short_demo, tmp_path, monkeypatch, capsys):
     def follow(*_: object) -> None:
         raise SessionError("far enough")
 
@@ -253,7 +253,7 @@ def test_run_says_that_an_adapted_network_lies_unused(short_demo, tmp_path, monk
         assert "far enough" in said and (notice in said) == (not given)
 
 
-def test_a_missing_extra_is_said_before_the_work(monkeypatch, tmp_path):
+def test_missing_extra_is_reported_first(monkeypatch, tmp_path):
     monkeypatch.setattr(command.importlib.util, "find_spec", lambda name: None if name == "torch" else object())
     with pytest.raises(MissingExtraError, match="train"):
         command.adapt(tmp_path / "no session")

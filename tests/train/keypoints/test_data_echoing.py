@@ -1,4 +1,4 @@
-"""Crops that a GPU sees again while the next are being made."""
+"""Crops that a GPU uses again while the next are being made."""
 
 import time
 
@@ -35,7 +35,7 @@ def centre(image):
     return torch.stack([(x * weight).sum(), (y * weight).sum()]) / weight.sum()
 
 
-def test_landmarks_stay_where_they_are_on_altered_crops():
+def test_landmarks_follow_augmented_crops():
     pixels, landmarks, visible = crops(64)
     new, at, seen = augment(pixels, landmarks, visible, np.random.default_rng(1))
     assert new.dtype == torch.uint8 and new.shape == pixels.shape
@@ -50,7 +50,7 @@ def test_landmarks_stay_where_they_are_on_altered_crops():
     assert (at.isfinite().all(-1) == seen).all(), "what was unknown stays unknown"
 
 
-def test_half_of_the_altered_crops_are_as_sharp_as_they_were():
+def test_half_of_the_augmented_crops_stay_sharp():
     pixels, landmarks, visible = crops(64)
     new, _, _ = augment(pixels, landmarks, visible, np.random.default_rng(2))
     same = [
@@ -60,7 +60,7 @@ def test_half_of_the_altered_crops_are_as_sharp_as_they_were():
     assert 15 < sum(same) < 50
 
 
-def test_what_is_moved_out_of_a_crop_is_no_longer_visible(monkeypatch):
+def test_landmarks_moved_out_of_a_crop_become_invisible(monkeypatch):
     monkeypatch.setattr(echo, "_SHIFT_SD", 1.0)
     pixels, landmarks, visible = crops(64)
     _, at, seen = augment(pixels, landmarks, visible, np.random.default_rng(3))
@@ -77,7 +77,7 @@ def slow_batches(sides):
         )  # fmt: skip
 
 
-def test_old_crops_fill_the_time_until_new_ones_are_there():
+def test_old_crops_are_echoed_until_new_ones_arrive():
     stream = Echo(slow_batches([32, 48, 32, 48]), CPU, times=3, seed=0)
     batches = list(stream)
     numbers = [set(batch[3].tolist()) for batch in batches]
@@ -90,7 +90,7 @@ def test_old_crops_fill_the_time_until_new_ones_are_there():
         assert {n % 2 for n in batch[3].tolist()} == {int(batch[0].shape[-1] == 48)}, "sides are not mixed"
 
 
-def test_errors_of_those_who_make_crops_are_raised():
+def test_errors_of_crop_workers_are_raised():
     def broken():
         yield from slow_batches([32])
         raise ValueError("no more")
@@ -99,7 +99,7 @@ def test_errors_of_those_who_make_crops_are_raised():
         list(Echo(broken(), CPU, times=2, seed=0))
 
 
-def test_what_has_no_room_takes_the_place_of_something_old():
+def test_new_batches_replace_old_ones_when_memory_is_full():
     stream = Echo(slow_batches([32] * 5), CPU, times=1, seed=0)
     first = next(stream)
     stream._free = sum(part.nbytes for part in first)

@@ -16,7 +16,7 @@ from muybridge.train.keypoints.options import KeypointTraining  # noqa: E402
 from muybridge.train.synthesis.rendering.store import SHARD, load_renders  # noqa: E402
 
 
-def test_losses_are_averaged_and_read_by_others(tmp_path: pathlib.Path) -> None:
+def test_losses_are_averaged_and_shared_by_file(tmp_path: pathlib.Path) -> None:
     path = tmp_path / "difficulty.npy"
     noted = Difficulty(path, every=2)
     assert not len(read_difficulty(path))
@@ -32,7 +32,7 @@ def test_losses_are_averaged_and_read_by_others(tmp_path: pathlib.Path) -> None:
     np.testing.assert_allclose(read_difficulty(path), loss)
 
 
-def test_a_share_is_drawn_by_the_loss_and_the_rest_evenly() -> None:
+def test_drawing_probability_mixes_loss_and_uniform() -> None:
     loss = np.array([1.0, 1.0, 1.0, 1.0, 3.0, 5.0], np.float32)
     p = drawing_probability(loss, 6, 0.6)
     np.testing.assert_allclose(p, 0.4 / 6 + 0.6 * np.array([0, 0, 0, 0, 2, 4]) / 6)
@@ -46,7 +46,7 @@ def test_a_share_is_drawn_by_the_loss_and_the_rest_evenly() -> None:
     assert drawing_probability(np.zeros(0, np.float32), 4, 0.6) == pytest.approx(1 / 4)
 
 
-def test_crops_of_hard_renders_come_more_often(store: pathlib.Path, tmp_path: pathlib.Path) -> None:
+def test_hard_renders_are_drawn_more_often(store: pathlib.Path, tmp_path: pathlib.Path) -> None:
     options = KeypointTraining(renders=store, out=tmp_path / "run", size=64, backgrounds=8, workers=0, hard=0.5)
     pool, path = dataset.background_pool(options), tmp_path / "difficulty.npy"
     loss = np.ones(SHARD, np.float32)
@@ -60,14 +60,14 @@ def test_crops_of_hard_renders_come_more_often(store: pathlib.Path, tmp_path: pa
     assert len(np.unique(drawn)) > 80
 
 
-def test_a_share_that_is_none_is_refused(tmp_path: pathlib.Path) -> None:
+def test_invalid_shares_are_refused(tmp_path: pathlib.Path) -> None:
     with pytest.raises(ModelError, match=r"--hard 1\.5: .* 0 to 1"):
         keypoints.train(KeypointTraining(renders=tmp_path, out=tmp_path / "run", hard=1.5))
     with pytest.raises(ModelError, match=r"--smaller -1: .* 0 to 1"):
         keypoints.train(KeypointTraining(renders=tmp_path, out=tmp_path / "run", smaller=-1))
 
 
-def test_training_notes_which_renders_are_hard(
+def test_training_records_hard_renders(
     store: pathlib.Path, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(keypoints, "_REFRESH_BATCHES", 2)

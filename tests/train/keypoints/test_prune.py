@@ -46,7 +46,7 @@ def says(net: KeypointNet, image: torch.Tensor) -> torch.Tensor:
     return net(image)[0]
 
 
-def test_what_says_nothing_of_its_own_can_go(net, images):
+def test_redundant_channels_can_be_pruned(net, images):
     with torch.no_grad():
         net.levels[2][2].second[1].weight.zero_()  # a block that adds nothing
         net.levels[2][2].second[1].bias.zero_()
@@ -62,7 +62,7 @@ def test_what_says_nothing_of_its_own_can_go(net, images):
     assert len(net.levels[2]) == 3 and net.levels[2][1].first[0].out_channels == 24  # left as it was
 
 
-def test_channels_that_stay_take_over(net, images):
+def test_remaining_channels_compensate(net, images):
     less = prune(net, DEPTHS, (16, 16, 20, 24), images)
     fresh = torch.rand(8, 4, 64, 64, generator=torch.Generator().manual_seed(2))
     whole, near = says(net, fresh), says(less, fresh)
@@ -78,7 +78,7 @@ def test_channels_that_stay_take_over(net, images):
     assert (near - whole).std() < 0.7 * (says(bare, fresh) - whole).std()
 
 
-def test_more_than_there_is_cannot_be_left(net, images):
+def test_invalid_sizes_are_refused(net, images):
     with pytest.raises(ModelError, match=r"depths \(0, 1, 3, 1\).*\(0, 1, 2, 1\)"):
         prune(net, (0, 1, 3, 1), WIDTHS, images)
     with pytest.raises(ModelError, match=r"hidden \(16, 16, 25, 24\)"):
@@ -87,7 +87,7 @@ def test_more_than_there_is_cannot_be_left(net, images):
         prune(net, DEPTHS, (16, 16, 0, 24), images)
 
 
-def test_a_file_says_its_design(net, images, tmp_path):
+def test_design_is_read_from_a_file(net, images, tmp_path):
     less, path = prune(net, (0, 1, 1, 1), (16, 16, 16, 8), images), tmp_path / "narrow.onnx"
     export_onnx(PlateApart(less), path, (2, 3, 64, 64), ("heatmaps", "visibility"), {}, PLATE)
     again = keypoint_net_from_onnx(path)
@@ -107,7 +107,7 @@ class _Normalised(KeypointNet):
 
 
 @pytest.mark.parametrize("divides", [False, True])
-def test_files_that_normalised_images_are_read(net, images, divides, tmp_path):
+def test_older_files_with_input_normalisation_are_read(net, images, divides, tmp_path):
     with torch.no_grad():  # beyond the border was the mean, and is black: no filter looks there
         net.stem[0][0].weight[:, :, 0] = 0
         net.stem[0][0].weight[:, :, :, 0] = 0
@@ -120,7 +120,7 @@ def test_files_that_normalised_images_are_read(net, images, divides, tmp_path):
     torch.testing.assert_close(says(keypoint_net_from_onnx(path), images[0]), expected, rtol=1e-3, atol=1e-3)
 
 
-def test_the_script_writes_a_network_to_train_on_from(store, script, tmp_path, monkeypatch, capsys):
+def test_pruning_script_writes_a_trainable_network(store, script, tmp_path, monkeypatch, capsys):
     main = script("networks.narrow_keypoints").main
     path, out = tmp_path / "keypoints.onnx", tmp_path / "less.onnx"
     shutil.copy(shipped_model("keypoints"), path)

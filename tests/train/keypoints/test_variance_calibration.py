@@ -21,7 +21,7 @@ from muybridge.models.onnx_files.quantization import int8_path  # noqa: E402
 from muybridge.models.shipped import shipped_model  # noqa: E402
 
 
-def test_a_network_is_calibrated_anew_and_keeps_its_weights(
+def test_recalibration_keeps_the_weights(
     store: Path, script: Callable[[str], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "keypoints.onnx"

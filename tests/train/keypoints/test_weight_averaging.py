@@ -1,4 +1,4 @@
-"""One network from several of a training run."""
+"""Averages of several networks of a training run."""
 
 import json
 import shutil
@@ -40,7 +40,7 @@ def changed(change_weights):
     return change
 
 
-def test_the_average_of_a_network_with_itself_is_itself(shipped, tmp_path):
+def test_average_of_a_network_with_itself_is_itself(shipped, tmp_path):
     twin = Path(shutil.copy(shipped, tmp_path / "twin.onnx"))
     saved = average_keypoints([shipped, twin])
     image = torch.rand(2, 4, 192, 192, generator=torch.Generator().manual_seed(0))
@@ -50,7 +50,7 @@ def test_the_average_of_a_network_with_itself_is_itself(shipped, tmp_path):
     assert saved["state"]["images"] > 1e6 and saved["options"]["seed"] == training_record(shipped)["seed"]
 
 
-def test_weights_lie_in_the_middle(shipped, changed, tmp_path):
+def test_average_weights_are_the_mean(shipped, changed, tmp_path):
     saved = average_keypoints([shipped, changed(shipped, tmp_path / "other.onnx", 0.25)])
     before = keypoint_net_from_onnx(shipped).state_dict()
     moved = {k: (saved["average"][k] - v).float() for k, v in before.items()}
@@ -78,7 +78,7 @@ def test_networks_of_other_designs_are_not_averaged(shipped, tmp_path):
         average_keypoints([shipped, path])
 
 
-def test_what_each_saw_since_they_parted_counts(shipped, tmp_path):
+def test_training_histories_add_up(shipped, tmp_path):
     def told(images: int, minutes: float) -> Path:
         model = onnx.load(str(shipped))
         (training,) = (p for p in model.metadata_props if p.key == "training")
@@ -91,7 +91,7 @@ def test_what_each_saw_since_they_parted_counts(shipped, tmp_path):
     assert saved["state"] == {"images": 1700, "seconds": pytest.approx(60 * 35)}
 
 
-def test_what_cannot_be_averaged_is_refused(shipped, tmp_path):
+def test_unusable_networks_are_refused(shipped, tmp_path):
     with pytest.raises(ModelError, match="two networks"):
         average_keypoints([shipped])
     junk = tmp_path / "junk.onnx"

@@ -39,7 +39,7 @@ def store(tmp_path_factory, bodies):
     return folder
 
 
-def test_markers_ride_on_the_body_models_skin(bodies):
+def test_markers_follow_the_skin(bodies):
     phenotypes = bodies.model.sample_phenotypes(1)
     skeleton = bodies.skeleton(phenotypes[0])
     rotvec, root = bodies.wander()
@@ -54,7 +54,7 @@ def test_markers_ride_on_the_body_models_skin(bodies):
     assert ((off * normals).sum(-1) > 0.002).all()
 
 
-def test_a_shard_depends_on_its_number_and_the_seed_alone(store, bodies, tmp_path):
+def test_shards_depend_only_on_number_and_seed(store, bodies, tmp_path):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(marker_clouds, "CLIPS", 2)
         patch.setattr(marker_clouds, "MarkerBodies", lambda seed: bodies)
@@ -64,7 +64,7 @@ def test_a_shard_depends_on_its_number_and_the_seed_alone(store, bodies, tmp_pat
     assert len(load_marker_clips(store, range(4, 6)).points) == 4
 
 
-def test_clouds_are_what_a_laboratory_makes_of_markers(store):
+def test_clouds_have_consistent_labels_and_sizes(store):
     sampler = CloudSampler(load_marker_clips(store, range(6)), WINDOW, 0, CloudOptions(((PLUG_IN_GAIT, 1.0),)))
     drawn = [sampler.batch(64) for _ in range(6)]
     ghosts = hidden = windowless = 0
@@ -82,7 +82,7 @@ def test_clouds_are_what_a_laboratory_makes_of_markers(store):
     assert 0.3 < ghosts / 384 < 0.9 and hidden and 0.2 < windowless / 384 < 0.5
 
 
-def test_messages_in_one_pass_are_those_of_the_plain_form():
+def test_fused_messages_match_the_plain_form():
     rows, count, width = 40, 6, 16
     tensors = [torch.randn(*s, requires_grad=True) for s in ((rows, width), (rows, width), (rows, count, width))]
     neighbour = torch.randint(0, rows, (rows * count,))
@@ -106,7 +106,7 @@ def probabilities(net, points, seen, asked):
         return net(*(torch.from_numpy(np.ascontiguousarray(a)) for a in (points, seen, asked))).exp().numpy()
 
 
-def test_the_network_minds_neither_heading_nor_place_nor_order_but_tells_left_from_right():
+def test_network_is_invariant_to_heading_position_and_order_but_not_mirroring():
     torch.manual_seed(0)
     net = LabelNet(len(SURFACE)).eval()
     assert sum(p.numel() for p in net.parameters()) < 1_000_000
@@ -123,7 +123,7 @@ def test_the_network_minds_neither_heading_nor_place_nor_order_but_tells_left_fr
     assert np.abs(probabilities(net, mirrored, seen, asked)[known] - plain).max() > 0.01
 
 
-def test_what_is_far_away_changes_nothing():
+def test_distant_points_have_no_influence():
     torch.manual_seed(0)
     net = LabelNet(len(SURFACE)).eval()
     points, seen, asked = example(1, 24, 2)
@@ -136,7 +136,7 @@ def test_what_is_far_away_changes_nothing():
     torch.testing.assert_close(alone, beside[:, :24], atol=1e-4, rtol=1e-4)
 
 
-def test_an_assignment_gives_every_point_once_and_no_label_that_was_not_asked_for():
+def test_assignment_uses_every_point_once_and_only_requested_labels():
     torch.manual_seed(1)
     known, asked = torch.ones(2, 9), torch.ones(2, 7)
     known[0, 6:], asked[1, 4:] = 0, 0
@@ -146,7 +146,7 @@ def test_an_assignment_gives_every_point_once_and_no_label_that_was_not_asked_fo
 
 
 @pytest.mark.slow
-def test_training_learns_resumes_and_is_published(store, tmp_path, monkeypatch):
+def test_training_learns_resumes_and_exports(store, tmp_path, monkeypatch):
     monkeypatch.setattr(labels, "held_out_batches", lambda clips, count=8, options=None: _few(store))
     options = LabelTraining(out=tmp_path / "run", clips=store, minutes=0.12, batch=16, rate=3e-3)
     checkpoint = labels.train(options)
@@ -169,7 +169,7 @@ def _few(store):
     return [tuple(torch.from_numpy(a) for a in sampler.batch(8))]
 
 
-def test_another_networks_file_is_refused():
+def test_file_of_another_network_is_refused():
     from muybridge.models.shipped import shipped_model
 
     with pytest.raises(ModelError, match="kind 'people' where 'labels' is needed"):

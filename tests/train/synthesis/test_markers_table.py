@@ -1,4 +1,4 @@
-"""Virtual markers lie where a marker-based laboratory puts them, on every body, and project where they are drawn."""
+"""Virtual markers are at anatomical positions on every body, and project where they are drawn."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def adults(body):
     return body.forward(np.zeros((24, len(body.bones), 3)), phenotypes[adult][:24])[0]
 
 
-def test_every_marker_of_the_sets_is_there_once():
+def test_sets_contain_every_marker_once():
     assert len(PLUG_IN_GAIT) == len(set(PLUG_IN_GAIT.labels)) == len(set(PLUG_IN_GAIT.names)) == 39
     assert len(CMU) == len(set(CMU.names)) == 41 and sorted(CMU.labels) == sorted(CMU_LABELS)
     assert len(set(SURFACE.names)) == len(SURFACE) == 72
@@ -118,7 +118,7 @@ def test_markers_are_symmetric_and_on_the_skin(body, adults):
             assert np.linalg.norm(dense - m, axis=1).min() < 0.002 + edge / 2
 
 
-def test_adults_measure_what_adults_measure(adults):
+def test_distances_match_anthropometry(adults):
     from muybridge.train.synthesis.bodies.surface_markers import virtual_markers
 
     at = dict(zip(SURFACE.names, virtual_markers(adults).transpose(1, 0, 2), strict=True))
@@ -135,7 +135,8 @@ def test_labels_project_where_the_renderer_draws_them(body):
     """From each side of a nearly naked body a marker counts as seen just where its skin is the drawn surface."""
     from muybridge.errors import MissingExtraError
     from muybridge.train.synthesis.clothing.sample import sample_outfit
-    from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
+    from muybridge.train.synthesis.rendering.renderer import Renderer
+    from muybridge.train.synthesis.rendering.view import View, look_at
 
     try:
         renderer = Renderer(body)
@@ -186,7 +187,7 @@ def test_renders_without_marker_labels_load_as_unknown(tmp_path):
     assert store.markers_visible[3:].all()
 
 
-def test_a_take_leaves_as_c3d_with_plug_in_gait_names(tmp_path):
+def test_markers_are_exported_as_c3d_with_plug_in_gait_names(tmp_path):
     t, m = 4, len(SURFACE)
     world = np.random.default_rng(1).random((t, m, 3))
     world[2, SURFACE.index("left_asis")] = np.nan

@@ -10,18 +10,16 @@ pytest.importorskip("anny")
 
 from muybridge.errors import MissingExtraError  # noqa: E402
 from muybridge.geometry.landmarks.sets import BODY23  # noqa: E402
-from muybridge.train.images import scenes  # noqa: E402
 from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.images.compositor import WHOLE, AugmentOptions, Compositor  # noqa: E402
-from muybridge.train.images.scenes import SceneBatch, SceneCompositor  # noqa: E402
-from muybridge.train.people.train import as_tensors, generalised_iou, make_targets  # noqa: E402
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel  # noqa: E402
 from muybridge.train.synthesis.clothing.sample import bare_outfit, sample_outfit  # noqa: E402
 from muybridge.train.synthesis.rendering import renderer as render  # noqa: E402
 from muybridge.train.synthesis.rendering.close_ups import cut_boxes, map_cuts, sample_close_up  # noqa: E402
-from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at  # noqa: E402
+from muybridge.train.synthesis.rendering.renderer import Renderer  # noqa: E402
 from muybridge.train.synthesis.rendering.store import SIZE, RenderSet, sample_view  # noqa: E402
 from muybridge.train.synthesis.rendering.takes import choreograph, perform  # noqa: E402
+from muybridge.train.synthesis.rendering.view import View, look_at  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -95,11 +93,11 @@ def test_view_projects_where_opengl_draws(body, renderer):
         assert shot.visible.any()
 
 
-def test_a_point_is_hidden_by_what_most_pixels_round_it_show():
+def test_surface_depth_is_the_median_around_a_point():
     metres = np.full((16, 16), 5.0)
     metres[4:9, 4:9] = 2.0  # something near, in front of a wall
     px = np.array([[6.0, 6.0], [8.2, 7.0], [9.0, 7.0], [8.0, 8.0], [0.0, 3.0]])
-    inside, front = render._front(px, metres)
+    inside, front = render._surface_depth(px, metres)
     # Behind it; a cell from its edge; beside it; at its corner, of which five of nine pixels show the wall.
     np.testing.assert_array_equal(front[:4], [2.0, 2.0, 5.0, 5.0])
     np.testing.assert_array_equal(inside, [True, True, True, True, False])
@@ -120,7 +118,7 @@ PLAIN = replace(
 )
 
 
-def test_crops_have_the_padding_they_promise(renders):
+def test_crops_have_the_requested_padding(renders):
     compositor = Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 0, PLAIN)
     index = np.arange(16)
     matrix, flip = compositor._placement(renders.box_px[index])
@@ -155,7 +153,7 @@ def test_labels_follow_pixels_through_the_augmentation(renders):
     assert np.mean(hits > 0.3) > 0.95
 
 
-def test_in_a_hold_the_other_stands_right_behind_or_before(renders):
+def test_embracing_person_is_behind_or_in_front(renders):
     """Behind, nothing of the subject is lost; before, a part of it is."""
 
     def seen(**others: float) -> tuple[np.ndarray, np.ndarray]:
@@ -169,7 +167,7 @@ def test_in_a_hold_the_other_stands_right_behind_or_before(renders):
     assert held[0].mean() > 0.5 * alone[0].mean()
 
 
-def test_close_ups_frame_what_is_left_of_a_person(renders):
+def test_close_ups_frame_the_visible_part(renders):
     rng = np.random.default_rng(0)
     whole = renders.box_px[np.arange(200) % len(renders)]
     boxes, lines = cut_boxes(rng, whole, 1.0)
@@ -204,7 +202,7 @@ def close_ups(body, renderer):
     return stored(shots, ("landmarks_px", "visible", "box_px", "cut_px"))
 
 
-def test_a_near_camera_sees_a_part_of_a_person_sharply(close_ups):
+def test_rendered_close_ups_fill_the_image(close_ups):
     off, beyond = [], []
     for i in range(len(close_ups)):
         # What is left of them fills the picture, in its middle, on this side of the cut.
@@ -223,7 +221,7 @@ def test_a_near_camera_sees_a_part_of_a_person_sharply(close_ups):
     assert 0.2 < batch.visible.float().mean() < 0.75
 
 
-def test_what_a_border_cuts_off_is_black_and_hidden(renders):
+def test_parts_beyond_the_border_are_black_and_hidden(renders):
     batch, whole = (
         Compositor(renders, make_backgrounds(4, SIZE, 0), 128, 3, options).batch(64)
         for options in (replace(PLAIN, close_up=1.0), PLAIN)
@@ -235,7 +233,7 @@ def test_what_a_border_cuts_off_is_black_and_hidden(renders):
     assert 0.1 < np.mean(dark) < 0.95
 
 
-def test_backdrops_are_bare_lights_are_coloured_and_some_cameras_see_no_colours(renders):
+def test_backdrops_tinted_light_and_monochrome_cameras(renders):
     pool = np.random.default_rng(0).integers(0, 255, (4, 3, SIZE, SIZE), np.uint8)
     index = np.flatnonzero(np.isnan(renders.cut_px[:, 0]))[:16]
 
@@ -265,7 +263,7 @@ def test_batches_are_seeded(renders):
     assert (Compositor(renders, pool, 96, 8).batch(8).image != a.image).any()
 
 
-def test_the_plate_shows_who_moves_and_is_blind_to_who_stood_still(renders, monkeypatch):
+def test_background_difference_shows_moving_but_not_static_people(renders, monkeypatch):
     pool = make_backgrounds(4, SIZE, 0)
     whole = np.flatnonzero(np.isnan(renders.cut_px[:, 0]))[:16]
     plain = replace(PLAIN, clutter=0, faults=False)
@@ -285,131 +283,6 @@ def test_the_plate_shows_who_moves_and_is_blind_to_who_stood_still(renders, monk
     assert abs(contrast(replace(plain, plate=1.0), still=1.0)[0]) < 0.3 * with_plate
     without, other = contrast(replace(plain, plate=0.0))
     assert without == 0 and (other.image == batch.image).all()  # the pictures are the same
-
-
-def test_who_stands_still_is_in_the_plate_of_a_scene(renders, monkeypatch):
-    def strongest(still=0.0, partly=0.0, ghost=0.0):
-        """Of pixels that differ much from the plate, how many lie in boxes of people, as a share of these, and how many
-        elsewhere, as a share of the former: no two shares have the same scenes."""
-        for name, share in (("STILL", still), ("PARTLY", partly), ("GHOST", ghost)):
-            monkeypatch.setattr(f"muybridge.train.images.scenes.{name}", share)
-        for name in ("NEAR_SHARE", "CAST_SHARE", "MOVED_SHARE", "HELD_SHARE", "LIT_SHARE"):
-            monkeypatch.setattr(f"muybridge.train.images.scenes.{name}", 0)
-        batch = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 3).batch(48, (192, 320))
-        within, beside, room = 0, 0, 0
-        for image, boxes, ignored in zip(batch.image[:, 3].numpy(), batch.boxes, batch.ignore, strict=True):
-            if not image.any():  # no plate
-                continue
-            inside = np.zeros(image.shape, bool)
-            for x0, y0, x1, y1 in np.round(np.concatenate([boxes, ignored])).astype(int):
-                inside[max(y0 - 2, 0) : y1 + 3, max(x0 - 2, 0) : x1 + 3] = True
-            within, beside = within + (image > 40)[inside].sum(), beside + (image > 40)[~inside].sum()
-            room += inside.sum()
-        return within / room, beside / within
-
-    (moving, shadows), (still, _), (partly, _) = strongest(), strongest(still=1.0), strongest(partly=1.0)
-    assert still < 0.3 * moving  # shadows are not in the plate
-    assert 0.4 * moving < partly < 0.9 * moving
-    assert strongest(ghost=1.0)[1] > 4 * shadows
-
-
-def test_people_cast_shadows_from_their_feet_and_keep_their_boxes(renders, monkeypatch):
-    pole, frame = np.zeros((20, 9), np.uint8), np.full((60, 60, 3), 200, np.uint8)
-    pole[5:16, 4] = 255
-    scenes._cast(frame, pole, 15.0, np.array([20, 30]), (1.0, 0.5, 0.5, 0.3))
-    dark = np.argwhere(frame[..., 0] < 180)
-    assert abs(dark[-1] - [45, 24]).max() <= 1 and abs(dark[0] - [40, 34]).max() <= 1  # foot and top of a pole of 10 px
-    assert abs((dark[:, 1] - 24) - 2 * (45 - dark[:, 0])).max() <= 2
-    boxes = []
-    for name in ("GHOST", "STILL", "PARTLY", "NEAR_SHARE", "MOVED_SHARE", "HELD_SHARE", "LIT_SHARE"):
-        monkeypatch.setattr(f"muybridge.train.images.scenes.{name}", 0)
-    for share in (0, 1):
-        monkeypatch.setattr("muybridge.train.images.scenes.CAST_SHARE", share)
-        monkeypatch.setattr(SceneCompositor, "_light", lambda self: (0.8, -0.4, 0.4, 1.0))
-        boxes.append(SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 0)._scene(192, 320))
-    assert np.array_equal(boxes[0][2], boxes[1][2]) and np.array_equal(boxes[0][1], boxes[1][1])  # boxes and the plate
-    assert (boxes[1][0] <= boxes[0][0]).all() and (boxes[1][0] < boxes[0][0]).any()
-
-
-def test_scene_boxes_hold_their_people(renders, monkeypatch):
-    for name in ("GHOST", "CAST_SHARE", "MOVED_SHARE", "LIT_SHARE"):
-        monkeypatch.setattr(f"muybridge.train.images.scenes.{name}", 0)
-    compositor = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 0)
-    batch = compositor.batch(12, (192, 320))
-    assert tuple(batch.image.shape) == (12, 4, 192, 320)
-    assert sum(len(b) for b in batch.boxes) > 8
-    moving = [i for i in range(12) if batch.image[i, 3].max() > 60 and len(batch.boxes[i])]
-    assert moving, "no scene with a plate difference"
-    for i in moving:  # where the plate differs strongly, somebody is
-        y, x = np.nonzero(batch.image[i, 3].numpy() > 60)
-        boxes = np.concatenate([batch.boxes[i], batch.ignore[i]])
-        inside = [((x >= b[0] - 2) & (x <= b[2] + 2) & (y >= b[1] - 2) & (y <= b[3] + 2)) for b in boxes]
-        # Shadows differ too, outside of the boxes.
-        assert np.any(inside, axis=0).mean() > 0.5
-
-
-def test_who_stands_beside_somebody_touches_them(renders, monkeypatch):
-    monkeypatch.setattr(scenes, "BESIDE_SHARE", 1.0)
-    compositor = SceneCompositor(renders, make_backgrounds(6, SIZE, 0), 2)
-    sizes = np.array([40.0, 90.0, 250.0])
-    beside = compositor._beside(sizes)
-    assert beside == [[1], [0, 2], [1]] and sizes.max() < 1.5 * sizes.min()
-    mate = np.array([100.0, 50.0, 140.0, 150.0])
-    overlaps = []
-    for _ in range(50):
-        _, box = compositor._person(90.0, 0.0)
-        moved = box + np.tile(compositor._next_to(mate, box), 2)
-        assert abs(moved[3] - mate[3]) < 20  # one floor
-        overlaps.append((min(moved[2], mate[2]) - max(moved[0], mate[0])) / min(moved[2] - moved[0], 40))
-    assert 0.6 < np.mean(np.array(overlaps) > 0) and np.median(overlaps) < 0.8
-
-
-def test_who_is_near_ends_at_the_border_of_the_picture(renders, close_ups, monkeypatch):
-    monkeypatch.setattr(scenes, "NEAR_SHARE", 1.0)
-    both = RenderSet(
-        [*renders.pixels, *close_ups.pixels],
-        *(np.concatenate([getattr(r, k) for r in (renders, close_ups)])
-          for k in ("landmarks_px", "visible", "box_px", "markers_px", "markers_visible", "cut_px")),
-    )  # fmt: skip
-    monkeypatch.setattr("muybridge.train.synthesis.rendering.store.SHARD", 24)
-    compositor = SceneCompositor(both, make_backgrounds(6, SIZE, 0), 1)
-    at_border = 0
-    for _ in range(20):
-        frame, owners = np.full((192, 320, 3), 90, np.uint8), np.full((192, 320), -1, np.int16)
-        box, area = compositor._near(frame, owners, 7)
-        mine = owners == 7
-        assert mine.sum() <= area and (frame[mine] != 90).any()
-        edges = mine[-1], mine[:, 0], mine[:, -1], mine[0]
-        at_border += any(e.sum() > 3 for e in edges)
-        rows, columns = np.nonzero(mine)
-        assert columns.min() >= box[0] - 1 and columns.max() <= box[2] + 1
-        assert rows.min() >= box[1] - 1 and rows.max() <= box[3] + 1
-    assert at_border >= 14  # of some the picture has another side
-    assert sum(len(b) for b in compositor.batch(6, (192, 320)).boxes) >= 6
-
-
-def test_detector_targets_say_where_the_box_is():
-    import torch
-
-    box = np.array([[40.0, 30.0, 99.0, 150.0]], np.float32)
-    batch = SceneBatch(torch.zeros(1, 4, 192, 320, dtype=torch.uint8), [box], [np.zeros((0, 4), np.float32)])
-    targets = make_targets(batch)
-    row, column = np.unravel_index(targets.heat[0].argmax(), targets.heat[0].shape)
-    center = np.array([column, row]) * 8 + 3.5
-    left, top, right, bottom = targets.box[0][:, row, column]
-    found = [center[0] - left, center[1] - top, center[0] + right, center[1] + bottom]
-    np.testing.assert_allclose(found, box[0], atol=1e-4)
-    assert targets.has_box[0].sum() > 1 and targets.weight.min() == 1
-    assert as_tensors(batch)[1].shape == (1, 24, 40)
-
-
-def test_generalised_iou():
-    import torch
-
-    a = torch.tensor([1.0, 1.0, 1.0, 1.0])
-    assert float(generalised_iou(a, a)) == pytest.approx(1, abs=1e-5)
-    half = torch.tensor([1.0, 1.0, 0.0, 1.0])
-    assert float(generalised_iou(a, half)) == pytest.approx(0.5, abs=1e-5)
 
 
 def test_a_take_keeps_the_stance_foot(body):

@@ -1,4 +1,4 @@
-"""Clothes: they cover what they should, stay out of the labels, and are the same for the same seed."""
+"""Clothes cover the skin, do not change labels, and depend only on the seed."""
 
 import dataclasses
 
@@ -130,7 +130,7 @@ def test_the_same_seed_gives_the_same_pixels(renderer, people):
     assert any((a != b).any() for a, b in zip(draw(3), draw(4), strict=True))
 
 
-def test_nobody_is_a_black_hole(renderer, people):
+def test_exposure_keeps_people_visible(renderer, people):
     """Exposure keeps the person's mean luma in range, however dark skin, clothes and light are."""
     rng = np.random.default_rng(2)
     lumas = []
@@ -148,7 +148,7 @@ def test_nobody_is_a_black_hole(renderer, people):
     assert np.ptp(lumas) > 40  # dark people remain darker than light ones
 
 
-def test_every_kind_of_outfit_is_drawn_and_wears_what_it_says():
+def test_every_kind_of_outfit_has_its_garments():
     kinds = [sample_outfit(np.random.default_rng(s), s % 2).kind for s in range(200)]
     assert set(kinds) == set(KINDS)
     for seed in range(60):
@@ -171,7 +171,7 @@ def test_accessories_follow_the_head(renderer, people):
         assert np.median(gap) < 0.01  # heads differ in shape, not only in size
 
 
-def test_hanging_things_stay_upright(renderer, people):
+def test_hanging_accessories_stay_upright(renderer, people):
     anchors = garments.Anchors(renderer.body.rest, renderer.body.arm_weight, BODY_VERTICES)
     column = np.array([[[-0.435, -0.25, 0.175 - k] for k in (0.0, 0.2)]])
     for i in range(PEOPLE):

@@ -1,10 +1,10 @@
 from .renderer import Render as Render
 from .renderer import Renderer as Renderer
-from .renderer import View as View
-from .renderer import look_at as look_at
 from .store import RenderSet as RenderSet
 from .store import load_renders as load_renders
 from .store import make_renders as make_renders
+from .view import View as View
+from .view import look_at as look_at
 
 __all__ = [
     "Render",

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
-from muybridge.train.synthesis.rendering.renderer import View, direction_from_angles, look_at, target_of_pixel
+from muybridge.train.synthesis.rendering.view import View, direction_from_angles, look_at, target_of_pixel
 
 # What lies beyond the cut: the black outside of the video, an object in front of the person, or the person after all.
 BORDER, OCCLUDER, PERSON = range(3)

@@ -11,8 +11,9 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.clothing.sample import Outfit, sample_outfit
 from muybridge.train.synthesis.motions.sampler import MotionClip, MotionSampler
-from muybridge.train.synthesis.rendering.renderer import Renderer, View, look_at
+from muybridge.train.synthesis.rendering.renderer import Renderer
 from muybridge.train.synthesis.rendering.takes import person_layers
+from muybridge.train.synthesis.rendering.view import View, look_at
 
 # Least distance between the centres of people, metres, unless they came as a pair.
 _LEAST_DISTANCE = 0.55

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 
 from muybridge.arrays import ByteArray, FloatArray
-from muybridge.train.synthesis.rendering.renderer import SHADERS, Renderer, View, look_at
+from muybridge.train.synthesis.rendering.renderer import SHADERS, Renderer
+from muybridge.train.synthesis.rendering.view import View, look_at
 
 PLAIN, TILES, PANELS, GLOW, CURTAIN, BLIND, PICTURE, WOOD, ROUGH = range(9)
 VIEWS_EACH = 8  # images per room

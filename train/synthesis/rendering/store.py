@@ -25,14 +25,8 @@ from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
 from muybridge.train.synthesis.clothing.sample import sample_outfit
 from muybridge.train.synthesis.motions.sampler import MOTIONS
 from muybridge.train.synthesis.rendering.close_ups import sample_close_up
-from muybridge.train.synthesis.rendering.renderer import (
-    Render,
-    Renderer,
-    View,
-    direction_from_angles,
-    look_at,
-    target_of_pixel,
-)
+from muybridge.train.synthesis.rendering.renderer import Render, Renderer
+from muybridge.train.synthesis.rendering.view import View, direction_from_angles, look_at, target_of_pixel
 
 SHARD = 256  # renders
 SIZE = 256  # pixels

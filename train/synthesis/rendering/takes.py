@@ -10,7 +10,8 @@ from scipy.interpolate import PchipInterpolator
 from muybridge.arrays import ByteArray, Float32Array, FloatArray
 from muybridge.train.synthesis.bodies.body_model import BodyBatch, BodyModel
 from muybridge.train.synthesis.clothing.sample import Outfit
-from muybridge.train.synthesis.rendering.renderer import SHADERS, Renderer, View
+from muybridge.train.synthesis.rendering.renderer import SHADERS, Renderer
+from muybridge.train.synthesis.rendering.view import View
 
 STANCE = "right_heel"
 

@@ -88,8 +88,8 @@ def _read_plan(path: pathlib.Path) -> tuple[int, int]:
         return int(plan["shards"]), int(plan["seed"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise SessionError(
-            f"{path}: does not tell which renders are missing; remove it to train on the existing ones, or continue with "
-            "`muybridge synth`"
+            f"{path}: does not tell which renders are missing; remove it to train on the existing ones, or continue "
+            "with `muybridge synth`"
         ) from error
 
 
