@@ -12,8 +12,7 @@ from muybridge.errors import FormatError
 from muybridge.geometry.fitting.body_fit import FitOptions
 from muybridge.geometry.fitting.subject import MarkerFitOptions
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.geometry.landmarks.marker_sets import SURFACE
-from muybridge.geometry.landmarks.sets import LandmarkSet
+from muybridge.geometry.landmarks.marker_sets import SURFACE, MarkerSet
 from muybridge.geometry.skeleton.joint_centres import centres_from_markers
 from muybridge.infer.networks.correction import SolverNetwork
 from muybridge.infer.reconstruction.body import (
@@ -204,7 +203,9 @@ def _check_method(
 def _chosen_points(points: Points3D, recognised: RecognisedPoints) -> Points3D:
     """The markers that the body was fitted to, in their order."""
     columns = list(recognised.columns.values())
-    names = LandmarkSet("markers", tuple(recognised.columns), ())
+    surface = tuple(recognised.columns)
+    # A marker set tolerates markers without a counterpart on the other side.
+    names = MarkerSet("markers", surface, (), surface)
     none = (0, len(points.points_world), len(columns))
     return replace(points, landmarks=names, points_world=points.points_world[:, columns],
                    covariance_world=points.covariance_world[:, columns], residual_px=np.empty(none),

@@ -109,7 +109,7 @@ def test_events_channels_and_plates_are_kept_and_the_axis_is_right(take, tmp_pat
     kept = axis in ("+Z", "+Y")
     assert raw.texts("POINT", "Y_SCREEN") == ["+Y" if axis == "+Y" else "+Z"]
     notes = json.loads((tmp_path / "out" / "label.json").read_text())["notes"]
-    assert any("is turned" in note for note in notes) == (not kept)
+    assert any("is rotated" in note for note in notes) == (not kept)
     back = read_c3d_take(tmp_path / "out" / "labelled.c3d", up="z")
     assert back.first_frame == 41 and back.events[0].time == pytest.approx(0.5) and back.analog is not None
     np.testing.assert_array_equal(back.analog.values, take.analog.values)
