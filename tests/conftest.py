@@ -125,24 +125,35 @@ def make_session(tmp_path: Path, make_video: Callable[..., Path]) -> Callable[..
     return make
 
 
-@pytest.fixture(scope="session")
-def short_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The session of the demo's take with its first 48 frames, a whole step: for what need not see all of it."""
+def first_frames_of_demo(folder: Path, frames: int) -> Path:
+    """Write a session folder with the first frames of the demo's take."""
     from muybridge.infer.demo_take.take import demo_folder
     from muybridge.infer.session.probe import probe_video
     from muybridge.infer.session.video import read_chunks
     from muybridge.infer.session.write_video import VideoWriter
 
-    folder, source = tmp_path_factory.mktemp("short_demo") / "take", demo_folder()
+    source = demo_folder()
     (folder / "videos").mkdir(parents=True)
     (folder / "calibration.toml").write_bytes(source.joinpath("calibration.toml").read_bytes())
     for video in source.joinpath("videos").iterdir():
         info = probe_video(Path(str(video)))
-        with VideoWriter(folder / "videos" / video.name, info.width, info.height, info.fps, crf=12) as film:
-            for chunk in read_chunks(info, np.arange(48)):
+        with VideoWriter(folder / "videos" / video.name, info.width, info.height, info.fps, crf=12) as writer:
+            for chunk in read_chunks(info, np.arange(frames)):
                 for frame in chunk:
-                    film.write(frame)
+                    writer.write(frame)
     return folder
+
+
+@pytest.fixture(scope="session")
+def short_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The demo's take with its first 48 frames, a whole step: where not all of it is needed."""
+    return first_frames_of_demo(tmp_path_factory.mktemp("short_demo") / "take", 48)
+
+
+@pytest.fixture(scope="session")
+def brief_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The demo's take with its first 16 frames: where any motion will do."""
+    return first_frames_of_demo(tmp_path_factory.mktemp("brief_demo") / "take", 16)
 
 
 @pytest.fixture(scope="session")

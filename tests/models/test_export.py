@@ -36,6 +36,8 @@ from muybridge.train.keypoints.variance_calibration import (  # noqa: E402
 )
 
 OUTPUTS = ("heatmaps", "visibility")
+# Hidden channels and blocks a level: exporting takes time by the layer.
+SMALL = (16, 16, 24, 24), (0, 1, 1, 1)
 
 
 @pytest.fixture(scope="module")
@@ -93,8 +95,28 @@ def test_float_export_agrees_with_torch_in_pixels(tmp_path: pathlib.Path, demo_c
     assert np.median(np.linalg.norm(points[0] - points[1], axis=-1)) <= 0.05
 
 
-def test_export_does_not_change_the_network_or_preprocess_pixels(tmp_path: pathlib.Path) -> None:
-    net, image = KeypointNet(5).eval(), torch.rand(2, 4, 64, 64)
+@pytest.fixture(scope="module")
+def small_net() -> KeypointNet:
+    torch.manual_seed(1)
+    return KeypointNet(5, *SMALL).eval()
+
+
+@pytest.fixture(scope="module")
+def small_file(small_net: KeypointNet, tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """What `small_net` is exported to."""
+    path = tmp_path_factory.mktemp("small") / "net.onnx"
+    metadata = {"muybridge_kind": "keypoints", "names": ["a"]}
+    before = [(name, value.clone()) for name, value in small_net.state_dict().items()]
+    export_onnx(PlateApart(small_net), path, (2, 3, 64, 64), OUTPUTS, metadata, PLATE)
+    after = small_net.state_dict()
+    assert all(torch.equal(after[name], value) for name, value in before) and not small_net.training
+    return path
+
+
+def test_export_does_not_change_the_network_or_preprocess_pixels(
+    small_net: KeypointNet, small_file: pathlib.Path
+) -> None:
+    net, image = small_net, torch.rand(2, 4, 64, 64)
     with torch.inference_mode():
         before = net(image)
         apart = PlateApart(net)(image[:, :3], image[:, 3:])
@@ -103,17 +125,12 @@ def test_export_does_not_change_the_network_or_preprocess_pixels(tmp_path: pathl
         for here, there in zip((*before, *net(none)), (*apart, *bare), strict=True):
             torch.testing.assert_close(here, there, rtol=1e-4, atol=1e-4)
         assert torch.equal(net(image)[0], before[0])
-    path = tmp_path / "net.onnx"
-    export_onnx(PlateApart(net), path, (2, 3, 64, 64), OUTPUTS, {}, PLATE)
-    operators = [node.op_type for node in __import__("onnx").load(str(path)).graph.node]
+    operators = [node.op_type for node in __import__("onnx").load(str(small_file)).graph.node]
     assert set(operators[: operators.index("Conv")]) == {"Shape", "Concat", "Expand"}
 
 
-def test_quantised_network_keeps_its_interface_and_batch(tmp_path: pathlib.Path) -> None:
-    torch.manual_seed(1)
-    path = tmp_path / "net.onnx"
-    metadata = {"muybridge_kind": "keypoints", "names": ["a"]}
-    export_onnx(PlateApart(KeypointNet(5)), path, (2, 3, 64, 64), OUTPUTS, metadata, PLATE)
+def test_quantised_network_keeps_its_interface_and_batch(small_file: pathlib.Path) -> None:
+    path = small_file
     images = np.random.default_rng(0).integers(0, 256, (12, 4, 64, 64), np.uint8)
     target = int8_path(path)
     assert target.name == "net-int8.onnx"

@@ -354,12 +354,12 @@ def _shipped_as_simcc(path: Path) -> Path:
     return path
 
 
-def test_run_with_another_model(short_demo: Path, tmp_path: Path) -> None:
+def test_run_with_another_model(brief_demo: Path, tmp_path: Path) -> None:
     """The demo's take with a model in RTMPose's clothes: as near to the truth as our own network nearly is."""
     model = _shipped_as_simcc(tmp_path / "pose.onnx")
     out = tmp_path / "out"
     card = _card(tmp_path, **{"coco17": "halpe26", "box_padding = 1.25": "box_padding = 1.6667"})
-    code = run_command(["run", str(short_demo), "--out", str(out), "--keypoint-model", str(model),
+    code = run_command(["run", str(brief_demo), "--out", str(out), "--keypoint-model", str(model),
                         "--model-card", str(card), "--quiet"])  # fmt: skip
     assert code == 0
     used = json.loads((out / "run.json").read_text())

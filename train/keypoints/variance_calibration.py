@@ -263,7 +263,7 @@ def coverage(
         look: suffix of the shares' names, which tells how the crops were read.
     """
     shares: dict[str, float] = {}
-    for name, group in (("", inside), ("_visible", visible), ("_fit_hidden_slope", inside & ~visible)):
+    for name, group in (("", inside), ("_visible", visible), ("_hidden", inside & ~visible)):
         one, two = within(error_px[group], variance_px2[group])
         shares |= {f"one{name}{look}": round(one, 3), f"two{name}{look}": round(two, 3)}
     return shares

@@ -12,8 +12,9 @@ from muybridge.train.engine.compile import PAYS_AFTER_MINUTES, compile_for_train
 from muybridge.train.keypoints.train import losses_of  # noqa: E402
 
 
-# Compiling takes up to two minutes: `make test` does it in the precision that networks are trained in here.
-@pytest.mark.parametrize("native", [True, pytest.param(False, marks=pytest.mark.slow)])
+# Compiling takes up to two minutes; `make test` compiles the batch normalisation alone.
+@pytest.mark.slow
+@pytest.mark.parametrize("native", [True, False])
 def test_compiled_gradients_are_as_precise_as_uncompiled_ones(monkeypatch, native):
     bfloat16 = (precision.name(torch.device("cpu")) == "bfloat16") == native
     monkeypatch.setattr(precision, "_measure", lambda: bfloat16)

@@ -119,7 +119,7 @@ def test_pseudo_labels_round_trip(tmp_path):
     with pytest.raises(FormatError, match="save_pseudo_labels"):
         load_pseudo_labels(tmp_path / "absent")
     save_pseudo_labels(path, before._replace(agreed=before.agreed[:5]))
-    with pytest.raises(FormatError, match="belong together"):
+    with pytest.raises(FormatError, match="do not fit together"):
         load_pseudo_labels(path)
 
 
@@ -190,7 +190,7 @@ def test_network_adapts_to_footage(footage, worse_network, tmp_path):
 
 def test_network_without_gain_is_not_written(footage, tmp_path):
     save_pseudo_labels(tmp_path / "footage.npz", footage)
-    with pytest.raises(SessionError, match="no nearer"):
+    with pytest.raises(SessionError, match="no better than before"):
         adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out", minutes=0.03, rate=1e-12, threads=1), "")
     assert not (tmp_path / "out").exists()
     some = footage._replace(landmarks_px=footage.landmarks_px[:, :30], agreed=footage.agreed[:, :30])
@@ -204,10 +204,11 @@ def test_labels_far_from_the_network_are_refused(followed, network_card, footage
         collect(followed, network_card, progress, PseudoLabelOptions(fewest_crops=100_000))
     # Labels beside the person.
     save_pseudo_labels(tmp_path / "footage.npz", footage._replace(landmarks_px=footage.landmarks_px + 30))
-    with pytest.raises(SessionError, match="no label to learn from"):
+    with pytest.raises(SessionError, match="too far to be used as labels"):
         adapt(Adaptation(tmp_path / "footage.npz", tmp_path / "out"), "")
 
 
+@pytest.mark.slow  # the tests above adapt in this process
 def test_the_command_from_a_session_to_a_network(short_demo, worse_network, tmp_path):
     out = tmp_path / "adapted"
     run = [sys.executable, "-m", "muybridge", "adapt", str(short_demo), "--out", str(out), "--minutes", "0.3"]
@@ -233,7 +234,7 @@ def test_the_command_from_a_session_to_a_network(short_demo, worse_network, tmp_
 def test_8_bit_network_is_refused_before_detection(short_demo, tmp_path, capsys):
     model = str(shipped_model("keypoints", "int8"))
     assert run_command(["adapt", str(short_demo), "--out", str(tmp_path / "out"), "--keypoint-model", model]) == 2
-    assert "of 8 bits, which cannot be trained on" in capsys.readouterr().err
+    assert "an 8-bit network, which cannot be trained" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

@@ -100,24 +100,24 @@ def test_evaluation_figures_match_their_definition():
     distance, visible = np.zeros((count, 23)), np.ones((count, 23), bool)
     twin = np.where(MIRROR == np.arange(23), 0.0, 60.0) * np.ones((count, 1))
     found = _figures(distance, twin, np.full((count, 23, 2), 0.5), visible, visible, 192)
-    assert found["PCK@0.05 of the box"] == 1 and found["left-right swaps"] == 0 and found["within 1 sigma (0.683)"] == 1
+    assert found["PCK@0.05 of the box"] == 1 and found["left-right flips"] == 0 and found["within 1 sigma (0.683)"] == 1
     # One person's knees have changed places; they count unless they are hidden.
     distance[0, pairs], twin[0, pairs] = 60.0, 0.0
     found = _figures(distance, twin, np.full((count, 23, 2), 1.5), visible, visible, 192)
     limbs = int((MIRROR != np.arange(23))[5:].sum()) * count
-    assert found["left-right swaps"] == pytest.approx(2 / limbs)
-    assert found["left-right swaps, face too"] == pytest.approx(2 / (23 * count))
+    assert found["left-right flips"] == pytest.approx(2 / limbs)
+    assert found["left-right flips, with face"] == pytest.approx(2 / (23 * count))
     assert found["PCK@0.1 of the box"] == pytest.approx(1 - 2 / (23 * count))
     # Of four crops one has both swaps: the error of the mean of 2, 0, 0, 0 in units of 23 landmarks.
-    assert found["swaps, standard error"] == pytest.approx(np.std([2, 0, 0, 0], ddof=1) / 2 / 23)
+    assert found["flips, standard error"] == pytest.approx(np.std([2, 0, 0, 0], ddof=1) / 2 / 23)
     assert found["within 1 sigma (0.683)"] == 0 and found["within 2 sigma (0.954)"] == 1
     visible[0, pairs] = False
-    assert _figures(distance, twin, np.zeros((count, 23, 2)), visible, visible, 192)["left-right swaps"] == 0
+    assert _figures(distance, twin, np.zeros((count, 23, 2)), visible, visible, 192)["left-right flips"] == 0
 
 
 def test_evaluation_with_and_without_difficulties(store, tmp_path, monkeypatch):
     # Whether sticks are to be turned depends on the weights; here whatever is unsure is.
-    monkeypatch.setattr("muybridge.models.keypoints.test_time._SURER", -100.0)
+    monkeypatch.setattr("muybridge.models.keypoints.test_time._GAIN", -100.0)
     monkeypatch.setattr(
         "muybridge.train.keypoints.evaluate.make_backgrounds", lambda count, *how: make_backgrounds(16, *how)
     )

@@ -106,7 +106,8 @@ class _Normalised(KeypointNet):
         return super().features((image - mean) / deviation if self.divides else image - mean)
 
 
-@pytest.mark.parametrize("divides", [False, True])
+# The earliest ones subtracted a mean alone.
+@pytest.mark.parametrize("divides", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_older_files_with_input_normalisation_are_read(net, images, divides, tmp_path):
     with torch.no_grad():  # beyond the border was the mean, and is black: no filter looks there
         net.stem[0][0].weight[:, :, 0] = 0
@@ -120,6 +121,7 @@ def test_older_files_with_input_normalisation_are_read(net, images, divides, tmp
     torch.testing.assert_close(says(keypoint_net_from_onnx(path), images[0]), expected, rtol=1e-3, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_pruning_script_writes_a_trainable_network(store, script, tmp_path, monkeypatch, capsys):
     main = script("networks.narrow_keypoints").main
     path, out = tmp_path / "keypoints.onnx", tmp_path / "less.onnx"

@@ -158,7 +158,7 @@ def test_a_share_of_batches_has_smaller_crops(store, tmp_path):
 
 def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
     options = KeypointTraining(
-        renders=store, out=tmp_path / "run", minutes=0.25, size=64, batch=16, backgrounds=8, threads=1, workers=0
+        renders=store, out=tmp_path / "run", minutes=0.15, size=64, batch=16, backgrounds=8, threads=1, workers=0
     )
     checkpoint = keypoints.train(options)
     first = load_keypoint_checkpoint(checkpoint)
@@ -311,7 +311,7 @@ def test_training_without_renders_suggests_a_remedy(tmp_path):
 def test_missing_held_out_renders_are_named(store, tmp_path):
     for file in store.glob("renders-00004.*"):
         (tmp_path / file.name).symlink_to(file)
-    with pytest.raises(SessionError, match=r"none of renders-00000\.npz to renders-00003\.npz, to score with"):
+    with pytest.raises(SessionError, match=r"none of renders-00000\.npz to renders-00003\.npz, to validate with"):
         keypoints.train(KeypointTraining(renders=tmp_path, out=tmp_path / "run"))
 
 
