@@ -10,7 +10,7 @@ import numpy as np
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import SessionError
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.geometry.landmarks.marker_sets import MarkerPlan
+from muybridge.geometry.landmarks.marker_sets import MarkerPlan, MarkerSet
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.markers.cleaning import Sample, clean_markers
 from muybridge.infer.detection.blobs import BlobOptions
@@ -274,7 +274,7 @@ def _write(
 ) -> tuple[str, ...]:  # fmt: skip
     """Write every result but `run.json`; returns what spoils the result, as sentences."""
     unnamed, points = markers.trajectories.arrays["points_world"], markers.cleaned.arrays["points_world"]
-    labels = LandmarkSet(plan.markers.name, plan.markers.labels, ())
+    labels = MarkerSet(plan.markers.name, plan.markers.labels, (), plan.markers.labels)
     bare = LandmarkSet("unnamed", tuple(f"*{k + 1}" for k in range(unnamed.shape[1])), ())
     named = _as_points(labels, points, session.fps)
     run.write_points({UNNAMED: _as_points(bare, unnamed, session.fps), POINTS_C3D: named, POINTS_TRC: named})

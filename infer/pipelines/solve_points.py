@@ -1,7 +1,8 @@
 """From a file of labelled points to a moving skeleton, with files and a record of how well the two agree."""
 
 import logging
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,7 +12,7 @@ from muybridge.errors import FormatError
 from muybridge.geometry.fitting.body_fit import FitOptions
 from muybridge.geometry.fitting.subject import MarkerFitOptions
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.geometry.landmarks.marker_sets import SURFACE
+from muybridge.geometry.landmarks.marker_sets import SURFACE, MarkerSet
 from muybridge.geometry.skeleton.joint_centres import centres_from_markers
 from muybridge.infer.networks.correction import SolverNetwork
 from muybridge.infer.reconstruction.body import (
@@ -23,7 +24,11 @@ from muybridge.infer.reconstruction.body import (
     unpack_body,
 )
 from muybridge.infer.reconstruction.recognise import RecognisedPoints, check_size, recognise, tilt_deg
-from muybridge.infer.results.people import MOTION_BVH, MOTION_GLB, MOTION_MOT
+from muybridge.infer.report.data import ReportData
+from muybridge.infer.report.page import problems, write_report
+from muybridge.infer.results.people import MOTION_BVH, MOTION_GLB, MOTION_MOT, REPORT
+from muybridge.infer.results.provenance import versions
+from muybridge.infer.results.record import json_value
 from muybridge.infer.results.run import Run
 from muybridge.infer.runtime.digests import code_digest, file_digest
 from muybridge.infer.runtime.progress import Progress
@@ -36,7 +41,7 @@ _log = logging.getLogger(__name__)
 _ENOUGH_MARKERS = 12
 _MOST_TILT_DEG = 60.0
 LANDMARKS_TRC, LANDMARKS_C3D = "landmarks.trc", "landmarks.c3d"
-RESULTS = (MOTION_BVH, MOTION_GLB, MOTION_MOT, LANDMARKS_TRC, LANDMARKS_C3D)
+RESULTS = (MOTION_BVH, MOTION_GLB, MOTION_MOT, LANDMARKS_TRC, LANDMARKS_C3D, REPORT)
 # The code that the fit depends on.
 _CODE = ("muybridge.geometry", "muybridge.models", "muybridge.motion", "muybridge.infer.networks",
          "muybridge.infer.reconstruction")  # fmt: skip
@@ -151,8 +156,11 @@ def solve_points(
     run.stages |= stage.done
     run.write_motion([MOTION_BVH, MOTION_GLB, MOTION_MOT], body.motion)
     run.write_points({LANDMARKS_TRC: body.landmarks, LANDMARKS_C3D: body.landmarks})
+    shown = _chosen_points(take.positions, recognised) if by_markers else recognised.points
+    data = _report_data(path, shown, body, run, options, notices)
+    run.write(REPORT, partial(write_report, data=data))
     seconds = run.finish(
-        frames=len(body.motion), fps=body.motion.fps, notices=notices, options=asdict(options),
+        frames=len(body.motion), fps=body.motion.fps, notices=notices, problems=problems(data), options=asdict(options),
         quality={"coverage": float(np.isfinite(body.residual_m).mean())},
         file=_file_facts(path, recognised, stature), body=body_facts(body) | {"joint_centres": list(options.centres)},
     )  # fmt: skip
@@ -190,6 +198,38 @@ def _check_method(
             remedy="centres_of_landmarks" if options.centres else "network_of_landmarks",
         )
     return None
+
+
+def _chosen_points(points: Points3D, recognised: RecognisedPoints) -> Points3D:
+    """The markers that the body was fitted to, in their order."""
+    columns = list(recognised.columns.values())
+    surface = tuple(recognised.columns)
+    # A marker set tolerates markers without a counterpart on the other side.
+    names = MarkerSet("markers", surface, (), surface)
+    none = (0, len(points.points_world), len(columns))
+    return replace(points, landmarks=names, points_world=points.points_world[:, columns],
+                   covariance_world=points.covariance_world[:, columns], residual_px=np.empty(none),
+                   inlier=np.empty(none, dtype=np.bool_))  # fmt: skip
+
+
+def _report_data(
+    path: Path, points: Points3D, body: BodySolution, run: Run, options: SolvePointsOptions, notices: list[str]
+) -> ReportData:
+    skeleton = body.motion.skeleton
+    return ReportData(
+        title=path.name,
+        cameras=None,
+        points=points,
+        body_residual_m=body.residual_m,
+        joint_positions_world=body.motion.joint_positions_world(),
+        joint_names=skeleton.names,
+        joint_parents=tuple(skeleton.parents),
+        warnings=tuple(notices),
+        timings_s=run.timings_s,
+        options=json_value(asdict(options)),
+        versions=versions(),
+        files=tuple(run.written),
+    )
 
 
 def _fit_markers(

@@ -61,7 +61,7 @@ def _known_findings(quality: CalibrationQuality) -> list[Finding]:
         found.append(
             Finding(
                 "look",
-                f"Little of the image was looked at in {', '.join(little)}: towards the edges the lens's distortion is "
+                f"Little of the image was covered in {', '.join(little)}: towards the edges the lens's distortion is "
                 "a guess. Show the board all over each image.",
             )
         )

@@ -77,7 +77,7 @@ def write_solved_page(
         calibration: the calibration file; the page has its name with `.html`.
         title: of the page.
         result: the adjustment.
-        source: phrase for what it was adjusted to ("a board in 80 pictures").
+        source: phrase for what it was adjusted to ("a board in 80 images").
         cameras: the cameras as they were written.
     """
     quality = check_solved(result, source, cameras)
@@ -98,15 +98,15 @@ def write_calibration_page(path: Path, page: CalibrationPage) -> Path:
     return path
 
 
-def _verdict(quality: CalibrationQuality, said: Sequence[Finding]) -> tuple[str, str, str]:
+def _verdict(quality: CalibrationQuality, found: Sequence[Finding]) -> tuple[str, str, str]:
     report = quality.diagnosis
     if report is not None and report.faults:
         names = sorted({n for f in report.faults for n in f.cameras})
         return "poor", f"Look at {' and '.join(names)}", fault_text(report.faults[0])
-    if any(f.severity == "bad" for f in said):
-        return "poor", "Not to be trusted", next(f.text for f in said if f.severity == "bad")
-    if any(f.severity == "look" for f in said):
-        return "fair", "Usable, with care", next(f.text for f in said if f.severity == "look")
+    if any(f.severity == "bad" for f in found):
+        return "poor", "Not to be trusted", next(f.text for f in found if f.severity == "bad")
+    if any(f.severity == "look" for f in found):
+        return "fair", "Usable, with care", next(f.text for f in found if f.severity == "look")
     if report is not None and report.note:
         return "fair", "Cannot be determined", note_text(report)
     return "good", "Good calibration", (

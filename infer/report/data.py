@@ -46,7 +46,7 @@ class ReportData:
 
     Attributes:
         title: the session's name.
-        cameras: C cameras, as used (after crops and scalings).
+        cameras: C cameras, as used (after crops and scalings); None where points come from a file.
         points: T frames of J landmarks, as triangulated: missing landmarks and disagreement are reported from these.
         delivered: the points as they were written (smoothed, gaps filled), shown in 3D; None: `points`.
         number: of this person in the take, from 1.
@@ -58,6 +58,8 @@ class ReportData:
         joint_positions_world: (T, Jm, 3) the fitted motion's joints, metres.
         joint_names: (Jm,) their names.
         joint_parents: (Jm,) index of the parent joint, -1 for the root.
+        body_residual_m: (T, J) distance of the points to those of the fitted body, metres; the measure of agreement
+            without cameras.
         calibration: the calibration judged by this take; None where it was not.
         person: one sentence: who was tracked, and why.
         warnings: notices of the run, as sentences.
@@ -70,7 +72,7 @@ class ReportData:
     """
 
     title: str
-    cameras: CameraGroup
+    cameras: CameraGroup | None
     points: Points3D
     delivered: Points3D | None = None
     number: int = 1
@@ -78,6 +80,7 @@ class ReportData:
     pages: tuple[PersonPage, ...] = ()
     keypoints_px: FloatArray | None = None
     leave_one_out_px: FloatArray | None = None
+    body_residual_m: FloatArray | None = None
     joint_positions_world: FloatArray | None = None
     joint_names: tuple[str, ...] = ()
     joint_parents: tuple[int, ...] = ()
@@ -98,7 +101,7 @@ def check_shapes(data: ReportData) -> None:
     Raises:
         ValueError: they do not.
     """
-    count, frames = len(data.cameras), len(data.points.points_world)
+    count, frames = 0 if data.cameras is None else len(data.cameras), len(data.points.points_world)
     landmarks = len(data.points.landmarks)
     shapes: list[tuple[str, Any, tuple[int, ...]]] = [
         ("points.points_world", data.points.points_world, (frames, landmarks, 3)),
@@ -112,6 +115,7 @@ def check_shapes(data: ReportData) -> None:
         *((f"others[{n}]", other, (frames, landmarks, 3)) for n, other in enumerate(data.others)),
         ("keypoints_px", data.keypoints_px, (count, frames, landmarks, 2)),
         ("leave_one_out_px", data.leave_one_out_px, (count, frames, landmarks)),
+        ("body_residual_m", data.body_residual_m, (frames, landmarks)),
         ("joint_positions_world", data.joint_positions_world, (frames, len(data.joint_names), 3)),
     ]
     if frames == 0:

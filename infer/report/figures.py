@@ -22,6 +22,7 @@ class Headline:
     """The take in five numbers.
 
     Attributes:
+        from_body: whether `agreement_mm` is the distance to the fitted body, because there are no cameras.
         coverage: share of frames and landmarks with a 3D position in the results.
         measured_coverage: the same before gaps were filled.
         residual_px: median distance of a 2D point to its reprojection, over all cameras.
@@ -34,6 +35,7 @@ class Headline:
     residual_px: float
     leave_one_out_px: float
     agreement_mm: float
+    from_body: bool = False
 
 
 @dataclass(frozen=True)
@@ -153,16 +155,25 @@ def coverage(points: Points3D) -> float:
 
 
 def headline(
-    cameras: CameraGroup, measured: Points3D, delivered: Points3D, leave_one_out_px: FloatArray | None
+    cameras: CameraGroup | None,
+    measured: Points3D,
+    delivered: Points3D,
+    leave_one_out_px: FloatArray | None,
+    body_residual_m: FloatArray | None = None,
 ) -> Headline:
     """The figures at the top of a report.
 
     Args:
-        cameras: C cameras.
+        cameras: C cameras; None where points come from a file.
         measured: the triangulated points.
         delivered: the points as written to files.
         leave_one_out_px: (C, T, J), NaN where unknown.
+        body_residual_m: (T, J) metres from the fitted body, used without cameras.
     """
+    if cameras is None:
+        from_body = np.full(1, np.nan) if body_residual_m is None else body_residual_m
+        agreement = 1000.0 * float(nanmedian(from_body))
+        return Headline(coverage(delivered), coverage(measured), float("nan"), float("nan"), agreement, True)
     residual = measured.residual_px
     loo = np.full(residual.shape, np.nan) if leave_one_out_px is None else leave_one_out_px
     best = loo if np.isfinite(loo).any() else residual

@@ -90,10 +90,10 @@ def verdict(figures: Headline, bones: Sequence[BoneFigures]) -> tuple[str, str]:
     by_coverage = 0 if covered >= GOOD_COVERAGE else 1 if covered >= FAIR_COVERAGE else 2
     alone = np.isfinite(figures.leave_one_out_px)
     known = "from where the other cameras put it" if alone else "from its own reprojection"
-    sentence = (
-        f"What one camera sees of a landmark is typically {error:.0f} mm {known}, and "
-        f"{100 * covered:.1f} % of all landmarks and frames have a 3D position."
-    )
+    subject = f"What one camera sees of a landmark is typically {error:.0f} mm {known}"
+    if figures.from_body:
+        subject = f"A point is typically {error:.0f} mm from where the fitted body has it"
+    sentence = f"{subject}, and {100 * covered:.1f} % of all landmarks and frames have a 3D position."
     spread, name = max(((b.spread, b.name) for b in bones if b.median_m > _LONG_M), default=(0.0, ""))
     by_bones = 0 if spread < _LOOSE else 1 if spread < _WILD else 2
     if by_bones:

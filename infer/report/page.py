@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from muybridge.arrays import FloatArray
 from muybridge.files import replacing
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import side_of
 from muybridge.infer.report.data import ReportData, check_shapes
-from muybridge.infer.report.figures import timeline
+from muybridge.infer.report.figures import Timeline, timeline
 from muybridge.infer.report.packing import packed_positions, packed_shares, rounded
 from muybridge.infer.report.templates import render, script_json, style_or_script
 from muybridge.infer.report.view import ReportView, calibration_verdict
@@ -78,7 +79,7 @@ def _scene(data: ReportData) -> dict[str, Any]:
         "frames": len(points.points_world),
         "stride": stride,
         "fps": round(points.fps, 4),
-        "cameras": [_camera(camera) for camera in data.cameras],
+        "cameras": [_camera(camera) for camera in data.cameras or ()],
         "landmarks": {
             "names": list(names),
             "sides": [side_of(name) for name in names],
@@ -91,7 +92,7 @@ def _scene(data: ReportData) -> dict[str, Any]:
         "timeline": {
             "first": line.first_frame.tolist(),
             "missing": packed_shares(line.missing * 100.0),
-            "cameras": packed_shares(np.nan_to_num(line.cameras) / len(data.cameras) * 100.0),
+            "cameras": packed_shares(_agreeing(data, line) * 100.0),
             "residual": [[rounded(v) for v in column] for column in line.residual_px.T],
         },
     }
@@ -103,6 +104,13 @@ def _scene(data: ReportData) -> dict[str, Any]:
             "positions": packed_positions(data.joint_positions_world[::stride]),
         }
     return scene
+
+
+def _agreeing(data: ReportData, line: Timeline) -> FloatArray:
+    """(B, J) share of the cameras that agree; without cameras, whether there is a point."""
+    if data.cameras is None:
+        return np.where(line.missing < 1, 1.0, 0.0)
+    return np.nan_to_num(line.cameras) / len(data.cameras)
 
 
 def _camera(camera: Camera) -> dict[str, Any]:

@@ -63,6 +63,8 @@ class ReportView:
     def cameras(self) -> tuple[CameraFigures, ...]:
         """Figures of every camera."""
         data = self._data
+        if data.cameras is None:
+            return ()
         return camera_figures(data.cameras, data.points, data.keypoints_px, data.leave_one_out_px)
 
     @cached_property
@@ -83,7 +85,8 @@ class ReportView:
     def headline(self) -> Headline:
         """The take in five numbers."""
         data = self._data
-        return headline(data.cameras, data.points, data.delivered or data.points, data.leave_one_out_px)
+        return headline(data.cameras, data.points, data.delivered or data.points, data.leave_one_out_px,
+                        data.body_residual_m)  # fmt: skip
 
     @cached_property
     def _verdict(self) -> tuple[str, str]:
@@ -110,7 +113,7 @@ class ReportView:
         points = self._data.points
         frames = len(points.points_world)
         facts = (
-            f"{len(self.cameras)} cameras",
+            *([f"{len(self.cameras)} cameras"] if self.cameras else []),
             f"{frames} frames",
             f"{points.fps:g} frames/s",
             f"{frames / points.fps:.2f} s",
@@ -132,7 +135,7 @@ class ReportView:
     @property
     def ms_per_image(self) -> float:
         """Computing time per frame and camera, milliseconds."""
-        return 1000 * self.seconds / (len(self._data.points.points_world) * len(self.cameras))
+        return 1000 * self.seconds / (len(self._data.points.points_world) * max(1, len(self.cameras)))
 
     @property
     def files(self) -> list[tuple[str, str]]:
@@ -141,13 +144,17 @@ class ReportView:
 
     @property
     def landmark_rows(self) -> list[LandmarkRow]:
-        """Median residual of every landmark in every camera, and its coverage."""
-        points = self._data.points
+        """Median residual of every landmark in every camera, or from the fitted body, and its coverage."""
+        points, body = self._data.points, self._data.body_residual_m
+        found = np.isfinite(points.points_world).all(axis=-1).mean(axis=0)
+        if not self.cameras:
+            mm = np.full(len(found), np.nan) if body is None else 1000.0 * nanmedian(body, axis=0)
+            names = points.landmarks.names
+            return [LandmarkRow(readable(n), ((mm[j], mm[j]),), float(found[j])) for j, n in enumerate(names)]
         median = nanmedian(points.residual_px, axis=1)
         overall = nanmedian(points.residual_px, axis=(0, 1))
         scale = np.array([c.mm_per_px for c in self.cameras])
         overall_mm = nanmedian(points.residual_px * scale[:, None, None], axis=(0, 1))
-        found = np.isfinite(points.points_world).all(axis=-1).mean(axis=0)
         return [
             LandmarkRow(
                 readable(name),

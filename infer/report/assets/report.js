@@ -189,7 +189,7 @@
       text += ` · ${row.label}: ${value === null ? "no 2D points" : value.toFixed(1) + " px off in the median"}`;
     } else if (row) {
       const at = b * landmarkCount + row.landmark, count = (agreeing[at] / 100) * scene.cameras.length;
-      text += ` · ${row.label}: ${missing[at] === 100 ? "missing" : `${Number(count.toFixed(1))} of ${scene.cameras.length} cameras agree`}`;
+      text += ` · ${row.label}: ${missing[at] === 100 ? "missing" : scene.cameras.length ? `${Number(count.toFixed(1))} of ${scene.cameras.length} cameras agree` : "known"}`;
     }
     byId("readout").textContent = text;
   }

@@ -213,7 +213,16 @@ def test_solve_finds_the_body(tmp_path, capfd):
     write_trc(tmp_path / "p.trc", make_points())
     code, out, err = run(capfd, "solve", tmp_path / "p.trc", "--out", tmp_path / "out")
     assert code == 0 and "24 frames at 60 fps; 23 landmarks by their names" in out and err == ""
-    names = {"motion.bvh", "motion.glb", "motion.mot", "landmarks.trc", "landmarks.c3d", "run.json", "work"}
+    names = {
+        "motion.bvh",
+        "motion.glb",
+        "motion.mot",
+        "landmarks.trc",
+        "landmarks.c3d",
+        "report.html",
+        "run.json",
+        "work",
+    }
     assert {p.name for p in (tmp_path / "out").iterdir()} == names
     facts = json.loads((tmp_path / "out" / "run.json").read_text())["body"]
     assert facts["stature_m"] == pytest.approx(1.74, abs=0.04) and facts["residual_mm"]["median"] < 12

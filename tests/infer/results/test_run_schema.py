@@ -1,5 +1,6 @@
 """`run.json` of every kind of run against its JSON Schema; the runs are those of small staged takes."""
 
+import re
 from pathlib import Path
 
 import jsonschema
@@ -41,7 +42,10 @@ def test_solving_a_file_of_points(tmp_path: Path, more: list[str]) -> None:
     assert run_command(["solve", str(tmp_path / "p.trc"), "--out", str(out), *more]) == 0
     record = check_record(out, "points")
     assert record["body"]["method"] == "landmarks" and record["file"]["name"] == "p.trc"
-    assert not record["stages"]["body"]["resumed"]
+    assert not record["stages"]["body"]["resumed"] and record["problems"] == []
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "from where the fitted body has it" in page and "Camera by camera" not in page
+    assert not re.search(r"\bnan\b", page.split("<script")[0], re.IGNORECASE)
     # The same again is read from the results folder; what an earlier version left there goes.
     assert run_command(["solve", str(tmp_path / "p.trc"), "--out", str(out), *more]) == 0
     assert check_record(out, "points")["stages"]["body"]["resumed"]
