@@ -72,3 +72,16 @@ def ring_of_cameras(
         center = np.array([radius * np.cos(angle), radius * np.sin(angle), z])
         made.append(Camera(name, model, width, tall, tuple(lens.tolist()), look_at(center, target)))
     return CameraGroup(tuple(made))
+
+
+def rig_around_a_walk(count: int) -> CameraGroup:
+    """Full-HD cameras at three heights on a circle of 4.5 m around somebody who walks."""
+    return ring_of_cameras(
+        count,
+        radius=4.5,
+        height=[1.3 + 0.25 * (k % 3) for k in range(count)],
+        target=(0.2, 0, 0.9),
+        first=0.4,
+        size=(1920, 1080),
+        params=(1200, 1200, 960, 540),
+    )

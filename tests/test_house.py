@@ -1,23 +1,14 @@
 """The size of the house: no folder, file or function grows beyond what one reads at once."""
 
 import ast
-import subprocess
 from pathlib import Path
 
-import pytest
+from tests.paths import tracked_files
 
 MOST_ENTRIES, MOST_LINES, LONGEST_FUNCTION = 14, 400, 60
 SOURCES = ("geometry", "models", "motion", "train", "infer", ".root")
 # Data, not code: the shaders of one renderer.
 NOT_CODE = ("__pycache__", "shaders", "assets", "weights", "cards")
-
-
-def _tracked(repository: Path) -> list[Path]:
-    done = subprocess.run(["git", "ls-files", "-z"], cwd=repository, capture_output=True, text=True)
-    if done.returncode != 0:
-        pytest.skip("not a git checkout")
-    paths = (repository / name for name in done.stdout.split("\0") if name)
-    return [path for path in paths if path.is_file() and not path.is_symlink()]
 
 
 def _is_source(path: Path, repository: Path) -> bool:
@@ -26,7 +17,7 @@ def _is_source(path: Path, repository: Path) -> bool:
 
 def test_no_source_folder_has_more_than_fourteen_entries(repository: Path) -> None:
     entries: dict[Path, set[str]] = {}
-    for path in _tracked(repository):
+    for path in tracked_files(repository):
         if _is_source(path, repository):
             for parent in path.parents:
                 if parent == repository:
@@ -44,7 +35,7 @@ def test_no_source_folder_has_more_than_fourteen_entries(repository: Path) -> No
 def test_no_python_file_has_more_than_four_hundred_lines(repository: Path) -> None:
     long = {
         str(path.relative_to(repository)): count
-        for path in _tracked(repository)
+        for path in tracked_files(repository)
         if path.suffix == ".py" and (count := len(path.read_text(encoding="utf-8").splitlines())) > MOST_LINES
     }
     assert not long
@@ -52,7 +43,7 @@ def test_no_python_file_has_more_than_four_hundred_lines(repository: Path) -> No
 
 def test_no_function_has_more_than_sixty_lines(repository: Path) -> None:
     long = []
-    for path in _tracked(repository):
+    for path in tracked_files(repository):
         if path.suffix != ".py" or not _is_source(path, repository):
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

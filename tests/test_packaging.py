@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.paths import tracked_files
+
 TOP_FOLDERS = ("models", "train", "infer", "geometry", "motion")
 
 
@@ -24,13 +26,6 @@ def _folders_with_modules(repository: Path) -> set[str]:
         for top in TOP_FOLDERS
         for path in (repository / top).rglob("*.py")
     }
-
-
-def _tracked(repository: Path) -> list[Path]:
-    done = subprocess.run(["git", "ls-files", "-z"], cwd=repository, capture_output=True, text=True)
-    if done.returncode != 0:
-        pytest.skip("not a git checkout")
-    return [repository / name for name in done.stdout.split("\0") if name]
 
 
 def test_every_folder_is_a_named_package(repository: Path) -> None:
@@ -72,7 +67,7 @@ FORBIDDEN = re.compile(
 
 def test_texts_name_no_machine_and_no_registry(repository: Path) -> None:
     offences = []
-    for path in _tracked(repository):
+    for path in tracked_files(repository):
         if path.is_symlink() or not path.is_file() or path == Path(__file__).resolve():
             continue
         data = path.read_bytes()
@@ -82,15 +77,6 @@ def test_texts_name_no_machine_and_no_registry(repository: Path) -> None:
             if FORBIDDEN.search(line):
                 offences.append(f"{path.relative_to(repository)}:{number}: {line.strip()[:100]}")
     assert not offences, "\n".join(offences)
-
-
-def test_no_python_file_is_too_long(repository: Path) -> None:
-    long = {
-        str(path.relative_to(repository)): lines
-        for path in _tracked(repository)
-        if path.suffix == ".py" and path.is_file() and (lines := len(path.read_text().splitlines())) > 500
-    }
-    assert not long, f"split these: {long}"
 
 
 @pytest.mark.slow

@@ -10,9 +10,7 @@ is measured too where it is installed.
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +22,7 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
 from muybridge.geometry.triangulation.validation import leave_one_out_error
+from scripts.benchmarks.common import Timed, best_time
 from scripts.benchmarks.geometry.whole_take import TakeOptions, triangulate_take
 from tests.rigs import ring_of_cameras
 
@@ -93,25 +92,6 @@ def aniposelib_points(cameras: CameraGroup, px: FloatArray) -> Callable[[], Floa
     group = PeerGroup(peers)
     flat = px.reshape(len(cameras), -1, 2)
     return lambda: np.asarray(group.triangulate(flat, undistort=True)).reshape(*px.shape[1:3], 3)
-
-
-@dataclass(frozen=True)
-class Timed:
-    """Least wall and processor seconds of several runs; the latter hardly depend on what else is running."""
-
-    wall: float
-    processor: float
-
-
-def best_time(call: Callable[[], Any], repeats: int = 5) -> tuple[Timed, Any]:
-    """Times of several runs, and the result of the last."""
-    walls, processors, result = [], [], None
-    for _ in range(repeats):
-        wall, processor = time.perf_counter(), time.process_time()
-        result = call()
-        walls.append(time.perf_counter() - wall)
-        processors.append(time.process_time() - processor)
-    return Timed(min(walls), min(processors)), result
 
 
 def report(name: str, timed: Timed, points: FloatArray, truth: FloatArray) -> None:

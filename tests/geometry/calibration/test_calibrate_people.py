@@ -24,7 +24,7 @@ from muybridge.geometry.cameras.video_size import fit_to_video
 from muybridge.geometry.triangulation.multiview import triangulate
 from muybridge.geometry.triangulation.validation import leave_one_out_error
 from tests.paths import SHARED
-from tests.rigs import ring_of_cameras
+from tests.rigs import rig_around_a_walk
 
 NAMES = tuple(
     f"{side}_{part}"
@@ -38,18 +38,6 @@ _BODY = {
     "knee": (0.11, 0.02, 0.491), "ankle": (0.11, 0, 0.07), "heel": (0.11, -0.05, 0.03),
     "big_toe": (0.13, 0.17, 0.02),
 }  # fmt: skip
-
-
-def _rig(count: int) -> CameraGroup:
-    return ring_of_cameras(
-        count,
-        radius=4.5,
-        height=[1.3 + 0.25 * (k % 3) for k in range(count)],
-        target=(0.2, 0, 0.9),
-        first=0.4,
-        size=(1920, 1080),
-        params=(1200, 1200, 960, 540),
-    )
 
 
 def _walk(frames: int) -> np.ndarray:
@@ -93,7 +81,7 @@ def _apart(a: CameraGroup, b: CameraGroup) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_a_rig_from_nothing_in_metres_on_its_floor() -> None:
-    truth, world = _rig(5), _walk(60)
+    truth, world = rig_around_a_walk(5), _walk(60)
     px, variance = _observed(truth, world, 1)
     blank = CameraGroup(tuple(c.posed(np.eye(3, 4)) for c in truth))
     found = calibrate_people(blank, px, variance, NAMES, PeopleCalibrationOptions(height=1.72))
@@ -108,7 +96,7 @@ def test_a_rig_from_nothing_in_metres_on_its_floor() -> None:
 
 
 def test_a_wrong_focal_length_is_found() -> None:
-    truth, world = _rig(4), _walk(60)
+    truth, world = rig_around_a_walk(4), _walk(60)
     px, variance = _observed(truth, world, 2)
     cameras = list(truth)
     cameras[1] = replace(cameras[1], params=(1260, 1260, 960, 540))
@@ -121,7 +109,7 @@ def test_a_wrong_focal_length_is_found() -> None:
 
 def test_what_a_short_take_cannot_tell_of_a_lens_stays_as_it_was_given() -> None:
     """Errors that stay in every frame, as 2D networks make them, must not outweigh what is known of the lenses."""
-    truth, world = _rig(4), _walk(200)[:30]
+    truth, world = rig_around_a_walk(4), _walk(200)[:30]
     rng = np.random.default_rng(8)
     px = truth.project(world) + rng.normal(0, 5.0, (4, 1, len(NAMES), 2)) + rng.normal(0, 1.0, (4, 30, len(NAMES), 2))
     variance = np.full(px.shape[:-1], 9.0)
@@ -135,7 +123,7 @@ def test_what_a_short_take_cannot_tell_of_a_lens_stays_as_it_was_given() -> None
 
 
 def test_refinement_mends_turned_cameras_and_keeps_the_world() -> None:
-    truth, world = _rig(4), _walk(40)
+    truth, world = rig_around_a_walk(4), _walk(40)
     px, variance = _observed(truth, world, 3)
     rng = np.random.default_rng(4)
     shaken = []
@@ -153,7 +141,7 @@ def test_refinement_mends_turned_cameras_and_keeps_the_world() -> None:
 
 @pytest.mark.slow
 def test_standard_deviations_are_those_of_repeated_takes() -> None:
-    truth, world = _rig(4), _walk(40)
+    truth, world = rig_around_a_walk(4), _walk(40)
     offs, known = [], []
     for seed in range(6):
         px, variance = _observed(truth, world, 10 + seed)
@@ -166,7 +154,7 @@ def test_standard_deviations_are_those_of_repeated_takes() -> None:
 
 def test_the_jacobians_are_the_derivatives() -> None:
     """From a start at the truth without noise, nothing moves; from one beside it, all comes back exactly."""
-    truth, world = _rig(3), _walk(12)
+    truth, world = rig_around_a_walk(3), _walk(12)
     px = truth.project(world)
     bones, sigma = bone_pairs(NAMES)
     lengths = np.linalg.norm(world[0, bones[:, 0]] - world[0, bones[:, 1]], axis=-1)
@@ -184,7 +172,7 @@ def test_the_jacobians_are_the_derivatives() -> None:
 
 
 def test_cameras_that_share_nobody_are_named() -> None:
-    truth, world = _rig(3), _walk(20)
+    truth, world = rig_around_a_walk(3), _walk(20)
     px, variance = _observed(truth, world, 6)
     px[2], variance[2] = np.nan, np.nan
     with pytest.raises(CalibrationError, match="cam3"):

@@ -17,7 +17,7 @@ from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.cameras.video_size import fit_to_video
 from muybridge.geometry.numerics.robust import extent, student_scale
-from tests.rigs import ring_of_cameras
+from tests.rigs import rig_around_a_walk
 
 Landmarks = tuple[np.ndarray, np.ndarray]
 Fault = Callable[[CameraGroup, Landmarks, int], tuple[CameraGroup, Landmarks, set[int]]]
@@ -25,18 +25,6 @@ Fault = Callable[[CameraGroup, Landmarks, int], tuple[CameraGroup, Landmarks, se
 # Half a standing person, metres: x to the side, z up.
 _HALF = np.array([(0.18, 0, 1.41), (0.24, 0, 1.11), (0.26, 0.05, 0.86), (0.11, 0, 0.91), (0.11, 0.02, 0.49),
                   (0.11, 0, 0.07), (0.11, -0.05, 0.03), (0.13, 0.17, 0.02)])  # fmt: skip
-
-
-def _rig(count: int) -> CameraGroup:
-    return ring_of_cameras(
-        count,
-        radius=4.5,
-        height=[1.3 + 0.25 * (k % 3) for k in range(count)],
-        target=(0.2, 0, 0.9),
-        first=0.4,
-        size=(1920, 1080),
-        params=(1200, 1200, 960, 540),
-    )
 
 
 def _walk(frames: int) -> np.ndarray:
@@ -124,7 +112,7 @@ def _blames(report: CalibrationDiagnosis, kind: str, diagnosis: set[int]) -> Non
 def test_the_faulty_camera_is_identified(kind: str, count: int) -> None:
     for seed in range(1 if count == 4 else 2):
         c = (seed + count // 2 + len(kind)) % count
-        rig = _rig(count)
+        rig = rig_around_a_walk(count)
         cameras, seen, diagnosis = _FAULTS[kind](rig, _seen(rig, 10 * count + seed), c)
         report = diagnose(cameras, *seen)
         _blames(report, kind, diagnosis)
@@ -140,7 +128,7 @@ def test_the_faulty_camera_is_identified(kind: str, count: int) -> None:
 
 @pytest.mark.parametrize("count", [3, 4, pytest.param(8, marks=pytest.mark.slow)])
 def test_a_healthy_rig_has_no_faults(count: int) -> None:
-    rig = _rig(count)
+    rig = rig_around_a_walk(count)
     report = diagnose(rig, *_seen(rig, 200 + count))
     assert report.faults == () and report.probability.max() < 0.95
     assert "All cameras agree" in report.sentence
@@ -151,7 +139,7 @@ def test_a_healthy_rig_has_no_faults(count: int) -> None:
 def test_network_bias_is_no_fault_of_a_camera(share: float, blamed: bool) -> None:
     """2D points that fit within half a pixel, all of one camera's a little too far to the right: a network errs by a
     hundredth of the person too, and always in the same way."""
-    rig, rng = _rig(4), np.random.default_rng(5)
+    rig, rng = rig_around_a_walk(4), np.random.default_rng(5)
     px = rig.project(_walk(80))
     px += rng.normal(0, 0.5, px.shape)
     size = float(np.median((px[2].max(axis=1) - px[2].min(axis=1)).max(axis=-1)))
@@ -163,7 +151,7 @@ def test_network_bias_is_no_fault_of_a_camera(share: float, blamed: bool) -> Non
 
 
 def test_a_video_of_another_take_is_identified() -> None:
-    rig = _rig(5)
+    rig = rig_around_a_walk(5)
     px, variance = _seen(rig, 5)
     later, late = _seen(rig, 6, frames=240)
     px[3], variance[3] = later[3, 150:230], late[3, 150:230]
@@ -173,7 +161,7 @@ def test_a_video_of_another_take_is_identified() -> None:
 
 
 def test_tolerance_grows_with_the_size_of_the_person() -> None:
-    cameras = CameraGroup(tuple(replace(c, params=(2400, 2400, 960, 540)) for c in _rig(4).cameras))
+    cameras = CameraGroup(tuple(replace(c, params=(2400, 2400, 960, 540)) for c in rig_around_a_walk(4).cameras))
     px, variance = _seen(cameras, 3)
     px[1] += np.random.default_rng(3).normal(0, 75.0, px[1].shape)
     person = np.nanmedian(extent(px[1]))
@@ -184,7 +172,7 @@ def test_tolerance_grows_with_the_size_of_the_person() -> None:
 
 @pytest.mark.parametrize("order", [(1, 2, 0, 3), (3, 2, 1, 0), (2, 0, 3, 1)])
 def test_permuted_files_are_all_identified(order: tuple[int, ...]) -> None:
-    rig = _rig(4)
+    rig = rig_around_a_walk(4)
     px, variance = _seen(rig, 9)
     report = diagnose(rig, px[list(order)], variance[list(order)])
     assert [f.kind for f in report.faults] == ["swapped"], report.sentence
@@ -195,7 +183,7 @@ def test_permuted_files_are_all_identified(order: tuple[int, ...]) -> None:
 
 @pytest.mark.slow
 def test_two_faults_are_found_one_after_the_other() -> None:
-    rig = _rig(6)
+    rig = rig_around_a_walk(6)
     cameras, seen, _ = _turned(rig, _seen(rig, 7), 1)
     cameras, seen, _ = _shifted(cameras, seen, 4)
     report = diagnose(cameras, *seen)
@@ -204,7 +192,7 @@ def test_two_faults_are_found_one_after_the_other() -> None:
 
 
 def test_undetermined_cases_have_a_note() -> None:
-    rig = _rig(4)
+    rig = rig_around_a_walk(4)
     px, variance = _seen(rig, 8)
     two = CameraGroup(rig.cameras[:2])
     report = diagnose(two, px[:2], variance[:2])
@@ -217,7 +205,7 @@ def test_undetermined_cases_have_a_note() -> None:
 
 def test_camera_fit_is_robust_to_wrong_points() -> None:
     rng = np.random.default_rng(9)
-    truth = _rig(4)[0]
+    truth = rig_around_a_walk(4)[0]
     world = _walk(40).reshape(-1, 3)
     px = truth.project(world) + rng.normal(0, 1.0, (len(world), 2))
     px[::7] += rng.normal(0, 90.0, px[::7].shape)
@@ -244,7 +232,7 @@ def people_refined(real_data: Path) -> tuple[CameraGroup, CameraGroup, Landmarks
 
 
 @pytest.mark.parametrize("kind", [*(pytest.param(k, marks=pytest.mark.slow) for k in _FAULTS), "healthy"])
-def test_the_real_rig(people_refined: tuple[CameraGroup, CameraGroup, Landmarks], kind: str) -> None:
+def test_the_realrig_around_a_walk(people_refined: tuple[CameraGroup, CameraGroup, Landmarks], kind: str) -> None:
     _, cameras, seen = people_refined
     if kind == "healthy":
         assert diagnose(cameras, *seen).faults == ()

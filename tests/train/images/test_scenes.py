@@ -1,69 +1,16 @@
 """Scenes for the person detector agree with their boxes."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 pytest.importorskip("torch")
 pytest.importorskip("anny")
 
-from muybridge.errors import MissingExtraError  # noqa: E402
 from muybridge.train.images import scenes  # noqa: E402
 from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.images.scenes import SceneBatch, SceneCompositor  # noqa: E402
 from muybridge.train.people.train import as_tensors, generalised_iou, make_targets  # noqa: E402
-from muybridge.train.synthesis.bodies.body_model import BodyModel  # noqa: E402
-from muybridge.train.synthesis.clothing.sample import sample_outfit  # noqa: E402
-from muybridge.train.synthesis.rendering.close_ups import sample_close_up  # noqa: E402
-from muybridge.train.synthesis.rendering.renderer import Renderer  # noqa: E402
-from muybridge.train.synthesis.rendering.store import SIZE, RenderSet, sample_view  # noqa: E402
-
-
-@pytest.fixture(scope="module")
-def body():
-    return BodyModel(5)
-
-
-@pytest.fixture(scope="module")
-def renderer(body):
-    try:
-        return Renderer(body)
-    except MissingExtraError as error:
-        pytest.skip(str(error))
-
-
-@pytest.fixture(scope="module")
-def renders(body, renderer):
-    """A store of 24 renders in memory."""
-    body.rng = body.poses.rng = np.random.default_rng(3)
-    batch = body.sample(24)
-    shots = []
-    for i in range(24):
-        renderer.load(batch.vertices[i])
-        view = sample_view(batch.vertices[i], body.rng)
-        shots.append(renderer.render(view, sample_outfit(body.rng, float(batch.gender[i])), batch.landmarks[i]))
-    return stored(shots, ("landmarks_px", "visible", "box_px"))
-
-
-def stored(shots, labels):
-    """Renders as a store in memory."""
-    pixels = np.stack([np.concatenate([s.rgba.transpose(2, 0, 1), s.shadow[None]]) for s in shots])
-    return RenderSet([pixels], **{k: np.stack([getattr(s, k) for s in shots]) for k in labels})
-
-
-@pytest.fixture(scope="module")
-def close_ups(body, renderer):
-    """Twelve renders of parts of people, in memory."""
-    body.rng = body.poses.rng = np.random.default_rng(4)
-    batch = body.sample(12)
-    shots = []
-    for i in range(12):
-        renderer.load(batch.vertices[i])
-        near = sample_close_up(batch.vertices[i], body.rng, SIZE, 1.375)
-        shot = renderer.render(near.view, sample_outfit(body.rng, float(batch.gender[i])), batch.landmarks[i])
-        shots.append(replace(shot, box_px=near.box_px, cut_px=near.cut_px))
-    return stored(shots, ("landmarks_px", "visible", "box_px", "cut_px"))
+from muybridge.train.synthesis.rendering.store import SIZE, RenderSet  # noqa: E402
 
 
 def test_static_people_are_in_the_background_model_of_a_scene(renders, monkeypatch):

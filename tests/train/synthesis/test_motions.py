@@ -12,7 +12,7 @@ from muybridge.geometry.ik.two_bone import solve_two_bone  # noqa: E402
 from muybridge.geometry.skeleton.mass import centre_of_mass  # noqa: E402
 from muybridge.motion.contacts.detect import ContactOptions, point_contacts  # noqa: E402
 from muybridge.motion.contacts.footskate import sliding_frames  # noqa: E402
-from muybridge.train.synthesis.bodies.body_model import KINDS, BodyModel  # noqa: E402
+from muybridge.train.synthesis.bodies.body_model import KINDS  # noqa: E402
 from muybridge.train.synthesis.bodies.pose_sampler import KINDS as STATIC  # noqa: E402
 from muybridge.train.synthesis.motions.floor import sit  # noqa: E402
 from muybridge.train.synthesis.motions.ground_contact import TRUNK_BONES, chosen_skin  # noqa: E402
@@ -24,11 +24,6 @@ from muybridge.train.synthesis.motions.standing import stand  # noqa: E402
 
 FPS = 60.0
 OFF_THE_FEET = ("crawl", "lie", "get_up", "floor_sit", "handstand", "cartwheel")
-
-
-@pytest.fixture(scope="module")
-def body():
-    return BodyModel(5)
 
 
 @pytest.fixture(scope="module")

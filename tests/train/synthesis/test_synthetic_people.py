@@ -8,50 +8,16 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("anny")
 
-from muybridge.errors import MissingExtraError  # noqa: E402
 from muybridge.geometry.landmarks.sets import BODY23  # noqa: E402
 from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
 from muybridge.train.images.compositor import WHOLE, AugmentOptions, Compositor  # noqa: E402
-from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel  # noqa: E402
-from muybridge.train.synthesis.clothing.sample import bare_outfit, sample_outfit  # noqa: E402
+from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES  # noqa: E402
+from muybridge.train.synthesis.clothing.sample import bare_outfit  # noqa: E402
 from muybridge.train.synthesis.rendering import renderer as render  # noqa: E402
-from muybridge.train.synthesis.rendering.close_ups import cut_boxes, map_cuts, sample_close_up  # noqa: E402
-from muybridge.train.synthesis.rendering.renderer import Renderer  # noqa: E402
-from muybridge.train.synthesis.rendering.store import SIZE, RenderSet, sample_view  # noqa: E402
+from muybridge.train.synthesis.rendering.close_ups import cut_boxes, map_cuts  # noqa: E402
+from muybridge.train.synthesis.rendering.store import SIZE  # noqa: E402
 from muybridge.train.synthesis.rendering.takes import choreograph, perform  # noqa: E402
 from muybridge.train.synthesis.rendering.view import View, look_at  # noqa: E402
-
-
-@pytest.fixture(scope="module")
-def body():
-    return BodyModel(5)
-
-
-@pytest.fixture(scope="module")
-def renderer(body):
-    try:
-        return Renderer(body)
-    except MissingExtraError as error:
-        pytest.skip(str(error))
-
-
-@pytest.fixture(scope="module")
-def renders(body, renderer):
-    """A store of 24 renders in memory."""
-    body.rng = body.poses.rng = np.random.default_rng(3)
-    batch = body.sample(24)
-    shots = []
-    for i in range(24):
-        renderer.load(batch.vertices[i])
-        view = sample_view(batch.vertices[i], body.rng)
-        shots.append(renderer.render(view, sample_outfit(body.rng, float(batch.gender[i])), batch.landmarks[i]))
-    return stored(shots, ("landmarks_px", "visible", "box_px"))
-
-
-def stored(shots, labels):
-    """Renders as a store in memory."""
-    pixels = np.stack([np.concatenate([s.rgba.transpose(2, 0, 1), s.shadow[None]]) for s in shots])
-    return RenderSet([pixels], **{k: np.stack([getattr(s, k) for s in shots]) for k in labels})
 
 
 def test_bodies_stand_on_the_floor_and_left_is_left(body):
@@ -186,20 +152,6 @@ def test_close_ups_frame_the_visible_part(renders):
     low, high, middle = whole[:, :2], whole[:, 2:], (whole[:, :2] + whole[:, 2:]) / 2
     gone = np.where(boxes[:, :2] > low, low, np.where(boxes[:, 2:] < high, high, middle))
     assert beyond(gone).all()
-
-
-@pytest.fixture(scope="module")
-def close_ups(body, renderer):
-    """Twelve renders of parts of people, in memory."""
-    body.rng = body.poses.rng = np.random.default_rng(4)
-    batch = body.sample(12)
-    shots = []
-    for i in range(12):
-        renderer.load(batch.vertices[i])
-        near = sample_close_up(batch.vertices[i], body.rng, SIZE, 1.375)
-        shot = renderer.render(near.view, sample_outfit(body.rng, float(batch.gender[i])), batch.landmarks[i])
-        shots.append(replace(shot, box_px=near.box_px, cut_px=near.cut_px))
-    return stored(shots, ("landmarks_px", "visible", "box_px", "cut_px"))
 
 
 def test_rendered_close_ups_fill_the_image(close_ups):

@@ -10,11 +10,10 @@ pytest.importorskip("torch")
 pytest.importorskip("anny")
 pytest.importorskip("moderngl")
 
-from muybridge.errors import MissingExtraError  # noqa: E402
-from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel  # noqa: E402
+from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES  # noqa: E402
 from muybridge.train.synthesis.clothing import fabrics, garments  # noqa: E402
 from muybridge.train.synthesis.clothing.sample import KINDS, Outfit, bare_outfit, sample_outfit  # noqa: E402
-from muybridge.train.synthesis.rendering.renderer import LUMA, Renderer  # noqa: E402
+from muybridge.train.synthesis.rendering.renderer import LUMA  # noqa: E402
 from muybridge.train.synthesis.rendering.store import sample_view  # noqa: E402
 
 PEOPLE = 6
@@ -23,19 +22,6 @@ EVEN = {
     "light_colour": (0.0, 0.0, 0.0), "fill_colour": (0.0, 0.0, 0.0), "ambient_up": (0.7,) * 3,
     "ambient_down": (0.7,) * 3,
 }  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def body():
-    return BodyModel(5)
-
-
-@pytest.fixture(scope="module")
-def renderer(body):
-    try:
-        return Renderer(body)
-    except MissingExtraError as error:
-        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="module")
