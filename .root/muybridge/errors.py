@@ -7,6 +7,9 @@ commands to paste. The command line prints both in one line and exits with 2; an
 its traceback.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from muybridge.remedies import REMEDIES
@@ -76,3 +79,34 @@ class OutputError(MuybridgeError):
 
 class MissingExtraError(MuybridgeError):
     """A command needs an extra (`pip install "muybridge[train]"`) that is not installed."""
+
+
+@contextmanager
+def parsing(path: Path | str, error: type[MuybridgeError], what: str) -> Iterator[None]:
+    """Turn anything that parsing a damaged file may raise into an error that names the file.
+
+    Every reader of a file that comes from outside runs its parser in this context. Errors of the family pass through
+    unchanged. The original exception is kept as the cause, so that a bug in a parser still shows its traceback in the
+    detailed log.
+
+    Args:
+        path: the file, as the message names it.
+        error: kind of error to raise.
+        what: the file's format with its article, such as "a BVH".
+
+    Raises:
+        MuybridgeError: of kind `error`, for any other exception.
+    """
+    try:
+        yield
+    except MuybridgeError:
+        raise
+    except MemoryError as problem:
+        raise error(f"{path}: declares more data than fits into memory; {what} of this size is damaged") from problem
+    except RecursionError as problem:
+        raise error(f"{path}: nested too deeply for {what}; the file is damaged") from problem
+    except OSError as problem:
+        raise error(f"{path}: cannot be read: {problem.strerror or problem}") from problem
+    except Exception as problem:
+        reason = " ".join(str(problem).split())[:200] or type(problem).__name__
+        raise error(f"{path}: damaged, or not {what}: {reason}") from problem
