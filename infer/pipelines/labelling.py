@@ -96,7 +96,7 @@ def _figures(labelled: Labelled) -> dict[str, Any]:
 
 def notes_of(cloud: MarkerCloud, labelled: Labelled, plan: MarkerPlan) -> list[str]:
     """Notices for the user, as sentences."""
-    notes = list(labelled.notes)
+    notes = [*cloud.notices, *labelled.notes]
     found = np.isfinite(labelled.points[..., 0]).any(0)
     lost = [plan.markers.labels[i] for i in np.nonzero(~found & ~plan.optional)[0]]
     if lost:

@@ -46,7 +46,7 @@ RESULTS = (MOTION_BVH, MOTION_GLB, MOTION_MOT, LANDMARKS_TRC, LANDMARKS_C3D, REP
 _CODE = ("muybridge.geometry", "muybridge.models", "muybridge.motion", "muybridge.infer.networks",
          "muybridge.infer.reconstruction")  # fmt: skip
 
-Units = Literal["m", "cm", "mm"]
+Units = Literal["m", "cm", "mm", "in"]
 Up = Literal["y", "z"]
 Method = Literal["auto", "markers", "landmarks"]
 Centres = Literal["midpoint", "plane", "harrington", "bell", "davis", "functional"]

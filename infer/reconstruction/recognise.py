@@ -11,17 +11,13 @@ from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.skeleton.aliases import map_body, map_surface, one_of_several
-from muybridge.geometry.skeleton.body import SHAPE_PRIOR
 from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
 from muybridge.geometry.triangulation.plausibility import trunk_of
+from muybridge.motion.formats.points.person import STATURES, stature_of
 from muybridge.motion.formats.registry import ReadOptions, can_use, read_file
 
-# Statures of people who stand, metres; children from two years on are inside.
-_STATURES = (0.75, 2.60)
 _FEWEST_LABELS = 6
-_UNITS = {"m": "metres", "cm": "centimetres", "mm": "millimetres"}
-_LIMBS = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"),
-          "shin": ("knee", "ankle"), "trunk": ("hip", "shoulder")}  # fmt: skip
+_UNITS = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,22 +86,6 @@ def _body_landmarks(points: Points3D, columns: Mapping[str, int]) -> Points3D:
                    residual_px=np.empty(none), inlier=np.empty(none, dtype=np.bool_))  # fmt: skip
 
 
-def stature_of(points_world: FloatArray) -> float:
-    """The height, metres, that the median lengths of trunk and limbs suggest; NaN where none is known.
-
-    Args:
-        points_world: (T, 23, 3) of BODY23.
-    """
-    found = []
-    for part, (a, b) in _LIMBS.items():
-        for side in ("left", "right"):
-            bone = points_world[:, BODY23.index(f"{side}_{a}")] - points_world[:, BODY23.index(f"{side}_{b}")]
-            length = np.linalg.norm(bone, axis=-1)
-            if np.isfinite(length).any():
-                found.append(float(np.nanmedian(length)) / SHAPE_PRIOR[part][0])
-    return float(np.median(found)) if found else float("nan")
-
-
 def check_size(path: Path, recognised: RecognisedPoints, options: ReadOptions) -> float:
     """The person's stature in metres; NaN where it is unknown.
 
@@ -118,12 +98,15 @@ def check_size(path: Path, recognised: RecognisedPoints, options: ReadOptions) -
         FormatError: no person has this height; the message has the likely unit of the file's numbers.
     """
     stature = stature_of(recognised.points.points_world)
-    if not np.isfinite(stature) or _STATURES[0] <= stature <= _STATURES[1]:
+    if not np.isfinite(stature) or STATURES[0] <= stature <= STATURES[1]:
         return stature
     message = f"{path}: the person would be {stature:,.4g} m tall"
     for unit in _UNITS if can_use(path, "units") else ():
-        other = read_file(path, replace(options, units=unit)).positions
-        if _STATURES[0] <= stature_of(recognise(path, other).points.points_world) <= _STATURES[1]:
+        try:
+            other = read_file(path, replace(options, units=unit)).positions
+        except FormatError:  # beyond any room in this unit
+            continue
+        if STATURES[0] <= stature_of(recognise(path, other).points.points_world) <= STATURES[1]:
             message += f"; the file's numbers are likely {_UNITS[unit]}"
             raise FormatError(message, remedy="unit_of_points", unit=unit)
     raise FormatError(f"{message}; no usual unit makes that a person: are the labels right?")

@@ -18,7 +18,7 @@ from muybridge.motion.formats.points.common import METRES_OF_UNIT, UNIT_WORDS, U
 from muybridge.motion.formats.points.tables.layouts import read_layout
 from muybridge.motion.formats.points.tables.sheet import read_sheet
 from muybridge.motion.formats.points.trc import trc_trajectories
-from muybridge.motion.formats.points.world import Trajectories, check_reach, take_out_zeros
+from muybridge.motion.formats.points.world import Trajectories, check_reach, stated_unit, take_out_zeros
 
 # Parameters of POINT that list what is stored as points and is none.
 _DERIVED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS")
@@ -117,9 +117,10 @@ def _read_trc(path: Path, fps: float | None) -> MarkerCloud:
 
 def _cloud_of(found: Trajectories) -> MarkerCloud:
     """Trajectories in metres, where the file states a unit; their axes are kept."""
-    unit = found.unit or found.usual_unit
+    unit, assumed = stated_unit(found)
     metres = METRES_OF_UNIT.get(unit, 1.0)
-    return MarkerCloud(found.xyz * metres, found.names, found.fps, unit, metres=metres, notices=found.notices)
+    notices = (*found.notices, *assumed)
+    return MarkerCloud(found.xyz * metres, found.names, found.fps, unit, metres=metres, notices=notices)
 
 
 def _read_csv(path: Path, fps: float | None) -> MarkerCloud:
