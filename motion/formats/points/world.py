@@ -156,8 +156,8 @@ def take_out_zeros(names: Sequence[str], xyz: FloatArray, per_frame: float) -> l
     """
     count = 0
     of: list[str] = []
-    zero = _chunked(xyz, lambda part: (part == 0).all(axis=-1))
-    for k in np.nonzero(zero.any(axis=0) & ~zero.all(axis=0))[0]:
+    zero = _chunked(xyz, lambda part: np.asarray((part == 0).all(axis=-1)))
+    for k in np.nonzero(zero.any(axis=0) & ~zero.all(axis=0))[0].tolist():
         known = np.isfinite(xyz[:, k]).all(axis=-1)
         if not (known & ~zero[:, k]).any():
             continue
@@ -171,7 +171,7 @@ def take_out_zeros(names: Sequence[str], xyz: FloatArray, per_frame: float) -> l
             count += int(last - first)
             of += [names[k]] if names[k] not in of else []
     said = [f"{count} positions of exactly 0, 0, 0 were taken as missing ({_some(of)})"] if count else []
-    still = [names[k] for k in np.nonzero(zero.all(axis=0))[0]] if len(xyz) > 1 else []
+    still = [names[k] for k in np.nonzero(zero.all(axis=0))[0].tolist()] if len(xyz) > 1 else []
     return said + ([f"in all frames at exactly 0, 0, 0: {_some(still)}"] if still else [])
 
 
@@ -203,7 +203,7 @@ def check_reach(path: Path, names: Sequence[str], points: FloatArray, metres: fl
         FormatError: one is, with its point and frame; or all are, with the likely unit.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        far = _chunked(points, lambda part: (np.abs(part) > FARTHEST).any(axis=-1))
+        far = _chunked(points, lambda part: np.asarray((np.abs(part) > FARTHEST).any(axis=-1)))
         if not far.any():
             return
         size = np.abs(points[:: max(1, len(points) // 1000)]).max(axis=-1)

@@ -49,7 +49,7 @@ def read(sheet: Sheet, fps: float | None) -> Trajectories:
     rate = value_of((head.get("FREQUENCY") or [""])[0], sheet.separator)
     start = 0.0 if times is None or not times[0] > 0 else float(times[0])
     stated = (head.get("NO_OF_FRAMES") or [""])[0]
-    notices = ()
+    notices: tuple[str, ...] = ()
     if stated.isdecimal() and int(stated) != len(table):
         notices = (f"NO_OF_FRAMES is {stated}, and {len(table)} frames are there: those were read",)
     return Trajectories(tuple(names), xyz, rate if isinstance(rate, float) else float("nan"), "mm", "z", start, notices)
