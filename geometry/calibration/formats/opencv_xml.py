@@ -1,8 +1,8 @@
 """OpenCV's XML (`cv2.FileStorage`) as plain Python, and OpenPose's cameras in it.
 
-The XML has the same content as OpenCV's YAML, with the root `opencv_storage`. OpenPose writes one file per camera, named
-after its serial number, with the keys `CameraMatrix` (3x4, world to camera, metres), `Intrinsics` (3x3) and `Distortion`
-(8 terms), without the image size.
+The XML has the same content as OpenCV's YAML, with the root `opencv_storage`. OpenPose writes one file per camera,
+named after its serial number, with the keys `CameraMatrix` (3x4, world to camera, metres), `Intrinsics` (3x3) and
+`Distortion` (8 terms), without the image size.
 """
 
 from __future__ import annotations

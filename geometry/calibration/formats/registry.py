@@ -61,8 +61,8 @@ def _read(path: Path) -> Calibration:
         files = _one_camera_each(_candidates(path)[0])
         if not files:
             raise CalibrationError(
-                f"{path}: the folder holds no COLMAP model (cameras and images, .bin or .txt), nor OpenCV YAML or XML of one "
-                f"camera each; name a file; {_KNOWN}"
+                f"{path}: the folder holds no COLMAP model (cameras and images, .bin or .txt), nor OpenCV YAML or "
+                f"XML of one camera each; name a file; {_KNOWN}"
             )
         try:
             return read_opencv_files(files)
