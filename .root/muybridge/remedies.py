@@ -21,6 +21,7 @@ REMEDIES: dict[str, str] = {
     "fps_unstated": "pass `fps`, frames per second",
     "frames_unnumbered": "number them in a column `frame`, or pass `fps` if no frame is missing",
     "image_size": "pass size, videos or lenses",
+    "leave_out_camera": "or leave the camera out",
     "lens_fisheye": 'if the lens is a fisheye lens, pass lens="fisheye"',
     "lens_pinhole": 'pass lens="pinhole", or keep the board away from the border of the image',
     "list_body_points": "muybridge.geometry.landmarks.marker_sets.SURFACE.names has all",

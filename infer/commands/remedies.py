@@ -22,6 +22,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "fps_unstated": "state it with --fps",
     "frames_unnumbered": "number them in a column `frame`, or state with --fps that nothing is missing",
     "image_size": "give --size WIDTH HEIGHT, --videos or --lenses",
+    "leave_out_camera": "or leave it out with --cameras",
     "lens_fisheye": "if the lens is a fisheye lens, give --lens fisheye",
     "lens_pinhole": "give --lens pinhole, or keep the board away from the border of the image",
     "list_body_points": "`muybridge markerset points` lists all",
