@@ -108,5 +108,5 @@ def parsing(path: Path | str, error: type[MuybridgeError], what: str) -> Iterato
     except OSError as problem:
         raise error(f"{path}: cannot be read: {problem.strerror or problem}") from problem
     except Exception as problem:
-        reason = " ".join(str(problem).split())[:200] or type(problem).__name__
+        reason = " ".join(str(problem).partition("; use sys.")[0].split())[:200] or type(problem).__name__
         raise error(f"{path}: damaged, or not {what}: {reason}") from problem

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from muybridge.errors import CalibrationError
+from muybridge.errors import CalibrationError, parsing
 from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.board.board import Board, fitting_descriptions
 from muybridge.geometry.calibration.board.extrinsics import (
@@ -98,19 +98,21 @@ def read_board(path: Path) -> Board:
         CalibrationError: the file cannot be read, or describes no board.
         ValueError: there is no such board.
     """
-    try:
+    with parsing(path, CalibrationError, "the description of a board"):
         data = tomllib.loads(path.read_text(encoding="utf-8"))
+        lacking = [key for key in ("columns", "rows") if key not in data]
+        if lacking or not {"square_size_override_cm", "square"} & data.keys():
+            raise CalibrationError(
+                f"{path}: no description of a board (it has no {(lacking or ['square_size_override_cm'])[0]}); it "
+                "needs columns, rows, dictionary and square_size_override_cm"
+            )
         square = data["square_size_override_cm"] / 100 if "square_size_override_cm" in data else float(data["square"])
-        return Board(
-            "charuco", int(data["columns"]), int(data["rows"]), square, float(data.get("aruco_scale", 0.75)),
+        described = (
+            int(data["columns"]), int(data["rows"]), square, float(data.get("aruco_scale", 0.75)),
             str(data.get("dictionary", "DICT_4X4_50")), bool(data.get("inverted", False)),
             bool(data.get("legacy_pattern", False)),
         )  # fmt: skip
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError) as error:
-        raise CalibrationError(
-            f"{path}: no description of a board ({error}); it needs columns, rows, dictionary and "
-            "square_size_override_cm"
-        ) from None
+    return Board("charuco", *described)
 
 
 @dataclass(frozen=True)
