@@ -55,6 +55,8 @@ class ExternalModel:
         """
         if options.flip:
             raise ModelError(f"{path}: mirrored crops are for muybridge's own networks; leave flip out")
+        if options.size is not None:
+            raise ModelError(f"{path}: the size of crops is for muybridge's own networks; its card states this one's")
         self.path, self.card, self._options = path, card, options
         self._session = open_session(path, options)
         inputs = {node.name: node for node in self._session.get_inputs()}
@@ -94,9 +96,9 @@ class ExternalModel:
                 )
             return
         raise ModelError(
-            f"{self.path}: its input is {node.type} {shorten(list(node.shape))}, its card says float (N, 3, {self.card.height}, "
-            f"{self.card.width}); correct width and height in the card, or export the model with float32 images in the order "
-            "N, channels, height, width"
+            f"{self.path}: its input is {node.type} {shorten(list(node.shape))}, its card says float (N, 3, "
+            f"{self.card.height}, {self.card.width}); correct width and height in the card, or export the model with "
+            "float32 images in the order N, channels, height, width"
         )
 
     @property

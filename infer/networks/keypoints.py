@@ -48,7 +48,7 @@ class OnnxOptions:
         flip: run the keypoint network on the mirrored crop too and average: more accurate, twice the time. By default
             with muybridge's 8-bit networks, which take half the time.
         size: side of the keypoint network's crops relative to the one at which it is most accurate; smaller crops are
-            faster.
+            faster. By default 1, and less in a first pass over views that are all read again.
         turn: test-time augmentation of the keypoint network: people seen in part are also read smaller, crops of low
             confidence also rotated by quarter turns (people who lie or stand on their hands) and, where crops are
             mirrored, tilted to both sides.
@@ -57,13 +57,13 @@ class OnnxOptions:
     threads: int = 1
     batch: int = 16
     flip: bool | None = None
-    size: float = 1.0
+    size: float | None = None
     turn: bool = True
 
     def __post_init__(self) -> None:
         if self.threads < 1 or self.batch < 1:
             raise ValueError("threads and batch must be at least 1")
-        if not SIZES[0] <= self.size <= SIZES[1]:
+        if self.size is not None and not SIZES[0] <= self.size <= SIZES[1]:
             least, most = SIZES
             raise ValueError(f"size must be between {least:g} and {most:g} of the network's own, not {self.size}")
 
@@ -149,7 +149,7 @@ class KeypointNetwork:
     @property
     def crop_size(self) -> int:
         """Side of the crops, px."""
-        return crop_side(self.card.input_size * self._options.size)
+        return crop_side(self.card.input_size * (1.0 if self._options.size is None else self._options.size))
 
     @property
     def box_padding(self) -> float:

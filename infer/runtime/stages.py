@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from muybridge.files import replacing
 from muybridge.infer.runtime.digests import digest
 from muybridge.infer.runtime.progress import Progress
+from muybridge.npz import LIMIT, load_npz
 
 _log = logging.getLogger(__name__)
 
@@ -58,28 +59,27 @@ class StageStore:
     def holds(self, stage: str, key: str) -> bool:
         """Whether a stage's result for this key is stored; its arrays are not read."""
         try:
-            with np.load(self.path(stage), allow_pickle=False) as stored:
-                return bool(json.loads(str(stored["stage"]))["key"] == key)
+            stored = load_npz(self.path(stage), ["stage"], limit=LIMIT)
+            return bool(json.loads(str(stored["stage"]))["key"] == key)
         except Exception:  # damage of any kind means that the stage is not stored
             return False
 
     def load(self, stage: str, key: str) -> StageResult | None:
         """The stored result of a stage, or None where there is none for this key."""
-        try:
-            with np.load(self.path(stage), allow_pickle=False) as stored:
-                head = json.loads(str(stored["stage"]))
-                if head["key"] != key:
-                    _log.debug("stage %s: stored for other inputs or another version; computed again", stage)
-                    return None
-                # By the names that were written: an entry that damage renamed is missed here and not by its user.
-                arrays = {name: stored[f"array_{name}"] for name in head["arrays"]}
-                if not all(isinstance(a, np.ndarray) for a in arrays.values()):  # numpy's answer to a damaged header
-                    raise ValueError("an entry is no array")
-            return StageResult(arrays, dict(head["facts"]), float(head["seconds"]), True, key)
-        except FileNotFoundError:
+        path = self.path(stage)
+        if not path.is_file():
             return None
+        try:
+            head = json.loads(str(load_npz(path, ["stage"], limit=LIMIT)["stage"]))
+            if head["key"] != key:
+                _log.debug("stage %s: stored for other inputs or another version; computed again", stage)
+                return None
+            stored = load_npz(path, limit=LIMIT)
+            # By the names that were written: an entry that damage renamed is missed here and not by its user.
+            arrays = {name: stored[f"array_{name}"] for name in head["arrays"]}
+            return StageResult(arrays, dict(head["facts"]), float(head["seconds"]), True, key)
         except Exception as error:  # damage of any kind costs time only
-            _log.info("stage %s: its file is damaged (%s); computed again", stage, error or type(error).__name__)
+            _log.info("stage %s: its file is damaged (%r); computed again", stage, error)
             return None
 
     def save(self, stage: str, key: str, arrays: Arrays, facts: Facts, seconds: float) -> StageResult:
