@@ -29,6 +29,7 @@ from muybridge.motion.formats.skeletal.amc import CMU_FPS, read_amc, write_amc
 from muybridge.motion.formats.skeletal.bvh import write_bvh
 from muybridge.motion.formats.skeletal.bvh_units import read_bvh_take
 from muybridge.motion.formats.skeletal.mot import write_mot
+from muybridge.motion.formats.skeletal.storage import read_storage
 from muybridge.motion.formats.skeletal.usd import write_usda
 from muybridge.motion.take import Take
 
@@ -119,7 +120,8 @@ FORMATS: dict[str, Format] = {f.suffix: f for f in (
     Format(".vrm", _SCENE, _read_gltf),
     Format(".vrma", _SCENE, _read_gltf),
     Format(".fbx", _SCENE, _read_fbx, write_motion=lambda p, m, _: write_fbx(p, m)),
-    Format(".mot", (), write_motion=lambda p, m, _: write_mot(p, m)),
+    Format(".mot", (), lambda p, o: read_storage(p), write_motion=lambda p, m, _: write_mot(p, m)),
+    Format(".sto", (), lambda p, o: read_storage(p)),
     Format(".usda", (), write_motion=lambda p, m, _: write_usda(p, m)),
 )}  # fmt: skip
 
