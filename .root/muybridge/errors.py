@@ -82,7 +82,7 @@ class MissingExtraError(MuybridgeError):
 
 
 @contextmanager
-def parsing(path: Path | str, error: type[MuybridgeError], what: str) -> Iterator[None]:
+def parsing(path: Path | str, error: type[MuybridgeError], what: str, remedy: str | None = None) -> Iterator[None]:
     """Turn anything that parsing a damaged file may raise into an error that names the file.
 
     Every reader of a file that comes from outside runs its parser in this context. Errors of the family pass through
@@ -93,6 +93,7 @@ def parsing(path: Path | str, error: type[MuybridgeError], what: str) -> Iterato
         path: the file, as the message names it.
         error: kind of error to raise.
         what: the file's format with its article, such as "a BVH".
+        remedy: key of what to do about it, which needs no details.
 
     Raises:
         MuybridgeError: of kind `error`, for any other exception.
@@ -102,11 +103,13 @@ def parsing(path: Path | str, error: type[MuybridgeError], what: str) -> Iterato
     except MuybridgeError:
         raise
     except MemoryError as problem:
-        raise error(f"{path}: declares more data than fits into memory; {what} of this size is damaged") from problem
+        raise error(
+            f"{path}: declares more data than fits into memory; {what} of this size is damaged", remedy=remedy
+        ) from problem
     except RecursionError as problem:
-        raise error(f"{path}: nested too deeply for {what}; the file is damaged") from problem
+        raise error(f"{path}: nested too deeply for {what}; the file is damaged", remedy=remedy) from problem
     except OSError as problem:
         raise error(f"{path}: cannot be read: {problem.strerror or problem}") from problem
     except Exception as problem:
         reason = " ".join(str(problem).partition("; use sys.")[0].split())[:200] or type(problem).__name__
-        raise error(f"{path}: damaged, or not {what}: {reason}") from problem
+        raise error(f"{path}: damaged, or not {what}: {reason}", remedy=remedy) from problem

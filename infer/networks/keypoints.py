@@ -27,14 +27,14 @@ from muybridge.models.keypoints.metadata import (
     crop_side,
     keypoint_card,
 )
-from muybridge.models.keypoints.test_time import Series, augment_at_test_time, mean_of_mirrored
+from muybridge.models.keypoints.test_time import LEAST, Series, augment_at_test_time, mean_of_mirrored
 from muybridge.models.metadata_reader import metadata_of
 from muybridge.models.onnx_files.prune_outputs import without_outputs
 from muybridge.models.people.metadata import PeopleModelCard, people_card
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
-# Limits of `OnnxOptions.size`.
-SIZES = 0.25, 2.0
+# Limits of `OnnxOptions.size`: below the first the networks find nobody.
+SIZES = LEAST, 2.0
 _ONLY_ERRORS = 4  # onnxruntime's "fatal": a damaged file is reported by us, in one line
 
 
