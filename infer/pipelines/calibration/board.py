@@ -95,8 +95,7 @@ def read_board(path: Path) -> Board:
     """The board that a TOML file describes.
 
     Raises:
-        CalibrationError: the file cannot be read, or describes no board.
-        ValueError: there is no such board.
+        CalibrationError: the file cannot be read, or describes no board that there is.
     """
     with parsing(path, CalibrationError, "the description of a board"):
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -112,7 +111,10 @@ def read_board(path: Path) -> Board:
             str(data.get("dictionary", "DICT_4X4_50")), bool(data.get("inverted", False)),
             bool(data.get("legacy_pattern", False)),
         )  # fmt: skip
-    return Board("charuco", *described)
+        try:
+            return Board("charuco", *described)
+        except ValueError as error:
+            raise CalibrationError(f"{path}: the board's description: {error}") from None
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
+from muybridge.motion.formats.points.world import unique_names
 
 AXES = "xyz"
 _PRECISE = 0.02  # share of a frame's time that its text may deviate by for the rate to be recognised
@@ -215,17 +216,8 @@ def offset_of(joint: BvhJoint) -> FloatArray:
 
 def name_apart(words: BvhWords, joints: list[BvhJoint]) -> None:
     """Give joints of one name different ones: `Hand`, `Hand_2`."""
-    taken, renamed = {j.name for j in joints}, []
-    seen: set[str] = set()
-    for joint in joints:
-        name, k = joint.name, 2
-        if name in seen:
-            while f"{name}_{k}" in taken:
-                k += 1
-            joint.name = f"{name}_{k}"
-            taken.add(joint.name)
-            renamed.append(f"{joint.name} (line {joint.line})")
-        seen.add(joint.name)
-    if renamed:
-        listed = ", ".join(renamed[:5]) + (f" and {len(renamed) - 5} more" if len(renamed) > 5 else "")
-        words.notice(f"joints of the same name were renamed: {listed}")
+    names, said = unique_names([joint.name for joint in joints])
+    for joint, name in zip(joints, names, strict=True):
+        joint.name = name
+    for sentence in said:
+        words.notice(sentence)

@@ -6,9 +6,7 @@ import numpy as np
 
 from muybridge.errors import FormatError
 from muybridge.geometry.skeleton.motion import Motion
-
-# Metres from the origin: no room is so large, and no lab has its origin so far away.
-FARTHEST = 1000.0
+from muybridge.motion.formats.points.world import FARTHEST
 
 
 def check_room(path: Path, motion: Motion) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError, parsing
 from muybridge.geometry.skeleton.body import BODY, prior_shape
-from muybridge.motion.formats.points.common import METRES_OF_UNIT, UP_PERMUTATION, check_unit, points_of_file
+from muybridge.motion.formats.points.world import Trajectories, points_of_file
 from muybridge.motion.formats.skeletal.mot import StorageTable, coordinates_in, open_table, rows_of
 from muybridge.motion.formats.skeletal.opensim import MODEL_COORDINATES, Coordinates, motion_of
 from muybridge.motion.take import Take
@@ -95,9 +95,8 @@ def _check_even(table: StorageTable, times: FloatArray) -> float:
 
 
 def _points(table: StorageTable) -> Take:
-    unit = check_unit(table.path, table.facts.get("units", "m"), "its unit")
     rows = rows_of(table, 3)
-    fps = _check_even(table, rows[:, 0])
-    xyz = rows[:, 1:].reshape(len(rows), -1, 3)[..., UP_PERMUTATION["y"]] * METRES_OF_UNIT[unit]
-    xyz[~np.isfinite(xyz).all(axis=-1)] = np.nan
-    return Take(points=points_of_file(table.path, table.names, xyz, fps, "sto"), start=float(rows[0, 0]))
+    fps, xyz = _check_even(table, rows[:, 0]), rows[:, 1:].reshape(len(rows), -1, 3)
+    unit = table.facts.get("units", "m")
+    found = points_of_file(table.path, Trajectories(table.names, xyz, fps, unit, "y", float(rows[0, 0])), "sto")
+    return Take(points=found.points, start=found.start, notices=found.notices)

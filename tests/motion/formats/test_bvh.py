@@ -331,7 +331,7 @@ def test_joints_of_one_name_are_told_apart_and_said(tmp_path):
     path.write_text(GOOD.replace("JOINT head", "JOINT hips"))
     take = read_bvh_take(path)
     assert take.motion.skeleton.names == ("hips", "hips_2")
-    assert take.notices == ("x.bvh: joints of the same name were renamed: hips_2 (line 6)",)
+    assert take.notices == ("x.bvh: names that appear more than once were made unique: hips_2 for the next hips",)
 
 
 def test_frame_times_in_milliseconds_are_noticed(tmp_path):
