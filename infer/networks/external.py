@@ -55,8 +55,6 @@ class ExternalModel:
         """
         if options.flip:
             raise ModelError(f"{path}: mirrored crops are for muybridge's own networks; leave flip out")
-        if options.size is not None:
-            raise ModelError(f"{path}: the size of crops is for muybridge's own networks; its card states this one's")
         self.path, self.card, self._options = path, card, options
         self._session = open_session(path, options)
         inputs = {node.name: node for node in self._session.get_inputs()}
