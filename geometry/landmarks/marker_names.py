@@ -33,7 +33,7 @@ _SIDED = {
     "scapula": ("bak", "bac"),
     "front_head": ("fhd", "front head", "temple"), "back_head": ("bhd", "back head", "rear head"),
     "upper_arm_proximal": ("upper arm proximal",), "upper_arm_distal": ("bicep", "biceps", "upper arm distal"),
-    "elbow_lateral": ("elb", "lel", "hle"), "elbow_medial": ("elm", "mel", "hme", "melb"),
+    "elbow_lateral": ("elb", "lel", "hle", "l elbow"), "elbow_medial": ("elm", "mel", "hme", "melb", "m elbow"),
     "forearm_proximal": ("fa superior", "forearm proximal"), "forearm_distal": ("forearm distal",),
     "radial_styloid": ("radial styloid", "styloid radius", "fa radius", "rsp", "wra", "wrist lateral", "wrist lat",
                        "l wrist", "wrist radial", "wrist thumb"),
@@ -102,7 +102,7 @@ def _labels() -> dict[str, str]:
     """Normalised labels of the sets whose left and right differ, SURFACE's own names, and labels with one meaning that
     the rules would read differently."""
     out = {normal(name): name for name in SURFACE.names}
-    for s in (*reversed(SETS.values()), CMU, PLUG_IN_GAIT):
+    for s in (SETS["lower22"], CMU, PLUG_IN_GAIT):
         out |= {normal(label): name for label, name in zip(s.labels, s.names, strict=True)}
     return out | {"lmed": "left_malleolus_medial", "rmed": "right_malleolus_medial"}
 

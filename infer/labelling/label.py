@@ -10,7 +10,8 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks.marker_sets import MarkerSet
+from muybridge.geometry.landmarks.marker_sets import MarkerDistances, MarkerSet
+from muybridge.geometry.markers.known_distances import known_rigidity, near_known
 from muybridge.geometry.markers.recovery import RecoverOptions, recover_points
 from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
 from muybridge.geometry.markers.subjects import split_people
@@ -78,7 +79,7 @@ class Labelled:
 
 
 def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: LabelNetwork,
-                 options: LabelOptions = LabelOptions()) -> Labelled:  # fmt: skip
+                 options: LabelOptions = LabelOptions(), known: MarkerDistances | None = None) -> Labelled:  # fmt: skip
     """Label the points of a recording.
 
     Args:
@@ -87,6 +88,7 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
         markers: the set to look for.
         network: scores points.
         options: of every step.
+        known: distances between the person's markers, where they were measured before.
 
     Raises:
         FormatError: there are too few points to recognise a person.
@@ -112,7 +114,7 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
         _log.info(note)
     label = _elect(scores, tracks, fps, options)
     if options.distances:
-        scores, label = _repair(scores, label, tracks, turn, fps, asked, network, options)
+        scores, label = _repair(scores, label, tracks, fps, asked, network, options, known)
     smooth = _over_time(scores, tracks.track, fps, options) if options.votes else scores
     return _labelled(markers, label, smooth, turn, scale, tracks, notes)
 
@@ -167,16 +169,19 @@ def _elect(scores: FloatArray, tracks: Tracks, fps: float, options: LabelOptions
     return np.where(pieces >= 0, label[pieces], -1)
 
 
-def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, turn: FloatArray, fps: float, asked: IndexArray,
-            network: LabelNetwork, options: LabelOptions) -> tuple[FloatArray, IndexArray]:  # fmt: skip
+def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, fps: float, asked: IndexArray, network: LabelNetwork,
+            options: LabelOptions, known: MarkerDistances | None) -> tuple[FloatArray, IndexArray]:  # fmt: skip
     """Scores that include distances between markers, and the resulting labels."""
     card, choice = network.card, np.ix_(asked, asked)
     how = options.rigidity
-    prior = prior_rigidity(card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice], how.links)
+    table = card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice]
+    prior = known_rigidity(known, *table, how.links) if known else prior_rigidity(*table, how.links)
     fitted = scores
-    for _ in range(how.rounds):
+    for turn in range(how.rounds):
         named, owner = _named(label, tracks.points, len(asked))
         measured = measured_rigidity(named, prior, how)
+        if known:  # labels that known distances have corrected are measured, not those before
+            measured = near_known(measured, prior) if turn else prior
         fit = distance_scores(tracks.points, named, owner, measured)
         fitted = scores.copy()
         fitted[..., :-1] = np.maximum(scores[..., :-1], options.vote.floor) + how.weight * 2.5 * fit

@@ -66,7 +66,7 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
     network = LabelNetwork(model or shipped_model("labels"))
     folder = open_output(out, FILES, [file], overwrite)
     try:
-        labelled = label_points(cloud.points, rate, plan.markers, network, options)
+        labelled = label_points(cloud.points, rate, plan.markers, network, options, plan.distances)
     except FormatError as error:
         raise FormatError(f"{file}: {error}") from None
     corrected: list[str] = []
