@@ -9,9 +9,12 @@ from muybridge.geometry.markers.rigidity import Rigidity
 # What a marker's place differs by from one recording to the next, where it was not put on anew; and by how much more
 # a distance measured in the new recording may differ, where it was.
 _SLIP_M, _PLACED_M = 0.004, 0.03
-# Motions differ from those of the recording before: this share of the spread over all motions is expected as well.
-_OTHER_MOTION = 0.25
+# Motions differ from those of the recording before: these shares of the spread over all motions and of the distance
+# are expected as well. Markers of one segment are close; those far apart have joints between them.
+_OTHER_MOTION, _FAR = 0.25, 0.05
 _FEWEST_FRAMES = 10
+# Weight of distances of the person, relative to distances that the labelling measures itself.
+KNOWN_WEIGHT = 2.0
 
 
 def known_rigidity(
@@ -27,9 +30,10 @@ def known_rigidity(
         links: number of partners.
     """
     there = np.isfinite(known.mean_m)
-    spread = np.sqrt(np.nan_to_num(known.sigma_m) ** 2 + _SLIP_M**2 + (_OTHER_MOTION * motion_m) ** 2)
-    sigma = np.where(there, spread, np.maximum(np.hypot(motion_m, bodies_m), 0.01))
     mean = np.where(there, np.nan_to_num(known.mean_m), distance_m)
+    spread = np.sqrt(np.nan_to_num(known.sigma_m) ** 2 + _SLIP_M**2 + (_OTHER_MOTION * motion_m) ** 2
+                     + (_FAR * mean) ** 2)  # fmt: skip
+    sigma = np.where(there, spread, np.maximum(np.hypot(motion_m, bodies_m), 0.01))
     partners = np.argsort(sigma + 1e6 * np.eye(len(sigma)), 1, kind="stable")[:, : min(links, len(sigma) - 1)]
     rows = np.arange(len(sigma))[:, None]
     return Rigidity(partners, mean[rows, partners], sigma[rows, partners])
@@ -59,8 +63,23 @@ def measure_distances(points: FloatArray, links: int = 8) -> MarkerDistances:
         if enough.any():
             low, middle, high = np.nanquantile(apart[:, enough], (0.1, 0.5, 0.9), axis=0)
             mean[a, enough], sigma[a, enough] = middle, (high - low) / 2.56
-    order = np.argsort(np.where(np.isfinite(sigma), sigma, np.inf), 1, kind="stable")[:, :links]
+    moves = np.hypot(sigma, _FAR * mean)
+    order = np.argsort(np.where(np.isfinite(moves), moves, np.inf), 1, kind="stable")[:, :links]
     keep = np.zeros((count, count), bool)
     np.put_along_axis(keep, order, True, 1)
     keep |= keep.T
     return MarkerDistances(np.where(keep, mean, np.nan), np.where(keep, sigma, np.nan))
+
+
+def open_to_any(scores: FloatArray, columns: list[int]) -> FloatArray:
+    """Scores (T, S, A + 1) by which a point that is likely no marker of a body point may as well be one of some markers
+    that stand on none: distances decide then.
+
+    Args:
+        scores: logarithms, the last column for none.
+        columns: of the markers that stand on no body point.
+    """
+    out = scores.copy()
+    share = scores[..., -1:] - np.log(len(columns) + 1)
+    out[..., columns] = np.maximum(scores[..., columns], share)
+    return out

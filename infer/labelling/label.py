@@ -11,7 +11,7 @@ import numpy as np
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.marker_sets import MarkerDistances, MarkerSet
-from muybridge.geometry.markers.known_distances import known_rigidity, near_known
+from muybridge.geometry.markers.known_distances import KNOWN_WEIGHT, known_rigidity, near_known, open_to_any
 from muybridge.geometry.markers.recovery import RecoverOptions, recover_points
 from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
 from muybridge.geometry.markers.subjects import split_people
@@ -110,6 +110,8 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
     asked = np.array(markers.surface_indices)
     turn = upright(tracks, fps, asked, network)
     scores = network.scores(tracks, fps, asked, turn=turn, windowed=options.window).astype(np.float64)
+    if known and markers.near:
+        scores = open_to_any(scores, [markers.labels.index(label) for label in markers.near])
     for note in notes:
         _log.info(note)
     label = _elect(scores, tracks, fps, options)
@@ -176,7 +178,7 @@ def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, fps: float, a
     how = options.rigidity
     table = card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice]
     prior = known_rigidity(known, *table, how.links) if known else prior_rigidity(*table, how.links)
-    fitted = scores
+    fitted, weight = scores, how.weight * (KNOWN_WEIGHT if known else 1.0)
     for turn in range(how.rounds):
         named, owner = _named(label, tracks.points, len(asked))
         measured = measured_rigidity(named, prior, how)
@@ -184,7 +186,7 @@ def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, fps: float, a
             measured = near_known(measured, prior) if turn else prior
         fit = distance_scores(tracks.points, named, owner, measured)
         fitted = scores.copy()
-        fitted[..., :-1] = np.maximum(scores[..., :-1], options.vote.floor) + how.weight * 2.5 * fit
+        fitted[..., :-1] = np.maximum(scores[..., :-1], options.vote.floor) + weight * 2.5 * fit
         label = _elect(fitted, tracks, fps, options)
     if options.votes:
         label = recover_points(tracks.points, label, fitted[..., :-1] - fitted[..., -1:], options.recover)
