@@ -48,6 +48,8 @@ SURFACE = LandmarkSet(
     ),
 )  # fmt: skip
 MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
+# Points on segments, not on bones: where exactly a set has them is a matter of taste.
+ANYWHERE = ("upper_arm", "forearm", "thigh", "shank", "scapula")
 JITTER_MM, _LOOSE_MM, _NEAR_MM = 15.0, 40.0, 60.0
 _MEDIAL = {"LKNM": "left_knee_medial", "RKNM": "right_knee_medial", "LANM": "left_malleolus_medial",
            "RANM": "right_malleolus_medial"}  # fmt: skip
@@ -134,9 +136,8 @@ def _more(markers: MarkerSet, name: str, more: dict[str, str]) -> MarkerSet:
 
 def plan_of(markers: MarkerSet) -> MarkerPlan:
     """A set with the usual jitter, in which only the markers that separate the parts of the body are required."""
-    anywhere = ("upper_arm", "forearm", "thigh", "shank", "scapula")
     near = np.array([label in markers.near for label in markers.labels])
-    loose = np.array([any(stem in name for stem in anywhere) for name in markers.names]) | near
+    loose = np.array([any(stem in name for stem in ANYWHERE) for name in markers.names]) | near
     jitter = np.where(near, _NEAR_MM, np.where(loose, _LOOSE_MM, JITTER_MM)) / 1000
     return MarkerPlan(markers, jitter, loose, twins_of(markers))
 

@@ -47,7 +47,7 @@ def near_known(measured: Rigidity, known: Rigidity) -> Rigidity:
                     np.where(near, measured.sigma_m, known.sigma_m))  # fmt: skip
 
 
-def measure_distances(points: FloatArray, links: int = 8) -> MarkerDistances:
+def measure_distances(points: FloatArray, links: int = 12) -> MarkerDistances:
     """The distances of every marker of a labelled recording to those that it moves with most.
 
     Args:
@@ -71,15 +71,13 @@ def measure_distances(points: FloatArray, links: int = 8) -> MarkerDistances:
     return MarkerDistances(np.where(keep, mean, np.nan), np.where(keep, sigma, np.nan))
 
 
-def open_to_any(scores: FloatArray, columns: list[int]) -> FloatArray:
-    """Scores (T, S, A + 1) by which a point that is likely no marker of a body point may as well be one of some markers
-    that stand on none: distances decide then.
+def open_to_any(scores: FloatArray) -> FloatArray:
+    """Scores (T, S, A + 1) by which a point that the network takes for no marker may as well be any of them, so that
+    distances decide: markers of a set that was learned may stand beside their body points, or on none.
 
     Args:
         scores: logarithms, the last column for none.
-        columns: of the markers that stand on no body point.
     """
     out = scores.copy()
-    share = scores[..., -1:] - np.log(len(columns) + 1)
-    out[..., columns] = np.maximum(scores[..., columns], share)
+    out[..., :-1] = np.maximum(scores[..., :-1], scores[..., -1:] - np.log(scores.shape[-1]))
     return out

@@ -24,6 +24,8 @@ _log = logging.getLogger(__name__)
 # Range of the median distance to a marker's third neighbour, metres: 0.15 to 0.37 on bodies of all sizes and poses in
 # the known sets, more with few markers; other people nearby change it little.
 APART_M = (0.06, 1.0)
+# With more points in a frame, their extent decides, metres.
+DENSE, EXTENT_M = 60, (0.7, 2.8)
 FACTORS = (1.0, 0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
 
 
@@ -110,8 +112,7 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
     asked = np.array(markers.surface_indices)
     turn = upright(tracks, fps, asked, network)
     scores = network.scores(tracks, fps, asked, turn=turn, windowed=options.window).astype(np.float64)
-    if known and markers.near:
-        scores = open_to_any(scores, [markers.labels.index(label) for label in markers.near])
+    scores = open_to_any(scores) if known else scores
     for note in notes:
         _log.info(note)
     label = _elect(scores, tracks, fps, options)
@@ -216,11 +217,15 @@ def metres_of(points: FloatArray, notes: list[str]) -> float:
     count = np.isfinite(points[..., 0]).sum(1)
     frames = np.nonzero(count >= 4)[0]
     frames = frames[np.linspace(0, len(frames) - 1, min(200, len(frames))).astype(int)] if len(frames) else frames
-    apart = []
+    apart, extent = [], []
     for frame in points[frames]:
         there = frame[np.isfinite(frame[:, 0])]
         apart.append(np.median(np.sort(np.linalg.norm(there[:, None] - there, axis=-1), 1)[:, 3]))
+        extent.append(np.linalg.norm(np.ptp(there, axis=0)))
     usual = float(np.median(apart)) if apart else 0.0
+    # Clusters of markers on every segment are closer than a set's markers, but the person has its size.
+    if len(apart) and np.median(count[frames]) > DENSE and EXTENT_M[0] <= np.median(extent) <= EXTENT_M[1]:
+        return 1.0
     for factor in FACTORS:
         if APART_M[0] <= usual * factor <= APART_M[1]:
             if factor != 1.0:

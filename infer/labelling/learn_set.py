@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.marker_names import map_names
-from muybridge.geometry.landmarks.marker_sets import SETS, SURFACE, MarkerPlan, MarkerSet, plan_of
+from muybridge.geometry.landmarks.marker_sets import ANYWHERE, SETS, SURFACE, MarkerPlan, MarkerSet, plan_of
 from muybridge.geometry.landmarks.real_markers import find_markers
 from muybridge.geometry.markers.known_distances import measure_distances
 from muybridge.geometry.markers.tracking import Tracks
@@ -28,10 +28,15 @@ _FEWEST = 6
 _ANCHORS = 6
 # Root mean square of the differences from a person's usual distances, metres: up to the first a marker is on a body
 # point, up to the second it is near one (and recognised by it), beyond it is on something else.
-_ON_M, _NEAR_M = 0.04, 0.25
+_ON_M, _NEAR_M = 0.04, 0.10
+# The same on segments without landmarks, where markers are put anywhere.
+_ON_SEGMENT_M, _NEAR_SEGMENT_M = 0.09, 0.25
+_SEGMENT = (*ANYWHERE, "trochanter", "patella", "knee", "tibial")
 # A network's probability counts for no less; so much worse than the best marker for a point is left out.
 _LEAST_LOG, _LEFT_OUT = -3.0, -30.0
 _SURE = 0.5
+# Weight of a name that a set has for a marker anywhere on a segment.
+_MEANT = 3.0
 
 
 def learn_marker_set(trial: Path, model: Path | None) -> tuple[MarkerPlan, list[str]]:
@@ -61,7 +66,7 @@ def learn_marker_set(trial: Path, model: Path | None) -> tuple[MarkerPlan, list[
     if len(kept) < _FEWEST:
         raise FormatError(f"{trial}: only {len(kept)} of its {len(labels)} trajectories are markers of a body; "
                           f"at least {_FEWEST} are needed")  # fmt: skip
-    near = tuple(labels[k] for k in kept if off[k] > _ON_M)
+    near = tuple(labels[k] for k in kept if _beside(chosen[k], off[k]))
     names = tuple(SURFACE.names[chosen[k]] for k in kept)
     edges = tuple(e for e in SURFACE.edges if e[0] in names and e[1] in names)
     plan = plan_of(MarkerSet(trial.stem, names, edges, tuple(labels[k] for k in kept), near))
@@ -77,6 +82,11 @@ def plain_label(name: str) -> str:
     return re.sub(r"[\s#]+", "_", name.rsplit(":", 1)[-1].strip())
 
 
+def _beside(point: int, off: float) -> bool:
+    """Whether a marker is beside its point rather than on it."""
+    return off > (_ON_SEGMENT_M if any(part in SURFACE.names[point] for part in ANYWHERE) else _ON_M)
+
+
 def _mutual(twins: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(twin if twins[twin] == i else i for i, twin in enumerate(twins))
 
@@ -85,7 +95,7 @@ def _notes(labels: list[str], chosen: dict[int, int], off: dict[int, float], vie
     notes = []
     for k in sorted(set(chosen) - view.known):
         where = SURFACE.names[chosen[k]]
-        if off[k] > _ON_M:
+        if _beside(chosen[k], off[k]):
             notes.append(f"{labels[k]} is on no body point that is known; it is recognised near {where}")
         else:
             notes.append(f"{labels[k]} stands on {where}")
@@ -98,9 +108,13 @@ def _notes(labels: list[str], chosen: dict[int, int], off: dict[int, float], vie
 
 def _assign(labels: list[str], view: _View) -> tuple[dict[int, int], dict[int, float]]:
     """Trajectory -> point of SURFACE, and metres that each is off its usual place."""
-    chosen = {k: SURFACE.index(name) for name, k in map_names(labels).items()}
-    view.known = set(chosen)
+    meant = {k: SURFACE.index(name) for name, k in map_names(labels).items()}
     words = name_evidence(labels)
+    # Sets differ in how high markers are on a segment; a name says little more than the segment then.
+    chosen = {k: p for k, p in meant.items() if not any(part in SURFACE.names[p] for part in ANYWHERE)}
+    for k, p in meant.items():
+        words[k, p] += _MEANT if k not in chosen else 0.0
+    view.known = set(chosen)
     if len(chosen) < _ANCHORS:
         chosen |= _by_network(chosen, words, view)
     apart = median_distances(view.tracks.points[view.frames])
@@ -135,7 +149,8 @@ def _matched(score: FloatArray, rms: FloatArray, rest: IndexArray, free: IndexAr
     """The best assignment of trajectories to points, one each; those too far from any are left out."""
     if not len(rest) or not len(free):
         return {}
-    part = np.where(rms[np.ix_(rest, free)] <= _NEAR_M, score[np.ix_(rest, free)], -1e3)
+    reach = np.array([_NEAR_SEGMENT_M if any(part in SURFACE.names[p] for part in _SEGMENT) else _NEAR_M for p in free])
+    part = np.where(rms[np.ix_(rest, free)] <= reach, score[np.ix_(rest, free)], -1e3)
     # A column of its own for every trajectory, so that leaving it out is a choice too.
     padded = np.concatenate([part, np.full((len(rest), len(rest)), _LEFT_OUT)], 1)
     rows, columns = linear_sum_assignment(padded, maximize=True)

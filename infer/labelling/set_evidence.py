@@ -27,9 +27,9 @@ _PARTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
                                                           "lowerarm")),
     "wrist": (("radial", "ulnar"), ("wrist", "wr", "wri")),
     "hand": (("metacarpal",), ("hand", "finger", "fin", "metacarpal", "mc", "knuckle", "han")),
-    "thigh": (("thigh", "patella", "trochanter"), ("thigh", "thi", "th", "femur", "fem", "quad", "hfb")),
+    "thigh": (("thigh", "trochanter"), ("thigh", "thi", "th", "femur", "fem", "quad", "hfb")),
     "knee": (("knee", "patella"), ("knee", "kne", "kn", "condyle")),
-    "shank": (("shank", "tibial", "patella"), ("shank", "shn", "sh", "shin", "tibia", "tib", "tb", "tub", "calf", "fib",
+    "shank": (("shank", "tibial"), ("shank", "shn", "sh", "shin", "tibia", "tib", "tb", "tub", "calf", "fib",
                                     "fibula", "leg", "sk")),
     "ankle": (("malleolus",), ("ankle", "ank", "malleolus", "mal")),
     "foot": (("heel", "metatarsal", "toe", "hallux", "malleolus"),
@@ -39,7 +39,7 @@ _PARTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 _NEIGHBOURS = {"thigh": ("knee",), "knee": ("thigh", "shank"), "shank": ("knee", "ankle"), "foot": ("ankle",),
                "ankle": ("shank", "foot"), "forearm": ("wrist",), "wrist": ("forearm", "hand"), "hand": ("wrist",),
                "elbow": ("upper arm", "forearm"), "upper arm": ("elbow",)}  # fmt: skip
-_SIDE, _MIDDLE, _ELSEWHERE, _NEXT = -20.0, -3.0, -20.0, -2.0
+_SIDE, _MIDDLE, _ELSEWHERE, _NEXT = -20.0, -20.0, -20.0, -2.0
 # Standard deviations of a distance: what every marker's place is off, metres; no distance counts for more than so many.
 _PLACE_M, _MOST_SIGMAS = 0.02, 5.0
 _CLOSEST = 8
