@@ -7,10 +7,12 @@ Sources: T.-Y. Lin and others, Microsoft COCO, 2014; H.-S. Fang and others, HALP
 and BODY_25B.
 """
 
+import difflib
 import re
 from collections.abc import Callable, Sequence
 
-from muybridge.geometry.landmarks.marker_names import is_known, is_label, map_names, surface_of
+from muybridge.geometry.landmarks.marker_names import is_known, is_label, map_names, normal, surface_of
+from muybridge.geometry.landmarks.marker_sets import SETS
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.skeleton.profiles import roles_of
 
@@ -20,6 +22,8 @@ _PARTS = {
     "bigtoe": "big_toe", "toebig": "big_toe", "footindex": "big_toe", "greattoe": "big_toe", "hallux": "big_toe",
     "smalltoe": "small_toe", "littletoe": "small_toe", "toesmall": "small_toe", "pinkytoe": "small_toe",
 }  # fmt: skip
+_CENTRE = re.compile(r"([lr])([hkasew]jc)\d*$")
+_JOINT_OF_CENTRE = {"hjc": "thigh", "kjc": "shin", "ajc": "foot", "sjc": "upper_arm", "ejc": "forearm", "wjc": "hand"}
 _SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 # Landmarks that coincide with a skeleton's joint.
 _LANDMARK_OF_ROLE = {
@@ -76,6 +80,26 @@ def map_surface(names: Sequence[str]) -> dict[str, int]:
 
 def _map_surface(names: Sequence[str]) -> dict[str, int]:
     return map_names([name.rsplit(":", 1)[-1] for name in names])
+
+
+def joint_centres_of(names: Sequence[str]) -> dict[str, int]:
+    """Joint of `body.BODY` -> index in `names` of the joint centre that a gait model computed (`LKJC`: left shin)."""
+    out: dict[str, int] = {}
+    for i, name in enumerate(names):
+        if (match := _CENTRE.match(normal(name))) and match[2] in _JOINT_OF_CENTRE:
+            out.setdefault(f"{_SIDES[match[1]]}_{_JOINT_OF_CENTRE[match[2]]}", i)
+    return out
+
+
+def nearest_names(unknown: Sequence[str], most: int = 4) -> list[str]:
+    """One sentence on unknown names and the known ones nearest to them; empty where there are none."""
+    known = {normal(label): label for s in SETS.values() for label in s.labels}
+    known |= {normal(name): name for name in BODY23.names}
+    near = [(name, known[found[0]]) for name in unknown
+            if (found := difflib.get_close_matches(normal(name), known, 1, 0.7))]  # fmt: skip
+    if not near:
+        return []
+    return ["the nearest known names are " + ", ".join(f"{there} for {name}" for name, there in near[:most])]
 
 
 def subject_of(name: str) -> str:

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.arrays import IndexArray
-from muybridge.errors import FormatError
+from muybridge.errors import FormatError, parsing
 
 DELETE = "delete"
 
@@ -41,10 +41,10 @@ def read_corrections(path: Path) -> list[Correction]:
     Raises:
         FormatError: a line is malformed, or the file cannot be read.
     """
-    try:
+    if not path.is_file():
+        raise FormatError(f"{path}: no such file; give an existing file of corrections")
+    with parsing(path, FormatError, "a file of corrections, a text file with one per line"):
         lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise FormatError(f"{path}: cannot be read as text ({error}); give an existing corrections file") from error
     out = []
     for number, line in enumerate(lines, 1):
         words = line.split("#")[0].replace(",", " ").split()

@@ -83,6 +83,7 @@ class C3DTake:
         events: in order of time.
         analog: None where there are no channels.
         force_platforms: parameters of the group FORCE_PLATFORM, in millimetres and the points' axes.
+        modelled: names of points that the file lists as computed from markers (POINT:MODELED_MARKERS).
     """
 
     points: Points3D
@@ -90,6 +91,7 @@ class C3DTake:
     events: tuple[Event, ...] = ()
     analog: Analog | None = None
     force_platforms: Mapping[str, Any] = field(default_factory=dict)
+    modelled: tuple[str, ...] = ()
 
 
 def write_c3d(path: Path, points: Points3D | C3DTake, up: Literal["y", "z"] = "z") -> None:
@@ -241,7 +243,8 @@ def take_of(raw: RawC3D, points: Points3D, metres: float, turn: FloatArray) -> C
     """
     stretch = raw.fps / points.fps if raw.fps > 0 else 1.0
     events = tuple(replace(e, time=e.time * stretch) for e in _events(raw))
-    return C3DTake(points, raw.first_frame, events, _analog(raw, points.fps), _force_platforms(raw, metres, turn))
+    plates, modelled = _force_platforms(raw, metres, turn), tuple(raw.texts("POINT", "MODELED_MARKERS"))
+    return C3DTake(points, raw.first_frame, events, _analog(raw, points.fps), plates, modelled)
 
 
 def _events(raw: RawC3D) -> tuple[Event, ...]:
