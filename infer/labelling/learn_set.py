@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks.marker_names import map_names
+from muybridge.geometry.landmarks.marker_names import map_names, surface_of
 from muybridge.geometry.landmarks.marker_sets import ANYWHERE, SETS, SURFACE, MarkerPlan, MarkerSet, plan_of
 from muybridge.geometry.landmarks.real_markers import find_markers
 from muybridge.geometry.markers.known_distances import measure_distances
@@ -93,7 +93,7 @@ def _mutual(twins: tuple[int, ...]) -> tuple[int, ...]:
 
 def _notes(labels: list[str], chosen: dict[int, int], off: dict[int, float], view: _View) -> list[str]:
     notes = []
-    for k in sorted(set(chosen) - view.known):
+    for k in sorted(k for k in chosen if k not in view.known or surface_of(labels[k]) is None):
         where = SURFACE.names[chosen[k]]
         if _beside(chosen[k], off[k]):
             notes.append(f"{labels[k]} is on no body point that is known; it is recognised near {where}")
