@@ -2,20 +2,24 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from muybridge.geometry.landmarks.marker_sets import SETS, SURFACE, MarkerDistances
+from muybridge.errors import FormatError
+from muybridge.geometry.landmarks.marker_sets import SETS, SURFACE, MarkerDistances, plan_of
 from muybridge.geometry.markers.known_distances import known_rigidity, measure_distances, near_known, open_to_any
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.labelling.label import label_points
 from muybridge.infer.labelling.learn_set import learn_marker_set
 from muybridge.infer.labelling.set_evidence import name_evidence, partners_by_name, parts_of
 from muybridge.infer.networks.labelling import LabelNetwork
+from muybridge.infer.reconstruction.recognise import recognise
 from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.points.marker_protocol import read_marker_set, write_marker_set
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud
+from muybridge.motion.formats.registry import read_file
 from tests.paths import DATA
 
 CASES, WALK = DATA / "cases", DATA / "markers" / "walk_force_plates.c3d"
@@ -97,6 +101,32 @@ def test_outputs_beside_the_markers_disturb_nobody(tmp_path, capsys):
 
 
 @here
+def test_of_a_files_points_only_markers_are_recognised():
+    take = read_file(WALK)
+    assert set(take.c3d.modelled) == {"LKJC", "RKJC", "LAJC", "RAJC"}
+    found = recognise(WALK, take.positions, take.c3d.modelled)
+    assert len(found.used) == 16 and "LTHI2" in found.unused and len(found.centres) == 4
+    assert [note.split(":")[0] for note in found.notes] == [
+        "left out because they are no markers",
+        "markers that were not used, because no set has a body point for them",
+    ]
+    plan = plan_of(replace(SETS["lower16"], near=("LTHI",)))
+    again = recognise(WALK, take.positions, markers=plan.markers)
+    assert set(found.used) - set(again.used) == {"LTHI"}, "it is beside its point"
+    with pytest.raises(FormatError, match="only 0 are labels of the set gait2354"):
+        recognise(WALK, take.positions, markers=replace(SETS["gait2354"], labels=tuple(f"Q{i}" for i in range(41))))
+
+
+@here
+def test_opensims_names_are_recognised_at_once():
+    source = CASES / "solve_opensim_names" / "subject01_walk1.trc"
+    found = recognise(source, read_file(source).positions)
+    assert len(found.columns) == 33 and len(found.unused) == 8
+    assert found.columns["right_elbow_lateral"] == 28 and found.columns["sacrum"] == 2
+
+
+@pytest.mark.slow
+@here
 def test_solve_uses_markers_only_and_centres_of_the_file_where_asked(tmp_path, capsys):
     centres = {}
     for which in ("", "file"):
@@ -109,6 +139,7 @@ def test_solve_uses_markers_only_and_centres_of_the_file_where_asked(tmp_path, c
     assert centres[""] != centres["file"]
 
 
+@pytest.mark.slow
 @here
 def test_opensims_own_file_is_solved(tmp_path, capsys):
     source = CASES / "solve_opensim_names" / "subject01_walk1.trc"
@@ -136,7 +167,7 @@ def test_known_distances_outweigh_the_table_and_wrong_measurements():
     points[5:, 5] = np.nan
     known = measure_distances(points, links=4)
     assert isinstance(known, MarkerDistances) and np.isnan(known.mean_m[5]).all(), "too few frames"
-    table = np.full((7, 7), 0.3), np.full((7, 7), 0.02), np.full((7, 7), 0.05)
+    table = np.full((7, 7), 0.3), np.full((7, 7), 0.02), np.full((7, 7), 0.2)
     rigid = known_rigidity(known, *table, links=3)
     for marker in range(5):
         assert not {5, 6} & set(rigid.partners[marker]), "what moves with a marker is its partner"
