@@ -41,7 +41,8 @@ REMEDIES: dict[str, str] = {
     "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",
     "points_or_lens": "add points, or pass the camera with its lens in lenses",
     "pseudo_labels": "make one with `muybridge.models.pseudo_labels.save_pseudo_labels`",
-    "rename_labels": "rename them, or name unlabelled points with muybridge.infer.pipelines.labelling.run_label",
+    "rename_labels": "rename them, learn what they mean with muybridge.infer.labelling.learn_set.learn_marker_set and "
+    "pass the set as markerset, or name unlabelled points with muybridge.infer.pipelines.labelling.run_label",
     "session_results": "leave out `out` for the folder `muybridge` inside the session",
     "shift": "pass the time between them as shift",
     "still_moment": "name the image in which it does as moment",
