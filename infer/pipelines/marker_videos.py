@@ -50,8 +50,9 @@ from muybridge.infer.results.run import DEFAULT_OUT, Run
 from muybridge.infer.runtime.digests import code_digest, file_digest
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import Arrays, Facts, StageResult, Stages
+from muybridge.infer.session.damage import DamageWatch, damage_notice
 from muybridge.infer.session.probe import VideoInfo
-from muybridge.infer.session.session import Session, SessionOptions, open_session
+from muybridge.infer.session.session import Session, SessionOptions, open_session, with_notice
 from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.points.marker_protocol import find_marker_set
 
@@ -140,6 +141,8 @@ def run_marker_session(
     blobs = _blob_stages(session, options, stage, progress)
     seen = _by_frame(blobs)
     session = _with_frames(session, len(seen))
+    for damage in (stage.facts["damage"] for stage in blobs):
+        session = session if damage is None else with_notice(session, damage, progress)
     markers = _marker_stages(session, plan, options, stage, blobs, seen, labeller)
     for note in markers.names.facts["notes"]:
         progress.notice(note)
@@ -176,7 +179,9 @@ def _blob_stages(session: Session, options: MarkerVideoOptions, stage: Stages, p
 
 
 def _blobs(video: VideoInfo, indices: IntArray, options: BlobOptions) -> tuple[Arrays, Facts]:
-    return pack_blobs(*blobs_of(video, indices, options))
+    watch = DamageWatch(video)
+    arrays, facts = pack_blobs(*blobs_of(video, indices, options, watch))
+    return arrays, facts | {"damage": damage_notice(video.path.name, watch.damaged())}
 
 
 def _by_frame(stages: list[StageResult]) -> list[list[FloatArray]]:

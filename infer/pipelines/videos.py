@@ -14,7 +14,7 @@ from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.sync.clocks import resample_keypoints
-from muybridge.infer.detection.detect import CameraResult, DetectOptions, detect, file_names, first_pass
+from muybridge.infer.detection.detect import CameraResult, DetectOptions, damage_notices, detect, file_names, first_pass
 from muybridge.infer.detection.frozen_frames import repeats_notice
 from muybridge.infer.detection.refine import RefinementOptions, TopDownRefinement
 from muybridge.infer.detection.resample import resample_tracks
@@ -265,6 +265,8 @@ def _merge(
         shortest = session.videos[counts.index(frames)].path.name
         notice = f"{shortest} has {frames} frames, fewer than its header suggests: the first {frames} are used"
         session = with_notice(with_frames(session, frames), notice, progress)
+    for notice in damage_notices(session, detected):
+        session = with_notice(session, notice, progress)
     for c, found in enumerate(detected):
         if (repeats := repeats_notice(session, c, found.own_repeats)) is not None:
             session = with_notice(session, repeats, progress)

@@ -2,6 +2,8 @@
 
 import contextlib
 import functools
+import mmap
+import re
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
@@ -11,12 +13,20 @@ import av
 import av.error
 import numpy as np
 
-from muybridge.arrays import FloatArray
+from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.errors import VideoError
 from muybridge.infer.runtime.digests import sampled_digest
 
 # Containers that list every frame in an index, so that a shortfall means lost frames.
 _COUNTED = {"mov", "mp4", "m4a", "3gp", "3g2", "mj2"}
+
+
+# Where containers state the codec of a video: the sample entry of a MOV or MP4 track with a video's header, Matroska's
+# CodecID, the stream header of an AVI.
+_CODEC_NAMES = tuple(
+    re.compile(pattern, re.DOTALL)
+    for pattern in (rb"vmhd.{1,400}?stsd.{12}([ -~]{4})", rb"\x86[\x81-\xbf](V_[ -~]{1,40})", rb"vids([ -~]{4})")
+)
 
 
 # Demuxers that open an image or a text as a video of one frame.
@@ -38,6 +48,8 @@ class VideoInfo:
         declares_count: whether the container lists its frames, so that fewer mean damage.
         times: (frames,) seconds since the file's first image; not the same as index / fps where `variable_rate`. A
             recorder that joined a stream has frames at its beginning that cannot be decoded: the first is then later.
+        coded_at: (frames,) the place of each frame in the order in which frames are decoded.
+        stands_alone: (frames,) whether a frame is coded without others, so that decoding can begin with it.
         variable_rate: whether the spacing of frames varies by more than a quarter of a frame.
         pixel_aspect: width of a pixel divided by its height.
         size_bytes: size of the file.
@@ -54,6 +66,8 @@ class VideoInfo:
     frames: int
     declares_count: bool
     times: FloatArray = field(repr=False)
+    coded_at: IntArray = field(repr=False)
+    stands_alone: BoolArray = field(repr=False)
     variable_rate: bool
     pixel_aspect: float
     size_bytes: int
@@ -72,9 +86,12 @@ class VideoInfo:
 
 @dataclass(frozen=True)
 class _Packets:
-    """Time stamps (s, sorted) of the packets that become frames, and signs of damage."""
+    """Time stamps (s, sorted) of the packets that become frames, their order in the file, whether they stand alone, and
+    signs of damage."""
 
     times: FloatArray
+    coded_at: IntArray
+    stands_alone: BoolArray
     total: int
     damaged_at: int | None
     ends: float  # the latest end of any packet of any stream, s
@@ -104,6 +121,11 @@ def probe_video(path: Path) -> VideoInfo:
         stream = container.streams.best("video")
         if stream is None:
             raise VideoError(f"{path} has no video stream; put one video per camera into the videos folder")
+        if stream.codec_context is None:
+            raise VideoError(
+                f"{path}: FFmpeg does not know its video's codec{_stated_codec(path)}; the file is damaged, or must be "
+                "exported as H.264"
+            )
         formats = set(container.format.name.split(","))
         packets = _walk(path, container, stream)
         declared, rate = int(stream.frames), stream.average_rate
@@ -118,11 +140,11 @@ def probe_video(path: Path) -> VideoInfo:
     # demuxer reports for frames that are not stored in order are guesses.
     reliable = name != "avi" or (in_order and bool((np.diff(packets.times) > 0).all()))
     times = packets.times if reliable or not guessed else np.arange(len(packets.times)) / float(guessed)
-    begin = times[0]
+    begin, shown = times[0], np.ones(len(times), dtype=np.bool_)
     if reliable and shown_from is not None and not counted:
         usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-        times = times[times >= shown_from - 0.5 * usual]
-    times = times - begin
+        shown = times >= shown_from - 0.5 * usual
+    times = times[shown] - begin
     fps, variable = _rate(times, guessed)
     if rotation % 180:
         width, height = height, width
@@ -138,6 +160,8 @@ def probe_video(path: Path) -> VideoInfo:
         frames=len(times),
         declares_count=counted,
         times=times,
+        coded_at=packets.coded_at[shown],
+        stands_alone=packets.stands_alone[shown],
         variable_rate=variable,
         pixel_aspect=aspect,
         size_bytes=size_bytes,
@@ -163,6 +187,14 @@ def open(path: Path, **options: str) -> Any:
         ) from None
 
 
+def _stated_codec(path: Path) -> str:
+    """The codec that a file states, for a message; empty where it cannot be found. PyAV does not tell it where FFmpeg
+    does not know it."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        found = next((bytes(match[1]) for pattern in _CODEC_NAMES if (match := pattern.search(data))), b"")
+    return f" {found.decode('latin-1').strip()}" if found else ""
+
+
 def reason(error: BaseException) -> str:
     """What an error of FFmpeg or the system says, in one line of lower case."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
@@ -172,6 +204,7 @@ def reason(error: BaseException) -> str:
 def _walk(path: Path, container: Any, stream: Any) -> _Packets:
     """Read every packet's time stamp; nothing is decoded."""
     times: list[float] = []
+    alone: list[bool] = []
     total, damaged, ends = 0, None, 0.0
     fallback = float(1 / (stream.guessed_rate or stream.average_rate or 25))
     try:
@@ -189,10 +222,11 @@ def _walk(path: Path, container: Any, stream: Any) -> _Packets:
                 damaged = total
             if not packet.is_discard:
                 times.append(stamp * base if stamp is not None else len(times) * fallback)
+                alone.append(packet.is_keyframe)
     except (av.error.FFmpegError, OSError) as error:
         raise VideoError(f"{path} breaks off after {total} frames ({reason(error)}); copy or export it again") from None
-    ordered = np.sort(np.asarray(times, dtype=np.float64))
-    return _Packets(ordered, total, damaged, ends)
+    order = np.argsort(np.asarray(times, dtype=np.float64), kind="stable")
+    return _Packets(np.asarray(times)[order], order, np.asarray(alone, np.bool_)[order], total, damaged, ends)
 
 
 def _declared_end(container: Any, stream: Any) -> float | None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from muybridge.arrays import ByteArray, IntArray
 from muybridge.errors import VideoError
+from muybridge.infer.session.damage import DamageWatch
 from muybridge.infer.session.probe import VideoInfo, open, reason
 
 CHUNK_BYTES = 100 * 2**20
@@ -25,13 +26,16 @@ def chunk_frames(info: VideoInfo) -> int:
     return int(np.clip(CHUNK_BYTES // (info.width * info.height * 3), 1, MAX_CHUNK))
 
 
-def read_chunks(info: VideoInfo, indices: IntArray | None = None, threads: int = 1) -> Iterator[ByteArray]:
+def read_chunks(
+    info: VideoInfo, indices: IntArray | None = None, threads: int = 1, watch: DamageWatch | None = None
+) -> Iterator[ByteArray]:
     """Decode a video once, in order, in chunks of bounded memory.
 
     Args:
         info: from `probe_video`.
         indices: (T,) frames to deliver, never decreasing (repeats allowed); default all.
         threads: decoder threads.
+        watch: is told of every frame that is decoded, so that it knows the damaged ones at the end.
 
     Yields:
         (n, H, W, 3) RGB; the caller may keep the chunks.
@@ -46,6 +50,8 @@ def read_chunks(info: VideoInfo, indices: IntArray | None = None, threads: int =
     filled = delivered = decoded = 0
     for decoded, frame in enumerate(_decode(info, threads), start=1):
         repeats = int(np.searchsorted(wanted, decoded - 1, side="right")) - delivered
+        if watch is not None:
+            watch.see(decoded - 1, frame)
         if repeats > 0:
             image = _to_rgb(frame, info)
         for _ in range(repeats):
