@@ -4,6 +4,7 @@ import contextlib
 import functools
 import mmap
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
@@ -14,8 +15,9 @@ import av.error
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
-from muybridge.errors import VideoError
-from muybridge.infer.runtime.digests import sampled_digest
+from muybridge.errors import VideoError, parsing
+from muybridge.infer.runtime.digests import digest, sampled_digest
+from muybridge.infer.session.chapters import camera_films, in_order
 
 # Containers that list every frame in an index, so that a shortfall means lost frames.
 _COUNTED = {"mov", "mp4", "m4a", "3gp", "3g2", "mj2"}
@@ -29,6 +31,10 @@ _CODEC_NAMES = tuple(
 )
 
 
+# Rates of two chapters that are one.
+_SAME_RATE = 0.005
+
+
 # Demuxers that open an image or a text as a video of one frame.
 _STILLS = ("image2", "_pipe", "tty", "gif")
 
@@ -38,7 +44,7 @@ class VideoInfo:
     """Properties of a video file, without decoding more than its first frame.
 
     Attributes:
-        path: the file.
+        path: the file, or the folder of a camera whose files are its video.
         container, codec: FFmpeg's names.
         width, height: size of a delivered frame, px (after rotation).
         rotation_deg: counterclockwise rotation applied to the coded frames: 0, 90, 180 or 270.
@@ -53,6 +59,7 @@ class VideoInfo:
         variable_rate: whether the spacing of frames varies by more than a quarter of a frame.
         pixel_aspect: width of a pixel divided by its height.
         size_bytes: size of the file.
+        chapters: the files that are read one after the other, where `path` is a folder.
     """
 
     path: Path
@@ -71,11 +78,19 @@ class VideoInfo:
     variable_rate: bool
     pixel_aspect: float
     size_bytes: int
+    chapters: tuple[Path, ...] = ()
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files that hold the frames."""
+        return self.chapters or (self.path,)
 
     @functools.cached_property
     def content(self) -> str:
         """Digest of the file's content; the key of stages that read the video."""
-        return sampled_digest(self.path)
+        if not self.chapters:
+            return sampled_digest(self.path)
+        return digest([sampled_digest(file) for file in self.chapters])
 
     def unrotated(self) -> "VideoInfo":
         """The same video with its rotation flag ignored."""
@@ -111,9 +126,51 @@ def is_video(path: Path) -> bool:
 def probe_video(path: Path) -> VideoInfo:
     """Read a video's properties without decoding it.
 
+    Args:
+        path: the file, or a folder with the chapters of one recording.
+
     Raises:
         VideoError: not a video, undecodable, or with fewer frames than its container declares.
+        SessionError: a folder with other files than the chapters of one recording.
     """
+    if path.is_dir():
+        return _joined(path, [probe_video(file) for file in in_order(path, camera_films(path))])
+    with parsing(path, VideoError, "a video"):
+        return _probe_file(path)
+
+
+def _joined(folder: Path, parts: Sequence[VideoInfo]) -> VideoInfo:
+    """Chapters as one video, each beginning where the one before ends."""
+    if not parts:
+        raise VideoError(f"{folder} holds no video")
+    first = parts[0]
+    for part in parts[1:]:
+        if (part.width, part.height, part.rotation_deg) != (first.width, first.height, first.rotation_deg) or abs(
+            part.fps / first.fps - 1
+        ) > _SAME_RATE:
+            raise VideoError(
+                f"{folder}: {first.path.name} has {first.width}x{first.height} px at {first.fps:.4g} fps and "
+                f"{part.path.name} {part.width}x{part.height} px at {part.fps:.4g} fps: they are not one recording; "
+                "leave the files of this take there"
+            )
+    lasts = [part.times[-1] + 1 / part.fps for part in parts]
+    begins = np.concatenate([[0.0], np.cumsum(lasts)[:-1]])
+    counts = np.concatenate([[0], np.cumsum([part.frames for part in parts])[:-1]])
+    return replace(
+        first,
+        path=folder,
+        chapters=tuple(part.path for part in parts),
+        frames=sum(part.frames for part in parts),
+        declares_count=all(part.declares_count for part in parts),
+        times=np.concatenate([begin + part.times for begin, part in zip(begins, parts, strict=True)]),
+        coded_at=np.concatenate([count + part.coded_at for count, part in zip(counts, parts, strict=True)]),
+        stands_alone=np.concatenate([part.stands_alone for part in parts]),
+        variable_rate=any(part.variable_rate for part in parts),
+        size_bytes=sum(part.size_bytes for part in parts),
+    )
+
+
+def _probe_file(path: Path) -> VideoInfo:
     size_bytes = path.stat().st_size
     if size_bytes == 0:
         raise VideoError(f"{path} is empty (0 bytes); record or copy it again")

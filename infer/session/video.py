@@ -6,6 +6,7 @@ what the probe could only expect.
 """
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import av
@@ -13,7 +14,7 @@ import av.error
 import numpy as np
 
 from muybridge.arrays import ByteArray, IntArray
-from muybridge.errors import VideoError
+from muybridge.errors import VideoError, parsing
 from muybridge.infer.session.damage import DamageWatch
 from muybridge.infer.session.probe import VideoInfo, open, reason
 
@@ -74,8 +75,14 @@ def read_chunks(
 
 
 def _decode(info: VideoInfo, threads: int) -> Iterator[Any]:
+    """The frames of all files of a video, one file after the other."""
+    for file in info.files:
+        yield from _decode_file(file, info.frames, threads)
+
+
+def _decode_file(file: Path, frames: int, threads: int) -> Iterator[Any]:
     count = 0
-    with open(info.path) as container:
+    with open(file) as container, parsing(file, VideoError, "a video"):
         stream = container.streams.best("video")
         stream.codec_context.thread_count = threads
         stream.thread_type = "AUTO" if threads != 1 else "SLICE"
@@ -85,7 +92,7 @@ def _decode(info: VideoInfo, threads: int) -> Iterator[Any]:
                 yield frame
         except (av.error.FFmpegError, OSError) as error:
             raise VideoError(
-                f"{info.path} cannot be decoded after frame {count} of {info.frames} ({reason(error)}); "
+                f"{file} is damaged: it cannot be decoded after frame {count} of {frames} ({reason(error)}); "
                 "copy the file again, or re-encode the rest of it (ffmpeg -i IN -c:v libx264 OUT.mp4)"
             ) from None
 
