@@ -21,7 +21,7 @@ from muybridge.infer.detection.exposure import stretch_contrast
 from muybridge.infer.detection.frozen_frames import RepeatedFrames, find_frozen
 from muybridge.infer.detection.orientation import FrameOrientation, Letterbox, orientation_for
 from muybridge.infer.detection.pose_estimator import KeypointOptions, PoseEstimator
-from muybridge.infer.detection.tracks import CameraTracks, tracks_from, without_frames
+from muybridge.infer.detection.tracks import CameraTracks, tracks_from, with_rest, without_frames
 from muybridge.infer.networks.keypoints import SIZES, OnnxOptions
 from muybridge.infer.networks.models import Models
 from muybridge.infer.runtime.digests import code_digest, digest
@@ -215,6 +215,7 @@ def _key(session: Session, index: int, models: Models, options: DetectOptions) -
     return digest(
         [video.content, video.rotation_deg],
         session.frame_indices[index],
+        session.lasts(index),
         session.fps,
         session.level_cameras[index],
         options.keypoints,
@@ -272,7 +273,8 @@ class _CameraWork:
         )  # fmt: skip
         size = fit_inside(video.width, video.height, PROXY_LONG_SIDE_PX)
         repeats, watch = RepeatedFrames(), DamageWatch(video)
-        index = self.session.frame_indices[self.index]
+        lasts = self.session.lasts(self.index)
+        index = self.session.frame_indices[self.index, :lasts]
         # A temporary copy: speed matters more than size.
         with VideoWriter(self.proxy, *size, fps=self.session.fps, preset="ultrafast") as writer:
             for frames in read_chunks(video, index, watch=watch):
@@ -284,14 +286,19 @@ class _CameraWork:
                     stretch_contrast(frame)
                 estimator.process(frames)
                 self.task.advance(len(frames))
+        self.task.advance(self.session.frames - lasts)
         tracks = estimator.finish()
         damaged, plate = watch.damaged(), estimator.background(tracks)
-        unreadable = damaged[index[: tracks.frames]]
+        # A video that ends early has nobody in the rest of the take; one that is shorter than its header says is
+        # noticed by its number of frames.
+        rest = self.session.frames - lasts if tracks.frames == lasts else 0
+        still_from = repeats.still_from + (rest if repeats.still_from == tracks.frames else 0)
+        confirmed = np.append(repeats.confirmed(tracks), np.zeros(rest, np.bool_))
+        unreadable = np.append(damaged[index[: tracks.frames]], np.ones(rest, np.bool_))
         others = {
-            _REPEATS: repeats.confirmed(tracks), _STILL_FROM: np.array(repeats.still_from),
-            _DAMAGED: damaged, _UNREADABLE: unreadable,
+            _REPEATS: confirmed, _STILL_FROM: np.array(still_from), _DAMAGED: damaged, _UNREADABLE: unreadable,
         } | ({} if plate is None else {_PLATE: plate})  # fmt: skip
-        return without_frames(tracks, unreadable), others
+        return without_frames(with_rest(tracks, rest), unreadable), others
 
 
 def _tracks(stage: StageResult, models: Models) -> CameraTracks:

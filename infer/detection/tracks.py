@@ -134,6 +134,17 @@ def first_frames(tracks: CameraTracks, frames: int) -> CameraTracks:
     return tracks if tracks.frames == frames else tracks.map(lambda _, array: array[:frames])
 
 
+def with_rest(tracks: CameraTracks, frames: int) -> CameraTracks:
+    """The tracks with so many more frames at the end, with nobody in them."""
+    if not frames:
+        return tracks
+
+    def longer(name: str, array: NDArray[Any]) -> NDArray[Any]:
+        return np.concatenate([array, np.full((frames, *array.shape[1:]), missing_value(name), dtype=array.dtype)])
+
+    return tracks.map(longer)
+
+
 def without_frames(tracks: CameraTracks, frames: BoolArray) -> CameraTracks:
     """The tracks with nobody in the true ones of (T,) frames."""
     if not frames.any():

@@ -59,6 +59,7 @@ class VideoInfo:
         variable_rate: whether the spacing of frames varies by more than a quarter of a frame.
         pixel_aspect: width of a pixel divided by its height.
         size_bytes: size of the file.
+        recorded_fps: the rate of the recording by the word of a phone, where it differs for slow motion; None without.
         chapters: the files that are read one after the other, where `path` is a folder.
     """
 
@@ -78,6 +79,7 @@ class VideoInfo:
     variable_rate: bool
     pixel_aspect: float
     size_bytes: int
+    recorded_fps: float | None = None
     chapters: tuple[Path, ...] = ()
 
     @property
@@ -189,7 +191,7 @@ def _probe_file(path: Path) -> VideoInfo:
         guessed = stream.guessed_rate or rate
         declared_end = _declared_end(container, stream)
         codec, in_order = stream.codec_context.name, stream.codec_context.codec.intra_only
-        name = container.format.name
+        name, recorded_fps = container.format.name, _recorded_fps(container, stream)
     counted = bool(formats & _COUNTED) and declared > 0
     _refuse_truncated(path, packets, declared if counted else 0, declared_end, guessed)
     width, height, rotation, aspect, shown_from = _first_frame(path)
@@ -222,6 +224,7 @@ def _probe_file(path: Path) -> VideoInfo:
         variable_rate=variable,
         pixel_aspect=aspect,
         size_bytes=size_bytes,
+        recorded_fps=recorded_fps,
     )
 
 
@@ -284,6 +287,15 @@ def _walk(path: Path, container: Any, stream: Any) -> _Packets:
         raise VideoError(f"{path} breaks off after {total} frames ({reason(error)}); copy or export it again") from None
     order = np.argsort(np.asarray(times, dtype=np.float64), kind="stable")
     return _Packets(np.asarray(times)[order], order, np.asarray(alone, np.bool_)[order], total, damaged, ends)
+
+
+def _recorded_fps(container: Any, stream: Any) -> float | None:
+    """Frames per second at which a phone recorded, where it says so."""
+    tags = {key.lower(): value for tagged in (container, stream) for key, value in tagged.metadata.items()}
+    with contextlib.suppress(KeyError, ValueError):
+        rate = float(tags["com.android.capture.fps"])
+        return rate if np.isfinite(rate) and rate > 0 else None
+    return None
 
 
 def _declared_end(container: Any, stream: Any) -> float | None:
