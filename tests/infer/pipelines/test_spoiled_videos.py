@@ -9,6 +9,8 @@ import av
 import numpy as np
 import pytest
 
+from muybridge.geometry.landmarks.sets import BODY23
+
 
 def _flip_bits(path: Path, seed: int, count: int = 6) -> None:
     """Damage the packets of a video; its container stays whole."""
@@ -76,3 +78,21 @@ def test_a_second_run_writes_the_same_overlays_and_results_are_refused(take, sta
     refused = staged("run", tmp_path / "a", "--out", tmp_path / "c", "--quiet")
     assert refused.returncode == 2
     assert "is a results folder" in refused.stderr and len(refused.stderr.strip().splitlines()) == 1
+
+
+def test_mirrored_videos_are_refused_and_nobody_else_is_blamed(take, staged, staged_people, monkeypatch, tmp_path):
+    plain = staged_people.StagedEstimator.finish
+
+    def mirrored(self):
+        def turned(name, array):
+            if name == "points_px":
+                array = array[:, :, list(BODY23.mirror)] * [-1, 1] + [159, 0]
+            return array
+
+        return plain(self).map(turned)
+
+    monkeypatch.setattr(staged_people.StagedEstimator, "finish", mirrored)
+    done = staged("run", take, "--out", tmp_path / "out", "--quiet")
+    assert done.returncode == 2
+    assert "cam1.mp4, cam2.mp4, cam3.mp4: all videos are mirrored" in done.stderr and "-vf hflip" in done.stderr
+    assert "calibration" not in done.stderr
