@@ -21,7 +21,7 @@ _FRAMES, _LEAST = 60, 100
 # Mirrored views must agree so many times better once turned back, and so many times better than with any other views
 # turned back. Of the image's diagonal, they must then be so close, and have been so far apart.
 _BETTER, _CLEARER = 4.0, 2.0
-_CLOSE, _APART = 0.008, 0.008
+_CLOSE, _APART = 0.008, 0.004
 
 
 def find_mirrored(cameras: CameraGroup, keypoints: Keypoints2D) -> tuple[int, ...]:
