@@ -32,7 +32,7 @@ def camera_films(folder: Path) -> list[Path]:
     return sorted((p for p in files if p not in hidden), key=lambda p: natural_key(str(p.relative_to(folder))))
 
 
-def in_order(folder: Path, films: Sequence[Path]) -> tuple[Path, ...]:
+def recorded_order(folder: Path, films: Sequence[Path]) -> tuple[Path, ...]:
     """A camera's files in the order in which they were recorded.
 
     Args:
