@@ -66,7 +66,9 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
     found = [f for f in found if f.stem not in own]
     cameras = [] if found or folder == path else [f for f in _folders(folder) if camera_films(f)]
     if cameras:
-        held = ", ".join(f"{f.name}/{{{', '.join(p.name for p in recorded_order(f, camera_films(f)))}}}" for f in cameras)
+        held = ", ".join(
+            f"{f.name}/{{{', '.join(p.name for p in recorded_order(f, camera_films(f)))}}}" for f in cameras
+        )
         beside = [name for name in ignored if name not in {f.name for f in cameras}]
         notices = [f"{folder} has a folder per camera, whose files are read one after the other: {held}"]
         return cameras, notices + ([f"{folder} also holds {', '.join(beside)}; ignored"] if beside else [])
