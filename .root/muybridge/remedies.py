@@ -31,6 +31,7 @@ REMEDIES: dict[str, str] = {
     "model_of_card": "name its file as keypoint_model",
     "move_folder": "move it, or choose another folder",
     "network_of_landmarks": "leave network out",
+    "no_calibration": "or pass the path of one; muybridge.infer.pipelines.calibration makes one",
     "no_model_card": "leave model_card out",
     "npz_limit": "pass a larger `limit`, in bytes, if you trust the file",
     "option_unused": "leave out `{option}`",

@@ -32,6 +32,12 @@ COMMAND_REMEDIES: dict[str, str] = {
     "model_of_card": "name its file with --keypoint-model",
     "move_folder": "move it, or choose another --out",
     "network_of_landmarks": "leave out --network",
+    "no_calibration": (
+        "or name one with --calibration; to make one, film a board that `muybridge calibrate print-board board.pdf "
+        "--columns 7 --rows 5 --square 0.035` prints, and run `muybridge calibrate board RECORDINGS --columns 7 "
+        "--rows 5 --square 0.035 --out {session}/calibration.toml`, or measure points and run `muybridge calibrate "
+        "points POINTS.csv --videos {session}/videos --out {session}/calibration.toml`"
+    ),
     "no_model_card": "leave out --model-card",
     "npz_limit": "save what is needed of it in smaller files, or read it in Python with a larger `limit`",
     "option_unused": "leave out --{option}",
