@@ -11,6 +11,8 @@ right change makes all of them agree. The best explanation is applied, and the s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from muybridge.arrays import FloatArray
@@ -22,7 +24,7 @@ from muybridge.geometry.calibration.diagnosis.findings import (
     Kind,
 )
 from muybridge.geometry.calibration.diagnosis.setup import Setup, Take, leave_one_out_points, take_of
-from muybridge.geometry.calibration.diagnosis.trials import Trial, fault_sizes, is_significant, search_trials
+from muybridge.geometry.calibration.diagnosis.trials import Trial, fault_size, is_significant, search_trials
 from muybridge.geometry.calibration.diagnosis.wording import (
     TOO_MANY,
     focal_sentence,
@@ -70,10 +72,11 @@ def diagnose(
     too_many = False
     first_noise = last_noise = np.nan
     for step in range(options.max_faults + 1):
-        last_noise, trials = search_trials(take, setup, options)
-        credible = [t for t in trials if is_significant(t, last_noise, person_px[setup.files[t.cameras[0]]], options)]
+        found = search_trials(take, setup, options)
+        last_noise = found.noise
+        credible = [t for t in found.trials if is_significant(t, found, person_px[setup.files[t.cameras[0]]], options)]
         if step == 0:
-            first_noise, table = last_noise, _table(trials, count)
+            first_noise, table = last_noise, _table(found.trials, count)
             probability = _fault_probability(credible, count)
         best = max(credible, key=lambda t: t.gain, default=None)
         least = options.min_evidence_more if faults else options.min_evidence
@@ -104,7 +107,7 @@ def _person_px(points_px: FloatArray) -> float:
     return float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0
 
 
-def _table(trials: list[Trial], count: int) -> FloatArray:
+def _table(trials: Sequence[Trial], count: int) -> FloatArray:
     """(C, len(KINDS)) highest gain of each explanation for each camera, at least 0."""
     table = np.zeros((count, len(KINDS)))
     for trial in trials:
@@ -129,17 +132,21 @@ def _fault(best: Trial, trials: list[Trial], names: tuple[str, ...]) -> Fault:
     close = [t for t in trials if t is not best and best.gain - t.gain < max(3.0, 0.03 * best.gain)]
     also = tuple(t.kind for t in close if set(t.cameras) & set(best.cameras) and t.kind != best.kind)
     rivals = sorted({names[c] for t in close for c in t.cameras if c not in best.cameras})
-    turn, move, focal = fault_sizes(best)
-    amount = {"turned": turn, "moved": move, "focal": focal, "shifted": best.shift, "swapped": 0.0}[best.kind]
+    size = fault_size(best)
+    amount, sd = {
+        "turned": (size.turn, size.turn_sd), "moved": (size.move, size.move_sd), "focal": (size.focal, size.focal_sd),
+        "shifted": (best.shift, best.shift_sd), "swapped": (0.0, 0.0),
+    }[best.kind]  # fmt: skip
     blamed = tuple(names[c] for c in best.cameras)
     sentence = _sentence(best, blamed, also)
     if rivals:
         sentence += " " + rivals_sentence(rivals)
-    return Fault(best.kind, blamed, amount, turn, best.effect_px, best.gain, also, tuple(rivals), sentence)
+    return Fault(best.kind, blamed, amount, size.turn, best.effect_px, best.gain, also, tuple(rivals), sentence)
 
 
 def _sentence(trial: Trial, names: tuple[str, ...], also: tuple[Kind, ...]) -> str:
-    turn, move, focal = fault_sizes(trial)
+    size = fault_size(trial)
+    turn, move, focal = size.turn, size.move, size.focal
     if trial.kind == "swapped":
         return swap_sentence(names, [trial.setup.cameras.names[trial.setup.files[c]] for c in trial.cameras])
     if trial.kind == "shifted":

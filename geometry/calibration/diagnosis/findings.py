@@ -22,8 +22,10 @@ class DiagnosisOptions:
         max_faults: maximum number of faults reported.
         min_evidence: log-likelihood (nats) that an explanation must gain.
         min_evidence_more: the same for a second and further fault.
-        min_score: minimum mean gain over the landmarks of all cameras, in standard errors of that mean.
-        min_score_shift: the same for a time shift, which by chance pairs every error with different ones.
+        chance: highest probability that any of the explanations tried seems as certain by chance.
+        min_score: minimum mean gain over the landmarks in held-out observations, in standard errors.
+        min_deviations: minimum size of a fault in its own standard deviations.
+        max_spread: maximum deviation of the fault as fitted to a part of the observations, as a share of it.
         min_effect: minimum displacement of the camera's 2D points by the fault, in standard deviations of their noise.
         min_effect_of_person: the same as a share of the person's size in the image. A 2D network whose hip landmarks
             depend on the viewing direction is biased by a similar amount, so smaller displacements prove nothing.
@@ -39,10 +41,12 @@ class DiagnosisOptions:
     max_frames: int = 80
     max_shift: int = 30
     max_faults: int = 3
-    min_evidence: float = 6.0
+    min_evidence: float = 3.0
     min_evidence_more: float = 12.0
-    min_score: float = 2.0
-    min_score_shift: float = 3.0
+    chance: float = 0.005
+    min_score: float = 1.5
+    min_deviations: float = 4.0
+    max_spread: float = 0.6
     min_effect: float = 0.6
     min_effect_of_person: float = 0.01
     min_turn_deg: float = 0.2
