@@ -20,6 +20,7 @@ from muybridge.geometry.numerics.robust import extent, row_median, student_cost,
 _STRETCH = 12.0  # frames after which errors of 2D networks are nearly independent
 _FEWEST_STRETCHES = 4
 _FEWEST_LANDMARKS = 6
+_PIECES = 8
 # Standard deviations of what all landmarks of a view share: displacement over the person's size, and scale.
 _COMMON, _COMMON_SCALE = 0.004, 0.006
 _DOF = 3.0  # of the Student distribution, as in `robust`
@@ -88,24 +89,35 @@ def clustered_covariance(
     return np.asarray(inverse @ middle @ inverse)
 
 
-def landmark_score(before: FloatArray, after: FloatArray) -> float:
-    """Significance of a decrease of errors: the mean gain of the landmarks in standard errors.
+def gain_scores(before: FloatArray, after: FloatArray) -> tuple[float, float]:
+    """Significance of a decrease of errors, over landmarks and over time: mean gains in standard errors.
 
     Each landmark counts once, with all its frames and cameras, because their errors depend on each other (Vuong,
-    "Likelihood ratio tests for model selection and non-nested hypotheses", 1989, with clusters). The quotient of few
-    landmarks has Student's distribution; what is returned is the Gaussian deviate of the same probability.
+    "Likelihood ratio tests for model selection and non-nested hypotheses", 1989, with clusters); and each stretch of
+    the take, with all its landmarks, because they err together where a network takes left for right. The quotient of
+    few clusters has Student's distribution; what is returned is the Gaussian deviate of the same probability.
 
     Args:
         before: (C, K, J, 2) in relative standard deviations; NaN where unknown.
         after: the same.
+
+    Returns:
+        The score over landmarks, and that over `_PIECES` stretches of the take.
     """
     costs = []
     for errors in (before, after):
         squares = (errors**2).sum(-1)
         costs.append(student_cost(squares, student_scale(squares[np.isfinite(squares)])))
-    gain = np.moveaxis(costs[0] - costs[1], -1, 0).reshape(before.shape[2], -1)
-    count = np.isfinite(gain).sum(axis=1)
-    each = np.nansum(gain, axis=1)[count >= 5] / count[count >= 5]
+    gain = costs[0] - costs[1]
+    landmarks = [gain[:, :, j] for j in range(gain.shape[2])]
+    stretches = [gain[:, rows] for rows in np.array_split(np.arange(gain.shape[1]), _PIECES)]
+    return _mean_score(landmarks), _mean_score(stretches)
+
+
+def _mean_score(gains: list[FloatArray]) -> float:
+    """Mean of the clusters' mean gains over its standard error, as a Gaussian deviate; 0 with too few clusters."""
+    known = [gain[np.isfinite(gain)] for gain in gains]
+    each = np.array([gain.mean() for gain in known if gain.size >= 5])
     if len(each) < _FEWEST_LANDMARKS:
         return 0.0
     quotient = each.mean() / max(each.std(ddof=1) / np.sqrt(len(each)), 1e-12)

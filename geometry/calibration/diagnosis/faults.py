@@ -24,7 +24,7 @@ from muybridge.geometry.calibration.diagnosis.findings import (
     Kind,
 )
 from muybridge.geometry.calibration.diagnosis.setup import Setup, Take, leave_one_out_points, take_of
-from muybridge.geometry.calibration.diagnosis.trials import Trial, fault_size, is_significant, search_trials
+from muybridge.geometry.calibration.diagnosis.trials import Trial, Trials, fault_size, is_significant, search_trials
 from muybridge.geometry.calibration.diagnosis.wording import (
     TOO_MANY,
     focal_sentence,
@@ -78,7 +78,7 @@ def diagnose(
         if step == 0:
             first_noise, table = last_noise, _table(found.trials, count)
             probability = _fault_probability(credible, count)
-        best = max(credible, key=lambda t: t.gain, default=None)
+        best = _proven(credible, found, person_px, setup.files, options)
         least = options.min_evidence_more if faults else options.min_evidence
         if best is None or best.gain < least:
             faults += _find_unrelated(take, setup, faults, options)
@@ -99,6 +99,20 @@ def diagnose(
         cameras.names, tuple(faults), probability, table, tuple(order), first_noise, last_noise,
         setup.cameras, np.array(setup.shifts), setup.files, note, too_many,
     )  # fmt: skip
+
+
+def _proven(
+    credible: Sequence[Trial], found: Trials, person_px: FloatArray, files: Sequence[int], options: DiagnosisOptions
+) -> Trial | None:
+    """The best credible explanation, unless it is weak and a change of another camera, however uncertain, gains more."""
+    best = max(credible, key=lambda t: t.gain, default=None)
+    if best is None:
+        return None
+    small = 3 * max(options.min_effect * found.noise, options.min_effect_of_person * person_px[files[best.cameras[0]]])
+    if best.gain >= options.min_evidence_more and best.effect_px >= small:
+        return best
+    others = [t.gain for t in found.trials if t not in credible and t.kind != "swapped" and t.cameras != best.cameras]
+    return best if best.gain >= max(others, default=0.0) + options.min_evidence else None
 
 
 def _person_px(points_px: FloatArray) -> float:

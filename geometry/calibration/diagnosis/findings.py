@@ -24,6 +24,7 @@ class DiagnosisOptions:
         min_evidence_more: the same for a second and further fault.
         chance: highest probability that any of the explanations tried seems as certain by chance.
         min_score: minimum mean gain over the landmarks in held-out observations, in standard errors.
+        min_steady: the same over stretches of the take.
         min_deviations: minimum size of a fault in its own standard deviations.
         max_spread: maximum deviation of the fault as fitted to a part of the observations, as a share of it.
         min_effect: minimum displacement of the camera's 2D points by the fault, in standard deviations of their noise.
@@ -43,8 +44,9 @@ class DiagnosisOptions:
     max_faults: int = 3
     min_evidence: float = 3.0
     min_evidence_more: float = 12.0
-    chance: float = 0.005
+    chance: float = 0.0025
     min_score: float = 1.5
+    min_steady: float = 2.5
     min_deviations: float = 4.0
     max_spread: float = 0.6
     min_effect: float = 0.6

@@ -12,7 +12,7 @@ from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.calibration.diagnosis.evidence import (
     Dependence,
     dependence_of,
-    landmark_score,
+    gain_scores,
     least_score,
     shift_sd,
     size_score,
@@ -51,7 +51,7 @@ _FREE: dict[Kind, BoolArray] = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """One explanation and its score.
 
@@ -68,7 +68,8 @@ class Trial:
         shift_sd: its standard deviation.
         gain: log-likelihood gained over the rig without the change, less the penalty for its parameters, nats.
         certainty: size of the change in its standard deviations, as a Gaussian deviate; infinite where it has no size.
-        score: mean gain over its standard error; for a time shift, of errors without each landmark's bias.
+        score: mean gain of the landmarks over its standard error; for a time shift, of errors without their biases.
+        steady: the same of stretches of the take.
     """
 
     kind: Kind
@@ -83,6 +84,7 @@ class Trial:
     certainty: float = np.inf
     gain: float = 0.0
     score: float = 0.0
+    steady: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -161,7 +163,8 @@ def search_trials(take: Take, setup: Setup, options: DiagnosisOptions) -> Trials
         pair = (errors, trial.errors)
         if trial.kind == "shifted":
             pair = (without_bias(errors), without_bias(trial.errors))
-        trials.append(replace(trial, gain=gain, score=landmark_score(*pair)))
+        score, steady = gain_scores(*pair)
+        trials.append(replace(trial, gain=gain, score=score, steady=steady))
     count = len(setup.cameras)
     tried = {kind: count for kind in _FREE} | {
         "shifted": 2 * _most_shift(take, options) * count, "swapped": len(_permutations(count)),
@@ -284,7 +287,7 @@ def is_significant(trial: Trial, found: Trials, person_px: float, options: Diagn
     proof = least_score(options.chance, len(_PARAMETERS) * found.tried[trial.kind])
     if trial.kind == "swapped":
         return trial.gain > 0 and trial.score >= proof
-    if trial.gain <= 0 or trial.certainty < proof:
+    if trial.gain <= 0 or trial.certainty < proof or trial.steady < options.min_steady:
         return False
     times, noise = options.min_deviations, found.noise
     least_px = max(options.min_effect * noise, options.min_effect_of_person * person_px)
