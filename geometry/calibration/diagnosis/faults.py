@@ -27,6 +27,7 @@ from muybridge.geometry.calibration.diagnosis.setup import Setup, Take, leave_on
 from muybridge.geometry.calibration.diagnosis.trials import Trial, Trials, fault_size, is_significant, search_trials
 from muybridge.geometry.calibration.diagnosis.wording import (
     TOO_MANY,
+    doubt_sentence,
     focal_sentence,
     pose_sentence,
     rivals_sentence,
@@ -69,7 +70,7 @@ def diagnose(
         )  # fmt: skip
     person_px = np.array([_person_px(px) for px in take.px])
     faults: list[Fault] = []
-    too_many = False
+    too_many, doubt = False, ""
     first_noise = last_noise = np.nan
     for step in range(options.max_faults + 1):
         found = search_trials(take, setup, options)
@@ -82,6 +83,7 @@ def diagnose(
         least = options.min_evidence_more if faults else options.min_evidence
         if best is None or best.gain < least:
             faults += _find_unrelated(take, setup, faults, options)
+            doubt = "" if faults else _doubt(found, person_px, take, setup, options)
             break
         if step == options.max_faults:
             break
@@ -89,7 +91,7 @@ def diagnose(
         if faults and len(blamed) > count // 2:
             note, too_many = TOO_MANY, True
             break
-        faults.append(_fault(best, credible, cameras.names))
+        faults.append(_fault(best, found.trials, cameras.names, options))
         setup = best.setup
     faults = _merge_unrelated(faults, cameras.names, options)
     for fault in faults:
@@ -97,14 +99,14 @@ def diagnose(
     order = sorted(range(count), key=lambda c: (-probability[c], -table[c].max()))
     return CalibrationDiagnosis(
         cameras.names, tuple(faults), probability, table, tuple(order), first_noise, last_noise,
-        setup.cameras, np.array(setup.shifts), setup.files, note, too_many,
+        setup.cameras, np.array(setup.shifts), setup.files, note, too_many, doubt,
     )  # fmt: skip
 
 
 def _proven(
     credible: Sequence[Trial], found: Trials, person_px: FloatArray, files: Sequence[int], options: DiagnosisOptions
 ) -> Trial | None:
-    """The best credible explanation, unless it is weak and a change of another camera, however uncertain, gains more."""
+    """The best credible explanation, unless it is weak and an uncertain change of another camera gains about as much."""
     best = max(credible, key=lambda t: t.gain, default=None)
     if best is None:
         return None
@@ -141,9 +143,10 @@ def _fault_probability(trials: list[Trial], count: int) -> FloatArray:
     return np.asarray(np.minimum(out / weight.sum(), 1.0))
 
 
-def _fault(best: Trial, trials: list[Trial], names: tuple[str, ...]) -> Fault:
+def _fault(best: Trial, trials: Sequence[Trial], names: tuple[str, ...], options: DiagnosisOptions) -> Fault:
     """The fault that the best trial describes, with the explanations that are about as good."""
-    close = [t for t in trials if t is not best and best.gain - t.gain < max(3.0, 0.03 * best.gain)]
+    margin = max(options.min_evidence, 0.03 * best.gain)
+    close = [t for t in trials if t is not best and best.gain - t.gain < margin and t.score >= options.min_score]
     also = tuple(t.kind for t in close if set(t.cameras) & set(best.cameras) and t.kind != best.kind)
     rivals = sorted({names[c] for t in close for c in t.cameras if c not in best.cameras})
     size = fault_size(best)
@@ -154,24 +157,36 @@ def _fault(best: Trial, trials: list[Trial], names: tuple[str, ...]) -> Fault:
     blamed = tuple(names[c] for c in best.cameras)
     sentence = _sentence(best, blamed, also)
     if rivals:
-        sentence += " " + rivals_sentence(rivals)
-    return Fault(best.kind, blamed, amount, size.turn, best.effect_px, best.gain, also, tuple(rivals), sentence)
+        sentence = f"{rivals_sentence(' and '.join(blamed), rivals)} {sentence}"
+    return Fault(best.kind, blamed, amount, sd, size.turn, best.effect_px, best.gain, also, tuple(rivals), sentence)
 
 
 def _sentence(trial: Trial, names: tuple[str, ...], also: tuple[Kind, ...]) -> str:
     size = fault_size(trial)
-    turn, move, focal = size.turn, size.move, size.focal
     if trial.kind == "swapped":
         return swap_sentence(names, [trial.setup.cameras.names[trial.setup.files[c]] for c in trial.cameras])
     if trial.kind == "shifted":
-        return shift_sentence(names[0], trial.shift, trial.effect_px)
+        return shift_sentence(names[0], trial.shift, trial.shift_sd, trial.effect_px)
     if trial.kind == "focal":
-        return focal_sentence(names[0], focal, trial.effect_px, also)
-    return pose_sentence(names[0], trial.kind, turn, move, trial.effect_px, also)
+        return focal_sentence(names[0], size.focal, size.focal_sd, trial.effect_px, also)
+    move = (size.move, size.move_sd) if trial.kind == "moved" else None
+    return pose_sentence(names[0], (size.turn, size.turn_sd), move, trial.effect_px, also)
+
+
+def _doubt(found: Trials, person_px: FloatArray, take: Take, setup: Setup, options: DiagnosisOptions) -> str:
+    """What the take gives signs of without proof; empty where there are none."""
+    signs: dict[int, Trial] = {}
+    for trial in sorted(found.trials, key=lambda t: -t.gain):
+        c = trial.cameras[0]
+        least = max(options.min_effect * found.noise, options.min_effect_of_person * person_px[setup.files[c]])
+        if trial.gain >= 2 * options.min_evidence and trial.score >= 2.0 and trial.effect_px >= least:
+            signs.setdefault(c, trial)
+    named = [(setup.cameras.names[c], trial.kind) for c, trial in list(signs.items())[:2]]
+    return doubt_sentence(named, take.px.shape[1]) if named else ""
 
 
 def _unrelated_fault(name: str, px: float, evidence: float) -> Fault:
-    return Fault("unrelated", (name,), 0.0, 0.0, px, evidence, (), (), unrelated_sentence(name, px))
+    return Fault("unrelated", (name,), 0.0, 0.0, 0.0, px, evidence, (), (), unrelated_sentence(name, px))
 
 
 def _merge_unrelated(faults: list[Fault], names: tuple[str, ...], options: DiagnosisOptions) -> list[Fault]:

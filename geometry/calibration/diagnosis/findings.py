@@ -69,6 +69,7 @@ class Fault:
         cameras: name of the camera, or names of all cameras whose files are permuted.
         amount: degrees, metres, frames (positive: the video is late) or relative focal length error; 0 for kinds
             without a size.
+        sd: its standard deviation.
         turn_deg: rotation of a camera that was turned or moved, degrees.
         effect_px: median displacement of the camera's 2D points by the fault.
         evidence: log-likelihood gained over the rig without this correction, nats.
@@ -80,6 +81,7 @@ class Fault:
     kind: Kind
     cameras: tuple[str, ...]
     amount: float
+    sd: float
     turn_deg: float
     effect_px: float
     evidence: float
@@ -105,6 +107,7 @@ class CalibrationDiagnosis:
         files: (C,) index of the camera whose file belongs to this camera.
         note: what could not be determined, and why; empty where everything could.
         too_many: whether the search stopped because more than half of the cameras would be faulty.
+        doubt: signs of faults that this take does not prove; empty where there are none, or where a fault was found.
     """
 
     names: tuple[str, ...]
@@ -119,10 +122,13 @@ class CalibrationDiagnosis:
     files: tuple[int, ...]
     note: str = ""
     too_many: bool = False
+    doubt: str = ""
 
     @property
     def sentence(self) -> str:
         """Summary of all faults, without advice on what to do."""
         if self.faults:
             return " ".join([*(f.sentence for f in self.faults), *([self.note] if self.note else [])])
+        if self.doubt:
+            return self.note or "No camera is proven to be rotated, out of sync, or to have a wrong lens or file."
         return self.note or "All cameras agree: none is rotated, out of sync, or has a wrong lens or file."
