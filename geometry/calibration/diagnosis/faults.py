@@ -106,7 +106,7 @@ def diagnose(
 def _proven(
     credible: Sequence[Trial], found: Trials, person_px: FloatArray, files: Sequence[int], options: DiagnosisOptions
 ) -> Trial | None:
-    """The best credible explanation, unless it is weak and an uncertain change of another camera gains about as much."""
+    """The best credible explanation, unless it is weak and a change of another camera gains about as much."""
     best = max(credible, key=lambda t: t.gain, default=None)
     if best is None:
         return None

@@ -108,7 +108,7 @@ def fit_camera(
     best = np.inf
     for _ in range(_ITERATIONS):
         now = perturb_camera(camera, trial)
-        error, jacobian = _linearise(now, world, px)
+        error, jacobian = _linearise(now, world, px, bool(free[6]))
         error, jacobian = error * weight0[:, None], jacobian[..., chosen] * weight0[:, None, None]
         squares = np.where(np.isfinite(error).all(-1), (error**2).sum(-1), 1e12)
         scale = student_scale(squares, scale)
@@ -133,19 +133,20 @@ def fit_camera(
     )
 
 
-def _linearise(camera: Camera, world: FloatArray, px: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(N, 2) projected minus observed, px, and its (N, 2, 7) derivative by turn, move and log focal."""
+def _linearise(camera: Camera, world: FloatArray, px: FloatArray, zooms: bool) -> tuple[FloatArray, FloatArray]:
+    """(N, 2) projected minus observed, px, and its (N, 2, 7) derivative by turn, move and, if asked for, log focal."""
     lens = camera.posed(np.eye(4)[:3])
     rel = (world - camera.center_world) @ camera.rotation.T
     here = lens.project(rel)
     step = _STEP * np.abs(rel[:, 2])
     by_point = np.stack([lens.project(rel + step[:, None] * axis) - here for axis in np.eye(3)], axis=-1)
     by_point /= step[:, None, None]
-    zoomed = perturb_camera(lens, np.array([0, 0, 0, 0, 0, 0, _STEP]))
-    out = np.empty((len(world), 2, 7))
+    out = np.zeros((len(world), 2, 7))
     out[..., :3] = np.cross(rel[:, None], by_point)
     out[..., 3:6] = -by_point @ camera.rotation
-    out[..., 6] = (zoomed.project(rel) - here) / _STEP
+    if zooms:
+        zoomed = perturb_camera(lens, np.array([0, 0, 0, 0, 0, 0, _STEP]))
+        out[..., 6] = (zoomed.project(rel) - here) / _STEP
     return here - px, out
 
 

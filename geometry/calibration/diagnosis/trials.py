@@ -40,7 +40,7 @@ from muybridge.geometry.numerics.robust import student_scale
 
 _PARAMETERS = {"turned": 3, "moved": 6, "focal": 1, "shifted": 1, "swapped": 1}
 # Changes that are less certain are not fitted to parts of the observations.
-_WORTH_A_LOOK = 2.0
+_WORTH_A_LOOK = 2.5
 _FEW = 12  # frames
 # Up to this many cameras, all permutations of their files are tried.
 _ALL_ORDERS = 4

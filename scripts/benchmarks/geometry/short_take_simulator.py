@@ -34,7 +34,8 @@ ACTIVITIES = ("still", "walking", "seated", "exercise")
 # A standing person who faces +Y, metres; the subject's left is -X.
 _LEFT = {
     "eye": (-0.03, 0.10, 1.66), "ear": (-0.07, 0.0, 1.64), "shoulder": (-0.18, 0.0, 1.42),
-    "elbow": (-0.24, -0.03, 1.13), "wrist": (-0.26, 0.05, 0.88), "hip": (-0.09, 0.0, 0.93), "knee": (-0.10, 0.02, 0.51), "ankle": (-0.10, -0.02, 0.09),
+    "elbow": (-0.24, -0.03, 1.13), "wrist": (-0.26, 0.05, 0.88),
+    "hip": (-0.09, 0.0, 0.93), "knee": (-0.10, 0.02, 0.51), "ankle": (-0.10, -0.02, 0.09),
     "big_toe": (-0.11, 0.16, 0.03), "small_toe": (-0.16, 0.12, 0.03), "heel": (-0.10, -0.06, 0.04),
 }  # fmt: skip
 _LIMBS = {"arm": ("elbow", "wrist"), "fore": ("wrist",), "leg": ("knee", "ankle", "big_toe", "small_toe", "heel"),
