@@ -19,8 +19,8 @@ from muybridge.geometry.numerics.robust import extent, row_median, student_cost,
 
 _STRETCH = 12.0  # frames after which errors of 2D networks are nearly independent
 _FEWEST_STRETCHES = 4
-_FEWEST_LANDMARKS = 6
-_PIECES = 8
+_FEWEST_LANDMARKS = 10
+_PIECES, _FEWEST_PIECES = 8, 6
 # Standard deviations of what all landmarks of a view share: displacement over the person's size, and scale.
 _COMMON, _COMMON_SCALE = 0.004, 0.006
 _DOF = 3.0  # of the Student distribution, as in `robust`
@@ -102,7 +102,7 @@ def gain_scores(before: FloatArray, after: FloatArray) -> tuple[float, float]:
         after: the same.
 
     Returns:
-        The score over landmarks, and that over `_PIECES` stretches of the take.
+        The score over landmarks, and that over `_PIECES` stretches of the take; 0 where one or two carry the gain.
     """
     costs = []
     for errors in (before, after):
@@ -111,14 +111,17 @@ def gain_scores(before: FloatArray, after: FloatArray) -> tuple[float, float]:
     gain = costs[0] - costs[1]
     landmarks = [gain[:, :, j] for j in range(gain.shape[2])]
     stretches = [gain[:, rows] for rows in np.array_split(np.arange(gain.shape[1]), _PIECES)]
-    return _mean_score(landmarks), _mean_score(stretches)
+    return _mean_score(landmarks, _FEWEST_LANDMARKS), _mean_score(stretches, _FEWEST_PIECES)
 
 
-def _mean_score(gains: list[FloatArray]) -> float:
-    """Mean of the clusters' mean gains over its standard error, as a Gaussian deviate; 0 with too few clusters."""
+def _mean_score(gains: list[FloatArray], fewest: int) -> float:
+    """Mean of the clusters' mean gains over its standard error, as a Gaussian deviate.
+
+    It is 0 with too few clusters, or where the best two are all that gains.
+    """
     known = [gain[np.isfinite(gain)] for gain in gains]
-    each = np.array([gain.mean() for gain in known if gain.size >= 5])
-    if len(each) < _FEWEST_LANDMARKS:
+    each = np.sort([gain.mean() for gain in known if gain.size >= 5])
+    if len(each) < fewest or each[:-2].sum() <= 0:
         return 0.0
     quotient = each.mean() / max(each.std(ddof=1) / np.sqrt(len(each)), 1e-12)
     return float(np.sign(quotient)) * _deviate(float(stats.t.logsf(abs(quotient), len(each) - 1)))
