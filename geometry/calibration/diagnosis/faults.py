@@ -65,8 +65,8 @@ def diagnose(
     table, probability = np.zeros((count, len(KINDS))), np.zeros(count)
     if take is None:
         return CalibrationDiagnosis(
-            cameras.names, (), probability, table, tuple(range(count)), np.nan, np.nan, cameras,
-            np.zeros(count), setup.files, note,
+            cameras.names, (), probability, table, setup.files, np.nan, np.nan, cameras, np.zeros(count), setup.files,
+            note,
         )  # fmt: skip
     person_px = np.array([_person_px(px) for px in take.px])
     faults: list[Fault] = []
@@ -75,21 +75,19 @@ def diagnose(
     for step in range(options.max_faults + 1):
         found = search_trials(take, setup, options)
         last_noise = found.noise
-        credible = [t for t in found.trials if is_significant(t, found, person_px[setup.files[t.cameras[0]]], options)]
+        credible = _credible(found, person_px[list(setup.files)], options)
         if step == 0:
             first_noise, table = last_noise, _table(found.trials, count)
             probability = _fault_probability(credible, count)
-        best = _proven(credible, found, person_px, setup.files, options)
-        least = options.min_evidence_more if faults else options.min_evidence
-        if best is None or best.gain < least:
+        best = max(credible, key=lambda t: t.gain, default=None)
+        if best is None or best.gain < (options.min_evidence_more if faults else options.min_evidence):
             faults += _find_unrelated(take, setup, faults, options)
-            doubt = "" if faults else _doubt(found, person_px, take, setup, options)
-            break
-        if step == options.max_faults:
+            doubt = "" if faults else _doubt(found, person_px[list(setup.files)], take, setup, options)
             break
         blamed = {n for f in faults for n in f.cameras} | {cameras.names[c] for c in best.cameras}
-        if faults and len(blamed) > count // 2:
-            note, too_many = TOO_MANY, True
+        too_many = bool(faults) and step < options.max_faults and len(blamed) > count // 2
+        if too_many or step == options.max_faults:
+            note = TOO_MANY if too_many else note
             break
         faults.append(_fault(best, found.trials, cameras.names, options))
         setup = best.setup
@@ -103,18 +101,23 @@ def diagnose(
     )  # fmt: skip
 
 
-def _proven(
-    credible: Sequence[Trial], found: Trials, person_px: FloatArray, files: Sequence[int], options: DiagnosisOptions
-) -> Trial | None:
-    """The best credible explanation, unless it is weak and a change of another camera gains about as much."""
+def _credible(found: Trials, person_px: FloatArray, options: DiagnosisOptions) -> list[Trial]:
+    """The explanations that are proven; none where even the best is weak and a change of another camera gains as much.
+
+    Args:
+        found: all explanations.
+        person_px: (C,) size of the person in each camera's image.
+        options: what counts as a fault.
+    """
+    credible = [t for t in found.trials if is_significant(t, found, person_px[t.cameras[0]], options)]
     best = max(credible, key=lambda t: t.gain, default=None)
     if best is None:
-        return None
-    small = 3 * max(options.min_effect * found.noise, options.min_effect_of_person * person_px[files[best.cameras[0]]])
+        return []
+    small = 3 * max(options.min_effect * found.noise, options.min_effect_of_person * person_px[best.cameras[0]])
     if best.gain >= options.min_evidence_more and best.effect_px >= small:
-        return best
+        return credible
     others = [t.gain for t in found.trials if t not in credible and t.kind != "swapped" and t.cameras != best.cameras]
-    return best if best.gain >= max(others, default=0.0) + options.min_evidence else None
+    return credible if best.gain >= max(others, default=0.0) + options.min_evidence else []
 
 
 def _person_px(points_px: FloatArray) -> float:
@@ -178,7 +181,7 @@ def _doubt(found: Trials, person_px: FloatArray, take: Take, setup: Setup, optio
     signs: dict[int, Trial] = {}
     for trial in sorted(found.trials, key=lambda t: -t.gain):
         c = trial.cameras[0]
-        least = max(options.min_effect * found.noise, options.min_effect_of_person * person_px[setup.files[c]])
+        least = max(options.min_effect * found.noise, options.min_effect_of_person * person_px[c])
         if trial.gain >= 2 * options.min_evidence and trial.score >= 2.0 and trial.effect_px >= least:
             signs.setdefault(c, trial)
     named = [(setup.cameras.names[c], trial.kind) for c, trial in list(signs.items())[:2]]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from muybridge.arrays import BoolArray, FloatArray
+from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.calibration.diagnosis.evidence import Dependence, clustered_covariance
 from muybridge.geometry.cameras.camera import Camera, colmap_camera
 from muybridge.geometry.numerics.robust import student_cost, student_scale
@@ -97,11 +97,9 @@ def fit_camera(
     trial, scale = np.zeros(7), None
     if start is not None:
         trial = start.parameters
-    total = trial
-    chosen = np.flatnonzero(free)
-    if dependence is None:
-        dependence = Dependence((np.arange(len(use)),), np.zeros((0, len(use), 2)))
-    dependence = dependence.of(use)
+    total, chosen = trial, np.flatnonzero(free)
+    independent = Dependence((np.arange(len(use)),), np.zeros((0, len(use), 2)))
+    dependence = (dependence or independent).of(use)
     patterns = dependence.patterns * weight0[:, None]
     information, scores = np.eye(len(chosen)), np.zeros((len(world), len(chosen)))
     common = np.zeros((len(patterns), len(chosen)))
@@ -126,11 +124,16 @@ def fit_camera(
         trial = total.copy()
         trial[chosen] -= np.linalg.solve(information + 1e-9 * np.eye(len(chosen)), scores.sum(axis=0))
         trial = np.clip(trial, -_FARTHEST, _FARTHEST)
-    covariance = np.zeros((7, 7))
-    covariance[np.ix_(chosen, chosen)] = clustered_covariance(information, scores, dependence.clusters, common)
-    return Correction(
-        perturb_camera(camera, total), total[:3].copy(), total[3:6].copy(), float(np.exp(total[6])), covariance
-    )
+    covariance = clustered_covariance(information, scores, dependence.clusters, common)
+    return _correction(camera, total, chosen, covariance)
+
+
+def _correction(camera: Camera, parameters: FloatArray, chosen: IntArray, covariance: FloatArray) -> Correction:
+    """The correction of a camera by (7,) parameters, of which the `chosen` have a covariance."""
+    whole = np.zeros((7, 7))
+    whole[np.ix_(chosen, chosen)] = covariance
+    turn, move, focal = parameters[:3].copy(), parameters[3:6].copy(), float(np.exp(parameters[6]))
+    return Correction(perturb_camera(camera, parameters), turn, move, focal, whole)
 
 
 def _linearise(camera: Camera, world: FloatArray, px: FloatArray, zooms: bool) -> tuple[FloatArray, FloatArray]:
