@@ -10,7 +10,7 @@ from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.formats.registry import ReadOptions, check_writable, read_file, write_file
 
-Units = Literal["m", "cm", "mm", "in", "cmu"]
+Units = Literal["m", "dm", "cm", "mm", "in", "cmu"]
 Up = Literal["y", "z"]
 
 

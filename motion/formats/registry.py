@@ -30,6 +30,8 @@ from muybridge.motion.formats.skeletal.amc import CMU_FPS, read_amc, write_amc
 from muybridge.motion.formats.skeletal.bvh import write_bvh
 from muybridge.motion.formats.skeletal.bvh_units import read_bvh_take
 from muybridge.motion.formats.skeletal.mot import write_mot
+from muybridge.motion.formats.skeletal.room import check_room
+from muybridge.motion.formats.skeletal.storage import read_storage
 from muybridge.motion.formats.skeletal.usd import write_usda
 from muybridge.motion.take import Take
 
@@ -122,7 +124,8 @@ FORMATS: dict[str, Format] = {f.suffix: f for f in (
     Format(".vrm", _SCENE, _read_gltf),
     Format(".vrma", _SCENE, _read_gltf),
     Format(".fbx", _SCENE, _read_fbx, write_motion=lambda p, m, _: write_fbx(p, m)),
-    Format(".mot", (), write_motion=lambda p, m, _: write_mot(p, m)),
+    Format(".mot", (), lambda p, o: read_storage(p), write_motion=lambda p, m, _: write_mot(p, m)),
+    Format(".sto", (), lambda p, o: read_storage(p)),
     Format(".usda", (), write_motion=lambda p, m, _: write_usda(p, m)),
 )}  # fmt: skip
 
@@ -176,6 +179,8 @@ def read_file(path: Path, options: ReadOptions | None = None) -> Take:
     take = read(path, options)
     if take.motion is not None and options.fps is not None:
         take = replace(take, motion=replace(take.motion, fps=options.fps))
+    if take.motion is not None:
+        check_room(path, take.motion)
     if not np.isfinite(take.positions.points_world).any():
         raise FormatError(f"{path}: every point of it is missing; there is nothing to work with")
     return take
