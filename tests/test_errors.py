@@ -13,6 +13,7 @@ from muybridge.errors import CalibrationError, FormatError, parsing
         (ValueError(), "x.bvh: damaged, or not a BVH: ValueError"),
         (RecursionError("maximum recursion depth"), "x.bvh: nested too deeply for a BVH; the file is damaged"),
         (MemoryError(), "x.bvh: declares more data than fits into memory; a BVH of this size is damaged"),
+        (OSError("Invalid\n data\n"), "x.bvh: cannot be read: Invalid data"),
         (PermissionError(13, "Permission denied"), "x.bvh: cannot be read: Permission denied"),
     ],
 )

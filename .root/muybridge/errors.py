@@ -114,7 +114,8 @@ def parsing(path: Path | str, error: type[MuybridgeError], what: str, remedy: st
     except RecursionError as problem:
         raise error(f"{path}: nested too deeply for {what}; the file is damaged", remedy=remedy) from problem
     except OSError as problem:
-        raise error(f"{path}: cannot be read: {problem.strerror or problem}") from problem
+        reason = " ".join(str(problem.strerror or problem).split())[:200]
+        raise error(f"{path}: cannot be read: {reason}") from problem
     except Exception as problem:
         reason = " ".join(str(problem).partition("; use sys.")[0].split())[:200] or type(problem).__name__
         raise error(f"{path}: damaged, or not {what}: {reason}", remedy=remedy) from problem
