@@ -43,7 +43,9 @@ def read_corrections(path: Path) -> list[Correction]:
     Raises:
         FormatError: a line is malformed, or the file cannot be read.
     """
-    with parsing(path, FormatError, "a corrections file"):
+    if not path.is_file():
+        raise FormatError(f"{path}: no such file; give an existing file of corrections")
+    with parsing(path, FormatError, "a file of corrections, a text file with one per line"):
         return _read(path, path.read_text(encoding="utf-8-sig").splitlines())
 
 

@@ -5,33 +5,56 @@ neighbouring corners together, so that a hundred corners say much less than a hu
 independent are the moments. Leaving each of them out in turn (a jackknife, linearised; Bell and McCaffrey, "Bias
 reduction in standard errors for linear regression with multi-stage samples", 2002) shows how much the cameras depend on
 it, whatever its errors are.
+
+A few moments tell that only roughly. It is therefore mixed with the covariance that independent errors would give,
+scaled as a whole to the size that the moments show: that has the shape of the one and the size of the other.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
-from muybridge.arrays import FloatArray
+from muybridge.arrays import FloatArray, IntArray
 from muybridge.geometry.calibration.bundle_adjustment.reprojection import ReprojectionSystem, State
 from muybridge.geometry.calibration.bundle_adjustment.solver import reduce
 
 _NO_DAMPING = 1e-10
 # Share of a moment that stays when it is left out, for those without which a camera would be loose.
 _KEPT = 0.02
+_FEWEST_MOMENTS = 3
 
 
-def moment_covariance(system: ReprojectionSystem, state: State) -> FloatArray:
+def moment_covariance(system: ReprojectionSystem, state: State, independent: FloatArray) -> FloatArray:
     """(G, G) of the free unknowns of all cameras, in the order of `ReprojectionSystem.free`.
 
     Args:
         system: an adjustment whose observations are all on bodies, a body being a moment.
         state: as adjusted.
+        independent: (G, G) what it would be if all errors were independent.
     """
-    parts = [_of_moment(system, state, body) for body in np.unique(system.problem.body)]
+    bodies = np.unique(np.asarray(system.problem.body))
+    if len(bodies) < _FEWEST_MOMENTS:
+        return independent
+    left_out = _jackknife(system, state, bodies)
+    root = np.sqrt(np.maximum(np.diag(independent), 1e-300))
+    values, vectors = np.linalg.eigh(independent / root / root[:, None])
+    known = values > 1e-9 * values.max()
+    white = (vectors[:, known] / np.sqrt(values[known])).T / root
+    # Never below what independent errors give: a few moments may agree by chance.
+    size = max(float(np.einsum("ka,ab,kb->k", white, left_out, white).mean()), 1.0)
+    unknowns = max(int(system.free[a:b].sum()) for a, b in pairwise(system.offsets))
+    share = unknowns / (unknowns + len(bodies))
+    return np.asarray(share * size * independent + (1 - share) * left_out)
+
+
+def _jackknife(system: ReprojectionSystem, state: State, bodies: IntArray) -> FloatArray:
+    """(G, G) by leaving each moment out, and by what is known of the lenses beforehand."""
+    parts = [_of_moment(system, state, int(body)) for body in bodies]
     known = _of_priors(system)
-    total = sum(matrix for matrix, _ in parts) + known
+    total = np.sum([matrix for matrix, _ in parts], axis=0) + known
     root = np.sqrt(np.maximum(np.diag(total), 1e-30))
     scaled, prior = total / root / root[:, None], known / root / root[:, None]
     pulls = []

@@ -83,6 +83,7 @@ class C3DTake:
         analog: None where there are no channels.
         force_platforms: parameters of the group FORCE_PLATFORM, in millimetres and the points' axes.
         notices: what was assumed or left out in reading, one sentence each.
+        modelled: names of points that the file lists as computed from markers (POINT:MODELED_MARKERS).
     """
 
     points: Points3D
@@ -91,6 +92,7 @@ class C3DTake:
     analog: Analog | None = None
     force_platforms: Mapping[str, Any] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
+    modelled: tuple[str, ...] = ()
 
 
 def write_c3d(path: Path, points: Points3D | C3DTake, up: Literal["y", "z"] = "z") -> None:
@@ -265,8 +267,9 @@ def take_of(raw: RawC3D, points: Points3D, metres: float, turn: FloatArray) -> C
     stretch = raw.fps / points.fps if raw.fps > 0 else 1.0
     found, said = _events(raw)
     events = tuple(replace(e, time=e.time * stretch) for e in found)
-    plates = _force_platforms(raw, metres, turn)
-    return C3DTake(points, raw.first_frame, events, _analog(raw, points.fps), plates, (*raw.notices, *said))
+    plates, modelled = _force_platforms(raw, metres, turn), tuple(raw.texts("POINT", "MODELED_MARKERS"))
+    notices = (*raw.notices, *said)
+    return C3DTake(points, raw.first_frame, events, _analog(raw, points.fps), plates, notices, modelled)
 
 
 def _events(raw: RawC3D) -> tuple[tuple[Event, ...], list[str]]:

@@ -64,7 +64,8 @@ def read_parquet_from(
 def _points(path: Path, fps: float | None, unit: str | None, up: str | None) -> PointsOfFile:
     import pyarrow.parquet as pq
 
-    table = pq.read_table(path)
+    with path.open("rb") as file:  # pq.read_table refuses columns of one name
+        table = pq.ParquetFile(file).read()
     columns = [(str(name), table.column(i).to_pylist()) for i, name in enumerate(table.column_names)]
     metadata = (table.schema.metadata or {}).items()
     facts = {k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in metadata}

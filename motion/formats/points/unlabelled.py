@@ -12,17 +12,15 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError, parsing
+from muybridge.geometry.landmarks.real_markers import LISTS, find_markers
 from muybridge.motion.formats.points.c3d_read import RawC3D, read_raw_c3d
 from muybridge.motion.formats.points.columns import FRAMES, TIMES, placed, rate_of
 from muybridge.motion.formats.points.common import METRES_OF_UNIT, UNIT_WORDS, UP_PERMUTATION, check_unit
 from muybridge.motion.formats.points.tables.layouts import read_layout
 from muybridge.motion.formats.points.tables.sheet import read_sheet
 from muybridge.motion.formats.points.trc import trc_trajectories
-from muybridge.motion.formats.points.world import Trajectories, check_reach, take_out_zeros
+from muybridge.motion.formats.points.world import Trajectories, check_reach, stated_unit, take_out_zeros
 
-# Parameters of POINT that list what is stored as points and is none.
-_DERIVED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS")
-_NO_MARKER = re.compile(r"(angles?|forces?|moments?|powers?|centreofmass|centerofmass|grf|cop)$", re.IGNORECASE)
 _NAME = re.compile(rf"^(.*?)[\s_.:\-]*\(?([xyz])\)?(?:\s*[\[(]?({'|'.join(UNIT_WORDS)})[\])]?)?$", re.IGNORECASE)
 
 
@@ -36,7 +34,8 @@ class MarkerCloud:
         names: (K,) what the file calls them, prefixes of subjects included.
         fps: frames per second; NaN where the file does not state it.
         unit: the unit that the file states, "" where it states none.
-        left_out: names of what is stored as points and is none (angles, forces).
+        left_out: names of what is stored as points and is no marker (angles, joint centres, segment axes).
+        why: one sentence on what is left out, empty where that is nothing.
         empty: names of trajectories without a single point.
         metres: how long a unit of the file is by what it states.
         notices: what was assumed or left out in reading, one sentence each.
@@ -52,6 +51,7 @@ class MarkerCloud:
     metres: float = 1.0
     notices: tuple[str, ...] = ()
     c3d: RawC3D | None = None
+    why: str = ""
 
 
 def read_marker_cloud(path: Path, fps: float | None = None) -> MarkerCloud:
@@ -71,7 +71,7 @@ def read_marker_cloud(path: Path, fps: float | None = None) -> MarkerCloud:
     if not path.is_file():
         raise FormatError(f"{path}: no such file; give an existing C3D, TRC or CSV file")
     with parsing(path, FormatError, "a file of points"):
-        cloud = readers[path.suffix.lower()](path, fps)
+        cloud = _markers_of(path, readers[path.suffix.lower()](path, fps))
     points, rate = cloud.points, cloud.fps if np.isfinite(cloud.fps) else 0.0
     said = take_out_zeros(cloud.names, points, rate)
     points[~np.isfinite(points).all(axis=-1) | (points == 0).all(axis=-1)] = np.nan
@@ -82,6 +82,19 @@ def read_marker_cloud(path: Path, fps: float | None = None) -> MarkerCloud:
         raise FormatError(f"{path}: holds no points: its {len(there)} trajectories are empty; export the markers")
     names = np.array(cloud.names, object)
     return replace(cloud, points=cloud.points[:, there], names=tuple(names[there]), empty=tuple(names[~there]))
+
+
+def _markers_of(path: Path, cloud: MarkerCloud) -> MarkerCloud:
+    """The points that may be markers."""
+    listed = [] if cloud.c3d is None else [name for key in LISTS for name in cloud.c3d.texts("POINT", key)]
+    kinds = find_markers(cloud.names, listed)
+    if len(cloud.names) and not kinds.marker.any():
+        raise FormatError(
+            f"{path}: holds no markers, only {', '.join(cloud.names[:4])} and the like; export the markers"
+        )
+    names = np.array(cloud.names, object)
+    return replace(cloud, points=cloud.points[:, kinds.marker], names=tuple(names[kinds.marker]),
+                   left_out=tuple(names[~kinds.marker]), why=kinds.note)  # fmt: skip
 
 
 def _read_c3d(path: Path, fps: float | None) -> MarkerCloud:
@@ -95,18 +108,11 @@ def _read_c3d(path: Path, fps: float | None) -> MarkerCloud:
     names = [*names, *(f"*{k}" for k in range(len(names), count))][:count]
     unit = (raw.texts("POINT", "UNITS") or [""])[0].strip()
     unit = check_unit(path, unit, "POINT:UNITS") if unit else ""
-    listed = {name.strip() for key in _DERIVED for name in raw.texts("POINT", key)}
-    none = np.array([n in listed or bool(_NO_MARKER.search(n.split(":")[-1])) for n in names])
-    if none.all():
-        raise FormatError(f"{path}: holds no markers, only {', '.join(names[:4])} and the like; export the markers")
     xyz = np.array(raw.points, np.float64)
     xyz[raw.residuals < 0] = np.nan
-    named = np.array(names, object)
     fps = fps or (raw.fps if raw.fps > 0 else float("nan"))
     metres = METRES_OF_UNIT.get(unit, 1.0)
-    return MarkerCloud(
-        xyz[:, ~none] * metres, tuple(named[~none]), fps, unit, tuple(named[none]), (), metres, raw.notices, raw
-    )
+    return MarkerCloud(xyz * metres, tuple(names), fps, unit, metres=metres, notices=raw.notices, c3d=raw)
 
 
 def _read_trc(path: Path, fps: float | None) -> MarkerCloud:
@@ -117,9 +123,10 @@ def _read_trc(path: Path, fps: float | None) -> MarkerCloud:
 
 def _cloud_of(found: Trajectories) -> MarkerCloud:
     """Trajectories in metres, where the file states a unit; their axes are kept."""
-    unit = found.unit or found.usual_unit
+    unit, assumed = stated_unit(found)
     metres = METRES_OF_UNIT.get(unit, 1.0)
-    return MarkerCloud(found.xyz * metres, found.names, found.fps, unit, metres=metres, notices=found.notices)
+    notices = (*found.notices, *assumed)
+    return MarkerCloud(found.xyz * metres, found.names, found.fps, unit, metres=metres, notices=notices)
 
 
 def _read_csv(path: Path, fps: float | None) -> MarkerCloud:

@@ -92,9 +92,9 @@ def points_of_file(
     if not np.isfinite(rate):
         raise FormatError(f"{path}: does not state its frames per second", remedy="fps_unstated")
     names, notices = unique_names(found.names)
-    metres = METRES_OF_UNIT[check_unit(path, unit or found.unit or found.usual_unit or "m", "the unit")]
-    if not unit and not found.unit and found.usual_unit:
-        notices.append(f"the file does not state its unit: {_UNIT_NAMES[found.usual_unit]} were assumed")
+    word, assumed = (unit, []) if unit else stated_unit(found)
+    notices += assumed
+    metres = METRES_OF_UNIT[check_unit(path, word or "m", "the unit")]
     turn = UP_PERMUTATION[check_up(up or found.up)]
     notices += take_out_zeros(found.names, found.xyz, metres * rate)
     xyz = in_world(found.xyz, metres, turn)
@@ -110,6 +110,13 @@ def points_of_file(
         fps=rate,
     )
     return PointsOfFile(points, found.start, (*found.notices, *notices))
+
+
+def stated_unit(found: Trajectories) -> tuple[str, list[str]]:
+    """The unit by the file or its program, "" where neither tells, and a sentence where the program decided."""
+    if found.unit or not found.usual_unit:
+        return found.unit, []
+    return found.usual_unit, [f"the file does not state its unit: {_UNIT_NAMES[found.usual_unit]} were assumed"]
 
 
 def unique_names(names: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
@@ -147,12 +154,14 @@ def take_out_zeros(names: Sequence[str], xyz: FloatArray, per_frame: float) -> l
     Returns:
         A sentence about what was taken out, if anything.
     """
-    count, of = 0, []
+    count = 0
+    of: list[str] = []
     zero = _chunked(xyz, lambda part: (part == 0).all(axis=-1))
     for k in np.nonzero(zero.any(axis=0) & ~zero.all(axis=0))[0]:
         known = np.isfinite(xyz[:, k]).all(axis=-1)
         if not (known & ~zero[:, k]).any():
             continue
+        # First frame of each run of zeros, and the frame after it.
         edges = np.flatnonzero(np.diff(np.concatenate([[0], zero[:, k].astype(np.int8), [0]])))
         for first, last in edges.reshape(-1, 2):
             beside = [xyz[t, k] for t in (first - 1, last) if 0 <= t < len(xyz)]
@@ -161,7 +170,9 @@ def take_out_zeros(names: Sequence[str], xyz: FloatArray, per_frame: float) -> l
             xyz[first:last, k] = np.nan
             count += int(last - first)
             of += [names[k]] if names[k] not in of else []
-    return [f"{count} positions of exactly 0, 0, 0 were taken as missing ({_some(of)})"] if count else []
+    said = [f"{count} positions of exactly 0, 0, 0 were taken as missing ({_some(of)})"] if count else []
+    still = [names[k] for k in np.nonzero(zero.all(axis=0))[0]] if len(xyz) > 1 else []
+    return said + ([f"in all frames at exactly 0, 0, 0: {_some(still)}"] if still else [])
 
 
 def in_world(xyz: FloatArray, metres: float, turn: Sequence[int]) -> FloatArray:
