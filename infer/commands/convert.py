@@ -31,9 +31,9 @@ def convert(
 ) -> int:
     """Convert points or motion between file formats, which the suffixes name.
 
-    Points: .trc, .c3d, .csv, .parquet, .npz, and to read .tsv, .txt. Motion: .bvh, .amc, .glb, .fbx, and to read .gltf,
-    .vrm, .vrma, to write .usda, .mot. A motion is written to a format of points as the positions of its joints. Points
-    have no joint rotations: `muybridge solve` fits a body to them.
+    Points: .trc, .c3d, .csv, .parquet, .npz, and to read .tsv, .txt. Motion: .bvh, .amc, .glb, .fbx, .mot, to read
+    .gltf, .vrm, .vrma, .sto, and to write .usda. A motion is written to a format of points as the positions of its
+    joints. Points have no joint rotations: `muybridge solve` fits a body to them.
 
     Example:
         muybridge convert results/motion.bvh results/motion.fbx

@@ -154,8 +154,9 @@ def _card(path: Path, table: dict[str, Any]) -> ModelCard:
 
 
 def _is_number(value: object) -> bool:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and abs(value) <= LARGEST_NUMBER  # type: ignore[operator]  # false of NaN
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) <= LARGEST_NUMBER  # false of NaN
 
 
 class _Table:

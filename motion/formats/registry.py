@@ -27,10 +27,9 @@ from muybridge.motion.formats.points.parquet import read_parquet_from, write_par
 from muybridge.motion.formats.points.trc import read_trc_from, write_trc
 from muybridge.motion.formats.points.world import PointsOfFile
 from muybridge.motion.formats.skeletal.amc import CMU_FPS, read_amc, write_amc
-from muybridge.motion.formats.skeletal.bvh import write_bvh
-from muybridge.motion.formats.skeletal.bvh_units import read_bvh_take
+from muybridge.motion.formats.skeletal.bvh import read_bvh_take, write_bvh
 from muybridge.motion.formats.skeletal.mot import write_mot
-from muybridge.motion.formats.skeletal.room import check_room
+from muybridge.motion.formats.skeletal.rigid import check_room
 from muybridge.motion.formats.skeletal.storage import read_storage
 from muybridge.motion.formats.skeletal.usd import write_usda
 from muybridge.motion.take import Take

@@ -86,6 +86,8 @@ def test_first_pass_uses_smaller_crops() -> None:
 
 def test_invalid_sizes_are_refused() -> None:
     with pytest.raises(ValueError, match="size must be between"):
-        OnnxOptions(size=0.5)  # half of it is read nowhere
+        OnnxOptions(size=0.5)  # nobody is found at half the size
+    with pytest.raises(ValueError, match="size must be between"):
+        OnnxOptions(size=2.0)
     with pytest.raises(ValueError, match="multiple of 32"):
         KeypointNetwork(shipped_model("keypoints"))(np.zeros((1, 200, 200, 3), np.uint8))

@@ -2,8 +2,8 @@ from .amc import read_amc as read_amc
 from .amc import write_amc as write_amc
 from .asf import read_asf as read_asf
 from .bvh import read_bvh as read_bvh
+from .bvh import read_bvh_take as read_bvh_take
 from .bvh import write_bvh as write_bvh
-from .bvh_units import read_bvh_take as read_bvh_take
 from .mot import read_mot as read_mot
 from .mot import write_mot as write_mot
 from .opensim import Coordinates as Coordinates

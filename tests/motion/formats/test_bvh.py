@@ -15,8 +15,7 @@ from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.registry import ReadOptions, read_file
-from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
-from muybridge.motion.formats.skeletal.bvh_units import read_bvh_take
+from muybridge.motion.formats.skeletal.bvh import read_bvh, read_bvh_take, write_bvh
 from tests.paths import DATA, SHARED
 
 CMU = SHARED / "data" / "motion" / "01_01.bvh"
@@ -316,9 +315,7 @@ def test_several_roots(tmp_path):
     np.testing.assert_allclose(read_bvh(tmp_path / "again.bvh").forward(), motion.forward(), atol=2e-6)
 
 
-@pytest.mark.parametrize(
-    ("announced", "says"), [(1, "announces 1 frames and has 2"), (3, "announces 3 frames and has 2")]
-)
+@pytest.mark.parametrize("announced", [1, 3])
 def test_one_frame_more_or_less_than_announced_is_read_and_said(tmp_path, announced):
     path = tmp_path / "x.bvh"
     path.write_text(GOOD.replace("Frames: 2", f"Frames: {announced}"))

@@ -12,6 +12,8 @@ from muybridge.motion.formats.gltf.read import read_gltf, read_gltf_take
 from muybridge.motion.formats.gltf.write import write_glb
 from muybridge.motion.formats.registry import read_file
 from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
+from tests.motion.formats.test_gltf import make_motion, unpack
+from tests.paths import DATA
 
 WORLD_FROM_GLTF = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 HALF = float(np.sqrt(0.5))
@@ -136,3 +138,38 @@ def test_sparse_keys_are_sampled_between_them(tmp_path):
     assert motion.fps == pytest.approx(30.0) and len(motion) == 43
     np.testing.assert_allclose(motion.root_positions_world[[0, 21, 42], 0], [0, 0, 3], atol=1e-6)
     np.testing.assert_allclose(np.diff(motion.root_positions_world[21:, 0]), 3 / 21, atol=1e-5)
+
+
+@pytest.mark.parametrize(("clip", "kept"), [(None, 0), ("second", 1), (1, 1)])
+def test_a_file_of_animations_alone_is_read_by_clip(tmp_path: Path, clip: Any, kept: int) -> None:
+    """As libraries of animations are: nodes and clips, no skin and no mesh."""
+    motion = make_motion(6)
+    write_glb(tmp_path / "m.glb", motion)
+    document, binary = unpack(tmp_path / "m.glb")
+    for key in ("skins", "meshes", "materials"):
+        document.pop(key, None)
+    for node in document["nodes"]:
+        node.pop("skin", None)
+        node.pop("mesh", None)
+    first = document["animations"][0]
+    short = {**first, "name": "second", "channels": [c for c in first["channels"] if c["target"]["path"] == "rotation"]}
+    document["animations"] = [{**first, "name": "first"}, short]
+    (tmp_path / "a.glb").write_bytes(pack_glb(document, binary))
+    take = read_gltf_take(tmp_path / "a.glb", clip)
+    assert take.motion is not None and set(motion.skeleton.names) <= set(take.motion.skeleton.names)
+    moves = np.ptp(take.motion.root_positions_world, axis=0).max() > 0.1
+    assert moves == (kept == 0)
+    assert any("first of its 2 clips" in n for n in take.notices) == (clip is None)
+
+
+def test_a_fox_whose_hips_move_under_its_root_keeps_them(tmp_path: Path) -> None:
+    path = DATA / "cases" / "motion_hips_slide" / "Fox.glb"
+    if not path.exists():
+        pytest.skip(f"{path} is absent")
+    motion = read_gltf(path, 0)
+    assert motion.skeleton.sliding
+    write_bvh(tmp_path / "fox.bvh", motion)
+    back = read_bvh(tmp_path / "fox.bvh")
+    order = [back.skeleton.index(n) for n in motion.skeleton.names]
+    places = back.joint_positions_world()[:, order]
+    np.testing.assert_allclose(places, motion.joint_positions_world(), rtol=0, atol=1e-4)
