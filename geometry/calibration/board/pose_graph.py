@@ -26,8 +26,8 @@ _BACK = (
     "side, or print a board with other numbers on it and calibrate with one of the two"
 )
 _UNPAIRED = (
-    "check that the pictures of all cameras belong to the same moments (sync.toml, timestamps.csv, numbers of the images), "
-    "and that no camera was moved"
+    "check that the pictures of all cameras belong to the same moments (sync.toml, timestamps.csv, numbers of the "
+    "images), and that no camera was moved"
 )
 
 

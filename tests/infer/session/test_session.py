@@ -13,10 +13,9 @@ import pytest
 from muybridge.errors import CalibrationError, MuybridgeError, SessionError, VideoError
 from muybridge.geometry.calibration import export_calibration, load_calibration
 from muybridge.geometry.cameras.group import CameraGroup
-from muybridge.infer.session.discover import find_videos, select_cameras
+from muybridge.infer.session.discover import find_videos
 from muybridge.infer.session.pairing import match_cameras, natural_key
 from muybridge.infer.session.session import SessionOptions, open_session
-from tests.rigs import ring_of_cameras
 
 HERE, FILE = Path("session"), Path("session/calibration.toml")
 
@@ -62,27 +61,6 @@ def test_without_common_names_the_order_decides_and_is_reported():
     videos, said = paired(["GX010019", "GX010020", "GX010101"], ["c10", "c9", "b"])
     assert videos == ["GX010101", "GX010020", "GX010019"]
     assert len(said) == 1 and "c10 = GX010101, c9 = GX010020, b = GX010019" in said[0]
-
-
-@pytest.mark.parametrize("first", [0, 1])
-def test_cameras_and_videos_counted_from_different_numbers_are_never_paired_with_neighbours(first):
-    names, stems = ([f"cam{k}" for k in range(start, start + 4)] for start in (first, 1 - first))
-    with pytest.raises(SessionError) as caught:
-        match_cameras(stems, names, HERE, FILE)
-    said = str(caught.value)
-    assert "--cameras" not in said
-    assert f"rename {stems[0]} to {names[0]}, {stems[1]} to {names[1]}, {stems[2]} to {names[2]}" in said
-    group = ring_of_cameras(names, size=(64, 48), model="PINHOLE", params=[(60.0, 60.0, 31.5, 23.5)] * 4)
-    with pytest.raises(SessionError, match=f"numbered differently; .*{stems[3]} to {names[3]}"):
-        select_cameras(group, [Path(f"{s}.mp4") for s in stems], tuple(names[1:3]), FILE)
-
-
-def test_a_proposal_never_pairs_neighbours():
-    with pytest.raises(SessionError, match="counted from different numbers") as caught:
-        match_cameras(["cam1", "cam2", "cam3", "cam4", "cam5"], ["cam0", "cam1", "cam2", "cam3"], HERE, FILE)
-    assert "--cameras" not in str(caught.value)
-    with pytest.raises(SessionError, match="--cameras cam1 cam2"):
-        match_cameras(["cam1", "cam2"], ["cam1", "cam2", "cam3"], HERE, FILE)
 
 
 @pytest.mark.parametrize(
