@@ -26,7 +26,7 @@ _BACK = (
     "side, or print a board with other numbers on it and calibrate with one of the two"
 )
 _UNPAIRED = (
-    "check that the pictures of all cameras belong to the same moments (sync.toml, timestamps.csv, numbers of the "
+    "check that the images of all cameras belong to the same moments (sync.toml, timestamps.csv, numbers of the "
     "images), and that no camera was moved"
 )
 

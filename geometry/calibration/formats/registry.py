@@ -144,10 +144,13 @@ def find_calibration(session_dir: Path) -> Path:
         if others and folder != session_dir:
             listed = f" ({', '.join(others[:5])}{', ...' if len(others) > 5 else ''} is of none)"
     if len(folders) < 2:
-        raise CalibrationError(f"{session_dir}: no calibration; {expected}", remedy="calibration_path")
+        raise CalibrationError(
+            f"{session_dir}: no calibration; {expected}", remedy="no_calibration", session=session_dir
+        )
     raise CalibrationError(
-        f"{folders[0]}: no calibration file of a known format{listed}; {expected}", remedy="calibration_path"
-    )
+        f"{folders[0]}: no calibration file of a known format{listed}; {expected}",
+        remedy="no_calibration", session=session_dir,
+    )  # fmt: skip
 
 
 def _candidates(folder: Path) -> tuple[list[Path], list[str]]:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from muybridge.errors import CalibrationError
+from muybridge.errors import CalibrationError, parsing
 from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.board.board import Board, fitting_descriptions, seen_markers
 from muybridge.geometry.calibration.board.extrinsics import (
@@ -98,22 +98,26 @@ def read_board(path: Path) -> Board:
     """The board that a TOML file describes.
 
     Raises:
-        CalibrationError: the file cannot be read, or describes no board.
-        ValueError: there is no such board.
+        CalibrationError: the file cannot be read, or describes no board that there is.
     """
-    try:
+    with parsing(path, CalibrationError, "the description of a board"):
         data = tomllib.loads(path.read_text(encoding="utf-8"))
+        lacking = [key for key in ("columns", "rows") if key not in data]
+        if lacking or not {"square_size_override_cm", "square"} & data.keys():
+            raise CalibrationError(
+                f"{path}: no description of a board (it has no {(lacking or ['square_size_override_cm'])[0]}); it "
+                "needs columns, rows, dictionary and square_size_override_cm"
+            )
         square = data["square_size_override_cm"] / 100 if "square_size_override_cm" in data else float(data["square"])
-        return Board(
-            "charuco", int(data["columns"]), int(data["rows"]), square, float(data.get("aruco_scale", 0.75)),
+        described = (
+            int(data["columns"]), int(data["rows"]), square, float(data.get("aruco_scale", 0.75)),
             str(data.get("dictionary", "DICT_4X4_50")), bool(data.get("inverted", False)),
             bool(data.get("legacy_pattern", False)), int(data.get("first_marker", 0)), _thickness(data),
         )  # fmt: skip
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError) as error:
-        raise CalibrationError(
-            f"{path}: no description of a board ({error}); it needs columns, rows, dictionary and "
-            "square_size_override_cm"
-        ) from None
+        try:
+            return Board("charuco", *described)
+        except ValueError as error:
+            raise CalibrationError(f"{path}: the board's description: {error}") from None
 
 
 def _thickness(data: Mapping[str, object]) -> float | None:
