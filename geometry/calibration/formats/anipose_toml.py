@@ -20,6 +20,8 @@ from muybridge.geometry.calibration.formats.common import (
     Malformed,
     in_metres,
     left_out_note,
+    lens_distortion,
+    lens_matrix,
     make_camera,
     make_group,
     numbers,
@@ -28,7 +30,6 @@ from muybridge.geometry.calibration.formats.common import (
     pose_from,
     rotation_from,
 )
-from muybridge.geometry.calibration.formats.lens_terms import lens_distortion, lens_matrix
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import log_so3

@@ -16,10 +16,12 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    five_terms,
     guessed_size,
     guessed_sizes_note,
     in_metres,
     left_out_note,
+    lens_matrix,
     make_camera,
     make_group,
     number,
@@ -28,7 +30,6 @@ from muybridge.geometry.calibration.formats.common import (
     pose_from,
     rotation_from,
 )
-from muybridge.geometry.calibration.formats.lens_terms import five_terms, lens_matrix
 from muybridge.geometry.calibration.formats.opencv import array_of, parse_yaml, yaml_matrix
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup

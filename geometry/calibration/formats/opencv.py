@@ -37,6 +37,8 @@ from muybridge.geometry.calibration.formats.common import (
     guessed_sizes_note,
     in_metres,
     left_out_note,
+    lens_distortion,
+    lens_matrix,
     make_camera,
     make_group,
     number,
@@ -46,7 +48,6 @@ from muybridge.geometry.calibration.formats.common import (
     pose_from,
     rotation_from,
 )
-from muybridge.geometry.calibration.formats.lens_terms import lens_distortion, lens_matrix
 from muybridge.geometry.calibration.formats.opencv_xml import NO_SIZE, is_xml, parse_opencv_xml
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup

@@ -20,6 +20,8 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    five_terms,
+    lens_terms,
     make_camera,
     make_group,
     number,
@@ -29,7 +31,6 @@ from muybridge.geometry.calibration.formats.common import (
     pose_from,
     rotation_from,
 )
-from muybridge.geometry.calibration.formats.lens_terms import five_terms, lens_terms
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 

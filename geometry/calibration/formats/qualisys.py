@@ -19,6 +19,8 @@ import numpy as np
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    five_terms,
+    lens_matrix,
     make_camera,
     make_group,
     number,
@@ -29,7 +31,6 @@ from muybridge.geometry.calibration.formats.common import (
     pose_from,
     rotation_from,
 )
-from muybridge.geometry.calibration.formats.lens_terms import five_terms, lens_matrix
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 

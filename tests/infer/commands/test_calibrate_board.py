@@ -318,7 +318,9 @@ def test_halves_of_the_moments_differ_by_what_is_told(webcams):
     for name, mine in views.items():
         fit = {t: v for t, v in sorted(mine.items()) if usable(board, [v])}
         times = list(fit)
-        halves = [calibrate_lens(name, board, {t: fit[t] for t in times[k::2]}, sizes[name]) for k in (0, 1)]
+        half = len(times) // 2  # not every other one: what neighbours in time have in common would cancel
+        parts = times[:half], times[half:]
+        halves = [calibrate_lens(name, board, {t: fit[t] for t in part}, sizes[name]) for part in parts]
         (a, b), (u, v) = zip(*((h.camera.params, np.diag(h.result.covariances[0])[:8]) for h in halves), strict=True)
         scores.append((np.array(a) - b) / np.sqrt(u + v))
     assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.5
