@@ -22,7 +22,7 @@ from muybridge.infer.detection.frozen_frames import RepeatedFrames, find_frozen
 from muybridge.infer.detection.orientation import FrameOrientation, Letterbox, orientation_for
 from muybridge.infer.detection.pose_estimator import KeypointOptions, PoseEstimator
 from muybridge.infer.detection.tracks import CameraTracks, tracks_from, with_rest, without_frames
-from muybridge.infer.networks.keypoints import SIZES, OnnxOptions
+from muybridge.infer.networks.keypoints import OnnxOptions
 from muybridge.infer.networks.models import Models
 from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress, Task
@@ -197,7 +197,8 @@ def first_pass(options: DetectOptions) -> DetectOptions:
     keypoints, onnx = options.keypoints, options.keypoints.onnx
     if onnx.flip is None:
         onnx = replace(onnx, flip=False)
-    onnx = replace(onnx, size=max(FIRST_PASS * onnx.size, SIZES[0]))
+    if onnx.size is None:  # a stated size is what the network sees in both passes
+        onnx = replace(onnx, size=FIRST_PASS)
     return replace(options, keypoints=replace(keypoints, onnx=onnx))
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from muybridge.errors import SessionError
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.session.chapters import VIDEO_SUFFIXES, camera_films, recorded_order
-from muybridge.infer.session.pairing import natural_key, pair_by_name
+from muybridge.infer.session.pairing import in_order, natural_key, numbered_otherwise, pair_by_name
 from muybridge.infer.session.probe import is_video
 from muybridge.infer.session.timestamps import TIMESTAMPS
 
@@ -124,6 +124,9 @@ def select_cameras(
     names = tuple(dict.fromkeys(names))
     if len(names) < 2:
         raise SessionError(f"--cameras names {names[0]} alone: motion needs at least two cameras that see the person")
-    pairs = pair_by_name([f.stem for f in files], group.names)
+    stems = [f.stem for f in files]
+    if counted := numbered_otherwise(stems, group.names):
+        raise SessionError(f"{calibration}: cameras and videos are numbered differently; {in_order(counted)}")
+    pairs = pair_by_name(stems, group.names)
     kept = [files[pairs[n]] for n in names if n in pairs]
     return group.select(names), kept if kept else files

@@ -13,9 +13,10 @@ import pytest
 from muybridge.errors import CalibrationError, MuybridgeError, SessionError, VideoError
 from muybridge.geometry.calibration import export_calibration, load_calibration
 from muybridge.geometry.cameras.group import CameraGroup
-from muybridge.infer.session.discover import find_videos
+from muybridge.infer.session.discover import find_videos, select_cameras
 from muybridge.infer.session.pairing import match_cameras, natural_key
 from muybridge.infer.session.session import SessionOptions, open_session
+from tests.rigs import ring_of_cameras
 
 HERE, FILE = Path("session"), Path("session/calibration.toml")
 
@@ -63,6 +64,27 @@ def test_without_common_names_the_order_decides_and_is_reported():
     assert len(said) == 1 and "c10 = GX010101, c9 = GX010020, b = GX010019" in said[0]
 
 
+@pytest.mark.parametrize("first", [0, 1])
+def test_cameras_and_videos_counted_from_different_numbers_are_never_paired_with_neighbours(first):
+    names, stems = ([f"cam{k}" for k in range(start, start + 4)] for start in (first, 1 - first))
+    with pytest.raises(SessionError) as caught:
+        match_cameras(stems, names, HERE, FILE)
+    said = str(caught.value)
+    assert "--cameras" not in said
+    assert f"rename {stems[0]} to {names[0]}, {stems[1]} to {names[1]}, {stems[2]} to {names[2]}" in said
+    group = ring_of_cameras(names, size=(64, 48), model="PINHOLE", params=[(60.0, 60.0, 31.5, 23.5)] * 4)
+    with pytest.raises(SessionError, match=f"numbered differently; .*{stems[3]} to {names[3]}"):
+        select_cameras(group, [Path(f"{s}.mp4") for s in stems], tuple(names[1:3]), FILE)
+
+
+def test_a_proposal_never_pairs_neighbours():
+    with pytest.raises(SessionError, match="counted from different numbers") as caught:
+        match_cameras(["cam1", "cam2", "cam3", "cam4", "cam5"], ["cam0", "cam1", "cam2", "cam3"], HERE, FILE)
+    assert "--cameras" not in str(caught.value)
+    with pytest.raises(SessionError, match="--cameras cam1 cam2"):
+        match_cameras(["cam1", "cam2"], ["cam1", "cam2", "cam3"], HERE, FILE)
+
+
 @pytest.mark.parametrize(
     ("stems", "names", "said"),
     [
@@ -101,57 +123,6 @@ def test_other_files_among_the_videos_are_reported_and_ignored(make_session):
     files, said = find_videos(folder)
     assert [f.name for f in files] == ["cam1.mp4", "cam2.mp4", "cam3.mp4"]
     assert len(said) == 1 and "cam1.LRV, notes.txt, raw" in said[0] and "DS_Store" not in said[0]
-
-
-def test_different_lengths_leave_the_common_part(make_session, make_video):
-    folder = make_session(frames=20)
-    make_video(folder / "videos" / "cam2.mp4", frames=14)
-    session = open_session(folder)
-    assert session.frames == 14
-    assert any("cam2.mp4 14" in text and "first 14 frames" in text for text in session.notices)
-
-
-def test_different_frame_rates_are_paired_by_time(make_session, make_video):
-    folder = make_session(frames=20, fps=30)
-    make_video(folder / "videos" / "cam3.mp4", frames=60, fps=60)
-    session = open_session(folder)
-    assert session.fps == 30
-    assert session.frames == 20
-    assert session.frame_indices[2].tolist() == list(range(0, 40, 2))
-    assert any("frame rates differ" in text and "cam3.mp4 60" in text for text in session.notices)
-
-
-def test_nearly_equal_rates_are_paired_by_number(make_session, make_video):
-    folder = make_session(frames=20, fps=30)
-    make_video(folder / "videos" / "cam3.mp4", frames=20, fps=29.97)
-    session = open_session(folder)
-    assert (session.fps, session.frames) == (30, 20)
-    assert session.frame_indices[2].tolist() == list(range(20)) and session.late is None
-    assert any("differ slightly" in text for text in session.notices)
-
-
-def test_nearly_equal_rates_are_paired_by_time_where_videos_end_together(make_session, make_video):
-    folder = make_session(frames=1000, fps=30)
-    make_video(folder / "videos" / "cam3.mp4", frames=996, fps=29.88)
-    session = open_session(folder)
-    assert session.fps == 30 and session.frames >= 999
-    assert session.frame_indices[2, 990] == round(990 * 29.88 / 30) and abs(session.late).max() < 0.02
-    assert any("the videos end together" in text for text in session.notices)
-    make_video(folder / "videos" / "cam3.mp4", frames=1000, fps=29.88)
-    session = open_session(folder)
-    assert session.late is None and any("0.13 s apart" in text for text in session.notices)
-
-
-def test_dropped_frames_are_replaced_by_time(make_session, make_video):
-    folder = make_session(frames=20, fps=25)
-    kept = [0, 1, 2, 3, 4, 5, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19]
-    make_video(folder / "videos" / "cam2.mp4", frames=16, pts=[40 * k for k in kept])
-    session = open_session(folder)
-    assert any("cam2.mp4 varies" in text for text in session.notices)
-    assert (session.fps, session.frames) == (25, 20)
-    # In the gap the nearest frame stands in; after it the frames are those of the same moment.
-    assert session.frame_indices[1].tolist() == [0, 1, 2, 3, 4, 5, 5, 5, 6, 6, *range(6, 16)]
-    assert session.late == pytest.approx(0.04 * np.array([[0] * 20, [*[0] * 6, -1, -2, 2, 1, *[0] * 10], [0] * 20]))
 
 
 def test_different_sizes_are_reported(make_session, make_video):

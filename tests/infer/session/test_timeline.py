@@ -1,4 +1,4 @@
-"""Videos of a session that end early or run at another speed."""
+"""The time line of a take: videos of other lengths, rates and speeds."""
 
 import av
 import numpy as np
@@ -53,3 +53,54 @@ def test_a_video_eight_times_as_long_is_suspected(make_session, make_video):
     assert len(said) == 1 and "cam2.mp4 lasts 8 times as long as the others" in said[0]
     make_video(folder / "videos" / "cam2.mp4", frames=72)
     assert not [text for text in open_session(folder).notices if "slow motion" in text]
+
+
+def test_different_lengths_leave_the_common_part(make_session, make_video):
+    folder = make_session(frames=20)
+    make_video(folder / "videos" / "cam2.mp4", frames=14)
+    session = open_session(folder)
+    assert session.frames == 14
+    assert any("cam2.mp4 14" in text and "first 14 frames" in text for text in session.notices)
+
+
+def test_different_frame_rates_are_paired_by_time(make_session, make_video):
+    folder = make_session(frames=20, fps=30)
+    make_video(folder / "videos" / "cam3.mp4", frames=60, fps=60)
+    session = open_session(folder)
+    assert session.fps == 30
+    assert session.frames == 20
+    assert session.frame_indices[2].tolist() == list(range(0, 40, 2))
+    assert any("frame rates differ" in text and "cam3.mp4 60" in text for text in session.notices)
+
+
+def test_nearly_equal_rates_are_paired_by_number(make_session, make_video):
+    folder = make_session(frames=20, fps=30)
+    make_video(folder / "videos" / "cam3.mp4", frames=20, fps=29.97)
+    session = open_session(folder)
+    assert (session.fps, session.frames) == (30, 20)
+    assert session.frame_indices[2].tolist() == list(range(20)) and session.late is None
+    assert any("differ slightly" in text for text in session.notices)
+
+
+def test_nearly_equal_rates_are_paired_by_time_where_videos_end_together(make_session, make_video):
+    folder = make_session(frames=1000, fps=30)
+    make_video(folder / "videos" / "cam3.mp4", frames=996, fps=29.88)
+    session = open_session(folder)
+    assert session.fps == 30 and session.frames >= 999
+    assert session.frame_indices[2, 990] == round(990 * 29.88 / 30) and abs(session.late).max() < 0.02
+    assert any("the videos end together" in text for text in session.notices)
+    make_video(folder / "videos" / "cam3.mp4", frames=1000, fps=29.88)
+    session = open_session(folder)
+    assert session.late is None and any("0.13 s apart" in text for text in session.notices)
+
+
+def test_dropped_frames_are_replaced_by_time(make_session, make_video):
+    folder = make_session(frames=20, fps=25)
+    kept = [0, 1, 2, 3, 4, 5, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19]
+    make_video(folder / "videos" / "cam2.mp4", frames=16, pts=[40 * k for k in kept])
+    session = open_session(folder)
+    assert any("cam2.mp4 varies" in text for text in session.notices)
+    assert (session.fps, session.frames) == (25, 20)
+    # In the gap the nearest frame stands in; after it the frames are those of the same moment.
+    assert session.frame_indices[1].tolist() == [0, 1, 2, 3, 4, 5, 5, 5, 6, 6, *range(6, 16)]
+    assert session.late == pytest.approx(0.04 * np.array([[0] * 20, [*[0] * 6, -1, -2, 2, 1, *[0] * 10], [0] * 20]))
