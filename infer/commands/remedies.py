@@ -33,7 +33,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "move_folder": "move it, or choose another --out",
     "network_of_landmarks": "leave out --network",
     "no_calibration": (
-        "or name one with --calibration; to make one, film a board that `muybridge calibrate print-board board.pdf "
+        "or name one with --calibration; to make one, record a board that `muybridge calibrate print-board board.pdf "
         "--columns 7 --rows 5 --square 0.035` prints, and run `muybridge calibrate board RECORDINGS --columns 7 "
         "--rows 5 --square 0.035 --out {session}/calibration.toml`, or measure points and run `muybridge calibrate "
         "points POINTS.csv --videos {session}/videos --out {session}/calibration.toml`"

@@ -183,7 +183,7 @@ def _blobs(video: VideoInfo, indices: IntArray, frames: int, options: BlobOption
     if len(blobs) == len(indices):  # none in the frames after the video's end
         blobs += [np.empty((0, 3))] * (frames - len(indices))
     arrays, facts = pack_blobs(blobs, threshold)
-    return arrays, facts | {"damage": damage_notice(video.path.name, watch.damaged())}
+    return arrays, {**facts, "damage": damage_notice(video.path.name, watch.damaged())}
 
 
 def _by_frame(stages: list[StageResult]) -> list[list[FloatArray]]:
