@@ -13,7 +13,7 @@ from muybridge.geometry.fitting.body_fit import FitOptions
 from muybridge.geometry.fitting.subject import MarkerFitOptions
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.marker_sets import SURFACE, MarkerSet
-from muybridge.geometry.skeleton.joint_centres import centres_from_markers
+from muybridge.geometry.skeleton.joint_centres import USUAL, centres_from_markers
 from muybridge.infer.networks.correction import SolverNetwork
 from muybridge.infer.reconstruction.body import (
     BodySolution,
@@ -49,7 +49,9 @@ _CODE = ("muybridge.geometry", "muybridge.models", "muybridge.motion", "muybridg
 Units = Literal["m", "cm", "mm"]
 Up = Literal["y", "z"]
 Method = Literal["auto", "markers", "landmarks"]
-Centres = Literal["midpoint", "plane", "harrington", "bell", "davis", "functional"]
+Centres = Literal[
+    "midpoint", "plane", "chord", "harrington", "bell", "davis", "hara", "regressions", "functional", "body"
+]
 
 
 @dataclass(frozen=True)
@@ -238,7 +240,8 @@ def _fit_markers(
     columns = dict(recognised.columns)
     chosen = points.points_world[:, list(columns.values())]
     surface = np.array([SURFACE.index(n) for n in columns])
-    known = centres_from_markers(points.points_world, columns, options.centres)
+    asked = tuple(m for m in options.centres if m != "body")
+    known = centres_from_markers(points.points_world, columns, asked if "body" in options.centres else (*asked, *USUAL))
     return fit_labelled_markers(chosen, surface, tuple(columns), points.fps, options.markers, known, corrector)
 
 
