@@ -36,6 +36,7 @@ class Hinge:
         tilt: sine of the usual angle by which the lower bone deviates outward, and tilt_sd its standard deviation.
         wand_sd: radians, how far a marker on the bone usually is from the axis' plane; infinite: anywhere.
         side_sd: radians, how far the axis usually is from `side`.
+        slip: radians, how far skin turns the marker on the upper bone about it from frame to frame; 0: not at all.
     """
 
     half_width: float
@@ -45,6 +46,7 @@ class Hinge:
     tilt_sd: float
     wand_sd: float
     side_sd: float
+    slip: float = 0.0
 
 
 def unit(vectors: FloatArray) -> FloatArray:
@@ -99,26 +101,53 @@ def outward_of(
             continue
         first = unit(off)
         second = np.cross(along, first)
-        angle = _angle(hinge, above, marker, below, first, second, use, side)
-        found = np.cos(angle) * first + np.sin(angle) * second
+        angle, tilt = _angle(hinge, above, marker, below, first, second, use, side)
+        if hinge.slip > 0:
+            angle = np.full(len(use), angle)
+            for start in range(0, len(use), _MOST_FRAMES):
+                part = slice(start, start + _MOST_FRAMES)
+                seen_here = (v[part] for v in (above, marker, below, first, second))
+                angle[part] += _slipped(hinge, *seen_here, angle[part], tilt)
+        found = np.cos(angle)[..., None] * first + np.sin(angle)[..., None] * second
         return np.where(np.isfinite(found), found, by_plane)
     return by_plane
+
+
+def _motion(
+    hinge: Hinge, above: FloatArray, marker: FloatArray, below: FloatArray, outward: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Sines of the lower bone's deviation outward and of its flexion, for outward directions (..., T, 3)."""
+    centre = chord(above, marker, outward, hinge.half_width)
+    upper, lower = unit(centre - above), unit(below - hinge.half_width_below * outward - centre)
+    axis = unit(across(outward, upper))
+    return np.sum(lower * axis, -1), hinge.flexes * np.sum(lower * np.cross(axis, upper), -1)
+
+
+def _slipped(
+    hinge: Hinge, above: FloatArray, marker: FloatArray, below: FloatArray, first: FloatArray, second: FloatArray,
+    angle: FloatArray, tilt: float,
+) -> FloatArray:  # fmt: skip
+    """(T,) radians that the marker on the bone has slipped about it: what makes the forearm's tilt that of the take."""
+    slips = hinge.slip * np.linspace(-3, 3, 121)[:, None]
+    turned = (slips + angle)[..., None]
+    tilts, flexion = _motion(hinge, above, marker, below, np.cos(turned) * first + np.sin(turned) * second)
+    cost = _robust((tilts - tilt) / _TILT) + (np.maximum(-flexion - _STRAIGHT, 0) / _BEYOND) ** 2
+    cost += (slips / hinge.slip) ** 2
+    best = np.argmin(np.where(np.isfinite(cost), cost, np.inf), 0)
+    return np.asarray(slips[best, 0])
 
 
 def _angle(
     hinge: Hinge, above: FloatArray, marker: FloatArray, below: FloatArray, first: FloatArray, second: FloatArray,
     use: BoolArray, side: FloatArray | None,
-) -> float:  # fmt: skip
-    """The angle from `first` to the outward direction, one for the take: the least of a cost over all angles."""
+) -> tuple[float, float]:  # fmt: skip
+    """The angle from `first` to the outward direction, one for the take: the least of a cost over all angles; and the
+    sine of the lower bone's usual deviation."""
     frames = np.flatnonzero(use)
     frames = frames[:: max(1, len(frames) // _MOST_FRAMES)]
     a, m, b, x, y = (v[frames] for v in (above, marker, below, first, second))
     out = np.cos(_GRID)[:, None, None] * x + np.sin(_GRID)[:, None, None] * y
-    centre = chord(a, m, out, hinge.half_width)
-    upper, lower = unit(centre - a), unit(b - hinge.half_width_below * out - centre)
-    axis = unit(across(out, upper))
-    tilt = np.sum(lower * axis, -1)
-    flexion = hinge.flexes * np.sum(lower * np.cross(axis, upper), -1)
+    tilt, flexion = _motion(hinge, a, m, b, out)
     independent = min(_INDEPENDENT, float(len(frames)))
     # The usual tilt of this person, between what the take and what other people show.
     trust = independent / _TILT**2
@@ -139,7 +168,7 @@ def _angle(
     before, here, after = cost[best - 1], cost[best], cost[(best + 1) % len(cost)]
     bend = before - 2 * here + after
     part = 0.5 * (before - after) / bend if bend > 0 else 0.0
-    return float(_GRID[best] + part * (_GRID[1] - _GRID[0]))
+    return float(_GRID[best] + part * (_GRID[1] - _GRID[0])), float(own[best])
 
 
 def _robust(ratio: FloatArray, dof: float = 4.0) -> FloatArray:

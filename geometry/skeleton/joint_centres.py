@@ -13,6 +13,7 @@
   J. Lasenby, Journal of Biomechanics 35, 2002; by distances: W. Gander, G. H. Golub, R. Strebel, BIT 34, 1994).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -37,6 +38,33 @@ class JointCentres:
     names: tuple[str, ...] = ()
     points_world: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 3)))
     sigma: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """What was measured on the subject, metres; markers tell what is not given.
+
+    Attributes:
+        asis_width: between the front spines, which markers on soft tissue lie wider than.
+        marker_diameter: of the markers.
+        leg_length, knee_width, ankle_width, elbow_width: of the `left` and the `right`; widths without markers.
+    """
+
+    asis_width: float | None = None
+    marker_diameter: float | None = None
+    leg_length: Mapping[str, float] = field(default_factory=dict)
+    knee_width: Mapping[str, float] = field(default_factory=dict)
+    ankle_width: Mapping[str, float] = field(default_factory=dict)
+    elbow_width: Mapping[str, float] = field(default_factory=dict)
+
+    def half_width(self, joint: str, side: str, length: float, adult: float) -> float:
+        """Metres from a marker to the centre of `shin`, `foot` or `forearm`, on a limb `length` long: for their length,
+        short limbs have wide joints."""
+        radius = _RADIUS if self.marker_diameter is None else self.marker_diameter / 2
+        widths = {"shin": self.knee_width, "foot": self.ankle_width, "forearm": self.elbow_width}[joint]
+        if side in widths:
+            return widths[side] / 2 + radius
+        return radius + (_HALF_WIDTH[joint] - _RADIUS) * float(np.sqrt(np.clip(length / adult, 0.3, 1.4)))
 
 
 def midpoint(one: FloatArray, other: FloatArray) -> FloatArray:
@@ -144,7 +172,9 @@ _TORSION, _DROP = np.radians(20.0), 0.17
 USUAL = ("midpoint", "regressions", "chord")
 
 
-def centres_from_markers(points_world: FloatArray, index: dict[str, int], methods: tuple[str, ...]) -> JointCentres:
+def centres_from_markers(
+    points_world: FloatArray, index: dict[str, int], methods: tuple[str, ...], measured: Measurements | None = None
+) -> JointCentres:
     """All joint centres that the markers and the methods determine; of two methods for one joint the first counts, and
     the second in frames where the first does not tell.
 
@@ -152,6 +182,7 @@ def centres_from_markers(points_world: FloatArray, index: dict[str, int], method
         points_world: (T, M, 3) metres, NaN where missing.
         index: marker of SURFACE -> its column.
         methods: of METHODS.
+        measured: what was measured on the subject.
 
     Raises:
         ValueError: unknown method.
@@ -159,17 +190,18 @@ def centres_from_markers(points_world: FloatArray, index: dict[str, int], method
     if unknown := [m for m in methods if m not in METHODS]:
         raise ValueError(f"unknown method {unknown[0]!r}: choose of {', '.join(METHODS)}")
     found: dict[str, tuple[FloatArray, float]] = {}
+    measured = measured or Measurements()
     for method in methods:
         for side in ("left", "right"):
             at = {n.removeprefix(f"{side}_"): points_world[:, i] for n, i in index.items() if n.startswith(side)}
             if method in ("midpoint", "plane"):
                 new = _hinges(at, points_world, index, side, method)
             elif method == "chord":
-                new = _chords(at, points_world, index, side, found)
+                new = _chords(at, points_world, index, side, found, measured)
             elif method == "functional":
                 new = _functional(at, points_world, index, side)
             else:
-                new = _regressed(at, points_world, index, side, method)  # type: ignore[arg-type]
+                new = _regressed(at, points_world, index, side, method, measured)  # type: ignore[arg-type]
             for joint, (points, sigma) in new.items():
                 if np.isfinite(points).any():
                     before, sigma = found.get(f"{side}_{joint}", (points, sigma))
@@ -213,9 +245,9 @@ def _pelvis(points: FloatArray, index: dict[str, int]) -> tuple[FloatArray, Floa
 
 
 def _chords(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int], side: str,
-            found: dict[str, tuple[FloatArray, float]]) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
+            found: dict[str, tuple[FloatArray, float]], measured: Measurements) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
     """Knee, ankle, shoulder and elbow behind the one marker beside each."""
-    out = _chords_of_leg(at, points, index, side, found)
+    out = _chords_of_leg(at, points, index, side, found, measured)
     shoulder = _shoulder(at, points, index, side)
     if shoulder is None:
         return out
@@ -224,24 +256,25 @@ def _chords(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int]
     wrists = [at[n] for n in ("radial_styloid", "ulnar_styloid") if n in at]
     if "elbow_lateral" in at and wrists:
         wrist, marker = np.mean(wrists, axis=0), at["elbow_lateral"]
-        width = _half_width("forearm", _median_length(at["acromion"], marker, wrist), _ADULT_ARM)
+        width = measured.half_width("forearm", side, _median_length(at["acromion"], marker, wrist), _ADULT_ARM)
         # The forearm deviates outward by some ten degrees, and its marker may be anywhere on the arm.
-        hinge = Hinge(width, 0.0, -1.0 if side == "left" else 1.0, 0.17, 0.17, np.inf, np.inf)
+        hinge = Hinge(width, 0.0, -1.0 if side == "left" else 1.0, 0.21, 0.10, np.inf, np.inf, np.radians(20.0))
         wands = tuple(at[n] for n in ("upper_arm_distal", "upper_arm_proximal") if n in at)
         out["forearm"] = chord(shoulder, marker, outward_of(hinge, shoulder, marker, wrist, wands), width), _SIGMA["chord"]
     return out
 
 
 def _chords_of_leg(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int], side: str,
-                   found: dict[str, tuple[FloatArray, float]]) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
+                   found: dict[str, tuple[FloatArray, float]], measured: Measurements
+                   ) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
     out: dict[str, tuple[FloatArray, float]] = {}
     pelvis = _pelvis(points, index)
-    hip, _ = found.get(f"{side}_thigh") or _regressed(at, points, index, side, "regressions").get("thigh", (None, 0.0))
+    hip, _ = found.get(f"{side}_thigh") or (None, 0.0)
     if pelvis is None or hip is None or not {"knee_lateral", "malleolus_lateral"} <= set(at):
         return out
     marker, ankle, left = at["knee_lateral"], at["malleolus_lateral"], 1.0 if side == "left" else -1.0
-    leg = _leg_length(at) or _ADULT_LEG
-    width, below = _half_width("shin", leg, _ADULT_LEG), _half_width("foot", leg, _ADULT_LEG)
+    leg = measured.leg_length.get(side) or _leg_length(at) or _ADULT_LEG
+    width, below = (measured.half_width(joint, side, leg, _ADULT_LEG) for joint in ("shin", "foot"))
     hinge = Hinge(width, below, left, 0.0, 0.06, np.radians(8.0), np.radians(12.0))
     wands = tuple(at[n] for n in ("thigh_distal", "thigh_proximal", "patella") if n in at)
     outward = outward_of(hinge, hip, marker, ankle, wands, left * pelvis[1][..., 1])
@@ -252,11 +285,6 @@ def _chords_of_leg(at: dict[str, FloatArray], points: FloatArray, index: dict[st
     outward = np.cos(_TORSION) * outward + np.sin(_TORSION) * left * np.cross(outward, down)
     out["foot"] = chord(knee, ankle, outward, below), _SIGMA["chord"]
     return out
-
-
-def _half_width(joint: str, length: float, adult: float) -> float:
-    """Metres from a marker to the joint's centre; for their length, short limbs have wide joints."""
-    return _RADIUS + (_HALF_WIDTH[joint] - _RADIUS) * float(np.sqrt(np.clip(length / adult, 0.3, 1.4)))
 
 
 def _median_length(*places: FloatArray) -> float:
@@ -284,12 +312,13 @@ def _shoulder(at: dict[str, FloatArray], points: FloatArray, index: dict[str, in
 
 
 def _regressed(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int], side: str,
-               method: HipMethod | Literal["regressions"]) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
+               method: HipMethod | Literal["regressions"], measured: Measurements
+               ) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
     pelvis = _pelvis(points, index)
     if pelvis is None:
         return {}
     front, axes, width, depth = pelvis
-    leg = _leg_length(at)
+    leg, width = measured.leg_length.get(side) or _leg_length(at), measured.asis_width or width
     if method in ("davis", "hara") and leg is None:
         return {}
     chosen: tuple[HipMethod, ...] = (method,) if method != "regressions" else ("harrington", "davis", "hara")

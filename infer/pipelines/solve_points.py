@@ -13,7 +13,7 @@ from muybridge.geometry.fitting.body_fit import FitOptions
 from muybridge.geometry.fitting.subject import MarkerFitOptions
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.marker_sets import SURFACE, MarkerSet
-from muybridge.geometry.skeleton.joint_centres import USUAL, centres_from_markers
+from muybridge.geometry.skeleton.joint_centres import USUAL, Measurements, centres_from_markers
 from muybridge.infer.networks.correction import SolverNetwork
 from muybridge.infer.reconstruction.body import (
     BodySolution,
@@ -23,6 +23,7 @@ from muybridge.infer.reconstruction.body import (
     open_corrector,
     unpack_body,
 )
+from muybridge.infer.reconstruction.measurements import measurements_of
 from muybridge.infer.reconstruction.recognise import RecognisedPoints, check_size, recognise, tilt_deg
 from muybridge.infer.report.data import ReportData
 from muybridge.infer.report.page import problems, write_report
@@ -64,11 +65,14 @@ class SolvePointsOptions:
         fps: frames per second, where the file does not say or says it wrongly.
         method: `markers` fits the body to the markers on its skin, `landmarks` to joint centres that are first computed
             from the markers; `auto` takes the first where there are a dozen markers or more.
-        centres: joint centres that count besides the markers: `midpoint` of the markers on either side, `plane` of
-            three markers of a limb, the hip by `harrington`, `bell` or `davis`, or by its motion (`functional`, the
-            shoulder too); where two give the same joint, the one named first counts.
+        centres: joint centres that count besides the markers: `midpoint` of the markers on either side, `chord` behind
+            one marker by the hinge's axis over the take (the shoulder below the acromion), `plane` of three markers of
+            a limb, the hip by `harrington`, `bell`, `davis`, `hara` or the mean of them (`regressions`), or by its
+            motion (`functional`, the shoulder too). Where two give the same joint, the one named first counts; after
+            those named come `midpoint`, `regressions` and `chord`, unless `body` is named, which leaves the rest to
+            the statistical body.
         network: file of a network that corrects the joints of a body fitted to markers (`muybridge train solver`);
-            if not given, the shipped one, unless `centres` are given.
+            if not given, the shipped one where `centres` has `body`, none otherwise.
         correct: correct the joints with the network.
         fit: skeleton and joint angles, fitted to landmarks.
         markers: skeleton and joint angles, fitted to markers.
@@ -151,7 +155,7 @@ def solve_points(
     def compute() -> tuple[Arrays, Facts]:
         if not by_markers:
             return fit_landmarks(recognised.points, options.fit)
-        return _fit_markers(take.positions, recognised, options, corrector)
+        return _fit_markers(take.positions, recognised, options, corrector, measurements_of(path))
 
     fitted = stage("body", given, compute)
     body = unpack_body(fitted.arrays, fitted.facts)
@@ -192,7 +196,8 @@ def _check_method(
             raise FormatError(
                 f"{path}: the method `markers` needs labelled markers on the skin, and the file has {recognised.how}"
             )
-        return open_corrector(options.network, options.correct, options.centres)
+        # It was trained on the statistical body's joints, which are others than a laboratory's.
+        return open_corrector(options.network, options.correct, () if "body" in options.centres else USUAL)
     if options.centres or options.network:
         what = "joint centres" if options.centres else "a network"
         raise FormatError(
@@ -235,13 +240,15 @@ def _report_data(
 
 
 def _fit_markers(
-    points: Points3D, recognised: RecognisedPoints, options: SolvePointsOptions, corrector: SolverNetwork | None
-) -> tuple[Arrays, Facts]:
+    points: Points3D, recognised: RecognisedPoints, options: SolvePointsOptions, corrector: SolverNetwork | None,
+    measured: Measurements,
+) -> tuple[Arrays, Facts]:  # fmt: skip
     columns = dict(recognised.columns)
     chosen = points.points_world[:, list(columns.values())]
     surface = np.array([SURFACE.index(n) for n in columns])
     asked = tuple(m for m in options.centres if m != "body")
-    known = centres_from_markers(points.points_world, columns, asked if "body" in options.centres else (*asked, *USUAL))
+    methods = asked if "body" in options.centres else (*asked, *USUAL)
+    known = centres_from_markers(points.points_world, columns, methods, measured)
     return fit_labelled_markers(chosen, surface, tuple(columns), points.fps, options.markers, known, corrector)
 
 
