@@ -17,12 +17,13 @@ from muybridge.arrays import BoolArray, FloatArray
 
 # Sines, standard deviations: of a frame's sideways tilt, and of hyperextension beyond 5 degrees.
 _TILT, _BEYOND, _STRAIGHT = 0.05, 0.05, 0.087
-# Frames of a take count as so many independent ones: skin moves alike in all of them.
-_INDEPENDENT = 10.0
+# Frames of a take count as so many independent ones: skin moves alike in every stride.
+_INDEPENDENT = 3.0
 _MOST_FRAMES = 400
 _GRID = np.radians(np.arange(-180.0, 180.0, 2.0))
-# Metres, the nearest that a marker may be to the line through the limb to tell how the bone turns.
-_OFF_LINE = 0.015
+# Metres, the nearest that a marker may be to the line through the limb to tell how the bone turns, and how far a
+# coordinate of it is usually from where it should be.
+_OFF_LINE, _PLACED = 0.015, 0.006
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,11 @@ class Hinge:
         half_width_below: the same of the joint below, whose marker is on the same side; 0 where that is a centre.
         flexes: 1 if the lower bone flexes towards (outward x down the limb), else -1.
         tilt: sine of the usual angle by which the lower bone deviates outward, and tilt_sd its standard deviation.
-        wand_sd: radians, how far a marker on the bone usually is from the axis' plane; infinite: anywhere.
+        wand_sd: radians, how far a marker on the bone usually is from the axis' plane, besides its own
+            misplacement, which weighs more near the bone's line; infinite: anywhere.
         side_sd: radians, how far the axis usually is from `side`.
+        torsion: radians, by which the axis of the joint below is turned against this one, its outer end towards where
+            the lower bone flexes.
         slip: radians, how far skin turns the marker on the upper bone about it from frame to frame; 0: not at all.
     """
 
@@ -46,6 +50,7 @@ class Hinge:
     tilt_sd: float
     wand_sd: float
     side_sd: float
+    torsion: float = 0.0
     slip: float = 0.0
 
 
@@ -101,7 +106,7 @@ def outward_of(
             continue
         first = unit(off)
         second = np.cross(along, first)
-        angle, tilt = _angle(hinge, above, marker, below, first, second, use, side)
+        angle, tilt = _angle(hinge, above, marker, below, first, second, wand, use, side)
         if hinge.slip > 0:
             angle = np.full(len(use), angle)
             for start in range(0, len(use), _MOST_FRAMES):
@@ -113,12 +118,20 @@ def outward_of(
     return by_plane
 
 
+def twisted(hinge: Hinge, outward: FloatArray, down: FloatArray) -> FloatArray:
+    """(..., 3) the direction outward of the joint below, given this one's and that along the lower bone."""
+    return np.asarray(
+        np.cos(hinge.torsion) * outward + np.sin(hinge.torsion) * hinge.flexes * np.cross(outward, unit(down))
+    )
+
+
 def _motion(
     hinge: Hinge, above: FloatArray, marker: FloatArray, below: FloatArray, outward: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Sines of the lower bone's deviation outward and of its flexion, for outward directions (..., T, 3)."""
     centre = chord(above, marker, outward, hinge.half_width)
-    upper, lower = unit(centre - above), unit(below - hinge.half_width_below * outward - centre)
+    upper = unit(centre - above)
+    lower = unit(below - hinge.half_width_below * twisted(hinge, outward, below - centre) - centre)
     axis = unit(across(outward, upper))
     return np.sum(lower * axis, -1), hinge.flexes * np.sum(lower * np.cross(axis, upper), -1)
 
@@ -139,7 +152,7 @@ def _slipped(
 
 def _angle(
     hinge: Hinge, above: FloatArray, marker: FloatArray, below: FloatArray, first: FloatArray, second: FloatArray,
-    use: BoolArray, side: FloatArray | None,
+    wand: FloatArray, use: BoolArray, side: FloatArray | None,
 ) -> tuple[float, float]:  # fmt: skip
     """The angle from `first` to the outward direction, one for the take: the least of a cost over all angles; and the
     sine of the lower bone's usual deviation."""
@@ -156,7 +169,8 @@ def _angle(
     cost += independent * np.mean(_robust((tilt - own[:, None]) / _TILT), 1)
     cost += independent * np.mean((np.maximum(-flexion - _STRAIGHT, 0) / _BEYOND) ** 2, 1)
     if np.isfinite(hinge.wand_sd):
-        cost += _robust(_GRID / hinge.wand_sd)
+        far = np.median(np.linalg.norm(across(wand[frames] - a, unit(m - a)), axis=-1))
+        cost += _robust(_GRID / np.hypot(hinge.wand_sd, _PLACED / far))
     if side is not None:
         given = side[frames]
         angles = np.arctan2(np.sum(given * y, -1), np.sum(given * x, -1))

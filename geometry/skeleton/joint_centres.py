@@ -21,7 +21,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.skeleton.functional_centres import segment_poses, sphere_centre
-from muybridge.geometry.skeleton.hinge_axes import Hinge, chord, outward_of, unit
+from muybridge.geometry.skeleton.hinge_axes import Hinge, chord, outward_of, twisted, unit
 
 HipMethod = Literal["harrington", "bell", "davis", "hara"]
 
@@ -258,7 +258,7 @@ def _chords(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int]
         wrist, marker = np.mean(wrists, axis=0), at["elbow_lateral"]
         width = measured.half_width("forearm", side, _median_length(at["acromion"], marker, wrist), _ADULT_ARM)
         # The forearm deviates outward by some ten degrees, and its marker may be anywhere on the arm.
-        hinge = Hinge(width, 0.0, -1.0 if side == "left" else 1.0, 0.21, 0.10, np.inf, np.inf, np.radians(20.0))
+        hinge = Hinge(width, 0.0, -1.0 if side == "left" else 1.0, 0.21, 0.10, np.inf, np.inf, slip=np.radians(20.0))
         wands = tuple(at[n] for n in ("upper_arm_distal", "upper_arm_proximal") if n in at)
         out["forearm"] = chord(shoulder, marker, outward_of(hinge, shoulder, marker, wrist, wands), width), _SIGMA["chord"]
     return out
@@ -275,14 +275,13 @@ def _chords_of_leg(at: dict[str, FloatArray], points: FloatArray, index: dict[st
     marker, ankle, left = at["knee_lateral"], at["malleolus_lateral"], 1.0 if side == "left" else -1.0
     leg = measured.leg_length.get(side) or _leg_length(at) or _ADULT_LEG
     width, below = (measured.half_width(joint, side, leg, _ADULT_LEG) for joint in ("shin", "foot"))
-    hinge = Hinge(width, below, left, 0.0, 0.06, np.radians(8.0), np.radians(12.0))
+    hinge = Hinge(width, below, left, 0.0, 0.06, np.radians(8.0), np.radians(12.0), _TORSION)
     wands = tuple(at[n] for n in ("thigh_distal", "thigh_proximal", "patella") if n in at)
     outward = outward_of(hinge, hip, marker, ankle, wands, left * pelvis[1][..., 1])
     knee, _ = found.get(f"{side}_shin", (chord(hip, marker, outward, width), 0.0))
     out["shin"] = knee, _SIGMA["chord"]
     # The malleoli's axis is turned outward against the knee's.
-    outward, down = unit(marker - knee), unit(ankle - knee)
-    outward = np.cos(_TORSION) * outward + np.sin(_TORSION) * left * np.cross(outward, down)
+    outward = twisted(hinge, unit(marker - knee), ankle - knee)
     out["foot"] = chord(knee, ankle, outward, below), _SIGMA["chord"]
     return out
 
