@@ -9,7 +9,7 @@ hyperextend, and where the bone hangs from the pelvis it is near the pelvis' own
 plane of the axis, as Plug-in Gait asks, counts as well; one that clearly was not is left out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ _TILT, _BEYOND, _STRAIGHT = 0.05, 0.05, 0.087
 # Frames of a take count as so many independent ones: skin moves alike in every stride.
 _INDEPENDENT = 3.0
 _MOST_FRAMES = 400
+_LOOSE = np.radians(8.0)  # how far a thigh turns against the pelvis about its mean
 _GRID = np.radians(np.arange(-180.0, 180.0, 2.0))
 # Metres, the nearest that a marker may be to the line through the limb to tell how the bone turns, and how far a
 # coordinate of it is usually from where it should be.
@@ -97,25 +98,40 @@ def outward_of(
     """
     along = unit(marker - above)
     seen = np.isfinite(along).all(-1) & np.isfinite(below).all(-1)
-    by_plane = _by_plane(hinge, above, marker, below, side)
+    limb = above, marker, below
+    found = np.full(marker.shape, np.nan)
     for wand in wands:
-        off = across(wand - above, along)
-        far = np.linalg.norm(off, axis=-1)
+        far = np.linalg.norm(across(wand - above, along), axis=-1)
         use = seen & np.isfinite(far)
-        if use.sum() < max(3, 0.2 * seen.sum()) or np.median(far[use]) < _OFF_LINE:
-            continue
-        first = unit(off)
-        second = np.cross(along, first)
-        angle, tilt = _angle(hinge, above, marker, below, first, second, wand, use, side)
-        if hinge.slip > 0:
-            angle = np.full(len(use), angle)
-            for start in range(0, len(use), _MOST_FRAMES):
-                part = slice(start, start + _MOST_FRAMES)
-                seen_here = (v[part] for v in (above, marker, below, first, second))
-                angle[part] += _slipped(hinge, *seen_here, angle[part], tilt)
-        found = np.cos(angle)[..., None] * first + np.sin(angle)[..., None] * second
-        return np.where(np.isfinite(found), found, by_plane)
-    return by_plane
+        if use.sum() >= max(3, 0.2 * seen.sum()) and np.median(far[use]) >= _OFF_LINE:
+            found = _turned(hinge, limb, along, wand - above, use, side)
+            break
+    if side is not None and not np.isfinite(found).all():
+        # The bone turns against what `side` belongs to, and no marker on it tells how far.
+        loose = replace(hinge, wand_sd=np.inf, slip=_LOOSE)
+        use = seen & np.isfinite(side).all(-1)
+        found = np.where(np.isfinite(found), found, _turned(loose, limb, along, side, use, side))
+    return np.where(np.isfinite(found), found, _by_plane(hinge, *limb))
+
+
+def _turned(
+    hinge: Hinge, limb: tuple[FloatArray, FloatArray, FloatArray], along: FloatArray, reference: FloatArray,
+    use: BoolArray, side: FloatArray | None,
+) -> FloatArray:  # fmt: skip
+    """(T, 3) outward: at a constant angle about the limb from (T, 3) `reference`, but for `hinge.slip`."""
+    if not use.any():
+        return np.full(reference.shape, np.nan)
+    off = across(reference, along)
+    first = unit(off)
+    second = np.cross(along, first)
+    far = float(np.median(np.linalg.norm(off[use], axis=-1)))
+    one, tilt = _angle(hinge, limb, first, second, far, use, side)
+    angle = np.full(len(use), one)
+    for start in range(0, len(use) if hinge.slip > 0 else 0, _MOST_FRAMES):
+        part = slice(start, start + _MOST_FRAMES)
+        here = limb[0][part], limb[1][part], limb[2][part]
+        angle[part] += _slipped(hinge, here, first[part], second[part], one, tilt)
+    return np.asarray(np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second)
 
 
 def twisted(hinge: Hinge, outward: FloatArray, down: FloatArray) -> FloatArray:
@@ -137,28 +153,28 @@ def _motion(
 
 
 def _slipped(
-    hinge: Hinge, above: FloatArray, marker: FloatArray, below: FloatArray, first: FloatArray, second: FloatArray,
-    angle: FloatArray, tilt: float,
+    hinge: Hinge, limb: tuple[FloatArray, FloatArray, FloatArray], first: FloatArray, second: FloatArray, angle: float,
+    tilt: float,
 ) -> FloatArray:  # fmt: skip
     """(T,) radians that the marker on the bone has slipped about it: what makes the forearm's tilt that of the take."""
     slips = hinge.slip * np.linspace(-3, 3, 121)[:, None]
     turned = (slips + angle)[..., None]
-    tilts, flexion = _motion(hinge, above, marker, below, np.cos(turned) * first + np.sin(turned) * second)
+    tilts, flexion = _motion(hinge, *limb, np.cos(turned) * first + np.sin(turned) * second)
     cost = _robust((tilts - tilt) / _TILT) + (np.maximum(-flexion - _STRAIGHT, 0) / _BEYOND) ** 2
-    cost += (slips / hinge.slip) ** 2
-    best = np.argmin(np.where(np.isfinite(cost), cost, np.inf), 0)
+    usual = (slips / hinge.slip) ** 2
+    best = np.argmin(np.where(np.isfinite(cost), cost + usual, usual), 0)
     return np.asarray(slips[best, 0])
 
 
 def _angle(
-    hinge: Hinge, above: FloatArray, marker: FloatArray, below: FloatArray, first: FloatArray, second: FloatArray,
-    wand: FloatArray, use: BoolArray, side: FloatArray | None,
+    hinge: Hinge, limb: tuple[FloatArray, FloatArray, FloatArray], first: FloatArray, second: FloatArray, far: float,
+    use: BoolArray, side: FloatArray | None,
 ) -> tuple[float, float]:  # fmt: skip
     """The angle from `first` to the outward direction, one for the take: the least of a cost over all angles; and the
     sine of the lower bone's usual deviation."""
     frames = np.flatnonzero(use)
     frames = frames[:: max(1, len(frames) // _MOST_FRAMES)]
-    a, m, b, x, y = (v[frames] for v in (above, marker, below, first, second))
+    a, m, b, x, y = (v[frames] for v in (*limb, first, second))
     out = np.cos(_GRID)[:, None, None] * x + np.sin(_GRID)[:, None, None] * y
     tilt, flexion = _motion(hinge, a, m, b, out)
     independent = min(_INDEPENDENT, float(len(frames)))
@@ -169,7 +185,6 @@ def _angle(
     cost += independent * np.mean(_robust((tilt - own[:, None]) / _TILT), 1)
     cost += independent * np.mean((np.maximum(-flexion - _STRAIGHT, 0) / _BEYOND) ** 2, 1)
     if np.isfinite(hinge.wand_sd):
-        far = np.median(np.linalg.norm(across(wand[frames] - a, unit(m - a)), axis=-1))
         cost += _robust(_GRID / np.hypot(hinge.wand_sd, _PLACED / far))
     if side is not None:
         given = side[frames]
@@ -194,18 +209,8 @@ def _wrapped(angles: FloatArray) -> FloatArray:
     return np.asarray((angles + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _by_plane(
-    hinge: Hinge, above: FloatArray, marker: FloatArray, below: FloatArray, side: FloatArray | None
-) -> FloatArray:
-    """Frame by frame: the normal of the limb's plane as far as it is bent, and `side` as far as it is straight."""
-    upper, lower = unit(marker - above), unit(below - marker)
-    normal = -hinge.flexes * np.cross(lower, upper)
-    if side is None:
-        sine = np.linalg.norm(normal, axis=-1, keepdims=True)
-        return np.where(sine > _STRAIGHT, unit(normal), np.nan)
-    # A marker beside a straight limb makes a small angle of its own: bent by 30 degrees the plane counts alone.
-    straight = unit(across(side, upper))
-    share = np.clip(np.linalg.norm(normal, axis=-1, keepdims=True) / 0.5, 0.0, 1.0)
-    agrees = np.sum(normal * straight, -1, keepdims=True) > 0
-    found = unit(np.where(agrees, share * unit(normal), 0.0) + (1.0001 - share) * straight)
-    return np.where(np.isfinite(found), found, straight)
+def _by_plane(hinge: Hinge, above: FloatArray, marker: FloatArray, below: FloatArray) -> FloatArray:
+    """Frame by frame: the normal of the limb's plane, NaN where the limb is straight."""
+    normal = -hinge.flexes * np.cross(unit(below - marker), unit(marker - above))
+    sine = np.linalg.norm(normal, axis=-1, keepdims=True)
+    return np.where(sine > 2 * _STRAIGHT, unit(normal), np.nan)

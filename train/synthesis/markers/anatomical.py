@@ -111,7 +111,7 @@ class _Body:
         ankle = knee + shank @ [0, 0, -0.235 * s]
         wide = who.breadth * np.sqrt(s / 1.75)
         beside, below = 0.007 + 0.055 * wide, 0.007 + 0.036 * wide
-        slide = 0.012 * np.sin(phase)
+        slide = 0.007 * s * np.sin(phase)
         wand = {f"{side}_{'thigh_distal' if sign > 0 else 'thigh_proximal'}": [0.04 * s, 0.0, -0.14 * s]}
         self.place(thigh, hip, wand, mirror, slide, -0.3 * sign * roll)
         self.place(thigh, knee, {f"{side}_knee_lateral": [beside, 0.0, 0.0]}, mirror, 0.4 * slide)
