@@ -195,7 +195,7 @@ def centres_from_markers(
         for side in ("left", "right"):
             at = {n.removeprefix(f"{side}_"): points_world[:, i] for n, i in index.items() if n.startswith(side)}
             if method in ("midpoint", "plane"):
-                new = _hinges(at, points_world, index, side, method)
+                new = _hinges(at, points_world, index, side, method, measured)
             elif method == "chord":
                 new = _chords(at, points_world, index, side, found, measured)
             elif method == "functional":
@@ -212,18 +212,22 @@ def centres_from_markers(
                         np.array([s for _, s in found.values()]))  # fmt: skip
 
 
-def _hinges(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int], side: str, method: str
-            ) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
+def _hinges(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int], side: str, method: str,
+            measured: Measurements) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
     out = {}
     for joint, (outside, inside, above, below) in _HINGES.items():
         if method == "midpoint" and outside in at and inside in at:
             out[joint] = midpoint(at[outside], at[inside]), _SIGMA[method]
         other = points[:, index[f"{_OTHER[side]}_{outside}"]] if f"{_OTHER[side]}_{outside}" in index else None
         upper = at.get(above, at.get("asis"))
-        if method == "plane" and outside in at and below in at and upper is not None and other is not None:
+        # The plane of shank and foot is no ankle's: the toe's marker lies far inward.
+        bends = method == "plane" and joint != "foot"
+        if bends and outside in at and below in at and upper is not None and other is not None:
             # The markers of both sides give roughly the inward direction; arms and legs may cross for some frames.
             inward = np.where(np.isfinite(other), other - at[outside], 0.0)
-            out[joint] = plane_centre(upper, at[outside], at[below], _HALF_WIDTH[joint], inward), _SIGMA[method]
+            adult = _ADULT_LEG if joint == "shin" else _ADULT_ARM
+            width = measured.half_width(joint, side, _median_length(upper, at[outside], at[below]), adult)
+            out[joint] = plane_centre(upper, at[outside], at[below], width, inward), _SIGMA[method]
     if method == "midpoint" and "radial_styloid" in at and "ulnar_styloid" in at:
         out["hand"] = midpoint(at["radial_styloid"], at["ulnar_styloid"]), _SIGMA[method]
     return out
@@ -245,14 +249,16 @@ def _pelvis(points: FloatArray, index: dict[str, int]) -> tuple[FloatArray, Floa
 
 
 def _chords(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int], side: str,
-            found: dict[str, tuple[FloatArray, float]], measured: Measurements) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
+            found: dict[str, tuple[FloatArray, float]], measured: Measurements
+            ) -> dict[str, tuple[FloatArray, float]]:  # fmt: skip
     """Knee, ankle, shoulder and elbow behind the one marker beside each."""
     out = _chords_of_leg(at, points, index, side, found, measured)
     shoulder = _shoulder(at, points, index, side)
     if shoulder is None:
         return out
-    shoulder, sigma = found.get(f"{side}_upper_arm", (shoulder, _SIGMA["shoulder"]))
-    out["upper_arm"] = shoulder, sigma
+    out["upper_arm"] = shoulder, _SIGMA["shoulder"]
+    counts, _ = found.get(f"{side}_upper_arm", (shoulder, 0.0))
+    shoulder = np.where(np.isfinite(counts), counts, shoulder)
     wrists = [at[n] for n in ("radial_styloid", "ulnar_styloid") if n in at]
     if "elbow_lateral" in at and wrists:
         wrist, marker = np.mean(wrists, axis=0), at["elbow_lateral"]
@@ -260,7 +266,10 @@ def _chords(at: dict[str, FloatArray], points: FloatArray, index: dict[str, int]
         # The forearm deviates outward by some ten degrees, and its marker may be anywhere on the arm.
         hinge = Hinge(width, 0.0, -1.0 if side == "left" else 1.0, 0.21, 0.10, np.inf, np.inf, slip=np.radians(20.0))
         wands = tuple(at[n] for n in ("upper_arm_distal", "upper_arm_proximal") if n in at)
-        out["forearm"] = chord(shoulder, marker, outward_of(hinge, shoulder, marker, wrist, wands), width), _SIGMA["chord"]
+        out["forearm"] = (
+            chord(shoulder, marker, outward_of(hinge, shoulder, marker, wrist, wands), width),
+            _SIGMA["chord"],
+        )
     return out
 
 
@@ -278,8 +287,11 @@ def _chords_of_leg(at: dict[str, FloatArray], points: FloatArray, index: dict[st
     hinge = Hinge(width, below, left, 0.0, 0.06, np.radians(8.0), np.radians(12.0), _TORSION)
     wands = tuple(at[n] for n in ("thigh_distal", "thigh_proximal", "patella") if n in at)
     outward = outward_of(hinge, hip, marker, ankle, wands, left * pelvis[1][..., 1])
-    knee, _ = found.get(f"{side}_shin", (chord(hip, marker, outward, width), 0.0))
+    knee = chord(hip, marker, outward, width)
     out["shin"] = knee, _SIGMA["chord"]
+    # The ankle hangs from the knee that counts.
+    counts, _ = found.get(f"{side}_shin", (knee, 0.0))
+    knee = np.where(np.isfinite(counts), counts, knee)
     # The malleoli's axis is turned outward against the knee's.
     outward = twisted(hinge, unit(marker - knee), ankle - knee)
     out["foot"] = chord(knee, ankle, outward, below), _SIGMA["chord"]
@@ -331,7 +343,9 @@ def _leg_length(at: dict[str, FloatArray]) -> float | None:
     ankle = at.get("malleolus_medial", at.get("malleolus_lateral"))
     if ankle is None or "asis" not in at or "knee_lateral" not in at:
         return None
-    long = np.linalg.norm(at["asis"] - at["knee_lateral"], axis=-1) + np.linalg.norm(at["knee_lateral"] - ankle, axis=-1)
+    long = np.linalg.norm(at["asis"] - at["knee_lateral"], axis=-1) + np.linalg.norm(
+        at["knee_lateral"] - ankle, axis=-1
+    )
     known = np.isfinite(long)
     return float(np.quantile(long[known], 0.9)) if known.any() else None
 

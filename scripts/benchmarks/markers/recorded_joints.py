@@ -148,7 +148,9 @@ def hinge_deg(motion: Motion, side: str) -> FloatArray:
     return np.degrees(-angle if side == "left" else angle)
 
 
-def _elbow(motion: Motion, at: dict[str, FloatArray], skin: dict[str, FloatArray], side: str) -> dict[str, float | None]:
+def _elbow(
+    motion: Motion, at: dict[str, FloatArray], skin: dict[str, FloatArray], side: str
+) -> dict[str, float | None]:
     needed = [f"{side}_{n}" for n in ("acromion", "elbow_lateral", "radial_styloid", "ulnar_styloid")]
     if any(n not in skin for n in needed):
         return {}

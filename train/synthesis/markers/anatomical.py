@@ -65,15 +65,38 @@ def anatomical_take(
     for side, sign in (("left", 1.0), ("right", -1.0)):
         mirror = np.array([sign, 1.0, 1.0])
         forward, out, up = hip_in_pelvis("harrington", width, depth)
-        body.place(pelvis, root, {f"{side}_asis": [width / 2, -depth / 2, 0.0], f"{side}_psis": [0.027 * s, depth / 2, 0.0]},
-                   mirror, 0.004 * np.sin(phase))  # fmt: skip
+        body.place(
+            pelvis,
+            root,
+            {f"{side}_asis": [width / 2, -depth / 2, 0.0], f"{side}_psis": [0.027 * s, depth / 2, 0.0]},
+            mirror,
+            0.004 * np.sin(phase),
+        )
         body.leg(side, mirror, pelvis, root + pelvis @ (mirror * [out, -depth / 2 - forward, up]), phase)
         body.arm(side, mirror, trunk, root + trunk @ (mirror * [0.105 * s, 0.02 * s, 0.25 * s]), phase)
-        body.place(trunk, root, {f"{side}_front_head": [0.042 * s, -0.05 * s, 0.43 * s],
-                                 f"{side}_back_head": [0.04 * s, 0.05 * s, 0.435 * s]}, mirror, 0 * phase)  # fmt: skip
-    body.place(trunk, root, {"c7": [0, 0.05 * s, 0.30 * s], "t10": [0, 0.08 * s, 0.15 * s],
-                             "sternal_notch": [0, -0.045 * s, 0.265 * s], "xiphoid": [0, -0.075 * s, 0.17 * s],
-                             "right_scapula": [-0.05 * s, 0.08 * s, 0.23 * s]}, np.ones(3), 0 * phase)  # fmt: skip
+        body.place(
+            trunk,
+            root,
+            {
+                f"{side}_front_head": [0.042 * s, -0.05 * s, 0.43 * s],
+                f"{side}_back_head": [0.04 * s, 0.05 * s, 0.435 * s],
+            },
+            mirror,
+            0 * phase,
+        )
+    body.place(
+        trunk,
+        root,
+        {
+            "c7": [0, 0.05 * s, 0.30 * s],
+            "t10": [0, 0.08 * s, 0.15 * s],
+            "sternal_notch": [0, -0.045 * s, 0.265 * s],
+            "xiphoid": [0, -0.075 * s, 0.17 * s],
+            "right_scapula": [-0.05 * s, 0.08 * s, 0.23 * s],
+        },
+        np.ones(3),
+        0 * phase,
+    )
     points = np.stack([body.markers[SURFACE.names[k]] for k in PLUG_IN_GAIT.surface_indices], 1)
     return AnatomicalTake(points + rng.normal(0, 0.0005, points.shape), body.centres, fps)
 
@@ -87,9 +110,14 @@ class _Body:
         self.centres: dict[str, FloatArray] = {}
 
     def place(
-        self, turns: FloatArray, at: FloatArray, local: dict[str, list[float]], mirror: FloatArray, slide: FloatArray,
+        self,
+        turns: FloatArray,
+        at: FloatArray,
+        local: dict[str, list[float]],
+        mirror: FloatArray,
+        slide: FloatArray,
         roll: FloatArray | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Markers on a bone: skin slides along it by `slide` (T,) metres and turns about it by `roll` (T,) radians."""
         about = np.eye(3) if roll is None else _turns(0 * roll, 0 * roll, self.person.skin * roll)
         for name, where in local.items():
@@ -120,8 +148,13 @@ class _Body:
         shanks = {f"{side}_{'shank_distal' if sign > 0 else 'shank_proximal'}": [0.035 * s, 0.01 * s, -0.10 * s]}
         self.place(axis, knee, shanks, mirror, 0.5 * slide)
         self.place(axis, ankle, {f"{side}_malleolus_lateral": [below, 0.0, 0.0]}, mirror, 0.2 * slide)
-        self.place(foot, ankle, {f"{side}_heel": [0.0, 0.035 * s, -0.02 * s], f"{side}_toe": [0.0, -0.09 * s, -0.025 * s]},
-                   mirror, 0 * phase)  # fmt: skip
+        self.place(
+            foot,
+            ankle,
+            {f"{side}_heel": [0.0, 0.035 * s, -0.02 * s], f"{side}_toe": [0.0, -0.09 * s, -0.025 * s]},
+            mirror,
+            0 * phase,
+        )
         self.centres |= {f"{side}_thigh": hip, f"{side}_shin": knee, f"{side}_foot": ankle}
 
     def arm(self, side: str, mirror: FloatArray, trunk: FloatArray, shoulder: FloatArray, phase: FloatArray) -> None:
@@ -138,14 +171,31 @@ class _Body:
         wide = who.breadth * np.sqrt(s / 1.75)
         names = ("upper_arm_proximal", "forearm_distal") if sign > 0 else ("upper_arm_distal", "forearm_proximal")
         self.place(trunk, shoulder, {f"{side}_acromion": [0.0, 0.0, 0.035 * s]}, mirror, 0.005 * np.sin(phase))
-        self.place(arm, shoulder, {f"{side}_{names[0]}": [0.03 * s, 0.012 * s, -0.09 * s]}, mirror, 0 * phase,
-                   -0.4 * sign * roll)  # fmt: skip
-        self.place(arm, elbow, {f"{side}_elbow_lateral": [0.007 + 0.036 * wide, 0.0, 0.0]}, mirror, 0.004 * np.sin(phase))
+        self.place(
+            arm,
+            shoulder,
+            {f"{side}_{names[0]}": [0.03 * s, 0.012 * s, -0.09 * s]},
+            mirror,
+            0 * phase,
+            -0.4 * sign * roll,
+        )
+        self.place(
+            arm, elbow, {f"{side}_elbow_lateral": [0.007 + 0.036 * wide, 0.0, 0.0]}, mirror, 0.004 * np.sin(phase)
+        )
         # Half way to the palm backward: the thumb is in front.
         palm = fore @ _turns(0 * phase, 0 * phase, sign * np.full(len(phase), -0.8))
         self.place(palm, elbow, {f"{side}_{names[1]}": [0.025 * s, 0.0, -0.06 * s]}, mirror, 0 * phase)
-        self.place(palm, wrist, {f"{side}_radial_styloid": [0.02 * s, 0.0, 0.0], f"{side}_ulnar_styloid": [-0.02 * s, 0.0, 0.0],
-                                 f"{side}_metacarpal_2": [0.012 * s, 0.01 * s, -0.05 * s]}, mirror, 0 * phase)  # fmt: skip
+        self.place(
+            palm,
+            wrist,
+            {
+                f"{side}_radial_styloid": [0.02 * s, 0.0, 0.0],
+                f"{side}_ulnar_styloid": [-0.02 * s, 0.0, 0.0],
+                f"{side}_metacarpal_2": [0.012 * s, 0.01 * s, -0.05 * s],
+            },
+            mirror,
+            0 * phase,
+        )
         self.centres |= {f"{side}_upper_arm": shoulder, f"{side}_forearm": elbow, f"{side}_hand": wrist}
 
 
