@@ -31,6 +31,7 @@ REMEDIES: dict[str, str] = {
     "move_folder": "move it, or choose another folder",
     "network_of_landmarks": "leave network out",
     "no_model_card": "leave model_card out",
+    "npz_limit": "pass a larger `limit`, in bytes, if you trust the file",
     "option_unused": "leave out `{option}`",
     "other_folder": "choose another folder",
     "other_name": "choose another name",

@@ -32,6 +32,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "move_folder": "move it, or choose another --out",
     "network_of_landmarks": "leave out --network",
     "no_model_card": "leave out --model-card",
+    "npz_limit": "save what is needed of it in smaller files, or read it in Python with a larger `limit`",
     "option_unused": "leave out --{option}",
     "other_folder": "choose another folder with --out",
     "other_name": "choose another name",

@@ -45,6 +45,7 @@ class ReadOptions:
         fps: frames per second; MuybridgeError unless above zero.
         asf: the skeleton of an AMC.
         clip: name or number of the animation, of a file that holds several; None is the first.
+        limit: bytes that the arrays of an NPZ may take; None for the limits of `muybridge.npz.load_npz`.
     """
 
     units: str | None = None
@@ -52,6 +53,7 @@ class ReadOptions:
     fps: float | None = None
     asf: Path | None = None
     clip: Clip = None
+    limit: int | None = None
 
     def __post_init__(self) -> None:
         check_fps(self.fps)
@@ -107,7 +109,8 @@ FORMATS: dict[str, Format] = {f.suffix: f for f in (
     Format(".csv", _POINTS, _read_table, write_csv),
     Format(".tsv", _POINTS, _read_table),
     Format(".parquet", _POINTS, lambda p, o: _timed(read_parquet_from(p, o.fps, o.units, o.up), o), write_parquet),
-    Format(".npz", _POINTS, lambda p, o: Take(points=read_npz(p, o.fps, o.units, o.up or "z")), write_npz),
+    Format(".npz", (*_POINTS, "limit"),
+           lambda p, o: Take(points=read_npz(p, o.fps, o.units, o.up or "z", o.limit)), write_npz),
     Format(".bvh", ("units", "fps"), lambda p, o: read_bvh_take(p, o.units), write_motion=write_bvh),
     Format(".amc", ("asf", "fps"), lambda p, o: Take(motion=read_amc(p, o.asf, o.fps or CMU_FPS)),
            write_motion=lambda p, m, _: write_amc(p, m)),

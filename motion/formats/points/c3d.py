@@ -224,9 +224,8 @@ def read_c3d_take(path: Path, unit: str | None = None, up: str | None = None, fp
     xyz[(residual < 0) | ~np.all(np.abs(xyz) < 1e12, axis=-1)] = np.nan
     points = points_of_file(path, [names[k] or f"point_{k + 1}" for k in kept], xyz, fps, "c3d")
     variance = np.where((residual > 0) & np.isfinite(xyz[..., 0]), (residual * metres) ** 2, np.nan)
-    points.covariance_world[:] = np.where(
-        np.isfinite(variance)[..., None, None], np.eye(3) * variance[..., None, None], np.nan
-    )
+    covariance = np.where(np.isfinite(variance)[..., None, None], np.eye(3) * variance[..., None, None], np.nan)
+    points = replace(points, covariance_world=covariance)
     return take_of(raw, points, metres, np.eye(3)[turn])
 
 

@@ -23,6 +23,8 @@ UNIT_WORDS = {word: unit for unit, words in {
 _SPREAD, _FEW = 100, 1000
 # Of rows that come evenly the step is never so many times the usual one.
 _GAP = 1.75
+# Frames that are converted at once, so that a long file needs no second copy.
+CHUNK = 4096
 # Which coordinates of a file are x, y, z of the world: where y is up, the file's z is our x.
 UP_PERMUTATION = {"z": (0, 1, 2), "y": (2, 0, 1)}
 
@@ -107,6 +109,15 @@ def check_up(up: str) -> str:
     return up
 
 
+def in_world(xyz: FloatArray, metres: float, turn: Sequence[int]) -> FloatArray:
+    """Coordinates (T, J, 3) of a file in metres, Z up, NaN where one is none; `xyz` is overwritten."""
+    for at in range(0, len(xyz), CHUNK):
+        part = xyz[at : at + CHUNK]
+        part[~np.all(np.abs(part) < 1e12, axis=-1)] = np.nan
+        part[:] = part[..., list(turn)] * metres
+    return xyz
+
+
 def points_of_file(path: Path, names: Sequence[str], points_world: FloatArray, fps: float, name: str) -> Points3D:
     """Points3D of what a file holds: positions only, so covariance is NaN and there are no cameras.
 
@@ -129,7 +140,7 @@ def points_of_file(path: Path, names: Sequence[str], points_world: FloatArray, f
     return Points3D(
         landmarks=landmarks,
         points_world=points_world,
-        covariance_world=np.full((t, j, 3, 3), np.nan),
+        covariance_world=np.broadcast_to(np.float64(np.nan), (t, j, 3, 3)),
         residual_px=np.empty((0, t, j)),
         inlier=np.empty((0, t, j), dtype=np.bool_),
         fps=fps,
