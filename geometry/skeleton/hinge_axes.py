@@ -109,7 +109,7 @@ def outward_of(
     if side is not None and not np.isfinite(found).all():
         # The bone turns against what `side` belongs to, and no marker on it tells how far.
         loose = replace(hinge, wand_sd=np.inf, slip=_LOOSE)
-        use = seen & np.isfinite(side).all(-1)
+        use = np.asarray(seen & np.isfinite(side).all(-1))
         found = np.where(np.isfinite(found), found, _turned(loose, limb, along, side, use, side))
     return np.where(np.isfinite(found), found, _by_plane(hinge, *limb))
 

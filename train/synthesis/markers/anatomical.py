@@ -55,7 +55,7 @@ def anatomical_take(
     person: AnatomicalPerson, rng: np.random.Generator, frames: int = 120, fps: float = 60.0
 ) -> AnatomicalTake:
     """A walk of `frames` frames; the person faces -y."""
-    phase = 2 * np.pi * np.arange(frames) / fps  # a stride a second
+    phase: FloatArray = np.asarray(2 * np.pi / fps * np.arange(frames), dtype=np.float64)  # a stride a second
     s = person.stature
     pelvis = _turns(0.08 + 0.03 * np.sin(2 * phase), 0.05 * np.sin(phase), 0.08 * np.cos(phase))
     root = np.stack([0.02 * np.sin(phase), -1.2 * phase / (2 * np.pi), 0.53 * s + 0.02 * np.sin(2 * phase)], -1)
