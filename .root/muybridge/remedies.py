@@ -21,6 +21,7 @@ REMEDIES: dict[str, str] = {
     "fps_unstated": "pass `fps`, frames per second",
     "frames_unnumbered": "number them in a column `frame`, or pass `fps` if no frame is missing",
     "image_size": "pass size, videos or lenses",
+    "leave_out_camera": "or leave the camera out",
     "lens_fisheye": 'if the lens is a fisheye lens, pass lens="fisheye"',
     "lens_pinhole": 'pass lens="pinhole", or keep the board away from the border of the image',
     "list_body_points": "muybridge.geometry.landmarks.marker_sets.SURFACE.names has all",
@@ -30,6 +31,7 @@ REMEDIES: dict[str, str] = {
     "model_of_card": "name its file as keypoint_model",
     "move_folder": "move it, or choose another folder",
     "network_of_landmarks": "leave network out",
+    "no_calibration": "or pass the path of one; muybridge.infer.pipelines.calibration makes one",
     "no_model_card": "leave model_card out",
     "npz_limit": "pass a larger `limit`, in bytes, if you trust the file",
     "option_unused": "leave out `{option}`",
@@ -40,7 +42,8 @@ REMEDIES: dict[str, str] = {
     "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",
     "points_or_lens": "add points, or pass the camera with its lens in lenses",
     "pseudo_labels": "make one with `muybridge.models.pseudo_labels.save_pseudo_labels`",
-    "rename_labels": "rename them, or name unlabelled points with muybridge.infer.pipelines.labelling.run_label",
+    "rename_labels": "rename them, learn what they mean with muybridge.infer.labelling.learn_set.learn_marker_set and "
+    "pass the set as markerset, or name unlabelled points with muybridge.infer.pipelines.labelling.run_label",
     "session_results": "leave out `out` for the folder `muybridge` inside the session",
     "shift": "pass the time between them as shift",
     "still_moment": "name the image in which it does as moment",
@@ -51,6 +54,7 @@ REMEDIES: dict[str, str] = {
     ),
     "unit_of_points": "read the file with units={unit!r}",
     "unwritable": "choose a folder you may write to, or free its disk",
+    "up_axis": "pass `up`, y or z",
     "use_muybridge_model": "pass a model that muybridge exported, or none to use the shipped one",
     "video_rotated": 'pass "rotate-cw" or "rotate-ccw", or calibrate with the camera as it records',
 }

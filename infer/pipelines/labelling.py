@@ -66,7 +66,7 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
     network = LabelNetwork(model or shipped_model("labels"))
     folder = open_output(out, FILES, [file], overwrite)
     try:
-        labelled = label_points(cloud.points, rate, plan.markers, network, options)
+        labelled = label_points(cloud.points, rate, plan.markers, network, options, plan.distances)
     except FormatError as error:
         raise FormatError(f"{file}: {error}") from None
     corrected: list[str] = []
@@ -96,7 +96,7 @@ def _figures(labelled: Labelled) -> dict[str, Any]:
 
 def notes_of(cloud: MarkerCloud, labelled: Labelled, plan: MarkerPlan) -> list[str]:
     """Notices for the user, as sentences."""
-    notes = list(labelled.notes)
+    notes = [*cloud.notices, *labelled.notes]
     found = np.isfinite(labelled.points[..., 0]).any(0)
     lost = [plan.markers.labels[i] for i in np.nonzero(~found & ~plan.optional)[0]]
     if lost:
@@ -107,9 +107,8 @@ def notes_of(cloud: MarkerCloud, labelled: Labelled, plan: MarkerPlan) -> list[s
                      "if another set was worn, name it with --markerset")  # fmt: skip
     if (up := up_of(labelled)) not in ("+Y", "+Z"):
         notes.append(f"{up} is up in the file; labelled.c3d is rotated so that +Z is up")
-    if cloud.left_out:
-        notes.append(f"left out because they are no points: {', '.join(cloud.left_out[:8])}"
-                     + (f" and {len(cloud.left_out) - 8} more" if len(cloud.left_out) > 8 else ""))  # fmt: skip
+    if cloud.why:
+        notes.append(cloud.why)
     if cloud.empty:
         notes.append(f"{len(cloud.empty)} trajectories of the file are empty")
     return notes

@@ -14,17 +14,12 @@ from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError, parsing
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.motion.formats.points.common import (
-    CHUNK,
-    METRES_OF_UNIT,
-    UP_PERMUTATION,
-    check_unit,
-    check_up,
-    in_world,
-    points_of_file,
-)
+from muybridge.motion.formats.points.common import METRES_OF_UNIT, UP_PERMUTATION, check_unit, check_up
+from muybridge.motion.formats.points.world import PointsOfFile, Trajectories, points_of_file
 from muybridge.npz import load_npz
 
+# Frames that are turned at once, so that a long file needs no second copy.
+_CHUNK = 4096
 _POINTS = ("points_world", "points3d_world", "points3d", "points", "keypoints3d", "joints3d", "xyz", "markers")
 _NAMES = ("names", "labels", "landmarks", "keypoint_names", "joint_names", "marker_names")
 _RATES = ("fps", "rate", "frame_rate", "framerate", "mocap_framerate", "mocap_frame_rate")
@@ -62,15 +57,29 @@ def read_npz(
     Raises:
         FormatError: malformed, larger than allowed, or an array is missing; the message lists what is there.
     """
-    path = Path(path)
+    return read_npz_from(path, fps, unit, up, limit).points
+
+
+def read_npz_from(
+    path: Path, fps: float | None = None, unit: str | None = None, up: str = "z", limit: int | None = None
+) -> PointsOfFile:
+    """The points as `read_npz` has them, and what was left out."""
+    path, up = Path(path), check_up(up)
     if not path.is_file():
         raise FormatError(f"{path}: no such file; give an existing .npz file")
     arrays = load_npz(path, limit=limit)
     with parsing(path, FormatError, "an .npz"):
-        return _points(path, arrays, fps, unit, up)
+        found = _trajectories(path, arrays, fps)
+        covariance, shape = arrays.pop("covariance_world", None), found.xyz.shape
+        read = points_of_file(path, found, "npz", unit, up, fps)
+        if covariance is not None and covariance.shape == (*shape, 3) and covariance.dtype.kind == "f":
+            metres, turn = METRES_OF_UNIT[check_unit(path, unit or found.unit, "the unit")], UP_PERMUTATION[up]
+            turned = _turned(covariance.astype(np.float64, copy=False), metres, list(turn))
+            read = replace(read, points=replace(read.points, covariance_world=turned))
+        return read
 
 
-def _points(path: Path, arrays: dict[str, NDArray[Any]], fps: float | None, unit: str | None, up: str) -> Points3D:
+def _trajectories(path: Path, arrays: dict[str, NDArray[Any]], fps: float | None) -> Trajectories:
     there = ", ".join(f"{k} {v.shape}" for k, v in arrays.items()) or "nothing"
     xyz = _pick(arrays, _POINTS)
     if xyz is None or xyz.ndim != 3 or xyz.shape[-1] not in (3, 4) or xyz.dtype.kind not in "fiu":
@@ -84,24 +93,18 @@ def _points(path: Path, arrays: dict[str, NDArray[Any]], fps: float | None, unit
             raise FormatError(f"{path}: has no `fps`, frames per second", remedy="fps_unstated")
         fps = float(rate.flat[0])
     stated = arrays.get("unit")
-    word = unit or (str(stated.flat[0]) if stated is not None and stated.size == 1 else "m")
-    metres = METRES_OF_UNIT[check_unit(path, word, "the unit")]
-    turn = list(UP_PERMUTATION[check_up(up)])
-    place = xyz[..., :3].astype(np.float64, copy=False)
-    if not len(place):
+    word = str(stated.flat[0]) if stated is not None and stated.size == 1 else "m"
+    if not len(xyz):
         raise FormatError(f"{path}: has no frame")
-    labels = [n.decode("utf-8", "replace") if isinstance(n, bytes) else str(n) for n in names.tolist()]
-    points = points_of_file(path, labels, in_world(place, metres, turn), fps, "npz")
-    covariance = arrays.get("covariance_world")
-    if covariance is not None and covariance.shape == (*place.shape, 3) and covariance.dtype.kind == "f":
-        points = replace(points, covariance_world=_turned(covariance.astype(np.float64, copy=False), metres, turn))
-    return points
+    labels = tuple(n.decode("utf-8", "replace") if isinstance(n, bytes) else str(n) for n in names.tolist())
+    place = xyz[..., :3].astype(np.float64, copy=False)
+    return Trajectories(labels, place, fps, check_unit(path, word, "the unit"))
 
 
 def _turned(covariance: FloatArray, metres: float, turn: list[int]) -> FloatArray:
     """Covariances (T, J, 3, 3) in the world; `covariance` is overwritten."""
-    for at in range(0, len(covariance), CHUNK):
-        part = covariance[at : at + CHUNK]
+    for at in range(0, len(covariance), _CHUNK):
+        part = covariance[at : at + _CHUNK]
         part[:] = part[..., turn, :][..., turn] * metres**2
     return covariance
 
