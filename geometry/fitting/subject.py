@@ -26,6 +26,7 @@ _FEWEST = 6
 # Joints that motion locates; and metres, the error of a centre that is given from elsewhere.
 _LIMBS = ("thigh", "shin", "foot", "upper_arm", "forearm")
 _GIVEN = 0.04
+_HINGED = ("forearm", "shin", "foot")
 _ROUNDS = 15  # of Levenberg-Marquardt on one frame, from a pose that is near
 
 
@@ -114,6 +115,9 @@ class _Shape:
                 free[i, 1:] = 1e-6  # the forearm's roll is about the line to the hand
             elif name in centres.names:
                 free[i] = _GIVEN
+                if name.endswith(_HINGED):
+                    # Off the bone's line, a length would count as an angle of the joint above.
+                    free[i, np.abs(table.mean[3 * i : 3 * i + 3]) < 1e-3] = 1e-6
             elif name.endswith(_LIMBS):
                 free[i] = options.limb_m
         moves = np.where(markers >= 0, options.placement * table.tolerance[markers], 1e-6)

@@ -19,6 +19,7 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.geometry.skeleton.hinge_axes import across, chord, unit
 
 # Metres from the middle of a marker (7 mm above the skin) to the middle of the joint.
 _HALF_WIDTH = {"knee": 0.062, "ankle": 0.044, "elbow": 0.042}
@@ -69,15 +70,6 @@ def landmarks_from_markers(points: Points3D, index: dict[str, int]) -> Points3D:
     return Points3D(BODY23, xyz, covariance, np.empty(none), np.empty(none, dtype=np.bool_), points.fps)
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9))
-
-
-def _across(vectors: FloatArray, axis: FloatArray) -> FloatArray:
-    """What of `vectors` is at right angles to the unit vectors `axis`."""
-    return np.asarray(vectors - np.sum(vectors * axis, axis=-1, keepdims=True) * axis)
-
-
 def _or(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.where(np.isfinite(first), first, second)
 
@@ -87,8 +79,8 @@ def _pelvis(markers: _Markers) -> tuple[FloatArray, FloatArray, FloatArray, Floa
     left, right = markers["left_asis"], markers["right_asis"]
     back = _or(markers.middle("left_psis", "right_psis"), markers["sacrum"])
     front = (left + right) / 2
-    to_left = _unit(left - right)
-    forward = _unit(_across(front - back, to_left))
+    to_left = unit(left - right)
+    forward = unit(across(front - back, to_left))
     axes = np.stack([to_left, np.cross(forward, to_left), forward], axis=-1)
     # Widths are one for the take: markers slip, bones do not.
     width, depth = (np.nanmedian(np.linalg.norm(d, axis=-1)) if np.isfinite(d).any() else np.nan
@@ -102,31 +94,21 @@ def _hip(pelvis: tuple[FloatArray, FloatArray, FloatArray, FloatArray], sign: fl
     return np.asarray(front + axes @ local)
 
 
-def _chord(above: FloatArray, marker: FloatArray, outward: FloatArray, half_width: float) -> FloatArray:
-    """The joint's centre: half a width inward from the marker, at right angles to the line to the joint above."""
-    reach = marker - above
-    length = np.linalg.norm(reach, axis=-1, keepdims=True)
-    along = reach / np.maximum(length, 1e-9)
-    out = _unit(_across(outward, along))
-    sine = np.minimum(half_width / np.maximum(length, 1e-9), 0.5)
-    return np.asarray(marker - half_width * (np.sqrt(1 - sine**2) * out + sine * along))
-
-
 def _leg(markers: _Markers, out: dict[str, FloatArray], side: str, outward: FloatArray) -> None:
     hip, knee_marker = out[f"{side}_hip"], markers[f"{side}_knee_lateral"]
     thigh = _or(markers[f"{side}_thigh_distal"], markers[f"{side}_thigh_proximal"])
     shank = _or(markers[f"{side}_shank_distal"], markers[f"{side}_shank_proximal"])
     inside = markers[f"{side}_knee_medial"]
     # A marker on the side of the thigh determines the rotation of the leg; the pelvis, where it was placed by eye.
-    to_side = _unit(_across(thigh - hip, _unit(knee_marker - hip)))
+    to_side = unit(across(thigh - hip, unit(knee_marker - hip)))
     outward = np.where(np.isfinite(to_side), to_side + outward, outward)
-    knee = _chord(hip, knee_marker, outward, _HALF_WIDTH["knee"])
+    knee = chord(hip, knee_marker, outward, _HALF_WIDTH["knee"])
     knee = _or((knee_marker + inside) / 2, knee)
     ankle_marker, inside = markers[f"{side}_malleolus_lateral"], markers[f"{side}_malleolus_medial"]
-    outward = _unit(knee_marker - knee)
-    to_side = _unit(_across(shank - knee, _unit(ankle_marker - knee)))
+    outward = unit(knee_marker - knee)
+    to_side = unit(across(shank - knee, unit(ankle_marker - knee)))
     outward = np.where(np.isfinite(to_side), to_side + outward, outward)
-    ankle = _or((ankle_marker + inside) / 2, _chord(knee, ankle_marker, outward, _HALF_WIDTH["ankle"]))
+    ankle = _or((ankle_marker + inside) / 2, chord(knee, ankle_marker, outward, _HALF_WIDTH["ankle"]))
     heel, toe = markers[f"{side}_heel"], markers[f"{side}_toe"]
     out |= {f"{side}_knee": knee, f"{side}_ankle": ankle, f"{side}_heel": heel}
     # The roots of the toes are at 73 and 63 % of the foot, their tips at 98 and 82.
@@ -137,7 +119,7 @@ def _leg(markers: _Markers, out: dict[str, FloatArray], side: str, outward: Floa
 
 def _arm(markers: _Markers, out: dict[str, FloatArray], side: str, sign: float) -> None:
     left, right = markers["left_acromion"], markers["right_acromion"]
-    trunk_up = _unit(
+    trunk_up = unit(
         _or(markers.middle("c7", "sternal_notch"), (left + right) / 2)
         - _or(markers.middle("t10", "xiphoid"), markers.middle("left_asis", "right_asis"))
     )
@@ -147,9 +129,9 @@ def _arm(markers: _Markers, out: dict[str, FloatArray], side: str, sign: float) 
     wrist = markers.middle(f"{side}_radial_styloid", f"{side}_ulnar_styloid")
     outside, inside = markers[f"{side}_elbow_lateral"], markers[f"{side}_elbow_medial"]
     # A bent elbow's axis is at right angles to both its bones; of a straight one little is known.
-    turn = np.cross(_unit(outside - shoulder), _unit(wrist - outside)) * sign
+    turn = np.cross(unit(outside - shoulder), unit(wrist - outside)) * sign
     bent = np.clip(np.linalg.norm(turn, axis=-1, keepdims=True) / 0.3, 0.0, 1.0)
-    elbow = outside + bent * _HALF_WIDTH["elbow"] * _unit(turn)
+    elbow = outside + bent * _HALF_WIDTH["elbow"] * unit(turn)
     out |= {f"{side}_shoulder": shoulder, f"{side}_wrist": wrist}
     out[f"{side}_elbow"] = _or((outside + inside) / 2, _or(elbow, outside))
 
@@ -157,8 +139,8 @@ def _arm(markers: _Markers, out: dict[str, FloatArray], side: str, sign: float) 
 def _head(markers: _Markers, out: dict[str, FloatArray]) -> None:
     """From four markers of a band about the forehead; how high it sits is not known."""
     front, back = (markers.middle(f"left_{end}_head", f"right_{end}_head") for end in ("front", "back"))
-    to_left = _unit(markers["left_front_head"] - markers["right_front_head"])
-    forward = _unit(_across(front - back, to_left))
+    to_left = unit(markers["left_front_head"] - markers["right_front_head"])
+    forward = unit(across(front - back, to_left))
     up = np.cross(forward, to_left)
     middle = (front + back) / 2
     out["nose"] = front + 0.055 * forward - 0.09 * up

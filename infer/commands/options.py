@@ -44,7 +44,9 @@ COMMAND_LINE: dict[str, tuple[str, ...]] = {
 # What a value is called in help, by class and field, where its type says little.
 METAVARS: dict[str, str] = {
     "SessionOptions.cameras": "NAME [NAME ...]",
-    "SolvePointsOptions.centres": "{midpoint,plane,harrington,bell,davis,functional} ...",
+    "SolvePointsOptions.centres": (
+        "{midpoint,plane,chord,harrington,bell,davis,hara,regressions,functional,file,body} ..."
+    ),
 }
 
 # What an option is called in full, by class and field, where the names of field and class read badly together.

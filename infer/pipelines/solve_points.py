@@ -14,7 +14,7 @@ from muybridge.geometry.fitting.body_fit import FitOptions
 from muybridge.geometry.fitting.subject import MarkerFitOptions
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.marker_sets import SURFACE, MarkerSet
-from muybridge.geometry.skeleton.joint_centres import JointCentres, centres_from_markers
+from muybridge.geometry.skeleton.joint_centres import USUAL, JointCentres, Measurements, centres_from_markers
 from muybridge.infer.networks.correction import SolverNetwork
 from muybridge.infer.reconstruction.body import (
     BodySolution,
@@ -24,6 +24,7 @@ from muybridge.infer.reconstruction.body import (
     open_corrector,
     unpack_body,
 )
+from muybridge.infer.reconstruction.measurements import measurements_of
 from muybridge.infer.reconstruction.recognise import RecognisedPoints, check_size, recognise, tilt_deg
 from muybridge.infer.report.data import ReportData
 from muybridge.infer.report.page import problems, write_report
@@ -51,7 +52,9 @@ _CODE = ("muybridge.geometry", "muybridge.models", "muybridge.motion", "muybridg
 Units = Literal["m", "cm", "mm", "in"]
 Up = Literal["y", "z"]
 Method = Literal["auto", "markers", "landmarks"]
-Centres = Literal["midpoint", "plane", "harrington", "bell", "davis", "functional", "file"]
+Centres = Literal[
+    "midpoint", "plane", "chord", "harrington", "bell", "davis", "hara", "regressions", "functional", "file", "body"
+]
 # Metres, standard deviation of a coordinate of a joint centre that a gait model computed.
 _MODELLED_M = 0.010
 
@@ -66,14 +69,16 @@ class SolvePointsOptions:
         fps: frames per second, where the file does not say or says it wrongly.
         method: `markers` fits the body to the markers on its skin, `landmarks` to joint centres that are first computed
             from the markers; `auto` takes the first where there are a dozen markers or more.
-        centres: joint centres that count besides the markers: `midpoint` of the markers on either side, `plane` of
-            three markers of a limb, the hip by `harrington`, `bell` or `davis`, or by its motion (`functional`, the
-            shoulder too), or those that a gait model left in the `file` (`LKJC`); where two give the same joint, the
-            one named first counts.
+        centres: joint centres that count besides the markers: `midpoint` of the markers on either side, `chord` behind
+            one marker by the hinge's axis over the take (the shoulder below the acromion), `plane` of three markers of
+            a limb, the hip by `harrington`, `bell`, `davis`, `hara` or the mean of them (`regressions`), or by its
+            motion (`functional`, the shoulder too), or those that a gait model left in the `file` (`LKJC`). Where two
+            give the same joint, the one named first counts; after those named come `midpoint`, `regressions` and
+            `chord`, unless `body` is named, which leaves the rest to the statistical body.
         markerset: the set that the labels are of: a name, or a text file (`muybridge markerset`); by default all
             built-in sets are known.
         network: file of a network that corrects the joints of a body fitted to markers (`muybridge train solver`);
-            if not given, the shipped one, unless `centres` are given.
+            if not given, the shipped one where `centres` has `body`, none otherwise.
         correct: correct the joints with the network.
         fit: skeleton and joint angles, fitted to landmarks.
         markers: skeleton and joint angles, fitted to markers.
@@ -164,7 +169,7 @@ def solve_points(
     def compute() -> tuple[Arrays, Facts]:
         if not by_markers:
             return fit_landmarks(recognised.points, options.fit)
-        return _fit_markers(take.positions, recognised, options, corrector)
+        return _fit_markers(take.positions, recognised, options, corrector, measurements_of(path))
 
     fitted = stage("body", given, compute)
     body = unpack_body(fitted.arrays, fitted.facts)
@@ -205,7 +210,8 @@ def _check_method(
             raise FormatError(
                 f"{path}: the method `markers` needs labelled markers on the skin, and the file has {recognised.how}"
             )
-        return open_corrector(options.network, options.correct, options.centres)
+        # It was trained on the statistical body's joints, which are others than a laboratory's.
+        return open_corrector(options.network, options.correct, () if "body" in options.centres else USUAL)
     if options.centres or options.network:
         what = "joint centres" if options.centres else "a network"
         raise FormatError(
@@ -248,19 +254,25 @@ def _report_data(
 
 
 def _fit_markers(
-    points: Points3D, recognised: RecognisedPoints, options: SolvePointsOptions, corrector: SolverNetwork | None
-) -> tuple[Arrays, Facts]:
+    points: Points3D, recognised: RecognisedPoints, options: SolvePointsOptions, corrector: SolverNetwork | None,
+    measured: Measurements,
+) -> tuple[Arrays, Facts]:  # fmt: skip
     columns = dict(recognised.columns)
     chosen = points.points_world[:, list(columns.values())]
     surface = np.array([SURFACE.index(n) for n in columns])
-    known = _centres(points.points_world, recognised, options.centres)
+    known = _centres(points.points_world, recognised, options.centres, measured)
     return fit_labelled_markers(chosen, surface, tuple(columns), points.fps, options.markers, known, corrector)
 
 
-def _centres(points_world: FloatArray, recognised: RecognisedPoints, methods: tuple[Centres, ...]) -> JointCentres:
-    """Joint centres by the methods that were asked for; of two for one joint the first counts."""
+def _centres(
+    points_world: FloatArray, recognised: RecognisedPoints, asked: tuple[Centres, ...], measured: Measurements
+) -> JointCentres:
+    """Joint centres by the methods that were asked for, and the usual ones after them; of two for one joint the first
+    counts."""
+    methods: tuple[str, ...] = tuple(m for m in asked if m != "body")
+    methods += () if "body" in asked else USUAL
     if "file" not in methods:
-        return centres_from_markers(points_world, dict(recognised.columns), methods)
+        return centres_from_markers(points_world, dict(recognised.columns), methods, measured)
     at = methods.index("file")
     found: dict[str, tuple[FloatArray, float]] = {}
     own = {joint: (points_world[:, column], _MODELLED_M) for joint, column in recognised.centres.items()}
@@ -268,7 +280,7 @@ def _centres(points_world: FloatArray, recognised: RecognisedPoints, methods: tu
         if part is None:
             new = own
         else:
-            made = centres_from_markers(points_world, dict(recognised.columns), part)
+            made = centres_from_markers(points_world, dict(recognised.columns), part, measured)
             new = {n: (made.points_world[:, i], float(made.sigma[i])) for i, n in enumerate(made.names)}
         found = new | found
     if not found:

@@ -30,7 +30,7 @@ def main() -> None:
         take = recorded_take(bodies, phenotype, motion)
         points = take.points + rng.normal(0, 0.002, take.points.shape)
         for method in METHODS:
-            centres = centres_from_markers(points, index, (method,))
+            centres = centres_from_markers(points, index, ("regressions", "chord") if method == "chord" else (method,))
             for k, name in enumerate(centres.names):
                 j = BODY.joint_names.index(name)
                 off = centres.points_world[:, k] - take.places[:, j]

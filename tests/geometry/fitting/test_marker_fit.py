@@ -129,7 +129,7 @@ def test_solve_takes_the_markers_and_says_so(tmp_path: Path) -> None:
     assert facts["network"] is None, "centres that were asked for are not corrected unasked"
     assert {"motion.bvh", "motion.mot", "landmarks.trc"} <= {p.name for p in out.iterdir()}
     said, bones = [], []
-    for more in ([], ["--no-correct"]):
+    for more in (["--centres", "body"], ["--centres", "body", "--no-correct"]):
         here = tmp_path / f"out{len(said)}"
         assert run_command(["solve", str(tmp_path / "m.c3d"), "--out", str(here), *more]) == 0
         facts = json.loads((here / "run.json").read_text())["body"]
