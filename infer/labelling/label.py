@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import logging
 from dataclasses import dataclass, field
 
@@ -16,6 +15,8 @@ from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores
 from muybridge.geometry.markers.subjects import split_people
 from muybridge.geometry.markers.tracking import TrackOptions, Tracks, find_tracks
 from muybridge.geometry.markers.voting import VoteOptions, assign_frames, assign_labels, cut_tracks, sort_by_track, vote
+from muybridge.geometry.markers.whole import WholeOptions
+from muybridge.infer.labelling.settle import bodies_of, settle, upright
 from muybridge.infer.networks.labelling import LabelNetwork
 
 _log = logging.getLogger(__name__)
@@ -23,6 +24,8 @@ _log = logging.getLogger(__name__)
 # Range of the median distance to a marker's third neighbour, metres: 0.15 to 0.37 on bodies of all sizes and poses in
 # the known sets, more with few markers; other people nearby change it little.
 APART_M = (0.06, 1.0)
+# Votes for a name that is settled by the whole, per frame.
+_SETTLED = 6.0
 FACTORS = (1.0, 0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
 
 
@@ -35,6 +38,7 @@ class LabelOptions:
         vote: votes of trajectories.
         rigidity: distances between markers.
         recover: markers recovered after the vote.
+        whole: the labelling judged as a whole.
         window: the network also takes past and future positions.
         votes: trajectories vote; otherwise every frame is labelled by itself.
         distances: distances between markers correct the network's errors.
@@ -44,6 +48,7 @@ class LabelOptions:
     vote: VoteOptions = VoteOptions()
     rigidity: RigidityOptions = RigidityOptions()
     recover: RecoverOptions = RecoverOptions()
+    whole: WholeOptions = WholeOptions()
     window: bool = True
     votes: bool = True
     distances: bool = True
@@ -78,7 +83,7 @@ class Labelled:
 
 
 def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: LabelNetwork,
-                 options: LabelOptions = LabelOptions()) -> Labelled:  # fmt: skip
+                 options: LabelOptions = LabelOptions(), up: FloatArray | None = None) -> Labelled:  # fmt: skip
     """Label the points of a recording.
 
     Args:
@@ -87,6 +92,7 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
         markers: the set to look for.
         network: scores points.
         options: of every step.
+        up: (3,) the axis that the file says is up; None where it says nothing.
 
     Raises:
         FormatError: there are too few points to recognise a person.
@@ -106,13 +112,22 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
     if others:
         notes.append("the file holds two people: the one with more points was labelled, the other's points were not")
     asked = np.array(markers.surface_indices)
-    turn = upright(tracks, fps, asked, network)
+    bodies = bodies_of(network, markers, options.whole)
+    turn = upright(tracks, fps, markers, network, bodies, options.whole, up)
     scores = network.scores(tracks, fps, asked, turn=turn, windowed=options.window).astype(np.float64)
     for note in notes:
         _log.info(note)
     label = _elect(scores, tracks, fps, options)
     if options.distances:
-        scores, label = _repair(scores, label, tracks, turn, fps, asked, network, options)
+        if options.votes:
+            first = settle(label, scores, tracks, turn, markers, bodies, options.whole)
+            label = first.label
+            t, s = np.nonzero((first.changed > 0) & (label >= 0))
+            scores[t, s, label[t, s]] = np.maximum(scores[t, s, label[t, s]], options.vote.floor) + _SETTLED
+        scores, label = _repair(scores, label, tracks, asked, fps, network, options)
+        if options.votes:
+            last = settle(label, scores, tracks, turn, markers, bodies, options.whole)
+            label = last.label
     smooth = _over_time(scores, tracks.track, fps, options) if options.votes else scores
     return _labelled(markers, label, smooth, turn, scale, tracks, notes)
 
@@ -167,7 +182,7 @@ def _elect(scores: FloatArray, tracks: Tracks, fps: float, options: LabelOptions
     return np.where(pieces >= 0, label[pieces], -1)
 
 
-def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, turn: FloatArray, fps: float, asked: IndexArray,
+def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, asked: IndexArray, fps: float,
             network: LabelNetwork, options: LabelOptions) -> tuple[FloatArray, IndexArray]:  # fmt: skip
     """Scores that include distances between markers, and the resulting labels."""
     card, choice = network.card, np.ix_(asked, asked)
@@ -220,29 +235,3 @@ def metres_of(points: FloatArray, notes: list[str]) -> float:
                 notes.append(f"the points are not in the unit that the file states: they were multiplied by {factor:g}")
             return factor
     raise FormatError(f"neighbouring points are {usual:.3g} m apart: no person in any unit; check the file's unit")
-
-
-def upright(tracks: Tracks, fps: float, asked: IndexArray, network: LabelNetwork) -> FloatArray:
-    """The rotation to Z up, of six candidates for the file's up axis, with which the network is most confident."""
-    full = (tracks.track >= 0).sum(1)
-    frames = np.linspace(0, len(full) - 1, min(24, len(full))).astype(int)
-    frames = frames[full[frames] >= 0.6 * full.max()]
-    if not len(frames):
-        frames = np.array([int(full.argmax())])
-    best, most = np.eye(3), -np.inf
-    for axis, sign in itertools.product((2, 1, 0), (1.0, -1.0)):
-        turn = _up(axis, sign)
-        scores = network.scores(tracks, fps, asked, frames, turn)
-        known = np.isfinite(scores[..., 0])
-        confidence = float(scores[known][:, :-1].max(1).clip(-6).mean())
-        if confidence > most:
-            best, most = turn, confidence
-    return best
-
-
-def _up(axis: int, sign: float) -> FloatArray:
-    """A rotation that turns the signed axis of the file to +Z."""
-    up = np.zeros(3)
-    up[axis] = sign
-    x = np.roll(np.abs(up), 1)
-    return np.stack([x, np.cross(up, x), up])
