@@ -11,7 +11,7 @@ _TRUNK = (("c7", "sternal_notch", "left_acromion", "right_acromion"),
           ("t10", "xiphoid", "left_asis", "right_asis", "left_psis", "right_psis"))  # fmt: skip
 
 # A head is turned far and nods, bands sit askew front to back; it leans sideways little: standard deviations, degrees.
-_LEAN, _TURN = 12.0, 45.0
+_LEAN, _TURN = 8.0, 45.0
 
 
 def groups_of(names: tuple[str, ...]) -> list[list[int]]:

@@ -29,7 +29,7 @@ class WholeOptions:
         alike: weight of a distance that is like its mirror image.
         placed_m: standard deviation of distances by the placement of markers, metres; a share of the distance is added.
         placed: that share.
-        head_m: the same within the head: bands and caps differ more.
+        head_m: the same for markers of the head: bands and caps differ more.
         rounds: searches per marker.
         near_m: a name moves to points within this distance, metres.
         share: smallest share of the frames that an unnamed trajectory must be visible in to get a name as a whole.
@@ -50,7 +50,7 @@ class WholeOptions:
     near_m: float = 0.45
     rounds: int = 4
     share: float = 0.2
-    group: float = 0.15
+    group: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def known_bodies(distance_m: FloatArray, motion_m: FloatArray, bodies_m: FloatAr
     """
     size = len(names)
     head = np.array([n.endswith("_head") for n in names])
-    placed = np.where(head[:, None] & head, options.head_m, options.placed_m + options.placed * distance_m)
+    placed = np.where(head[:, None] | head, options.head_m, options.placed_m + options.placed * distance_m)
     sigma = np.sqrt((1.3 * bodies_m) ** 2 + placed**2)
     loose = np.hypot(sigma, motion_m) + 1e3 * np.eye(size)
     order = np.argsort(loose, 1, kind="stable")[:, : min(options.links, size - 1)]

@@ -16,7 +16,7 @@ from muybridge.geometry.markers.subjects import split_people
 from muybridge.geometry.markers.tracking import TrackOptions, Tracks, find_tracks
 from muybridge.geometry.markers.voting import VoteOptions, assign_frames, assign_labels, cut_tracks, sort_by_track, vote
 from muybridge.geometry.markers.whole import WholeOptions
-from muybridge.infer.labelling.settle import bodies_of, settle, upright
+from muybridge.infer.labelling.settle import bodies_of, one_or_two, settle, upright
 from muybridge.infer.networks.labelling import LabelNetwork
 
 _log = logging.getLogger(__name__)
@@ -108,25 +108,29 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
     tracks = find_tracks(scaled, fps, options.track)
     if tracks.tracked:
         notes.append("the file's trajectories jump from marker to marker: the points were tracked again")
-    tracks, *others = split_people(tracks, len(markers))
-    if others:
-        notes.append("the file holds two people: the one with more points was labelled, the other's points were not")
-    asked = np.array(markers.surface_indices)
     bodies = bodies_of(network, markers, options.whole)
-    turn = upright(tracks, fps, markers, network, bodies, options.whole, up)
+    people = split_people(tracks, len(markers))
+    if len(people) > 1:
+        people = one_or_two(people, tracks, fps, markers, network, bodies, options.whole, up)
+    if len(people) > 1:
+        notes.append("the file holds two people: the one with more points was labelled, the other's points were not")
+    tracks = people[0]
+    asked = np.array(markers.surface_indices)
+    turn, _ = upright(tracks, fps, markers, network, bodies, options.whole, up)
     scores = network.scores(tracks, fps, asked, turn=turn, windowed=options.window).astype(np.float64)
     for note in notes:
         _log.info(note)
-    label = _elect(scores, tracks, fps, options)
+    raw, label = scores, _elect(scores, tracks, fps, options)
     if options.distances:
         if options.votes:
             first = settle(label, scores, tracks, turn, markers, bodies, options.whole)
             label = first.label
             t, s = np.nonzero((first.changed > 0) & (label >= 0))
-            scores[t, s, label[t, s]] = np.maximum(scores[t, s, label[t, s]], options.vote.floor) + _SETTLED
+            scores = raw.copy()
+            scores[t, s, label[t, s]] = np.maximum(raw[t, s, label[t, s]], options.vote.floor) + _SETTLED
         scores, label = _repair(scores, label, tracks, asked, fps, network, options)
         if options.votes:
-            last = settle(label, scores, tracks, turn, markers, bodies, options.whole)
+            last = settle(label, raw, tracks, turn, markers, bodies, options.whole)
             label = last.label
     smooth = _over_time(scores, tracks.track, fps, options) if options.votes else scores
     return _labelled(markers, label, smooth, turn, scale, tracks, notes)

@@ -17,6 +17,8 @@ from muybridge.infer.networks.labelling import LabelNetwork
 
 # What another axis than Z and Y upwards, and another than the file states, must be better by, per marker.
 _UNUSUAL, _AGAINST = 0.5, 2.5
+# Quality of the better and of the other of two people relative to that of one person made of both.
+_WHOLE, _HALF = 0.85, 0.5
 _FRAMES = 24
 
 
@@ -107,8 +109,9 @@ def _orders(count: int) -> list[tuple[int, ...]]:
 
 
 def upright(tracks: Tracks, fps: float, markers: MarkerSet, network: LabelNetwork, bodies: Bodies,
-            options: WholeOptions, stated: FloatArray | None = None) -> FloatArray:  # fmt: skip
-    """The rotation to Z up, of six candidates for the file's vertical axis: the best whole labelling decides.
+            options: WholeOptions, stated: FloatArray | None = None) -> tuple[FloatArray, float]:  # fmt: skip
+    """The rotation to Z up, of six candidates for the file's vertical axis, and the quality of the labelling with it:
+    the best whole labelling decides.
 
     Args:
         tracks: trajectories.
@@ -150,7 +153,15 @@ def upright(tracks: Tracks, fps: float, markers: MarkerSet, network: LabelNetwor
         value = judge.quality(judge.improve(judge.start)) + prior * len(markers)
         if value > most:
             best, most = turn, value
-    return best
+    return best, most
+
+
+def one_or_two(people: list[Tracks], everybody: Tracks, fps: float, markers: MarkerSet, network: LabelNetwork,
+               bodies: Bodies, options: WholeOptions, stated: FloatArray | None = None) -> list[Tracks]:  # fmt: skip
+    """Two people only where both are whole bodies: with many markers beyond the set, one person's legs and trunk look
+    like two groups. Arguments as `upright`."""
+    one, *two = (upright(p, fps, markers, network, bodies, options, stated)[1] for p in (everybody, *people))
+    return people if max(two) > _WHOLE * one and min(two) > _HALF * one else [everybody]
 
 
 def up_turn(axis: int, sign: float) -> FloatArray:

@@ -101,6 +101,8 @@ def _placed(at: FloatArray, tolerance: FloatArray, distance: FloatArray, motion:
     """Markers placed by one examiner: displaced with the segment that they sit on, the head's band as it was worn."""
     out = at.copy()
     for k in range(at.shape[1]):
+        if SURFACE.names[k].endswith("_head"):
+            continue  # A band is worn as a whole.
         order = np.argsort(motion[k] + 0.02 * distance[k] + 9.0 * (np.arange(len(motion)) == k))[:4]
         sides = at[:, order] - at[:, [k]]
         length = np.linalg.norm(sides, axis=-1, keepdims=True).mean(0)
