@@ -42,7 +42,7 @@ class WholeOptions:
     links: int = 8
     present: float = 1.5
     distance: float = 1.0
-    rigid: float = 1.0
+    rigid: float = 2.0
     alike: float = 1.0
     placed_m: float = 0.012
     placed: float = 0.05
@@ -122,7 +122,7 @@ class Columns:
 
 
 def find_columns(points: FloatArray, track: IndexArray, label: IndexArray, scores: FloatArray,
-                 options: WholeOptions = WholeOptions()) -> Columns:  # fmt: skip
+                 options: WholeOptions = WholeOptions(), present: FloatArray | None = None) -> Columns:  # fmt: skip
     """Candidates for names.
 
     Args:
@@ -131,6 +131,7 @@ def find_columns(points: FloatArray, track: IndexArray, label: IndexArray, score
         label: (T, S) labels so far, -1 for none.
         scores: (T, S, A + 1) log probabilities, the last for none; NaN where there is no point.
         options: see `WholeOptions`.
+        present: (A,) what every name found is worth, in place of that of the options.
     """
     size = scores.shape[2] - 1
     frames = np.unique(np.linspace(0, len(points) - 1, min(options.frames, len(points))).astype(int))
@@ -150,7 +151,7 @@ def find_columns(points: FloatArray, track: IndexArray, label: IndexArray, score
     np.add.at(gain, k, votes[:, :-1] - votes[:, -1:])
     gain /= np.maximum(np.bincount(k, minlength=len(gain)), 1)[:, None]
     mean, spread, known = _pairs(place)
-    gain += options.present
+    gain += options.present if present is None else present
     return Columns(place, gain, mean, spread, known, np.concatenate([np.full(size, -1), piece]))
 
 
@@ -367,6 +368,15 @@ class Judge:
         in exchange; the last for no column. 0 for its own, -inf where it is too far."""
         return _alternatives(chosen, self.options.network * self.columns.gain, self._near(chosen), self.seen,
                              self.known, self.bodies.twin, self.scale, self.weights)  # fmt: skip
+
+    def fit(self, chosen: IndexArray) -> FloatArray:
+        """(A,) how well each label's distances fit, per partner; 0 for those without a column."""
+        out = np.zeros(len(chosen))
+        for a in np.nonzero(chosen >= 0)[0]:
+            partners = max(int(((self.bodies.linked[a] > 0) & (chosen >= 0)).sum()), 1)
+            out[a] = fit_of(int(a), int(chosen[a]), chosen, self.seen, self.known, self.bodies.twin, self.scale,
+                            self.weights) / partners  # fmt: skip
+        return out
 
     def _near(self, chosen: IndexArray) -> BoolArray:
         """(A, K) columns that a label may move to."""

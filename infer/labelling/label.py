@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from muybridge.geometry.markers.subjects import split_people
 from muybridge.geometry.markers.tracking import TrackOptions, Tracks, find_tracks
 from muybridge.geometry.markers.voting import VoteOptions, assign_frames, assign_labels, cut_tracks, sort_by_track, vote
 from muybridge.geometry.markers.whole import WholeOptions
-from muybridge.infer.labelling.settle import bodies_of, one_or_two, settle, upright
+from muybridge.infer.labelling.certainty import certainty, evidence_of
+from muybridge.infer.labelling.settle import Settled, bodies_of, one_or_two, settle, upright
 from muybridge.infer.networks.labelling import LabelNetwork
 
 _log = logging.getLogger(__name__)
@@ -69,6 +70,7 @@ class Labelled:
         tracks: trajectories of the file's points.
         label: (T, S) index of the label of every slot of `tracks`, -1 for none.
         notes: for the user, as sentences.
+        evidence: (T, M, E) what `confidence` was computed from; None where trajectories did not vote.
     """
 
     markers: MarkerSet
@@ -80,6 +82,7 @@ class Labelled:
     tracks: Tracks
     label: IndexArray
     notes: list[str] = field(default_factory=list)
+    evidence: FloatArray | None = None
 
 
 def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: LabelNetwork,
@@ -120,20 +123,26 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
     scores = network.scores(tracks, fps, asked, turn=turn, windowed=options.window).astype(np.float64)
     for note in notes:
         _log.info(note)
+    last: Settled | None = None
     raw, label = scores, _elect(scores, tracks, fps, options)
     if options.distances:
         if options.votes:
             first = settle(label, scores, tracks, turn, markers, bodies, options.whole)
             label = first.label
-            t, s = np.nonzero((first.changed > 0) & (label >= 0))
+            t, s = np.nonzero(first.changed & (label >= 0))
             scores = raw.copy()
             scores[t, s, label[t, s]] = np.maximum(raw[t, s, label[t, s]], options.vote.floor) + _SETTLED
         scores, label = _repair(scores, label, tracks, asked, fps, network, options)
         if options.votes:
             last = settle(label, raw, tracks, turn, markers, bodies, options.whole)
             label = last.label
-    smooth = _over_time(scores, tracks.track, fps, options) if options.votes else scores
-    return _labelled(markers, label, smooth, turn, scale, tracks, notes)
+    smooth = _over_time(raw, tracks.track, fps, options) if options.votes else scores
+    done = _labelled(markers, label, smooth, turn, scale, tracks, notes)
+    if last is not None:
+        evidence = evidence_of(done.confidence, last, _fit(label, tracks, asked, network, options))
+        found = np.isfinite(done.points[..., 0])
+        done = replace(done, confidence=np.where(found, certainty(evidence), 0.0), evidence=evidence)
+    return done
 
 
 def _over_time(scores: FloatArray, track: IndexArray, fps: float, options: LabelOptions) -> FloatArray:
@@ -203,6 +212,19 @@ def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, asked: IndexA
     if options.votes:
         label = recover_points(tracks.points, label, fitted[..., :-1] - fitted[..., -1:], options.recover)
     return fitted, label
+
+
+def _fit(label: IndexArray, tracks: Tracks, asked: IndexArray, network: LabelNetwork,
+         options: LabelOptions) -> FloatArray:  # fmt: skip
+    """(T, M) how well every labelled point's distances fit in its frame, from -1 to 1; see `distance_scores`."""
+    card, choice = network.card, np.ix_(asked, asked)
+    prior = prior_rigidity(card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice], options.rigidity.links)
+    named, owner = _named(label, tracks.points, len(asked))
+    fit = distance_scores(tracks.points, named, owner, measured_rigidity(named, prior, options.rigidity))
+    out = np.zeros(named.shape[:2])
+    t, m = np.nonzero(owner >= 0)
+    out[t, m] = fit[t, owner[t, m], m]
+    return out
 
 
 def _named(label: IndexArray, points: FloatArray, count: int) -> tuple[FloatArray, IndexArray]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from muybridge.arrays import FloatArray, IndexArray
+from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.landmarks.marker_sets import MarkerSet
 from muybridge.geometry.markers.groups import groups_of, head_posture
 from muybridge.geometry.markers.tracking import Tracks
@@ -30,13 +30,16 @@ class Settled:
         label: (T, S) labels, -1 for none.
         judge: of it.
         chosen: (A,) column of `judge` that each marker has, -1 for none.
+        margin: (A,) by how much the order of a group is better than the best in which the marker has another place;
+            infinite for markers of no group.
         changed: (T, S) whether the label of a slot is another one than before.
     """
 
     label: IndexArray
     judge: Judge
     chosen: IndexArray
-    changed: FloatArray
+    margin: FloatArray
+    changed: BoolArray
 
 
 def bodies_of(network: LabelNetwork, markers: MarkerSet, options: WholeOptions) -> Bodies:
@@ -46,7 +49,7 @@ def bodies_of(network: LabelNetwork, markers: MarkerSet, options: WholeOptions) 
 
 
 def settle(label: IndexArray, scores: FloatArray, tracks: Tracks, turn: FloatArray, markers: MarkerSet, bodies: Bodies,
-           options: WholeOptions) -> Settled:  # fmt: skip
+           options: WholeOptions, present: FloatArray | None = None) -> Settled:  # fmt: skip
     """Move names to where the whole is better.
 
     Args:
@@ -57,9 +60,10 @@ def settle(label: IndexArray, scores: FloatArray, tracks: Tracks, turn: FloatArr
         markers: the set.
         bodies: its distances.
         options: see `WholeOptions`.
+        present: (A,) what every name found is worth, in place of that of the options.
     """
-    judge = Judge(find_columns(tracks.points, tracks.track, label, scores, options), bodies, options)
-    chosen = settle_groups(judge, judge.improve(judge.start), turn, markers)
+    judge = Judge(find_columns(tracks.points, tracks.track, label, scores, options, present), bodies, options)
+    chosen, margin = settle_groups(judge, judge.improve(judge.start), turn, markers)
     out = np.full_like(label, -1)
     size = len(markers)
     for a, k in enumerate(chosen):
@@ -67,30 +71,34 @@ def settle(label: IndexArray, scores: FloatArray, tracks: Tracks, turn: FloatArr
             out[label == k] = a
         elif k >= size:
             out[(tracks.track == judge.columns.piece[k]) & (label < 0)] = a
-    # What is new must not share a frame with what has the name already.
-    return Settled(out, judge, chosen, (out != label).astype(float))
+    return Settled(out, judge, chosen, margin, out != label)
 
 
-def settle_groups(judge: Judge, chosen: IndexArray, turn: FloatArray, markers: MarkerSet) -> IndexArray:
-    """The best order of the names within the head, the hands and the feet, which the network may mistake as a whole."""
-    out = chosen.copy()
+def settle_groups(judge: Judge, chosen: IndexArray, turn: FloatArray,
+                  markers: MarkerSet) -> tuple[IndexArray, FloatArray]:  # fmt: skip
+    """The best order of the names within the head, the hands and the feet, which the network may mistake as a whole,
+    and the margins of `Settled`."""
+    out, margin = chosen.copy(), np.full(len(chosen), np.inf)
     for group in groups_of(markers.names):
         members = np.array(group)
         here = members[out[members] >= 0]
         if len(here) < 2:
             continue
         head = markers.names[here[0]].endswith("_head")
-        best, most = out, -np.inf
-        for order in _orders(len(here)):
+        orders, values = _orders(len(here)), []
+        for order in orders:
             trial = out.copy()
             trial[here] = out[here[list(order)]]
             value = judge.geometry(trial) + judge.options.group * judge.network(trial)
             if head:
                 value += head_posture(judge.columns.place @ turn.T, trial, markers.names)
-            if value > most + (1e-9 if order != tuple(range(len(here))) else 0.0):
-                best, most = trial, value
-        out = best
-    return out
+            values.append(value)
+        # Where two orders are equally good the first one stays.
+        first = int(np.argmax(np.array(values) - 1e-9 * np.arange(len(values))))
+        for i, a in enumerate(here):
+            margin[a] = values[first] - max(v for o, v in zip(orders, values, strict=True) if o[i] != orders[first][i])
+        out[here] = out[here[list(orders[first])]]
+    return out, margin
 
 
 def _orders(count: int) -> list[tuple[int, ...]]:
