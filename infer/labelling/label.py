@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 from dataclasses import dataclass, field, replace
 
@@ -14,10 +15,19 @@ from muybridge.geometry.markers.recovery import RecoverOptions, recover_points
 from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
 from muybridge.geometry.markers.subjects import split_people
 from muybridge.geometry.markers.tracking import TrackOptions, Tracks, find_tracks
-from muybridge.geometry.markers.voting import VoteOptions, assign_frames, assign_labels, cut_tracks, sort_by_track, vote
+from muybridge.geometry.markers.voting import (
+    VoteOptions,
+    assign_frames,
+    assign_labels,
+    cut_tracks,
+    join_pieces,
+    share_votes,
+    sort_by_track,
+    vote,
+)
 from muybridge.geometry.markers.whole import WholeOptions
 from muybridge.infer.labelling.certainty import certainty, evidence_of
-from muybridge.infer.labelling.settle import Settled, bodies_of, one_or_two, settle, upright
+from muybridge.infer.labelling.settle import Settled, bodies_of, find_upright, one_or_two, settle, up_turn
 from muybridge.infer.networks.labelling import LabelNetwork
 
 _log = logging.getLogger(__name__)
@@ -119,7 +129,7 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
         notes.append("the file holds two people: the one with more points was labelled, the other's points were not")
     tracks = people[0]
     asked = np.array(markers.surface_indices)
-    turn, _ = upright(tracks, fps, markers, network, bodies, options.whole, up)
+    turn, _ = find_upright(tracks, fps, markers, network, bodies, options.whole, up)
     scores = network.scores(tracks, fps, asked, turn=turn, windowed=options.window).astype(np.float64)
     for note in notes:
         _log.info(note)
@@ -190,9 +200,16 @@ def relabel(labelled: Labelled, label: IndexArray) -> Labelled:
 def _elect(scores: FloatArray, tracks: Tracks, fps: float, options: LabelOptions) -> IndexArray:
     if not options.votes:
         return assign_frames(scores)
-    pieces = cut_tracks(scores, tracks.track, tracks.points, fps, options.vote)
-    label = assign_labels(*vote(scores, pieces, fps, options.vote))
-    return np.where(pieces >= 0, label[pieces], -1)
+    how, whole = options.vote, join_pieces(tracks.track, tracks.column, tracks.tracked)
+    pieces = cut_tracks(scores, tracks.track, tracks.points, fps, how, whole)
+    t, s = np.nonzero(tracks.track >= 0)
+    # Trajectories share votes with the pieces of the same column that the cut left together.
+    pair, number = np.unique(np.stack([pieces[t, s], tracks.track[t, s]], -1), axis=0, return_inverse=True)
+    piece = np.full_like(pieces, -1)
+    piece[t, s] = number.reshape(-1)
+    votes, span = vote(scores, piece, fps, how)
+    label = assign_labels(share_votes(votes, pair[:, 0], how.shared), span)
+    return np.where(piece >= 0, label[piece], -1)
 
 
 def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, asked: IndexArray, fps: float,
@@ -261,3 +278,21 @@ def metres_of(points: FloatArray, notes: list[str]) -> float:
                 notes.append(f"the points are not in the unit that the file states: they were multiplied by {factor:g}")
             return factor
     raise FormatError(f"neighbouring points are {usual:.3g} m apart: no person in any unit; check the file's unit")
+
+
+def upright(tracks: Tracks, fps: float, asked: IndexArray, network: LabelNetwork) -> FloatArray:
+    """The rotation to Z up, of six candidates for the file's up axis, with which the network is most confident."""
+    full = (tracks.track >= 0).sum(1)
+    frames = np.linspace(0, len(full) - 1, min(24, len(full))).astype(int)
+    frames = frames[full[frames] >= 0.6 * full.max()]
+    if not len(frames):
+        frames = np.array([int(full.argmax())])
+    best, most = np.eye(3), -np.inf
+    for axis, sign in itertools.product((2, 1, 0), (1.0, -1.0)):
+        turn = up_turn(axis, sign)
+        scores = network.scores(tracks, fps, asked, frames, turn)
+        known = np.isfinite(scores[..., 0])
+        confidence = float(scores[known][:, :-1].max(1).clip(-6).mean())
+        if confidence > most:
+            best, most = turn, confidence
+    return best

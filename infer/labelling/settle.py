@@ -11,7 +11,7 @@ from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.landmarks.marker_sets import MarkerSet
 from muybridge.geometry.markers.groups import groups_of, head_posture
 from muybridge.geometry.markers.tracking import Tracks
-from muybridge.geometry.markers.voting import assign_labels, vote
+from muybridge.geometry.markers.voting import assign_labels, join_pieces, vote
 from muybridge.geometry.markers.whole import Bodies, Judge, WholeOptions, find_columns, known_bodies
 from muybridge.infer.networks.labelling import LabelNetwork
 
@@ -62,7 +62,8 @@ def settle(label: IndexArray, scores: FloatArray, tracks: Tracks, turn: FloatArr
         options: see `WholeOptions`.
         present: (A,) what every name found is worth, in place of that of the options.
     """
-    judge = Judge(find_columns(tracks.points, tracks.track, label, scores, options, present), bodies, options)
+    whole = join_pieces(tracks.track, tracks.column, tracks.tracked)
+    judge = Judge(find_columns(tracks.points, whole, label, scores, options, present), bodies, options)
     chosen, margin = settle_groups(judge, judge.improve(judge.start), turn, markers)
     out = np.full_like(label, -1)
     size = len(markers)
@@ -70,7 +71,7 @@ def settle(label: IndexArray, scores: FloatArray, tracks: Tracks, turn: FloatArr
         if 0 <= k < size:
             out[label == k] = a
         elif k >= size:
-            out[(tracks.track == judge.columns.piece[k]) & (label < 0)] = a
+            out[(whole == judge.columns.piece[k]) & (label < 0)] = a
     return Settled(out, judge, chosen, margin, out != label)
 
 
@@ -116,7 +117,7 @@ def _orders(count: int) -> list[tuple[int, ...]]:
     return list(out)
 
 
-def upright(tracks: Tracks, fps: float, markers: MarkerSet, network: LabelNetwork, bodies: Bodies,
+def find_upright(tracks: Tracks, fps: float, markers: MarkerSet, network: LabelNetwork, bodies: Bodies,
             options: WholeOptions, stated: FloatArray | None = None) -> tuple[FloatArray, float]:  # fmt: skip
     """The rotation to Z up, of six candidates for the file's vertical axis, and the quality of the labelling with it:
     the best whole labelling decides.
@@ -167,8 +168,8 @@ def upright(tracks: Tracks, fps: float, markers: MarkerSet, network: LabelNetwor
 def one_or_two(people: list[Tracks], everybody: Tracks, fps: float, markers: MarkerSet, network: LabelNetwork,
                bodies: Bodies, options: WholeOptions, stated: FloatArray | None = None) -> list[Tracks]:  # fmt: skip
     """Two people only where both are whole bodies: with many markers beyond the set, one person's legs and trunk look
-    like two groups. Arguments as `upright`."""
-    one, *two = (upright(p, fps, markers, network, bodies, options, stated)[1] for p in (everybody, *people))
+    like two groups. Arguments as `find_upright`."""
+    one, *two = (find_upright(p, fps, markers, network, bodies, options, stated)[1] for p in (everybody, *people))
     return people if max(two) > _WHOLE * one and min(two) > _HALF * one else [everybody]
 
 
