@@ -14,7 +14,8 @@ from muybridge.infer.labelling.settle import Settled
 
 # Distance within which unnamed points may be meant instead of a marker, metres.
 _NEAR_M = 0.15
-WEIGHTS = np.zeros(13)
+# Of the parts of the evidence, in their order.
+WEIGHTS = np.array([0.15, 0.187, -0.013, 0.799, 0.029, -0.008, -0.23, 1.281, -0.291, -0.162, 0.043, 0.489, -1.152])
 # No name is surer than the trials can show.
 MOST = 0.999
 

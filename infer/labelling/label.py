@@ -204,11 +204,12 @@ def _elect(scores: FloatArray, tracks: Tracks, fps: float, options: LabelOptions
     pieces = cut_tracks(scores, tracks.track, tracks.points, fps, how, whole)
     t, s = np.nonzero(tracks.track >= 0)
     # Trajectories share votes with the pieces of the same column that the cut left together.
-    pair, number = np.unique(np.stack([pieces[t, s], tracks.track[t, s]], -1), axis=0, return_inverse=True)
+    both = pieces[t, s] * (tracks.count + 1) + tracks.track[t, s]
+    pair, number = np.unique(both, return_inverse=True)
     piece = np.full_like(pieces, -1)
-    piece[t, s] = number.reshape(-1)
+    piece[t, s] = number
     votes, span = vote(scores, piece, fps, how)
-    label = assign_labels(share_votes(votes, pair[:, 0], how.shared), span)
+    label = assign_labels(share_votes(votes, pair // (tracks.count + 1), how.shared), span)
     return np.where(piece >= 0, label[piece], -1)
 
 
@@ -225,7 +226,9 @@ def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, asked: IndexA
         fit = distance_scores(tracks.points, named, owner, measured)
         fitted = scores.copy()
         fitted[..., :-1] = np.maximum(scores[..., :-1], options.vote.floor) + how.weight * 2.5 * fit
-        label = _elect(fitted, tracks, fps, options)
+        before, label = label, _elect(fitted, tracks, fps, options)
+        if np.array_equal(before, label):
+            break
     if options.votes:
         label = recover_points(tracks.points, label, fitted[..., :-1] - fitted[..., -1:], options.recover)
     return fitted, label
