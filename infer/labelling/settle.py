@@ -15,8 +15,8 @@ from muybridge.geometry.markers.voting import assign_labels, join_pieces, vote
 from muybridge.geometry.markers.whole import Bodies, Judge, WholeOptions, find_columns, known_bodies
 from muybridge.infer.networks.labelling import LabelNetwork
 
-# What another axis than Z and Y upwards, and another than the file states, must be better by, per marker.
-_UNUSUAL, _AGAINST = 0.5, 2.5
+# What another axis than Z and Y upwards must be better by, and another than the file states, per marker.
+_UNUSUAL, _AGAINST = 4.0, 2.5
 # Quality of the better and of the other of two people relative to that of one person made of both.
 _WHOLE, _HALF = 0.85, 0.5
 _FRAMES = 24
@@ -143,7 +143,7 @@ def find_upright(tracks: Tracks, fps: float, markers: MarkerSet, network: LabelN
         turn = up_turn(axis, sign)
         prior = 0.0 if (axis, sign) in ((2, 1.0), (1, 1.0)) else -_UNUSUAL
         if stated is not None:
-            prior = 0.0 if float(turn[2] @ stated) > 0.9 else -_AGAINST
+            prior = 0.0 if float(turn[2] @ stated) > 0.9 else -_AGAINST * len(markers)
         scores = network.scores(tracks, fps, asked, frames, turn).astype(np.float64)
         votes, span = vote(scores, some.track, 0.0)
         t, s = np.nonzero(some.track >= 0)
@@ -151,7 +151,7 @@ def find_upright(tracks: Tracks, fps: float, markers: MarkerSet, network: LabelN
         of_track = dict(zip(np.unique(some.track[t, s]), assign_labels(votes, span), strict=True))
         label[t, s] = [of_track[n] for n in some.track[t, s]]
         judge = Judge(find_columns(some.points, some.track, label, scores, options), bodies, options)
-        found.append((judge.quality(judge.start) + prior * len(markers), prior, judge, turn))
+        found.append((judge.quality(judge.start) + prior, prior, judge, turn))
     found.sort(key=lambda f: -f[0])
     best, most = found[0][3], -np.inf
     quick = replace(options, rounds=2)
@@ -159,7 +159,7 @@ def find_upright(tracks: Tracks, fps: float, markers: MarkerSet, network: LabelN
         if first < found[0][0] - 4.0 * len(markers):
             continue
         judge.options = quick
-        value = judge.quality(judge.improve(judge.start)) + prior * len(markers)
+        value = judge.quality(judge.improve(judge.start)) + prior
         if value > most:
             best, most = turn, value
     return best, most
